@@ -22,7 +22,7 @@ from nodes.experiment_plan import (
     result_of,
     trial_of,
 )
-from palp_core import Alarm, Node, Progress, Pub, Sub, Swap, on
+from palp_core import Alarm, Node, Progress, Pub, Qos, Sub, Swap, on
 from palp_core.palpation.session import plan
 from palp_core.palpation.session.trials_csv import SessionWriter, primitives_json, row_of
 
@@ -50,7 +50,7 @@ class Experiment(Node):
     goal = Pub(SweepGoal)
     ring = Pub(RingCommand)
     mount = Pub(Mount)
-    result = Pub(TrialResult)
+    result = Pub(TrialResult, qos=Qos(depth=1000))  # who looks later still sees the session's trials
     progress = Pub(Progress)
     swap = Pub(Swap)
     waiting = Alarm()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import re
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -59,6 +59,12 @@ class Told:
 
     def drain(self) -> list[Heard]:
         return []
+
+    def remembered(self, topics: Sequence[str]) -> Iterator[tuple[str, Heard]]:
+        yield from ()
+
+    def launch(self) -> dict[str, Any]:
+        return {}
 
     def close(self) -> None:
         self.watched.clear()

@@ -34,6 +34,7 @@ def test_a_bag_shows_what_was_so_at_the_chosen_time(bag: Path) -> None:
         seen.append((last.sequence, last.message["counts"], level.message["level"]))
     assert seen == [(1, [0, 1], 0.5), (51, [50, 51], 0.5), (151, [150, 151], 1.5), (51, [50, 51], 0.5)]
     assert block.rate_hz == pytest.approx(1000.0)
+    source.close()
 
 
 def test_a_plot_of_a_bag_goes_on_from_where_it_was(bag: Path) -> None:
@@ -46,6 +47,16 @@ def test_a_plot_of_a_bag_goes_on_from_where_it_was(bag: Path) -> None:
     assert [heard.sequence for heard in watch.drain()] == [12, 13]
     source.seek(0.005)
     assert [heard.sequence for heard in watch.drain()] == list(range(1, 7))
+    source.close()
+
+
+def test_all_of_some_topics_is_remembered_whatever_the_chosen_time(bag: Path) -> None:
+    source = RecordedSource(bag)
+    found = list(source.remembered(["/policy/mode", "/torque/block", "/no/such"]))
+    stamps = [heard.stamp_ns for _, heard in found]
+    assert stamps == sorted(stamps)
+    assert [heard.sequence for name, heard in found if name == "/torque/block"] == list(range(1, 201))
+    assert {name for name, _ in found} == {"/policy/mode", "/torque/block"}
 
 
 def test_before_the_begin_is_the_begin_and_after_the_end_the_end(bag: Path) -> None:
@@ -78,6 +89,7 @@ def test_a_bag_that_was_cut_off_is_shown_as_far_as_it_goes(bag: Path) -> None:
     assert last is not None
     assert 10 < last.sequence < 200
     assert {trouble.level for trouble in examined(source).troubles} == {"error"}
+    source.close()
 
 
 def test_a_topic_that_a_bag_lacks_is_told_with_the_nearest(bag: Path) -> None:

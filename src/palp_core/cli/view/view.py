@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from palp_core.view.pages.viewer import OwnPage
     from palp_core.view.source.protocol import ViewSource
 
+OF_PALP = "palp_core."
+
 
 def view(
     what: Annotated[
@@ -85,8 +87,38 @@ def _show_over(listening: socket.socket, token: str, source: ViewSource) -> None
     from palp_core.view.pages.put_up import put_up
     from palp_core.view.pages.viewer import Viewer
     from palp_core.view.server.serve import serve
+    from palp_core.view.source.blind import BlindSource, Harmless
+    from palp_core.view.source.recorded import RecordedSource
 
-    serve(listening, token, lambda: put_up(Viewer(source=source)))
+    time = source if isinstance(source, RecordedSource) else None
+    launch = source.launch()
+    own = _page_over_bag(str(launch.get("view", "")))
+    if launch.get("blind"):
+        source = BlindSource(source, own.harmless if own is not None else Harmless())
+    try:
+        serve(listening, token, lambda: put_up(Viewer(source=source, own_page=own, time=time)))
+    finally:
+        source.close()
+
+
+def _page_over_bag(named: str) -> OwnPage | None:
+    """Return the page that a bag's launch file named, if it is one of palp's own that bags are shown on.
+
+    A bag may come from anybody: nothing else that it names is loaded.
+    """
+    import importlib
+
+    from palp_core.view.pages.viewer import OwnPage
+
+    module, _, name = named.partition(":")
+    if not module.startswith(OF_PALP):
+        return None
+    try:
+        own = OwnPage(getattr(importlib.import_module(module), name))
+    except (ImportError, AttributeError) as error:  # of another version of palp
+        note(f"view: {named}: {error}; the other pages are there")
+        return None
+    return own if own.over_bags else None
 
 
 def _show_live(
@@ -95,34 +127,39 @@ def _show_live(
     from palp_core.view.pages.put_up import put_up
     from palp_core.view.pages.viewer import Viewer
     from palp_core.view.server.serve import serve
+    from palp_core.view.source.blind import BlindSource, Harmless
     from palp_core.view.source.live import LiveSource
     from palp_core.view.source.operator import GraphOperator
     from palp_core.view.source.recordings import Recordings
 
+    own = _loaded(running.record.view, running.record.workspace)
     source = LiveSource(running)
-    operator = GraphOperator(source, read_only=read_only, operate=operate)
+    harmless = (own.harmless if own is not None else Harmless()) if running.record.blind else None
+    only = None if harmless is None else harmless.calls
+    operator = GraphOperator(source, read_only=read_only, operate=operate, only=only)
     recordings = Recordings(operator, Path.cwd())
-    viewer = Viewer(source=source, operator=operator, own_page=_own_page(running))
+    shown = source if harmless is None else BlindSource(source, harmless)
+    viewer = Viewer(source=shown, operator=operator, own_page=own)
     try:
-        serve(listening, token, lambda: put_up(viewer, recordings))
+        serve(listening, token, lambda: put_up(viewer, recordings if harmless is None else None))
     finally:
         recordings.close()
         source.close()
 
 
-def _own_page(running: RunningGraph) -> OwnPage | None:
+def _loaded(view: str, workspace: str) -> OwnPage | None:
     """Return the launch file's own page; one that cannot be loaded any more is said, and left out."""
     from palp_core.errors import in_words
     from palp_core.graph.node.loading import load_module
     from palp_core.view.pages.viewer import OwnPage
 
-    module, _, name = running.record.view.partition(":")
+    module, _, name = view.partition(":")
     if not name:
         return None
     try:
-        return OwnPage(getattr(load_module(module, running.record.workspace), name))
+        return OwnPage(getattr(load_module(module, workspace), name))
     except Exception as error:  # noqa: BLE001 - a module of somebody's own may raise anything
-        note(f"view: {running.record.view}: {in_words(error)}; the other pages are there")
+        note(f"view: {view}: {in_words(error)}; the other pages are there")
         return None
 
 

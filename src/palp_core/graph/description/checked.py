@@ -98,6 +98,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
         listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.
         view: ``module:function`` that fills its own page of ``palp view``; "" for none.
         attached: Texts that the report wants kept with all that is recorded of the run, by name.
+        blind: ``palp view`` shows nothing but what that page names as harmless.
     """
 
     graph: str
@@ -117,6 +118,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     composed: bool = False
     view: str = ""
     attached: dict[str, str] = {}
+    blind: bool = False
 
     @property
     def readers(self) -> dict[str, list[int]]:
@@ -220,6 +222,8 @@ def resolved_yaml(graph: CheckedGraph) -> str:
         tree["listen"] = graph.listen
     if graph.view:
         tree["view"] = graph.view
+    if graph.blind:
+        tree["blind"] = True
     text: str = yaml.dump(
         tree, Dumper=_Dumper, sort_keys=False, default_flow_style=False, allow_unicode=True, width=110
     )

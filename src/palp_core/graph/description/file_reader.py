@@ -17,7 +17,7 @@ from palp_core.graph.description.arguments import (
     refuse_unknown,
     unknown_keys,
 )
-from palp_core.graph.description.input_reader import read_number, read_word
+from palp_core.graph.description.input_reader import read_flag, read_number, read_word
 from palp_core.graph.description.launch_file import GraphNode, LaunchFile, Located, find_workspace
 from palp_core.graph.description.node_reader import NodeReader
 from palp_core.graph.description.substitution import Scope, evaluate, sole_variable
@@ -26,7 +26,7 @@ from palp_core.graph.description.yaml_tree import Sequence as TreeSequence
 from palp_core.graph.node.spec import NAME
 from palp_core.graph.problems import GraphProblems, Mark, Problems, nearest
 
-_KEYS = ("graph", "clock", "seed", "args", "include", "nodes", "report", "listen", "view")
+_KEYS = ("graph", "clock", "seed", "args", "include", "nodes", "report", "listen", "view", "blind")
 _MOST_FILES = 64
 _ADDRESS = re.compile(r"tcp://\S+:(\d{1,5}|\*)")
 _FUNCTION = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
@@ -145,6 +145,7 @@ class _Reader:
             seed = read_number(fields["seed"].value, "seed", int, 0, scope, self.problems) or 0
         report = self._function("report", fields, scope)
         view = self._function("view", fields, scope)
+        blind = "blind" in fields and read_flag(fields["blind"].value, "blind", scope, self.problems)
         listen = self._listen(fields["listen"].value, clock, scope) if "listen" in fields else ""
         for name, place in self.joined.items() if clock != "wall" else ():
             self.problems.add(place, f"node '{name}' is to join: that takes clock: wall")
@@ -155,7 +156,7 @@ class _Reader:
         values = {name: scope.values[name] for name in file.arguments}
         return LaunchFile(
             path, self.workspace, place, graph, clock, seed, file.arguments, values, self.nodes, report,
-            self.problems.listed(), listen, view,
+            self.problems.listed(), listen, view, blind,
         )  # fmt: skip
 
     def _open(self, path: Path) -> tuple[dict[str, Entry], Mark, set[str]]:

@@ -125,6 +125,7 @@ class LaunchFile:
         problems: Mistakes found so far.
         listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.
         view: ``module:function`` that fills its own page of ``palp view``.
+        blind: ``palp view`` shows nothing but what that page names as harmless.
     """
 
     file: Path
@@ -140,6 +141,7 @@ class LaunchFile:
     problems: tuple[Problem, ...]
     listen: str = ""
     view: Located | None = None
+    blind: bool = False
 
 
 def find_workspace(path: Path) -> Path:

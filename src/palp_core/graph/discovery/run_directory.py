@@ -52,6 +52,7 @@ class RunRecord(msgspec.Struct, frozen=True):
         workspace: The folder of its nodes; "" if it has none.
         launched_from: The folder it was launched from, as :func:`present_folder` returns it.
         view: ``module:function`` that fills the launch file's own page of ``palp view``; "" if it has none.
+        blind: That shows nothing but what this page names as harmless.
     """
 
     graph: str
@@ -66,6 +67,7 @@ class RunRecord(msgspec.Struct, frozen=True):
     workspace: str = ""
     launched_from: str = ""
     view: str = ""
+    blind: bool = False
 
     @property
     def id(self) -> str:
@@ -120,6 +122,8 @@ class RunDirectory:
         topics: list[Topic],
         workspace: str = "",
         view: str = "",
+        *,
+        blind: bool = False,
     ) -> RunRecord:
         """Return the record of a graph that this process supervises."""
         start_ns, launched_from = self._start_unix_ns, self._launched_from
@@ -136,6 +140,7 @@ class RunDirectory:
             workspace,
             launched_from,
             view,
+            blind,
         )
 
     def write(self, record: RunRecord) -> None:

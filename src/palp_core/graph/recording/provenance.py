@@ -34,6 +34,8 @@ def launch_provenance(graph: CheckedGraph) -> dict[str, Any]:
             "deliveries": graph.deliveries,
             "composed": graph.composed,
             "attached": graph.attached,
+            "view": graph.view,
+            "blind": graph.blind,
         },
     }
 

@@ -39,7 +39,15 @@ def run_record(
     topics += LauncherNode.topics(folder)
     serve = endpoints(folder, LAUNCHER)[1]
     return directory.record(
-        checked.graph, str(file), checked.clock, serve, nodes, topics, checked.workspace, checked.view
+        checked.graph,
+        str(file),
+        checked.clock,
+        serve,
+        nodes,
+        topics,
+        checked.workspace,
+        checked.view,
+        blind=checked.blind,
     )
 
 

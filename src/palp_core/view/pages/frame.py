@@ -11,9 +11,9 @@ from palp_core.view.pages.parts import TroubleBox, duration, said
 from palp_core.view.pages.time_bar import time_bar
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.overview import Overview, worst
-from palp_core.view.source.recorded import RecordedSource
 
 REFRESH_S = 0.5
+BLINDED = "what would tell the outcome is not shown, and not sent"
 STATES = {"ok": "all is well", "warn": "something is wrong", "error": "something is badly wrong"}
 
 
@@ -25,6 +25,8 @@ def frame(viewer: Viewer, title: str = "") -> Iterator[None]:
     with ui.element("header").classes("strip"):
         said("span", first.title, "title").props('data-what="graph"')
         state = said("span", "", "pill").props('data-what="state"')
+        if viewer.blind:
+            said("span", "blinded", "pill unknown").tooltip(BLINDED)
         whats = ("run", "clock", "now", "elapsed", "may")
         labels = {what: said("span", "", "quiet").props(f'data-what="{what}"') for what in whats}
         with ui.element("nav").classes("row-of"):
@@ -33,8 +35,8 @@ def frame(viewer: Viewer, title: str = "") -> Iterator[None]:
         if viewer.own_page is not None:
             viewer.own_page.put_strip(viewer)
     troubles = TroubleBox()
-    if isinstance(viewer.source, RecordedSource):
-        time_bar(viewer.source)
+    if viewer.time is not None:
+        time_bar(viewer.time)
 
     def refresh() -> None:
         overview = viewer.source.overview()
@@ -69,4 +71,4 @@ def _ways(viewer: Viewer) -> Iterator[tuple[str, str]]:
         yield "Record", "/record"
         yield "Timeline", "/timeline"
     if viewer.own_page is not None:
-        yield "Own page", "/own"
+        yield viewer.own_page.title, "/own"

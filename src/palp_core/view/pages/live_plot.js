@@ -6,7 +6,7 @@ const COLOURS = ["#005f9e", "#b34700", "#00684a", "#8b3a8b", "#7a6000", "#b00020
 
 export default {
   template: `<div class="live-plot" role="img" :aria-label="'plot of ' + names.join(', ')"></div>`,
-  props: { names: Array, span: Number, paused: Boolean, elements: Boolean, file: String },
+  props: { names: Array, span: Number, paused: Boolean, elements: Boolean, file: String, slim: Boolean },
   mounted() {
     this.clear();
     this.chart = echarts.init(this.$el);
@@ -36,11 +36,11 @@ export default {
         animation: false,
         color: COLOURS,
         legend: { data: this.names, top: 0, textStyle: { color: ink } },
-        grid: { left: 70, right: 30, top: 40, bottom: 80 },
+        grid: { left: 70, right: 30, top: this.slim ? 30 : 40, bottom: this.slim ? 24 : 80 },
         tooltip: { trigger: "axis", renderMode: "richText" },
         xAxis: { ...axis, type: "value", name: this.elements ? "element" : "s" },
         yAxis: { ...axis, type: "value" },
-        dataZoom: [{ type: "inside" }, { type: "slider" }],
+        dataZoom: this.slim ? [] : [{ type: "inside" }, { type: "slider" }],
         series: this.names.map((name) => ({ name, type: "line", symbol: "none", sampling: "minmax", data: [] })),
       }, true);
     },

@@ -30,10 +30,10 @@ class LivePlot(Element, component="live_plot.js"):  # type: ignore[misc, call-ar
         super().__init__()
         self._sent = self._taken = 0
         self.on("taken", self._take)
-        self.shape(names=[], span=10, paused=False, elements=False, file=f"{file}.png")
+        self.shape(names=[], span=10, paused=False, elements=False, slim=False, file=f"{file}.png")
 
     def shape(self, **props: Any) -> None:
-        """Change names, span in s, paused, elements (values by number instead of time)."""
+        """Change names, span in s, paused, elements (values by number instead of time), slim (no slider)."""
         self._props.update(props)
         self.update()
 

@@ -55,7 +55,7 @@ def topic_page(viewer: Viewer, name: str) -> None:
             with ui.element("section"):
                 said("h2", "Plot")
                 plot_panel(watch)
-        if viewer.operator is not None:
+        if viewer.operator is not None and viewer.live is not None:
             _publish(viewer, watch)
 
 

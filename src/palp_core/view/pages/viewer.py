@@ -7,9 +7,11 @@ from collections.abc import Callable
 import msgspec
 
 from palp_core.errors import in_words
+from palp_core.view.source.blind import BlindSource, Harmless
 from palp_core.view.source.live import LiveSource
 from palp_core.view.source.operator import GraphOperator
 from palp_core.view.source.protocol import ViewSource
+from palp_core.view.source.recorded import RecordedSource
 
 
 class OwnPage:
@@ -18,11 +20,29 @@ class OwnPage:
     Args:
         function: Is called with the viewer each time somebody opens the page, and fills it. It may have a
             function ``strip``, called likewise for the strip on top of every page: for what must always be in
-            sight. Either may fail: that is said where it would have been, and nothing else is.
+            sight. Either may fail: that is said where it would have been, and nothing else is. Further, a
+            ``title``; ``harmless``, a :class:`Harmless`, which says what may be seen of a blinded session
+            (else nothing may); and ``over_bags``: whether it is to be shown over a recording, too.
     """
 
     def __init__(self, function: Callable[[Viewer], None]) -> None:
         self._function = function
+
+    @property
+    def title(self) -> str:
+        """What leads there."""
+        return str(getattr(self._function, "title", "Own page"))
+
+    @property
+    def harmless(self) -> Harmless:
+        """What may be seen of a blinded session."""
+        found = getattr(self._function, "harmless", None)
+        return found if isinstance(found, Harmless) else Harmless()
+
+    @property
+    def over_bags(self) -> bool:
+        """Whether it is to be shown over a recording."""
+        return getattr(self._function, "over_bags", False) is True
 
     def put_up(self, viewer: Viewer) -> None:
         """Fill the page."""
@@ -51,19 +71,26 @@ class Viewer(msgspec.Struct, kw_only=True):
         source: What is shown.
         operator: Who may press what; None where nothing can be pressed, as over a bag.
         own_page: The launch file's own page, if it names one.
+        time: The recording whose time is chosen on every page; None where nothing is recorded.
     """
 
     source: ViewSource
     operator: GraphOperator | None = None
     own_page: OwnPage | None = None
+    time: RecordedSource | None = None
+
+    @property
+    def blind(self) -> bool:
+        """Whether the session is blinded: the source shows what is harmless, and nothing else."""
+        return isinstance(self.source, BlindSource)
 
     @property
     def live(self) -> LiveSource | None:
         """The running graph; None where what is shown is over."""
         return self.source if isinstance(self.source, LiveSource) else None
 
-    def refusal(self, *, stops: bool = False) -> str:
+    def refusal(self, *, stops: bool = False, service: str = "") -> str:
         """Return why nothing may be pressed, in words; "" if it may."""
         if self.operator is None:
             return "what is shown is over"
-        return self.operator.refusal(stops=stops)
+        return self.operator.refusal(stops=stops, service=service)

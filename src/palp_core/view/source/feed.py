@@ -10,6 +10,7 @@ import contextlib
 import threading
 from collections import deque
 from collections.abc import Callable
+from typing import Any
 
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.running_graph import RunningGraph
@@ -53,17 +54,16 @@ class _Feed:
 
     def _ask_last(self) -> None:
         """Ask the publisher for its last message, if it keeps one: a rare topic shows something at once."""
-        graph = self._graph()
         with contextlib.suppress(GraphError):
             last = (
-                graph.ask(self.topic.node, "info", timeout_s=ASK_S)
+                self._graph()
+                .ask(self.topic.node, "info", timeout_s=ASK_S)
                 .get("published", {})
                 .get(self.topic.name, 0)
             )
-            asked = {"topic": self.topic.name, "first": last, "last": last}
-            for raw in graph.ask(self.topic.node, "history", timeout_s=ASK_S, **asked)["frames"]:
+            for frame in kept(self._graph(), self.topic, last, last):
                 with self.lock:
-                    self.last = self.last or parse(raw)
+                    self.last = self.last or frame
 
     def _take(self, frame: Frame) -> None:
         with self.lock:
@@ -168,6 +168,16 @@ class Feeds:
         if not feed.watches:
             feed.stop()
             del self._feeds[watch.topic.name]
+
+
+def kept(graph: RunningGraph, topic: Topic, first: int = 1, last: int = 2**62) -> list[Frame]:
+    """Ask a publisher for messages of these sequences, as far as it still has them.
+
+    Raises:
+        GraphError: It does not answer.
+    """
+    asked: dict[str, Any] = {"topic": topic.name, "first": first, "last": last}
+    return [parse(raw) for raw in graph.ask(topic.node, "history", timeout_s=ASK_S, **asked)["frames"]]
 
 
 def heard(frame: Frame, topic: Topic) -> Heard:

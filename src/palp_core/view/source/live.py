@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import msgspec
@@ -19,9 +20,9 @@ from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.spec import LAUNCHER
-from palp_core.view.source.feed import Feeds
+from palp_core.view.source.feed import Feeds, heard, kept
 from palp_core.view.source.overview import ERROR, OK, WARN, NodeState, Overview, Trouble, WireState
-from palp_core.view.source.protocol import Watch
+from palp_core.view.source.protocol import Heard, Watch
 from palp_core.view.source.trouble import event_trouble, node_troubles, wire_troubles
 
 PERIOD_S = 1.0
@@ -31,6 +32,7 @@ LOOKS_NS = 5_000_000_000
 EVENTS = "/graph/events"
 RECENT_NS = 60_000_000_000
 SWAPPED = "swapped"
+HAS_ENDED = "it has ended; this is how it was last"
 
 
 class LiveSource:
@@ -72,6 +74,20 @@ class LiveSource:
     def known(self) -> bool:
         """Whether the launch file's word is there: before it, nobody can tell whether something moves."""
         return bool(self._launch)
+
+    def remembered(self, topics: Sequence[str]) -> Iterator[tuple[str, Heard]]:
+        """Yield what publishers of some topics still have, by their stamps; a silent one has nothing."""
+        graph, known, found = self.graph, {topic.name: topic for topic in self.topics()}, []
+        for name in topics:
+            with contextlib.suppress(GraphError, KeyError):
+                topic = known[name]
+                found += [(name, heard(frame, topic)) for frame in kept(graph, topic)]
+        yield from sorted(found, key=lambda one: one[1].stamp_ns)
+
+    def launch(self) -> dict[str, Any]:
+        """Return what the launch file said; {} before the launcher has answered."""
+        found: dict[str, Any] = self._launch.get("launch", {})
+        return found
 
     def events(self) -> list[GraphEvent]:
         """Return what the launcher has said, as far back as it remembers."""
@@ -232,5 +248,5 @@ def _recent(events: list[GraphEvent], clock: tuple[int, int] | None) -> list[Tro
 def _ended(overview: Overview) -> Overview:
     if not overview.alive:
         return overview
-    said = Trouble("the graph", WARN, "it has ended; this is how it was last", "palp launch FILE")
+    said = Trouble("the graph", WARN, HAS_ENDED, "palp launch FILE")
     return msgspec.structs.replace(overview, alive=False, troubles=[said, *overview.troubles])

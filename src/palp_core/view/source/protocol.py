@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import Any, Protocol
 
 import msgspec
@@ -52,6 +53,16 @@ class ViewSource(Protocol):
         Raises:
             PalpError: There is none of that name.
         """
+
+    def remembered(self, topics: Sequence[str]) -> Iterator[tuple[str, Heard]]:
+        """Yield what is remembered of some topics, the oldest first; it may wait: use it on a thread.
+
+        Of a running graph that is what the publishers still have, of a bag all of it. What is of no topic of
+        this source is left out.
+        """
+
+    def launch(self) -> dict[str, Any]:
+        """Return what the launch file said, ``args`` and ``params`` by node among it; {} if unknown."""
 
     def close(self) -> None:
         """Let go."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,8 @@ class RecordedSource:
         self.start_s = min((start for start, _ in times), default=0) / 1e9
         self.end_s = max((end for _, end in times), default=0) / 1e9
         self.at_s = self.start_s
+        self._lock = threading.Lock()
+        self._open: Bag | None = None
         self._launch = _launch(attachments)
         self._overview = self._made([Trouble(str(path), ERROR, text) for text in problems])
         threading.Thread(target=self._examine, name="palp view: bag", daemon=True).start()
@@ -73,12 +75,40 @@ class RecordedSource:
             raise BagError(f"{self.path} has no topic '{topic}'{hint(topic, self._topics)}")
         return RecordedWatch(self, self._topics[topic])
 
+    def remembered(self, topics: Sequence[str]) -> Iterator[tuple[str, Heard]]:
+        """Yield all messages of some topics, whatever the chosen time; up to where the bag is damaged."""
+        wanted = [name for name in topics if name in self._topics]
+        with contextlib.suppress(BagError), Bag(self.path) as bag:
+            for message in bag.recorded(wanted, 0, round(self.end_s * 1e9) + 1) if wanted else ():
+                name = message.stream.topic.name
+                yield name, _heard(message, self._topics[name])
+
+    def launch(self) -> dict[str, Any]:
+        """Return what the launch file said; {} where the bag does not say."""
+        return self._launch
+
     def seek(self, at_s: float) -> None:
         """Choose a time; one before or after the bag is its begin or end."""
         self.at_s = min(max(at_s, self.start_s), self.end_s)
 
+    def between(self, topic: str, begin_ns: int, end_ns: int) -> list[RecordedMessage]:
+        """Return the messages of a topic from one time to another, both among them.
+
+        The bag stays open from the first call on: to open it takes longer than to read what a page shows.
+        """
+        found = []
+        with self._lock, contextlib.suppress(BagError):
+            self._open = self._open or Bag(self.path)
+            for message in self._open.recorded([topic], max(begin_ns, 0), end_ns + 1):
+                found.append(message)  # noqa: PERF402 - what stands before a damaged part counts; the strip says it
+        return found
+
     def close(self) -> None:
         """Let go."""
+        with self._lock:
+            if self._open is not None:
+                self._open.close()
+            self._open = None
 
     def _examine(self) -> None:
         """Read the whole bag and say what is missing."""
@@ -166,18 +196,18 @@ class RecordedWatch:
             span_ns *= 4
 
     def _between(self, begin_ns: int, end_ns: int) -> list[RecordedMessage]:
-        found = []
-        with contextlib.suppress(BagError), Bag(self._source.path) as bag:
-            for message in bag.recorded([self.topic.name], max(begin_ns, 0), end_ns + 1):
-                found.append(message)  # noqa: PERF402 - what stands before a damaged part counts; the strip says it
-        return found
+        return self._source.between(self.topic.name, begin_ns, end_ns)
 
     def _heard(self, message: RecordedMessage) -> Heard:
-        try:
-            plain = decoded(message.payload, self.topic.json_schema)
-        except GraphError as error:
-            plain = {"(not shown)": str(error)}
-        return Heard(message.publish_ns, message.sequence, plain)
+        return _heard(message, self.topic)
+
+
+def _heard(message: RecordedMessage, topic: Topic) -> Heard:
+    try:
+        plain = decoded(message.payload, topic.json_schema)
+    except GraphError as error:
+        plain = {"(not shown)": str(error)}
+    return Heard(message.publish_ns, message.sequence, plain)
 
 
 def bag_troubles(info: BagInfo) -> list[Trouble]:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from palp_core.errors import GraphError, PalpError
 from palp_core.graph.messages.topic import Topic
 from palp_core.view.source.overview import Overview
-from palp_core.view.source.protocol import Watch
+from palp_core.view.source.protocol import Heard, Watch
 
 KINDS = {
     ".html": "text/html; charset=utf-8",
@@ -57,6 +59,14 @@ class ResultsSource:
             GraphError: Always.
         """
         raise GraphError(f"{self.folder} has no topic '{topic}': messages are in bags")
+
+    def remembered(self, topics: Sequence[str]) -> Iterator[tuple[str, Heard]]:
+        """Yield nothing: messages are in bags."""
+        yield from ()
+
+    def launch(self) -> dict[str, Any]:
+        """Return nothing: bags say it."""
+        return {}
 
     def close(self) -> None:
         """Let go."""

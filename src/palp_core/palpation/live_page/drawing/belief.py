@@ -1,0 +1,110 @@
+"""The belief of the trial under way: posterior as bars, gain and entropy over its palpations."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nicegui import ui
+from nicegui.element import Element
+
+from palp_core.palpation.live_page.monitor import RigMonitor
+from palp_core.palpation.live_page.probes import JudgedProbe, TrialBelief
+from palp_core.view.pages.parts import said, table
+
+
+class ShareBars(Element, component="bars.js"):  # type: ignore[misc, call-arg]
+    """Shares as bars."""
+
+    def __init__(self, words: str) -> None:
+        super().__init__()
+        self._props.update(rows=[], words=words)
+
+    def show(self, rows: list[dict[str, Any]]) -> None:
+        """Show these, if they are not shown already."""
+        if rows != self._props["rows"]:
+            self._props["rows"] = rows
+            self.update()
+
+
+class BeliefPanel:
+    """Of a blinded session only how many palpations there were.
+
+    Args:
+        monitor: What is shown.
+        blind: Nothing of the belief is.
+    """
+
+    def __init__(self, monitor: RigMonitor, *, blind: bool) -> None:
+        self._monitor, self._shown = monitor, [JudgedProbe(-1, 0.0, 0.0)]
+        said("h2", "The present trial")
+        self._words = said("div", "").props('data-what="trial" role="status"')
+        self._bars: ShareBars | None = None
+        if blind:
+            return
+        self._bars = ShareBars("how probable each depth is")
+        said("h2", "Gain and entropy over its palpations")
+        self._box = ui.element("div").props('data-what="probes"')
+
+    def show(self) -> None:
+        """Show the belief as it is."""
+        belief = self._monitor.belief
+        self._words.text = trial_words(belief, self._monitor.latest("Progress"))
+        if self._bars is None:
+            return
+        self._bars.show(bars(belief))
+        if belief.probes == self._shown:
+            return
+        self._shown = list(belief.probes)
+        self._box.clear()
+        with self._box:
+            if not belief.probes:
+                said("div", "no palpation of it is judged yet", "quiet")
+                return
+            most = max(1.0, *(probe.gain_bits for probe in belief.probes), belief.probes[0].entropy_bits)
+            rows = (
+                (str(probe.iteration), _part(probe.gain_bits, most), _part(probe.entropy_bits, most))
+                for probe in belief.probes
+            )
+            table(("Palpation", "Gain, bits", "Entropy, bits"), rows)
+
+
+def _part(bits: float, most: float) -> Any:
+    def put() -> None:
+        with ui.element("span").classes("rig-part"):
+            said("span", f"{bits:.2f}")
+            ui.element("span").classes("rig-bar").style(
+                f"width: {80 * bits / most:.1f}%; background: var(--accent)"
+            )
+
+    return put
+
+
+def bars(belief: TrialBelief) -> list[dict[str, Any]]:
+    """Return a bar for each depth; before the first belief none."""
+    most = max(belief.posterior, default=0.0)
+    return [
+        {
+            "label": f"{depth_mm:g} mm",
+            "share": round(p, 4),
+            "text": f"{p:.1%}".replace("%", " %"),
+            "most": p == most,
+        }
+        for depth_mm, p in zip(belief.depths_mm, belief.posterior, strict=False)
+    ]
+
+
+def trial_words(belief: TrialBelief, progress: dict[str, Any] | None) -> str:
+    """Return where the session stands, in words."""
+    parts = []
+    if progress is not None:
+        what = "palpation" if progress["phase"] == "training" else "trial"
+        parts.append(
+            f"{progress['phase']}: {progress['done_count']} of {progress['total_count']} {what}s done"
+        )
+    if belief.estimating and belief.probes:
+        count = len(belief.probes)
+        told = f"{count} palpation{'s' if count > 1 else ''} of this trial"
+        parts.append(f"{told}, {belief.verdict}" if belief.verdict != "continue" else told)
+    if belief.within_sweep:
+        parts.append("believed within the sweep")
+    return "; ".join(parts) or "nothing heard yet"

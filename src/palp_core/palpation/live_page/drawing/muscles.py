@@ -1,0 +1,68 @@
+"""EMG and co-contraction, where the graph has them."""
+
+from __future__ import annotations
+
+import contextlib
+
+from nicegui import ui
+
+from palp_core.errors import PalpError
+from palp_core.palpation.live_page.monitor import RigMonitor
+from palp_core.palpation.live_page.muscles import muscle_words
+from palp_core.view.pages.parts import said
+from palp_core.view.pages.plot import MOST_POINTS, LivePlot
+from palp_core.view.source.protocol import ViewSource
+from palp_core.view.source.series import FieldSeries, Point, thinned
+
+TICK_S = 0.1
+PLOTS = (("CoContraction", ("value",), "co-contraction"), ("EmgBlock", ("fds_v", "edc_v"), "EMG"))
+
+
+class MusclePanel:
+    """Level in words, co-contraction and EMG as plots.
+
+    Args:
+        source: Where messages come from.
+        monitor: What is known.
+    """
+
+    def __init__(self, source: ViewSource, monitor: RigMonitor) -> None:
+        self._monitor = monitor
+        self._words = None
+        if not any(name in monitor.topics for name, _, _ in PLOTS):
+            return
+        said("h2", "Muscles")
+        self._words = said("div", "").props('data-what="level" role="status"')
+        for name, fields, file in PLOTS[:1] if monitor.at_once else PLOTS:
+            if name in monitor.topics:
+                _plot(source, monitor.topics[name], fields, file, last_only=monitor.at_once)
+
+    def show(self) -> None:
+        """Show the level as it is."""
+        if self._words is not None:
+            latest = self._monitor.latest
+            self._words.text = muscle_words(latest("CoContraction"), latest("EmgReport"))
+
+
+def _plot(source: ViewSource, topic: str, fields: tuple[str, ...], file: str, *, last_only: bool) -> None:
+    """Plot fields of a topic; of one that comes faster than anybody looks the last message at each look."""
+    with contextlib.suppress(PalpError):
+        watch = source.watch(topic)
+        ui.context.client.on_delete(watch.close)
+        series = [FieldSeries(field, watch.topic.json_schema) for field in fields]
+        plot = LivePlot(file)
+        plot.classes(replace="live-plot rig-small")
+        plot.shape(names=[one.label for one in series], slim=True)
+        waiting: list[list[Point]] = [[] for _ in series]
+
+        def tick() -> None:
+            last = watch.latest() if last_only else None
+            for heard in ([last] if last is not None else []) if last_only else watch.drain():
+                for place, one in enumerate(series):
+                    waiting[place].extend(one.add(heard))
+            if any(waiting) and not plot.busy:
+                plot.add([thinned(points, MOST_POINTS) for points in waiting])
+                for points in waiting:
+                    points.clear()
+
+        ui.timer(TICK_S, tick)

@@ -1,0 +1,136 @@
+"""What has come of the session: trials with their verdicts, accuracy beside other figures, guards met."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from nicegui import ui
+
+from palp_core.palpation.live_page.beside import BESIDE, SOURCES, other_protocol
+from palp_core.palpation.live_page.monitor import RigMonitor
+from palp_core.palpation.live_page.trials import TrialRow
+from palp_core.palpation.perception.statistics.statistics import Proportion
+from palp_core.view.pages.parts import Cell, said, table
+from palp_core.view.source.protocol import ViewSource
+
+MOST_ROWS = 50
+MOST_GUARDS = 12
+
+
+class OutcomePanel:
+    """Tables that are made anew when something has come.
+
+    Args:
+        source: What the launch file said.
+        monitor: What is shown.
+        blind: Neither estimates nor accuracy nor guards are.
+    """
+
+    def __init__(self, source: ViewSource, monitor: RigMonitor, *, blind: bool) -> None:
+        self._source, self._monitor, self._blind = source, monitor, blind
+        self._shown: list[TrialRow] | None = None
+        self._guards: list[str] | None = None
+        with ui.element("div").classes("rig-grid"):
+            with ui.element("section"):
+                said("h2", "Trials so far, the latest first")
+                self._trials = (
+                    ui.element("div").classes("rig-scroll").props('data-what="trials" tabindex="0"')
+                )
+            if not blind:
+                with ui.element("section"):
+                    said("h2", "Right so far")
+                    self._right = ui.element("div").props('data-what="right"')
+                    if monitor.has("ContactGuard"):
+                        said("h2", "Guards met")
+                        self._met = ui.element("div").props('data-what="guards"')
+
+    def show(self) -> None:
+        """Show what has changed."""
+        rows = self._monitor.board.rows
+        if rows != self._shown:
+            self._shown = list(rows)
+            _fill(self._trials, partial(_trials, rows, blind=self._blind))
+            if not self._blind:
+                _fill(self._right, self._accuracy)
+        if not self._blind and self._monitor.has("ContactGuard") and self._guards != self._monitor.guards:
+            self._guards = list(self._monitor.guards)
+            _fill(self._met, partial(_guards, self._guards))
+
+    def _accuracy(self) -> None:
+        board = self._monitor.board
+        overall = board.accuracy()
+        if overall is None:
+            said("div", "no trial is judged yet", "quiet")
+        else:
+            rows = [(f"{depth:g} mm", *_share(one)) for depth, one in board.by_depth().items()]
+            table(
+                ("Depth", "Right", "Of", "Share (95 %, this session only)"),
+                [*rows, ("all", *_share(overall))],
+            )
+            said(
+                "p",
+                "Phantoms come in blocks: the share of all tells whose block it is; look at each depth.",
+                "quiet",
+            )
+        said("h2", "Beside")
+        table(("What", "Right, %"), [(one.what, one.words) for one in BESIDE])
+        for what, source in SOURCES:
+            with ui.element("p").classes("quiet"):
+                said("span", f"{what}: ")
+                said("code", source)
+        if other := other_protocol(self._source.launch()):
+            said("p", other, "quiet")
+
+
+def _fill(box: ui.element, put: Any) -> None:
+    box.clear()
+    with box:
+        put()
+
+
+def _share(one: Proportion) -> tuple[str, str, str]:
+    share = f"{100 * one.value:.1f} % ({100 * one.low:.0f} to {100 * one.high:.0f})"
+    return str(one.success_count), str(one.trial_count), share
+
+
+def _trials(rows: list[TrialRow], *, blind: bool) -> None:
+    if not rows:
+        said("div", "no trial is over yet", "quiet")
+        return
+    last = rows[: -MOST_ROWS - 1 : -1]
+    if blind:
+        titles: tuple[str, ...] = ("Trial", "Phantom", "Palpations", "Verdict")
+        table(titles, [(str(row.number), row.code, str(row.probe_count), row.verdict) for row in last])
+    else:
+        titles = ("Trial", "Phantom", "True depth", "Found", "Sure", "Palpations", "Verdict", "")
+        table(titles, [_cells(row) for row in last])
+    if len(rows) > MOST_ROWS:
+        said("div", f"and {len(rows) - MOST_ROWS} before", "quiet")
+
+
+def _cells(row: TrialRow) -> tuple[Cell, ...]:
+    found = row.verdict != "dropped"
+    right: Cell = ""
+    if row.right is not None:
+        right = partial(said, "span", "right" if row.right else "wrong", "right" if row.right else "wrong")
+    return (
+        str(row.number),
+        row.code,
+        "" if row.depth_mm is None else f"{row.depth_mm:g} mm",
+        f"{row.estimate_mm:g} mm" if found and row.estimate_mm is not None else "",
+        f"{row.confidence:.0%}".replace("%", " %") if found and row.confidence is not None else "",
+        str(row.probe_count),
+        row.verdict,
+        right,
+    )
+
+
+def _guards(words: list[str]) -> None:
+    if not words:
+        said("div", "none: the simulated touch is within what its model vouches for", "quiet")
+    with ui.element("ul").classes("rig-notes"):
+        for one in words[:MOST_GUARDS]:
+            said("li", one)
+    if len(words) > MOST_GUARDS:
+        said("div", f"and {len(words) - MOST_GUARDS} before", "quiet")

@@ -1,0 +1,56 @@
+"""The page of the rig: panels beside each other, each of which shows one part of a :class:`RigMonitor`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from nicegui import run, ui
+
+from palp_core.palpation.live_page.drawing.belief import BeliefPanel
+from palp_core.palpation.live_page.drawing.muscles import MusclePanel
+from palp_core.palpation.live_page.drawing.outcome import OutcomePanel
+from palp_core.palpation.live_page.drawing.touch import TouchPanel
+from palp_core.palpation.live_page.monitor import RigMonitor
+from palp_core.view.pages.parts import said
+from palp_core.view.pages.viewer import Viewer
+
+CSS = (Path(__file__).parent / "look.css").read_text(encoding="utf-8")
+LOOK_S, SLOW_S, TAUGHT_S = 0.05, 0.25, 2.0
+
+
+def put_up(viewer: Viewer) -> None:
+    """Put up the page."""
+    ui.add_css(CSS)
+    lockstep = viewer.time is None and viewer.source.overview().clock == "sim"
+    monitor = RigMonitor(viewer.source, at_once=lockstep, recorded=viewer.time is not None)
+    ui.context.client.on_delete(monitor.close)
+    if viewer.blind:
+        said("p", "The session is blinded: torque, belief, depth and accuracy are neither shown nor sent.")
+    with ui.element("div").classes("rig-grid"):
+        touch = TouchPanel(monitor, blind=viewer.blind)
+        with ui.element("section"):
+            belief = BeliefPanel(monitor, blind=viewer.blind)
+            muscles = MusclePanel(viewer.source, monitor)
+    outcome = OutcomePanel(viewer.source, monitor, blind=viewer.blind)
+
+    def look() -> None:
+        touch.show(monitor.look())
+
+    def show() -> None:
+        touch.show_words()
+        belief.show()
+        muscles.show()
+        outcome.show()
+
+    async def load() -> None:
+        await run.io_bound(monitor.load)
+        show()
+
+    async def read_taught() -> None:
+        if monitor.loaded and monitor.wants_taught:
+            await run.io_bound(monitor.load_taught)
+
+    ui.timer(0.0, load, once=True)
+    ui.timer(LOOK_S, look)
+    ui.timer(SLOW_S, show)
+    ui.timer(TAUGHT_S, read_taught)

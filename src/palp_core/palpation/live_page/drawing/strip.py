@@ -1,0 +1,121 @@
+"""How safety stands, stop, and the acknowledgement that asks twice: in sight on every page."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any
+
+from nicegui import ui
+
+from palp_core.errors import PalpError
+from palp_core.graph.clock import monotonic_ns
+from palp_core.palpation.live_page.roles import SAFETY_TYPE, safety_node
+from palp_core.palpation.live_page.safety import SafetyWord, standing
+from palp_core.view.pages.parts import Outcome, said
+from palp_core.view.pages.urgent import UrgentButton
+from palp_core.view.pages.viewer import Viewer
+from palp_core.view.source.protocol import Watch
+
+REFRESH_S = 0.1
+REASON = "palp view"
+NOTHING_TO_STOP = "no safety node in this graph: nothing of it can be stopped alone"
+
+
+def put_up(viewer: Viewer) -> None:
+    """Put it into the strip."""
+    node = safety_node(viewer.source.topics(), [one.name for one in viewer.source.overview().nodes])
+    with ui.element("div").classes("row-of").style("flex-basis: 100%; align-items: center"):
+        if not node:
+            if viewer.operator is not None:
+                said("span", NOTHING_TO_STOP, "quiet").props('data-what="safety"')
+            return
+        button = _stop(viewer, node) if viewer.operator is not None else None
+        state = said("span", "", "pill").props('data-what="safety" role="status"')
+        why = said("span", "").props('data-what="safety-why"')
+        acknowledge = _Acknowledge(viewer, node) if viewer.operator is not None else None
+    watch, beats = _watch(viewer, SAFETY_TYPE), _Beats()
+
+    def refresh() -> None:
+        now = beats.standing(watch, alive=viewer.operator is not None)
+        state.text, why.text = now.word, now.why
+        state.classes(replace=f"pill {now.level}")
+        if button is not None:
+            button.allow(viewer.refusal(stops=True, service="stop"))
+        if acknowledge is not None:
+            acknowledge.show(now)
+
+    refresh()
+    ui.timer(REFRESH_S, refresh)
+
+
+def _stop(viewer: Viewer, node: str) -> UrgentButton:
+    operator = viewer.operator
+    assert operator is not None
+
+    def press() -> str:
+        reply = operator.call(node, "stop", {"reason": REASON}, stops=True)
+        return f"{reply['state']}: {reply['cause']}"
+
+    return UrgentButton("stop", "STOP", press)
+
+
+def _watch(viewer: Viewer, kind: str) -> Watch | None:
+    name = next((topic.name for topic in viewer.source.topics() if topic.type == kind), None)
+    if name is None:
+        return None
+    with contextlib.suppress(PalpError):
+        watch = viewer.source.watch(name)
+        ui.context.client.on_delete(watch.close)
+        return watch
+    return None
+
+
+class _Beats:
+    """For how long the safety node has been silent, by this machine's clock."""
+
+    def __init__(self) -> None:
+        self._last, self._heard_ns = -1, monotonic_ns()
+
+    def standing(self, watch: Watch | None, *, alive: bool) -> SafetyWord:
+        heard = watch.latest() if watch is not None else None
+        now_ns = monotonic_ns()
+        if not alive or (heard is not None and heard.sequence != self._last):
+            self._last, self._heard_ns = heard.sequence if heard is not None else -1, now_ns
+        return standing(heard.message if heard is not None else None, (now_ns - self._heard_ns) / 1e9)
+
+
+class _Acknowledge:
+    """Leaves a trip behind; it asks twice, for the rig may move then."""
+
+    def __init__(self, viewer: Viewer, node: str) -> None:
+        self._viewer, self._node = viewer, node
+        with ui.element("span").classes("row-of") as self._box:
+            self._first = ui.button("acknowledge ...", on_click=self._ask).props("outline dense no-caps")
+            with ui.element("span").classes("row-of") as self._second:
+                said("span", "The cause is gone, and nobody's hand is at the rig? It may move then.")
+                ui.button("yes, leave the stop behind", on_click=self._do).props("outline dense no-caps")
+                ui.button("no", on_click=lambda: self._ask(asked=False)).props("outline dense no-caps")
+        self._outcome = Outcome()
+        self._box.set_visibility(False)
+        self._ask(asked=False)
+
+    def show(self, now: SafetyWord) -> None:
+        """Be there while it is tripped."""
+        if self._box.visible != now.tripped:
+            self._box.set_visibility(now.tripped)
+            self._ask(asked=False)
+            self._outcome.tell("")
+
+    def _ask(self, *, asked: bool = True) -> None:
+        self._first.set_visibility(not asked)
+        self._second.set_visibility(asked)
+
+    async def _do(self) -> None:
+        self._ask(asked=False)
+        operator = self._viewer.operator
+        assert operator is not None
+        reply: dict[str, Any] | None = await self._outcome.of(operator.call, self._node, "acknowledge", {})
+        if reply is not None:
+            done, level = reply["done"], "ok" if reply["done"] else "error"
+            why = reply["state"] if done else f"{reply['state']}: not acknowledged: {reply['text']}"
+            self._outcome.tell(why, level)

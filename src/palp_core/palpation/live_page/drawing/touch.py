@@ -1,0 +1,170 @@
+"""The sweep under way over what training taught, and the rig that makes it, drawn to scale and moving."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from nicegui import ui
+from nicegui.elements.echart import EChart  # its import is what makes ECharts known to the page
+
+from palp_core.palpation.live_page.drawing.paced import Paced
+from palp_core.palpation.live_page.geometry import lean_rad, lengths_mm
+from palp_core.palpation.live_page.monitor import RigMonitor
+from palp_core.palpation.live_page.sweep import Point
+from palp_core.palpation.live_page.taught import Band
+from palp_core.view.pages.parts import said
+from palp_core.view.source.series import thinned
+
+__all__ = ["EChart", "TouchPanel"]
+
+MOST_POINTS = 600
+"""Of a whole sweep: more than a chart has columns of pixels."""
+FEW_POINTS = 60
+"""Of a twentieth of a second."""
+MOVE_MS = 60
+"""Between two looks the drawing moves evenly."""
+
+
+class SweepChart(Paced, component="sweep_chart.js"):  # type: ignore[call-arg]
+    """Torque against position, with bands."""
+
+    def __init__(self, path_m: tuple[float, float]) -> None:
+        super().__init__()
+        self._shape: tuple[Any, ...] = ()
+        self.shape([], path_m, "")
+
+    def shape(self, bands: list[Band], path_m: tuple[float, float], words: str) -> None:
+        """Show other bands, or another path."""
+        shape = ([(band.depth_mm, band.sweep_count, band.low_n_mm[:1]) for band in bands], path_m, words)
+        if shape == self._shape:
+            return
+        self._shape = shape
+        drawn = [
+            {
+                "label": f"{band.depth_mm:g} mm deep",
+                "places": band.places_mm,
+                "low": band.low_n_mm,
+                "high": band.high_n_mm,
+            }
+            for band in bands
+        ]
+        self._props.update({"bands": drawn, "from": 1e3 * path_m[0], "to": 1e3 * path_m[1], "words": words})
+        self.update()
+
+    def begin(self, points: list[Point]) -> None:
+        """Begin another sweep with these points."""
+        self.send("begin", _rounded(thinned(points, MOST_POINTS)))
+
+    def add(self, points: list[Point]) -> None:
+        """Go on with these."""
+        self.send("add", _rounded(thinned(points, FEW_POINTS)))
+
+
+class RigScene(Paced, component="rig_scene.js"):  # type: ignore[call-arg]
+    """The rig from the side."""
+
+    def __init__(self, size: dict[str, float]) -> None:
+        super().__init__()
+        self._props.update(size=size, bead=0, words="stage, probe, ring and phantom from the side, to scale")
+        self._last: dict[str, float] = {}
+
+    def bead(self, depth_mm: float) -> None:
+        """Show the bead so deep; 0: none is known."""
+        if self._props["bead"] != depth_mm:
+            self._props["bead"] = depth_mm
+            self.update()
+
+    def go(self, goal: dict[str, float]) -> None:
+        """Move there, evenly until the next look."""
+        if goal != self._last and not self.busy:
+            self._last = goal
+            self.send("go", goal, MOVE_MS)
+
+
+class TouchPanel:
+    """Chart and drawing.
+
+    Args:
+        monitor: What is shown.
+        blind: Neither torque nor bead is; there is nothing of them then to show.
+    """
+
+    def __init__(self, monitor: RigMonitor, *, blind: bool) -> None:
+        self._monitor, self._blind = monitor, blind
+        self._number, self._lean, self._behind = -1, 0.0, False
+        with ui.element("section"):
+            self._chart = None
+            if not blind:
+                said("h2", "Torque of the present sweep, and what training taught")
+                self._chart = SweepChart(monitor.path_m)
+                self._taught = said("div", "", "quiet").props('data-what="taught"')
+            said("h2", "The rig, to scale")
+            self._facts = said("div", "", "rig-facts").props('data-what="rig"')
+            self._scene = RigScene(lengths_mm(*monitor.path_m))
+
+    def show(self, new: list[Point]) -> None:
+        """Show what has come of the sweep, and where everything is."""
+        sweep, chart = self._monitor.sweep, self._chart
+        self._behind = self._behind or sweep.number != self._number
+        self._number = sweep.number
+        if chart is not None and chart.busy:
+            self._behind = self._behind or bool(new)
+        elif chart is not None and self._behind:
+            chart.begin(sweep.points)
+            self._behind = False
+        elif chart is not None and new:
+            chart.add(new)
+        self._scene.go(self._pose(new))
+
+    def _pose(self, new: list[Point]) -> dict[str, float]:
+        monitor = self._monitor
+        ring, sweeping = monitor.ring, monitor.sweeping
+        if new and not self._blind and monitor.ring_m is not None:
+            self._lean = lean_rad(new[-1][1] * 1e-3, monitor.ring_m)
+        goal = {
+            "lift": 0.0 if sweeping else lengths_mm(*monitor.path_m)["lift"],
+            "lean": round(math.degrees(self._lean) if sweeping else 0.0, 2),
+        }
+        if monitor.position_m is not None:
+            goal["y"] = round(1e3 * monitor.position_m, 2)
+        if ring is not None:
+            goal["ring"] = round(1e3 * ring["measured_m"], 2)
+        return goal
+
+    def show_words(self) -> None:
+        """Show bands and figures."""
+        monitor = self._monitor
+        if self._chart is not None:
+            bands, of_peaks = monitor.bands()
+            self._taught.text = words = taught_words(bands, of_peaks=of_peaks, ring_m=monitor.ring_m)
+            self._chart.shape(bands, monitor.path_m, f"torque in N mm against stage position in mm. {words}")
+            self._scene.bead(monitor.depth_mm)
+        self._facts.text = rig_words(monitor)
+
+
+def taught_words(bands: list[Band], *, of_peaks: bool, ring_m: float | None) -> str:
+    """Return what the bands are."""
+    if not bands or ring_m is None:
+        return "training has taught nothing yet of this ring position"
+    counts = sorted({band.sweep_count for band in bands})
+    of = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    what = "peak torques" if of_peaks else "sweeps"
+    spread = f"mean and two standard deviations of {of} {what} of training"
+    return f"bands: {spread} at each depth, ring at {1e3 * ring_m:g} mm"
+
+
+def rig_words(monitor: RigMonitor) -> str:
+    """Return what the rig does, in words."""
+    status, ring = monitor.status, monitor.ring
+    parts = [f"stage: {status['status']}" if status is not None else "stage: nothing heard yet"]
+    if ring is not None:
+        does = "settled" if ring["settled"] else "re-homing" if ring["rehome"] else "moving"
+        parts.append(f"ring: {1e3 * ring['measured_m']:.1f} mm, {does}")
+    if monitor.mounted is not None and monitor.mounted.get("code"):
+        parts.append(f"phantom {monitor.mounted['code']}")
+    return "; ".join(parts)
+
+
+def _rounded(points: list[Point]) -> list[list[float]]:
+    return [[round(place, 3), round(torque, 4)] for place, torque in points]

@@ -1,0 +1,275 @@
+"""All that the page of the rig shows, kept from messages: of a running graph, of a bag, of a blinded session.
+
+It reads what comes between two looks, so it costs the same however fast the graph goes; what was before the
+first look it asks for once, on a thread.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from palp_core.errors import PalpError
+from palp_core.palpation.live_page.geometry import path_of
+from palp_core.palpation.live_page.probes import TrialBelief
+from palp_core.palpation.live_page.roles import topics_by_type
+from palp_core.palpation.live_page.sweep import Point, SweepTrace, whole_sweep
+from palp_core.palpation.live_page.taught import (
+    Band,
+    TaughtSweeps,
+    peak_bands,
+    taught_by_folder,
+    taught_by_messages,
+)
+from palp_core.palpation.live_page.trials import TrialBoard
+from palp_core.view.source.protocol import Heard, ViewSource, Watch
+
+RARE = (
+    "Mount", "PhantomTruth", "PrimitivesLearnt", "Trial", "TrialResult", "Belief", "ContactGuard",
+    "RingState", "SweepStatus", "SweepGoal",
+)  # fmt: skip
+"""Every one counts; those of one time in this order."""
+LATEST = ("Progress", "Outlook", "CoContraction", "EmgReport", "SafetyBeat", "StageReport", "Trip")
+"""The last one counts."""
+
+
+class RigMonitor:
+    """The rig as one page sees it.
+
+    Args:
+        source: Where messages come from.
+        at_once: A sweep is shown when it is over, whole: of a graph that goes faster than anybody looks.
+        recorded: It is a bag: what is shown is as it was at the chosen time.
+
+    Attributes:
+        sweep: The torque of the sweep under way.
+        belief: The trial under way.
+        board: The trials that are over.
+        ring: The last ``RingState``.
+        status: The last ``SweepStatus``.
+        guards: What the simulated touch met, in words, the latest first, each once.
+        path_m: Where sweeps begin and end.
+        loaded: What was before the first look is known.
+    """
+
+    def __init__(self, source: ViewSource, *, at_once: bool = False, recorded: bool = False) -> None:
+        self._source, self.at_once, self._recorded = source, at_once, recorded
+        self.topics = topics_by_type(source.topics(), source.overview().wires)
+        streams = ("Palpation", "StagePose") if at_once else ("StagePose", "TorqueBlock", "Palpation")
+        self._watches = {name: watch for name in (*RARE, *LATEST, *streams) if (watch := self._watch(name))}
+        self.path_m = path_of(source.launch())
+        self.taught = TaughtSweeps(*self.path_m)
+        self._of_bag: list[tuple[str, Heard]] = []
+        self._seen: dict[str, tuple[int, int]] = {}
+        self._read: dict[str, Any] | None = None
+        self.loaded = False
+        self._forget()
+
+    def _forget(self) -> None:
+        self.sweep, self.belief, self.board = SweepTrace(), TrialBelief(), TrialBoard()
+        self.ring: dict[str, Any] | None = None
+        self.status: dict[str, Any] | None = None
+        self.learnt: dict[str, Any] | None = None
+        self.guards: list[str] = []
+        self.mounted: dict[str, Any] | None = None
+        self._place = 0
+        self._at_ns = -1
+        self._last_whole = -1
+
+    def close(self) -> None:
+        """Look no longer."""
+        for watch in self._watches.values():
+            watch.close()
+
+    def has(self, kind: str) -> bool:
+        """Tell whether there is a topic of a type of message."""
+        return kind in self._watches
+
+    def latest(self, kind: str) -> dict[str, Any] | None:
+        """Return the last message of a type; None before the first, or where there is no such topic."""
+        watch = self._watches.get(kind)
+        heard = watch.latest() if watch is not None else None
+        return heard.message if heard is not None and _whole(heard) else None
+
+    # What was before
+
+    def load(self) -> None:
+        """Take what was before the first look. It asks and reads: call it once, on a thread."""
+        types = {topic: name for name, topic in self.topics.items()}
+        wanted = [self.topics[name] for name in RARE if name in self._watches]
+        if not self._recorded:
+            for name in RARE:
+                if name in self._watches:
+                    self._watches[name].drain()  # from now on all is kept for the next look
+        found = [(types[name], heard) for name, heard in self._source.remembered(wanted) if _whole(heard)]
+        if self._recorded:
+            self._of_bag = sorted(found, key=_order)
+            self.taught = self._taught_by_bag()
+        else:
+            self._take_rare(found)
+            self.load_taught()
+        self.loaded = True
+
+    @property
+    def wants_taught(self) -> bool:
+        """Whether training is over, and its sweeps are still to be read."""
+        known = self.learnt is not None and self._session_folder() is not None
+        return known and not self._recorded and self._read is not self.learnt
+
+    def load_taught(self) -> None:
+        """Take what training taught, by the session's folder, once training is over; on a thread."""
+        out = self._session_folder()
+        if self.wants_taught and out is not None:
+            self._read = self.learnt
+            found = taught_by_folder(out, *self.path_m)
+            self.taught = found if found.sweep_count else self.taught
+
+    def _session_folder(self) -> Path | None:
+        experiment = self.topics.get("TrialResult", "").partition("/")[2].partition("/")[0]
+        out = self._source.launch().get("params", {}).get(experiment, {}).get("out")
+        return Path(out) if isinstance(out, str) and Path(out).is_absolute() else None
+
+    def _taught_by_bag(self) -> TaughtSweeps:
+        known = {name: self.topics[name] for name in ("Palpation",) if name in self._watches}
+        trials = [heard.message for name, heard in self._of_bag if name == "Trial"]
+        palpations = (heard.message for _, heard in self._source.remembered(list(known.values())))
+        return taught_by_messages(trials, palpations, *self.path_m)
+
+    # What comes
+
+    def look(self) -> list[Point]:
+        """Take what has come; return the new points of the sweep."""
+        if not self.loaded:
+            return []
+        if self._recorded:
+            self._go_to(self._source.overview().now_s or 0.0)
+        else:
+            self._take_rare(
+                (name, heard)
+                for name in RARE
+                if name in self._watches
+                for heard in self._watches[name].drain()
+                if _whole(heard)
+            )
+        if (outlook := self.latest("Outlook")) is not None:
+            self.belief.look(outlook)
+        return self._look_at_palpation() if self.at_once else self._look_at_streams()
+
+    def _go_to(self, at_s: float) -> None:
+        at_ns = round(at_s * 1e9)
+        if at_ns < self._at_ns:
+            self._forget()
+        self._at_ns = at_ns
+        while self._place < len(self._of_bag) and self._of_bag[self._place][1].stamp_ns <= at_ns:
+            self._take(*self._of_bag[self._place])
+            self._place += 1
+
+    def _take_rare(self, messages: Iterable[tuple[str, Heard]]) -> None:
+        for name, heard in sorted(messages, key=_order):
+            place = heard.stamp_ns, heard.sequence
+            if place > self._seen.get(name, (-1, 0)):  # what was asked for and what came overlap
+                self._seen[name] = place
+                self._take(name, heard)
+
+    def _take(self, name: str, heard: Heard) -> None:
+        message = heard.message
+        match name:
+            case "Mount" if not self.has("PhantomTruth"):
+                self.mounted = message
+                self.board.mounted(heard.stamp_ns, message)
+            case "PhantomTruth":
+                self.mounted = message
+                self.board.mounted(heard.stamp_ns, message)
+            case "PrimitivesLearnt":
+                self.learnt = message
+                self.board.learnt(message["depths_m"])
+            case "Trial":
+                self.belief.begin(message)
+            case "TrialResult":
+                self.board.result(heard.stamp_ns, message)
+            case "Belief":
+                self.belief.believe(message)
+            case "ContactGuard":
+                self._note_guards(message["words"])
+            case "RingState":
+                self.ring = message
+            case "SweepStatus":
+                self.status = message
+            case "SweepGoal" if not message["cancel"]:
+                self.path_m = message["from_m"], message["to_m"]
+
+    def _note_guards(self, words: list[str]) -> None:
+        self.guards = [*words, *(one for one in self.guards if one not in words)]
+
+    def _look_at_palpation(self) -> list[Point]:
+        pose = self.latest("StagePose")
+        if pose is not None and pose["position_m"]:
+            self.sweep.position_m = pose["position_m"][-1]
+        watch = self._watches.get("Palpation")
+        heard = watch.latest() if watch is not None else None
+        if heard is None or heard.sequence == self._last_whole or not _whole(heard):
+            return []
+        self._last_whole = heard.sequence
+        self.sweep.number += 1
+        self.sweep.points = whole_sweep(heard.message["torque_n_m"], *self.path_m)
+        return self.sweep.points
+
+    def _look_at_streams(self) -> list[Point]:
+        for name, take in (("StagePose", self.sweep.pose), ("TorqueBlock", self.sweep.torque)):
+            watch = self._watches.get(name)
+            for heard in watch.drain() if watch is not None else ():
+                if _whole(heard):
+                    take(heard.message)
+        return self.sweep.new_points()
+
+    # What is shown of it
+
+    @property
+    def ring_m(self) -> float | None:
+        """Where the ring is asked to be; None before anybody said."""
+        return self.ring["target_m"] if self.ring is not None else None
+
+    def bands(self) -> tuple[list[Band], bool]:
+        """Return the bands that training taught at the present ring, and whether of the peak only."""
+        ring_m = self.ring_m
+        if ring_m is None:
+            return [], False
+        if whole := self.taught.bands(ring_m):
+            return whole, False
+        return (
+            (peak_bands(self.learnt, ring_m, *self.path_m), True) if self.learnt is not None else ([], False)
+        )
+
+    @property
+    def position_m(self) -> float | None:
+        """Where the stage is, by its report where there is one; None before it said so."""
+        report = self.latest("StageReport")
+        return report["y_m"] if report is not None else self.sweep.position_m
+
+    @property
+    def depth_mm(self) -> float:
+        """How deep the bead of the mounted phantom is; 0 where it has none, or nobody told."""
+        return round(1e3 * self.mounted.get("depth_m", 0.0), 6) if self.mounted is not None else 0.0
+
+    @property
+    def sweeping(self) -> bool:
+        """Whether the stage is over the phantom."""
+        return self.status is not None and self.status["status"] == "sweeping"
+
+    def _watch(self, kind: str) -> Watch | None:
+        name = self.topics.get(kind)
+        if name is None:
+            return None
+        with contextlib.suppress(PalpError):
+            return self._source.watch(name)
+        return None
+
+
+def _whole(heard: Heard) -> bool:
+    return "(not shown)" not in heard.message
+
+
+def _order(entry: tuple[str, Heard]) -> tuple[int, int]:
+    return entry[1].stamp_ns, RARE.index(entry[0])

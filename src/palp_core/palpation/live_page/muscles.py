@@ -1,0 +1,30 @@
+"""What the muscles do, in words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5)
+"""Of the level's index: the paper's five."""
+
+
+def muscle_words(cocontraction: dict[str, Any] | None, report: dict[str, Any] | None) -> str:
+    """Return the level of the latest peak, how many bursts there were, and what is wrong with the source.
+
+    >>> muscle_words({"level": 2, "level_defined": True, "burst_count": 7, "value": [0.25]}, None)
+    'co-contraction 0.25; level 0.3 (third of five); 7 bursts'
+    """
+    parts = []
+    if cocontraction is not None:
+        if cocontraction["value"]:
+            parts.append(f"co-contraction {cocontraction['value'][-1]:.2f}")
+        if cocontraction["level_defined"] and cocontraction["level"] < len(LEVELS):
+            place = ("first", "second", "third", "fourth", "fifth")[cocontraction["level"]]
+            parts.append(f"level {LEVELS[cocontraction['level']]:g} ({place} of five)")
+        else:
+            parts.append("no peak yet, so no level")
+        count = cocontraction["burst_count"]
+        parts.append(f"{count} burst{'s' if count != 1 else ''}")
+    if report is not None and report["condition"] not in ("ok", "streaming"):
+        parts.append(": ".join(part for part in (report["condition"], report["text"]) if part))
+    return "; ".join(parts) or "nothing heard yet"

@@ -1,0 +1,33 @@
+"""``view: palp_core.palpation.live_page.page:rig`` in a launch file: the page of the rig.
+
+NiceGUI is imported when the page is opened: the graph is launched where it is not installed, too.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from palp_core.palpation.live_page.harmless import HARMLESS
+
+if TYPE_CHECKING:
+    from palp_core.view.pages.viewer import Viewer
+
+
+def rig(viewer: Viewer) -> None:
+    """Fill the page: sweep, drawing, belief, trials, muscles, guards."""
+    from palp_core.palpation.live_page.drawing.page import put_up
+
+    put_up(viewer)
+
+
+def strip(viewer: Viewer) -> None:
+    """Fill the strip on top of every page: how safety stands, and stop."""
+    from palp_core.palpation.live_page.drawing.strip import put_up
+
+    put_up(viewer)
+
+
+rig.strip = strip  # type: ignore[attr-defined]
+rig.title = "Rig"  # type: ignore[attr-defined]
+rig.harmless = HARMLESS  # type: ignore[attr-defined]
+rig.over_bags = True  # type: ignore[attr-defined]

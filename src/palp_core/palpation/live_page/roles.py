@@ -1,0 +1,35 @@
+"""Which topic is which of the rig's, whatever a launch file calls its nodes: known by the message's type."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from palp_core.graph.messages.topic import Topic
+from palp_core.view.source.overview import WireState
+
+EXPERIMENT = "TrialResult"
+"""What the experiment publishes, and nobody else."""
+SAFETY_TYPE, SAFETY_NAME = "SafetyBeat", "safety"
+
+
+def topics_by_type(topics: Sequence[Topic], wires: Sequence[WireState] = ()) -> dict[str, str]:
+    """Return the topic of each message type.
+
+    Of several of a type, as with a second estimator that only listens, the one that the experiment hears is
+    meant; else one that anybody hears; else the first.
+    """
+    experiment = next((topic.node for topic in topics if topic.type == EXPERIMENT), "")
+    by_experiment = {wire.topic for wire in wires if wire.reader == experiment}
+    heard = {wire.topic for wire in wires}
+    found: dict[str, str] = {}
+    for topic in sorted(topics, key=lambda one: (one.name not in by_experiment, one.name not in heard)):
+        found.setdefault(topic.type, topic.name)
+    return found
+
+
+def safety_node(topics: Sequence[Topic], nodes: Sequence[str]) -> str:
+    """Return the node that stops motion: the one of that name, else who sends the beat; "" for none."""
+    beating = [topic.node for topic in topics if topic.type == SAFETY_TYPE]
+    if SAFETY_NAME in nodes and (not beating or SAFETY_NAME in beating):
+        return SAFETY_NAME
+    return beating[0] if beating else ""

@@ -1,0 +1,109 @@
+"""The trials so far: what each came to, and how many were right, depth by depth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import msgspec
+
+from palp_core.palpation.perception.statistics.statistics import Proportion, wilson
+
+
+class TrialRow(msgspec.Struct, frozen=True, kw_only=True):
+    """A trial of estimation that is over; lengths in mm, None where nobody told.
+
+    ``right``: whether the true depth is, of the known ones, the nearest to the estimate; None of a trial that
+    was dropped, and where the truth is not told.
+    """
+
+    number: int
+    code: str
+    verdict: str
+    probe_count: int
+    estimate_mm: float | None
+    depth_mm: float | None
+    confidence: float | None
+    right: bool | None
+
+
+class TrialBoard:
+    """What has come of the trials."""
+
+    def __init__(self) -> None:
+        self._results: dict[int, tuple[int, dict[str, Any]]] = {}
+        self._mounts: list[tuple[int, dict[str, Any]]] = []
+        self._depths_mm: set[float] = set()
+        self._rows: list[TrialRow] | None = None
+
+    def result(self, stamp_ns: int, result: dict[str, Any]) -> None:
+        """Take a ``TrialResult``."""
+        self._results[result["trial"]] = (stamp_ns, result)
+        self._rows = None
+
+    def mounted(self, stamp_ns: int, mounted: dict[str, Any]) -> None:
+        """Take a ``PhantomTruth``, or of a blinded session what may be seen of a ``Mount``."""
+        self._mounts.append((stamp_ns, mounted))
+        self._mounts.sort(key=lambda one: one[0])
+        if "depth_m" in mounted:
+            self._depths_mm.add(_mm(mounted["depth_m"]))
+        self._rows = None
+
+    def learnt(self, depths_m: Iterable[float]) -> None:
+        """Take the depths that training taught: an estimate is held against the nearest of them."""
+        self._depths_mm |= {_mm(depth_m) for depth_m in depths_m}
+        self._rows = None
+
+    @property
+    def rows(self) -> list[TrialRow]:
+        """All trials that are over, the first one first."""
+        if self._rows is None:
+            ordered = sorted(self._results.values(), key=lambda one: one[1]["trial"])
+            self._rows = [self._row(place + 1, *one) for place, one in enumerate(ordered)]
+        return self._rows
+
+    def _row(self, number: int, stamp_ns: int, result: dict[str, Any]) -> TrialRow:
+        mounted: dict[str, Any] = {}
+        for at_ns, one in self._mounts:
+            mounted = one if at_ns <= stamp_ns else mounted
+        depth_mm = _mm(mounted["depth_m"]) if "depth_m" in mounted else None
+        estimate_mm = _mm(result["estimate_m"]) if "estimate_m" in result else None
+        right = None
+        if result["verdict"] != "dropped" and depth_mm is not None and estimate_mm is not None:
+            right = min(self._depths_mm, key=lambda one: abs(one - estimate_mm)) == depth_mm
+        return TrialRow(
+            number=number,
+            code=str(mounted.get("code", "")),
+            verdict=result["verdict"],
+            probe_count=result["probe_count"],
+            estimate_mm=estimate_mm,
+            depth_mm=depth_mm,
+            confidence=result.get("confidence"),
+            right=right,
+        )
+
+    @property
+    def judged(self) -> list[TrialRow]:
+        """Those of which it is known whether they were right."""
+        return [row for row in self.rows if row.right is not None]
+
+    def accuracy(self) -> Proportion | None:
+        """Return the share of right trials with Wilson's 95 % interval; None before the first."""
+        return _share(self.judged)
+
+    def by_depth(self) -> dict[float, Proportion]:
+        """Return it for each depth in mm: phantoms come in blocks, so the total tells whose block it is."""
+        found = {}
+        for depth_mm in sorted({row.depth_mm for row in self.judged if row.depth_mm is not None}):
+            share = _share([row for row in self.judged if row.depth_mm == depth_mm])
+            if share is not None:
+                found[depth_mm] = share
+        return found
+
+
+def _share(rows: list[TrialRow]) -> Proportion | None:
+    return wilson(sum(row.right is True for row in rows), len(rows)) if rows else None
+
+
+def _mm(metres: float) -> float:
+    return round(metres * 1e3, 6)

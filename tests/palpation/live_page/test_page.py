@@ -1,0 +1,252 @@
+"""The page of the rig without a browser: NiceGUI's simulated user over a source that a test speaks for."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine, Iterator, Sequence
+from typing import Any
+
+import pytest
+
+from palp_core.graph.messages.topic import Topic
+from palp_core.palpation.live_page.harmless import HARMLESS
+from palp_core.palpation.live_page.monitor import RigMonitor
+from palp_core.palpation.live_page.page import rig
+from palp_core.view.source.blind import BlindSource
+from palp_core.view.source.overview import NodeState, Overview
+from palp_core.view.source.protocol import Heard, ViewSource, Watch
+
+pytest.importorskip("nicegui")
+user_simulation = pytest.importorskip("nicegui.testing.user_simulation").user_simulation
+
+from palp_core.view.pages.viewer import OwnPage, Viewer  # noqa: E402
+
+DEPTHS_M = [0.002, 0.004, 0.008]
+BEAT = {"state": "ready", "permits": True, "cause": "", "text": "", "warning": ""}
+SAID: dict[str, list[tuple[int, dict[str, Any]]]] = {
+    "SafetyBeat": [(90, BEAT)],
+    "PhantomTruth": [(1, {"code": "B", "depth_m": 0.004})],
+    "PrimitivesLearnt": [
+        (2, {
+            "depths_m": DEPTHS_M, "rings_m": [0.016], "mean_n_m": [0.04, 0.03, 0.02], "sd_n_m": [0.001] * 3,
+            "count": [25.0] * 3,
+        }),
+    ],
+    "RingState": [(3, {"target_m": 0.016, "measured_m": 0.0162, "settled": True, "rehome": False})],
+    "Trial": [(4, {"trial": 5, "phase": "estimation", "label_known": False, "depth_m": 0.0})],
+    "Belief": [
+        (5, {
+            "trial": 5, "iteration": 1, "depths_m": DEPTHS_M, "posterior": [0.1, 0.7, 0.2],
+            "gain": [0.1, 0.2, 0.3],
+            "verdict": "continue",
+        }),
+    ],
+    "TrialResult": [
+        (3, {"trial": 4, "estimate_m": 0.004, "confidence": 0.97, "probe_count": 2, "verdict": "decided"}),
+    ],
+    "ContactGuard": [(4, {"words": ["gel thinner than l2 vouches for: l4"]})],
+    "Progress": [
+        (6, {"phase": "estimation", "done_count": 1, "total_count": 300, "text": "right: 4 mm 1 of 1"}),
+    ],
+    "CoContraction": [
+        (7, {
+            "level": 4, "level_defined": True, "burst_count": 1, "value": [0.5], "start_ns": 0,
+            "rate_hz": 1500.0,
+        }),
+    ],
+    "StagePose": [(8, {"goal_id": 1, "start_ns": 0, "rate_hz": 1000.0, "position_m": [0.0, 0.001]})],
+    "TorqueBlock": [(9, {"start_ns": 0, "rate_hz": 1000.0, "torque_n_m": [0.011, 0.012]})],
+}  # fmt: skip
+
+
+class ToldWatch:
+    rate_hz = None
+
+    def __init__(self, source: ToldRig, topic: Topic) -> None:
+        self._source, self.topic = source, topic
+        self._place = 0
+
+    def latest(self) -> Heard | None:
+        said = self._source.heard(self.topic.type)
+        return said[-1] if said else None
+
+    def drain(self) -> list[Heard]:
+        said = self._source.heard(self.topic.type)
+        found, self._place = said[self._place :], len(said)
+        return found
+
+    def close(self) -> None:
+        pass
+
+
+class ToldRig:
+    """A source whose nodes have said this so far."""
+
+    def __init__(self, clock: str = "wall") -> None:
+        self.said = {kind: list(entries) for kind, entries in SAID.items()}
+        self.clock, self.now_s = clock, 1.0
+        value = {"type": "array", "items": {"type": "number"}}
+        schema = {"type": "object", "properties": {"value": value}}
+        self._topics = [
+            Topic(name=f"/{'safety' if kind == 'SafetyBeat' else 'rig'}/{kind.lower()}", type=kind,
+                  node="safety" if kind == "SafetyBeat" else "rig", json_schema=schema)
+            for kind in SAID
+        ]  # fmt: skip
+
+    def heard(self, kind: str) -> list[Heard]:
+        return [Heard(stamp, place + 1, message) for place, (stamp, message) in enumerate(self.said[kind])]
+
+    def overview(self) -> Overview:
+        nodes = [NodeState(name="rig"), NodeState(name="safety")]
+        return Overview(kind="graph", title="rig", clock=self.clock, now_s=self.now_s, nodes=nodes)
+
+    def topics(self) -> list[Topic]:
+        return self._topics
+
+    def watch(self, topic: str) -> Watch:
+        return ToldWatch(self, next(one for one in self._topics if one.name == topic))
+
+    def remembered(self, topics: Sequence[str]) -> Iterator[tuple[str, Heard]]:
+        for one in self._topics:
+            if one.name in topics:
+                yield from ((one.name, heard) for heard in self.heard(one.type))
+
+    def launch(self) -> dict[str, Any]:
+        return {"args": {"from_m": -0.03, "to_m": 0.05}}
+
+    def close(self) -> None:
+        pass
+
+
+class Pressed:
+    """Notes what is called."""
+
+    def __init__(self) -> None:
+        self.calls: list[Any] = []
+
+    def refusal(self, *, stops: bool = False, over: bool = False, service: str = "") -> str:
+        return ""
+
+    def call(
+        self, node: str, service: str, request: dict[str, Any], *, stops: bool = False
+    ) -> dict[str, Any]:
+        self.calls.append((node, service, stops))
+        return {"done": True, "state": "starting", "text": ""}
+
+
+def simulated(viewer: Viewer, look: Callable[[Any], Coroutine[Any, Any, None]]) -> None:
+    """Let a simulated user open strip and page, and look."""
+    own = OwnPage(rig)
+
+    def put() -> None:
+        own.put_strip(viewer)
+        own.put_up(viewer)
+
+    async def run() -> None:
+        async with user_simulation(root=put) as user:
+            await user.open("/")
+            await look(user)
+
+    asyncio.run(run())
+
+
+SEEN = (
+    "4 mm", "97 %", "right", "level 0.5 (fifth of five)", "gel thinner than l2 vouches for: l4",
+    "ready", "ring: 16.2 mm, settled", "phantom B", "25 peak torques of training",
+    "benchmarks/policies.py", "1 of 300",
+)  # fmt: skip
+
+
+def test_it_shows_what_the_nodes_have_said() -> None:
+    async def look(user: Any) -> None:
+        for words in SEEN:
+            await user.should_see(words, retries=100)
+
+    simulated(Viewer(source=ToldRig(), operator=Pressed()), look)  # type: ignore[arg-type]
+
+
+def test_a_depth_is_a_bar_of_its_share_and_the_most_probable_one_is_marked() -> None:
+    from palp_core.palpation.live_page.drawing.belief import bars
+
+    now = monitor(ToldRig())
+    assert bars(now.belief)[1:] == [
+        {"label": "4 mm", "share": 0.7, "text": "70.0 %", "most": True},
+        {"label": "8 mm", "share": 0.2, "text": "20.0 %", "most": False},
+    ]
+
+
+def test_of_a_blinded_session_none_of_it_is_on_the_page() -> None:
+    async def look(user: Any) -> None:
+        await user.should_see("The session is blinded", retries=100)
+        await user.should_see("1 of 300 trials done", retries=100)
+        await user.should_see("ring: 16.2 mm, settled", retries=100)
+        for words in ("%", "4 mm", "phantom B", "vouches", "posterior", "Entropy", "Right so far"):
+            await user.should_not_see(words)
+
+    source = BlindSource(ToldRig(), HARMLESS)
+    simulated(Viewer(source=source, operator=Pressed()), look)  # type: ignore[arg-type]
+
+
+def test_a_trip_is_left_behind_only_when_asked_twice() -> None:
+    told, pressed = ToldRig(), Pressed()
+    told.said["SafetyBeat"].append((91, {**BEAT, "state": "latched", "cause": "torque", "text": "105 N mm"}))
+
+    async def look(user: Any) -> None:
+        await user.should_see("torque: 105 N mm", retries=100)
+        user.find("acknowledge ...").click()
+        await user.should_see("nobody's hand is at the rig?", retries=100)
+        assert pressed.calls == []
+        user.find("yes, leave the stop behind").click()
+        await user.should_see("starting", retries=100)
+        assert pressed.calls == [("safety", "acknowledge", False)]
+
+    simulated(Viewer(source=told, operator=pressed), look)  # type: ignore[arg-type]
+
+
+def monitor(source: ViewSource, **how: bool) -> RigMonitor:
+    found = RigMonitor(source, **how)
+    found.load()
+    return found
+
+
+def test_what_was_asked_for_and_what_came_meanwhile_counts_once() -> None:
+    told = ToldRig()
+    now = monitor(told)
+    assert len(now.look()) == 2
+    told.said["TrialResult"].append((60, {**SAID["TrialResult"][0][1], "trial": 5, "estimate_m": 0.008}))
+    assert now.look() == []
+    assert [row.right for row in now.board.rows] == [True, False]
+    assert len(now.belief.probes) == 1
+
+
+def test_over_a_bag_it_is_as_it_was_at_the_chosen_time() -> None:
+    told = ToldRig()
+    told.now_s = 4e-9
+    now = monitor(told, recorded=True)
+    now.look()
+    assert (now.belief.trial, now.belief.posterior, len(now.board.rows)) == (5, [], 1)
+    told.now_s = 5e-9
+    now.look()
+    assert now.belief.posterior == [0.1, 0.7, 0.2]
+    told.now_s = 2e-9
+    now.look()
+    assert (now.belief.posterior, now.board.rows, now.learnt) == ([], [], SAID["PrimitivesLearnt"][0][1])
+
+
+def test_a_field_that_no_message_has_is_no_harm() -> None:
+    """What may be seen of a blinded session is named by messages that there are."""
+    import msgs.actuator
+    import msgs.emg
+    import msgs.experiment
+    import msgs.safety
+    import msgs.stage
+    from palp_core import Progress
+
+    modules = (msgs.actuator, msgs.emg, msgs.experiment, msgs.safety, msgs.stage)
+    known = {name: kind for module in modules for name, kind in vars(module).items()} | {"Progress": Progress}
+    for name, fields in HARMLESS.fields.items():
+        assert set(fields) <= {"*", *known[name].__struct_fields__}, name
+    told = {"depth_m", "torque_n_m", "estimate_m", "confidence", "posterior", "label_known", "score", "code"}
+    for name, fields in HARMLESS.fields.items():
+        seen = known[name].__struct_fields__ if "*" in fields else fields
+        assert not told & set(seen), name

@@ -1,0 +1,90 @@
+"""The trial under way, and those that are over."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from palp_core.palpation.live_page.probes import TrialBelief, entropy_bits
+from palp_core.palpation.live_page.trials import TrialBoard
+from palp_core.palpation.perception.statistics.statistics import wilson
+
+DEPTHS_M = [0.002, 0.004, 0.008]
+
+
+def belief(trial: int, iteration: int, posterior: list[float], verdict: str = "continue") -> dict[str, Any]:
+    gain = [0.0, 0.0, 0.5 * 0.6931471805599453]
+    return {
+        "trial": trial, "iteration": iteration, "depths_m": DEPTHS_M, "posterior": posterior, "gain": gain,
+        "verdict": verdict,
+    }  # fmt: skip
+
+
+def result(trial: int, estimate_m: float, verdict: str = "decided") -> dict[str, Any]:
+    return {"trial": trial, "estimate_m": estimate_m, "confidence": 0.9, "probe_count": 2, "verdict": verdict}
+
+
+def test_gain_and_entropy_are_of_each_palpation_of_the_trial() -> None:
+    now = TrialBelief()
+    now.begin({"trial": 7, "phase": "estimation"})
+    now.believe(belief(7, 1, [1 / 3, 1 / 3, 1 / 3]))
+    now.believe(belief(7, 2, [0.0, 0.5, 0.5], "decided"))
+    now.believe(belief(7, 2, [0.0, 0.5, 0.5], "decided"))  # heard twice
+    assert [probe.iteration for probe in now.probes] == [1, 2]
+    assert now.probes[1].gain_bits == pytest.approx(0.5)
+    assert now.probes[0].entropy_bits == pytest.approx(1.58496, abs=1e-5)
+    assert now.verdict == "decided"
+    now.begin({"trial": 8, "phase": "estimation"})
+    assert (now.posterior, now.probes, now.verdict) == ([], [], "")
+
+
+def test_within_a_sweep_the_posterior_is_what_the_outlook_says() -> None:
+    now = TrialBelief()
+    now.begin({"trial": 7, "phase": "estimation"})
+    outlook = {"trial": 7, "iteration": 1, "depths_m": DEPTHS_M, "posterior": [0.1, 0.2, 0.7]}
+    now.look(outlook)
+    assert now.within_sweep
+    assert now.posterior == [0.1, 0.2, 0.7]
+    now.believe(belief(7, 1, [0.0, 0.0, 1.0], "decided"))
+    now.look(outlook)  # it is still the last that was heard
+    assert now.posterior == [0.0, 0.0, 1.0]
+    now.look({**outlook, "trial": 6, "iteration": 9})
+    assert now.posterior == [0.0, 0.0, 1.0]
+
+
+def test_no_entropy_is_left_where_one_depth_is_certain() -> None:
+    assert entropy_bits([0.0, 1.0]) == 0.0
+
+
+def test_a_trial_is_held_against_the_phantom_that_was_mounted_then() -> None:
+    board = TrialBoard()
+    board.learnt(DEPTHS_M)
+    board.result(30, result(2, 0.0049))  # nearest to 4 mm
+    board.mounted(25, {"code": "B", "depth_m": 0.004})
+    board.mounted(10, {"code": "A", "depth_m": 0.002})
+    board.result(20, result(1, 0.004))
+    board.result(40, result(3, 0.002, "dropped"))
+    board.result(50, result(4, 0.008, "undecided"))
+    rows = board.rows
+    assert [(row.number, row.code, row.right) for row in rows] == [
+        (1, "A", False), (2, "B", True), (3, "B", None), (4, "B", False),
+    ]  # fmt: skip
+    assert board.accuracy() == wilson(1, 3)
+    assert board.by_depth() == {2.0: wilson(0, 1), 4.0: wilson(1, 2)}
+
+
+def test_of_a_blinded_session_it_knows_codes_and_nothing_that_is_right() -> None:
+    board = TrialBoard()
+    board.mounted(5, {"code": "K7", "remount": 3})
+    board.result(10, {"trial": 1, "probe_count": 4, "verdict": "decided"})
+    row = board.rows[0]
+    assert (row.code, row.depth_mm, row.estimate_mm, row.confidence, row.right) == (
+        "K7",
+        None,
+        None,
+        None,
+        None,
+    )
+    assert board.accuracy() is None
+    assert board.by_depth() == {}

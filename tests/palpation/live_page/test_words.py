@@ -1,0 +1,104 @@
+"""What is said of safety, of the scene, and beside the accuracy."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from palp_core.graph.messages.topic import Topic
+from palp_core.palpation.live_page.beside import BESIDE, POLICIES_COMMAND, other_protocol
+from palp_core.palpation.live_page.geometry import lean_rad, lengths_mm, path_of
+from palp_core.palpation.live_page.roles import safety_node, topics_by_type
+from palp_core.palpation.live_page.safety import standing
+from palp_core.palpation.mechanics.probe import Probe
+from palp_core.view.source.overview import WireState
+
+README = Path(__file__).resolve().parents[3] / "README.md"
+BEAT = {"state": "ready", "permits": True, "cause": "", "text": "", "warning": ""}
+
+
+def test_a_tripped_safety_node_says_why_and_what_to_do() -> None:
+    now = standing({**BEAT, "state": "latched", "cause": "torque", "text": "105 N mm"}, 0.0)
+    assert (now.word, now.level, now.tripped) == ("STOPPED", "error", True)
+    assert now.why == "torque: 105 N mm"
+    assert "palp safety ack" in now.advice
+
+
+@pytest.mark.parametrize(
+    ("beat", "silent_s", "level"),
+    [
+        (None, 0.0, "unknown"),
+        (BEAT, 0.0, "ok"),
+        ({**BEAT, "warning": "one link only"}, 0.0, "warn"),
+        ({**BEAT, "state": "starting"}, 0.0, "warn"),
+        (BEAT, 3.0, "error"),
+        ({"state": "moving", "permits": True, "cause": "", "text": ""}, 0.0, "ok"),  # of a blinded session
+    ],
+)
+def test_how_bad_it_is_shows(beat: dict[str, object] | None, silent_s: float, level: str) -> None:
+    assert standing(beat, silent_s).level == level
+
+
+def test_figures_beside_are_the_readmes_and_say_their_command() -> None:
+    text = README.read_text(encoding="utf-8")
+    assert f".venv/bin/{POLICIES_COMMAND}" in text
+    best, people = BESIDE[0].words, BESIDE[1].words
+    assert f"| **fixed, 16 mm (best)** | **{best}**" in text
+    assert f"| human (Markov) | {people} |" in text
+    assert BESIDE[3].words == "66.7"
+
+
+def test_another_protocol_is_told() -> None:
+    assert other_protocol({"args": {"reading": "feature", "stop": "paper_guarded", "world": "paper"}}) == ""
+    assert "world:=lab" in other_protocol({"args": {"world": "lab"}})
+    assert other_protocol({}) == ""
+
+
+def test_the_drawing_is_the_probes_own_size() -> None:
+    size = lengths_mm(-0.03, 0.05)
+    assert (size["base"], size["tip"], size["slab"], size["to"]) == (80.0, 70.0, 30.0, 50.0)
+
+
+def test_the_tip_leans_with_the_torque_until_it_leaves_the_gel() -> None:
+    probe = Probe()
+    small = lean_rad(0.01, 0.016)
+    held = probe.spring_n_m(0.016) + probe.weight_n_m
+    assert math.sin(small) * held * (probe.base_m + probe.lever_m) == pytest.approx(0.01 * probe.lever_m)
+    assert lean_rad(-0.01, 0.016) == -small
+    farthest = lean_rad(1.0, 0.0)
+    assert probe.lever_m * (1 - math.cos(farthest)) == pytest.approx(0.004)
+
+
+def test_the_path_is_the_launch_files() -> None:
+    assert path_of({}) == (-0.03, 0.05)
+    assert path_of({"args": {"from_m": 0.05, "to_m": "x"}}) == (0.05, 0.05)
+
+
+def test_of_two_topics_of_a_type_the_one_that_the_experiment_hears_is_meant() -> None:
+    def topic(name: str, kind: str) -> Topic:
+        return Topic(name=name, type=kind, node=name.split("/")[1])
+
+    topics = [
+        topic("/shadow/belief", "Belief"),
+        topic("/estimator/belief", "Belief"),
+        topic("/exp/result", "TrialResult"),
+    ]
+    wires = [
+        WireState(topic="/shadow/belief", source="shadow", reader="policy"),
+        WireState(topic="/estimator/belief", source="estimator", reader="exp"),
+    ]
+    assert topics_by_type(topics, wires)["Belief"] == "/estimator/belief"
+    assert topics_by_type(topics)["Belief"] == "/shadow/belief"
+
+
+def test_the_safety_node_is_known_by_its_beat_whatever_its_name() -> None:
+    beat = Topic(name="/guard/beat", type="SafetyBeat", node="guard")
+    assert safety_node([beat], ["guard", "stage"]) == "guard"
+    assert (
+        safety_node([beat, Topic(name="/safety/beat", type="SafetyBeat", node="safety")], ["guard", "safety"])
+        == "safety"
+    )
+    assert safety_node([], ["safety"]) == "safety"
+    assert safety_node([], ["stage"]) == ""

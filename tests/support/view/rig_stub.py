@@ -1,0 +1,303 @@
+"""A small running graph that speaks as a rig does, on the machine's clock: for pages that are looked at.
+
+One node is safety, the other one all the rest. What would tell depth or accuracy has digits that stand
+nowhere else, so that it can be searched for.
+"""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+from tests.support.palp import Palp, wait_for_line
+
+DEPTH_M = 0.00432179865
+"""Of the phantom that is mounted."""
+POSTERIOR = (0.061415926, 0.871828182, 0.066755892)
+PEAK_N_M = 0.0316227766
+SECRETS = (
+    *(b"432179865", b"61415926", b"871828182", b"66755892", b"316227766"),
+    *(b"4.32 mm", b"4.321799", b"87.2 %", b"mm deep", b"bead is near"),
+    *(struct.pack(order, number) for order in (">d", "<d") for number in (DEPTH_M, *POSTERIOR, PEAK_N_M)),
+)
+"""What a blinded session must not tell, in whatever unit, as text or as numbers."""
+
+NODE = f'''
+import numpy as np
+
+from palp_core import DiagnosticStatus, Message, Node, Params, Progress, Pub, Qos, Srv, State, every, serve
+from palp_core.units import (
+    Count, HertzPositive, Metres, MetresArray, Nanoseconds, NewtonMetres, NewtonMetresArray, Probability,
+    ProbabilityArray, Ratio, RatioArray,
+)
+
+DEPTHS_M = [0.002, {DEPTH_M}, 0.008]
+POSTERIOR = np.array({POSTERIOR})
+PEAK_N_M = {PEAK_N_M}
+KEPT = Qos(durability="transient_local", depth=20)
+
+
+class SafetyBeat(Message):
+    stamp_ns: Nanoseconds
+    state: str
+    permits: bool
+    acknowledged_count: Count
+    cause: str = ""
+    text: str = ""
+    warning: str = ""
+
+
+class StopRequest(Message):
+    reason: str = "palp stop"
+
+
+class StatusReply(Message):
+    state: str
+    cause: str
+
+
+class AcknowledgeRequest(Message):
+    pass
+
+
+class AcknowledgeReply(Message):
+    done: bool
+    state: str
+    text: str
+
+
+class StagePose(Message):
+    stamp_ns: Nanoseconds
+    goal_id: Count
+    start_ns: Nanoseconds
+    rate_hz: HertzPositive
+    position_m: MetresArray
+
+
+class SweepStatus(Message):
+    stamp_ns: Nanoseconds
+    goal_id: Count
+    status: str
+
+
+class TorqueBlock(Message):
+    stamp_ns: Nanoseconds
+    start_ns: Nanoseconds
+    rate_hz: HertzPositive
+    over_phantom: bool
+    torque_n_m: NewtonMetresArray
+
+
+class RingState(Message):
+    stamp_ns: Nanoseconds
+    rehome: bool
+    target_m: Metres
+    measured_m: Metres
+    settled: bool
+
+
+class Trial(Message):
+    stamp_ns: Nanoseconds
+    trial: Count
+    phase: str
+    code: str
+    label_known: bool
+    depth_m: Metres
+
+
+class Belief(Message):
+    stamp_ns: Nanoseconds
+    trial: Count
+    iteration: Count
+    depths_m: MetresArray
+    posterior: ProbabilityArray
+    gain: RatioArray
+    verdict: str
+    estimate_m: Metres
+
+
+class TrialResult(Message):
+    stamp_ns: Nanoseconds
+    trial: Count
+    estimate_m: Metres
+    confidence: Probability
+    probe_count: Count
+    verdict: str
+
+
+class PhantomTruth(Message):
+    stamp_ns: Nanoseconds
+    code: str
+    depth_m: Metres
+
+
+class PrimitivesLearnt(Message):
+    stamp_ns: Nanoseconds
+    depths_m: MetresArray
+    rings_m: MetresArray
+    mean_n_m: NewtonMetresArray
+    sd_n_m: NewtonMetresArray
+    count: RatioArray
+
+
+class ContactGuard(Message):
+    stamp_ns: Nanoseconds
+    words: list[str]
+
+
+class CoContraction(Message):
+    stamp_ns: Nanoseconds
+    start_ns: Nanoseconds
+    rate_hz: HertzPositive
+    value: RatioArray
+    burst_count: Count
+    level: Count
+    level_defined: bool
+
+
+class RigParams(Params):
+    depth_m: float = {DEPTH_M}
+    rate_hz: HertzPositive = 20.0
+
+
+class RigState(State):
+    block: int = 0
+
+
+class Rig(Node):
+    """Everything of a rig that a page looks at."""
+
+    moves = True
+    params: RigParams
+    state: RigState
+    pose = Pub(StagePose)
+    torque = Pub(TorqueBlock)
+    trial = Pub(Trial, qos=KEPT)
+    belief = Pub(Belief, qos=KEPT)
+    result = Pub(TrialResult, qos=KEPT)
+    truth = Pub(PhantomTruth, qos=KEPT)
+    learnt = Pub(PrimitivesLearnt, qos=KEPT)
+    guard = Pub(ContactGuard, qos=KEPT)
+    progress = Pub(Progress, qos=KEPT)
+    cocontraction = Pub(CoContraction)
+    diagnostics = Pub(DiagnosticStatus, qos=Qos(durability="transient_local", depth=1))
+
+    def on_activate(self):
+        now = self.now_ns()
+        print(f"the bead is near: {{self.params.depth_m}}", flush=True)
+        words = "the bead is near"
+        self.diagnostics.publish(DiagnosticStatus(stamp_ns=now, level="warn", text=words, advice="look"))
+        self.truth.publish(PhantomTruth(stamp_ns=now, code="K7", depth_m=DEPTHS_M[1]))
+        means = np.array([0.02, PEAK_N_M, 0.01, 0.02, PEAK_N_M, 0.01])
+        self.learnt.publish(PrimitivesLearnt(
+            stamp_ns=now, depths_m=np.array(DEPTHS_M), rings_m=np.array([0.008, 0.016]),
+            mean_n_m=means, sd_n_m=means / 20, count=np.full(6, 25.0)))
+        self.guard.publish(ContactGuard(stamp_ns=now, words=["the bead is near: l4 takes over"]))
+        self.result.publish(TrialResult(
+            stamp_ns=now + 1, trial=1, estimate_m=DEPTHS_M[1], confidence=POSTERIOR[1], probe_count=3,
+            verdict="decided"))
+        self.result.publish(TrialResult(
+            stamp_ns=now + 2, trial=2, estimate_m=0.008, confidence=POSTERIOR[1], probe_count=2,
+            verdict="decided"))
+        self.trial.publish(Trial(
+            stamp_ns=now, trial=3, phase="estimation", code="", label_known=False, depth_m=0.0))
+        self.belief.publish(Belief(
+            stamp_ns=now, trial=3, iteration=1, depths_m=np.array(DEPTHS_M), posterior=POSTERIOR,
+            gain=POSTERIOR * np.log(3 * POSTERIOR), verdict="continue", estimate_m=DEPTHS_M[1]))
+        self.progress.publish(Progress(
+            stamp_ns=now, phase="estimation", done_count=2, total_count=30, score=0.5, score_defined=True,
+            text="trials, right: 4.32179865 mm 1 of 2"))
+
+    @every("rate_hz")
+    def go_on(self):
+        now, state = self.now_ns(), self.state
+        goal, place = divmod(state.block, 80)
+        state.block += 1
+        places = -0.03 + 0.08 * (place * 50 + np.arange(50)) / 4000
+        start = now - 50_000_000
+        self.pose.publish(StagePose(
+            stamp_ns=now, goal_id=goal + 1, start_ns=start, rate_hz=1000.0, position_m=places))
+        torque = PEAK_N_M * np.exp(-((places / 0.01) ** 2))
+        self.torque.publish(TorqueBlock(
+            stamp_ns=now, start_ns=start, rate_hz=1000.0, over_phantom=True, torque_n_m=torque))
+        self.cocontraction.publish(CoContraction(
+            stamp_ns=now, start_ns=start, rate_hz=1500.0, value=np.full(75, 0.25), burst_count=4,
+            level=2, level_defined=True))
+
+
+class SafetyState(State):
+    state: str = "ready"
+    cause: str = ""
+    text: str = ""
+    acknowledged_count: int = 0
+
+
+class SafetyParams(Params):
+    rate_hz: HertzPositive = 20.0
+
+
+class Safety(Node):
+    """Stops when it is asked to; stage and ring stand as they are."""
+
+    moves = True
+    params: SafetyParams
+    state: SafetyState
+    beat = Pub(SafetyBeat)
+    status = Pub(SweepStatus, qos=KEPT)
+    ring = Pub(RingState, qos=KEPT)
+    stop = Srv(StopRequest, StatusReply)
+    acknowledge = Srv(AcknowledgeRequest, AcknowledgeReply)
+
+    def on_activate(self):
+        now = self.now_ns()
+        self.status.publish(SweepStatus(stamp_ns=now, goal_id=1, status="sweeping"))
+        self.ring.publish(RingState(
+            stamp_ns=now, rehome=False, target_m=0.016, measured_m=0.0161, settled=True))
+
+    @every("rate_hz")
+    def go_on(self):
+        self.publish_beat()
+
+    def publish_beat(self):
+        state = self.state
+        self.beat.publish(SafetyBeat(
+            stamp_ns=self.now_ns(), state=state.state, permits=not state.cause, cause=state.cause,
+            text=state.text, acknowledged_count=state.acknowledged_count,
+            warning="the bead is near" if state.cause else ""))
+
+    @serve(stop)
+    def obey(self, request):
+        state = self.state
+        state.state, state.cause, state.text = "latched", "operator", request.reason
+        self.publish_beat()
+        return StatusReply(state=state.state, cause=state.cause)
+
+    @serve(acknowledge)
+    def release(self, request):
+        state = self.state
+        state.acknowledged_count += bool(state.cause)
+        state.state, state.cause, state.text = "ready", "", ""
+        self.publish_beat()
+        return AcknowledgeReply(done=True, state=state.state, text="")
+'''
+
+LAUNCH = """
+graph: NAME
+clock: wall
+args: {blind: {default: false}}
+nodes:
+  safety: {run: "nodes.rig_stub:Safety"}
+  rig: {run: "nodes.rig_stub:Rig"}
+view: palp_core.palpation.live_page.page:rig
+blind: $(var blind)
+"""
+
+
+def launch_stub(palp: Palp, folder: Path, name: str, *arguments: str) -> None:
+    """Launch it under a name, and wait until it runs."""
+    for path, text in (("nodes/rig_stub.py", NODE), ("launch/stub.yaml", LAUNCH.replace("NAME", name))):
+        file = folder / path
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+    process = palp.start("launch", folder / "launch" / "stub.yaml", *arguments)
+    wait_for_line(process, "estimation: ")
