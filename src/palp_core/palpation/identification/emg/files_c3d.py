@@ -22,7 +22,7 @@ def read_c3d(path: Path) -> EmgFile:
     """Read the analog channels whose unit may be one of EMG; force plates have others.
 
     Raises:
-        PalpError: It is no C3D file, is cut off, has no such channel, or ezc3d is not installed.
+        PalpError: It is no C3D file, is cut off or damaged, has no such channel, or ezc3d is not installed.
     """
     try:
         import ezc3d
@@ -32,6 +32,7 @@ def read_c3d(path: Path) -> EmgFile:
         header = file.read(_BLOCK)
     if len(header) < _BLOCK or header[1] != _MAGIC:
         raise PalpError(f"{path}: not a C3D file; its first bytes are {header[:4]!r}")
+    _refuse_cut(path, header)
     try:
         content = ezc3d.c3d(str(path))
         analog = content["parameters"].get("ANALOG", {})
@@ -41,7 +42,6 @@ def read_c3d(path: Path) -> EmgFile:
         labels, units = _texts(analog, "LABELS"), _texts(analog, "UNITS")
     except (*_BROKEN, OSError) as error:
         raise PalpError(f"{path}: damaged C3D file: {type(error).__name__}: {error}") from error
-    _refuse_cut(path, header, points, samples.shape)
     if samples.size == 0:
         raise PalpError(f"{path}: has no EMG: no analog channel, only {points[1]} markers")
     if not rate_hz > 0.0:
@@ -64,21 +64,21 @@ def _texts(group: Any, name: str) -> list[str]:
     return [str(one).strip() for one in group.get(name, {}).get("value", ())]
 
 
-def _refuse_cut(path: Path, header: bytes, points: tuple[int, ...], analogs: tuple[int, ...]) -> None:
-    """Refuse a file that ends before its frames do; ezc3d makes zeros of what is missing.
+def _refuse_cut(path: Path, header: bytes) -> None:
+    """Refuse a file that ends before its frames do; ezc3d reads what is there, and does not say so.
 
     Raises:
         PalpError: It does.
     """
     with path.open("rb") as file:
-        file.seek((header[0] - 1) * _BLOCK)
+        file.seek(max(header[0] - 1, 0) * _BLOCK)
         processor = file.read(4)[3:4]
     if processor != bytes([_INTEL]):
         return
-    first = int.from_bytes(header[16:18], "little")
-    scale = np.frombuffer(header[12:16], dtype="<f4")[0]
-    values = _POINT_VALUES * points[1] * points[2] + analogs[0] * analogs[1]
-    needed = (first - 1) * _BLOCK + values * (_FLOAT_BYTES if scale < 0.0 else _INTEGER_BYTES)
+    points, analogs, first, last = np.frombuffer(header[2:10], dtype="<u2").tolist()
+    (scale,), (begin,) = np.frombuffer(header[12:16], dtype="<f4"), np.frombuffer(header[16:18], dtype="<u2")
+    values = (last - first + 1) * (_POINT_VALUES * points + analogs)
+    needed = (int(begin) - 1) * _BLOCK + values * (_FLOAT_BYTES if scale < 0.0 else _INTEGER_BYTES)
     has = path.stat().st_size
     if has < needed:
         raise PalpError(
