@@ -79,6 +79,10 @@ app = lazy_app(
             f"{_CLI}.session.sessions:sessions",
             "List the sessions below a folder and pool them, with intervals over subjects or sessions.",
         ),
+        "export": Verb(
+            f"{_CLI}.session.export:export",
+            "Write a session for other tools: trials, iterations, sweeps, EMG, each a tidy table.",
+        ),
         "phantom": Verb(f"{_CLI}.rig.phantom:app", "Phantoms: their gel, from sweeps over it."),
         "tap": Verb(f"{_CLI}.topic.tap:tap", "Send a running graph's numbers to a plotter."),
         "foxglove": Verb(

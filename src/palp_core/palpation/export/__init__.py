@@ -1,0 +1,1 @@
+"""A session as others want it: tidy tables with a data dictionary, in the formats of other tools."""
