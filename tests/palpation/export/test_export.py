@@ -280,7 +280,7 @@ def test_what_cannot_be_written_leaves_what_was_there(
     write_export(source, form, out)
     kept = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     table = source.tables["emg"]
-    wrong = np.zeros(3) if form == "csv" else None
+    wrong: Any = np.zeros(3) if form == "csv" else None
     broken = dataclasses.replace(table, values={**table.values, "edc_v": wrong})
     with pytest.raises((TypeError, AttributeError, ValueError)):
         write_export(

@@ -198,7 +198,7 @@ def _cells(table: ExportTable, column: ExportColumn) -> list[Any]:
         return [("false", "true", _N_A)[one] for one in values]
     if column.kind == "text":
         return [re.sub(r"\s", " ", one) or _N_A for one in values]
-    return values.tolist()
+    return list(values.tolist())
 
 
 def _described(columns: Sequence[ExportColumn]) -> dict[str, Any]:
