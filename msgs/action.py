@@ -6,6 +6,7 @@ from palp_core.units import (
     Metres,
     MetresArray,
     MetresNonNegative,
+    MetresPerSecondArray,
     MetresPerSecondPositive,
     Nanoseconds,
     NewtonMetres,
@@ -43,7 +44,7 @@ class ActionQuestion(Message):
     iteration: Count
     ring_m: MetresArray
     indentation_m: MetresArray
-    speed_m_s: RatioArray
+    speed_m_s: MetresPerSecondArray
     from_m: MetresArray
     to_m: MetresArray
     torque_limit_n_m: NewtonMetres

@@ -55,6 +55,7 @@ Ratio = Annotated[float, _quantity("1", -1e12, 1e12)]
 RatioNonNegative = Annotated[float, _quantity("1", 0.0, 1e12)]
 
 MetresArray = Annotated[Float64Array, _array("m", -1e3, 1e3)]
+MetresPerSecondArray = Annotated[Float64Array, _array("m/s", -1e3, 1e3)]
 NewtonMetresArray = Annotated[Float64Array, _array("N m", -1e3, 1e3)]
 VoltsArray = Annotated[Float64Array, _array("V", -1e3, 1e3)]
 ProbabilityArray = Annotated[Float64Array, _array("1", 0.0, 1.0)]
