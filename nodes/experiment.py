@@ -12,6 +12,7 @@ from msgs.stage import SweepGoal, SweepStatus
 from msgs.torque import ContactGuard
 from nodes.experiment_params import POLICY, ExperimentParams, ExperimentState
 from nodes.experiment_plan import (
+    begin_trial_again,
     believed,
     design_of,
     is_right,
@@ -68,6 +69,11 @@ class Experiment(Node):
             self.record.start(overwrite=self.params.overwrite)
         self._advance()
 
+    def on_restore(self, *, alone: bool) -> None:
+        if alone:
+            begin_trial_again(self.state, self.design)
+        self.record.go_on(self.state.row, aside=alone)
+
     def on_deactivate(self) -> None:
         self.record.close()
 
@@ -84,6 +90,8 @@ class Experiment(Node):
     def _advance(self) -> None:
         """Do steps as long as they are done at once; return when one has to be waited for."""
         current = self._current_plan()
+        if not self._set_up_again():
+            return
         while self.step is not None:
             word = self._do(self.step)
             if word is None:
@@ -97,6 +105,19 @@ class Experiment(Node):
             self._report("done")
         self.state.finished = True
         self.finish(0)
+
+    def _set_up_again(self) -> bool:
+        """Put on what was on the rig and home the ring, before a trial begins again; tell if it is so."""
+        state = self.state
+        if state.mount_again:
+            if self._mount_phantom(plan.MountPhantom(state.mount_again)) is None:
+                return False
+            state.mount_again = ""
+        if state.home_again:
+            if self._rehome() is None:
+                return False
+            state.home_again = False
+        return True
 
     def _do(
         self, step: plan.Step
@@ -231,7 +252,7 @@ class Experiment(Node):
         self._advance()
 
     @on(waiting)
-    def end_wait(self) -> None:
+    def _end_wait(self) -> None:
         self.state.waited = True
         self._advance()
 

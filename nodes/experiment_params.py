@@ -110,6 +110,8 @@ class ExperimentState(State):
     dropped_count: int = 0
     sweep_s: float = 0.0
     finished: bool = False
+    mount_again: str = ""
+    home_again: bool = False
     policy: str = ""
     next_policy: str = ""
     asked: list[PalpationAction] = []

@@ -93,6 +93,26 @@ def plan_of(design: plan.ExperimentDesign | RepeatDesign, seed: int) -> plan.Pla
     return plan.experiment(design, np.random.default_rng(seed))
 
 
+def begin_trial_again(state: ExperimentState, design: ExperimentDesign | RepeatDesign) -> None:
+    """Let the trial under way begin again on devices that have begun anew, after an interruption.
+
+    Raises:
+        PerceptionError: The plan is about what stays on the rig, and nothing did.
+    """
+    if isinstance(design, RepeatDesign):
+        raise PerceptionError(
+            "plan:=repeatability measures what stays while nothing is touched: an interrupted one cannot go "
+            "on with devices that have begun anew; begin it anew, too"
+        )
+    state.mount_again, state.home_again = state.code, design.rehome != "never"
+    state.trial_announced = state.commanded = state.swept = state.decided = False
+    state.stage_ready, state.ring_settled, state.ring_landed = True, False, True
+    state.ring_trial = state.ring_iteration = -1
+    state.palpation, state.belief, state.guards = [], [], []
+    state.enter_ns = state.leave_ns = state.true_ring_m = None
+    state.touch_changed = True
+
+
 # what it says of its trials and of its progress
 
 _DEPTHS_TOLD = 6

@@ -51,6 +51,9 @@ def launch(
         str | None, typer.Option(metavar="tcp://HOST:PORT", help="Let nodes of other hosts join there.")
     ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show it in the browser: palp view.")] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on where this run, with these arguments, was interrupted.")
+    ] = False,
 ) -> None:
     """Check a launch file, run its graph, end it cleanly.
 
@@ -70,7 +73,7 @@ def launch(
 
         checked = check_file(file, overrides)
         if check:
-            for words in check_start(file, checked, name):
+            for words in check_start(file, checked, name, resume=resume):
                 note(f"{file}: {words}")
         _say_without_effect(file, checked)
         print_text(
@@ -85,7 +88,7 @@ def launch(
     sys.exit(
         _run(
             file, overrides, name=name, log_level=log_level, compose=compose, digest=digest, record=record,
-            listen=listen, in_browser=view,
+            listen=listen, in_browser=view, resume=resume,
         )
     )  # fmt: skip
 
@@ -101,6 +104,7 @@ def _run(
     record: Path | None,
     listen: str | None,
     in_browser: bool,
+    resume: bool,
 ) -> int:
     """Run a graph and say how it went; return the exit status."""
     from palp_core.graph.supervision.fork_start import start_fork_server
@@ -122,6 +126,10 @@ def _run(
         for observer in observers:
             observer(now_ns, frame)
 
+    if digest is not None and resume:
+        raise GraphError(
+            "--digest with --resume: a digest is of a whole run, and this one is the rest of one"
+        )
     if digest is not None:
         _check_writable(digest)
     graph = Graph(
@@ -133,6 +141,7 @@ def _run(
         listen=listen,
         record=record,
         name=name,
+        resume=resume,
         log_level=log_level,
         show_log=show_log_line,
     )

@@ -14,6 +14,7 @@ from palp_core.graph.description.checked import (
     TopicInfo,
     recorders_apart,
 )
+from palp_core.graph.description.checkpoint_entry import check_checkpoint
 from palp_core.graph.description.file_reader import read
 from palp_core.graph.description.launch_file import GraphNode, InputEntry, LaunchFile
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, NodePort
@@ -86,10 +87,23 @@ def check(
     later = _look_at_later(description.workspace, nodes, inspect, problems)
     problems.raise_any()
     checked = recorders_apart(_build(description, nodes))
+    checked = _with_checkpoint(checked, description, problems)
     if succeed is not None:
         _check_later(later, checked, succeed, problems)
         problems.raise_any()
     return checked
+
+
+def _with_checkpoint(checked: CheckedGraph, description: LaunchFile, problems: Problems) -> CheckedGraph:
+    readers = {name: {node for node, _ in ends} for name, ends in checked.edges.items()}
+    here = [spec.name for spec in checked.spawned]
+    found = check_checkpoint(description.checkpoint, checked.topics, readers, here, problems)
+    problems.raise_any()
+    if found is None:
+        return checked
+    keeps_at = dict.fromkeys(found.nodes if checked.clock == "wall" else (), found.after)
+    nodes = [msgspec.structs.replace(spec, keeps_at=keeps_at.get(spec.name, "")) for spec in checked.nodes]
+    return msgspec.structs.replace(checked, checkpoint=found, nodes=nodes)
 
 
 _Nodes = dict[str, list[GraphNode]]

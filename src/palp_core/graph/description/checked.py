@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 import yaml
 
+from palp_core.graph.description.checkpoint_entry import CheckpointEntry
 from palp_core.graph.description.node_class import NodePort
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.topic import Topic
@@ -99,6 +100,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
         view: ``module:function`` that fills its own page of ``palp view``; "" for none.
         attached: Texts that the report wants kept with all that is recorded of the run, by name.
         blind: ``palp view`` shows nothing but what that page names as harmless.
+        checkpoint: Where and when the run is written down; None: it is not.
     """
 
     graph: str
@@ -119,6 +121,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     view: str = ""
     attached: dict[str, str] = {}
     blind: bool = False
+    checkpoint: CheckpointEntry | None = None
 
     @property
     def readers(self) -> dict[str, list[int]]:
@@ -224,6 +227,10 @@ def resolved_yaml(graph: CheckedGraph) -> str:
         tree["view"] = graph.view
     if graph.blind:
         tree["blind"] = True
+    if (kept := graph.checkpoint) is not None:
+        tree["checkpoint"] = {"file": kept.file, "after": kept.after.removeprefix("/")}
+        if kept.nodes:
+            tree["checkpoint"]["nodes"] = kept.nodes
     text: str = yaml.dump(
         tree, Dumper=_Dumper, sort_keys=False, default_flow_style=False, allow_unicode=True, width=110
     )

@@ -17,6 +17,7 @@ from palp_core.graph.description.arguments import (
     refuse_unknown,
     unknown_keys,
 )
+from palp_core.graph.description.checkpoint_entry import read_checkpoint
 from palp_core.graph.description.input_reader import read_flag, read_number, read_word
 from palp_core.graph.description.launch_file import GraphNode, LaunchFile, Located, find_workspace
 from palp_core.graph.description.node_reader import NodeReader
@@ -26,7 +27,10 @@ from palp_core.graph.description.yaml_tree import Sequence as TreeSequence
 from palp_core.graph.node.spec import NAME
 from palp_core.graph.problems import GraphProblems, Mark, Problems, nearest
 
-_KEYS = ("graph", "clock", "seed", "args", "include", "nodes", "report", "listen", "view", "blind")
+_KEYS = (
+    *("graph", "clock", "seed", "args", "include", "nodes"),
+    *("report", "listen", "view", "blind", "checkpoint"),
+)
 _MOST_FILES = 64
 _ADDRESS = re.compile(r"tcp://\S+:(\d{1,5}|\*)")
 _FUNCTION = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
@@ -149,6 +153,7 @@ class _Reader:
         listen = self._listen(fields["listen"].value, clock, scope) if "listen" in fields else ""
         for name, place in self.joined.items() if clock != "wall" else ():
             self.problems.add(place, f"node '{name}' is to join: that takes clock: wall")
+        checkpoint = read_checkpoint(fields.get("checkpoint"), clock, scope, self.problems)
         self._unused(file)
         place = fields["nodes"].mark if "nodes" in fields else mark
         if not self.nodes and not len(self.problems):
@@ -156,7 +161,7 @@ class _Reader:
         values = {name: scope.values[name] for name in file.arguments}
         return LaunchFile(
             path, self.workspace, place, graph, clock, seed, file.arguments, values, self.nodes, report,
-            self.problems.listed(), listen, view, blind,
+            self.problems.listed(), listen, view, blind, checkpoint,
         )  # fmt: skip
 
     def _open(self, path: Path) -> tuple[dict[str, Entry], Mark, set[str]]:

@@ -13,6 +13,7 @@ from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.problems import Mark, Problem
 
 if TYPE_CHECKING:
+    from palp_core.graph.description.checkpoint_entry import CheckpointEntry
     from palp_core.graph.description.node_class import NodeClass, NodePort  # they take numpy
 
 
@@ -126,6 +127,7 @@ class LaunchFile:
         listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.
         view: ``module:function`` that fills its own page of ``palp view``.
         blind: ``palp view`` shows nothing but what that page names as harmless.
+        checkpoint: Where and when the run is written down, and where that is said.
     """
 
     file: Path
@@ -142,6 +144,7 @@ class LaunchFile:
     listen: str = ""
     view: Located | None = None
     blind: bool = False
+    checkpoint: tuple[CheckpointEntry, Mark] | None = None
 
 
 def find_workspace(path: Path) -> Path:

@@ -1,6 +1,6 @@
 """What the nodes of a run say of how they stand, and what of it a person is to see."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 
 import msgspec
@@ -52,6 +52,17 @@ class Diagnostics:
         self.on_change: Callable[[str, Incident | None], None] = lambda *_: None
         self._nodes: Mapping[bytes, str] = {}
         self._standing: dict[str, int] = {}
+
+    @property
+    def standing(self) -> dict[str, int]:
+        """The place among the incidents of each that is not over, by topic."""
+        return dict(self._standing)
+
+    def restore(self, incidents: Sequence[Incident], standing: Mapping[str, int]) -> None:
+        """Know what was said before an interruption."""
+        self.incidents, self._standing = list(incidents), dict(standing)
+        for topic, place in standing.items():
+            self.on_change(topic, self.incidents[place])
 
     def follow(self, checked: CheckedGraph) -> None:
         """Know which topics of a graph to look at."""

@@ -22,10 +22,13 @@ from palp_core.graph.description.check import load
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.discovery.choice import check_free
 from palp_core.graph.discovery.run_directory import RunDirectory
+from palp_core.graph.launch.checkpoints import Checkpoints
 from palp_core.graph.launch.diagnostics import Diagnostics
+from palp_core.graph.launch.lockstep_checkpoints import LockstepCheckpoints
 from palp_core.graph.launch.log_screen import Show, Shown, showing_log
 from palp_core.graph.launch.methods_told import MethodsTold
 from palp_core.graph.launch.summary import RunSummary, report_function, summary_of
+from palp_core.graph.launch.wall_checkpoints import WallCheckpoints
 from palp_core.graph.lockstep.conductor import Conductor, LockstepNodes, Observer
 from palp_core.graph.lockstep.simulated_time import SimulatedTime
 from palp_core.graph.node.spec import MERGED_LOG, NodeSpec
@@ -76,7 +79,9 @@ def check_file(path: str | Path, overrides: Sequence[str] = ()) -> CheckedGraph:
         folder.remove()
 
 
-def check_start(path: str | Path, checked: CheckedGraph, name: str | None = None) -> list[str]:
+def check_start(
+    path: str | Path, checked: CheckedGraph, name: str | None = None, *, resume: bool = False
+) -> list[str]:
     """Check what only a start would tell: that the name is free, and that the report has where to go.
 
     Returns what the launch file's report has to say of such a run beforehand, in words.
@@ -85,13 +90,15 @@ def check_start(path: str | Path, checked: CheckedGraph, name: str | None = None
         path: The launch file.
         checked: It, checked.
         name: What the running graph is to be called, if not as the launch file says.
+        resume: It is to go on with an interrupted run.
 
     Raises:
         PalpError: It would not start.
     """
     if name is not None:
         check_free(name)
-    summary = summary_of(checked, Path(path))
+    with contextlib.closing(Checkpoints(checked, (), resume=resume)) as checkpoints:
+        summary = summary_of(checked, Path(path), resumed_count=checkpoints.resumed_count)
     _tell(checked, "prepare", summary)
     return list(_tell(checked, "advise", summary) or ())
 
@@ -118,6 +125,7 @@ class Graph:
         listen: ``tcp://HOST:PORT`` where other hosts may call; the launch file's ``listen`` by default.
         record: Record every topic into this bag, which must not exist.
         name: What the running graph is called; the launch file's ``graph`` by default.
+        resume: Go on where an interrupted run was last written down (the launch file's ``checkpoint``).
         log_level: The least of what nodes log that is shown; with ``debug`` they log that, too.
         show_log: Shows a line of their logs; on a thread of its own.
         args: Arguments as Python values.
@@ -139,6 +147,7 @@ class Graph:
         listen: str | None = None,
         record: str | Path | None = None,
         name: str | None = None,
+        resume: bool = False,
         log_level: str = "warning",
         show_log: Show | None = None,
         **args: Any,
@@ -148,7 +157,7 @@ class Graph:
         self.recorders = Recorders()
         self.diagnostics, self.methods = Diagnostics(), MethodsTold()
         self.gateway: GatewayHandle | None = None
-        self._started, self._name = started, name
+        self._started, self._name, self._resume = started, name, resume
         self._compose = compose
         self._log_level, self._show_log = log_level, show_log
         self._observe = observe or (lambda *_: None)
@@ -159,8 +168,9 @@ class Graph:
         self._time = SimulatedTime()
         self._supervisor: Supervisor | None = None
         self._instant_count = 0
+        self._keeping: LockstepCheckpoints | None = None
         self._begun = False
-        self._begin_ns = 0
+        self._begin_ns = self._gone_ns = 0
         self._cpu_s: dict[str, float] = {}
         self.summary: RunSummary | None = None
 
@@ -184,10 +194,15 @@ class Graph:
                         f"{self.path}: only a graph with 'clock: sim' can be composed into one process"
                     )
                 self.checked = msgspec.structs.replace(self.checked, composed=self._compose)
+                self.checkpoints = Checkpoints(self.checked, self._overrides, resume=self._resume)
+                stack.callback(self.checkpoints.close)
                 _tell(self.checked, "prepare", self._summary())
-                kept = _tell(self.checked, "attach", self._summary()) or {}
+                self.checked = self.checkpoints.with_successors(
+                    partial(server.inspect_classes, folder=self.directory.path, to_run=not self._compose)
+                )
+                kept = self.checkpoints.attached or _tell(self.checked, "attach", self._summary()) or {}
                 self.checked = msgspec.structs.replace(self.checked, attached=kept)
-                self.recorders = Recorders(self.checked, self._record)
+                self.recorders = Recorders(self.checked, self._record, self.checkpoints.said(self._record))
                 self.diagnostics.follow(self.checked)
                 self.methods.follow(self.checked)
                 self._open_gateway(stack)
@@ -251,6 +266,8 @@ class Graph:
             self.checked,
             self.path,
             run=self.directory.path.name,
+            given=self._overrides,
+            resumed_count=self.checkpoints.resumed_count,
             incidents=self.diagnostics.incidents,
             methods=self.methods.told,
             cpu_s=self._cpu_s,
@@ -265,7 +282,9 @@ class Graph:
         summary = self._summary(
             exit_code=code,
             ended=ended,
-            clock_s=self._conductor.now_ns / 1e9 if self._conductor is not None else wall_s,
+            clock_s=self._conductor.now_ns / 1e9
+            if self._conductor is not None
+            else wall_s + self._gone_ns / 1e9,
             wall_s=wall_s,
             activation_count=self._conductor.activation_count if self._conductor is not None else 0,
         )
@@ -339,12 +358,13 @@ class Graph:
         until_ns = None if until_s is None else round(until_s * 1e9)
         self._begin_ns = monotonic_ns()
         _tell(self.checked, "begin", self._summary())
+        self.checkpoints.begin()
         self._begun = True
         if self.checked.clock == "sim":
             exit_code, clock_s, activations = self._run_lockstep(until_ns)
         else:
             exit_code, activations = self._run_wall(until_ns), 0
-            clock_s = (monotonic_ns() - self._begin_ns) / 1e9
+            clock_s = (monotonic_ns() - self._begin_ns + self._gone_ns) / 1e9
         self.summary = self._summary(
             exit_code=exit_code,
             ended="" if exit_code == 0 else f"a node ended the run with exit code {exit_code}",
@@ -352,6 +372,8 @@ class Graph:
             wall_s=(monotonic_ns() - self._begin_ns) / 1e9,
             activation_count=activations,
         )
+        if exit_code == 0 and until_s is None:
+            self.checkpoints.finish()
         if self.checked.report and until_s is None:
             self.summary = self._reported(self.summary)
         return self.summary
@@ -362,12 +384,22 @@ class Graph:
         conductor = Conductor(self._nodes, checked.readers, ends_run, self._show, self._between_instants)
         self._conductor = self._time.conductor = conductor
         try:
-            with self.launcher_node.announcing(self.checked.graph, len(self.checked.spawned)):
-                conductor.activate()
+            self._keeping = LockstepCheckpoints(
+                self.checkpoints, self._nodes, conductor, self.diagnostics, self.methods, self.launcher_node,
+                self.recorders,
+            )  # fmt: skip
+            resumed = self._keeping.go_on()
+            with self._announcing():
+                if not resumed:
+                    conductor.activate()
                 exit_code = conductor.run(until_ns)
         finally:
             conductor.shutdown(self._end_order())
         return exit_code, conductor.now_ns / 1e9, conductor.activation_count
+
+    def _announcing(self) -> contextlib.AbstractContextManager[None]:
+        count, resumed = len(self.checked.spawned), self.checkpoints.resumed is not None
+        return self.launcher_node.announcing(self.checked.graph, count, resumed=resumed)
 
     def _show(self, now_ns: int, frame: bytes) -> None:
         self._observe(now_ns, frame)
@@ -375,12 +407,17 @@ class Graph:
         self.methods.observe(frame)
         self.swaps.observe(now_ns, frame)
         self.recorders.observe(now_ns, frame)
+        self.checkpoints.observe(frame)
 
     def _run_wall(self, until_ns: int | None) -> int:
         assert self._supervisor is not None
         try:
-            with self.launcher_node.announcing(self.checked.graph, len(self.checked.spawned)):
-                start_ns = monotonic_ns()
+            keeping = WallCheckpoints(
+                self.checkpoints, lambda: self.checked, self._supervisor, self.diagnostics, self.methods
+            )
+            self._gone_ns = keeping.go_on()
+            with self._announcing():
+                start_ns = monotonic_ns() - self._gone_ns
                 if self.gateway is not None:
                     self.gateway.activate(start_ns)
                 exit_code = self._supervisor.run_wall(until_ns, start_ns)
@@ -419,6 +456,8 @@ class Graph:
         """Between two instants: is the end wanted, does anybody ask?"""
         self._interrupt.check()
         self._serve()
+        if self.checkpoints.due and self._keeping is not None and not self.swaps.progress()["node"]:
+            self._keeping.write(self.checked)
         self._instant_count += 1
         if self._compose and self._instant_count % POLL_INSTANTS == 0:
             self.launcher_node.poll()  # the supervisor does it where there is one

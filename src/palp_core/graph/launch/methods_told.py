@@ -1,6 +1,6 @@
 """Which exchangeable methods the nodes of a run say they use, and from when on."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import msgspec
 
@@ -38,6 +38,15 @@ class MethodsTold:
         self.told: list[MethodTold] = []
         self._nodes: Mapping[bytes, str] = {}
         self._standing: dict[tuple[str, str, str], int] = {}
+
+    def restore(self, told: Sequence[MethodTold]) -> None:
+        """Know what was said before an interruption."""
+        self.told = list(told)
+        self._standing = {
+            (one.node, one.use.task, one.use.of): place
+            for place, one in enumerate(self.told)
+            if one.until_s is None
+        }
 
     def follow(self, checked: CheckedGraph) -> None:
         """Know which topics of a graph to look at."""

@@ -18,6 +18,8 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         run: Tells the runs of a host apart.
         args: The launch file's arguments as resolved.
+        given: Those that were given, ``name:=value``.
+        resumed_count: How often the run was interrupted and went on from a checkpoint.
         params: Parameters of every node, by node.
         publishes: Message type of each topic that a node publishes, by node.
         listens: Topics that each node reads, by node.
@@ -42,6 +44,8 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     seed: int
     composed: bool = False
     args: dict[str, Any]
+    given: list[str] = []
+    resumed_count: int = 0
     params: dict[str, dict[str, Any]]
     publishes: dict[str, dict[str, str]]
     listens: dict[str, list[str]]

@@ -258,7 +258,7 @@ class Failing:
 
         return guarded
 
-    def hook(self, name: str) -> None:
+    def hook(self, name: str, **given: Any) -> None:
         """Run a lifecycle hook.
 
         Raises:
@@ -266,7 +266,7 @@ class Failing:
         """
         hooks: LifecycleHooks = self._executor.node
         try:
-            getattr(hooks, name)()
+            getattr(hooks, name)(**given)
         except (Exception, SystemExit) as error:
             text = f"{name} failed: {in_words(error)}"
             self.fail(error, text)

@@ -68,6 +68,7 @@ class NodeSpec(msgspec.Struct, frozen=True, kw_only=True):
         output: ``screen``: all that it prints is shown where the graph was launched; ``log``: only warnings
             and errors are.
         joined: Its process is on another host, from where it joins with ``palp run --join``.
+        keeps_at: Wall clock: the topic with each message of which the node is written down; "": it never is.
     """
 
     name: str
@@ -89,3 +90,4 @@ class NodeSpec(msgspec.Struct, frozen=True, kw_only=True):
     realtime_priority: int = 0
     output: str = "log"
     joined: bool = False
+    keeps_at: str = ""

@@ -53,6 +53,16 @@ class Shutdown(ChannelMessage, frozen=True):
     now_ns: int
 
 
+class WriteDown(ChannelMessage, frozen=True):
+    """Lockstep: write yourself down, between two rounds; :class:`Done` has it."""
+
+
+class Restore(ChannelMessage, frozen=True):
+    """Go on from what was written down in a run before: in lockstep now, else when activated."""
+
+    node: bytes
+
+
 class Hello(ChannelMessage, frozen=True):
     """First words of a node's process; ``name`` is that of its place (see :class:`Spawn`)."""
 
@@ -71,17 +81,28 @@ class Matched(ChannelMessage, frozen=True):
 
 
 class Done(ChannelMessage, frozen=True):
-    """What the node published, when it is due next (-1: never), and its exit code if its work is done."""
+    """What the node published, when it is due next (-1: never), and its exit code if its work is done.
+
+    ``kept`` is the node, written down, if that was asked for.
+    """
 
     frames: list[bytes]
     next_due_ns: int
     exit_code: int | None
+    kept: bytes = b""
 
 
 class Failed(ChannelMessage, frozen=True):
     """The node cannot go on."""
 
     text: str
+
+
+class Kept(ChannelMessage, frozen=True):
+    """Wall clock: the node, written down at a message by which a checkpoint is due, told by its sequence."""
+
+    sequence: int
+    node: bytes
 
 
 class Relay(ChannelMessage, frozen=True):
@@ -114,8 +135,8 @@ class Raised(ChannelMessage, frozen=True):
     action: str
 
 
-ToNode = Activate | Round | Shutdown | ToSwapped
-FromNode = Hello | Configured | Matched | Done | Failed | Relay | Knock | Pulse | Raised | FromSwapped
+ToNode = Activate | Round | Shutdown | WriteDown | Restore | ToSwapped
+FromNode = Hello | Configured | Matched | Done | Failed | Kept | Relay | Knock | Pulse | Raised | FromSwapped
 
 
 def node_end(path: str) -> MessageChannel[ToNode]:

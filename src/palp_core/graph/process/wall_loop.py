@@ -12,9 +12,10 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Lifecycle, Transition
 from palp_core.graph.node.loading import endpoints, load_class
 from palp_core.graph.node.qos_events import QosEvent
-from palp_core.graph.process import control_messages
+from palp_core.graph.process import checkpoint, control_messages
 from palp_core.graph.process.channel import MessageChannel
 from palp_core.graph.process.health import HealthProbe
+from palp_core.graph.process.keeping import Keeping
 from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.process.swap_messages import Listening
 from palp_core.graph.process.swap_participant import SwapParticipant
@@ -68,6 +69,8 @@ class WallLoop:
             depart=self.receiver.close,
             successor=order.successor,
         )
+        at = order.spec.keeps_at
+        self._keeping = Keeping(self.executor, at, self._send_kept) if at else None
         self._unshown: deque[bytes] = deque()
         self._published = self._keep_published(kept.with_name(f"{order.place}.published")) if kept else None
         self.executor.transition(Transition.CONFIGURE)
@@ -114,6 +117,11 @@ class WallLoop:
         while self._unshown and self._heard():
             self.channel.send(control_messages.Relay(self._unshown.popleft(), None))
 
+    def _send_kept(self, sequence: int, node: bytes) -> None:
+        """Hand the launcher the node, written down; one that does not keep up gets the next."""
+        if self._heard():
+            self.channel.send(control_messages.Kept(sequence, node))
+
     def _report(self, event: QosEvent) -> None:
         action = self.executor.spec.actions.get(event.port, "warn")
         if self._heard():
@@ -139,6 +147,8 @@ class WallLoop:
             self.executor.run_timers()
             if self.executor.inbox:
                 self._work()
+            if self._keeping is not None:
+                self._keeping.turn()
             if self.participant.waiting:
                 self.participant.turn()
             if self.sockets.pending():
@@ -216,13 +226,15 @@ class WallLoop:
         if isinstance(message, control_messages.Activate):
             self._begin(message.start_ns)
             self.executor.transition(Transition.ACTIVATE)
+        elif isinstance(message, control_messages.Restore):
+            checkpoint.restore_alone(self.executor, message.node)
         elif isinstance(message, control_messages.Shutdown):
             self.executor.transition(Transition.SHUTDOWN)
             self.sockets.publisher.send_heartbeats()  # its last words: whoever has missed a message knows it
             self.channel.send(control_messages.Done([], -1, self.executor.exit_code))
             self.close()
             return True
-        elif not isinstance(message, control_messages.Round):
+        elif not isinstance(message, control_messages.Round | control_messages.WriteDown):
             self.participant.handle(message)
             if self.participant.left:
                 self.channel.send(control_messages.Done([], -1, None))

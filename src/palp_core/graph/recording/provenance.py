@@ -57,7 +57,7 @@ def attachments(
         NODES_ATTACHMENT: msgspec.json.format(msgspec.json.encode(provenance[_NODES])),
         "palp/parameters.json": json.dumps(launched | (params or {}), indent=1).encode(),
         LAUNCH_ATTACHMENT: launch_attachment(provenance),
-        "palp/versions.json": json.dumps(_versions(), indent=1).encode(),
+        "palp/versions.json": json.dumps(versions(), indent=1).encode(),
         "palp/git.txt": _git_state(Path(provenance[_WORKSPACE])),
     }
 
@@ -67,7 +67,8 @@ def launch_attachment(provenance: dict[str, Any]) -> bytes:
     return json.dumps(provenance[_LAUNCH], indent=1).encode()
 
 
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """Return the versions of Python and of the packages that a run depends on."""
     import platform
     from importlib.metadata import PackageNotFoundError, version
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,12 +38,18 @@ class Recorders:
     Args:
         graph: The graph about to run; None: there is none yet, and nothing to record.
         out: A bag for all of it; None: only what the launch file says.
+        said: Go on with the bags of an interrupted run, in which these were the last sequences of topics.
 
     Raises:
         BagError: A bag exists, or a recorder's flags make no sense.
     """
 
-    def __init__(self, graph: CheckedGraph | None = None, out: Path | None = None) -> None:
+    def __init__(
+        self,
+        graph: CheckedGraph | None = None,
+        out: Path | None = None,
+        said: Mapping[str, int] | None = None,
+    ) -> None:
         self._results: list[tuple[bool, str]] = []
         self._writers: list[LockstepRecorder] = []
         self._processes: list[RecorderProcess] = []
@@ -55,12 +62,29 @@ class Recorders:
             params = msgspec.convert(spec.params, RecorderParams)
             self._wanted.append((spec.name, _options(params), params.required))
         for name, options, _ in self._wanted:
-            if Path(options.out).exists():
+            if said is None and Path(options.out).exists():
                 raise BagError(f"{options.out} exists already: choose another name")
             if graph is not None and graph.clock == "sim":
                 from palp_core.graph.recording.lockstep_recorder import LockstepRecorder
 
-                self._writers.append(LockstepRecorder(name, graph, options))
+                self._writers.append(LockstepRecorder(name, graph, options, said))
+
+    @property
+    def bag(self) -> str:
+        """Simulated clock: the bag for all of it; "": there is none, or it cannot be written any more."""
+        return next((writer.out for writer in self._writers if writer.name == DEFAULT_NAME), "")
+
+    def flush(self) -> None:
+        """Simulated clock: let the bags have all that was recorded.
+
+        Raises:
+            NodeError: As of :meth:`observe`.
+        """
+        for writer in list(self._writers):
+            try:
+                writer.flush()
+            except OSError as error:
+                self._lose(writer, error)
 
     def observe(self, now_ns: int, frame: bytes) -> None:
         """Simulated clock: take a frame.

@@ -4,7 +4,7 @@ import contextlib
 import json
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import msgspec
@@ -103,10 +103,23 @@ class LauncherNode:
         self.poll()
         self.record_event(self._events.remembered()[-1])
 
+    @property
+    def said(self) -> dict[str, int]:
+        """The last sequence of each of its topics."""
+        return {name: out.sequence for name, out in self._publishers.items()}
+
+    def go_on(self, said: Mapping[str, int]) -> None:
+        """Number on from where an interrupted run had come."""
+        for name, sequence in said.items():
+            self._publishers[name].resume(0, sequence, [])
+
     @contextlib.contextmanager
-    def announcing(self, graph: str, count: int) -> Iterator[None]:
-        """Publish that a graph of so many nodes starts, and that and why it ends."""
-        self.report("started", "", f"{graph}: {count} nodes are ready")
+    def announcing(self, graph: str, count: int, *, resumed: bool = False) -> Iterator[None]:
+        """Publish that a graph of so many nodes starts or goes on, and that and why it ends."""
+        if resumed:
+            self.report("resumed", "", f"{graph}: {count} nodes go on after an interruption")
+        else:
+            self.report("started", "", f"{graph}: {count} nodes are ready")
         why = "came to its end"
         try:
             yield

@@ -55,6 +55,8 @@ class Supervisor:
         probation: In lockstep, the rounds of a node whose predecessor stands by.
         watch, forget: As of the channel server.
         hear: Takes what a process says in a node's name.
+        on_kept: Wall clock: takes the name of a node that was written down, at which message, and what.
+        restores: Wall clock: nodes as they were written down before an interruption, by name.
     """
 
     def __init__(
@@ -76,6 +78,8 @@ class Supervisor:
         self.on_turn: Callable[[], None] = lambda: None
         self.on_new_process: Callable[[], None] = lambda: None
         self.on_health: Callable[[bytes], None] = lambda _: None
+        self.on_kept: Callable[[str, int, bytes], None] = lambda *_: None
+        self.restores: dict[str, bytes] = {}
         self.swap_replies: dict[int, FromSwapped] = {}
         self.listening: set[tuple[int, str, str]] = set()
         self.shadow: tuple[int, Standby, ShadowComparison] | None = None
@@ -119,6 +123,9 @@ class Supervisor:
             self._pump(1.0)
 
     def _activate_on_wall(self, index: int) -> None:
+        node = self.restores.pop(self.names[index], None)
+        if node is not None:
+            self._send(index, control_messages.Restore(node))
         self._send(index, control_messages.Activate(self.start_ns))
 
     # Wall clock
@@ -264,6 +271,8 @@ class Supervisor:
                 self._observe(monotonic_ns() - self.start_ns, message.frame)
             if message.exit_code is not None and process.spec.shutdown_on_exit:
                 self.exit_code = message.exit_code
+        elif isinstance(message, control_messages.Kept):
+            self.on_kept(process.spec.name, message.sequence, message.node)
         elif isinstance(message, Listening):
             self.listening.add((index, message.topic, message.publish))
         elif isinstance(message, FromSwapped):

@@ -6,6 +6,8 @@ folder the note waits under another name: a session that is there already keeps 
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,8 +16,10 @@ import msgspec
 from palp_core.errors import PalpError
 from palp_core.palpation.session.roles import roles_of
 from palp_core.palpation.session.session_folder import (
+    CHECKPOINT,
     NEXT_RUN,
     RUN,
+    TABLE,
     cannot_write,
     is_being_written,
     refuse_input,
@@ -26,6 +30,7 @@ from palp_core.whole_file import read_whole, write_json
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
+    from palp_core.palpation.session.trials_csv import Row
 
 
 def out_of(summary: RunSummary) -> Path:
@@ -54,11 +59,46 @@ def refuse_run(summary: RunSummary) -> None:
         PalpError: It would.
     """
     folder = out_of(summary)
-    if not roles_of(summary).params("experiment").get("overwrite"):
-        refuse_occupied(folder)
+    if summary.resumed_count:
+        refuse_resuming(folder)
+    elif not roles_of(summary).params("experiment").get("overwrite"):
+        refuse_occupied(folder, _ways_on(folder))
     for name, value in summary.args.items():
         if isinstance(value, str) and value and name != "out":
             refuse_input(folder, Path(value), f"'{name}:={value}'")
+
+
+def _ways_on(folder: Path) -> str:
+    """Return what to do about a folder that holds a session; one that is unfinished can go on."""
+    others = "give this one another folder, out:=NAME, or let it replace that one, overwrite:=true"
+    if not (folder / CHECKPOINT).exists():
+        return others
+    from palp_core.palpation.session.trials_csv import read_rows
+
+    try:
+        before, done = read_note(folder), progress_words(read_rows(folder))
+    except PalpError:
+        return others
+    command = " ".join(map(shlex.quote, ("palp", "launch", before.file, *before.given)))
+    return f"it is unfinished, {done} done; `{command} --resume` goes on with it. Or {others}"
+
+
+def progress_words(rows: Sequence[Row]) -> str:
+    """Return how far a session has come, in words."""
+    trials = sum(row.verdict not in ("", "continue") for row in rows)
+    return f"{len(rows)} palpations" + (f" and {trials} trials of estimation" if trials else "")
+
+
+def refuse_resuming(folder: Path) -> None:
+    """Refuse to go on with a session that is not there, or that goes on already.
+
+    Raises:
+        PalpError: It is so.
+    """
+    if is_being_written(folder):
+        raise PalpError(f"the session in '{folder}' goes on already: another run writes its record there")
+    if not (folder / TABLE).exists():
+        raise PalpError(f"'{folder}' has a checkpoint but no {TABLE}: restore it, or begin in another folder")
 
 
 def note_begin(summary: RunSummary) -> None:
@@ -70,7 +110,7 @@ def note_begin(summary: RunSummary) -> None:
     folder = out_of(summary)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_json(folder / NEXT_RUN, summary)
+        write_json(folder / (RUN if summary.resumed_count else NEXT_RUN), summary)
     except OSError as error:
         raise cannot_write(folder, error) from error
 

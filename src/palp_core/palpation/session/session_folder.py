@@ -14,6 +14,12 @@ SWEEPS = "sweeps"
 RUN = "run.json"
 SHEET = "session.yaml"
 NEXT_RUN = ".next_run.json"
+CHECKPOINT = "checkpoint"
+"""Where an unfinished session can go on, as the launch file says."""
+
+INTERRUPTED = "interrupted"
+"""Has a table and sweeps per interruption: the palpations of the trial that was under way."""
+
 OWN_FILES = (
     TABLE,
     SWEEPS,
@@ -26,6 +32,8 @@ OWN_FILES = (
     "charts",
     "noise.yaml",
     "repeatability.json",
+    CHECKPOINT,
+    INTERRUPTED,
 )
 LATEST = "latest"
 REPLACED = ".replaced"
@@ -71,6 +79,8 @@ def _tells(path: Path) -> bool:
     """Tell whether a file or folder of a session says anything: more than that a session began."""
     if not os.path.lexists(path) or path.name == RUN:
         return False
+    if path.name == CHECKPOINT:  # may be of a session that has no palpation yet
+        return not (path.parent / TABLE).exists()
     if path.name == SWEEPS:
         return any(path.iterdir())
     if path.name == TABLE:

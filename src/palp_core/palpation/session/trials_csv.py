@@ -17,6 +17,7 @@ import io
 import json
 import logging
 import os
+import shutil
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,6 +29,7 @@ import numpy as np
 
 from palp_core.errors import PalpError, in_words
 from palp_core.palpation.session.session_folder import (
+    INTERRUPTED,
     SWEEPS,
     TABLE,
     cannot_write,
@@ -204,6 +206,50 @@ class SessionWriter:
         except PalpError:
             self.close()
             raise
+
+    def go_on(self, row_count: int, *, aside: bool) -> None:
+        """Go on with a table that an interrupted session has left, as it was after so many palpations.
+
+        Args:
+            row_count: How many; what came later is of the trial that was under way, which is done again.
+            aside: That is kept, in a table and sweeps of its own; else it is made again as it was.
+
+        Raises:
+            PalpError: The table lacks palpations, another session writes into it, or it cannot be written.
+        """
+        try:
+            self._take()
+            rows = read_rows(self.folder)
+            if len(rows) < row_count or any(row.row != place for place, row in enumerate(rows[:row_count])):
+                raise PalpError(
+                    f"{self.folder / TABLE} cannot be gone on with: it has {len(rows)} palpations, and the "
+                    f"session had come to {row_count}; restore the table, or begin anew in another folder"
+                )
+            self._cut(row_count, len(rows), aside=aside)
+            link_latest(self.folder)
+        except OSError as error:
+            self.close()
+            raise cannot_write(self.folder, error, self._named_by) from error
+        except PalpError:
+            self.close()
+            raise
+
+    def _cut(self, row_count: int, found: int, *, aside: bool) -> None:
+        """Leave so many rows in the table, which is there whole all the while, and their sweeps."""
+        table, sweeps = self.folder / TABLE, self.folder / SWEEPS
+        lines = table.read_bytes().splitlines(keepends=True)
+        later = sorted(path for path in sweeps.glob("*.npz") if int(path.stem) >= row_count)
+        if aside and found > row_count:
+            place = self.folder / INTERRUPTED
+            kept = place / str(1 + sum(1 for _ in place.glob("*")))
+            (kept / SWEEPS).mkdir(parents=True)
+            write_whole(kept / TABLE, b"".join([lines[0], *lines[row_count + 1 : found + 1]]))
+            for path in later[: found - row_count]:
+                shutil.copy2(path, kept / SWEEPS / path.name)
+        if len(lines) > row_count + 1:
+            write_whole(table, b"".join(lines[: row_count + 1]))
+        for path in later:
+            path.unlink()
 
     def _take(self) -> None:
         """Keep other sessions out of the folder until :meth:`close`; two would mix their rows."""

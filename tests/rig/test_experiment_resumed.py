@@ -1,0 +1,91 @@
+"""The experiment goes on with devices that have begun anew: no trial is lost, and none is there twice."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from msgs.experiment import Mount, Trial
+from nodes.experiment import Experiment
+from palp_core import Bench
+from palp_core.errors import NodeError
+from palp_core.graph.node.lifecycle import Transition
+from palp_core.graph.process.checkpoint import restore_alone
+from palp_core.graph.process.keeping import Keeping
+from palp_core.palpation.session.trials_csv import Row, read_rows, read_sweep
+from tests.nodes.test_experiment import Rig, params_in
+
+
+def interrupted(out: Path, steps: int, **params: object) -> tuple[Bench[Experiment], bytes]:
+    """Run so many requests; return the experiment, and what was kept of it as the last trial began."""
+    bench = Bench(Experiment, params_in(out, **params))
+    kept = b""
+
+    def keep(_: int, node: bytes) -> None:
+        nonlocal kept
+        kept = node
+
+    keeping, rig = Keeping(bench.executor, "/node/trial", keep), Rig(bench)
+    for _ in range(steps):
+        rig.run(1)
+        keeping.turn()
+    bench.node.record.close()  # as the end of its process does
+    return bench, kept
+
+
+def resumed(out: Path, kept: bytes, **params: object) -> Rig:
+    bench = Bench(Experiment, params_in(out, **params), active=False)
+    bench.executor.transition(Transition.CONFIGURE)
+    restore_alone(bench.executor, kept)
+    bench.executor.transition(Transition.ACTIVATE)
+    return Rig(bench)
+
+
+def trials_of(rows: list[Row]) -> dict[int, tuple[str, str, int]]:
+    """Return phase, phantom and number of palpations of each trial."""
+    counts = Counter(row.trial for row in rows)
+    return {row.trial: (row.phase, row.phantom, counts[row.trial]) for row in rows}
+
+
+@pytest.mark.parametrize("mode", ["trial", "never"])
+@pytest.mark.parametrize("steps", [3, 4, 5, 6, 7, 60, 121, 128, 131, 136])
+def test_no_trial_is_lost_or_there_twice(steps: int, mode: str, tmp_path: Path) -> None:
+    Rig(Bench(Experiment, params_in(tmp_path / "whole", rehome=mode))).run()
+    out = tmp_path / "out"
+    _, kept = interrupted(out, steps, rehome=mode)
+    before = read_rows(out)
+    rig = resumed(out, kept, rehome=mode)
+    rig.run()
+    assert rig.bench.executor.exit_code == 0
+    rows = read_rows(out)
+    assert trials_of(rows) == trials_of(read_rows(tmp_path / "whole"))
+    assert [row.row for row in rows] == list(range(len(rows)))
+    assert all(len(read_sweep(out, row.row)[0]) for row in rows)
+    assert sum(row.verdict not in ("", "continue") for row in rows) == 6
+    cut = read_rows(out / "interrupted" / "1") if (out / "interrupted").exists() else []
+    assert [row for row in before if row not in cut] == rows[: len(before) - len(cut)]
+    assert len({row.trial for row in cut}) <= 1  # the one that had begun last
+
+
+def test_the_phantom_is_put_on_again_and_the_trial_begun_again(tmp_path: Path) -> None:
+    first, kept = interrupted(tmp_path, 128)
+    state = first.node.state
+    assert state.phase == "estimation"
+    rig = resumed(tmp_path, kept)
+    rig.run(3)
+    mount, home, trial = rig.asked
+    assert isinstance(mount, Mount)
+    assert (mount.code, mount.remount) == (state.code, state.remount + 1)
+    assert getattr(home, "rehome", False)
+    assert isinstance(trial, Trial)
+    assert (trial.trial, trial.phase) == (state.trial, "estimation")
+
+
+def test_what_measures_a_rig_that_is_not_touched_cannot_go_on(tmp_path: Path) -> None:
+    _, kept = interrupted(tmp_path, 6, plan="repeatability", trials=0, training=1)
+    table = (tmp_path / "trials.csv").read_bytes()
+    with pytest.raises(NodeError, match="devices that have begun anew; begin it anew, too"):
+        resumed(tmp_path, kept, plan="repeatability", trials=0, training=1)
+    assert (tmp_path / "trials.csv").read_bytes() == table

@@ -1,0 +1,254 @@
+"""A session that is interrupted goes on, and ends with the same bytes as one that was not."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from palp_core.errors import NodeError, PalpError
+from palp_core.graph.bag.diff import diff_bags
+from palp_core.palpation.session import trials_csv
+from palp_core.palpation.session.result_json import TIME_KEYS
+from palp_core.palpation.session.trials_csv import SessionWriter, read_rows, read_sweep
+from tests.graph.launch.killed import launch_and_kill
+from tests.support.palp import SIM, Palp
+from tests.support.rig_session import ComposedGraph, RigSession
+
+SMALL = ("trials:=2", "training:=2", "seed:=1", "policy:=markov")
+TWENTY = [
+    *(("/experiment/trial", n) for n in (1, 2, 17, 31, 36)),
+    *(("/torque/block", n) for n in (1, 400, 1111, 2100)),
+    *(("/experiment/result", n) for n in (1, 3, 6)),
+    *(("/estimator/belief", n) for n in (1, 9)),
+    *(("/experiment/mount", n) for n in (2, 5)),
+    ("/estimator/primitives", 1),
+    ("/actuator/ring_state", 60),
+    ("/stage/status", 75),
+    ("/cocontraction/cocontraction", 20),
+]
+"""Messages of the small session at which it is killed."""
+
+
+class Killed(BaseException):
+    """In place of a power cut, within one process."""
+
+
+def interrupt(out: Path, topic: str, sequence: int, *more: str, resume: bool = False) -> None:
+    """Run the session until a message is published."""
+    prefix, seen = topic.encode() + b"\0", 0
+
+    def observe(_: int, frame: bytes) -> None:
+        nonlocal seen
+        if frame.startswith(prefix):
+            seen += 1
+            if seen == sequence:
+                raise Killed
+
+    overrides = [*SMALL, f"out:={out}", *more]
+    with (
+        pytest.raises(Killed),
+        ComposedGraph(SIM, observe=observe, overrides=overrides, resume=resume) as graph,
+    ):
+        graph.run()
+
+
+def resume(out: Path, *more: str) -> None:
+    with ComposedGraph(SIM, resume=True, overrides=[*SMALL, f"out:={out}", *more]) as graph:
+        assert graph.run().exit_code == 0
+
+
+def files_of(out: Path) -> dict[str, bytes]:
+    """Return what a folder holds of its session, by name; of the result, what does not tell of the run."""
+    found = {path.name: path.read_bytes() for path in (out / "sweeps").iterdir()}
+    for name in ("trials.csv", "primitives.json"):
+        found[name] = (out / name).read_bytes()
+    result = json.loads((out / "result.json").read_text())
+    told = {key: value for key, value in result.items() if key not in TIME_KEYS}
+    return {**found, "result": json.dumps(told).encode()}
+
+
+def assert_equal(out: Path, whole: Path) -> None:
+    ours, theirs = files_of(out), files_of(whole)
+    assert ours.keys() == theirs.keys()
+    assert [name for name in ours if ours[name] != theirs[name]] == []
+    assert not (out / "checkpoint").exists()
+    assert not list(out.glob(".*"))
+    assert not (out / "interrupted").exists()
+
+
+def test_an_interrupted_session_ends_with_the_same_bytes(rig_session: RigSession, tmp_path: Path) -> None:
+    """Within a sweep of training, then as a trial of estimation ends, and then within a trial."""
+    interrupt(tmp_path / "out", "/torque/block", 700)
+    interrupt(tmp_path / "out", "/experiment/result", 3, resume=True)
+    interrupt(tmp_path / "out", "/estimator/belief", 3, resume=True)
+    began = (tmp_path / "out" / "session.yaml").read_text()
+    resume(tmp_path / "out")
+    assert_equal(tmp_path / "out", rig_session.out)
+    assert (tmp_path / "out" / "session.yaml").read_text() == began
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["resumed_count"] == 3
+
+
+@pytest.mark.parametrize("compose", [True, False], ids=["composed", "processes"])
+@pytest.mark.parametrize(
+    ("topic", "sequence"),
+    [
+        pytest.param(topic, sequence, marks=[] if (topic, sequence) == TWENTY[6] else [pytest.mark.nightly])
+        for topic, sequence in TWENTY
+    ],
+)
+def test_killed_with_all_its_processes_it_ends_with_the_same_bytes(
+    topic: str, sequence: int, compose: bool, rig_session: RigSession, palp: Palp, tmp_path: Path
+) -> None:
+    out, bag = tmp_path / "out", tmp_path / "bag"
+    words = (*SMALL, f"out:={out}")
+    launch_and_kill(palp, SIM, topic, sequence, *words, compose=compose, record=str(bag))
+    more = ("--compose",) if compose else ()
+    done = palp.run("launch", SIM, *words, "--record", bag, "--resume", *more)
+    assert done.returncode == 0, done.stderr
+    assert "nothing missing" in done.stdout
+    assert_equal(out, rig_session.out)
+    found = diff_bags(rig_session.bag, bag)
+    assert {name for name, topic in found.items() if topic.first is not None} == {"/graph/events"}
+
+
+def test_an_unfinished_session_is_refused_with_the_command_that_goes_on(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    interrupt(out, "/experiment/result", 2)
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    with pytest.raises(PalpError) as refused:
+        ComposedGraph(SIM, overrides=[*SMALL, f"out:={out}"]).__enter__()
+    said = str(refused.value)
+    rows = read_rows(out)
+    trials = sum(row.verdict not in ("", "continue") for row in rows)
+    assert f"it is unfinished, {len(rows)} palpations and {trials} trials of estimation done" in said
+    assert f"`palp launch {SIM} {' '.join(SMALL)} out:={out} --resume` goes on with it" in said
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+
+
+def test_a_table_that_lacks_palpations_is_refused(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    interrupt(out, "/experiment/trial", 12)
+    lines = (out / "trials.csv").read_bytes().splitlines(keepends=True)
+    (out / "trials.csv").write_bytes(b"".join(lines[:5]))
+    with pytest.raises(NodeError, match=r"it has 4 palpations, and the session had come to 10; restore"):
+        resume(out)
+    assert (out / "trials.csv").read_bytes() == b"".join(lines[:5])
+    (out / "trials.csv").write_bytes(b"".join(lines))
+    resume(out)  # the refusal has cost nothing
+
+
+def test_what_cannot_be_written_stops_the_session_and_costs_nothing(
+    rig_session: RigSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    write, count = trials_csv._write_all, 0
+
+    def full(descriptor: int, data: bytes) -> None:
+        nonlocal count
+        count += 1
+        if count > 20:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write(descriptor, data)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(trials_csv, "_write_all", full)
+        overrides = [*SMALL, f"out:={out}"]
+        with (
+            pytest.raises(
+                NodeError, match=r"palpation 20 cannot be written to .* the 19 palpations before are"
+            ),
+            ComposedGraph(SIM, overrides=overrides) as graph,
+        ):
+            graph.run()
+    assert len(read_rows(out)) == 19
+    resume(out)
+    assert_equal(out, rig_session.out)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("kib", [64, 90, 130, 170, 220, 270, 320, 370, 420, 470])
+def test_on_a_disk_that_fills_up_every_row_before_is_readable(
+    kib: int, rig_session: RigSession, palp: Palp, tmp_path: Path
+) -> None:
+    """On a disk of its own, in a mount namespace that nobody else sees; then it is given room."""
+    disk, then, after = (tmp_path / name for name in ("disk", "then", "after"))
+    disk.mkdir()
+    namespace = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c"]
+    mount = f"mount -t tmpfs -o size={kib}k none {disk}"
+    if subprocess.run([*namespace, mount], capture_output=True, check=False).returncode:
+        pytest.skip("no right to mount a disk in a namespace of one's own")
+    launch = " ".join(palp.command("launch", SIM, *SMALL, f"out:={disk}/out", "--compose"))
+    script = (
+        f"{mount}; {launch} > {tmp_path}/said 2>&1; cp -r {disk}/out {then}; "
+        f"mount -o remount,size=64m {disk}; {launch} --resume > {tmp_path}/resumed 2>&1 || "
+        f"{launch} > {tmp_path}/resumed 2>&1; cp -r {disk}/out {after}"
+    )
+    subprocess.run([*namespace, script], env=palp.environment, capture_output=True, check=False)
+    said = (tmp_path / "said").read_text()
+    assert "No space left on device" in said
+    rows = read_rows(then)
+    assert rows or "Nothing is kept" in said
+    for row in rows:
+        assert len(read_sweep(then, row.row)[0]), row.row
+    assert_equal(after, rig_session.out)
+
+
+@pytest.mark.nightly
+def test_on_a_disk_that_is_read_only_it_is_refused_in_words(palp: Palp, tmp_path: Path) -> None:
+    out, disk = tmp_path / "disk" / "out", tmp_path / "disk"
+    disk.mkdir()
+    interrupt(out, "/experiment/trial", 5)
+    launch = " ".join(palp.command("launch", SIM, *SMALL, f"out:={out}", "--compose", "--resume"))
+    namespace = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c"]
+    mount = f"mount --bind {disk} {disk} && mount -o remount,bind,ro {disk}"
+    if subprocess.run([*namespace, mount], capture_output=True, check=False).returncode:
+        pytest.skip("no right to mount a disk in a namespace of one's own")
+    done = subprocess.run(
+        [*namespace, f"{mount}; {launch}"], env=palp.environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stderr.strip() == (f"no checkpoint can be written to {out}/checkpoint: Read-only file system")
+    resume(out)  # the refusal has cost nothing
+
+
+def test_a_folder_that_is_gone_has_nothing_to_resume(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    interrupt(out, "/experiment/trial", 3)
+    shutil.rmtree(out)
+    with pytest.raises(PalpError, match="nothing to resume: there is no checkpoint"):
+        resume(out)
+    assert not out.exists()
+
+
+def test_two_do_not_go_on_with_one_session(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    interrupt(out, "/experiment/trial", 5)
+    table = (out / "trials.csv").read_bytes()
+    given = {"overrides": [*SMALL, f"out:={out}"], "resume": True}
+    with ComposedGraph(SIM, **given), pytest.raises(PalpError, match="goes on already"):
+        ComposedGraph(SIM, **given).__enter__()
+    assert (out / "trials.csv").read_bytes() == table
+
+
+def test_palpations_of_the_trial_under_way_are_set_aside(rig_session: RigSession, tmp_path: Path) -> None:
+    """As on the wall clock, where they cannot be made again as they were."""
+    out = tmp_path / "out"
+    shutil.copytree(rig_session.out, out)
+    rows = read_rows(out)
+    for count in (len(rows) - 1, len(rows) - 4):
+        writer = SessionWriter(str(out), [0.002, 0.004, 0.008])
+        writer.go_on(count, aside=True)
+        writer.close()
+    assert read_rows(out) == rows[:-4]
+    assert read_rows(out / "interrupted" / "1") == rows[-1:]
+    assert read_rows(out / "interrupted" / "2") == rows[-4:-1]
+    assert len(list((out / "sweeps").iterdir())) == len(rows) - 4
+    for row in rows[-4:-1]:
+        kept, before = (read_sweep(folder, row.row)[0] for folder in (out / "interrupted/2", rig_session.out))
+        assert kept.tolist() == before.tolist()
