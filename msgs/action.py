@@ -19,8 +19,8 @@ class PalpationAction(Message):
     """How a palpation is made that is not made as the launch file says.
 
     A policy asks for it, the experiment passes it on just before the goal of that ``goal_id``, and the stage
-    tells it once it takes it, and again where that changes: not ``asked`` is as the launch file says. One
-    that is ``refused``, in words, changes nothing. ``to_m`` below ``from_m`` is a sweep back.
+    tells it as it takes that goal, or why it is ``refused``; the first goal that is swept as the launch file
+    says again is told as not ``asked``. ``to_m`` below ``from_m`` is a sweep back.
     """
 
     stamp_ns: Nanoseconds

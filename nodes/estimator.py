@@ -136,9 +136,9 @@ class Estimator(MethodTeller):
 
     @on(action)
     def note_action(self, action: PalpationAction) -> None:
-        """See how the stage sweeps from now on."""
+        """See how the stage is going to sweep a goal, where not as the launch file says."""
         if not action.refused:
-            self.state.trace.terms = terms_of(action) if action.asked else None
+            self.state.action = [action] if action.asked else []
 
     @on(ring)
     def note_ring(self, ring: RingState) -> None:
@@ -168,7 +168,9 @@ class Estimator(MethodTeller):
         state = self.state
         self._forget_sweep()
         told = (status.enter_ns, status.leave_ns) if self.traces else (0, 0)
-        state.trace.sweep = SweepUnderWay(*told, terms=state.trace.terms) if self.traces else None
+        asked = [terms_of(one) for one in state.action if one.goal_id == status.goal_id]
+        terms = asked[0] if asked else None
+        state.trace.sweep = SweepUnderWay(*told, terms=terms) if self.traces else None
         if state.stream is not None:
             state.stream.hold(*told)
 

@@ -4,7 +4,7 @@ from typing import Literal
 
 import msgspec
 
-from msgs.action import ActionQuestion
+from msgs.action import ActionQuestion, PalpationAction
 from palp_core import Params, ReadOnly
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.session_check import SessionTrials
@@ -109,6 +109,7 @@ class EstimatorState(MethodTellerState):
     primitives: dict[str, list[float]] = {}
     landed: bool = False
     question: list[ActionQuestion] = []
+    action: list[PalpationAction] = []
     probes: list[tuple[float, int, bool]] = []
     posteriors: list[list[float]] = []
     gains: list[list[float]] = []

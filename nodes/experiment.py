@@ -205,6 +205,7 @@ class Experiment(Node):
         if ring_there and state.ring_settled and state.stage_ready:
             state.swept, state.stage_ready = True, False
             state.goal_id += 1
+            state.taken = []
             if state.touch_changed:  # what the sweep meets is told anew
                 state.guards, state.touch_changed = [], False
             self._send_goal(cancel=False)
@@ -280,11 +281,13 @@ class Experiment(Node):
 
     @on(taken)
     def _note_taken(self, action: PalpationAction) -> None:
-        """See how the stage sweeps from now on; what it refuses is swept as the launch file says."""
+        """See how the stage sweeps this goal; what it refuses is swept as the launch file says."""
         state = self.state
+        if action.goal_id != state.goal_id:
+            return
         if not action.refused:
             state.taken = [action] if action.asked else []
-        elif action.goal_id == state.goal_id and state.swept:
+        elif state.swept:
             self.log.warning("trial %d goes on without what was asked for: %s", state.trial, action.refused)
             state.asked, state.swept, state.stage_ready = [], False, True
             self._advance()

@@ -105,6 +105,7 @@ class Phantom(MethodTeller):
         )
         self.models: dict[str, ContactModel] = {code: self.rig.model(code) for code in self.rig.phantoms}
         self.table: SweepTable | WorldTrace | None = None
+        self.asked: PalpationAction | None = None
         self.solved: dict[tuple[bool, float], SweepTable] = {}
         self.sweeps: LiveSweeps | None = None
         self.world = read_world(params.world)
@@ -157,14 +158,16 @@ class Phantom(MethodTeller):
 
     @on(action)
     def note_action(self, action: PalpationAction) -> None:
-        """See how deep and which way the stage sweeps from now on."""
+        """See how deep and which way the stage is going to sweep a goal."""
         if not action.refused:
             self.state.action = [action] if action.asked else []
-            self.table = None
 
     @on(pose)
     def touch(self, pose: StagePose) -> None:
         self._note_speed(pose)
+        asked = next((one for one in self.state.action if one.goal_id == pose.goal_id), None)
+        if asked is not self.asked:
+            self.asked, self.table = asked, None
         if not self.world.plain:
             self._note_sweep(pose)
         if self.table is None:
@@ -207,7 +210,7 @@ class Phantom(MethodTeller):
     def _solve(self) -> SweepTable:
         state, params = self.state, self.params
         ends_m = (params.from_m - MARGIN_M, params.to_m + MARGIN_M)
-        action = state.action[0] if state.action else None
+        action = self.asked
         turned = action is not None and (action.to_m - action.from_m) * (ends_m[1] - ends_m[0]) < 0.0
         pressed_m = self.rig.indentation_m if action is None else action.indentation_m
         if (turned, pressed_m) not in self.solved:
@@ -247,8 +250,8 @@ class Phantom(MethodTeller):
         ends_m = self.sweeps.ends_m
         forward = went_m > 0.0 if went_m else state.goal_from_m < 0.5 * (ends_m[0] + ends_m[1])
         speed_m_s, pressed_m = state.speed_m_s or SPEED_M_S, None
-        if state.action:
-            speed_m_s, pressed_m = state.action[0].speed_m_s, state.action[0].indentation_m
+        if self.asked is not None:
+            speed_m_s, pressed_m = self.asked.speed_m_s, self.asked.indentation_m
         return self.sweeps.of(
             state.goal_from_m, state.goal_id, speed_m_s, forward=forward, indentation_m=pressed_m
         )

@@ -206,13 +206,10 @@ class Stage(Node):
         return ""
 
     def _take(self, goal: SweepGoal, asked: list[PalpationAction]) -> bool:
-        """Sweep as is asked from this goal on, and say so where that changes; tell whether it does not."""
-        before = self.state.taken
+        """Sweep this goal as is asked, and say so; of others only the first. Tell whether nothing changes."""
+        before, self.state.taken = self.state.taken, asked
         if not asked and not before:
             return True
-        if asked and before and _how(asked[0]) == _how(before[0]):
-            return True
-        self.state.taken = asked
         back = PalpationAction(
             stamp_ns=0,
             trial=0,
@@ -226,7 +223,7 @@ class Stage(Node):
             asked=False,
         )
         self._tell_action(asked[0] if asked else back)
-        return False
+        return bool(asked and before) and _how(asked[0]) == _how(before[0])
 
     def _tell_action(self, action: PalpationAction) -> None:
         self.action.publish(msgspec.structs.replace(action, stamp_ns=self.now_ns()))

@@ -182,8 +182,8 @@ def test_a_replacement_feels_the_same_mounting(successor, frames_of) -> None:  #
 
 def asked(from_m: float, to_m: float, indentation_m: float, **more: Any) -> PalpationAction:
     return PalpationAction(
-        stamp_ns=0, trial=0, iteration=1, goal_id=9, ring_m=0.016, indentation_m=indentation_m,
-        speed_m_s=0.02, from_m=from_m, to_m=to_m, **more,
+        stamp_ns=0, trial=0, iteration=1, ring_m=0.016, indentation_m=indentation_m,
+        speed_m_s=0.02, from_m=from_m, to_m=to_m, **{"goal_id": 9, **more},
     )  # fmt: skip
 
 
@@ -195,7 +195,7 @@ def test_it_is_touched_as_deep_and_that_way_as_the_stage_says(world: str) -> Non
     bench.feed(Phantom.pose, pose())
     shallow = bench.sent(Phantom.contact)[-1].torque_n_m
     assert 0.3 * plain.max() < shallow.max() < 0.9 * plain.max()
-    bench.feed(Phantom.action, asked(0.05, -0.03, 0.004))
+    bench.feed(Phantom.action, asked(0.05, -0.03, 0.004, goal_id=10))
     bench.feed(
         Phantom.pose, StagePose(stamp_ns=0, goal_id=10, start_ns=0, rate_hz=100.0, position_m=PATH_M[::-1])
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,7 +25,10 @@ from palp_core.palpation.session.trace.settings import TraceSettings
 from palp_core.palpation.session.trials_csv import Row, read_rows
 from palp_core.palpation.studies.frontier.action_trials import run_action_trials
 from palp_core.units import Float64Array
+from tests.support.palp import Palp, palp
 from tests.support.rig_session import ComposedGraph, check_here
+
+__all__ = ["palp"]
 
 ROOT = Path(__file__).resolve().parents[2]
 SIM = ROOT / "launch" / "sim.yaml"
@@ -156,6 +160,39 @@ def test_policies_swapped_in_mid_trial_go_on_and_it_takes_over_again(tmp_path: P
         told = [one.value.asked for one in bag.messages(["/stage/action"])]
     assert told[0]
     assert not told[-1]
+
+
+@pytest.mark.nightly
+def test_processes_and_one_process_give_the_same_bytes(palp: Palp, tmp_path: Path) -> None:
+    digests: list[str] = []
+    for how in ((), ("--compose",)):
+        to = tmp_path / f"digest{len(digests)}.json"
+        given = ("protocol:=swift", "policy:=bitrate", "trials:=1", "training:=2", "rings_mm:=12, 16")
+        out = (f"out:={tmp_path / 'out'}", "overwrite:=true")
+        done = palp.run("launch", SIM, "--digest", to, *how, *given, *out)
+        assert done.returncode == 0, done.stderr
+        digests.append(to.read_text(encoding="utf-8"))
+    assert digests[0] == digests[1]
+    assert "/stage/action" in digests[0]
+
+
+@pytest.mark.nightly
+def test_emulated_devices_take_what_is_chosen_and_nothing_trips(palp: Palp, tmp_path: Path) -> None:
+    out, host = tmp_path / "out", f"127.{os.getpid() >> 8 & 255}.{os.getpid() & 255}.12"
+    lenient = ("stale_ms:=10000.0", "beat_ms:=10000.0", "link_ms:=20000.0", "answer_s:=20.0")
+    small = ("trials:=1", "training:=1", "rings_mm:=8, 16", "trace_filter:=linear", "stop_value:=0.9")
+    given = ("protocol:=swift", "policy:=bitrate", *small, f"host:={host}", f"out:={out}")
+    emulated = ROOT / "launch" / "emulated.yaml"
+    done = palp.run("launch", emulated, *given, *lenient, "--record", tmp_path / "bag")
+    assert done.returncode == 0, done.stderr
+    rows = [row for row in read_rows(out) if row.phase == "estimation"]
+    assert len({row.trial for row in rows}) == 3
+    for row in rows:
+        action, swept_s = action_of(row), (row.end_ns - row.start_ns) * 1e-9
+        assert swept_s < action.way_m / action.speed_m_per_s + 0.5
+    with Bag(tmp_path / "bag") as bag:
+        assert "/stage/action" in bag.topics()
+        assert list(bag.messages(["/safety/trip"] if "/safety/trip" in bag.topics() else [])) == []
 
 
 @pytest.mark.parametrize("file", ["sim.yaml", "emulated.yaml"])

@@ -69,7 +69,7 @@ def test_after_it_the_probe_rests_raised_where_the_sweep_ended() -> None:
     assert z_m == pytest.approx(0.006)
 
 
-def test_what_follows_as_the_launch_file_says_is_told_once() -> None:
+def test_every_goal_that_was_asked_for_is_told_and_the_first_that_was_not() -> None:
     stage = bench()
     for number, action in enumerate((ASKED, asked(goal_id=2), None, None), start=1):
         if action is not None:
@@ -77,7 +77,11 @@ def test_what_follows_as_the_launch_file_says_is_told_once() -> None:
         else:
             stage.feed(Stage.goal, SweepGoal(stamp_ns=0, goal_id=number, from_m=FROM_M, to_m=TO_M))
         stage.advance(20.0)
-    assert [(one.goal_id, one.asked) for one in stage.sent(Stage.action)] == [(1, True), (3, False)]
+    assert [(one.goal_id, one.asked) for one in stage.sent(Stage.action)] == [
+        (1, True),
+        (2, True),
+        (3, False),
+    ]
     assert words(stage).count("swept") == 4
     last = np.concatenate([pose.position_m for pose in stage.sent(Stage.pose) if pose.goal_id == 4])
     np.testing.assert_allclose(np.diff(last), 20e-6, atol=2e-9)

@@ -285,8 +285,10 @@ class _Retold:
             case "RingTruth":
                 facts.touch_changed |= value.ring_m != facts.true_ring_m
                 facts.true_ring_m = value.ring_m
-            case "SweepGoal" if facts.touch_changed:  # what the sweep meets is told anew
-                facts.guards, facts.touch_changed = [], False
+            case "SweepGoal":
+                facts.taken = facts.taken if value.cancel else []
+                if facts.touch_changed:  # what the sweep meets is told anew
+                    facts.guards, facts.touch_changed = [], False
             case "SweepStatus" if value.status == "sweeping":
                 facts.enter_ns, facts.leave_ns = value.enter_ns, value.leave_ns
             case "PalpationAction" if value.goal_id and not value.refused:  # of the stage, not of the policy

@@ -196,6 +196,7 @@ def _of_bag(path: Path) -> Iterator[RecordedSweep]:
     depths: dict[str, float] = {}
     code, remount, trial = "", -1, None
     homed, ring_m = False, -1.0
+    action: Any = None
     terms: SweepTerms | None = None
     over: tuple[int | None, int | None] = (None, None)
     for message in messages:
@@ -212,9 +213,9 @@ def _of_bag(path: Path) -> Iterator[RecordedSweep]:
             case "RingState":
                 homed = homed or value.rehome
             case "PalpationAction" if not value.refused:
-                told_terms = (value.indentation_m, value.speed_m_s, value.from_m, value.to_m)
-                terms = SweepTerms(*told_terms) if value.asked else None
+                action = value
             case "SweepStatus" if value.status == "sweeping":
+                terms = _terms_told(action, value.goal_id)
                 over = (value.enter_ns, value.leave_ns)
             case "Palpation" if trial is not None and value.trial == trial.trial:
                 landed = (homed or value.ring_m != ring_m) if told else None
@@ -223,6 +224,13 @@ def _of_bag(path: Path) -> Iterator[RecordedSweep]:
                     trial.phase, code, value.trial, value.iteration, remount, depths.get(code), value.ring_m,
                     value.torque_n_m, value.rate_hz, landed, value.start_ns, *over, terms,
                 )  # fmt: skip
+
+
+def _terms_told(action: Any, goal_id: int) -> SweepTerms | None:
+    """Return how a goal was swept, as the stage told it; None: as the launch file says."""
+    if action is None or not action.asked or action.goal_id != goal_id:
+        return None
+    return SweepTerms(action.indentation_m, action.speed_m_s, action.from_m, action.to_m)
 
 
 def _topics(path: Path, types: dict[str, str]) -> dict[str, str]:

@@ -93,7 +93,7 @@ class RowFacts(Protocol):
     """What is known when a palpation is written down; the names are those of the experiment's state.
 
     ``policy`` is the one that took over last, empty before; ``ring_landed``: the ring was re-homed;
-    ``taken``: how the stage sweeps, where that is not as the launch file says.
+    ``taken``: how the stage swept, where that is not as the launch file says.
     """
 
     row: int

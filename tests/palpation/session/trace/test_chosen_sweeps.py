@@ -30,7 +30,7 @@ from tests.palpation.session.trace.test_estimator_trace import (
 )
 
 BACK = PalpationAction(
-    stamp_ns=0, trial=500, iteration=1, goal_id=4, ring_m=0.016, indentation_m=0.004, speed_m_s=SPEED,
+    stamp_ns=0, trial=500, iteration=1, goal_id=1, ring_m=0.016, indentation_m=0.004, speed_m_s=SPEED,
     from_m=TO_M, to_m=FROM_M,
 )  # fmt: skip
 
@@ -138,6 +138,14 @@ def test_what_is_swept_as_the_launch_file_says_again_is_read_so() -> None:
     bench = asked()
     bench.feed(Estimator.action, BACK)
     bench.feed(Estimator.action, PalpationAction(**{**fields(BACK), "asked": False}))
+    bench.feed(Estimator.sweep, status("sweeping"))
+    assert under_way(bench).terms is None
+
+
+def test_what_was_asked_of_another_goal_does_not_count() -> None:
+    """A stage that was restarted has forgotten what it told."""
+    bench = asked()
+    bench.feed(Estimator.action, PalpationAction(**{**fields(BACK), "goal_id": 7}))
     bench.feed(Estimator.sweep, status("sweeping"))
     assert under_way(bench).terms is None
 

@@ -136,8 +136,7 @@ class TraceMemory(msgspec.Struct):
     """What a node that reads traces hands over: training, this trial's sweeps, the sweep under way.
 
     Training's mountings are told apart by the phantom's code: one that is put on again right after itself
-    counts as the same mounting. ``offer`` is what this trial's sweeps are chosen from, if anybody chooses;
-    ``terms`` how the stage sweeps now, where not as in training.
+    counts as the same mounting. ``offer`` is what this trial's sweeps are chosen from, if anybody chooses.
     """
 
     training: list[TaughtSweep] = []
@@ -146,7 +145,6 @@ class TraceMemory(msgspec.Struct):
     felt: list[FeltSweep] = []
     sweep: SweepUnderWay | None = None
     offer: Offer | None = None
-    terms: SweepTerms | None = None
 
     def require(self, *, traces: bool) -> None:
         """Refuse a reading that training, which there was, was not read with.
