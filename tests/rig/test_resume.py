@@ -226,6 +226,12 @@ def test_a_folder_that_is_gone_has_nothing_to_resume(tmp_path: Path) -> None:
     assert not out.exists()
 
 
+def test_resume_may_be_written_like_an_argument(palp: Palp, tmp_path: Path) -> None:
+    done = palp.run("launch", SIM, f"out:={tmp_path / 'none'}", "resume:=true")
+    assert done.returncode == 2
+    assert "nothing to resume: there is no checkpoint" in done.stderr
+
+
 def test_two_do_not_go_on_with_one_session(tmp_path: Path) -> None:
     out = tmp_path / "out"
     interrupt(out, "/experiment/trial", 5)

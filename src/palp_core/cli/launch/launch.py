@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
     from palp_core.graph.lockstep.conductor import Observer
 
+RESUMES = "resume:=true"
+"""The option, written like an argument of the launch file."""
+
 
 def launch(
     file: Annotated[Path, typer.Argument(help="Launch file.")],
@@ -52,7 +55,7 @@ def launch(
     ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show it in the browser: palp view.")] = False,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on where this run, with these arguments, was interrupted.")
+        bool, typer.Option("--resume", help="Go on where this run was interrupted (or resume:=true).")
     ] = False,
 ) -> None:
     """Check a launch file, run its graph, end it cleanly.
@@ -60,7 +63,8 @@ def launch(
     The exit status is the run's: 0 if it came to its end, 1 if a node failed or the report did, 2 if the
     launch file has mistakes, 130 on Ctrl-C.
     """
-    overrides = arguments or []
+    overrides = [word for word in arguments or [] if word != RESUMES]
+    resume = resume or RESUMES in (arguments or [])
     if show_args:
         from palp_core.graph.description.file_reader import read
         from palp_core.graph.description.launch_file import arguments_text
