@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import urllib.error
+import urllib.request
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,14 +12,19 @@ import msgspec
 import pytest
 
 from palp_core.errors import GraphError
+from palp_core.graph.bag.recorder import BagRecorder
+from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.topic import Topic
+from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from palp_core.view.source.blind import HIDDEN, WHOLE, BlindSource, Harmless
 from palp_core.view.source.live import HAS_ENDED
 from palp_core.view.source.operator import BLINDED, GraphOperator, Refused
 from palp_core.view.source.overview import NodeState, Overview, Trouble
 from palp_core.view.source.protocol import Heard
+from tests.support.bags import TOPICS, run_frames
+from tests.support.palp import PATIENCE_S, Palp
 
 SECRET = "4.3217"
 HARMLESS = Harmless(fields={"Pose": (WHOLE,), "Trial": ("trial",)}, speakers=("Pose",), calls=("stop",))
@@ -45,9 +52,9 @@ class Tells:
         nodes = [NodeState(name="stage", why="it halts"), NodeState(name="estimator", why=f"at {SECRET}")]
         troubles = [
             Trouble("/stage", "warn", "it halts"),
-            Trouble("/estimator", "warn", f"at {SECRET}", "palp logs estimator"),
+            Trouble("/estimator", "warn", f"at {SECRET}", f"look at {SECRET}"),
             Trouble("/experiment/trial -> /estimator", "warn", "2 messages lost"),
-            Trouble("the graph", "warn", f"failed: {SECRET}"),
+            Trouble("the graph", "warn", f"failed: {SECRET}", SECRET),
             Trouble("the graph", "warn", HAS_ENDED),
         ]
         return Overview(kind="graph", title="rig", nodes=nodes, troubles=troubles)
@@ -143,3 +150,41 @@ def test_of_a_blinded_session_nothing_can_be_asked_but_what_is_named(
     ):
         with pytest.raises(Refused, match=BLINDED):
             press()
+
+
+@pytest.mark.parametrize(
+    "view", ["palp_core.palpation.live_page.page:rig", "", "palp_core.no_such:page", "os:abort"]
+)
+def test_a_bag_of_a_blinded_session_is_shown_blind_whatever_page_it_names(
+    view: str, shared_palp: Palp, tmp_path: Path
+) -> None:
+    recorder = BagRecorder(BagWriter(tmp_path / "run"), TOPICS)
+    for now_ns, raw in run_frames(5):
+        recorder(now_ns, raw)
+    launch = {"graph": "rig", "blind": True, "view": view}
+    recorder.attach(LAUNCH_ATTACHMENT, msgspec.json.encode(launch))
+    recorder.close()
+    process = shared_palp.start("view", tmp_path / "run", "--no-browser")
+    assert process.stdout is not None
+    address = process.stdout.readline().strip()
+    base, _, token = address.partition("?token=")
+    said = [
+        asked(f"{base}{token}/{page}")
+        for page in ("", "topics", "topic/torque/block", "topic/policy/mode", "own")
+    ]
+    process.kill()
+    process.wait(PATIENCE_S)
+    assert HIDDEN in said[2]
+    assert "STOP" not in said[4]
+    for page in said:
+        assert "torque_n_m" not in page
+        assert "level" not in page
+
+
+def asked(address: str) -> str:
+    try:
+        with urllib.request.urlopen(address, timeout=PATIENCE_S) as answer:
+            text: str = answer.read().decode()
+            return text
+    except urllib.error.HTTPError as error:
+        return error.read().decode()

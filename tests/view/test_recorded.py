@@ -97,6 +97,17 @@ def test_a_topic_that_a_bag_lacks_is_told_with_the_nearest(bag: Path) -> None:
         RecordedSource(bag).watch("/torque/bloc")
 
 
+def test_a_sealed_folder_shows_nothing_before_it_is_opened(tmp_path: Path) -> None:
+    (tmp_path / "trials.csv").write_text("K7,decided", encoding="utf-8")
+    (tmp_path / "key.sealed").write_text("sealed", encoding="utf-8")
+    source = ResultsSource(tmp_path)
+    assert (source.files(), source.path_of("trials.csv")) == ([], None)
+    assert [one.level for one in source.overview().troubles] == ["warn"]
+    (tmp_path / "key.json").write_text("{}", encoding="utf-8")
+    assert [one.name for one in source.files()] == ["key.json", "trials.csv"]
+    assert source.overview().troubles == []
+
+
 OUTSIDE = [
     "../secret.txt", "../../etc/passwd", "/etc/passwd", "charts/../../secret.txt", "link.txt",
     "folder/secret.txt",    "a\0b.txt", "x" * 5000 + ".txt", "charts", ".", "", "program.sh",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Coroutine, Iterator, Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -50,7 +51,7 @@ SAID: dict[str, list[tuple[int, dict[str, Any]]]] = {
     ],
     "CoContraction": [
         (7, {
-            "level": 4, "level_defined": True, "burst_count": 1, "value": [0.5], "start_ns": 0,
+            "level": 4, "level_defined": True, "burst_count": 1, "value": [0.5], "stamp_ns": 7, "start_ns": 0,
             "rate_hz": 1500.0,
         }),
     ],
@@ -250,3 +251,40 @@ def test_a_field_that_no_message_has_is_no_harm() -> None:
     for name, fields in HARMLESS.fields.items():
         seen = known[name].__struct_fields__ if "*" in fields else fields
         assert not told & set(seen), name
+
+
+def test_a_slow_browser_is_sent_no_more_than_it_takes_and_then_the_whole_sweep() -> None:
+    from palp_core.palpation.live_page.drawing.paced import MOST_UNDER_WAY
+    from palp_core.palpation.live_page.drawing.touch import TouchPanel
+
+    told = ToldRig()
+    now = monitor(told)
+    now.look()
+    made: list[TouchPanel] = []
+
+    def put() -> None:
+        made.append(TouchPanel(now, blind=False))
+
+    async def look(user: Any) -> None:
+        panel = made[-1]
+        chart, sent = panel._chart, list[tuple[str, int]]()
+        assert chart is not None
+        chart.run_method = lambda name, points, number: sent.append((name, len(points)))
+        panel.show([])
+        for _ in range(9):
+            panel.show([(1.0, 2.0)])
+        assert sent == [("begin", 2), *[("add", 1)] * (MOST_UNDER_WAY - 1)]
+        for lie in ("3", None, -1, [2]):
+            chart._take(SimpleNamespace(args=lie))
+            assert chart.busy
+        chart._take(SimpleNamespace(args=10**9))
+        assert not chart.busy
+        panel.show([])
+        assert sent[-1] == ("begin", 2)
+
+    async def run() -> None:
+        async with user_simulation(root=put) as user:
+            await user.open("/")
+            await look(user)
+
+    asyncio.run(run())

@@ -186,7 +186,7 @@ class Rig(Node):
         now = self.now_ns()
         print(f"the bead is near: {{self.params.depth_m}}", flush=True)
         words = "the bead is near"
-        self.diagnostics.publish(DiagnosticStatus(stamp_ns=now, level="warn", text=words, advice="look"))
+        self.diagnostics.publish(DiagnosticStatus(stamp_ns=now, level="warn", text=words, advice=words))
         self.truth.publish(PhantomTruth(stamp_ns=now, code="K7", depth_m=DEPTHS_M[1]))
         means = np.array([0.02, PEAK_N_M, 0.01, 0.02, PEAK_N_M, 0.01])
         self.learnt.publish(PrimitivesLearnt(

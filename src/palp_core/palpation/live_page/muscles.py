@@ -8,8 +8,19 @@ LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5)
 """Of the level's index: the paper's five."""
 
 
-def muscle_words(cocontraction: dict[str, Any] | None, report: dict[str, Any] | None) -> str:
+SILENT_S = 2.0
+"""Blocks come many times a second."""
+
+
+def muscle_words(
+    cocontraction: dict[str, Any] | None, report: dict[str, Any] | None, now_s: float | None = None
+) -> str:
     """Return the level of the latest peak, how many bursts there were, and what is wrong with the source.
+
+    Args:
+        cocontraction: The last ``CoContraction``.
+        report: The last ``EmgReport``.
+        now_s: Time on the graph's clock, if it is known: silence is told.
 
     >>> muscle_words({"level": 2, "level_defined": True, "burst_count": 7, "value": [0.25]}, None)
     'co-contraction 0.25; level 0.3 (third of five); 7 bursts'
@@ -25,6 +36,8 @@ def muscle_words(cocontraction: dict[str, Any] | None, report: dict[str, Any] | 
             parts.append("no peak yet, so no level")
         count = cocontraction["burst_count"]
         parts.append(f"{count} burst{'s' if count != 1 else ''}")
+        if now_s is not None and now_s - cocontraction["stamp_ns"] / 1e9 > SILENT_S:
+            parts.append(f"silent since {cocontraction['stamp_ns'] / 1e9:.0f} s")
     if report is not None and report["condition"] not in ("ok", "streaming"):
         parts.append(": ".join(part for part in (report["condition"], report["text"]) if part))
     return "; ".join(parts) or "nothing heard yet"

@@ -42,6 +42,10 @@ class UrgentButton(Element, component="urgent_button.js"):  # type: ignore[misc,
             self._props["refusal"] = refusal
             self.update()
 
+    def forget(self) -> None:
+        """Say no longer what came of the last press: something else has come since."""
+        self.run_method("tell", "", "")
+
 
 def serve_presses() -> None:
     """Answer the requests of all such buttons."""

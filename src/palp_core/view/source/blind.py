@@ -53,12 +53,7 @@ class BlindSource:
         return msgspec.structs.replace(
             found,
             nodes=[node if node.name in heard else _mute(node) for node in found.nodes],
-            troubles=[
-                one
-                if one.where.removeprefix("/") in heard
-                else msgspec.structs.replace(one, text=_words(one))
-                for one in found.troubles
-            ],
+            troubles=[one if one.where.removeprefix("/") in heard else _muted(one) for one in found.troubles],
         )
 
     def topics(self) -> list[Topic]:
@@ -151,7 +146,8 @@ def _mute(node: NodeState) -> NodeState:
     return msgspec.structs.replace(node, why=HIDDEN) if node.why else node
 
 
-def _words(trouble: Trouble) -> str:
-    """Return words that are our own: of a reader's losses, which are figures of the wire, and of an end."""
-    own = " -> " in trouble.where or trouble.text == HAS_ENDED
-    return trouble.text if own else f"something is wrong; {HIDDEN}"
+def _muted(trouble: Trouble) -> Trouble:
+    """Return a trouble in words that are our own: of a reader's losses, of an end, or that there is one."""
+    if " -> " in trouble.where or trouble.text == HAS_ENDED:
+        return trouble
+    return msgspec.structs.replace(trouble, text=f"something is wrong; {HIDDEN}", advice="")

@@ -10,7 +10,7 @@ import msgspec
 
 from palp_core.errors import GraphError, PalpError
 from palp_core.graph.messages.topic import Topic
-from palp_core.view.source.overview import Overview
+from palp_core.view.source.overview import WARN, Overview, Trouble
 from palp_core.view.source.protocol import Heard, Watch
 
 KINDS = {
@@ -20,6 +20,8 @@ KINDS = {
     **dict.fromkeys((".csv", ".json", ".txt", ".md", ".yaml", ".log"), "text/plain; charset=utf-8"),
 }
 MOST = 2000
+SEALED = ".sealed"
+"""Of a file that keeps what nobody is to know yet; opened, a ``.json`` of the same name lies beside it."""
 
 
 class ResultFile(msgspec.Struct, frozen=True):
@@ -46,7 +48,17 @@ class ResultsSource:
 
     def overview(self) -> Overview:
         """Return what it is."""
-        return Overview(kind="results", title=self.folder.name, alive=False)
+        troubles = []
+        if self.sealed:
+            text = "it is sealed: nothing of a blinded session is shown before it is unsealed"
+            troubles = [Trouble(str(self.folder), WARN, text, f"palp session unseal {self.folder}")]
+        return Overview(kind="results", title=self.folder.name, alive=False, troubles=troubles)
+
+    @property
+    def sealed(self) -> bool:
+        """Whether something of it is sealed, and not opened."""
+        keys = [*self.folder.glob(f"*{SEALED}"), *self.folder.glob(f"*/*{SEALED}")]
+        return any(not key.with_suffix(".json").exists() for key in keys)
 
     def topics(self) -> list[Topic]:
         """Return none: messages are in bags."""
@@ -73,7 +85,9 @@ class ResultsSource:
 
     def files(self) -> list[ResultFile]:
         """Return what can be shown, reports first."""
-        found = []
+        found: list[ResultFile] = []
+        if self.sealed:
+            return found
         for path in sorted(self.folder.rglob("*")):
             if path.suffix in KINDS and path.is_file() and self.path_of(str(path.relative_to(self.folder))):
                 found.append(ResultFile(str(path.relative_to(self.folder)), path.stat().st_size))
@@ -83,6 +97,8 @@ class ResultsSource:
 
     def path_of(self, name: str) -> Path | None:
         """Return a file by its path from the folder; None if there is none, or it leads out of the folder."""
+        if self.sealed:
+            return None
         try:
             path = (self.folder / name).resolve()
             inside = path.is_relative_to(self.folder) and path.suffix in KINDS

@@ -15,7 +15,11 @@ from palp_core.view.source.protocol import ViewSource
 from palp_core.view.source.series import FieldSeries, Point, thinned
 
 TICK_S = 0.1
-PLOTS = (("CoContraction", ("value",), "co-contraction"), ("EmgBlock", ("fds_v", "edc_v"), "EMG"))
+PLOTS = (
+    ("CoContraction", {"value": "co-contraction"}, "co-contraction"),
+    ("EmgBlock", {"fds_v": "flexor (FDS), V", "edc_v": "extensor (EDC), V"}, "EMG"),
+)
+"""Type of message, what its fields are called here, and the file of a picture."""
 
 
 class MusclePanel:
@@ -27,7 +31,7 @@ class MusclePanel:
     """
 
     def __init__(self, source: ViewSource, monitor: RigMonitor) -> None:
-        self._monitor = monitor
+        self._source, self._monitor = source, monitor
         self._words = None
         if not any(name in monitor.topics for name, _, _ in PLOTS):
             return
@@ -41,10 +45,11 @@ class MusclePanel:
         """Show the level as it is."""
         if self._words is not None:
             latest = self._monitor.latest
-            self._words.text = muscle_words(latest("CoContraction"), latest("EmgReport"))
+            now_s = None if self._monitor.at_once else self._source.overview().now_s
+            self._words.text = muscle_words(latest("CoContraction"), latest("EmgReport"), now_s)
 
 
-def _plot(source: ViewSource, topic: str, fields: tuple[str, ...], file: str, *, last_only: bool) -> None:
+def _plot(source: ViewSource, topic: str, fields: dict[str, str], file: str, *, last_only: bool) -> None:
     """Plot fields of a topic; of one that comes faster than anybody looks the last message at each look."""
     with contextlib.suppress(PalpError):
         watch = source.watch(topic)
@@ -52,7 +57,7 @@ def _plot(source: ViewSource, topic: str, fields: tuple[str, ...], file: str, *,
         series = [FieldSeries(field, watch.topic.json_schema) for field in fields]
         plot = LivePlot(file)
         plot.classes(replace="live-plot rig-small")
-        plot.shape(names=[one.label for one in series], slim=True)
+        plot.shape(names=list(fields.values()), slim=True)
         waiting: list[list[Point]] = [[] for _ in series]
 
         def tick() -> None:

@@ -100,8 +100,9 @@ def _trials(rows: list[TrialRow], *, blind: bool) -> None:
         return
     last = rows[: -MOST_ROWS - 1 : -1]
     if blind:
-        titles: tuple[str, ...] = ("Trial", "Phantom", "Palpations", "Verdict")
-        table(titles, [(str(row.number), row.code, str(row.probe_count), row.verdict) for row in last])
+        titles: tuple[str, ...] = ("Trial", "Phantom's code", "Palpations", "Verdict")
+        told = [(str(row.number), row.code or "not told", str(row.probe_count), row.verdict) for row in last]
+        table(titles, told)
     else:
         titles = ("Trial", "Phantom", "True depth", "Found", "Sure", "Palpations", "Verdict", "")
         table(titles, [_cells(row) for row in last])

@@ -47,7 +47,7 @@ export default {
       const from = { ...this.at }, begun = performance.now();
       cancelAnimationFrame(this.frame);
       const step = (now) => {
-        const share = Math.min((now - begun) / withinMs, 1);
+        const share = Math.min(Math.max((now - begun) / withinMs, 0), 1); // a frame may have begun before
         for (const name of Object.keys(goal)) this.at[name] = from[name] + share * (goal[name] - from[name]);
         this.$el.dataset.frames = Number(this.$el.dataset.frames || 0) + 1;
         if (share < 1) this.frame = requestAnimationFrame(step);

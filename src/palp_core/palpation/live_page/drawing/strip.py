@@ -33,14 +33,17 @@ def put_up(viewer: Viewer) -> None:
         state = said("span", "", "pill").props('data-what="safety" role="status"')
         why = said("span", "").props('data-what="safety-why"')
         acknowledge = _Acknowledge(viewer, node) if viewer.operator is not None else None
-    watch, beats = _watch(viewer, SAFETY_TYPE), _Beats()
+    watch, beats, was = _watch(viewer, SAFETY_TYPE), _Beats(), [False]
 
     def refresh() -> None:
         now = beats.standing(watch, alive=viewer.operator is not None)
-        state.text, why.text = now.word, now.why
+        state.text, why.text = now.word, "; ".join(part for part in (now.why, now.advice) if part)
         state.classes(replace=f"pill {now.level}")
         if button is not None:
             button.allow(viewer.refusal(stops=True, service="stop"))
+            if was[0] and not now.tripped:
+                button.forget()
+            was[0] = now.tripped
         if acknowledge is not None:
             acknowledge.show(now)
 
