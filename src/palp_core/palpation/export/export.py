@@ -13,13 +13,13 @@ from typing import Literal, get_args
 from palp_core.errors import PalpError
 from palp_core.palpation.export.source import ExportSource
 from palp_core.palpation.reporting.table import write_csv
+from palp_core.palpation.session.many.overview import DICTIONARY_FILE
 from palp_core.palpation.session.session_folder import SHEET
 from palp_core.palpation.session.sheet.sheet_file import sheet_text
 
 Form = Literal["csv", "parquet", "mat", "h5", "bids"]
 FORMS: tuple[Form, ...] = get_args(Form)
 
-DICTIONARY_FILE = "dictionary.csv"
 _FILES: dict[Form, str] = {"mat": ".mat", "h5": ".h5"}  # the others are folders
 _MARKS = (DICTIONARY_FILE, "dataset_description.json")
 """By which a folder is known for an export, which may be replaced."""

@@ -16,6 +16,8 @@ from typer.testing import CliRunner
 from palp_core.cli.main import app
 from palp_core.errors import PalpError
 from palp_core.graph.launch.summary import RunSummary
+from palp_core.palpation.export.export import write_export
+from palp_core.palpation.export.source import read_source
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
 from palp_core.palpation.session.many.overview import SessionEntry, find_sessions
 from palp_core.palpation.session.many.page import remarks
@@ -150,6 +152,22 @@ def test_sessions_of_one_subject_are_one_unit(tmp_path: Path) -> None:
     assert (group["unit"], group["units"], group["sessions"]) == ("subject", 2, 6)
     wanted = cluster_bootstrap([1.0, 0.0], np.random.default_rng(1), within=(0.0, 1.0))
     assert group["accuracy"]["ci"] == pytest.approx([wanted.low, wanted.high])
+
+
+def test_sessions_of_one_subject_alone_are_the_unit_and_speak_for_that_subject(tmp_path: Path) -> None:
+    for day, right in enumerate(([True] * 3, [True, False, False], [False] * 3)):
+        session(tmp_path, f"day{day}", right, subject="S01")
+    (group,) = pool(find_sessions(tmp_path))["groups"]
+    assert (group["unit"], group["units"]) == ("session", 3)
+    wanted = cluster_bootstrap([1.0, 1 / 3, 0.0], np.random.default_rng(1), within=(0.0, 1.0))
+    assert group["accuracy"]["ci"] == pytest.approx([wanted.low, wanted.high])
+    assert group["remarks"] == ["all sessions are of S01: what they say speaks for this subject only"]
+
+
+def test_exported_tables_are_no_session(tmp_path: Path) -> None:
+    out = session(tmp_path, "one", [True], repeats=1)
+    write_export(read_source(out), "csv", tmp_path / "one_csv")
+    assert [one.path for one in find_sessions(tmp_path)] == [out]
 
 
 def test_excluded_trials_do_not_count_and_are_told(tmp_path: Path) -> None:

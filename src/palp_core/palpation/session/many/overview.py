@@ -24,6 +24,9 @@ from palp_core.palpation.session.sheet.sheet import NONE, SessionSheet
 
 _OF_ONE = ("out", "overwrite", "session", "seed", "host", "folder", "options", "stop_url", "verified")
 
+DICTIONARY_FILE = "dictionary.csv"
+"""By which a folder of exported tables is told from a session's."""
+
 State = Literal["whole", "unfinished", "running", "empty", "damaged", "person"]
 
 
@@ -84,7 +87,9 @@ def find_sessions(folder: Path) -> list[SessionEntry]:
 def _folders(folder: Path) -> Iterator[Path]:
     """Yield the folders of sessions; links, as ``latest``, lead to what is there anyway."""
     for place, names, files in os.walk(folder):
-        if RUN in files or TABLE in files or SWEEPS in names:
+        if DICTIONARY_FILE in files:  # tables that were exported
+            names.clear()
+        elif RUN in files or TABLE in files or SWEEPS in names:
             names.clear()
             yield Path(place)
         names[:] = sorted(name for name in names if name != REPLACED)

@@ -108,10 +108,14 @@ def _counted(
     return counted, left_out
 
 
+def _subjects(members: Sequence[SessionEntry]) -> list[str]:
+    return [entry.sheet.subject if entry.sheet is not None else NONE for entry in members]
+
+
 def _units(members: Sequence[SessionEntry]) -> tuple[str, dict[str, list[RecordedTrial]]]:
-    """Return what the unit is called, and the trials of each."""
-    subjects = [entry.sheet.subject if entry.sheet is not None else NONE for entry in members]
-    if NONE in subjects:
+    """Return what the unit is called, and the trials of each: of one subject alone, sessions are the unit."""
+    subjects = _subjects(members)
+    if NONE in subjects or len(set(subjects)) == 1:
         return "session", {str(entry.path): list(entry.trials) for entry in members}
     found: dict[str, list[RecordedTrial]] = {}
     for subject, entry in zip(subjects, members, strict=True):
@@ -125,6 +129,9 @@ def _group(design: str, members: Sequence[SessionEntry]) -> dict[str, Any]:
     depths_m = sorted({trial.depth_m for trial in trials})
     sizes = {len(one) for one in units.values()}
     remarks = list(_differ(members))
+    subjects = set(_subjects(members))
+    if len(subjects) == 1 and subjects != {NONE}:
+        remarks.append(f"all sessions are of {subjects.pop()}: what they say speaks for this subject only")
     if len(sizes) > 1:
         remarks.append(
             f"{unit}s have {min(sizes)} to {max(sizes)} trials each, and every {unit} counts alike"
