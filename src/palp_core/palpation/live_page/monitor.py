@@ -49,7 +49,7 @@ class RigMonitor:
         board: The trials that are over.
         ring: The last ``RingState``.
         status: The last ``SweepStatus``.
-        guards: What the simulated touch met, in words, the latest first, each once.
+        guards: What the simulated touch met, in words, the latest first, each once; None before it was told.
         path_m: Where sweeps begin and end.
         loaded: What was before the first look is known.
     """
@@ -72,7 +72,7 @@ class RigMonitor:
         self.ring: dict[str, Any] | None = None
         self.status: dict[str, Any] | None = None
         self.learnt: dict[str, Any] | None = None
-        self.guards: list[str] = []
+        self.guards: list[str] | None = None
         self.mounted: dict[str, Any] | None = None
         self._place = 0
         self._at_ns = -1
@@ -201,7 +201,7 @@ class RigMonitor:
                 self.path_m = message["from_m"], message["to_m"]
 
     def _note_guards(self, words: list[str]) -> None:
-        self.guards = [*words, *(one for one in self.guards if one not in words)]
+        self.guards = [*words, *(one for one in self.guards or () if one not in words)]
 
     def _look_at_palpation(self) -> list[Point]:
         pose = self.latest("StagePose")

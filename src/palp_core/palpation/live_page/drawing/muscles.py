@@ -11,7 +11,7 @@ from palp_core.palpation.live_page.monitor import RigMonitor
 from palp_core.palpation.live_page.muscles import muscle_words
 from palp_core.view.pages.parts import said
 from palp_core.view.pages.plot import MOST_POINTS, LivePlot
-from palp_core.view.source.protocol import ViewSource
+from palp_core.view.source.protocol import Heard, ViewSource, Watch
 from palp_core.view.source.series import FieldSeries, Point, thinned
 
 TICK_S = 0.1
@@ -60,14 +60,23 @@ def _plot(source: ViewSource, topic: str, fields: dict[str, str], file: str, *, 
         plot.shape(names=list(fields.values()), slim=True)
         waiting: list[list[Point]] = [[] for _ in series]
 
+        shown = [-1]
+
         def tick() -> None:
-            last = watch.latest() if last_only else None
-            for heard in ([last] if last is not None else []) if last_only else watch.drain():
+            for heard in _new(watch, shown) if last_only else watch.drain():
                 for place, one in enumerate(series):
-                    waiting[place].extend(one.add(heard))
+                    waiting[place] = thinned([*waiting[place], *one.add(heard)], MOST_POINTS)
             if any(waiting) and not plot.busy:
-                plot.add([thinned(points, MOST_POINTS) for points in waiting])
-                for points in waiting:
-                    points.clear()
+                plot.add(waiting)
+                waiting[:] = [[] for _ in series]
 
         ui.timer(TICK_S, tick)
+
+
+def _new(watch: Watch, shown: list[int]) -> list[Heard]:
+    """Return the last message, if it is not shown already."""
+    last = watch.latest()
+    if last is None or last.sequence == shown[0]:
+        return []
+    shown[0] = last.sequence
+    return [last]

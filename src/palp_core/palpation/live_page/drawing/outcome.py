@@ -14,7 +14,7 @@ from palp_core.palpation.perception.statistics.statistics import Proportion
 from palp_core.view.pages.parts import Cell, said, table
 from palp_core.view.source.protocol import ViewSource
 
-MOST_ROWS = 50
+MOST_ROWS = 30
 MOST_GUARDS = 12
 
 
@@ -30,7 +30,7 @@ class OutcomePanel:
     def __init__(self, source: ViewSource, monitor: RigMonitor, *, blind: bool) -> None:
         self._source, self._monitor, self._blind = source, monitor, blind
         self._shown: list[TrialRow] | None = None
-        self._guards: list[str] | None = None
+        self._guards: list[str] | None = []
         with ui.element("div").classes("rig-grid"):
             with ui.element("section"):
                 said("h2", "Trials so far, the latest first")
@@ -54,7 +54,7 @@ class OutcomePanel:
             if not self._blind:
                 _fill(self._right, self._accuracy)
         if not self._blind and self._monitor.has("ContactGuard") and self._guards != self._monitor.guards:
-            self._guards = list(self._monitor.guards)
+            self._guards = self._monitor.guards
             _fill(self._met, partial(_guards, self._guards))
 
     def _accuracy(self) -> None:
@@ -127,7 +127,10 @@ def _cells(row: TrialRow) -> tuple[Cell, ...]:
     )
 
 
-def _guards(words: list[str]) -> None:
+def _guards(words: list[str] | None) -> None:
+    if words is None:
+        said("div", "nothing heard yet", "quiet")
+        return
     if not words:
         said("div", "none: the simulated touch is within what its model vouches for", "quiet")
     with ui.element("ul").classes("rig-notes"):
