@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Coroutine, Iterator, Sequence
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from palp_core.graph.messages.topic import Topic
 from palp_core.palpation.live_page.harmless import HARMLESS
 from palp_core.palpation.live_page.monitor import RigMonitor
 from palp_core.palpation.live_page.page import rig
+from palp_core.palpation.session.trials_csv import Row, SessionWriter
 from palp_core.view.source.blind import BlindSource
 from palp_core.view.source.overview import NodeState, Overview
 from palp_core.view.source.protocol import Heard, ViewSource, Watch
@@ -86,6 +89,7 @@ class ToldRig:
     def __init__(self, clock: str = "wall") -> None:
         self.said = {kind: list(entries) for kind, entries in SAID.items()}
         self.clock, self.now_s = clock, 1.0
+        self.said_launch: dict[str, Any] = {"args": {"from_m": -0.03, "to_m": 0.05}}
         value = {"type": "array", "items": {"type": "number"}}
         schema = {"type": "object", "properties": {"value": value}}
         self._topics = [
@@ -113,7 +117,7 @@ class ToldRig:
                 yield from ((one.name, heard) for heard in self.heard(one.type))
 
     def launch(self) -> dict[str, Any]:
-        return {"args": {"from_m": -0.03, "to_m": 0.05}}
+        return self.said_launch
 
     def close(self) -> None:
         pass
@@ -288,3 +292,25 @@ def test_a_slow_browser_is_sent_no_more_than_it_takes_and_then_the_whole_sweep()
             await look(user)
 
     asyncio.run(run())
+
+
+def test_once_training_is_over_its_sweeps_are_read_from_the_sessions_folder(tmp_path: Path) -> None:
+    writer = SessionWriter(str(tmp_path / "out"), DEPTHS_M)
+    writer.start()
+    for number in range(6):
+        row = Row(
+            row=number, session="a", phase="training" if number < 4 else "estimation", phantom="B",
+            remount=0, trial=number, depth_m=0.004, iteration=1, ring_m=0.016, true_ring_m=None,
+            peak_n_m=0.03, posterior=[], gain=[], gamma=None, verdict="", estimate_m=None, outlier=False,
+            policy="", seed=1, start_ns=0, end_ns=1,
+        )  # fmt: skip
+        writer.append(row, np.array([0.01, 0.03, 0.01]) + 0.001 * number, 1000.0)
+    writer.close()
+    told = ToldRig()
+    told.said_launch = {"folder": str(tmp_path), "params": {"rig": {"out": "out"}}}
+    now = monitor(told)
+    (band,), of_peaks = now.bands()
+    assert (band.depth_mm, band.sweep_count, of_peaks) == (4.0, 4, False)
+    assert not now.wants_taught
+    told.said_launch = {"params": {"rig": {"out": "out"}}}  # where that is nobody knows
+    assert monitor(told).bands()[1]

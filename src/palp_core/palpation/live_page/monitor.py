@@ -128,8 +128,10 @@ class RigMonitor:
 
     def _session_folder(self) -> Path | None:
         experiment = self.topics.get("TrialResult", "").partition("/")[2].partition("/")[0]
-        out = self._source.launch().get("params", {}).get(experiment, {}).get("out")
-        return Path(out) if isinstance(out, str) and Path(out).is_absolute() else None
+        launch = self._source.launch()
+        out = launch.get("params", {}).get(experiment, {}).get("out")
+        found = Path(launch.get("folder", ""), out) if isinstance(out, str) else Path()
+        return found if found.is_absolute() else None
 
     def _taught_by_bag(self) -> TaughtSweeps:
         known = {name: self.topics[name] for name in ("Palpation",) if name in self._watches}

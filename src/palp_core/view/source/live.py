@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -85,9 +86,15 @@ class LiveSource:
         yield from sorted(found, key=lambda one: one[1].stamp_ns)
 
     def launch(self) -> dict[str, Any]:
-        """Return what the launch file said; {} before the launcher has answered."""
+        """Return what the launch file said, and the ``folder`` that paths count from; {} if not known yet."""
         found: dict[str, Any] = self._launch.get("launch", {})
-        return found
+        if not found:
+            return {}
+        try:
+            folder = str(Path(f"/proc/{self.graph.record.pid}/cwd").readlink())
+        except OSError:  # it has ended, or is another user's
+            folder = ""
+        return {**found, "folder": folder}
 
     def events(self) -> list[GraphEvent]:
         """Return what the launcher has said, as far back as it remembers."""
