@@ -17,6 +17,7 @@ from palp_core.palpation.devices.emulator.world import GuardMet, SweepToCome, Wo
 from palp_core.palpation.devices.sim.mount import MountVariation
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import read_noise
+from palp_core.palpation.session.blind import phantoms_file, shown_depth
 from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
 from palp_core.palpation.session.methods.used import rig_uses
 from palp_core.palpation.session.named_files import file_mistakes
@@ -43,6 +44,7 @@ class EmulatedPhantomParams(Params):
     ``lift_mm`` is where the lifting axis has its reference; the others are as in the simulated rig: a noise
     file in ``noise`` (plan ``repeatability``) has the spreads of torque, ring and height of its own.
     ``world`` is the paper's own design, ``lab``, or a YAML file of what else is on.
+    ``blind`` and ``key`` are as in the simulated rig.
     ``guard_hz`` is how often it looks whether the contact has met a region in which its rung fails.
     """
 
@@ -66,6 +68,8 @@ class EmulatedPhantomParams(Params):
     lift_mm: ReadOnly[MillimetresPositive] = 20.0
     guard_hz: ReadOnly[HertzPositive] = 5.0
     world: ReadOnly[str] = "paper"
+    blind: ReadOnly[bool] = False
+    key: ReadOnly[str] = ""
 
 
 class EmulatedPhantomState(MethodTellerState):
@@ -94,7 +98,7 @@ class EmulatedPhantom(MethodTeller):
         self.height_sd_m = noise.height_sd_m.value if noise else p.height_sd_mm * 1e-3
         world = WorldSettings(
             seed=p.seed,
-            phantoms=p.phantoms,
+            phantoms=phantoms_file(p),
             scene=p.scene,
             from_m=min(p.from_m, p.to_m) - MARGIN_M,
             to_m=max(p.from_m, p.to_m) + MARGIN_M,
@@ -120,6 +124,8 @@ class EmulatedPhantom(MethodTeller):
 
     def uses(self) -> list[MethodUse]:
         self.told_m_s = self.rig.world.swept_m_s
+        if self.params.blind:
+            return []
         return rig_uses(self.rig.world.rig, self.told_m_s or None, self.rig.world.settings.beside)
 
     def on_deactivate(self) -> None:
@@ -135,15 +141,16 @@ class EmulatedPhantom(MethodTeller):
         self.rig.on_world(lambda world, _: world.mount(mount.code, height_m))
         touched, self.state.code, self.state.remount = self.rig.world.rig, mount.code, mount.remount
         bead, choice = touched.phantoms[mount.code].bead, touched.choices[mount.code]
+        blind = self.params.blind
         self.truth.publish(
             PhantomTruth(
                 stamp_ns=self.now_ns(),
                 code=mount.code,
                 remount=mount.remount,
-                depth_m=bead.depth_m if bead is not None else 0.0,
+                depth_m=shown_depth(self.params, mount.code, bead.depth_m if bead is not None else 0.0),
                 height_offset_m=height_m,
-                rung=choice.method.name,
-                bound=choice.bound or 0.0,
+                rung="" if blind else choice.method.name,
+                bound=0.0 if blind else choice.bound or 0.0,
             )
         )
         beside = self.rig.world.settings.beside
@@ -173,6 +180,8 @@ class EmulatedPhantom(MethodTeller):
         if self.rig.world.swept_m_s not in (0.0, self.told_m_s):
             self.tell_methods(self.uses())
         for met in self.rig.on_world(_taken):
+            if self.params.blind:  # what is met tells the depth
+                continue
             self.guard.publish(
                 ContactGuard(
                     stamp_ns=self.now_ns(),

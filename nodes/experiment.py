@@ -14,6 +14,7 @@ from nodes.experiment_params import POLICY, ExperimentParams, ExperimentState
 from nodes.experiment_plan import (
     begin_trial_again,
     believed,
+    codes_of,
     design_of,
     is_right,
     mistakes,
@@ -59,7 +60,7 @@ class Experiment(Node):
     def on_configure(self) -> None:
         self.design = design_of(self.params)
         self.swaps = plan.planned(self.params.swaps)
-        self.record = SessionWriter(self.params.out, believed(self.params))
+        self.record = SessionWriter(self.params.out, believed(self.params), labels=codes_of(self.params))
         self.plan: plan.Plan | None = None
         self.step: plan.Step | None = None
 
@@ -351,9 +352,11 @@ class Experiment(Node):
             state.dropped_count += 1
         else:
             right = is_right(self.design, belief.estimate_m, state.depth_m)
-            state.right_count += right
-            note_judged(state, right=right)
+            if not self.params.blind:  # nobody may know how well it goes
+                state.right_count += right
+                note_judged(state, right=right)
         self.result.publish(result_of(state, belief, self.now_ns()))
 
     def _report(self, phase: str) -> None:
-        self.progress.publish(progress_of(self.design, self.state, phase, self.now_ns()))
+        blind = self.params.blind
+        self.progress.publish(progress_of(self.design, self.state, phase, self.now_ns(), blind=blind))

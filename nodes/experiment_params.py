@@ -6,7 +6,7 @@ import msgspec
 
 from msgs.action import PalpationAction
 from msgs.estimation import Belief, Palpation
-from palp_core import Params, State
+from palp_core import Params, ReadOnly, State
 from palp_core.palpation.perception.belief.trial_filter import DepthCount
 from palp_core.palpation.perception.strategy.trained_rings import PUBLISHED
 from palp_core.units import Count, CountPositive, Metres, Seconds
@@ -45,6 +45,7 @@ class ExperimentParams(Params):
     that is to be replaced (``overwrite``).
     ``session`` names the session's sheet, which the report checks and copies.
     ``plan`` is the paper's experiment, or how well the rig repeats. ``depths`` and ``stop``: the estimator's.
+    ``blind``: what is said and written has codes for depths, and no live accuracy; ``key`` says who is who.
     """
 
     out: str = "results"
@@ -67,6 +68,9 @@ class ExperimentParams(Params):
     stop: str = ""
     from_m: Metres = -0.03
     to_m: Metres = 0.05
+    scene: str = ""
+    blind: ReadOnly[bool] = False
+    key: ReadOnly[str] = ""
 
 
 class ExperimentState(State):

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+import msgspec
 import numpy as np
 
 from msgs.estimation import Belief
@@ -14,6 +15,7 @@ from palp_core.palpation.perception.belief.stopping import require_classes
 from palp_core.palpation.perception.belief.trial_filter import classes_of as grid_of
 from palp_core.palpation.perception.strategy.trained_rings import rings_of
 from palp_core.palpation.session import plan
+from palp_core.palpation.session.blind import blind_mistakes, shown_depths
 from palp_core.palpation.session.method_choices import AUTO
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.palpation.session.plan import ExperimentDesign
@@ -21,15 +23,19 @@ from palp_core.palpation.session.plan_repeatability import RepeatDesign, repeata
 
 
 def classes_of(params: ExperimentParams) -> dict[str, float]:
-    """Return the depth of each phantom that has a bead, by code."""
-    phantoms = load_phantoms(params.phantoms)
-    return {code: p.bead.depth_m for code, p in phantoms.items() if p.bead is not None}
+    """Return the depth of each phantom that has a bead, by code; in a blinded session what stands for it."""
+    return shown_depths(params)
 
 
 def believed(params: ExperimentParams) -> list[float]:
     """Return the depths that a belief is about, in its order."""
     depths: list[float] = grid_of(sorted({*classes_of(params).values()}), params.depths).tolist()
     return depths
+
+
+def codes_of(params: ExperimentParams) -> list[str] | None:
+    """Return the codes that a blinded session's table names for depths; None where depths are told."""
+    return sorted(shown_depths(params)) if params.blind else None
 
 
 def is_right(design: plan.ExperimentDesign | RepeatDesign, estimate_m: float, depth_m: float) -> bool:
@@ -68,8 +74,12 @@ def design_of(params: ExperimentParams) -> plan.ExperimentDesign | RepeatDesign:
 
 def mistakes(params: ExperimentParams) -> dict[str, str]:
     """Return what is wrong with the experiment asked for, by parameter; "" for what concerns several."""
-    if found := file_mistakes(params):
+    if found := file_mistakes(params) | blind_mistakes(params):
         return found
+    if params.blind:
+        if found := _too_blind(params):
+            return found
+        params = msgspec.structs.replace(params, blind=False)  # the same numbers, and no key is drawn
     checks: tuple[tuple[str, Callable[[], object]], ...] = (
         ("rings_mm", lambda: rings_of(params.rings_mm)),
         ("", lambda: design_of(params)),
@@ -83,6 +93,20 @@ def mistakes(params: ExperimentParams) -> dict[str, str]:
                 found[name] = str(error)
     if params.from_m == params.to_m:
         found["to_m"] = f"from_m and to_m are both {params.to_m:g} m: a sweep needs a length"
+    return found
+
+
+def _too_blind(params: ExperimentParams) -> dict[str, str]:
+    """Return what a blinded session cannot have, by parameter: what needs a depth to be a length."""
+    why = "a blinded session has codes for depths, and this needs the depths themselves"
+    wrong = {
+        "depths": params.depths != 0,
+        "policy": params.policy == "information",
+        "plan": params.plan != "paper",
+    }
+    found = {name: why for name, is_so in wrong.items() if is_so}
+    if params.overwrite:
+        found["overwrite"] = "a blinded session takes a folder of its own: another one's key may be known"
     return found
 
 
@@ -144,7 +168,12 @@ def result_of(state: ExperimentState, belief: Belief, now_ns: int) -> TrialResul
 
 
 def progress_of(
-    design: ExperimentDesign | RepeatDesign, state: ExperimentState, phase: str, now_ns: int
+    design: ExperimentDesign | RepeatDesign,
+    state: ExperimentState,
+    phase: str,
+    now_ns: int,
+    *,
+    blind: bool = False,
 ) -> Progress:
     """Return how far a phase has come: palpations in training, trials afterwards."""
     if isinstance(design, RepeatDesign):
@@ -158,7 +187,7 @@ def progress_of(
             score_defined=False,
             busy_s=state.sweep_s,
         )
-    judged_count = state.trials_done - state.dropped_count
+    judged_count = 0 if blind else state.trials_done - state.dropped_count
     training, phantom_count = phase == "training", len(design.phantoms)
     palpation_count = design.repeats * phantom_count * len(design.rings_m)
     return Progress(

@@ -5,7 +5,7 @@ from msgs.actuator import RingTruth
 from msgs.experiment import Mount, PhantomTruth, WorldTruth
 from msgs.stage import StagePose
 from msgs.torque import Contact, ContactGuard
-from palp_core import Params, Pub, Sub, on
+from palp_core import Params, Pub, ReadOnly, Sub, on
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.methods import at_work
 from palp_core.palpation.devices.sim.mount import MountVariation
@@ -13,6 +13,7 @@ from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.sweep_table import SweepTable, solve
 from palp_core.palpation.mechanics.scene.rig import rig
 from palp_core.palpation.perception.belief.rig_noise import read_noise
+from palp_core.palpation.session.blind import phantoms_file, shown_depth
 from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
 from palp_core.palpation.session.methods.used import rig_uses
 from palp_core.palpation.session.named_files import file_mistakes
@@ -42,7 +43,8 @@ class PhantomParams(Params):
     tolerance are its own, and the parameters of that name are not used. ``height_sd_mm`` is the spread of
     the surface's height over remounts (assumed: set down by hand against a stop); a noise file in ``noise``
     has its own. ``world`` is the paper's own design, ``lab``, or a YAML file of what else is on. Friction,
-    tip mass and indentation are assumed, as the paper gives none.
+    tip mass and indentation are assumed, as the paper gives none. In a ``blind`` session what is touched is
+    read from the ``key``, and nothing is said that tells the depth: no rung, bound, method or guard.
     """
 
     phantoms: str = ""
@@ -57,6 +59,8 @@ class PhantomParams(Params):
     friction: RatioNonNegative = 0.3
     tip_mass_kg: Kilograms = 0.008
     world: str = "paper"
+    blind: ReadOnly[bool] = False
+    key: ReadOnly[str] = ""
 
 
 class PhantomState(MethodTellerState):
@@ -95,7 +99,7 @@ class Phantom(MethodTeller):
     def on_configure(self) -> None:
         params = self.params
         self.rig = rig(
-            phantoms=params.phantoms,
+            phantoms=phantoms_file(params),
             scene=params.scene,
             output=params.output,
             tolerance=params.tolerance,
@@ -114,7 +118,7 @@ class Phantom(MethodTeller):
         self.height_sd_m = read_noise(noise).height_sd_m.value if noise else params.height_sd_mm * 1e-3
 
     def uses(self) -> list[MethodUse]:
-        return rig_uses(self.rig, self.state.speed_m_s or None, self.world)
+        return [] if self.params.blind else rig_uses(self.rig, self.state.speed_m_s or None, self.world)
 
     @on(mount)
     def put_on(self, mount: Mount) -> None:
@@ -126,16 +130,16 @@ class Phantom(MethodTeller):
         state.code, state.remount = mount.code, mount.remount
         state.height_offset_m = variation.draw(self.rng).height_m
         self._forget()
-        bead, choice = phantoms[mount.code].bead, self.rig.choices[mount.code]
+        bead, choice, blind = phantoms[mount.code].bead, self.rig.choices[mount.code], self.params.blind
         self.truth.publish(
             PhantomTruth(
                 stamp_ns=self.now_ns(),
                 code=mount.code,
                 remount=mount.remount,
-                depth_m=bead.depth_m if bead is not None else 0.0,
+                depth_m=shown_depth(self.params, mount.code, bead.depth_m if bead is not None else 0.0),
                 height_offset_m=state.height_offset_m,
-                rung=choice.method.name,
-                bound=choice.bound or 0.0,
+                rung="" if blind else choice.method.name,
+                bound=0.0 if blind else choice.bound or 0.0,
             )
         )
         if not self.world.plain:
@@ -259,6 +263,8 @@ class Phantom(MethodTeller):
     def _tell_guards(self, table: SweepTable | WorldTrace, *, again: bool = False) -> None:
         """Say what the sweeps of this mounting and ring meet: once, and again where that has changed."""
         state = self.state
+        if self.params.blind:
+            return
         words = list(self.rig.met(state.code, table.solved, state.speed_m_s or None))
         if (words or again) and (again or not state.guard_told):
             state.guard_told = True

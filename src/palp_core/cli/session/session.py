@@ -17,6 +17,8 @@ app = lazy_app(
         ),
         "redo": Verb(f"{_HERE}.decide:redo", "Mark a trial that is to be done again: it does not count."),
         "exclude": Verb(f"{_HERE}.decide:exclude", "Exclude a trial: it does not count."),
+        "seal": Verb(f"{_HERE}.seal:seal", "Give phantoms new codes, and seal which is which."),
+        "unseal": Verb(f"{_HERE}.seal:unseal", "Open a blinded session: depths take the place of codes."),
         "people": Verb(
             f"{_HERE}.people:people",
             "Analyse sessions with people together: accuracy by depth, confusion, ANOVA, times to answer.",

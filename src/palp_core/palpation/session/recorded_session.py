@@ -14,6 +14,7 @@ from palp_core.errors import PalpError, PerceptionError, in_words
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
 from palp_core.palpation.session.audit import left_out
+from palp_core.palpation.session.blind import refuse_blinded
 from palp_core.palpation.session.trials_csv import Row, read_rows
 from palp_core.units import Float64Array
 from palp_core.whole_file import read_whole
@@ -121,10 +122,11 @@ def read_session(out: str | Path) -> RecordedSession:
     """Read a record, whole or cut short.
 
     Raises:
-        PalpError: There is no record there, or a row's posterior has not one entry per depth.
+        PalpError: There is no record there, it is blinded, or a row's posterior has not one entry per depth.
     """
     folder = Path(out)
     rows = read_rows(folder)
+    refuse_blinded(rows, folder)
     believed_m = believed_depths(folder) or tuple(sorted({row.depth_m for row in rows}))
     for row in rows:
         if row.phase == "estimation" and len(row.posterior) != len(believed_m):

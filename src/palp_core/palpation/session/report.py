@@ -88,8 +88,16 @@ def write(folder: Path, summary: RunSummary) -> str:
     Raises:
         PalpError: There is no record, or the report cannot be written.
     """
+    from palp_core.palpation.session.blind import is_blinded, opened_run
     from palp_core.palpation.session.recorded_session import read_session
+    from palp_core.palpation.session.trials_csv import read_rows
 
+    if (folder / TABLE).exists() and is_blinded(rows := read_rows(folder)):
+        return (
+            f"A blinded session: no report before `palp session unseal {folder}`.\n"
+            f"Kept: {len(rows)} palpations (trials.csv with codes for depths, sweeps/) in {folder}"
+        )
+    summary = opened_run(summary, folder)
     found = read_session(folder)
     if not found.rows:
         if orphans := sum(1 for _ in folder.glob(f"{SWEEPS}/*.npz")):

@@ -55,7 +55,13 @@ TIME_KEYS = (
 )
 """Top-level keys that depend on wall time, or on where and how the graph was run."""
 
-_WHERE = {("experiment", "out"), ("experiment", "overwrite"), ("experiment", "session")}
+_WHERE = {
+    ("experiment", "out"),
+    ("experiment", "overwrite"),
+    ("experiment", "session"),
+    ("experiment", "key"),
+    ("phantom", "key"),
+}
 
 INTERVAL = "95 % Wilson, this session only"
 _PACKAGES = {

@@ -170,15 +170,21 @@ class SessionWriter:
         out: The folder; made if missing.
         depths_m: Classes, in the order of posterior and gain.
         named_by: What the folder is given with.
+        labels: What the columns of the classes are called; None: their depths.
     """
 
-    def __init__(self, out: str, depths_m: Sequence[float], named_by: str = "out:=") -> None:
+    def __init__(
+        self,
+        out: str,
+        depths_m: Sequence[float],
+        named_by: str = "out:=",
+        *,
+        labels: Sequence[str] | None = None,
+    ) -> None:
         self.folder = Path(out)
         self._named_by = named_by
-        labels = [f"{depth_m * 1e3:g}mm" for depth_m in depths_m]
-        self._columns = []
-        for name in _TYPES:
-            self._columns += [f"{name}_{label}" for label in labels] if name in _BY_CLASS else [name]
+        labels = [f"{depth_m * 1e3:g}mm" for depth_m in depths_m] if labels is None else labels
+        self._columns = _columns(labels)
         self._class_count = len(labels)
         self._lock = -1
 
@@ -277,7 +283,7 @@ class SessionWriter:
         try:
             with whole_file(target) as file:
                 np.savez_compressed(file, torque_n_m=torque_n_m, rate_hz=np.array(rate_hz))
-            self._append(self._cells(row))
+            self._append(_cells(row, self._class_count))
             if row.row == 0:
                 forget_replaced(self.folder)
         except OSError as error:
@@ -286,16 +292,6 @@ class SessionWriter:
             raise self._ended(
                 error, f"palpation {row.row + 1}", f"the {row.row} palpations before"
             ) from error
-
-    def _cells(self, row: Row) -> list[Any]:
-        cells: list[Any] = []
-        for name in _TYPES:
-            value = getattr(row, name)
-            if name in _BY_CLASS:
-                cells += [*value, *([""] * (self._class_count - len(value)))]
-            else:
-                cells.append(_cell(value))
-        return cells
 
     def _append(self, cells: Sequence[Any], flags: int = 0) -> None:
         """Write a row to the table whole, or leave the table as it was; it is made anew by nobody unasked."""
@@ -335,6 +331,39 @@ class SessionWriter:
             write_whole(self.folder / "primitives.json", json.dumps(content, indent=1) + "\n")
         except OSError as error:
             raise self._ended(error, "what training taught", "its palpations") from error
+
+
+def table_text(rows: Sequence[Row], depths_m: Sequence[float]) -> str:
+    """Return a whole table as text.
+
+    Args:
+        rows: In their order.
+        depths_m: Classes, in the order of posterior and gain.
+    """
+    labels = [f"{depth_m * 1e3:g}mm" for depth_m in depths_m]
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(_columns(labels))
+    table.writerows(_cells(row, len(labels)) for row in rows)
+    return text.getvalue()
+
+
+def _columns(labels: Sequence[str]) -> list[str]:
+    columns: list[str] = []
+    for name in _TYPES:
+        columns += [f"{name}_{label}" for label in labels] if name in _BY_CLASS else [name]
+    return columns
+
+
+def _cells(row: Row, class_count: int) -> list[Any]:
+    cells: list[Any] = []
+    for name in _TYPES:
+        value = getattr(row, name)
+        if name in _BY_CLASS:
+            cells += [*value, *([""] * (class_count - len(value)))]
+        else:
+            cells.append(_cell(value))
+    return cells
 
 
 def _write_all(descriptor: int, data: bytes) -> None:

@@ -11,6 +11,7 @@ import dataclasses
 from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.scene.file import phantom_of, read_mapping, read_scene
+from palp_core.palpation.mechanics.scene.sealed import is_sealed, sealed_phantoms
 
 PAPER_PHANTOMS = {
     code: Phantom(bead=Bead(depth_m=d)) for code, d in (("A", 0.002), ("B", 0.004), ("C", 0.008))
@@ -19,7 +20,7 @@ PAPER_PHANTOMS = {
 
 
 def load_phantoms(path: str, gel: Phantom | None = None) -> dict[str, Phantom]:
-    """Return the phantoms of a file by code, in its order; the paper's three for an empty path.
+    """Return the phantoms of a file, or of a sealed one, by code; the paper's three for an empty path.
 
     Args:
         path: The file, or nothing.
@@ -28,6 +29,8 @@ def load_phantoms(path: str, gel: Phantom | None = None) -> dict[str, Phantom]:
     Raises:
         MechanicsError: No such file, no YAML, an unknown key or a value out of range; the message says where.
     """
+    if path and is_sealed(path):
+        return sealed_phantoms(path)
     if path:
         root = read_mapping(path, "phantoms")
         entries = root.items("the file of phantoms")

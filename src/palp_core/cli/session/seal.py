@@ -1,0 +1,55 @@
+"""``palp session seal`` and ``unseal``: the beginning and the end of a blinded session."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palp_core.cli.options import JsonOption
+from palp_core.cli.output import note, print_json, print_table, print_text
+from palp_core.errors import PalpError
+
+
+def seal(
+    key: Annotated[Path, typer.Argument(metavar="KEY", help="The file that is written.", show_default=False)],
+    phantoms: Annotated[str, typer.Option(help="YAML file of phantoms; empty: the paper's three.")] = "",
+) -> None:
+    """Give phantoms new codes, and seal which is which. For somebody who takes no part in the session.
+
+    Tells what to write on which sticker: once, here, and nowhere else. Then: blind:=true phantoms:=KEY
+    """
+    from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
+    from palp_core.palpation.mechanics.scene.sealed import seal as write_key
+
+    if key.exists():
+        raise PalpError(f"{key} exists; a key is drawn once")
+    given = write_key(key, load_phantoms(phantoms))
+    print_table([["phantom", "sticker"], *sorted([own, code] for code, own in given.items())])
+    note(f"sealed: {key}; whoever takes part in the session must not see the lines above")
+
+
+def unseal(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The session's folder.", show_default=False)],
+    *,
+    reason: Annotated[str, typer.Option("--reason", help="Why now, in words.", show_default=False)],
+    key: Annotated[Path | None, typer.Option(help="The key; default: DIR/key.sealed.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Open a blinded session: depths take the place of codes. The table with codes stays beside it.
+
+    The report is made, and the audit says when, why and by whom it was opened.
+    """
+    from palp_core.palpation.session import run_note
+    from palp_core.palpation.session.report import write
+    from palp_core.palpation.session.unsealing import unseal as open_session
+
+    opened = open_session(folder, reason, key)
+    said = write(folder, run_note.read_note(folder))
+    if as_json:
+        print_json(opened)
+        return
+    rows = [[code, opened.own[code], f"{d * 1e3:g}"] for code, d in sorted(opened.depths_m.items())]
+    print_table([["code", "phantom", "depth, mm"], *rows])
+    print_text(said)

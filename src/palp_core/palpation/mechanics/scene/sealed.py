@@ -1,0 +1,116 @@
+"""Which phantom is which, sealed: new codes that say nothing, and a file that nobody reads by accident.
+
+A sealed file stands wherever a file of phantoms does: who simulates a phantom reads from it what it touches.
+Codes and their order come from the machine's entropy, never from a run's seed: whoever knows the seed, the
+program and the phantoms can draw neither again. The file is no safe: it keeps from seeing, not from prying.
+"""
+
+import base64
+import dataclasses
+import json
+import os
+import secrets
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from palp_core.errors import MechanicsError
+from palp_core.palpation.mechanics.phantom import Bead, Phantom
+from palp_core.whole_file import read_whole, whole_file
+
+SEAL = b"sealed by palp: which phantom is which; `palp session unseal` opens it\n"
+_LETTERS, _DIGITS = "CDFGHJKLMNPRTVWXY", "234679"
+_LARGEST_BYTES = 256 << 10
+_STANDS_FROM_M = 100.0
+
+
+def is_sealed(path: str | Path) -> bool:
+    """Tell whether a file is a sealed one."""
+    try:
+        with Path(path).open("rb") as file:
+            return file.read(len(SEAL)) == SEAL
+    except OSError:
+        return False
+
+
+def seal(path: Path, phantoms: Mapping[str, Phantom]) -> dict[str, str]:
+    """Draw new codes for phantoms and write who is who; an older file stays, and its codes hold.
+
+    Returns:
+        The phantom's own code by its new one: what to write on which sticker.
+
+    Raises:
+        MechanicsError: It cannot be written, or two phantoms are of one depth, so that codes tell too much.
+    """
+    beads = [one.bead.depth_m for one in phantoms.values() if one.bead is not None]
+    if len(set(beads)) < len(phantoms) or len(beads) < 2:
+        raise MechanicsError(
+            "a blinded session needs phantoms with a bead, two at least, and no two of one depth: every code "
+            "is a class of its own"
+        )
+    codes: set[str] = set()
+    while len(codes) < len(phantoms):
+        codes.add(secrets.choice(_LETTERS) + secrets.choice(_DIGITS))
+    order = sorted(codes)
+    secrets.SystemRandom().shuffle(order)
+    given = dict(zip(order, phantoms, strict=True))
+    content = {
+        "salt": secrets.token_hex(16),
+        "phantoms": {code: dataclasses.asdict(phantoms[given[code]]) for code in sorted(codes)},
+        "was": {code: given[code] for code in sorted(codes)},
+    }
+    data = SEAL + base64.encodebytes(zlib.compress(json.dumps(content).encode()))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        draft = path.with_name(f".{path.name}.{os.getpid()}.{secrets.token_hex(4)}")
+        with whole_file(draft, mode=0o600) as file:
+            file.write(data)
+        try:
+            path.hardlink_to(draft)  # fails where another node was first
+        except FileExistsError:
+            return dict(_content(path)["was"])
+        finally:
+            draft.unlink()
+    except OSError as error:
+        raise MechanicsError(f"{path}: the key cannot be written: {error.strerror or error}") from error
+    return given
+
+
+def _content(path: str | Path) -> dict[str, Any]:
+    try:
+        data = read_whole(path, _LARGEST_BYTES)
+        content: dict[str, Any] = json.loads(zlib.decompress(base64.b64decode(data.removeprefix(SEAL))))
+    except OSError as error:
+        raise MechanicsError(f"{path}: the key cannot be read: {error.strerror or error}") from error
+    except (ValueError, zlib.error) as error:
+        raise MechanicsError(f"{path}: the key is damaged: {error}") from error
+    return content
+
+
+def sealed_phantoms(path: str | Path) -> dict[str, Phantom]:
+    """Return the phantoms of a sealed file by their new codes: for who is touched, and who unseals.
+
+    Raises:
+        MechanicsError: It cannot be read, or is damaged.
+    """
+    found = _content(path)["phantoms"]
+    return {code: Phantom(**(one | {"bead": Bead(**one["bead"])})) for code, one in found.items()}
+
+
+def own_codes(path: str | Path) -> dict[str, str]:
+    """Return the phantom's own code by its new one."""
+    return dict(_content(path)["was"])
+
+
+def standing(path: str | Path) -> dict[str, float]:
+    """Return by code what stands for a depth while it is sealed: 100 m, 101 m ..., in the order of the codes.
+
+    No phantom is that deep: such a number is told from a depth wherever it is met.
+    """
+    return {code: _STANDS_FROM_M + place for place, code in enumerate(sorted(_content(path)["phantoms"]))}
+
+
+def stands_for_a_depth(depth_m: float) -> bool:
+    """Tell whether a number stands for a depth that is sealed."""
+    return depth_m >= _STANDS_FROM_M

@@ -1,0 +1,118 @@
+"""Unsealing a blinded session: the record with depths takes its place beside the one with codes."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from palp_core.errors import PalpError
+from palp_core.palpation.mechanics.scene.sealed import is_sealed, own_codes, sealed_phantoms, standing
+from palp_core.palpation.session.audit import decide
+from palp_core.palpation.session.blind import KEY, is_blinded
+from palp_core.palpation.session.session_folder import TABLE, is_being_written
+from palp_core.palpation.session.trials_csv import Row, read_rows, table_text
+from palp_core.whole_file import read_whole, write_json, write_whole
+
+OPENED = "key.json"
+SEALED_TABLE = "trials.sealed.csv"
+SEALED_PRIMITIVES = "primitives.sealed.json"
+_PRIMITIVES = "primitives.json"
+_BY_DEPTH = ("depths_m", "mean", "sd", "count")
+
+
+@dataclass(frozen=True)
+class OpenedKey:
+    """Who is who.
+
+    Attributes:
+        depths_m: True depth by code.
+        standing_m: What stood for it, by code.
+        own: The phantom's own code by the session's.
+    """
+
+    depths_m: dict[str, float]
+    standing_m: dict[str, float]
+    own: dict[str, str]
+
+    @property
+    def order(self) -> list[int]:
+        """Places of the sealed classes, the shallowest first."""
+        codes = sorted(self.standing_m)
+        return sorted(range(len(codes)), key=lambda place: self.depths_m[codes[place]])
+
+    def depth_m(self, stands_m: float) -> float:
+        """Return the depth for which a number stands."""
+        return next(self.depths_m[code] for code, s in self.standing_m.items() if abs(s - stands_m) < 1e-9)
+
+
+def open_key(path: Path) -> OpenedKey:
+    """Return who is who.
+
+    Raises:
+        PalpError: It is no key, or cannot be read.
+    """
+    if not is_sealed(path):
+        raise PalpError(f"{path} is no sealed key; name the session's with --key")
+    beads = {code: one.bead for code, one in sealed_phantoms(path).items()}
+    depths_m = {code: bead.depth_m for code, bead in beads.items() if bead is not None}
+    return OpenedKey(depths_m, standing(path), own_codes(path))
+
+
+def unseal(folder: Path, reason: str, key: Path | None = None) -> OpenedKey:
+    """Write the record of a session with depths for codes; the one with codes stays beside it.
+
+    Args:
+        folder: Of the session.
+        reason: Why now; it is written into the audit.
+        key: The key; None: the folder's own.
+
+    Raises:
+        PalpError: It is not blinded, still under way, or of another key; nothing was changed then.
+    """
+    if is_being_written(folder):
+        raise PalpError(f"'{folder}' is still being written: a session is unsealed when it is over")
+    rows = read_rows(folder)
+    if not is_blinded(rows):
+        raise PalpError(f"'{folder}' is not sealed")
+    opened = open_key(key or folder / KEY)
+    for row in rows:
+        if abs(opened.standing_m.get(row.phantom, -1.0) - row.depth_m) > 1e-9:
+            raise PalpError(
+                f"'{folder}': row {row.row} is of phantom {row.phantom}: this is another session's key"
+            )
+    told = [_told(row, opened) for row in rows]
+    decide(folder, -1, "unseal", reason)
+    write_whole(folder / SEALED_TABLE, read_whole(folder / TABLE))
+    if (folder / _PRIMITIVES).exists():
+        learnt: dict[str, Any] = json.loads(read_whole(folder / _PRIMITIVES))
+        write_json(folder / SEALED_PRIMITIVES, learnt)
+        write_whole(folder / _PRIMITIVES, json.dumps(_learnt(learnt, opened), indent=1) + "\n")
+    write_json(
+        folder / OPENED,
+        {code: {"depth_m": d, "phantom": opened.own[code]} for code, d in opened.depths_m.items()},
+    )
+    write_whole(folder / TABLE, table_text(told, sorted(opened.depths_m.values())))
+    return opened
+
+
+def _told(row: Row, opened: OpenedKey) -> Row:
+    return msgspec.structs.replace(
+        row,
+        depth_m=opened.depth_m(row.depth_m),
+        estimate_m=None if row.estimate_m is None else opened.depth_m(row.estimate_m),
+        posterior=[row.posterior[place] for place in opened.order] if row.posterior else [],
+        gain=[row.gain[place] for place in opened.order] if row.gain else [],
+    )
+
+
+def _learnt(learnt: dict[str, Any], opened: OpenedKey) -> dict[str, Any]:
+    """Return what training taught, a row per depth, in the order of the depths."""
+    stood = [opened.depth_m(one) for one in learnt["depths_m"]]
+    order = sorted(range(len(stood)), key=stood.__getitem__)
+    return (
+        learnt
+        | {"depths_m": sorted(stood)}
+        | {name: [learnt[name][place] for place in order] for name in _BY_DEPTH[1:]}
+    )

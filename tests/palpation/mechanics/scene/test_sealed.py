@@ -1,0 +1,79 @@
+"""Sealed phantoms: codes that nobody can draw again, and a key that reads as a file of phantoms does."""
+
+from __future__ import annotations
+
+import random
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palp_core.errors import MechanicsError
+from palp_core.palpation.mechanics.phantom import Bead, Phantom
+from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
+from palp_core.palpation.mechanics.scene.sealed import (
+    is_sealed,
+    own_codes,
+    seal,
+    standing,
+    stands_for_a_depth,
+)
+
+PHANTOMS = {
+    code: Phantom(bead=Bead(depth_m=d), modulus_pa=21e3) for code, d in (("A", 0.002137), ("B", 0.00419))
+}
+
+
+def test_a_key_reads_as_the_phantoms_under_their_new_codes(tmp_path: Path) -> None:
+    key = tmp_path / "key"
+    given = seal(key, PHANTOMS)
+    found = load_phantoms(str(key))
+    assert list(found) == sorted(given)
+    assert {given[code]: phantom for code, phantom in found.items()} == PHANTOMS
+    assert own_codes(key) == given
+    assert not {*given} & {*PHANTOMS}
+    assert key.stat().st_mode & 0o077 == 0
+
+
+def test_what_stands_for_a_depth_is_no_depth_and_says_no_more_than_the_code(tmp_path: Path) -> None:
+    key = tmp_path / "key"
+    given = seal(key, PHANTOMS)
+    assert standing(key) == {code: 100.0 + place for place, code in enumerate(sorted(given))}
+    assert all(stands_for_a_depth(one) for one in standing(key).values())
+    assert not any(stands_for_a_depth(one.bead.depth_m) for one in PHANTOMS.values() if one.bead)
+
+
+def test_nothing_in_the_key_can_be_read_by_eye(tmp_path: Path) -> None:
+    key = tmp_path / "key"
+    seal(key, PHANTOMS)
+    assert is_sealed(key)
+    for word in (b"0.002137", b"2.137", b"depth", b"bead"):
+        assert word not in key.read_bytes().partition(b"\n")[2]
+
+
+def test_whoever_comes_second_finds_the_codes_of_the_first(tmp_path: Path) -> None:
+    first = seal(tmp_path / "key", PHANTOMS)
+    assert seal(tmp_path / "key", PHANTOMS) == first
+    assert [path.name for path in tmp_path.iterdir()] == ["key"]
+
+
+def test_the_place_of_a_phantom_among_the_codes_is_drawn_anew_whatever_the_seed(tmp_path: Path) -> None:
+    places: Counter[int] = Counter()
+    for number in range(100):
+        random.seed(1)
+        np.random.seed(1)  # noqa: NPY002 - whoever draws from it must not be followed
+        given = seal(tmp_path / f"key{number}", PHANTOMS)
+        places[sorted(given, key=str).index(next(code for code, own in given.items() if own == "A"))] += 1
+    assert 20 < places[0] < 80  # six standard deviations of a fair coin
+
+
+def test_what_cannot_be_blinded_and_what_is_damaged_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(MechanicsError, match="no two of one depth"):
+        seal(tmp_path / "key", {"A": PHANTOMS["A"], "B": PHANTOMS["A"]})
+    with pytest.raises(MechanicsError, match="a bead"):
+        seal(tmp_path / "key", {"A": PHANTOMS["A"], "bare": Phantom()})
+    seal(tmp_path / "key", PHANTOMS)
+    (tmp_path / "key").write_bytes((tmp_path / "key").read_bytes()[:-20])
+    with pytest.raises(MechanicsError, match="the key is damaged"):
+        load_phantoms(str(tmp_path / "key"))

@@ -1,0 +1,281 @@
+"""A blinded session, searched byte by byte, and looked at by somebody who wants to know."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from palp_core.cli.session.session import app
+from palp_core.errors import PalpError
+from palp_core.graph.bag.reader import Bag
+from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.problems import GraphProblems
+from palp_core.palpation.mechanics.scene.sealed import own_codes, sealed_phantoms, standing
+from palp_core.palpation.session import plan
+from palp_core.palpation.session.audit import decisions
+from palp_core.palpation.session.recorded_session import read_session
+from palp_core.palpation.session.recorded_sweeps import read_sweeps
+from palp_core.palpation.session.report import write
+from palp_core.palpation.session.result_json import read_result
+from palp_core.palpation.session.run_note import read_note
+from palp_core.palpation.session.trials_csv import read_rows
+from palp_core.palpation.session.unsealing import SEALED_TABLE, unseal
+from tests.support.palp import ROOT, SIM
+from tests.support.rig_session import ComposedGraph, check_here
+
+DEPTHS_M = {"A": 0.0021373, "B": 0.0042917, "C": 0.0067131}
+"""Numbers that nothing else in a run has."""
+
+SMALL = {"policy": "fixed", "ring_mm": 16.0, "rings_mm": "8, 16", "blind": True}
+MEASURED = {"/phantom/contact", "/torque/block", "/estimator/palpation", "/estimator/primitives"}
+"""What is felt: it answers to the depth, or there was nothing to measure."""
+
+
+@dataclass(frozen=True)
+class Blinded:
+    """A session and its bag."""
+
+    out: Path
+    bag: Path
+
+    @property
+    def key(self) -> Path:
+        return self.out / "key.sealed"
+
+
+def blinded(folder: Path, **given: object) -> Blinded:
+    """Run a blinded session."""
+    folder.mkdir()
+    phantoms = folder.parent / "phantoms.yaml"
+    phantoms.write_text("".join(f"{code}: {{bead: {{depth_m: {d}}}}}\n" for code, d in DEPTHS_M.items()))
+    found = Blinded(folder / "out", folder / "bag")
+    with ComposedGraph(
+        SIM, out=found.out, record=found.bag, phantoms=phantoms, **{**SMALL, **given}
+    ) as graph:
+        summary = graph.run()
+    assert summary.exit_code == 0, summary.ended
+    assert "palp session unseal" in summary.report
+    return found
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Blinded:
+    """Two palpations of training a setting, one trial a phantom; only to be read."""
+    return blinded(tmp_path_factory.mktemp("blind") / "one", training=2, trials=1)
+
+
+@pytest.fixture
+def copy(session: Blinded, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(session.out, tmp_path / "out"))
+
+
+def signs(depth_m: float) -> Iterator[bytes]:
+    """Yield in which forms a depth may be told."""
+    for number in (depth_m, depth_m * 1e3):
+        yield from (struct.pack(form, number) for form in ("<d", ">d"))
+        yield f"{number:.5g}".encode()
+
+
+def test_no_byte_of_any_file_or_message_tells_a_depth_but_the_key(session: Blinded) -> None:
+    wanted = {sign: code for code, d in DEPTHS_M.items() for sign in signs(d)}
+    files = [path for path in session.out.rglob("*") if path.is_file() and path != session.key]
+    assert len(files) > 12
+    held = {str(path.relative_to(session.out)): path.read_bytes() for path in files}
+    for path in session.out.glob("sweeps/*.npz"):
+        with np.load(path) as sweep:
+            held[f"{path.name}, unpacked"] = b"".join(sweep[name].tobytes() for name in sweep)
+    held |= {f"bag: {path.name}": path.read_bytes() for path in session.bag.glob("*.yaml")}
+    with Bag(session.bag) as bag:
+        for name in bag.topics():
+            held[name] = b"\0".join(one.payload for one in bag.recorded([name]))
+        held |= {f"attachment {name}": data for name, data in bag.attachments().items()}
+        held["metadata"] = repr(bag.metadata()).encode()
+    assert {"/experiment/trial", "/phantom/truth", "/experiment/_order", "/phantom/_order"} <= held.keys()
+    leaks = {(where, sign) for where, data in held.items() for sign in wanted if sign in data}
+    assert leaks == set()
+
+
+def test_the_search_finds_what_a_session_in_the_open_tells(tmp_path: Path) -> None:
+    """Or it proves nothing."""
+    folder = tmp_path / "open"
+    folder.mkdir()
+    phantoms = tmp_path / "phantoms.yaml"
+    phantoms.write_text("".join(f"{code}: {{bead: {{depth_m: {d}}}}}\n" for code, d in DEPTHS_M.items()))
+    given = SMALL | {
+        "blind": False,
+        "training": 1,
+        "trials": 0,
+        "out": folder / "out",
+        "record": folder / "bag",
+    }
+    with ComposedGraph(SIM, phantoms=phantoms, **given) as graph:
+        graph.run()
+    wanted = [sign for d in DEPTHS_M.values() for sign in signs(d)]
+    with Bag(folder / "bag") as bag:
+        told = {
+            name
+            for name in bag.topics()
+            if any(sign in one.payload for one in bag.recorded([name]) for sign in wanted)
+        }
+    assert {"/experiment/trial", "/phantom/truth", "/phantom/methods"} <= told
+    assert any(sign in (folder / "out/trials.csv").read_bytes() for sign in wanted)
+
+
+def test_neither_the_order_of_codes_nor_the_seed_tells_which_is_which(session: Blinded) -> None:
+    """The plan draws places among the sorted codes: the same places whatever phantom has which code."""
+    codes = sorted(standing(session.key))
+
+    def places(phantoms: list[str]) -> list[int]:
+        design = plan.ExperimentDesign(
+            phantoms=tuple(plan.PlannedPhantom(code, 100.0 + i) for i, code in enumerate(phantoms)),
+            repeats=1,
+            trials_per_phantom=2,
+        )
+        steps, found = plan.experiment(design, np.random.default_rng(1)), []
+        step: plan.Step | None = next(steps)
+        while step is not None:
+            if isinstance(step, plan.MountPhantom):
+                found.append(phantoms.index(step.phantom))
+            estimating = isinstance(step, plan.Palpate) and not step.ring_given
+            try:
+                step = steps.send(plan.StepReply("decided" if estimating else "done"))
+            except StopIteration:
+                step = None
+        return found
+
+    assert places(codes) == places(["K1", "K2", "K3"])
+    assert sealed_phantoms(session.key).keys() == set(codes)
+
+
+def test_no_time_stamp_and_no_number_of_messages_tells_which_is_which(tmp_path: Path) -> None:
+    """Two sessions of one seed with other keys look the same: when, how often and how much is said."""
+    first = other = blinded(tmp_path / "a", training=1, trials=0)
+    while order(other.key) == order(first.key):  # one in six
+        other = blinded(tmp_path / f"b{len([*tmp_path.iterdir()])}", training=1, trials=0)
+
+    def seen(one: Blinded) -> dict[str, list[tuple[int, int]]]:
+        with Bag(one.bag) as bag:
+            names = [
+                name for name in bag.topics() if not name.endswith("/_order") and name != "/graph/events"
+            ]
+            return {
+                name: [(message.log_ns, len(message.payload)) for message in bag.recorded([name])]
+                for name in names
+            }
+
+    mine, theirs = seen(first), seen(other)
+    assert mine.keys() == theirs.keys()
+    assert {name for name in mine if [at for at, _ in mine[name]] != [at for at, _ in theirs[name]]} == set()
+    assert {name for name in mine if mine[name] != theirs[name]} <= MEASURED
+    assert [(row.start_ns, row.end_ns, row.true_height_m) for row in read_rows(first.out)] == [
+        (row.start_ns, row.end_ns, row.true_height_m) for row in read_rows(other.out)
+    ]
+
+
+def order(key: Path) -> list[str]:
+    """Return the phantoms' own codes in the order of the session's."""
+    own = own_codes(key)
+    return [own[code] for code in sorted(own)]
+
+
+def test_nobody_is_told_how_well_it_goes(session: Blinded) -> None:
+    with Bag(session.bag) as bag:
+        said = [one.value for one in bag.messages(["/experiment/progress"])]
+        truths = [one.value for one in bag.messages(["/phantom/truth"])]
+        topics = set(bag.topics())
+    assert said
+    assert not any(one.score_defined or "right" in one.text for one in said)
+    assert all(one.rung == "" and one.bound == 0.0 and one.depth_m >= 100.0 for one in truths)
+    assert not {path.name for path in session.out.iterdir()} & {"result.json", "report.html", "charts"}
+    assert "/phantom/guard" not in topics
+
+
+def test_who_would_analyse_it_is_refused_until_it_is_unsealed(session: Blinded) -> None:
+    for read in (read_session, read_sweeps):
+        with pytest.raises(PalpError, match="palp session unseal"):
+            read(session.out)
+    with pytest.raises(PalpError, match="palp session unseal"):
+        read_sweeps(session.bag)
+    assert "blinded" in write(session.out, read_note(session.out))
+
+
+def test_unsealed_it_has_the_depths_and_what_was_written_before_is_kept(copy: Path) -> None:
+    before = (copy / "trials.csv").read_bytes()
+    learnt = json.loads((copy / "primitives.json").read_text())
+    sealed = read_rows(copy)
+    own = own_codes(copy / "key.sealed")
+    done = CliRunner().invoke(app, ["unseal", str(copy), "--reason", "all is done"])
+    assert done.exit_code == 0, done.output
+    rows = read_rows(copy)
+    assert [row.depth_m for row in rows] == [DEPTHS_M[own[row.phantom]] for row in rows]
+    assert (copy / SEALED_TABLE).read_bytes() == before
+    places = sorted(range(3), key=lambda place: DEPTHS_M[own[sorted(own)[place]]])
+    for was, now in zip(sealed, rows, strict=True):
+        assert now.posterior == ([was.posterior[place] for place in places] if was.posterior else [])
+        if was.estimate_m is not None:
+            assert now.estimate_m == DEPTHS_M[own[sorted(own)[round(was.estimate_m) - 100]]]
+    told = json.loads((copy / "primitives.json").read_text())
+    assert told["depths_m"] == sorted(DEPTHS_M.values())
+    assert told["mean"] == [learnt["mean"][place] for place in places]
+    assert np.all(np.diff(np.array(told["mean"])[:, -1]) < 0.0)  # a deeper nodule is felt less
+    result = read_result(copy)
+    assert result["accuracy"]["overall"]["of"] == 3
+    assert {*result["mechanics"]["per_phantom"]} == {*own}
+    assert [(one.deed, one.reason) for one in decisions(copy)] == [("unseal", "all is done")]
+    with pytest.raises(PalpError, match="is not sealed"):
+        unseal(copy, "again")
+
+
+def test_another_sessions_key_opens_nothing(copy: Path, tmp_path: Path) -> None:
+    from palp_core.palpation.mechanics.scene.sealed import seal
+
+    before = {path: path.read_bytes() for path in copy.iterdir() if path.is_file()}
+    while {*seal(tmp_path / "other", sealed_phantoms(copy / "key.sealed"))} == {
+        *own_codes(copy / "key.sealed")
+    }:
+        (tmp_path / "other").unlink()
+    with pytest.raises(PalpError, match="another session's key"):
+        unseal(copy, "with the wrong key", tmp_path / "other")
+    assert {path: path.read_bytes() for path in copy.iterdir() if path.is_file()} == before
+
+
+def check(*given: str, file: Path = SIM) -> CheckedGraph:
+    return check_here(file, ["blind:=true", *given])
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("depths:=31", "needs the depths themselves"),
+        ("filter:=latent", "needs the depths themselves"),
+        ("reading:=trace", "needs the depths themselves"),
+        ("policy:=information", "needs the depths themselves"),
+        ("overwrite:=true", "a folder of its own"),
+    ],
+)
+def test_what_needs_the_depths_is_refused_before_anything_starts(
+    given: str, said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(GraphProblems, match=re.escape(said)):
+        check(given, f"out:={tmp_path / 'out'}")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_check_draws_no_key_and_real_phantoms_need_stickers(tmp_path: Path) -> None:
+    check(f"out:={tmp_path / 'out'}")
+    check(f"out:={tmp_path / 'out'}", file=ROOT / "launch/emulated.yaml")
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(GraphProblems, match="palp session seal KEY"):
+        check(f"out:={tmp_path / 'out'}", file=ROOT / "launch/rig.yaml")
+    done = CliRunner().invoke(app, ["seal", str(tmp_path / "key")])
+    assert "sticker" in done.stdout
+    check(f"out:={tmp_path / 'out'}", f"phantoms:={tmp_path / 'key'}", file=ROOT / "launch/rig.yaml")
