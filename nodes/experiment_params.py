@@ -45,6 +45,7 @@ class ExperimentParams(Params):
     that is to be replaced (``overwrite``).
     ``session`` names the session's sheet, which the report checks and copies.
     ``plan`` is the paper's experiment, or how well the rig repeats. ``depths`` and ``stop``: the estimator's.
+    ``mounting``: which phantom when: ``grouped`` to limit remounts, ``block_randomised``, or a CSV of trials.
     ``blind``: what is said and written has codes for depths, and no live accuracy; ``key`` says who is who.
     """
 
@@ -69,6 +70,7 @@ class ExperimentParams(Params):
     from_m: Metres = -0.03
     to_m: Metres = 0.05
     scene: str = ""
+    mounting: ReadOnly[str] = "grouped"
     blind: ReadOnly[bool] = False
     key: ReadOnly[str] = ""
 

@@ -11,6 +11,7 @@ from nodes.experiment_params import ExperimentParams, ExperimentState
 from palp_core import Progress
 from palp_core.errors import MethodError, PerceptionError
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
+from palp_core.palpation.mechanics.scene.sealed import is_sealed
 from palp_core.palpation.perception.belief.stopping import require_classes
 from palp_core.palpation.perception.belief.trial_filter import classes_of as grid_of
 from palp_core.palpation.perception.strategy.trained_rings import rings_of
@@ -18,6 +19,7 @@ from palp_core.palpation.session import plan
 from palp_core.palpation.session.blind import blind_mistakes, shown_depths
 from palp_core.palpation.session.method_choices import AUTO
 from palp_core.palpation.session.named_files import file_mistakes
+from palp_core.palpation.session.orders import BLOCKS, GROUPED, ordered
 from palp_core.palpation.session.plan import ExperimentDesign
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, repeatability, sweep_count
 
@@ -60,7 +62,7 @@ def design_of(params: ExperimentParams) -> plan.ExperimentDesign | RepeatDesign:
         require_classes(params.stop, len(believed(params)))
     if params.trials and not params.training:
         raise PerceptionError("training is 0: trials have nothing to compare with; train, or have no trials")
-    return plan.ExperimentDesign(
+    design = plan.ExperimentDesign(
         phantoms=tuple(plan.PlannedPhantom(code, depth_m) for code, depth_m in depths_m.items()),
         rings_m=rings_of(params.rings_mm),
         repeats=params.training,
@@ -70,6 +72,7 @@ def design_of(params: ExperimentParams) -> plan.ExperimentDesign | RepeatDesign:
         training_mounts=params.training_mounts,
         estimation_mounts=params.estimation_mounts,
     )
+    return ordered(design, params.mounting)
 
 
 def mistakes(params: ExperimentParams) -> dict[str, str]:
@@ -105,6 +108,11 @@ def _too_blind(params: ExperimentParams) -> dict[str, str]:
         "plan": params.plan != "paper",
     }
     found = {name: why for name, is_so in wrong.items() if is_so}
+    if params.mounting not in (GROUPED, BLOCKS) and not is_sealed(params.phantoms):
+        found["mounting"] = (
+            "a list that names phantoms by their own codes would tell which is which: seal them first "
+            "(palp session seal KEY, phantoms:=KEY), and list them by their stickers"
+        )
     if params.overwrite:
         found["overwrite"] = "a blinded session takes a folder of its own: another one's key may be known"
     return found
@@ -188,13 +196,12 @@ def progress_of(
             busy_s=state.sweep_s,
         )
     judged_count = 0 if blind else state.trials_done - state.dropped_count
-    training, phantom_count = phase == "training", len(design.phantoms)
-    palpation_count = design.repeats * phantom_count * len(design.rings_m)
+    training = phase == "training"
     return Progress(
         stamp_ns=now_ns,
         phase=phase,
         done_count=state.palpations_done if training else state.trials_done,
-        total_count=palpation_count if training else design.trials_per_phantom * phantom_count,
+        total_count=design.training_count if training else design.trial_count,
         text="palpations" if training else _trials_text(state),
         score=state.right_count / judged_count if judged_count else 0.0,
         score_defined=judged_count > 0,

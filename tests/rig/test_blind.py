@@ -260,6 +260,7 @@ def check(*given: str, file: Path = SIM) -> CheckedGraph:
         ("reading:=trace", "needs the depths themselves"),
         ("policy:=information", "needs the depths themselves"),
         ("overwrite:=true", "a folder of its own"),
+        ("mounting:=list.csv", "by their stickers"),
     ],
 )
 def test_what_needs_the_depths_is_refused_before_anything_starts(

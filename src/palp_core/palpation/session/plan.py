@@ -103,6 +103,15 @@ Plan = Generator[Step, StepReply, None]
 
 
 @dataclass(frozen=True)
+class ListedMounting:
+    """A mounting of a list: phase, the phantom's code, a ring per trial, m (0 where a policy sets it)."""
+
+    phase: Phase
+    phantom: str
+    rings_m: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class ExperimentDesign:
     """The experiment's numbers.
 
@@ -118,6 +127,7 @@ class ExperimentDesign:
         training_mounts: Times each phantom is mounted in training, its palpations spread evenly. Not
             published.
         estimation_mounts: The same in estimation.
+        listed: Mountings in the order of a list, which then counts and not the numbers above.
     """
 
     phantoms: tuple[PlannedPhantom, ...] = tuple(
@@ -130,6 +140,21 @@ class ExperimentDesign:
     rehome: Literal["palpation", "trial", "condition", "never"] = "trial"
     training_mounts: int = 1
     estimation_mounts: int = 1
+    listed: tuple[ListedMounting, ...] = ()
+
+    @property
+    def training_count(self) -> int:
+        """Palpations of training in all."""
+        if self.listed:
+            return sum(len(one.rings_m) for one in self.listed if one.phase == "training")
+        return self.repeats * len(self.phantoms) * len(self.rings_m)
+
+    @property
+    def trial_count(self) -> int:
+        """Trials of estimation in all."""
+        if self.listed:
+            return sum(len(one.rings_m) for one in self.listed if one.phase == "estimation")
+        return self.trials_per_phantom * len(self.phantoms)
 
     def __post_init__(self) -> None:
         if self.order not in ("randomised", "blocked"):
@@ -200,6 +225,11 @@ def _mountings(
     design: ExperimentDesign, rng: np.random.Generator
 ) -> Iterator[tuple[Phase, PlannedPhantom, list[float]]]:
     """Yield for every mounting its phase, phantom and ring per trial (0 where a policy sets it)."""
+    if design.listed:
+        by_code = {phantom.code: phantom for phantom in design.phantoms}
+        for one in design.listed:
+            yield one.phase, by_code[one.phantom], list(one.rings_m)
+        return
     rounds: list[tuple[Phase, list[float]]] = [
         ("training", [ring for ring in design.rings_m for _ in range(share)])
         for share in _shares(design.repeats, design.training_mounts)
