@@ -49,11 +49,13 @@ def test_a_parameter_that_bears_on_nothing_has_no_basis() -> None:
 
 
 CHOICES = {
-    "experiment": {"out", "overwrite", "policy", "seed", "session", "stop"},
+    "experiment": {"out", "overwrite", "policy", "seed", "session", "stop", "scene", "blind", "key"},
     "actuator": {"device"},
     "stage": {"device", "block_samples"},
     "torque": {"device"},
-    "emg": {"device", "block_samples", "options"},
+    "emg": {"device", "block_samples", "options", "cued", "phantoms"},
+    "phantom": {"blind", "key"},
+    "estimator": {"blind"},
 }
 
 

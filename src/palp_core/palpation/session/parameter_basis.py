@@ -16,6 +16,7 @@ BASIS = {
     "experiment.rehome": "not published; assumed",
     "experiment.training_mounts": "not published; assumed",
     "experiment.estimation_mounts": "not published; assumed",
+    "experiment.mounting": "not published; assumed",
     "experiment.depths": "published: one per phantom's depth (0); as of the estimator",
     "experiment.from_m": "assumed",
     "experiment.to_m": "assumed",
