@@ -17,7 +17,7 @@ from palp_core.palpation.devices.emulator.world import GuardMet, SweepToCome, Wo
 from palp_core.palpation.devices.sim.mount import MountVariation
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import read_noise
-from palp_core.palpation.session.blind import phantoms_file, shown_depth
+from palp_core.palpation.session.decided.blind import phantoms_file, shown_depth
 from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
 from palp_core.palpation.session.methods.used import rig_uses
 from palp_core.palpation.session.named_files import file_mistakes

@@ -16,10 +16,10 @@ from palp_core.palpation.perception.belief.stopping import require_classes
 from palp_core.palpation.perception.belief.trial_filter import classes_of as grid_of
 from palp_core.palpation.perception.strategy.trained_rings import rings_of
 from palp_core.palpation.session import plan
-from palp_core.palpation.session.blind import blind_mistakes, shown_depths
+from palp_core.palpation.session.decided.blind import blind_mistakes, shown_depths
 from palp_core.palpation.session.method_choices import AUTO
 from palp_core.palpation.session.named_files import file_mistakes
-from palp_core.palpation.session.orders import BLOCKS, GROUPED, ordered
+from palp_core.palpation.session.operating.orders import BLOCKS, GROUPED, ordered
 from palp_core.palpation.session.plan import ExperimentDesign
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, repeatability, sweep_count
 

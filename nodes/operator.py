@@ -6,7 +6,7 @@ from palp_core import Node, Params, Pub, Qos, ReadOnly, Srv, State, Sub, on, ser
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.mechanics.scene.sealed import is_sealed
-from palp_core.palpation.session.blind import shown_depth
+from palp_core.palpation.session.decided.blind import shown_depth
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import Count, MillimetresNonNegative
 

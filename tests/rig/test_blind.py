@@ -21,14 +21,14 @@ from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.problems import GraphProblems
 from palp_core.palpation.mechanics.scene.sealed import own_codes, sealed_phantoms, standing
 from palp_core.palpation.session import plan
-from palp_core.palpation.session.audit import decisions
+from palp_core.palpation.session.decided.audit import decisions
+from palp_core.palpation.session.operating.unsealing import SEALED_TABLE, unseal
 from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.recorded_sweeps import read_sweeps
 from palp_core.palpation.session.report import write
 from palp_core.palpation.session.result_json import read_result
 from palp_core.palpation.session.run_note import read_note
 from palp_core.palpation.session.trials_csv import read_rows
-from palp_core.palpation.session.unsealing import SEALED_TABLE, unseal
 from tests.support.palp import ROOT, SIM
 from tests.support.rig_session import ComposedGraph, check_here
 

@@ -12,7 +12,7 @@ from palp_core.cli.output import note, print_json, print_text
 from palp_core.errors import PalpError
 
 if TYPE_CHECKING:
-    from palp_core.palpation.session.audit import Deed
+    from palp_core.palpation.session.decided.audit import Deed
 
 TrialArgument = Annotated[
     int, typer.Argument(metavar="TRIAL", min=0, help="Its number in the table.", show_default=False)
@@ -47,7 +47,7 @@ def exclude(
 
 
 def _decide(deed: Deed, trial: int, folder: Path, reason: str, *, as_json: bool) -> None:
-    from palp_core.palpation.session.audit import AUDIT, decide
+    from palp_core.palpation.session.decided.audit import AUDIT, decide
     from palp_core.palpation.session.human.record import HUMAN_TABLE, read_human
     from palp_core.palpation.session.trials_csv import read_rows
 

@@ -42,8 +42,8 @@ def unseal(
     The report is made, and the audit says when, why and by whom it was opened.
     """
     from palp_core.palpation.session import run_note
+    from palp_core.palpation.session.operating.unsealing import unseal as open_session
     from palp_core.palpation.session.report import write
-    from palp_core.palpation.session.unsealing import unseal as open_session
 
     opened = open_session(folder, reason, key)
     said = write(folder, run_note.read_note(folder))

@@ -23,8 +23,8 @@ from palp_core.palpation.export.tables import (
 )
 from palp_core.palpation.identification.emg.files import EmgFile
 from palp_core.palpation.identification.emg.files_bag import read_bag
-from palp_core.palpation.session.audit import left_out
 from palp_core.palpation.session.bag_record import is_bag, write_record
+from palp_core.palpation.session.decided.audit import left_out
 from palp_core.palpation.session.recorded_session import believed_depths
 from palp_core.palpation.session.run_note import read_note
 from palp_core.palpation.session.sheet.of_run import sheet_of

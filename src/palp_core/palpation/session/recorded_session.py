@@ -13,8 +13,8 @@ import numpy as np
 from palp_core.errors import PalpError, PerceptionError, in_words
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
-from palp_core.palpation.session.audit import left_out
-from palp_core.palpation.session.blind import refuse_blinded
+from palp_core.palpation.session.decided.audit import left_out
+from palp_core.palpation.session.decided.blind import refuse_blinded
 from palp_core.palpation.session.trials_csv import Row, read_rows
 from palp_core.units import Float64Array
 from palp_core.whole_file import read_whole

@@ -15,8 +15,8 @@ from palp_core.graph.bag.reader import Bag
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from palp_core.palpation.perception.trace.terms import SweepTerms
-from palp_core.palpation.session.audit import left_out
-from palp_core.palpation.session.blind import refuse_blinded
+from palp_core.palpation.session.decided.audit import left_out
+from palp_core.palpation.session.decided.blind import refuse_blinded
 from palp_core.palpation.session.method_choices import AUTO
 from palp_core.palpation.session.roles import roles_of
 from palp_core.palpation.session.trials_csv import Row, read_rows, read_sweep

@@ -88,7 +88,7 @@ def write(folder: Path, summary: RunSummary) -> str:
     Raises:
         PalpError: There is no record, or the report cannot be written.
     """
-    from palp_core.palpation.session.blind import is_blinded, opened_run
+    from palp_core.palpation.session.decided.blind import is_blinded, opened_run
     from palp_core.palpation.session.recorded_session import read_session
     from palp_core.palpation.session.trials_csv import read_rows
 

@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import PalpError, in_words
-from palp_core.palpation.session.audit import left_out
+from palp_core.palpation.session.decided.audit import left_out
 from palp_core.palpation.session.session_folder import cannot_write, link_latest
 from palp_core.units import Float64Array
 from palp_core.whole_file import read_whole, whole_file, write_json

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from palp_core.errors import PalpError
 from palp_core.graph.launch.summary import RunSummary
-from palp_core.palpation.session.audit import left_out
+from palp_core.palpation.session.decided.audit import left_out
 from palp_core.palpation.session.human.record import HUMAN_TABLE, read_human
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, read_session
 from palp_core.palpation.session.result_json import how_far

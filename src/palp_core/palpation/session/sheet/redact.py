@@ -12,7 +12,7 @@ import msgspec
 from palp_core.errors import PalpError
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.reporting.table import write_csv
-from palp_core.palpation.session.audit import AUDIT, Decision, decisions
+from palp_core.palpation.session.decided.audit import AUDIT, Decision, decisions
 from palp_core.palpation.session.roles import roles_of
 from palp_core.palpation.session.session_folder import (
     OWN_FILES,

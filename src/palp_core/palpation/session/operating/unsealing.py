@@ -9,8 +9,8 @@ import msgspec
 
 from palp_core.errors import PalpError
 from palp_core.palpation.mechanics.scene.sealed import is_sealed, own_codes, sealed_phantoms, standing
-from palp_core.palpation.session.audit import decide
-from palp_core.palpation.session.blind import KEY, is_blinded
+from palp_core.palpation.session.decided.audit import decide
+from palp_core.palpation.session.decided.blind import KEY, is_blinded
 from palp_core.palpation.session.session_folder import TABLE, is_being_written
 from palp_core.palpation.session.trials_csv import Row, read_rows, table_text
 from palp_core.whole_file import read_whole, write_json, write_whole

@@ -1,0 +1,1 @@
+"""What was decided about a session: whose trials count, and what nobody is told yet."""
