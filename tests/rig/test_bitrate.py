@@ -142,6 +142,25 @@ def test_replayed_nodes_say_the_same_again(folder: Path) -> None:
         assert one.compared > 0
 
 
+def test_estimator_policy_and_phantom_swapped_in_the_midst_of_sweeps_change_nothing(
+    rows: list[Row], tmp_path: Path
+) -> None:
+    swapped = [
+        ("estimator", "nodes.estimator:Estimator"),
+        ("policy", "nodes.choosing.bitrate:Bitrate"),
+        ("phantom", "nodes.phantom:Phantom"),
+    ]
+    with ComposedGraph(
+        SIM, out=str(tmp_path / "out"), **SETTINGS, trials=2, policy="bitrate", stop_value=MOST, max_probes=6,
+    ) as graph:  # fmt: skip
+        for row, (node, run) in zip(rows[1:], swapped, strict=False):
+            graph.plan_swap(row.start_ns * 1e-9 + 0.2, node, run)
+        assert graph.run().exit_code == 0
+    again = [row for row in read_rows(tmp_path / "out") if row.phase == "estimation"]
+    assert again == rows
+
+
+@pytest.mark.nightly
 def test_policies_swapped_in_mid_trial_go_on_and_it_takes_over_again(tmp_path: Path) -> None:
     swaps = "2=nodes.choosing.bitrate:Bitrate,3=nodes.policy_fixed:Fixed"
     with ComposedGraph(

@@ -120,7 +120,7 @@ class EmgDriven:
 @method(
     task="policy",
     name="bitrate",
-    cost_s=0.05,
+    cost_s=0.15,
     evidence="tests/palpation/studies/frontier/test_action_trials.py",
     fails="one number a sweep, and speeds or depths at which the gel is not what training found it to be",
     survivor="information_gain_latent",
