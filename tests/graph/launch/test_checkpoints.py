@@ -303,6 +303,14 @@ def test_what_ended_or_never_began_cannot_be_resumed(file: Path) -> None:
         Graph(file, resume=True, compose=True).__enter__()
 
 
+def test_a_blinded_run_is_not_written_down(file: Path) -> None:
+    reword(file, "graph: walk", "graph: walk\nblind: true")
+    run(file, until=13)
+    assert not (file.parent / "out").exists()
+    with pytest.raises(GraphError, match="a blinded run is not written down"):
+        run(file, resume=True)
+
+
 def test_two_do_not_go_on_with_one_run(file: Path) -> None:
     run(file, until=13)
     args = {"resume": True, "out": file.parent / "out"}

@@ -69,12 +69,14 @@ class Checkpoints:
     """
 
     def __init__(self, checked: CheckedGraph, given: Sequence[str], *, resume: bool) -> None:
-        entry = checked.checkpoint
+        entry = None if checked.blind else checked.checkpoint  # it would tell what is sealed
         if resume and entry is None:
-            raise GraphError(
-                f"{checked.file}: nothing can be resumed: the launch file writes no checkpoint; add "
-                "checkpoint: {file: PATH, after: node/port}"
+            why = (
+                "a blinded run is not written down: a checkpoint would tell what nobody may know yet"
+                if checked.blind
+                else "the launch file writes no checkpoint; add checkpoint: {file: PATH, after: node/port}"
             )
+            raise GraphError(f"{checked.file}: nothing can be resumed: {why}")
         self.due = False
         self.cost = CheckpointCost()
         self.path = None if entry is None else Path(entry.file).absolute()
