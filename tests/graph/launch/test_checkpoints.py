@@ -311,6 +311,14 @@ def test_a_blinded_run_is_not_written_down(file: Path) -> None:
         run(file, resume=True)
 
 
+def test_an_unfinished_run_is_not_begun_anew_unasked(file: Path) -> None:
+    run(file, until=13)
+    kept = (file.parent / "out" / "checkpoint").read_bytes()
+    with pytest.raises(GraphError, match="is of an unfinished run: --resume goes on with it; remove it to"):
+        run(file)
+    assert (file.parent / "out" / "checkpoint").read_bytes() == kept
+
+
 def test_two_do_not_go_on_with_one_run(file: Path) -> None:
     run(file, until=13)
     args = {"resume": True, "out": file.parent / "out"}

@@ -12,6 +12,7 @@ import contextlib
 import fcntl
 import logging
 import os
+import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -152,10 +153,16 @@ class Checkpoints:
         """Keep other runs from the checkpoint, now that the run begins.
 
         Raises:
-            GraphError: Another one writes it, or nothing can be written there.
+            GraphError: Another one writes it, nothing can be written there, or an unfinished run would be
+            lost that no report of the launch file has looked at.
         """
-        if self.path is not None and self._lock < 0:
-            self._hold()
+        if self.path is None or self._lock >= 0:
+            return
+        if self.path.exists() and not self._launched.report:
+            raise GraphError(
+                f"{self.path} is of an unfinished run: --resume goes on with it; remove it to begin anew"
+            )
+        self._hold()
 
     def with_successors(self, inspect: Inspect) -> CheckedGraph:
         """Return the graph as it was at the checkpoint: with the nodes that had taken over by then.
@@ -220,6 +227,26 @@ class Checkpoints:
         if text != self._failed:
             _LOG.warning("%s; the run goes on, and could be resumed where the last one was written", text)
         self._failed = text
+
+    def command(self, file: Path, *options: str) -> str:
+        """Return the command by which the run, which has ended, goes on; "" if it cannot.
+
+        Args:
+            file: The launch file, as it was given.
+            options: Of the command, beside ``--resume``.
+        """
+        if self.path is None or not self.cost.count or not self.path.exists():
+            return ""
+        named = {word.partition(":=")[0] for word in self._given}
+        where = [  # a folder that was named by the time would be another one
+            f"{name}:={value}"
+            for name, value in self._launched.args.items()
+            if name not in named and isinstance(value, str) and value and self._is_in(value)
+        ]
+        return shlex.join(["palp", "launch", str(file), *self._given, *where, *options, "--resume"])
+
+    def _is_in(self, folder: str) -> bool:
+        return self.path is not None and self.path.is_relative_to(Path(folder).absolute())
 
     def finish(self) -> None:
         """Remove the checkpoint: the run has come to its end."""

@@ -153,7 +153,7 @@ class Graph:
         **args: Any,
     ) -> None:
         self.path = Path(path)
-        self._listen, self._record = listen, None if record is None else Path(record)
+        self._listen, self.record = listen, None if record is None else Path(record)
         self.recorders = Recorders()
         self.diagnostics, self.methods = Diagnostics(), MethodsTold()
         self.gateway: GatewayHandle | None = None
@@ -202,7 +202,7 @@ class Graph:
                 )
                 kept = self.checkpoints.attached or _tell(self.checked, "attach", self._summary()) or {}
                 self.checked = msgspec.structs.replace(self.checked, attached=kept)
-                self.recorders = Recorders(self.checked, self._record, self.checkpoints.said(self._record))
+                self.recorders = Recorders(self.checked, self.record, self.checkpoints.said(self.record))
                 self.diagnostics.follow(self.checked)
                 self.methods.follow(self.checked)
                 self._open_gateway(stack)

@@ -79,7 +79,8 @@ def _ways_on(folder: Path) -> str:
         before, done = read_note(folder), progress_words(read_rows(folder))
     except PalpError:
         return others
-    command = " ".join(map(shlex.quote, ("palp", "launch", before.file, *before.given)))
+    given = [word for word in before.given if not word.startswith("out:=")]
+    command = shlex.join(["palp", "launch", before.file, *given, f"out:={before.args.get('out', folder)}"])
     return f"it is unfinished, {done} done; `{command} --resume` goes on with it. Or {others}"
 
 
