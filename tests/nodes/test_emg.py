@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from msgs.emg import EmgBlock
+from msgs.human import MuscleCue
 from nodes import emg
 from nodes.emg import Emg
 from palp_core import Bench
@@ -181,3 +182,41 @@ def test_what_has_come_since_the_last_tick_is_passed_on_at_the_end(monkeypatch: 
     before = len(bench.sent(Emg.block))
     bench.executor.transition(Transition.DEACTIVATE)
     assert len(bench.sent(Emg.block)) > before
+
+
+def test_what_is_cued_is_done_and_every_sample_has_the_phase_of_its_time() -> None:
+    bench = Bench(Emg, {"device": emg.SUBJECT, "cued": True})
+
+    def cue(phase: str, seconds: float, phantom: str = "") -> None:
+        bench.feed(Emg.cue, MuscleCue(stamp_ns=bench.clock.now_ns(), phase=phase, phantom=phantom))
+        bench.advance(seconds)
+
+    bench.advance(0.52)
+    for phase, seconds in (("rest", 1.03), ("mvc", 1.0), ("pause", 0.51), ("palpation", 2.0), ("pause", 0.2)):
+        cue(phase, seconds, "A")
+    bench.advance(0.1)
+    blocks = bench.sent(Emg.block)
+    assert blocks[0].phase == "pause"
+    counts = {
+        phase: sum(len(b.fds_v) for b in blocks if b.phase == phase) for phase in ("rest", "mvc", "palpation")
+    }
+    assert counts == {"rest": 1545, "mvc": 1500, "palpation": 3000}
+    strength = {phase: float(np.std(joined([b for b in blocks if b.phase == phase])[0])) for phase in counts}
+    assert strength["mvc"] > 1.5 * strength["palpation"] > 10.0 * strength["rest"]
+    starts = [round(b.start_ns * 1.5e-6) for b in blocks]
+    assert starts[1:] == [start + len(b.fds_v) for start, b in zip(starts, blocks, strict=True)][:-1]
+
+
+def test_an_amplifier_whose_samples_come_late_has_them_in_the_phase_of_their_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    source = ScriptedSource()
+    monkeypatch.setattr(emg, "open_device", lambda *_, **__: source)
+    bench = Bench(Emg, {"device": "noraxon", "rate_hz": 1000.0, "block_samples": 50, "cued": True})
+    bench.feed(Emg.cue, MuscleCue(stamp_ns=20_000_000, phase="mvc"))
+    times_ns = np.arange(1, 41) * 1_000_000  # half of them from before the cue
+    source.waiting = [Samples(times_ns, np.zeros(40), np.zeros(40), np.arange(40), np.zeros(40, dtype=bool))]
+    before = len(bench.sent(Emg.block))
+    bench.advance(0.05)
+    late = bench.sent(Emg.block)[before:][:2]
+    assert [(block.phase, len(block.fds_v)) for block in late] == [("pause", 20), ("mvc", 20)]

@@ -1,0 +1,53 @@
+"""A recording in an amplifier's place: each phase is played while it is asked for, and goes on later."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.protocols import EmgSamples
+from palp_core.palpation.identification.emg.playback import EmgPlayback, EmgPlaybackState
+
+RATE_HZ = 1500.0
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> dict[str, str]:
+    """A recording of each phase, told by its strength, V."""
+    rng, found = np.random.default_rng(1), {}
+    for name, strength_v, count in (("path", 1e-4, 3000), ("mvc", 3e-4, 1500), ("rest", 2e-6, 1500)):
+        both = strength_v * rng.standard_normal((2, count))
+        np.savez(tmp_path / f"{name}.npz", fds_v=both[0], edc_v=both[1], rate_hz=np.array(RATE_HZ))
+        found[name] = str(tmp_path / f"{name}.npz")
+    return found
+
+
+def test_each_phase_is_played_while_it_is_asked_for(files: dict[str, str]) -> None:
+    device, state, rng = EmgPlayback(**files), EmgPlaybackState(), np.random.default_rng(0)
+    device.open(0, state, rng)
+    device.drain(0, state, rng)
+    now_ns, played = 0, {}
+    for phase in ("rest", "mvc", "palpation", "pause", "palpation"):
+        device.cue(phase, "", state)
+        now_ns += 1_000_000_000
+        found: EmgSamples = device.drain(now_ns, state, rng)
+        assert len(found.times_ns) == 1500
+        played.setdefault(phase, []).append(found.fds_v)
+    assert np.std(played["mvc"][0]) == pytest.approx(3e-4, rel=0.1)
+    assert np.std(played["rest"][0]) == np.std(played["pause"][0]) or np.std(played["pause"][0]) < 3e-6
+    with np.load(files["path"]) as kept:
+        np.testing.assert_array_equal(np.concatenate(played["palpation"]), kept["fds_v"])
+
+
+def test_a_phase_that_is_nowhere_and_no_recording_at_all_are_refused(files: dict[str, str]) -> None:
+    with pytest.raises(DeviceError, match="has no phase 'mvc'"):
+        EmgPlayback(path=files["path"], rest=files["rest"])
+    with pytest.raises(DeviceError, match="no such file"):
+        EmgPlayback(path="nowhere.csv")
+    with pytest.raises(DeviceError, match="and not 2000 Hz"):
+        EmgPlayback(**files, rate_hz=2000.0)  # type: ignore[arg-type]
+    with pytest.raises(DeviceError, match="give recording:=FILE"):
+        EmgPlayback(path="").open(0, EmgPlaybackState(), np.random.default_rng(0))
