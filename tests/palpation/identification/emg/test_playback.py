@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,14 +11,16 @@ import pytest
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.protocols import EmgSamples
 from palp_core.palpation.identification.emg.playback import EmgPlayback, EmgPlaybackState
+from palp_core.units import Float64Array
 
 RATE_HZ = 1500.0
 
 
 @pytest.fixture
-def files(tmp_path: Path) -> dict[str, str]:
+def files(tmp_path: Path) -> dict[str, Any]:
     """A recording of each phase, told by its strength, V."""
-    rng, found = np.random.default_rng(1), {}
+    rng = np.random.default_rng(1)
+    found: dict[str, Any] = {}
     for name, strength_v, count in (("path", 1e-4, 3000), ("mvc", 3e-4, 1500), ("rest", 2e-6, 1500)):
         both = strength_v * rng.standard_normal((2, count))
         np.savez(tmp_path / f"{name}.npz", fds_v=both[0], edc_v=both[1], rate_hz=np.array(RATE_HZ))
@@ -25,11 +28,12 @@ def files(tmp_path: Path) -> dict[str, str]:
     return found
 
 
-def test_each_phase_is_played_while_it_is_asked_for(files: dict[str, str]) -> None:
+def test_each_phase_is_played_while_it_is_asked_for(files: dict[str, Any]) -> None:
     device, state, rng = EmgPlayback(**files), EmgPlaybackState(), np.random.default_rng(0)
     device.open(0, state, rng)
     device.drain(0, state, rng)
-    now_ns, played = 0, {}
+    now_ns = 0
+    played: dict[str, list[Float64Array]] = {}
     for phase in ("rest", "mvc", "palpation", "pause", "palpation"):
         device.cue(phase, "", state)
         now_ns += 1_000_000_000
@@ -42,12 +46,12 @@ def test_each_phase_is_played_while_it_is_asked_for(files: dict[str, str]) -> No
         np.testing.assert_array_equal(np.concatenate(played["palpation"]), kept["fds_v"])
 
 
-def test_a_phase_that_is_nowhere_and_no_recording_at_all_are_refused(files: dict[str, str]) -> None:
+def test_a_phase_that_is_nowhere_and_no_recording_at_all_are_refused(files: dict[str, Any]) -> None:
     with pytest.raises(DeviceError, match="has no phase 'mvc'"):
         EmgPlayback(path=files["path"], rest=files["rest"])
     with pytest.raises(DeviceError, match="no such file"):
         EmgPlayback(path="nowhere.csv")
     with pytest.raises(DeviceError, match="and not 2000 Hz"):
-        EmgPlayback(**files, rate_hz=2000.0)  # type: ignore[arg-type]
+        EmgPlayback(**files, rate_hz=2000.0)
     with pytest.raises(DeviceError, match="give recording:=FILE"):
         EmgPlayback(path="").open(0, EmgPlaybackState(), np.random.default_rng(0))
