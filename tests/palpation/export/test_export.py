@@ -209,6 +209,19 @@ def test_the_tables_say_what_the_record_says(source: ExportSource) -> None:
     assert set(muscles["phase"][175:300]) == {"mvc"}
 
 
+def test_an_estimate_on_a_grid_is_right_if_the_true_depth_is_the_nearest_that_was_taught(
+    source: ExportSource,
+) -> None:
+    rows = [row for row in read_rows(source.path) if row.phase == "training"]  # of 2, 2.5 and 8 mm
+    believed: dict[str, Any] = {"phase": "estimation", "posterior": [0.2] * 5, "gain": [0.0] * 5}
+    cases = [(0.002, 0.0021, True), (0.002, 0.0024, False), (0.0025, 0.0024, True), (0.008, 0.005, False)]
+    for number, (depth_m, estimate_m, _) in enumerate(cases):
+        more = {"trial": 1000 + number, "depth_m": depth_m, "estimate_m": estimate_m}
+        rows.append(msgspec.structs.replace(rows[0], **(believed | more)))
+    trials = expected(trials_table(rows, (0.002, 0.0021, 0.0024, 0.005, 0.008), "none", {}))
+    assert [one for one in trials["right"] if one is not None] == [right for *_, right in cases]
+
+
 def test_every_field_of_a_row_is_a_column() -> None:
     names = {one.name.partition("_<")[0] for one in DICTIONARY["iterations"]}
     fields = {

@@ -51,13 +51,20 @@ def trials_table(
         subject: Code.
         excluded: Why each trial that does not count does not.
     """
+    taught_m = sorted({row.depth_m for row in rows if row.phase == "training"})
+    classes_m = (
+        taught_m if 1 < len(taught_m) < len(depths_m) else depths_m
+    )  # a grid is counted by what is taught
     records = [
-        _trial(list(probes), subject, excluded) for _, probes in groupby(rows, key=lambda row: row.trial)
+        _trial(list(probes), classes_m, subject, excluded)
+        for _, probes in groupby(rows, key=lambda row: row.trial)
     ]
     return _table("trials", depths_m, records)
 
 
-def _trial(probes: Sequence[Row], subject: str, excluded: Mapping[int, str]) -> dict[str, Any]:
+def _trial(
+    probes: Sequence[Row], classes_m: Sequence[float], subject: str, excluded: Mapping[int, str]
+) -> dict[str, Any]:
     first, last = probes[0], probes[-1]
     estimate_m = last.estimate_m
     return {
@@ -71,7 +78,7 @@ def _trial(probes: Sequence[Row], subject: str, excluded: Mapping[int, str]) -> 
         "palpations": len(probes),
         "estimate_m": estimate_m,
         "confidence": min(max(last.posterior), 1.0) if last.posterior else None,
-        "right": abs(estimate_m - last.depth_m) < 1e-9 if estimate_m is not None else None,
+        "right": None if estimate_m is None else abs(_nearest(classes_m, estimate_m) - last.depth_m) < 1e-9,
         "verdict": last.verdict,
         "policy": last.policy,
         "seed": last.seed,
@@ -80,6 +87,10 @@ def _trial(probes: Sequence[Row], subject: str, excluded: Mapping[int, str]) -> 
         "excluded": first.trial in excluded,
         "excluded_why": excluded.get(first.trial, ""),
     }
+
+
+def _nearest(classes_m: Sequence[float], estimate_m: float) -> float:
+    return min(classes_m, key=lambda depth_m: abs(depth_m - estimate_m))
 
 
 def iterations_table(rows: Sequence[Row], depths_m: Sequence[float], subject: str) -> ExportTable:
