@@ -25,6 +25,7 @@ from palp_core.palpation.identification.emg.files import EmgFile
 from palp_core.palpation.identification.emg.files_bag import read_bag
 from palp_core.palpation.session.bag_record import is_bag, write_record
 from palp_core.palpation.session.decided.audit import left_out
+from palp_core.palpation.session.decided.blind import refuse_blinded
 from palp_core.palpation.session.recorded_session import believed_depths
 from palp_core.palpation.session.run_note import read_note
 from palp_core.palpation.session.sheet.of_run import sheet_of
@@ -60,7 +61,7 @@ def read_source(path: Path) -> ExportSource:
     """Read all tables of a session.
 
     Raises:
-        PalpError: It is neither a session's folder nor a bag of a run, or is damaged.
+        PalpError: It is neither a session's folder nor a bag of a run, or is blinded or damaged.
         BagError: The bag cannot be read.
     """
     notes: list[str] = []
@@ -78,7 +79,9 @@ def read_source(path: Path) -> ExportSource:
             notes.append(f"the session is unfinished ({summary.ended}): what it has is exported")
         sheet = sheet_of(summary)
         subject = sheet.subject if sheet is not None else NONE
-        rows, depths_m = read_rows(folder), believed_depths(folder)
+        rows = read_rows(folder)
+        refuse_blinded(rows, path)
+        depths_m = believed_depths(folder)
         tables = (
             trials_table(rows, depths_m, subject, left_out(folder)),
             iterations_table(rows, depths_m, subject),

@@ -22,7 +22,9 @@ from palp_core.palpation.perception.statistics.resampling import cluster_bootstr
 from palp_core.palpation.session.many.overview import SessionEntry, find_sessions
 from palp_core.palpation.session.many.page import remarks
 from palp_core.palpation.session.many.pooled import pool
+from palp_core.palpation.session.run_note import read_note
 from palp_core.palpation.session.session_folder import SHEET
+from palp_core.palpation.session.sheet.redact import redact
 from palp_core.palpation.session.sheet.sheet import SessionSheet
 from palp_core.palpation.session.sheet.sheet_file import sheet_text
 from palp_core.whole_file import write_json
@@ -164,6 +166,23 @@ def test_sessions_of_one_subject_alone_are_the_unit_and_speak_for_that_subject(t
     assert group["remarks"] == ["all sessions are of S01: what they say speaks for this subject only"]
 
 
+def test_a_blinded_session_is_listed_and_neither_pooled_nor_exported_nor_redacted(tmp_path: Path) -> None:
+    out = session(tmp_path, "one", [True, False])
+    table = (out / "trials.csv").read_text(encoding="utf-8").splitlines()
+    head, *rows = (line.split(",") for line in table)
+    place = head.index("depth_m")
+    sealed = [",".join([*cells[:place], "1001.0", *cells[place + 1 :]]) for cells in rows]
+    (out / "trials.csv").write_text("\n".join([",".join(head), *sealed, ""]), encoding="utf-8")
+    (entry,) = find_sessions(tmp_path)
+    assert (entry.state, entry.trials) == ("blinded", ())
+    assert entry.words == "blinded: 2 palpations; when all is done: palp session unseal"
+    assert pool([entry])["groups"] == []
+    with pytest.raises(PalpError, match="is a blinded session"):
+        read_source(out)
+    with pytest.raises(PalpError, match="is a blinded session"):
+        redact(out, read_note(out), tmp_path / "copy")
+
+
 def test_exported_tables_are_no_session(tmp_path: Path) -> None:
     out = session(tmp_path, "one", [True], repeats=1)
     write_export(read_source(out), "csv", tmp_path / "one_csv")
@@ -178,7 +197,7 @@ def test_excluded_trials_do_not_count_and_are_told(tmp_path: Path) -> None:
     assert entry.excluded == {1002: "exclude: slipped", 1003: "redo: late, twice"}
     (group,) = pool([entry])["groups"]
     assert (group["trials"], group["excluded"], group["accuracy"]["value"]) == (2, 2, 1.0)
-    assert any("2 trials are excluded" in words for words in remarks(pool([entry])))
+    assert any("excluded trials, each with its reason: 2" in words for words in remarks(pool([entry])))
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from palp_core.errors import PalpError
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.session.decided.audit import left_out
+from palp_core.palpation.session.decided.blind import is_blinded
 from palp_core.palpation.session.human.record import HUMAN_TABLE, read_human
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, read_session
 from palp_core.palpation.session.result_json import how_far
@@ -21,13 +22,14 @@ from palp_core.palpation.session.run_note import read_note
 from palp_core.palpation.session.session_folder import REPLACED, RUN, SWEEPS, TABLE
 from palp_core.palpation.session.sheet.of_run import sheet_of
 from palp_core.palpation.session.sheet.sheet import NONE, SessionSheet
+from palp_core.palpation.session.trials_csv import read_rows
 
 _OF_ONE = ("out", "overwrite", "session", "seed", "host", "folder", "options", "stop_url", "verified")
 
 DICTIONARY_FILE = "dictionary.csv"
 """By which a folder of exported tables is told from a session's."""
 
-State = Literal["whole", "unfinished", "running", "empty", "damaged", "person"]
+State = Literal["whole", "unfinished", "running", "empty", "damaged", "person", "blinded"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +109,9 @@ def _entry(folder: Path) -> SessionEntry:
         running = summary.exit_code < 0 and summary.ended == "it is still running"
         if not (folder / TABLE).exists() and not running and not (folder / SWEEPS).exists():
             return SessionEntry(folder, "empty", "nothing was recorded", began, sheet)
+        if is_blinded(rows := read_rows(folder)):
+            words = f"blinded: {len(rows)} palpations; when all is done: palp session unseal"
+            return SessionEntry(folder, "blinded", words, began, sheet)
         return _read(folder, summary, sheet, began, running=running)
     except PalpError as error:
         return SessionEntry(folder, "damaged", f"damaged: {error}", began)

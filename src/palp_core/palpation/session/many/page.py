@@ -84,7 +84,7 @@ def remarks(record: Mapping[str, Any]) -> Iterator[str]:
         yield f"left out: {one['path']}: {one['why']}"
     for group in record["groups"]:
         if group["excluded"]:
-            yield f"{group['design']}: {group['excluded']} trials are excluded, each with its reason"
+            yield f"{group['design']}: excluded trials, each with its reason: {group['excluded']}"
         for words in group["remarks"]:
             yield f"{group['design']}: {words}"
     if len(record["groups"]) > 1 and not record["differences"]:
