@@ -29,6 +29,7 @@ DEPTHS_M = [0.002, 0.004, 0.008]
 BEAT = {"state": "ready", "permits": True, "cause": "", "text": "", "warning": ""}
 SAID: dict[str, list[tuple[int, dict[str, Any]]]] = {
     "SafetyBeat": [(90, BEAT)],
+    "Mount": [(1, {"code": "K7", "remount": 0})],
     "PhantomTruth": [(1, {"code": "B", "depth_m": 0.004})],
     "PrimitivesLearnt": [
         (2, {
@@ -184,7 +185,7 @@ def test_of_a_blinded_session_none_of_it_is_on_the_page() -> None:
     async def look(user: Any) -> None:
         await user.should_see("The session is blinded", retries=100)
         await user.should_see("1 of 300 trials done", retries=100)
-        await user.should_see("ring: 16.2 mm, settled", retries=100)
+        await user.should_see("ring: 16.2 mm, settled; phantom K7", retries=100)
         for words in ("%", "4 mm", "phantom B", "vouches", "posterior", "Entropy", "Right so far"):
             await user.should_not_see(words)
 
@@ -251,7 +252,7 @@ def test_a_field_that_no_message_has_is_no_harm() -> None:
     known = {name: kind for module in modules for name, kind in vars(module).items()} | {"Progress": Progress}
     for name, fields in HARMLESS.fields.items():
         assert set(fields) <= {"*", *known[name].__struct_fields__}, name
-    told = {"depth_m", "torque_n_m", "estimate_m", "confidence", "posterior", "label_known", "score", "code"}
+    told = {"depth_m", "torque_n_m", "estimate_m", "confidence", "posterior", "label_known", "score", "gain"}
     for name, fields in HARMLESS.fields.items():
         seen = known[name].__struct_fields__ if "*" in fields else fields
         assert not told & set(seen), name

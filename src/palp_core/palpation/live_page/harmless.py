@@ -1,6 +1,7 @@
 """What may be seen of a blinded session: what tells neither depth nor accuracy.
 
-No torque is among it: its peak is what the depth is told by. Nor is a phantom's code, which may give it away.
+No torque is among it: its peak is what the depth is told by. A phantom's code is, for somebody has to put it
+on: those of a blinded session are drawn for it, and say nothing.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ HARMLESS = Harmless(
         "SweepStatus": (WHOLE,),
         "RingCommand": (WHOLE,),
         "RingState": (WHOLE,),
+        "Mount": (WHOLE,),
         "Trial": ("stamp_ns", "trial", "phase"),
         "TrialResult": ("stamp_ns", "trial", "probe_count", "verdict"),
         "Progress": ("stamp_ns", "phase", "done_count", "total_count"),

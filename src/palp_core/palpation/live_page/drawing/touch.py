@@ -146,7 +146,7 @@ class TouchPanel:
 def taught_words(bands: list[Band], *, of_peaks: bool, ring_m: float | None) -> str:
     """Return what the bands are."""
     if not bands or ring_m is None:
-        return "training has taught nothing yet of this ring position"
+        return "no bands: training goes on, or has taught nothing of this ring position"
     counts = sorted({band.sweep_count for band in bands})
     of = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
     what = "peak torques" if of_peaks else "sweeps"
