@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 
 from nodes.choosing.bitrate import BitrateParams, choices_of
+from palp_core.errors import PalpError
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.replay.replay import replay
 from palp_core.palpation.devices.sim.stage import SimStage
 from palp_core.palpation.perception.belief.stopping import stop_rule
 from palp_core.palpation.perception.strategy.policies_informed import Timing
 from palp_core.palpation.perception.trace.actions import SweepAction
+from palp_core.palpation.session.reanalysis import Methods, reanalyse
 from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps, read_sweeps
 from palp_core.palpation.session.trace.action_time import ActionTime
 from palp_core.palpation.session.trace.actions import action_model
@@ -134,6 +136,17 @@ def test_stored_trials_are_decided_again_as_they_were(folder: Path, rows: list[R
     np.testing.assert_allclose(found, [row.posterior for row in rows], atol=1e-9)
     ends = [row.verdict for row in rows if row.verdict != "continue"]
     assert [trial.word for trial in again] == ends
+
+
+def test_palp_analyse_decides_chosen_sweeps_by_the_trace_and_by_no_feature(
+    session: RecordedSweeps, rows: list[Row]
+) -> None:
+    swift = Methods(stop="posterior_threshold", stop_value=MOST, trace_filter="second_order")
+    again = reanalyse(session, swift)
+    ends = [row for row in rows if row.verdict == "decided"]
+    assert [trial.estimate_m for trial in again.trials] == [row.estimate_m for row in ends]
+    with pytest.raises(PalpError, match="decide them by the whole trace"):
+        reanalyse(session, Methods())
 
 
 def test_replayed_nodes_say_the_same_again(folder: Path) -> None:
