@@ -23,7 +23,7 @@ from palp_core.palpation.mechanics.scene.sealed import own_codes, sealed_phantom
 from palp_core.palpation.session import plan
 from palp_core.palpation.session.decided.audit import decisions
 from palp_core.palpation.session.operating.unsealing import SEALED_TABLE, unseal
-from palp_core.palpation.session.recorded_session import read_session
+from palp_core.palpation.session.recorded_session import believed_depths, read_session
 from palp_core.palpation.session.recorded_sweeps import read_sweeps
 from palp_core.palpation.session.report import write
 from palp_core.palpation.session.result_json import read_result
@@ -200,7 +200,7 @@ def test_nobody_is_told_how_well_it_goes(session: Blinded) -> None:
 
 
 def test_who_would_analyse_it_is_refused_until_it_is_unsealed(session: Blinded) -> None:
-    for read in (read_session, read_sweeps):
+    for read in (read_session, read_sweeps, believed_depths):
         with pytest.raises(PalpError, match="palp session unseal"):
             read(session.out)
     with pytest.raises(PalpError, match="palp session unseal"):

@@ -14,7 +14,7 @@ from palp_core.errors import PalpError, PerceptionError, in_words
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
 from palp_core.palpation.session.decided.audit import left_out
-from palp_core.palpation.session.decided.blind import refuse_blinded
+from palp_core.palpation.session.decided.blind import refuse_blinded, still_blinded
 from palp_core.palpation.session.trials_csv import Row, read_rows
 from palp_core.units import Float64Array
 from palp_core.whole_file import read_whole
@@ -172,6 +172,8 @@ def believed_depths(folder: Path) -> tuple[float, ...]:
     with (folder / "trials.csv").open(encoding="utf-8", newline="") as file:
         columns = next(csv.reader(file), [])
     labels = [c.removeprefix("posterior_") for c in columns if c.startswith("posterior_")]
+    if any(not label.endswith("mm") for label in labels):
+        raise still_blinded(folder)
     return tuple(float(label.removesuffix("mm")) / 1e3 for label in labels)
 
 

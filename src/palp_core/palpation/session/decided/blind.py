@@ -108,10 +108,15 @@ def refuse_blinded(rows: Iterable[OfADepth], where: Path) -> None:
         PalpError: It is blinded.
     """
     if is_blinded(rows):
-        raise PalpError(
-            f"'{where}' is a blinded session: codes stand for depths, and nobody is to know how it went; "
-            "when all is done: palp session unseal"
-        )
+        raise still_blinded(where)
+
+
+def still_blinded(where: Path) -> PalpError:
+    """Return what to say to whoever asks too early."""
+    return PalpError(
+        f"'{where}' is a blinded session: codes stand for depths, and nobody is to know how it went; "
+        "when all is done: palp session unseal"
+    )
 
 
 def opened_run(summary: RunSummary, folder: Path) -> RunSummary:
