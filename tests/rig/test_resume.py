@@ -172,7 +172,7 @@ def test_what_cannot_be_written_stops_the_session_and_costs_nothing(
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("kib", [64, 200, 400, 600, 700, 800, 900, 1000, 1100, 1200])
+@pytest.mark.parametrize("kib", [64, 120, 180, 240, 300, 360, 420, 480, 540, 600])
 def test_on_a_disk_that_fills_up_every_row_before_is_readable(
     kib: int, rig_session: RigSession, palp: Palp, tmp_path: Path
 ) -> None:
