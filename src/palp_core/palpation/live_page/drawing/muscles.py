@@ -67,7 +67,7 @@ def _plot(source: ViewSource, topic: str, fields: dict[str, str], file: str, *, 
                 for place, one in enumerate(series):
                     waiting[place] = thinned([*waiting[place], *one.add(heard)], MOST_POINTS)
             if any(waiting) and not plot.busy:
-                plot.add(waiting)
+                plot.add([*waiting])  # it is sent later, when this list is empty again
                 waiting[:] = [[] for _ in series]
 
         ui.timer(TICK_S, tick)
