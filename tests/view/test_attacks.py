@@ -124,6 +124,10 @@ def a_post_of_another_site(target: Target) -> None:
     assert target.open.ask(polling, "POST", said, Origin=EVIL, Content_Type="text/plain").status == 403
     assert target.open.ask(polling, "POST", said, Sec_Fetch_Site="cross-site").status == 403
     assert target.open.ask(polling, Sec_Fetch_Site="cross-site", Sec_Fetch_Mode="no-cors").status == 403
+    for button in ("stop", "acknowledge", "x"):
+        assert target.open.ask(target.page(f"/press/{button}"), "POST", b"", Origin=EVIL).status == 403
+        assert target.open.ask(f"/press/{button}", "POST", b"", Origin=target.open.origin).status == 403
+        assert target.open.ask(target.page(f"/press/{button}")).status in (404, 405)
     preflight = target.open.ask(polling, "OPTIONS", Origin=EVIL, Access_Control_Request_Method="POST")
     assert preflight.status == 403
     assert preflight.headers.get("access-control-allow-origin") is None
