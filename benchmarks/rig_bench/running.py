@@ -35,6 +35,17 @@ PATIENCE_S = 60.0
 LAUNCHER, FORK_SERVER = "launcher", "fork server"
 GUARD_OF = "guard of "
 LAUNCH_FILES = ("rig.yaml", "parts/experiment.yaml")
+SHEET = """\
+lab: bench
+operator: B1
+subject: none
+ethics: none
+phantoms:
+  A: &phantom {id: emulated, batch: none, cured: 2026-01-01, cure_temperature_c: 23.0}
+  B: *phantom
+  C: *phantom
+sensor: {serial: emulated, bias_n_m: 0.0}
+"""
 DEVICES = "aerotech,maestro,ati,noraxon"
 
 
@@ -155,7 +166,8 @@ class RunningRig:
         (self.folder / "launch" / "parts").mkdir(parents=True)
         for name, text in texts.items():
             (self.folder / "launch" / name).write_text(text, encoding="utf-8")
-        launch_file = self.folder / "launch" / "rig.yaml"
+        launch_file, sheet = self.folder / "launch" / "rig.yaml", self.folder / "sheet.yaml"
+        sheet.write_text(SHEET, encoding="utf-8")
         given = [f"from_m:={FROM_M}", f"to_m:={TO_M}", f"lift_mm:={LIFT_M * 1e3}"]
         environment = {
             **os.environ,
@@ -166,7 +178,7 @@ class RunningRig:
         self.process = subprocess.Popen(
             [
                 sys.executable, "-m", "palp_core", "launch", str(launch_file), *given,
-                f"out:={self.folder / 'out'}", *self._arguments,
+                f"out:={self.folder / 'out'}", f"session:={sheet}", *self._arguments,
             ],
             env=environment,
             stdout=self._said,

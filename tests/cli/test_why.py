@@ -238,7 +238,7 @@ def test_a_bag_of_a_graph_without_a_rig_is_said_and_what_tells_of_it(
     rig_session: RigSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     chain = summary_of(check_file(CHAIN), CHAIN)
-    monkeypatch.setattr(bag_record, "_launch_of", lambda _: chain)
+    monkeypatch.setattr(bag_record, "launch_of", lambda _: chain)
     with pytest.raises(PalpError) as refused:
         CliRunner().invoke(app, ["why", str(rig_session.bag)], catch_exceptions=False)
     words = str(refused.value)

@@ -45,7 +45,7 @@ def found(path: Path, *arguments: str) -> list[tuple[str, str]]:
         ("sim", "stop_value:=-1.0", ["Estimator"]),
         ("emulated", "height_sd_mm:=-1.0", ["EmulatedPhantom", "Information", "Estimator"]),
         ("rig", "height_sd_mm:=-1.0", ["Information", "Estimator", "Operator"]),
-        ("rig", "lift_mm:=-5.0", ["Safety", "RigStage"]),
+        ("rig", "lift_mm:=-5.0", ["Safety", "Bitrate", "RigStage"]),
         ("rig", "stale_ms:=1e9", ["Safety"]),
         ("rig", "beat_ms:=0.0", ["Safety", "RigStage", "RigActuator"]),
         ("rig", "link_ms:=-1.0", ["Safety"]),

@@ -13,6 +13,7 @@ from palp_core.graph.problems import GraphProblems
 from tests.support.palp import SIM
 
 POLICIES = """
+from msgs.action import ActionQuestion, PalpationAction
 from msgs.actuator import RingCommand
 from msgs.experiment import Trial
 from nodes.policy_fixed import Fixed
@@ -20,6 +21,8 @@ from palp_core import Node, Params, Pub, Sub, on
 
 class Mute(Node):
     trial = Sub(Trial)
+    action = Pub(PalpationAction)
+    question = Pub(ActionQuestion)
     @on(trial)
     def hear(self, message): ...
 
@@ -33,6 +36,8 @@ class Blind(Node):
     '''Has all that is read of it, and reads no belief.'''
     trial = Sub(Trial)
     command = Pub(RingCommand)
+    action = Pub(PalpationAction)
+    question = Pub(ActionQuestion)
     @on(trial)
     def choose(self, message): ...
 
@@ -60,9 +65,9 @@ def policies(tmp_path: Path) -> Path:
 
 def test_a_class_that_does_not_fit_is_refused_in_the_words_of_the_swap_once(policies: Path) -> None:
     assert mistakes(f"3={policies}:Other", f"5={policies}:Mute", f"9={policies}:Mute") == [
-        f"{policies}:Mute: it has no output 'command', which /actuator reads; there are none",
+        f"{policies}:Mute: it has no output 'command', which /actuator reads; there are: action, question",
         f"{policies}:Other: input 'torque' is not wired in the launch file; there are: belief, "
-        "cocontraction, primitives, trial",
+        "cocontraction, primitives, promise, trial",
         f"{policies}:Other: output 'command': /policy/command carries Trial, not RingCommand",
     ]
 
