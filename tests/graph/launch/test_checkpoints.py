@@ -16,6 +16,7 @@ from palp_core.errors import GraphError, PalpError
 from palp_core.graph.bag.diff import diff_bags
 from palp_core.graph.bag.reader import read
 from palp_core.graph.launch import checkpoint_file, checkpoints
+from palp_core.graph.launch.diagnostics import Diagnostics
 from palp_core.graph.launch.graph import Graph
 from palp_core.graph.messages.frame import parse
 from tests.graph.launch.killed import launch_and_kill
@@ -339,14 +340,19 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_one_before(
             raise OSError(errno.ENOSPC, "No space left on device")
         return write(*args, **given)
 
+    said: list[str] = []
     with monkeypatch.context() as patch:
         patch.setattr(checkpoints, "write_checkpoint", full)
+        patch.setattr(Diagnostics, "tell", lambda _, text, *__: said.append(text))
         before = run(file, until=30)
     assert count > 3
     assert [record.message for record in caplog.records if "No space left" in record.message] == [
         f"no checkpoint can be written to {file.parent / 'out' / 'checkpoint'}: No space left on device; "
         "the run goes on, and could be resumed where the last one was written"
     ]
+    where = file.parent / "out" / "checkpoint"
+    in_view = f"no checkpoint can be written to {where}: No space left on device"
+    assert said == [in_view]
     after = run(file, resume=True)
     assert parse(after["/walker/step"][0]).sequence == 6  # the second one was written after five steps
     assert joined(before, after) == whole

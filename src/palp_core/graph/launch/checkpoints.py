@@ -37,6 +37,9 @@ Inspect = Callable[[list[NodeClassRequest], Path], list[NodeClass]]
 _LOG = logging.getLogger("palp.supervisor")
 
 
+RESUMES = "the run goes on, and could be resumed where the last one was written"
+
+
 class CheckpointCost(msgspec.Struct):
     """What the checkpoints of a run have cost.
 
@@ -61,6 +64,7 @@ class Checkpoints:
 
     Attributes:
         resumed: What the run goes on from; None: it begins.
+        on_trouble: Is told why a checkpoint could not be written, and "" once one could again.
         due: A message has come after which one is to be taken.
         cost: What they have cost so far.
 
@@ -86,6 +90,7 @@ class Checkpoints:
         self._identity: RunIdentity | None = None
         self._lock = -1
         self._failed = ""
+        self.on_trouble: Callable[[str], None] = lambda _: None
         self.resumed: KeptRun | None = None
         if resume and self.path is not None:
             if self.path.exists():  # else there may be no folder either
@@ -219,13 +224,16 @@ class Checkpoints:
         except OSError as error:
             self._say(f"no checkpoint can be written to {self.path}: {error.strerror or error}")
             return
-        self._failed = ""
+        if self._failed:
+            self._failed = ""
+            self.on_trouble("")
         self.cost.count += 1
         self.cost.spent_ns += monotonic_ns() - begun_ns
 
     def _say(self, text: str) -> None:
         if text != self._failed:
-            _LOG.warning("%s; the run goes on, and could be resumed where the last one was written", text)
+            _LOG.warning("%s; %s", text, RESUMES)
+            self.on_trouble(text)
         self._failed = text
 
     def command(self, file: Path, *options: str) -> str:

@@ -11,6 +11,7 @@ from palp_core.graph.messages.builtin import DiagnosticStatus
 from palp_core.graph.messages.frame import parse, topic_of
 from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.schema import schema_of
+from palp_core.graph.node.spec import LAUNCHER
 
 
 class Incident(msgspec.Struct, frozen=True, kw_only=True):
@@ -80,6 +81,12 @@ class Diagnostics:
         if node is not None:
             status = decode(DiagnosticStatus, parse(frame).payload)
             self.note(topic.decode(), node, status, time_of_day(max(now_ns - status.stamp_ns, 0)))
+
+    def tell(self, text: str, advice: str, now_ns: int) -> None:
+        """Note what the launcher itself finds wrong, at a time on the graph's clock; "" once it is over."""
+        level = "warn" if text else "ok"
+        status = DiagnosticStatus(stamp_ns=now_ns, level=level, text=text, advice=advice)
+        self.note(f"/{LAUNCHER}/diagnostics", LAUNCHER, status, time_of_day(0))
 
     def note(self, topic: str, node: str, status: DiagnosticStatus, at: str) -> None:
         """Note what a node said on a topic, and when."""

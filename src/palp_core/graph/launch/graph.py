@@ -22,7 +22,7 @@ from palp_core.graph.description.check import load
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.discovery.choice import check_free
 from palp_core.graph.discovery.run_directory import RunDirectory
-from palp_core.graph.launch.checkpoints import Checkpoints
+from palp_core.graph.launch.checkpoints import RESUMES, Checkpoints
 from palp_core.graph.launch.diagnostics import Diagnostics
 from palp_core.graph.launch.lockstep_checkpoints import LockstepCheckpoints
 from palp_core.graph.launch.log_screen import Show, Shown, showing_log
@@ -204,6 +204,9 @@ class Graph:
                 self.checked = msgspec.structs.replace(self.checked, attached=kept)
                 self.recorders = Recorders(self.checked, self.record, self.checkpoints.said(self.record))
                 self.diagnostics.follow(self.checked)
+                self.checkpoints.on_trouble = lambda words: self.diagnostics.tell(
+                    words, RESUMES, self._now_ns()
+                )
                 self.methods.follow(self.checked)
                 self._open_gateway(stack)
             except (PalpError, Interrupted):  # nothing has run: there are no logs to keep
