@@ -1,0 +1,79 @@
+"""What viewers cost a graph: one run in which they come and go, window by window, by turns."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from benchmarks.view_bench.running import Launched, browser, emulated, simulated, spread, two_viewers, wait
+from palp_core.graph.clock import monotonic_ns
+
+TORQUE = "/torque/block"
+READER = "estimator"
+
+
+def speed(rounds: int, window_s: float, *, compose: bool, beside: bool) -> dict[str, Any]:
+    """Return how many blocks of torque, which come in sweeps only, a wall second has, viewed over alone.
+
+    Args:
+        rounds: Of two windows each.
+        window_s: Wall seconds of one.
+        compose: The graph in one process.
+        beside: The browsers have the priority of the graph.
+    """
+    found: dict[bool, list[float]] = {False: [], True: []}
+    with tempfile.TemporaryDirectory() as name, simulated(compose=compose) as run:
+        with browser(Path(name), beside=beside) as chrome:
+            for number in range(rounds):
+                for viewed in (False, True) if number % 2 == 0 else (True, False):
+                    if viewed:
+                        with two_viewers(run, chrome):
+                            found[viewed].append(_rate_hz(run, window_s))
+                    else:
+                        found[viewed].append(_rate_hz(run, window_s))
+        edge = run.edge(READER, TORQUE)
+    ratios = [viewed / alone for viewed, alone in zip(found[True], found[False], strict=True)]
+    return {
+        "ratio": spread(ratios),
+        "blocks_per_wall_s_alone": spread(found[False], 1),
+        "blocks_per_wall_s_viewed": spread(found[True], 1),
+        "lost": int(edge["lost"]),
+    }
+
+
+def _rate_hz(run: Launched, window_s: float) -> float:
+    before, begun_ns = run.published(TORQUE), monotonic_ns()
+    wait(window_s)
+    after, ended_ns = run.published(TORQUE), monotonic_ns()
+    return (after - before) * 1e9 / (ended_ns - begun_ns)
+
+
+def latency(rounds: int, window_s: float, *, beside: bool) -> dict[str, Any]:
+    """Return p50 and p99 of the torque edge on the machine's clock, viewed over alone, and what was lost."""
+    found: dict[bool, list[dict[str, float]]] = {False: [], True: []}
+    with tempfile.TemporaryDirectory() as name, emulated() as run:
+        with browser(Path(name), beside=beside) as chrome:
+            for number in range(rounds):
+                for viewed in (False, True) if number % 2 == 0 else (True, False):
+                    if viewed:
+                        with two_viewers(run, chrome):
+                            found[viewed].append(_latency_ms(run, window_s))
+                    else:
+                        found[viewed].append(_latency_ms(run, window_s))
+        lost = int(run.edge(READER, TORQUE)["lost"])
+    both = list(zip(found[True], found[False], strict=True))
+    return {
+        "lost": lost,
+        **{f"{p}_ratio": spread([viewed[p] / alone[p] for viewed, alone in both]) for p in ("p50", "p99")},
+        **{f"{p}_ms_alone": spread([alone[p] for _, alone in both]) for p in ("p50", "p99")},
+        **{f"{p}_ms_viewed": spread([viewed[p] for viewed, _ in both]) for p in ("p50", "p99")},
+    }
+
+
+def _latency_ms(run: Launched, window_s: float) -> dict[str, float]:
+    before = int(run.edge(READER, TORQUE)["received"])
+    wait(window_s)
+    count = int(run.edge(READER, TORQUE)["received"]) - before
+    recent = run.edge(READER, TORQUE, window=max(count, 1))["recent_latency_s"]
+    return {name: 1e3 * float(recent[name]) for name in ("p50", "p99")}

@@ -1,0 +1,53 @@
+"""The rig's policy swapped from its page in the middle of a trial, which goes on with the new one."""
+
+from __future__ import annotations
+
+import re
+import signal
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from palp_core.graph.bag.reader import read
+from tests.support.palp import PATIENCE_S, SIM, Palp
+from tests.support.view.accounts import Accounts
+from tests.support.view.browser import Viewing, browser
+
+__all__ = ["browser"]
+POLICIES = ("nodes.policy_uniform:Uniform", "nodes.policy_markov:Markov") * 3
+"""One after another: who presses when he will may find two trials' boundary, but not six times."""
+SWAPPED = re.compile(r" at ([\d.]+) s; gap")
+BLIND = ("policy:=fixed", "ring_mm:=0")
+"""With the ring at 0 mm nothing is felt: a trial has as many probes as it may have."""
+
+
+def test_the_policy_is_swapped_in_the_middle_of_a_trial(
+    browser: Any, shared_palp: Palp, tmp_path: Path
+) -> None:
+    bag = tmp_path / "bag"
+    small = ("trials:=5000", "training:=1", f"out:={tmp_path / 'out'}")
+    rig = shared_palp.start("launch", SIM, "--compose", "--record", bag, *BLIND, *small)
+    assert rig.stdout is not None
+    for line in rig.stdout:
+        if line.startswith("estimation: "):
+            break
+    viewing = Viewing(browser, shared_palp.start("view", "--no-browser", "--graph", "rig"))
+    viewing.go("/node/policy")
+    at_s = []
+    for policy in POLICIES:
+        viewing.swap(policy)
+        viewing.says(f"-> {policy} at ")
+        found = SWAPPED.search(viewing.page.inner_text("body"))
+        assert found is not None
+        at_s.append(float(found[1]))
+    Accounts(shared_palp, "rig", "estimator", "/torque/block").go_on()
+    rig.send_signal(signal.SIGINT)
+    rig.communicate(timeout=PATIENCE_S)
+    commands = [(message.publish_ns / 1e9, message.value.trial) for message in read(bag, ["/policy/command"])]
+    within = [
+        swap_s
+        for swap_s in at_s
+        for (before_s, before), (after_s, after) in pairwise(commands)
+        if before_s <= swap_s < after_s and before == after
+    ]
+    assert within
