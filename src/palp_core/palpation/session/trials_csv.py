@@ -19,7 +19,7 @@ import logging
 import os
 import shutil
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import NoneType
 from typing import Any, Protocol, get_args, get_type_hints
@@ -197,7 +197,7 @@ class SessionWriter:
         Raises:
             PalpError: The folder holds a session, another one is writing into it, or it cannot be written.
         """
-        try:
+        with self._closed_if_refused():
             self.folder.mkdir(parents=True, exist_ok=True)
             self._take()
             if not overwrite:
@@ -206,12 +206,6 @@ class SessionWriter:
             (self.folder / SWEEPS).mkdir()
             self._append(self._columns, os.O_CREAT)
             link_latest(self.folder)
-        except OSError as error:
-            self.close()
-            raise cannot_write(self.folder, error, self._named_by) from error
-        except PalpError:
-            self.close()
-            raise
 
     def go_on(self, row_count: int, *, aside: bool) -> None:
         """Go on with a table that an interrupted session has left, as it was after so many palpations.
@@ -223,7 +217,7 @@ class SessionWriter:
         Raises:
             PalpError: The table lacks palpations, another session writes into it, or it cannot be written.
         """
-        try:
+        with self._closed_if_refused():
             self._take()
             rows = read_rows(self.folder)
             if len(rows) < row_count or any(row.row != place for place, row in enumerate(rows[:row_count])):
@@ -233,6 +227,12 @@ class SessionWriter:
                 )
             self._cut(row_count, len(rows), aside=aside)
             link_latest(self.folder)
+
+    @contextlib.contextmanager
+    def _closed_if_refused(self) -> Iterator[None]:
+        """Let go of the folder if it cannot be begun or gone on with, and say why."""
+        try:
+            yield
         except OSError as error:
             self.close()
             raise cannot_write(self.folder, error, self._named_by) from error
@@ -395,6 +395,24 @@ def primitives_json(learnt: Any) -> dict[str, Any]:
     }
 
 
+def read_table(path: Path, missing: str) -> str:
+    """Return the text of a session's table.
+
+    Args:
+        path: The table.
+        missing: What it means if it is not there.
+
+    Raises:
+        PalpError: It is missing or cannot be read.
+    """
+    try:
+        return read_whole(path).decode()
+    except FileNotFoundError:
+        raise PalpError(f"{missing}: {path} is missing") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise PalpError(f"{path} cannot be read: {in_words(error)}") from error
+
+
 def read_rows(out: str | Path) -> list[Row]:
     """Return every row of a record. A last row that was cut short, by a power cut say, is left out, and said.
 
@@ -402,12 +420,7 @@ def read_rows(out: str | Path) -> list[Row]:
         PalpError: There is no record there, it cannot be read, or a row is damaged.
     """
     path = Path(out) / TABLE
-    try:
-        text = read_whole(path).decode()
-    except FileNotFoundError:
-        raise PalpError(f"no record in '{out}': {path} is missing") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise PalpError(f"{path} cannot be read: {in_words(error)}") from error
+    text = read_table(path, f"no record in '{out}'")
     whole, newline, cut = text.rpartition("\n")
     if cut:
         _log.warning("%s: the last row was cut short and is left out: '%.60s...'", path, cut)

@@ -22,11 +22,12 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from palp_core.errors import PalpError, in_words
+from palp_core.errors import PalpError
 from palp_core.palpation.session.decided.audit import left_out
 from palp_core.palpation.session.session_folder import cannot_write, link_latest
+from palp_core.palpation.session.trials_csv import read_table
 from palp_core.units import Float64Array
-from palp_core.whole_file import read_whole, whole_file, write_json
+from palp_core.whole_file import whole_file, write_json
 
 HUMAN_TABLE = "human_trials.csv"
 IDENTITY = "identity.json"
@@ -213,12 +214,7 @@ def read_human(out: str | Path) -> list[HumanRow]:
         PalpError: There is none, or a row is damaged.
     """
     path = Path(out) / HUMAN_TABLE
-    try:
-        text = read_whole(path).decode()
-    except FileNotFoundError:
-        raise PalpError(f"no session with a person in '{out}': {path} is missing") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise PalpError(f"{path} cannot be read: {in_words(error)}") from error
+    text = read_table(path, f"no session with a person in '{out}'")
     whole = text[: text.rfind("\n") + 1]  # a last row that was cut short is none
     lines = csv.DictReader(io.StringIO(whole, newline=""), strict=True)
     rows = []
