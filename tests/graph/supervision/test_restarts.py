@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
 
@@ -251,3 +252,24 @@ def test_health_is_published_once_a_second(stage: Stage) -> None:
     stage.turn(stage.now_ns + 10 * S)
     assert len(stage.healths) in (10, 11)
     assert [node.node for node in stage.healths[0]] == ["a", "b"]
+
+
+def test_turns_in_which_nothing_is_due_ask_no_process_whatever_their_number(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage.restarts.run_due(stage.now_ns)
+    looks: list[int] = []
+
+    def look(_: Liveness, now_ns: int) -> Iterator[tuple[int, int]]:
+        looks.append(now_ns)
+        yield from ()
+
+    monkeypatch.setattr(Liveness, "unresponsive", look)
+    step_ns = restarts.LOOK_NS // 50
+    for turn in range(1, 101):
+        stage.restarts.run_due(stage.now_ns + turn * step_ns)
+    assert len(looks) == 2
+    assert stage.restarts.idle_s(stage.now_ns + 100 * step_ns) == pytest.approx(restarts.LOOK_NS / 1e9)
+    stage.restarts.stir()
+    stage.restarts.run_due(stage.now_ns + 100 * step_ns)
+    assert len(looks) == 3

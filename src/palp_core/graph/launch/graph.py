@@ -39,6 +39,7 @@ from palp_core.graph.supervision.fork_server import ForkServer
 from palp_core.graph.supervision.fork_start import ServerProcess
 from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
 from palp_core.graph.supervision.launcher_node import LauncherNode
+from palp_core.graph.supervision.open_files import make_room
 from palp_core.graph.supervision.run_record import run_record
 from palp_core.graph.swap.compatibility import objections, replaced
 from palp_core.graph.swap.swap import AskToSwap, SwapBackend, Swapper, SwapRequest
@@ -193,6 +194,8 @@ class Graph:
                     raise GraphError(
                         f"{self.path}: only a graph with 'clock: sim' can be composed into one process"
                     )
+                if not self._compose:
+                    make_room(len(self.checked.spawned), server.pid)
                 self.checked = msgspec.structs.replace(self.checked, composed=self._compose)
                 self.checkpoints = Checkpoints(self.checked, self._overrides, resume=self._resume)
                 stack.callback(self.checkpoints.close)

@@ -19,6 +19,8 @@ READY_NS = 60_000_000_000
 """In which a process must have configured its node (assumed: no device takes longer to answer)."""
 
 HEALTH_NS = 1_000_000_000
+LOOK_NS = 250_000_000
+"""How often everybody is looked at when nothing has happened: the finest of what a silence is told by."""
 LATE_NS = 10_000_000_000
 _LOG = logging.getLogger("palp.supervisor")
 
@@ -48,15 +50,22 @@ class Restarts:
         self._launcher_node = launcher_node
         self._restarts = restarts
         self._liveness = Liveness()
-        self._health_ns = 0
+        self._health_ns = self._look_ns = 0
         self._warned_late: set[int] = set()
 
+    def stir(self) -> None:
+        """Look at everybody in the next turn: something has happened to one of them."""
+        self._look_ns = 0
+
     def run_due(self, now_ns: int) -> None:
-        """Do what is due.
+        """Do what is due; a turn in which nothing is costs the same however many nodes there are.
 
         Raises:
             NodeError: A node cannot be kept at work.
         """
+        if now_ns < self._look_ns:
+            return
+        self._look_ns = now_ns + LOOK_NS
         for index, process in enumerate(self._processes):
             if process.respawn_at_ns is not None:
                 if now_ns >= process.respawn_at_ns:
@@ -68,13 +77,12 @@ class Restarts:
         if now_ns >= self._health_ns:
             self._health_ns = now_ns + HEALTH_NS
             self._launcher_node.publish_health(self._liveness.health)
+        due_ns = [process.respawn_at_ns for process in self._processes if process.respawn_at_ns is not None]
+        self._look_ns = min([self._look_ns, self._health_ns, *(due for due in due_ns if due > now_ns)])
 
     def idle_s(self, now_ns: int) -> float:
         """Return how long nothing will be due."""
-        due_ns = [process.respawn_at_ns for process in self._processes if process.respawn_at_ns is not None]
-        wait_ns = min([self._health_ns, *(due for due in due_ns if due > now_ns)]) - now_ns
-        overdue = any(due <= now_ns for due in due_ns)  # the old process is still about to end
-        return min(max(wait_ns / 1e9, 0.001), 0.1 if overdue else 1.0)
+        return max((self._look_ns - now_ns) / 1e9, 0.001)
 
     def _activate_when_ready(self, index: int, now_ns: int) -> None:
         """Activate a node that is ready; give up one that is not."""
@@ -130,6 +138,7 @@ class Restarts:
             return True
         planned = process.plan_restart(monotonic_ns(), cause) if self._restarts else ""
         if planned:
+            self.stir()
             self._liveness.forget(index)
             if not process.ended:
                 self._launcher.signal(process, *numbers)

@@ -116,11 +116,12 @@ class Supervisor:
 
     def _await(self, ready: Callable[[ManagedProcess], bool], what: str) -> None:
         deadline_ns = monotonic_ns() + READY_NS
-        while late := next((process for process in self.processes if not ready(process)), None):
-            if monotonic_ns() > deadline_ns:
-                text = f"was not {what} within {READY_NS // 10**9} s{late.log_tail()}"
-                raise NodeError(late.spec.name, text)
-            self._pump(1.0)
+        for process in self.processes:
+            while not ready(process):
+                if monotonic_ns() > deadline_ns:
+                    text = f"was not {what} within {READY_NS // 10**9} s{process.log_tail()}"
+                    raise NodeError(process.spec.name, text)
+                self._pump(1.0)
 
     def _activate_on_wall(self, index: int) -> None:
         node = self.restores.pop(self.names[index], None)
@@ -279,8 +280,10 @@ class Supervisor:
             self.swap_replies[index] = message
         elif isinstance(message, control_messages.Configured):
             process.configured = True
+            self._restarts.stir()
         elif isinstance(message, control_messages.Matched):
             process.matched, process.missing = True, message.missing
+            self._restarts.stir()
         elif isinstance(message, control_messages.Knock):
             self._commanded.add(index)
         elif isinstance(message, control_messages.Raised) and not self._grace.ending:
@@ -306,6 +309,7 @@ class Supervisor:
             return
         process.ended = True
         self._restarts.forget(index)
+        self._restarts.stir()
         for message in self._channels.drain(index):
             self._on_message(index, message)
         if self._grace.ending or process.handed_over or process.respawn_at_ns is not None:
