@@ -5,7 +5,7 @@ import numpy as np
 from msgs.action import ActionPromise, ActionQuestion, PalpationAction
 from msgs.actuator import RingState
 from msgs.estimation import Belief, Outlook, Palpation, PrimitivesLearnt
-from msgs.experiment import Trial
+from msgs.experiment import Trial, TrialMount
 from msgs.stage import SweepStatus
 from msgs.torque import TorqueBlock
 from nodes.estimator_params import EstimatorParams, EstimatorState
@@ -48,6 +48,7 @@ class Estimator(MethodTeller):
     params: EstimatorParams
     state: EstimatorState
     trial = Sub(Trial)
+    mount = Sub(TrialMount, optional=True)
     ring = Sub(RingState)
     sweep = Sub(SweepStatus)
     torque = Sub(TorqueBlock)
@@ -107,9 +108,27 @@ class Estimator(MethodTeller):
             self._learn()
         state.trial, state.phase = trial.trial, trial.phase
         state.label_known, state.depth_m = trial.label_known, trial.depth_m
+        if self.params.height_stays == "mounting":
+            state.earlier += state.probes
         state.probes, state.posteriors, state.gains = [], [], []
         state.trace.begin_trial(trial.code)
         self._answer()
+
+    @on(mount)
+    def note_mount(self, mount: TrialMount) -> None:
+        self.state.mount = [mount]
+
+    def _same_mounting(self) -> list[TrialReading]:
+        """Return what was read in earlier trials of this mounting; forget what was read on another."""
+        state = self.state
+        if self.params.height_stays == "trial":
+            return []
+        remount = next((said.remount for said in state.mount if said.trial == state.trial), -1)
+        if remount < 0 and len(state.probes) == 1:
+            self.log.warning("trial %d: nobody told its mounting; its height is taken as new", state.trial)
+        if remount < 0 or remount != state.remount:
+            state.remount, state.earlier = remount, []
+        return [TrialReading(*probe) for probe in state.earlier]
 
     @on(question)
     def hear(self, question: ActionQuestion) -> None:
@@ -389,7 +408,8 @@ class Estimator(MethodTeller):
         landed = state.landed or not state.probes or setting != state.probes[-1][1]
         state.landed = False
         state.probes.append((peak_n_m, setting, landed))
-        posterior = belief.posterior([TrialReading(*probe) for probe in state.probes])
+        probes = [TrialReading(*probe) for probe in state.probes]
+        posterior = belief.posterior(probes, self._same_mounting())
         self._judge(peak_n_m, posterior, outlier=memory.is_outlier(peak_n_m, setting))
 
     def _depths_m(self) -> Float64Array:

@@ -5,6 +5,7 @@ from typing import Literal
 import msgspec
 
 from msgs.action import ActionQuestion, PalpationAction
+from msgs.experiment import TrialMount
 from palp_core import Params, ReadOnly
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.session_check import SessionTrials
@@ -43,8 +44,9 @@ class EstimatorParams(Params):
     ``stop_value`` is the stop rule's own number, 0 for its default. ``depths`` is the number of depths of a
     grid from the shallowest to the deepest trained; 0 decides among the trained ones. A ``filter`` that knows
     what stays reads it from ``noise``, a file of the plan ``repeatability``; empty: landings of
-    ``ring_sd_mm``, heights of ``height_sd_mm``. ``scene`` is the scene file from whose mechanics it knows how
-    a reading answers to the height.
+    ``ring_sd_mm``, heights of ``height_sd_mm``. ``height_stays``: a height is new with every trial, or with
+    every ``mounting``, whose number the experiment tells. ``scene`` is the scene file from whose mechanics
+    it knows how a reading answers to the height.
 
     With the ``reading`` ``trace`` the belief follows the torque along the path in bins of ``bin_mm``, and is
     told after each as ``outlook``. Its ``trace_filter`` accounts for what differs between sweeps: landings as
@@ -65,6 +67,7 @@ class EstimatorParams(Params):
     noise: str = ""
     ring_sd_mm: MillimetresNonNegative = 0.17
     height_sd_mm: MillimetresNonNegative = 0.1
+    height_stays: ReadOnly[Literal["trial", "mounting"]] = "trial"
     scene: str = ""
     stop: StopName = "paper_guarded"
     stop_value: RatioNonNegative = 0.0
@@ -113,6 +116,9 @@ class EstimatorState(MethodTellerState):
     question: list[ActionQuestion] = []
     action: list[PalpationAction] = []
     probes: list[tuple[float, int, bool]] = []
+    earlier: list[tuple[float, int, bool]] = []
+    remount: int = -1
+    mount: list[TrialMount] = []
     posteriors: list[list[float]] = []
     gains: list[list[float]] = []
     trace: TraceMemory = msgspec.field(default_factory=TraceMemory)

@@ -5,10 +5,10 @@ linear-Gaussian about the class means::
 
     y_t = mean[d, k] + sum_l slope[d, k, l] x_l + e_t,   x_l ~ N(0, sd_l^2),   e_t ~ N(0, noise[d, k])
 
-An offset x_l is drawn anew at a move or stays for the whole trial. Given the class d, all readings are
-jointly normal, so the offsets are integrated out in closed form: one Kalman filter per class (Anderson and
-Moore, "Optimal Filtering", 1979, sec. 3.1), its innovations' density the likelihood. With no offsets it is
-eq. (7).
+An offset x_l is drawn anew at a move or stays for the whole trial; :func:`on_mounting` carries it on to the
+next trial. Given the class d, all readings are jointly normal, so the offsets are integrated out in closed
+form: one Kalman filter per class (Anderson and Moore, "Optimal Filtering", 1979, sec. 3.1), its innovations'
+density the likelihood. With no offsets it is eq. (7).
 
 Every array of :class:`Belief` may have leading dimensions, one entry per trial: a batch of trials is filtered
 by the same lines as one.
@@ -122,6 +122,44 @@ def start(model: OffsetModel, trial_count: int | None = None) -> Belief:
         np.zeros((*lead, classes, offsets)),
         np.broadcast_to(np.diag(model.offset_sd**2), (*lead, classes, offsets, offsets)).copy(),
     )
+
+
+def on_mounting(model: OffsetModel, before: Belief, shared: float) -> tuple[OffsetModel, Belief]:
+    """Return model and belief of a new trial on a mounting that earlier trials have felt.
+
+    The trial begins with flat classes; what stays with the mounting is known from the earlier trials, though
+    only as well as their class is. So a class of this trial is a pair, with the class ``c`` that those had:
+    class ``d m + c`` has the readings of ``d``, and the offsets that are to be expected under ``d`` where
+    ``c`` was felt before. :func:`of_pairs` adds the pairs up.
+
+    Args:
+        model: The readings' model.
+        before: After all readings of the mounting's earlier trials, no leading dimension.
+        shared: Correlation of an offset under one class with that under another, 0 to 1: a height counts
+            against that of the training's mounting, and each class had its own.
+    """
+    count = len(model.mean)
+    same = np.eye(count, dtype=bool)[:, :, None]  # (d, c, 1)
+    part = np.where(same, 1.0, shared)
+    prior = np.diag(model.offset_sd**2)
+    cov = part[..., None] ** 2 * before.offset_cov + (1.0 - part[..., None] ** 2) * prior
+    pairs = replace(
+        model,
+        mean=np.repeat(model.mean, count, axis=0),
+        noise=np.repeat(model.noise, count, axis=0),
+        slope=np.repeat(model.slope, count, axis=0),
+    )
+    offsets = len(model.offset_sd)
+    return pairs, Belief(
+        np.tile(before.log_class - np.log(count), count),
+        (part * before.offset_mean).reshape(count * count, offsets),
+        cov.reshape(count * count, offsets, offsets),
+    )
+
+
+def of_pairs(posterior: Float64Array) -> Float64Array:
+    """Return the probabilities of the m classes from those of the m^2 pairs of :func:`on_mounting`."""
+    return np.asarray(posterior.reshape(round(posterior.size**0.5), -1).sum(axis=1))
 
 
 def renewed(model: OffsetModel, belief: Belief, moved: ArrayLike) -> Belief:
