@@ -50,3 +50,7 @@ class WallClock:
 
     def now_ns(self) -> int:
         return time.monotonic_ns() - self._start_ns
+
+    def host_ns(self, at_ns: int) -> int:
+        """Return a time of this clock on the host's monotonic one."""
+        return self._start_ns + at_ns

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from palp_core import Message
 from palp_core.errors import SchemaMismatch
-from palp_core.graph.messages.fragments import CUT_FROM, Pieces, cut, decode_pieces
+from palp_core.graph.messages.fragments import CUT_FROM, Pieces, cut, decode_pieces, give_away
 from palp_core.graph.messages.message import decode, encode
 from palp_core.units import Float64Array, RatioArray
 
@@ -109,3 +109,26 @@ def test_bounds_hold_for_an_array_in_pieces_too() -> None:
         from_pieces(bad)
     with pytest.raises(SchemaMismatch, match="other"):
         decode(Picture, joined(bad))
+
+
+def test_an_array_that_is_given_away_travels_as_it_is_and_can_be_written_to_no_more() -> None:
+    pixels, small = np.ones(LARGE), np.ones(3)
+    message = Picture(pixels=pixels, small=small)
+    give_away(message)
+    pieces = cut(message)
+    assert pieces is not None
+    assert np.shares_memory(np.frombuffer(pieces.body), pixels)
+    for array in (pixels, small):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 2.0
+    assert from_pieces(pieces) == Picture(pixels=np.ones(LARGE), small=np.ones(3))
+
+
+def test_a_view_of_anothers_memory_is_copied_though_given_away() -> None:
+    camera = np.ones(2 * LARGE)
+    message = Picture(pixels=camera[:LARGE])
+    give_away(message)
+    pieces = cut(message)
+    assert pieces is not None
+    camera[0] = 2.0
+    assert from_pieces(pieces) == Picture(pixels=np.ones(LARGE))

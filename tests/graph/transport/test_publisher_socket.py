@@ -21,7 +21,7 @@ from palp_core.graph.messages.frame import HEADER_BYTES, Kind, parse
 from palp_core.graph.messages.message import Message, decode
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.publisher import PublisherEnd
-from palp_core.graph.transport import publisher_socket
+from palp_core.graph.transport import node_sockets, publisher_socket
 from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.publisher_socket import PLACE_BYTES, QUEUE_BYTES
 from palp_core.graph.transport.request_server import NodeOperation, NodeRequest
@@ -388,3 +388,44 @@ def test_a_plain_request_socket_gets_its_answer_too(publisher: Publisher) -> Non
 
 def test_asking_nobody_returns_none(tmp_path: Path) -> None:
     assert ask(f"ipc://{tmp_path}/nobody", {"op": "info"}, 0.01) is None
+
+
+def test_what_is_sent_makes_the_socket_be_looked_at_now_and_then_and_a_signal_at_once(
+    publisher: Publisher, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    outlet = publisher.outlet("/a/b")
+    reader = publisher.reader("/a/b")
+    publisher.match(reader)
+    while publisher.sockets.pending():
+        publisher.sockets.poll()
+    now_ns = monotonic_ns()
+    monkeypatch.setattr(node_sockets, "monotonic_ns", lambda: now_ns)
+    publisher.sockets.poll()
+    publisher.sockets.publisher.stirred = False
+    outlet.publish(block())
+    assert publisher.sockets.pending()
+    assert not publisher.sockets.due()
+    publisher.sockets.note_signal()
+    assert publisher.sockets.due()
+    publisher.sockets.poll()
+    publisher.sockets.publisher.stirred = False
+    outlet.publish(block())
+    assert not publisher.sockets.due()
+    now_ns += node_sockets.LOOK_NS
+    assert publisher.sockets.due()
+
+
+def test_an_array_given_away_arrives_as_it_was_and_one_that_is_kept_may_be_written_to(
+    publisher: Publisher,
+) -> None:
+    outlet = publisher.outlet("/a/b")
+    reader = publisher.reader("/a/b")
+    publisher.match(reader)
+    kept, given = block(CUT_FROM // 8), block(CUT_FROM // 8)
+    outlet.publish(kept)
+    kept.values[:] = 2.0
+    outlet.publish(given, owned=True)
+    with pytest.raises(ValueError, match="read-only"):
+        given.values[:] = 2.0
+    frames = data_of(publisher.receive(reader, lambda frames: len(data_of(frames)) >= 2))
+    assert [decode(Block, parse(frame).payload) for frame in frames] == [block(CUT_FROM // 8)] * 2

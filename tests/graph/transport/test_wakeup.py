@@ -10,8 +10,10 @@ from typing import Any
 import pytest
 import zmq
 
+from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import Kind, pack
-from palp_core.graph.transport.subscriber_socket import SubscriberSocket
+from palp_core.graph.transport import subscriber_socket
+from palp_core.graph.transport.subscriber_socket import UNTIL_RUNG, SubscriberSocket
 from palp_core.graph.transport.wakeup import ENDPOINT, Wakeup
 
 PATIENCE_MS = 60_000
@@ -72,3 +74,45 @@ def test_the_bell_ends_the_waiting_and_rings_again_only_when_answered(house: Hou
 def test_nothing_ends_it_but_time(house: House) -> None:
     assert house.take(1) == (False, False)
     assert house.take(0) == (False, False)
+
+
+def test_the_bell_keeps_the_time_until_it_is_told_not_to(house: House) -> None:
+    due_ns = monotonic_ns() + 20_000_000
+    house.bell.ring_at(due_ns)
+    assert house.take(UNTIL_RUNG) == (False, True)
+    assert monotonic_ns() >= due_ns
+    house.bell.ring_at(monotonic_ns())
+    house.bell.rearm()
+    assert house.take(UNTIL_RUNG) == (False, True)
+    house.bell.ring_at(None)
+    house.bell.rearm()
+    assert house.take(1) == (False, False)
+
+
+def test_a_reader_at_leisure_waits_for_message_after_message_and_asks_the_socket_nothing(
+    house: House, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_: Any) -> bool:
+        raise AssertionError("a question to the socket costs as much as a message")
+
+    monkeypatch.setattr(subscriber_socket, "readable", refuse)
+    frames = [pack(b"/p/x", Kind.DATA, 0, n, 0, 0, b"payload") for n in range(1, 4)]
+    house.subscriber.at_leisure = lambda: len(house.frames) < 2
+    for frame in frames:
+        house.publisher.send(frame)
+    took = house.subscriber.dispatch(lambda raw, _: house.frames.append(raw), 10**15, UNTIL_RUNG)
+    assert took == (True, False)
+    assert house.frames == frames[:2]
+    assert house.subscriber.dispatch(lambda raw, _: house.frames.append(raw), 0, UNTIL_RUNG) == (False, False)
+    assert house.frames == frames
+
+
+def test_a_ring_ends_the_waiting_of_a_reader_at_leisure(house: House) -> None:
+    house.subscriber.at_leisure = lambda: True
+    house.publisher.send(pack(b"/p/x", Kind.DATA, 0, 1, 0, 0, b"payload"))
+    os.write(house.write, b"!")
+    rung = False
+    while not rung:  # whichever comes first
+        rung = house.subscriber.dispatch(lambda raw, _: house.frames.append(raw), 10**15, UNTIL_RUNG)[1]
+        house.bell.rearm() if not house.frames else None
+    assert len(house.frames) <= 1

@@ -61,6 +61,18 @@ def cut(message: Message, least_bytes: int = CUT_FROM) -> Pieces | None:
     )
 
 
+def give_away(message: Message) -> None:
+    """Make the arrays of a message read-only, for good: a large one then travels without a copy.
+
+    A write to one afterwards is refused by numpy (``ValueError``). An array that is a view of another's
+    memory stays as it is, and is copied: who has the other could write to what is on its way.
+    """
+    for name in _array_fields(type(message)):
+        value = getattr(message, name)
+        if type(value) is np.ndarray and value.base is None:
+            value.flags.writeable = False
+
+
 def decode_pieces(cls: type[M], payload: memoryview, rest: Sequence[memoryview]) -> M:
     """Decode and validate a message in pieces, its array a view of the body where that is possible.
 

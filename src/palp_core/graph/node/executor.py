@@ -132,9 +132,12 @@ class Executor:
         """Return when the next timer, alarm or event is due, or None."""
         if self.lifecycle is not Lifecycle.ACTIVE or self.exit_code is not None:
             return None
-        return min(
-            (due for end in self.ends.timers.values() if (due := end.due_ns) is not None), default=None
-        )
+        soonest = None
+        for end in self.ends.timers.values():  # a generator would cost more than what it goes through
+            due_ns = end.due_ns
+            if due_ns is not None and (soonest is None or due_ns < soonest):
+                soonest = due_ns
+        return soonest
 
     def run_timers(self) -> None:
         """Run everything that is due, once each, in declaration order."""

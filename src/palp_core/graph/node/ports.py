@@ -44,8 +44,15 @@ class Sub(Port, Generic[M]):
 class Publisher(Protocol[Sent]):
     """The live end of a :class:`Pub`."""
 
-    def publish(self, message: Sent) -> None:
-        """Send a message to every reader; its stamp is the node's time."""
+    def publish(self, message: Sent, *, owned: bool = False) -> None:
+        """Send a message to every reader; its stamp is the node's time.
+
+        Args:
+            message: What to send.
+            owned: The message's arrays are given away: they become read-only, and one of 512 KiB or more
+                travels without a copy. Until its last reader has it, nothing may write to its memory: not by
+                a view that was made before, either. A view of another array is copied all the same.
+        """
 
     def idle(self) -> None:
         """Declare that nothing is due until the next message: readers' deadlines are suspended until then."""

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from typing import Generic, TypeVar
 
 from palp_core.errors import LifecycleError
-from palp_core.graph.messages.fragments import cut
+from palp_core.graph.messages.fragments import cut, give_away
 from palp_core.graph.messages.frame import IN_PIECES, PLAIN_DATA, Kind, pack, parse, quick_pack
 from palp_core.graph.messages.message import Message, encode_any
 from palp_core.graph.messages.qos import Qos
@@ -56,8 +56,12 @@ class PublisherEnd(Generic[M]):
         self._owner = owner
         self.send = send
 
-    def publish(self, message: M) -> None:
+    def publish(self, message: M, *, owned: bool = False) -> None:
         """Send a message to every reader; its stamp is the node's time.
+
+        Args:
+            message: What to send.
+            owned: As :meth:`palp_core.graph.node.ports.Publisher.publish`.
 
         Raises:
             LifecycleError: The node is not active, so that no reader could rely on it.
@@ -66,6 +70,8 @@ class PublisherEnd(Generic[M]):
             raise LifecycleError(
                 f"{self.topic}: a node publishes from on_activate to on_deactivate, not before or after"
             )
+        if owned:
+            give_away(message)
         self.put(message)
 
     def put(self, message: M) -> None:
@@ -108,7 +114,7 @@ class PublisherEnd(Generic[M]):
     def repeat(self, epoch: int, sequence: int) -> bool:
         """Send a remembered reply again; return False if it is not remembered."""
         for kept in reversed(self.history):
-            frame = _whole(kept)
+            frame = whole(kept)
             parsed = parse(frame)
             if (parsed.epoch, parsed.sequence) == (epoch, sequence):
                 self._owner.resend(frame)
@@ -159,11 +165,11 @@ class PublisherEnd(Generic[M]):
         for kept in self.history:
             head = parse(kept[0] if isinstance(kept, tuple) else kept)
             if first <= head.sequence <= last and not (lifespan_ns and now_ns - head.stamp_ns > lifespan_ns):
-                yield _whole(kept)
+                yield whole(kept)
 
     def remembered(self) -> list[bytes]:
         """Return all that is remembered, the oldest first."""
-        return [_whole(kept) for kept in self.history]
+        return [whole(kept) for kept in self.history]
 
     def resume(self, epoch: int, sequence: int, history: list[bytes]) -> None:
         """Continue a predecessor's epoch and sequence."""
@@ -174,5 +180,6 @@ class PublisherEnd(Generic[M]):
         self.history.extend(history)
 
 
-def _whole(kept: bytes | tuple[bytes, memoryview, bytes]) -> bytes:
+def whole(kept: bytes | tuple[bytes, memoryview, bytes]) -> bytes:
+    """Return what is remembered of a message as one frame."""
     return b"".join(kept) if isinstance(kept, tuple) else kept

@@ -34,7 +34,8 @@ class Subscription:
         account: What has been taken up.
         index: Number of the source in the node's journal.
         last: When a message was last handled, and the message.
-        is_plain: No time limit holds on the edge, and its messages are neither requests nor replies.
+        is_prompt: No time limit holds on the edge: a message that is next is handed over as it arrives.
+        is_plain: Besides, its messages are neither requests nor replies.
         tell_repeats: Is told how many in a row have been dropped as repeats, when they are not few.
     """
 
@@ -65,7 +66,8 @@ class Subscription:
         self._decode = decoder_of(message)
         self._deadline_ns = round(qos.deadline_ms * 1e6)
         self._lifespan_ns = round(qos.lifespan_ms * 1e6)
-        self.is_plain = type(self) is Subscription and not self._lifespan_ns and not self._deadline_ns
+        self.is_prompt = not self._lifespan_ns and not self._deadline_ns
+        self.is_plain = self.is_prompt and type(self) is Subscription
 
     def attach(self, events: Mapping[EventKind, EventEnd]) -> None:
         """Raise these events when what they are about is not kept."""

@@ -23,9 +23,12 @@ from palp_core.graph.transport.matched_readers import MatchedReaders
 from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.offsets import Offsets
 from palp_core.graph.transport.receiver import TopicReceiver
+from palp_core.graph.transport.subscriber_socket import UNTIL_RUNG
 from palp_core.graph.transport.wakeup import ENDPOINT, Wakeup
 
 HEARTBEAT_NS = 100_000_000
+BUSY = 5
+"""Messages between two beats from which on the wakeup keeps the time: a ring costs as much as two limits."""
 SLICE_NS = 500_000
 
 
@@ -87,9 +90,12 @@ class WallLoop:
         self._others = (channel.socket.fileno(), *self.sockets.file_descriptors)
         self._reads = bool(self.executor.ends.subscriptions)
         self._wakeup = Wakeup(self.sockets.context, self._others)
-        self.receiver.wake_on(ENDPOINT)
+        self.receiver.wake_on(ENDPOINT, self._at_leisure)
+        self._heard_count = 0
+        self._rung_at_beats = False
         self._health = HealthProbe(order.spec.name)
         self._next_beat_ns = monotonic_ns()
+        self._announced = False
 
     def _keep_published(self, file: Path) -> Offsets:
         """Note what is published, and let readers know how far the process before a restart had come."""
@@ -136,11 +142,11 @@ class WallLoop:
     def run(self) -> None:
         """Follow the clock until the supervisor shuts the node down."""
         self.channel.send(control_messages.Configured())
-        announced = finished = False
+        finished = False
         while True:
             spoken = self._wait()
-            if not announced and self.receiver.matched and self._matched_readers.all_present():
-                announced = True
+            if not self._announced and self.receiver.matched and self._matched_readers.all_present():
+                self._announced = True
                 self.channel.send(control_messages.Matched(self._matched_readers.missing))
             if spoken and self._command():
                 return
@@ -151,7 +157,7 @@ class WallLoop:
                 self._keeping.turn()
             if self.participant.waiting:
                 self.participant.turn()
-            if self.sockets.pending():
+            if self.sockets.due():
                 self.sockets.poll()
                 if not self.executor.succession.paused:
                     self.sockets.requests.perform()
@@ -171,17 +177,21 @@ class WallLoop:
             at_work = self.executor.lifecycle is Lifecycle.ACTIVE and not self.executor.succession.paused
             self.executor.journal.serve_follower(self.executor.now_ns(), active=at_work)
             self._next_beat_ns = now_ns + HEARTBEAT_NS
+            self._choose_timekeeper()
             if now_ns >= self._health.due_ns and self._heard():
                 self._pulse(now_ns)
         timeout_s = (self._next_beat_ns - now_ns) / 1e9
         due_ns = self.executor.next_due_ns()
         if due_ns is not None:
             timeout_s = min(timeout_s, (due_ns - self.now_ns()) / 1e9)
-        if timeout_s < 0.0 or self.receiver.more or self.sockets.pending() or self._backlog():
+        if timeout_s < 0.0 or self.receiver.more or self.sockets.due() or self._backlog():
             timeout_s = 0.0
         wait_ms = int(timeout_s * 1e3)
         if wait_ms and self._reads and not self.receiver.asking:
-            rung = self.receiver.receive(SLICE_NS, wait_ms)
+            if self._rung_at_beats and not self.participant.engaged and self._at_leisure():
+                rung = self.receiver.receive(self._next_beat_ns - now_ns, UNTIL_RUNG)
+            else:
+                rung = self.receiver.receive(SLICE_NS, wait_ms)
         else:
             coming = self.receiver.file_descriptors
             ready = select.select((*coming, *self._others), (), (), timeout_s)[0]
@@ -193,6 +203,24 @@ class WallLoop:
         self.sockets.note_signal()
         self._wakeup.rearm()
         return self.channel.buffered() or bool(select.select((self._others[0],), (), (), 0.0)[0])
+
+    def _choose_timekeeper(self) -> None:
+        """Let the wakeup end the waits of a node that hears much; the others' have a limit of their own."""
+        heard_count = self.receiver.heard_count
+        busy = heard_count - self._heard_count >= BUSY
+        self._heard_count = heard_count
+        self._rung_at_beats = busy and self._keeping is None
+        self._wakeup.ring_at(self._next_beat_ns if self._rung_at_beats else None)
+
+    def _at_leisure(self) -> bool:
+        """Tell whether there is nothing to do before the next beat but to take what comes."""
+        executor = self.executor
+        if executor.inbox or executor.exit_code is not None or self.sockets.due():
+            return False
+        if self.receiver.asking or not self._announced:
+            return False
+        due_ns = executor.next_due_ns()
+        return due_ns is None or self.clock.host_ns(due_ns) > self._next_beat_ns
 
     def _work(self) -> None:
         """Handle what waits in the inbox, for a slice of time."""

@@ -137,12 +137,18 @@ class TopicReceiver:
         self._quick = {
             name.encode(): (self.buffers[name], subscriptions[0])
             for name, subscriptions in inputs.items()
-            if len(subscriptions) == 1 and subscriptions[0].is_plain
+            if len(subscriptions) == 1 and subscriptions[0].is_prompt
         }  # where a deadline holds, what is due at its time comes before a message that is late
 
-    def wake_on(self, endpoint: str) -> None:
-        """Let a wakeup end the waiting of :meth:`receive`."""
+    def wake_on(self, endpoint: str, at_leisure: Callable[[], bool]) -> None:
+        """Let a wakeup end the waiting of :meth:`receive`, which goes on while the node is at leisure."""
         self._subscriber.wake_on(endpoint)
+        self._subscriber.at_leisure = at_leisure
+
+    @property
+    def heard_count(self) -> int:
+        """How many messages have arrived."""
+        return sum(buffer.latency.count for buffer in self.buffers.values())
 
     @property
     def asking(self) -> bool:
@@ -154,7 +160,7 @@ class TopicReceiver:
 
         What is next in its order is handed to the node at once, for a slice of time; then the rest waits in
         the socket, whose queue is bounded: what does not fit is a gap, and is asked for or counted.
-        ``wait_ms`` is how long to wait for something to arrive.
+        ``wait_ms`` is how long to wait for something to arrive; :data:`.UNTIL_RUNG`: as in the subscription.
         """
         if self._inbox_is_full():
             return False
@@ -184,8 +190,7 @@ class TopicReceiver:
             head, epoch, sequence, stamp_ns, type_hash = quick_header(raw, end + 1)
             if (
                 head == PLAIN_DATA
-                and sequence == buffer.next
-                and epoch == buffer.epoch
+                and ((sequence == buffer.next and epoch == buffer.epoch) or not subscription.ordered)
                 and buffer.give_up_ns is None
                 and executor.exit_code is None
             ):

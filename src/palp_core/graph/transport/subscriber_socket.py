@@ -13,6 +13,9 @@ from palp_core.graph.transport.wakeup import RING
 RECEIVE_QUEUE = 1000  # the rest waits at the publisher
 ARRAY_QUEUE = 256  # places; a message of 5 MB takes 5. With 16, small arrays travelled at half the rate
 _NOBLOCK, _RCVMORE = int(zmq.NOBLOCK), int(zmq.RCVMORE)  # an enum costs a microsecond a call
+UNTIL_RUNG = -1
+"""Waits for something to come, however long: a wait with a limit of its own costs a timer of the kernel, 8 us
+of latency and 23 of CPU per message."""
 
 
 class SubscriberSocket:
@@ -26,6 +29,8 @@ class SubscriberSocket:
 
     Attributes:
         file_descriptor: Becomes readable when something may have arrived.
+        at_leisure: Asked after each message where :meth:`dispatch` waits until it is rung: tells whether the
+            reader has nothing else to do than to take the next one.
     """
 
     def __init__(
@@ -48,7 +53,8 @@ class SubscriberSocket:
             self._socket.setsockopt(zmq.SUBSCRIBE, topic.encode() + b"\0")
         if name:  # after the topics, in which order a new connection is told of them too
             self._socket.setsockopt(zmq.SUBSCRIBE, READER + name.encode())
-        self._wait_ms = 0
+        self._wait_ms = UNTIL_RUNG  # ZeroMQ's own default
+        self.at_leisure: Callable[[], bool] = lambda: False
         self.file_descriptor = int(self._socket.getsockopt(zmq.FD))
 
     @property
@@ -99,9 +105,10 @@ class SubscriberSocket:
         Args:
             arrive: Takes a frame and the time; asks :meth:`pieces` if its header says that pieces follow.
             slice_ns: After so long, leave the rest to the next call.
-            wait_ms: How long to wait if nothing has arrived.
+            wait_ms: How long to wait if nothing has arrived; :data:`UNTIL_RUNG`: also for what comes next, as
+                long as :attr:`at_leisure` says so, and until the wakeup rings.
         """
-        receive, rung = self._socket.recv, False
+        receive, rung, first = self._socket.recv, False, True
         try:
             if wait_ms:
                 if wait_ms != self._wait_ms:
@@ -117,9 +124,22 @@ class SubscriberSocket:
                     rung = True
                 else:
                     arrive(raw, now_ns)
-                if now_ns >= until_ns or (wait_ms and not readable(self._socket)):
-                    return now_ns >= until_ns, rung
-                wait_ms, raw = 0, receive(_NOBLOCK)
+                if wait_ms == UNTIL_RUNG:
+                    if rung or now_ns >= until_ns:
+                        return (
+                            False,
+                            rung,
+                        )  # what may be left is had by the next call, which waits for nothing
+                    if not self.at_leisure():
+                        return True, False
+                    raw = receive()
+                else:
+                    if now_ns >= until_ns or (first and not readable(self._socket)):
+                        return now_ns >= until_ns, rung
+                    first, raw = (
+                        False,
+                        receive(_NOBLOCK),
+                    )  # one exception ends a run, and is cheaper than asking
                 now_ns = monotonic_ns()
         except zmq.Again:
             return False, rung

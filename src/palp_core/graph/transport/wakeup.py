@@ -2,7 +2,8 @@
 
 A thread that waits inside ZeroMQ's own receive is woken some 20 us sooner than one that waits for a
 descriptor and then receives. But a supervisor's word or a tool's question comes on other descriptors: a
-thread watches those, and rings by sending a message of one byte to the subscription.
+thread watches those, and rings by sending a message of one byte to the subscription. It can keep the time,
+too, for a node that hears so much that a limit to each of its waits would cost more than a ring now and then.
 """
 
 import os
@@ -13,8 +14,11 @@ from typing import Any
 
 import zmq
 
+from palp_core.graph.clock import monotonic_ns
+
 RING = b"\0"
 ENDPOINT = "inproc://wakeup"
+_STOP, _LOOK = b"!", b"?"
 
 
 class Wakeup:
@@ -29,20 +33,34 @@ class Wakeup:
         self._ring = context.socket(zmq.PUB)
         self._ring.setsockopt(zmq.LINGER, 0)
         self._ring.bind(ENDPOINT)
-        self._stop_read, self._stop_write = os.pipe()
-        self._descriptors = (*descriptors, self._stop_read)
+        self._prod_read, self._prod_write = os.pipe()
+        self._descriptors = (*descriptors, self._prod_read)
+        self._due_ns: int | None = None
         self._answered = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="wakeup", daemon=True)
         self._thread.start()
 
     def _watch(self) -> None:
         while True:
-            ready, _, _ = select.select(self._descriptors, (), ())
-            if self._stop_read in ready:
-                return
+            due_ns = self._due_ns
+            timeout_s = None if due_ns is None else max(due_ns - monotonic_ns(), 0) / 1e9
+            ready, _, _ = select.select(self._descriptors, (), (), timeout_s)
+            if self._prod_read in ready:
+                if os.read(self._prod_read, 1) == _STOP:
+                    return
+                continue  # there is a time to be kept
             self._ring.send(RING)
             self._answered.wait()
             self._answered.clear()
+
+    def ring_at(self, due_ns: int | None) -> None:
+        """Ring at that time on the host's monotonic clock, or before, too; None: at no time.
+
+        To be called again when it has rung, before :meth:`rearm`.
+        """
+        before, self._due_ns = self._due_ns, due_ns
+        if before is None and due_ns is not None:
+            os.write(self._prod_write, _LOOK)
 
     def rearm(self) -> None:
         """Say that what it has rung for has been looked at."""
@@ -50,9 +68,9 @@ class Wakeup:
 
     def close(self) -> None:
         """Stop watching."""
-        os.write(self._stop_write, b"!")
+        os.write(self._prod_write, _STOP)
         self._answered.set()
         self._thread.join()
         self._ring.close(linger=0)
-        os.close(self._stop_read)
-        os.close(self._stop_write)
+        os.close(self._prod_read)
+        os.close(self._prod_write)
