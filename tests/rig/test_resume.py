@@ -7,12 +7,16 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from palp_core.errors import NodeError, PalpError
 from palp_core.graph.bag.diff import diff_bags
+from palp_core.graph.launch import checkpoints
+from palp_core.graph.messages.frame import parse
+from palp_core.graph.supervision.interrupt import Interrupted
 from palp_core.palpation.session import trials_csv
 from palp_core.palpation.session.result_json import TIME_KEYS
 from palp_core.palpation.session.trials_csv import SessionWriter, read_rows, read_sweep
@@ -33,6 +37,12 @@ TWENTY = [
     ("/cocontraction/cocontraction", 20),
 ]
 """Messages of the small session at which it is killed."""
+
+
+@pytest.fixture(autouse=True)
+def every_checkpoint(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each that is due is written, however little would be lost."""
+    monkeypatch.setattr(checkpoints, "EVERY_NS", 0)
 
 
 class Killed(BaseException):
@@ -92,6 +102,36 @@ def test_an_interrupted_session_ends_with_the_same_bytes(rig_session: RigSession
     assert_equal(tmp_path / "out", rig_session.out)
     assert (tmp_path / "out" / "session.yaml").read_text() == began
     assert json.loads((tmp_path / "out" / "run.json").read_text())["resumed_count"] == 3
+
+
+MOMENTS = [*range(60, 3000, 420), *range(2001, 2080, 3)]
+"""Blocks of torque at which it is asked to end: anywhere in the session, and through a sweep."""
+
+
+@pytest.mark.parametrize(
+    "block", [pytest.param(n, marks=[] if n in (900, 2010) else [pytest.mark.nightly]) for n in MOMENTS]
+)
+def test_asked_to_end_it_goes_on_within_the_sweep(
+    block: int, rig_session: RigSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only the checkpoint of the first trial is written while it goes on, and what is due at the end."""
+    monkeypatch.setattr(checkpoints, "EVERY_NS", sys.maxsize)
+    out, seen = tmp_path / "out", []
+
+    def observe(_: int, frame: bytes) -> None:
+        found = parse(frame)
+        if found.topic == "/torque/block":
+            seen.append(found.sequence)
+            if found.sequence == block:
+                first._interrupt.request()
+
+    given = {"observe": observe, "overrides": [*SMALL, f"out:={out}"]}
+    with pytest.raises(Interrupted), ComposedGraph(SIM, **given) as first:
+        first.run()
+    with ComposedGraph(SIM, resume=True, **given) as again:
+        assert again.run().exit_code == 0
+    assert seen == list(range(1, len(seen) + 1))  # none was made twice
+    assert_equal(out, rig_session.out)
 
 
 @pytest.mark.parametrize("compose", [True, False], ids=["composed", "processes"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import math
+import sys
 from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
@@ -15,11 +16,12 @@ import pytest
 from palp_core.errors import GraphError, PalpError
 from palp_core.graph.bag.diff import diff_bags
 from palp_core.graph.bag.reader import read
-from palp_core.graph.launch import checkpoint_file, checkpoints
+from palp_core.graph.launch import checkpoint_file, checkpoints, lockstep_checkpoints
 from palp_core.graph.launch.diagnostics import Diagnostics
 from palp_core.graph.launch.graph import Graph
 from palp_core.graph.messages.frame import parse
-from tests.graph.launch.killed import launch_and_kill
+from palp_core.graph.supervision.interrupt import Interrupted
+from tests.graph.launch.killed import launch_and_end, launch_and_kill
 from tests.support.palp import Palp
 from tests.support.rig_session import ComposedGraph
 
@@ -145,6 +147,12 @@ class Killed(BaseException):
     """In place of a power cut, within one process."""
 
 
+@pytest.fixture(autouse=True)
+def every_checkpoint(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each that is due is written, however little would be lost."""
+    monkeypatch.setattr(checkpoints, "EVERY_NS", 0)
+
+
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     module = f"walk_{tmp_path.name}"  # one process imports a module of a name but once
@@ -158,18 +166,21 @@ def run(
     file: Path,
     *,
     until: int = 0,
+    asked_at: int = 0,
     resume: bool = False,
     record: Path | None = None,
     swap_at_s: float = 0.0,
     **args: object,
 ) -> Frames:
-    """Return every frame of a run, by topic, up to a step at which it is killed."""
+    """Return every frame of a run, by topic, up to a step at which it is killed, or asked to end."""
     frames: Frames = defaultdict(list)
 
     def observe(_: int, frame: bytes) -> None:
         found = parse(frame)
         if found.topic == "/walker/step" and found.sequence == until:
             raise Killed
+        if found.topic == "/walker/step" and found.sequence == asked_at:
+            graph._interrupt.request()
         frames[found.topic].append(frame)
 
     graph = ComposedGraph(
@@ -182,6 +193,8 @@ def run(
             graph.run()
     except Killed:
         assert until
+    except Interrupted:
+        assert asked_at
     return frames
 
 
@@ -209,6 +222,39 @@ def test_a_run_may_be_interrupted_while_it_goes_on(file: Path) -> None:
     second = run(file, until=27, resume=True)
     third = run(file, resume=True)
     assert joined(first, joined(second, third)) == whole
+
+
+@pytest.mark.parametrize("asked_at", [3, 5, 12, 28])
+def test_a_run_that_is_asked_to_end_goes_on_at_the_next_step(
+    asked_at: int, file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the checkpoints only the first is written, and what was due then at the end."""
+    whole = run(file)
+    monkeypatch.setattr(checkpoints, "EVERY_NS", sys.maxsize)
+    before = run(file, asked_at=asked_at)
+    after = run(file, resume=True)
+    assert joined(before, after) == whole
+    assert parse(after["/walker/step"][0]).sequence == (asked_at + 1 if asked_at >= 5 else 1)
+
+
+def test_what_is_due_is_written_once_in_a_while(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nine are due, one in 250 ms on the run's clock; the machine's goes by it."""
+    monkeypatch.setattr(checkpoints, "EVERY_NS", 700_000_000)
+    graph = ComposedGraph(file, out=file.parent / "out")
+    monkeypatch.setattr(checkpoints, "monotonic_ns", lambda: graph._now_ns())
+    monkeypatch.setattr(lockstep_checkpoints, "monotonic_ns", lambda: graph._now_ns())
+    with graph:
+        graph.run()
+    assert graph.checkpoints.cost.count == 3  # as it begins, and then at 0.7 and 1.4 of 2 s
+    assert not (file.parent / "out" / "checkpoint").exists()
+
+
+def test_how_often_it_is_written_down_is_no_part_of_a_run(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    often = run(file)
+    monkeypatch.setattr(checkpoints, "EVERY_NS", sys.maxsize)
+    assert run(file) == often
 
 
 def test_the_bag_gets_another_file_and_holds_every_message_once(file: Path, tmp_path: Path) -> None:
@@ -382,6 +428,22 @@ def test_a_launcher_killed_by_sigkill_leaves_a_run_that_goes_on(
     found = diff_bags(file.parent / "whole", bag)
     assert all(topic.first is None for name, topic in found.items() if name != "/graph/events")
     assert not list(out.iterdir())
+
+
+def test_processes_asked_to_end_are_all_at_rest_first(file: Path, palp: Palp) -> None:
+    """However the end finds them, nothing that was computed is lost, and the bag is a whole run's."""
+    out, bag = file.parent / "out", file.parent / "bag"
+    whole = palp.run("launch", file, f"out:={out}", "--record", file.parent / "whole", "--compose")
+    assert whole.returncode == 0, whole.stderr
+    launch_and_end(palp, file, "/walker/step", 23, f"out:={out}", compose=False, record=str(bag))
+    done = palp.run("launch", file, f"out:={out}", "--record", bag, "--resume")
+    assert done.returncode == 0, done.stderr
+    found = diff_bags(file.parent / "whole", bag)
+    assert all(topic.first is None for name, topic in found.items() if name != "/graph/events")
+    first, second = (
+        [m.sequence for m in read(part, ["/walker/step"])] for part in sorted(bag.glob("*.mcap"))
+    )
+    assert (first, second) == ([*range(1, 24)], [*range(24, 41)])
 
 
 def test_on_the_wall_clock_the_named_nodes_go_on_with_what_they_were(file: Path, palp: Palp) -> None:

@@ -4,6 +4,9 @@ A checkpoint is every node's hand-over at one instant of simulated time at which
 launcher itself knows. It replaces the one before whole or not at all, and is removed when the run has come to
 its end. On the wall clock nodes write themselves down when the message comes that says it is due; only those
 that the launch file names are kept, and all others begin anew.
+
+In simulated time one is due far more often than it is worth: what it would save is computed again to the same
+bytes. So it is written once in :data:`EVERY_NS` at the most, and when the run is asked to end.
 """
 
 from __future__ import annotations
@@ -36,6 +39,9 @@ from palp_core.graph.swap.compatibility import objections, replaced
 Inspect = Callable[[list[NodeClassRequest], Path], list[NodeClass]]
 _LOG = logging.getLogger("palp.supervisor")
 
+
+EVERY_NS = 1_000_000_000
+"""In simulated time, least time on the machine's clock from one checkpoint to the next: what a kill costs."""
 
 RESUMES = "the run goes on, and could be resumed where the last one was written"
 
@@ -84,6 +90,7 @@ class Checkpoints:
             raise GraphError(f"{checked.file}: nothing can be resumed: {why}")
         self.due = False
         self.cost = CheckpointCost()
+        self._tried_ns: int | None = None
         self.path = None if entry is None else Path(entry.file).absolute()
         self._after = b"" if entry is None else entry.after.encode() + b"\0"
         self._launched, self._given = checked, list(given)
@@ -194,6 +201,15 @@ class Checkpoints:
         if self._after and frame.startswith(self._after):
             self.due = True
 
+    def wanted(self, *, ending: bool = False) -> bool:
+        """Tell whether one is due, and has been long enough in coming to be worth it.
+
+        Args:
+            ending: The run is asked to end: what was computed since the last one is not to be lost.
+        """
+        early = self._tried_ns is not None and monotonic_ns() - self._tried_ns < EVERY_NS
+        return self.due and (ending or not early)
+
     def write(self, checked: CheckedGraph, kept: Sequence[bytes], begun_ns: int, **known: object) -> None:
         """Write a checkpoint; if that fails, the one before stays, and it is said once.
 
@@ -204,7 +220,7 @@ class Checkpoints:
             known: Other fields of the checkpoint.
         """
         assert self.path is not None
-        self.due = False
+        self.due, self._tried_ns = False, begun_ns
         self._identity = self._identity or RunIdentity.of(self._launched)
         nodes = [
             KeptSpec(name=spec.name, run=spec.run, params=spec.params, kept=node)

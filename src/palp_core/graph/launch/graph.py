@@ -460,13 +460,20 @@ class Graph:
 
     def _between_instants(self) -> None:
         """Between two instants: is the end wanted, does anybody ask?"""
-        self._interrupt.check()
+        try:
+            self._interrupt.check()
+        except Interrupted:
+            self._keep(ending=True)
+            raise
         self._serve()
-        if self.checkpoints.due and self._keeping is not None and not self.swaps.progress()["node"]:
-            self._keeping.write(self.checked)
+        self._keep()
         self._instant_count += 1
         if self._compose and self._instant_count % POLL_INSTANTS == 0:
             self.launcher_node.poll()  # the supervisor does it where there is one
+
+    def _keep(self, *, ending: bool = False) -> None:
+        if self.checkpoints.wanted(ending=ending) and self._keeping and not self.swaps.progress()["node"]:
+            self._keeping.write(self.checked)
 
     def _end_order(self) -> list[int]:
         """Nodes that move something first, then graph order."""
@@ -479,14 +486,7 @@ def _scalar(value: Any) -> str:
 
 
 def _swap_backend(nodes: LockstepNodes, folder: Path, workspace: Path, time: SimulatedTime) -> SwapBackend:
-    """Return what swaps the nodes: between processes, or within the one of a composed graph.
-
-    Args:
-        nodes: Those of the graph.
-        folder: The run directory.
-        workspace: Folder that holds ``nodes/``.
-        time: Simulated time.
-    """
+    """Return what swaps the nodes: between processes, or within the one of a composed graph."""
     from palp_core.graph.supervision.supervisor import Supervisor
 
     if isinstance(nodes, Supervisor):

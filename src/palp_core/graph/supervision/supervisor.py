@@ -24,6 +24,8 @@ from palp_core.graph.supervision.restarts import READY_NS, Restarts
 from palp_core.graph.supervision.standby import Standby, Standbys
 
 STILL_WAITING_S = 10.0
+ROUND_NS = 1_000_000_000
+"""So long the end that the user asks for waits for a round in lockstep, to find all nodes at rest."""
 ENDING_SIGNALS = ((), (signal.SIGTERM, signal.SIGCONT), (signal.SIGKILL,))
 _LOG = logging.getLogger("palp.supervisor")
 
@@ -88,6 +90,7 @@ class Supervisor:
         self._grace = GracePeriod(interrupt)
         self._replies: dict[int, control_messages.Done] = {}
         self._commanded: set[int] = set()
+        self._undisturbed_until_ns = 0
         self._launcher = ProcessLauncher(server, clock, folder, workspace, log_level)
         self._restarts = Restarts(
             self.processes, self._launcher, self._activate_on_wall, launcher_node, restarts=clock == "wall"
@@ -200,6 +203,7 @@ class Supervisor:
         if self.shadow is not None and self.shadow[0] in rounds:
             self._work_shadow(rounds[self.shadow[0]])
         asked_ns = monotonic_ns()
+        self._undisturbed_until_ns = asked_ns + ROUND_NS
         while len(self._replies) < len(rounds) and not given_up():
             self._pump(min(STILL_WAITING_S, 1.0))
             if monotonic_ns() - asked_ns > STILL_WAITING_S * 1e9:
@@ -252,9 +256,9 @@ class Supervisor:
                 failures.append(error)
         if failures:
             raise failures[0]
+        if not self._grace.ending and monotonic_ns() >= self._undisturbed_until_ns:
+            self._interrupt.check()
         if self._interrupt.descriptor in others:
-            if not self._grace.ending:
-                self._interrupt.check()
             self._interrupt.drain()
 
     def _on_message(self, index: int, message: control_messages.FromNode) -> None:
