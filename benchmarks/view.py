@@ -10,8 +10,8 @@ Run: .venv/bin/python -m benchmarks.view [WHAT ...] [--quick] [--rounds N] [--be
 composed, lockstep: sweep seconds per wall second, viewed over alone. wall: p50 and p99 of the torque edge,
 likewise, and what was lost. screen: from sample to screen, and frames a second, the emulated rig at work.
 first: wall seconds from ``palp view`` to its first page. extra: the extra on disk, and to import. stop,
-stop-loaded: from a click to ABORT on the wire; loaded: while a swap, a recording and page loads run. memory:
-of viewers and pages over --minutes.
+stop-loaded: from a click to ABORT on the wire; loaded: while a swap, a recording and page loads run. answer:
+how long the server takes to answer a press meanwhile. memory: of viewers and pages over --minutes.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ def measures() -> dict[str, Measure]:
         "screen": lambda o: screen.to_screen(o.window, o.rounds, beside=o.beside),
         "stop": lambda o: stop.stops(o.clicks, loaded=False, beside=o.beside),
         "stop-loaded": lambda o: stop.stops(o.clicks, loaded=True, beside=o.beside),
+        "answer": lambda o: stop.answers(o.window, o.rounds, beside=o.beside),
         "memory": lambda o: costs.memory(o.minutes, o.window / 2, beside=o.beside),
     }
 

@@ -92,6 +92,8 @@ def test_the_first_page_draws_the_graph_and_its_values_change(viewing: Viewing) 
     viewing.text_changes("[data-what=now]")
     page.click("[data-node=scale]")
     page.wait_for_url(re.compile("/node/scale$"))
+    viewing.go("/").locator("td a", has_text="/source/sample").first.click()
+    page.wait_for_url(re.compile("/topic/source/sample$"))
 
 
 def test_a_topic_shows_its_messages_and_plots_them(viewing: Viewing) -> None:

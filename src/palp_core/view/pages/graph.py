@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from functools import partial
 from typing import Any
 from urllib.parse import quote
 
@@ -12,11 +11,14 @@ from nicegui.element import Element
 
 from palp_core.view.pages.frame import frame
 from palp_core.view.pages.layout import HEIGHT, WIDTH, Layout, layout
-from palp_core.view.pages.parts import figure, node_link, said, table, topic_link
+from palp_core.view.pages.live_table import Cell, LiveTable
+from palp_core.view.pages.parts import figure, node_way, said, topic_way
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.overview import NodeState, Overview, WireState
 
 REFRESH_S = 1.0
+NODE_TITLES = ("Node", "State", "Class", "Rate", "CPU", "Memory", "What is wrong")
+WIRE_TITLES = ("Topic", "Reader", "Rate", "Received", "Lost", "Late", "p50", "p99")
 MOST_LINES = 2
 """Topics that a wire between two nodes names; its hover names all of them."""
 
@@ -119,62 +121,40 @@ def graph_page(viewer: Viewer) -> None:
     with frame(viewer):
         drawing = GraphDrawing()
         said("h2", "Nodes")
-        nodes = ui.element("div")
+        nodes = LiveTable(NODE_TITLES)
         said("h2", "Wires")
-        wires = ui.element("div")
-        shown: list[Overview] = []
+        wires = LiveTable(WIRE_TITLES)
 
         def refresh() -> None:
             overview = viewer.source.overview()
             drawing.show(overview)
-            if shown and (shown[-1].nodes, shown[-1].wires) == (overview.nodes, overview.wires):
-                return
-            shown[:] = [overview]
-            nodes.clear()
-            with nodes:
-                _node_table(overview.nodes)
-            wires.clear()
-            with wires:
-                _wire_table(overview.wires)
+            nodes.show(_node_row(node) for node in overview.nodes)
+            wires.show(_wire_row(wire) for wire in overview.wires)
 
         refresh()
         ui.timer(REFRESH_S, refresh)
 
 
-def _node_table(nodes: list[NodeState]) -> None:
-    titles = ("Node", "State", "Class", "Rate", "CPU", "Memory", "What is wrong")
-    table(
-        titles,
-        (
-            (
-                partial(node_link, node.name),
-                node.lifecycle,
-                node.run,
-                figure(node.rate_hz, "Hz"),
-                figure(node.cpu_percent, "%"),
-                f"{node.memory_bytes / 1e6:.0f} MB" if node.memory_bytes else "",
-                node.why,
-            )
-            for node in nodes
-        ),
+def _node_row(node: NodeState) -> tuple[Cell, ...]:
+    return (
+        node_way(node.name),
+        node.lifecycle,
+        node.run,
+        figure(node.rate_hz, "Hz"),
+        figure(node.cpu_percent, "%"),
+        f"{node.memory_bytes / 1e6:.0f} MB" if node.memory_bytes else "",
+        node.why,
     )
 
 
-def _wire_table(wires: list[WireState]) -> None:
-    titles = ("Topic", "Reader", "Rate", "Received", "Lost", "Late", "p50", "p99")
-    table(
-        titles,
-        (
-            (
-                partial(topic_link, wire.topic),
-                partial(node_link, wire.reader),
-                figure(wire.rate_hz, "Hz"),
-                str(wire.received),
-                str(wire.lost),
-                str(wire.late),
-                figure(None if wire.latency_p50_s is None else wire.latency_p50_s * 1e3, "ms", 2),
-                figure(None if wire.latency_p99_s is None else wire.latency_p99_s * 1e3, "ms", 2),
-            )
-            for wire in wires
-        ),
+def _wire_row(wire: WireState) -> tuple[Cell, ...]:
+    return (
+        topic_way(wire.topic),
+        node_way(wire.reader),
+        figure(wire.rate_hz, "Hz"),
+        str(wire.received),
+        str(wire.lost),
+        str(wire.late),
+        figure(None if wire.latency_p50_s is None else wire.latency_p50_s * 1e3, "ms", 2),
+        figure(None if wire.latency_p99_s is None else wire.latency_p99_s * 1e3, "ms", 2),
     )

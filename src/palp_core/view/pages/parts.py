@@ -31,14 +31,28 @@ def labelled(element: Any, label: str) -> Any:
     return element
 
 
+def node_way(name: str) -> tuple[str, str]:
+    """Return what a node is called, and where its page is.
+
+    >>> node_way("a b")
+    ('/a b', '/node/a%20b')
+    """
+    return f"/{name}", f"/node/{quote(name, safe='')}"
+
+
+def topic_way(name: str) -> tuple[str, str]:
+    """Return what a topic is called, and where its page is."""
+    return name, f"/topic{quote(name)}"
+
+
 def node_link(name: str) -> None:
     """Show a node's name that leads to its page."""
-    ui.link(f"/{name}", f"/node/{quote(name, safe='')}")
+    ui.link(*node_way(name))
 
 
 def topic_link(name: str) -> None:
     """Show a topic's name that leads to its page."""
-    ui.link(name, f"/topic{quote(name)}")
+    ui.link(*topic_way(name))
 
 
 def table(titles: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:

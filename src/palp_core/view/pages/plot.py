@@ -13,11 +13,12 @@ from palp_core.view.pages.parts import Outcome
 from palp_core.view.source.protocol import Watch
 from palp_core.view.source.series import FieldSeries, Point, as_csv, number_fields, thinned
 
-FRAME_S = 1 / 30
+FRAME_S = 1 / 40
+"""Between two looks at what has come: with what they take themselves there are some 30 a second."""
 MOST_POINTS = 200
 """Of a series between two frames: more than the columns of pixels that a frame adds."""
-MOST_UNDER_WAY = 3
-"""Frames that a browser has not taken yet: until it has, more are left out, however slow it is."""
+MOST_UNDER_WAY = 2
+"""Frames that a browser has not drawn yet: until it has, more is kept for the next, however slow it is."""
 SPANS_S = {2: "2 s", 10: "10 s", 60: "1 min", 600: "10 min"}
 
 __all__ = ["EChart", "LivePlot", "plot_panel"]

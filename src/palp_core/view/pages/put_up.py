@@ -12,7 +12,6 @@ from palp_core.view.pages.record import record_page
 from palp_core.view.pages.results import results_page, serve_files
 from palp_core.view.pages.timeline import timeline_page
 from palp_core.view.pages.topic import topic_page, topics_page
-from palp_core.view.pages.urgent import serve_presses
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.recordings import Recordings
 from palp_core.view.source.results import ResultsSource
@@ -26,7 +25,6 @@ def put_up(viewer: Viewer, recordings: Recordings | None = None) -> None:
         recordings: The recorders that its pages start; None: nothing runs that could be recorded.
     """
     ui.add_css(CSS, shared=True)
-    serve_presses()
     results = viewer.source if isinstance(viewer.source, ResultsSource) else None
     if results is not None:
         serve_files(results)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from nicegui import ui
 
 from palp_core.graph.clock import monotonic_ns
 from palp_core.view.pages.parts import said
-from palp_core.view.source.recorded import RecordedSource
+
+if TYPE_CHECKING:
+    from palp_core.view.source.recorded import RecordedSource
 
 STEP_S = 0.1
 

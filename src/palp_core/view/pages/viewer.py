@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -11,7 +12,9 @@ from palp_core.view.source.blind import BlindSource, Harmless
 from palp_core.view.source.live import LiveSource
 from palp_core.view.source.operator import GraphOperator
 from palp_core.view.source.protocol import ViewSource
-from palp_core.view.source.recorded import RecordedSource
+
+if TYPE_CHECKING:
+    from palp_core.view.source.recorded import RecordedSource
 
 
 class OwnPage:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import gc
 import importlib.util
 import socket
+import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from palp_core.errors import PalpError
+from palp_core.view.server.apart import Apart
 from palp_core.view.server.gate import PageGate
+from palp_core.view.server.presses import Presses
 
 if TYPE_CHECKING:
     import uvicorn
@@ -16,6 +20,8 @@ if TYPE_CHECKING:
 HOST = "127.0.0.1"
 LONGEST_WORD = 1 << 20
 """Bytes of what a browser may say at once."""
+TURN_S = 1e-3
+"""So long one thread computes while another wants to: a press has its turn after no more than this."""
 INSTALL = "palp view needs NiceGUI, which is not installed; type: pip install 'palp[view]'"
 
 
@@ -64,7 +70,10 @@ def serve(listening: socket.socket, token: str, put_up: Callable[[], None]) -> N
         token: By which one gets in.
         put_up: Declares the pages.
     """
-    server(token, put_up).run(sockets=[listening])
+    sys.setswitchinterval(TURN_S)
+    running = server(token, put_up)
+    gc.freeze()  # what is imported by now stays: it need not be looked through again and again
+    running.run(sockets=[listening])
 
 
 def server(token: str, put_up: Callable[[], None]) -> uvicorn.Server:
@@ -79,7 +88,7 @@ def server(token: str, put_up: Callable[[], None]) -> uvicorn.Server:
         app, mount_path=f"/{token}", title="palp view", dark=None, tailwind=False, show_welcome_message=False,
         gzip_middleware_factory=None, message_history_length=100, reconnect_timeout=10.0,
     )  # fmt: skip
-    gate: Any = PageGate(app, token)
+    gate: Any = PageGate(Presses(Apart(app)), token)
     config = uvicorn.Config(
         gate, log_level="warning", access_log=False, ws_max_size=LONGEST_WORD, ws_max_queue=8,
         timeout_graceful_shutdown=1, server_header=False, proxy_headers=False,

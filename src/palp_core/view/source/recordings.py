@@ -17,7 +17,6 @@ from typing import IO
 from palp_core.errors import BagError
 from palp_core.graph.clock import unix_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
-from palp_core.graph.recording.recorder_run import save_snapshots
 from palp_core.view.source.operator import GraphOperator
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,100}")
@@ -134,6 +133,8 @@ class Recordings:
             GraphError: It may not be pressed.
             BagError: There is none, or one does not answer.
         """
+        from palp_core.graph.recording.recorder_run import save_snapshots  # a tenth of what a viewer imports
+
         graph: RunningGraph = self._operator.allow()
         return save_snapshots(graph, signal.SIGUSR1)
 

@@ -1,0 +1,68 @@
+"""The pages on an event loop and a thread of their own, so that whatever they do, the server goes on.
+
+A page that takes long to be put up, or one of somebody's own that never returns, keeps only other pages
+waiting: who is let in, and what must not wait, is decided on the server's loop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Coroutine
+from typing import Any, TypeVar
+
+from palp_core.view.server.asgi import App, Message, Receive, Scope, Send
+
+END_S = 1.0
+"""So long what is under way may take to end."""
+T = TypeVar("T")
+
+
+class Apart:
+    """An ASGI application on a loop of its own, from its lifespan's begin to its end.
+
+    Args:
+        app: The pages.
+
+    Attributes:
+        app: As given.
+    """
+
+    def __init__(self, app: App) -> None:
+        self.app = app
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._up = threading.Event()
+        self._thread = threading.Thread(target=self._work, name="palp view: pages", daemon=True)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let the application answer over there; what it receives and sends goes over this loop."""
+        here = asyncio.get_running_loop()
+
+        async def take() -> Message:
+            return await _on(here, receive())
+
+        async def say(message: Message) -> None:
+            await _on(here, send(message))
+
+        if scope["type"] == "lifespan":
+            self._thread.start()
+            await asyncio.to_thread(self._up.wait)
+        assert self._loop is not None
+        try:
+            await _on(self._loop, self.app(scope, take, say))
+        finally:
+            if scope["type"] == "lifespan":
+                self._loop.call_soon_threadsafe(self._loop.stop)
+                await asyncio.to_thread(self._thread.join, END_S)
+
+    def _work(self) -> None:
+        with asyncio.Runner() as runner:  # at its end it leaves nothing behind
+            self._loop = runner.get_loop()
+            asyncio.set_event_loop(self._loop)
+            self._up.set()
+            self._loop.run_forever()
+
+
+async def _on(loop: asyncio.AbstractEventLoop, work: Coroutine[Any, Any, T]) -> T:
+    """Do something on another thread's loop; if this is cancelled, so is that."""
+    return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(work, loop))
