@@ -4,7 +4,9 @@ Seconds of sweep per wall second (leaps over idle time do not count), composed a
 interleaved rounds; the limit they are measured against is the nodes' own work with no graph around it: what
 the profile finds in nodes, devices, mechanics, perception and the record.
 
-Run: .venv/bin/python benchmarks/sim_speed.py [--quick] [--json]
+With ``--blocks`` instead: CPU time of a palpation against the length of the blocks in which torque travels.
+
+Run: .venv/bin/python benchmarks/sim_speed.py [--quick] [--json] [--blocks [--chart FILE.png]]
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import os
 import pstats
 import statistics
 import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +28,9 @@ from palp_core.graph.launch.graph import Graph
 from palp_core.palpation.session.result_json import read_result
 
 LAUNCH = Path(__file__).parents[1] / "launch" / "sim.yaml"
+SWEEP_S = 4.0
+"""Of the launch file: 80 mm at 20 mm/s."""
+
 PLACES = (
     ("record", ("session/trials_csv.py", "zipfile", "npyio", "compress", "posix.")),
     ("mechanics", ("palpation/mechanics", "interpolate")),
@@ -44,6 +50,60 @@ def run(folder: Path, *, compose: bool, trials: int, training: int) -> dict[str,
     ) as graph:
         graph.run()
     return read_result(folder)
+
+
+BLOCKS = (1, 5, 10, 20, 50, 100, 200, 500, 1000)
+"""Samples of a block, at 1 kHz: milliseconds."""
+
+
+def cpu_of_a_palpation(folder: Path, samples: int, *, trials: int, training: int) -> float:
+    """Return the CPU time of a palpation in a composed session without its start and report, in ms."""
+    count = 0
+
+    def observe(_: int, frame: bytes) -> None:
+        nonlocal count
+        count += frame.startswith(b"/estimator/palpation\0")
+
+    arguments: dict[str, Any] = {
+        "out": str(folder),
+        "overwrite": True,
+        "trials": trials,
+        "training": training,
+    }
+    with Graph(LAUNCH, compose=True, observe=observe, block_samples=samples, **arguments) as graph:
+        begun_s = time.process_time()
+        graph.run(until_s=1e9)  # a run to a time writes no report
+        return 1e3 * (time.process_time() - begun_s) / count
+
+
+def by_block(folder: Path, rounds: int, size: dict[str, int]) -> dict[int, list[float]]:
+    """Return the CPU time of a palpation, in ms, for each length of blocks, in interleaved rounds."""
+    found: dict[int, list[float]] = {samples: [] for samples in BLOCKS}
+    for _ in range(rounds):
+        for samples in BLOCKS:
+            found[samples].append(cpu_of_a_palpation(folder / "blocks", samples, **size))
+    return found
+
+
+def print_blocks(found: dict[int, list[float]], chart: Path | None) -> None:
+    """Print the table, and draw it if a file is named."""
+    print("block, ms   CPU of a palpation, ms (least to most)   seconds of sweep per second of CPU")
+    for samples, spent_ms in found.items():
+        median_ms = statistics.median(spent_ms)
+        spread = f"({min(spent_ms):.2f} to {max(spent_ms):.2f})"
+        print(f"{samples:>9}   {median_ms:>8.2f} {spread:<33} {SWEEP_S / median_ms * 1e3:>8.0f}")
+    if chart is None:
+        return
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.0, 3.2), layout="constrained")
+    axes = figure.subplots()
+    medians = [statistics.median(spent_ms) for spent_ms in found.values()]
+    axes.loglog(list(found), [SWEEP_S / ms * 1e3 for ms in medians], "o-", color="#0072b2")
+    axes.set_xlabel("block, ms")
+    axes.set_ylabel("sweep per CPU, s/s")
+    axes.grid(True, alpha=0.3)
+    figure.savefig(chart, dpi=110)
 
 
 def profile(folder: Path, *, trials: int, training: int) -> dict[str, float]:
@@ -68,7 +128,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="one round of a short session")
     parser.add_argument("--json", action="store_true", help="one object for machines")
+    parser.add_argument(
+        "--blocks", action="store_true", help="CPU of a palpation against the length of blocks"
+    )
+    parser.add_argument("--chart", type=Path, help="draw --blocks into this PNG")
     options = parser.parse_args()
+    if options.blocks:
+        count, few = (
+            (1, {"trials": 2, "training": 2}) if options.quick else (7, {"trials": 10, "training": 5})
+        )
+        with tempfile.TemporaryDirectory() as folder:
+            table = by_block(Path(folder), count, few)
+        print(json.dumps(table)) if options.json else print_blocks(table, options.chart)
+        return
     rounds, size = (1, {"trials": 5, "training": 3}) if options.quick else (3, {"trials": 20, "training": 10})
     found: dict[str, list[dict[str, Any]]] = {"composed": [], "processes": []}
     with tempfile.TemporaryDirectory() as folder:

@@ -10,7 +10,7 @@ from msgs.action import PalpationAction
 from msgs.stage import StagePose, SweepGoal, SweepStatus
 from palp_core import Alarm, Node, Params, Pub, ReadOnly, State, Sub, Timer, on
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.blocks import block_mistakes, late_blocks
+from palp_core.palpation.devices.blocks import Stream, block_mistakes, late_blocks
 from palp_core.palpation.devices.limits import TravelLimits, check_lift, check_sweep
 from palp_core.palpation.devices.protocols import restored
 from palp_core.palpation.devices.registry import device_mistakes, open_device
@@ -26,6 +26,9 @@ from palp_core.units import (
     MillimetresPositive,
 )
 
+END_NS = 50_000_000
+"""The end of a sweep is told at the next multiple of this, however long blocks are: no time hangs on them."""
+
 
 class StageParams(Params):
     """Set in the launch file.
@@ -33,6 +36,7 @@ class StageParams(Params):
     ``scene`` is the scene file that says how deep the probe enters the gel (empty: the default scene), which
     ``lift_mm``, the height of the way back, must clear. A palpation that a policy asks for stays within the
     path of the launch file and ``margin_mm``, is no faster than ``speed_m_s`` and no deeper than the scene's.
+    ``within_sweep`` says whether anybody acts on torque while a sweep lasts, for whom long blocks are late.
     """
 
     device: ReadOnly[str] = "sim"
@@ -40,6 +44,7 @@ class StageParams(Params):
     lift_mm: ReadOnly[MillimetresPositive] = 20.0
     rate_hz: HertzPositive = 1000.0
     block_samples: CountPositive = 50
+    within_sweep: ReadOnly[bool] = True
     sweep_speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.020
     from_m: ReadOnly[Metres] = -0.03
     to_m: ReadOnly[Metres] = 0.05
@@ -51,6 +56,11 @@ class StageParams(Params):
     def block_hz(self) -> float:
         """Rate of pose blocks."""
         return self.rate_hz / self.block_samples
+
+    @property
+    def stream(self) -> Stream:
+        """What its poses, and the torque that follows them, are needed for."""
+        return "torque" if self.within_sweep else "sweep"
 
 
 def scanning_path(params: Any) -> StagePath:
@@ -125,6 +135,7 @@ class Stage(Node):
     pose = Pub(StagePose)
     status = Pub(SweepStatus)
     block = Timer(hz="block_hz")
+    ending = Alarm()
     arrival = Alarm()
 
     @staticmethod
@@ -141,8 +152,8 @@ class Stage(Node):
     def on_configure(self) -> None:
         require_clearance(self.params)
         self.device = open_device("stage", self.params.device, **device_options(self.params))
-        length_s = 1.0 / self.params.block_hz
-        if late := late_blocks("torque", length_s, wall_clock=False):  # torque follows the poses
+        length_s, stream = 1.0 / self.params.block_hz, self.params.stream
+        if late := late_blocks(stream, length_s, wall_clock=False):  # torque follows the poses
             self.log.warning("%s", late)
 
     @property
@@ -247,6 +258,7 @@ class Stage(Node):
 
     def _cancel(self) -> None:
         self.block.stop()
+        self.ending.clear()
         self.state.activity, self.state.at_start = "cancelled", False
         self.arrival.set(self.device.stop(self.now_ns(), self.memory))
         self._publish_status("cancelled")
@@ -278,6 +290,8 @@ class Stage(Node):
         state.next_sample = self._first_sample(times.enter_ns)
         state.sample_count = 0
         self.block.start()
+        if self.params.block_hz * END_NS < 1e9:  # else a block tells the end as soon
+            self.ending.set(-(-(times.leave_ns + self.LAG_NS) // END_NS) * END_NS)
         self._publish_status("sweeping")
 
     @on(arrival)
@@ -290,6 +304,11 @@ class Stage(Node):
         else:
             self.state.activity, self.state.at_start = "ready", activity == "resting"
             self._publish_status("ready")
+
+    @on(ending)
+    def _cut_short(self) -> None:
+        """Tell the rest of a sweep, and that it is over, before a long block is full."""
+        self.sample()
 
     @on(block)
     def sample(self) -> None:
@@ -304,7 +323,8 @@ class Stage(Node):
         state = self.state
         following = self._first_sample(min(known_ns, state.leave_ns) + 1)
         if following > state.next_sample:
-            times_ns = np.array([self._stamp_ns(k) for k in range(state.next_sample, following)])
+            times_ns = np.rint(np.arange(state.next_sample, following) * 1e9 / self.params.rate_hz)
+            times_ns = times_ns.astype(np.int64)
             reading = self.device.read(times_ns, self.memory)
             state.next_sample = following
             state.sample_count += len(times_ns)
@@ -320,6 +340,7 @@ class Stage(Node):
 
     def _end_sweep(self) -> None:
         self.block.stop()
+        self.ending.clear()
         self.state.activity = "swept"
         self.arrival.set(self.state.end_ns)
         self._publish_status("swept")

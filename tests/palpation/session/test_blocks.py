@@ -36,16 +36,24 @@ def chosen(stream: Stream, rate_hz: float, *, wall_clock: bool) -> int:
     return LENGTH[choose("block", wanted.output, wanted.age_s, scene).name].samples(rate_hz)
 
 
-def params(launch: str, node: str, defaults: Any) -> Any:
+def params(launch: str, node: str, defaults: Any, *overrides: str) -> Any:
     """Return the parameters that a node has in a launch file, those of its class among them."""
-    stated = read(ROOT / "launch" / launch, []).nodes[node][0].spec.params
+    drafts = read(ROOT / "launch" / launch, overrides).nodes[node]
+    stated = next(draft for draft in drafts if draft.present).spec.params
     fields = defaults.__struct_fields__
     return {name: stated.get(name, getattr(defaults, name)) for name in fields}
 
 
-def test_simulated_torque_comes_in_the_blocks_that_the_register_chooses() -> None:
-    found = params("sim.yaml", "stage", StageParams())
-    assert found["block_samples"] == chosen("torque", found["rate_hz"], wall_clock=False) == 50
+@pytest.mark.parametrize(
+    ("reading", "stream", "samples"), [("feature", "sweep", 1000), ("trace", "torque", 50)]
+)
+def test_simulated_torque_comes_in_the_blocks_that_the_register_chooses(
+    reading: str, stream: Stream, samples: int
+) -> None:
+    """For a feature nobody acts upon torque before a sweep is over; a trace is decided within."""
+    found = params("sim.yaml", "stage", StageParams(), f"reading:={reading}")
+    assert StageParams(within_sweep=found["within_sweep"]).stream == stream
+    assert found["block_samples"] == chosen(stream, found["rate_hz"], wall_clock=False) == samples
 
 
 @pytest.mark.parametrize("launch", ["rig.yaml", "emulated.yaml"])
@@ -113,6 +121,6 @@ def test_each_length_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     found = list(measure_blocks(Scene()))
     assert [one.method for one in found] == [*LENGTH, "sweep"]
     late = [one.method for one in found if one.fails]
-    assert late == ["50ms", "sweep"]  # on the rig
+    assert late == ["1s", "50ms", "sweep"]  # on the rig
     for one in found[:-1]:
         assert one.error == pytest.approx(LENGTH[one.method].length_s)

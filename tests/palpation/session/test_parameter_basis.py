@@ -51,7 +51,7 @@ def test_a_parameter_that_bears_on_nothing_has_no_basis() -> None:
 CHOICES = {
     "experiment": {"out", "overwrite", "policy", "seed", "session", "stop", "scene", "blind", "key"},
     "actuator": {"device"},
-    "stage": {"device", "block_samples"},
+    "stage": {"device", "block_samples", "within_sweep"},
     "torque": {"device"},
     "emg": {"device", "block_samples", "options", "cued", "phantoms"},
     "phantom": {"blind", "key"},

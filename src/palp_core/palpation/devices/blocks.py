@@ -7,7 +7,7 @@ register (:mod:`.block_methods`); the numbers stand here, where nodes read them 
 
 from typing import Literal, NamedTuple
 
-Stream = Literal["torque", "emg", "load"]
+Stream = Literal["torque", "sweep", "emg", "load"]
 
 
 class Length(NamedTuple):
@@ -35,6 +35,7 @@ class Length(NamedTuple):
 _WAITS = "what a sample says is known {} ms later"
 
 LENGTHS = (
+    Length("1s", 1.0, 3.0e-8, "what a sample says is known a second later", "50ms"),
     Length("50ms", 0.05, 4.7e-7, _WAITS.format(50), "20ms"),
     Length("20ms", 0.02, 1.1e-6, _WAITS.format(20), "10ms"),
     Length("10ms", 0.01, 2.2e-6, _WAITS.format(10), "5ms"),
@@ -66,6 +67,8 @@ class Wanted(NamedTuple):
 WANTED: dict[Stream, Wanted] = {
     # 27 ms were seen with blocks of 20, and the stage is long on its way back then
     "torque": Wanted("age_s", 0.05, 0.0093),
+    # torque that nobody acts upon before its sweep is over; no block is longer
+    "sweep": Wanted("age_s", LONGEST_S, 0.0093),
     # the same way; a burst lasts tenths of a second
     "emg": Wanted("age_s", 0.1, 0.0093),
     # 4.4 ms were seen with a report each 1 ms; wanted are 0.15 mm of a sweep at 20 mm/s

@@ -26,7 +26,7 @@ def longest_wait_s(block_samples: int, sweep_s: float, rate_hz: float = RATE_HZ)
         sweep_s: How long a sweep is over the phantom.
         rate_hz: Of the samples.
     """
-    phases = np.unique(np.linspace(0, block_samples - 1, min(block_samples, 50)).astype(int))
+    phases = np.unique(np.linspace(0, block_samples - 1, min(block_samples, 1000)).astype(int))
     return max(_wait_s(block_samples, sweep_s, rate_hz, int(phase)) for phase in phases)
 
 

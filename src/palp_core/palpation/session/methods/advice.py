@@ -80,10 +80,10 @@ def _fastest(motion: MethodChoice) -> float:
 
 def _late(roles: Roles, *, wall_clock: bool) -> Iterator[str]:
     """Yield which samples come later than their reader wants them."""
-    torque = (
-        "torque" if "block_samples" in roles.params("torque") else "stage"
-    )  # simulated: as its poses come
-    streams: Mapping[str, Stream] = {torque: "torque", "emg": "emg"}
+    streams: Mapping[str, Stream] = {"torque": "torque", "emg": "emg"}
+    if "block_samples" not in roles.params("torque"):  # simulated: as the stage's poses come
+        within = roles.params("stage").get("within_sweep", True)
+        streams = {"stage": "torque" if within else "sweep", "emg": "emg"}
     for role, stream in streams.items():
         params = roles.params(role)
         if "block_samples" not in params:
