@@ -166,6 +166,9 @@ def test_a_swap_is_seen_step_by_step_and_what_it_prints_is_text(viewing: Viewing
     viewing.go("/timeline")
     viewing.says("swap failed")
     viewing.says("nodes.talk:Scale -> nodes.loud:Loud")
+    page.locator(".lane", has_text="/scale").locator(".mark.warn").first.click()
+    page.wait_for_selector("tr.chosen")
+    assert "swap failed" in "".join(page.locator("tr.chosen").all_inner_texts())
 
 
 def test_a_recording_is_started_and_ended(viewing: Viewing, talk: Talk) -> None:

@@ -244,11 +244,12 @@ def test_a_field_that_no_message_has_is_no_harm() -> None:
     import msgs.actuator
     import msgs.emg
     import msgs.experiment
+    import msgs.operator
     import msgs.safety
     import msgs.stage
     from palp_core import Progress
 
-    modules = (msgs.actuator, msgs.emg, msgs.experiment, msgs.safety, msgs.stage)
+    modules = (msgs.actuator, msgs.emg, msgs.experiment, msgs.operator, msgs.safety, msgs.stage)
     known = {name: kind for module in modules for name, kind in vars(module).items()} | {"Progress": Progress}
     for name, fields in HARMLESS.fields.items():
         assert set(fields) <= {"*", *known[name].__struct_fields__}, name

@@ -78,10 +78,14 @@ class PageSocket:
     Args:
         server: Whose page.
         path: Of it.
+
+    Attributes:
+        received: The page, and every message of its socket, as they came.
     """
 
     def __init__(self, server: PageServer, path: str = "/") -> None:
         page = server.ask(f"/{server.token}{path}").body.decode()
+        self.received = [page]
         (client,), (elements,) = _CLIENT.findall(page), _ELEMENTS.findall(page)
         self.elements: dict[str, Any] = json.loads(html.unescape(elements))
         self._client = client
@@ -102,6 +106,7 @@ class PageSocket:
     def read(self) -> None:
         """Take one message: elements as they change; a ping is answered."""
         said = str(self.connection.recv(PATIENCE_S))
+        self.received.append(said)
         if said == "2":
             self.connection.send("3")
         if said.startswith("42"):

@@ -82,13 +82,15 @@ class Desk:
 
     def answer(self, line: str) -> None:
         """Send what was typed to whoever asked last; what may be a name does not leave this terminal."""
+        from palp_core.palpation.session.human.questions import refuse_names
+
         if not self._prompts:
             note("nothing is asked")
             return
         node, prompt = self._prompts[-1]
         request = {"number": prompt["number"], "text": line, "by": "terminal"}
         try:
-            check(prompt["text"], line)
+            refuse_names(prompt["text"], line)
             said = self._running.ask(
                 node, "call", timeout_s=self._timeout_s, retries=2, service="answer", request=request
             )["reply"]
@@ -98,21 +100,6 @@ class Desk:
             return
         if not said["taken"]:
             note(said["text"])
-
-
-def check(question: str, line: str) -> None:
-    """Refuse an answer that may be a name before it is sent: what is sent is recorded.
-
-    Raises:
-        PalpError: It may be.
-    """
-    from palp_core.palpation.session.human.identity import consent_id, subject_code
-    from palp_core.palpation.session.human.questions import IDENTITY
-
-    if question == IDENTITY["subject"]:
-        subject_code(line)
-    elif question == IDENTITY["consent"]:
-        consent_id(line)
 
 
 def effort_line(message: dict[str, Any]) -> str:

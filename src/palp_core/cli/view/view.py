@@ -89,11 +89,12 @@ def _show_over(listening: socket.socket, token: str, source: ViewSource) -> None
     from palp_core.view.server.serve import serve
     from palp_core.view.source.blind import BlindSource, Harmless
     from palp_core.view.source.recorded import RecordedSource
+    from palp_core.view.source.sealed import sealed_within
 
     time = source if isinstance(source, RecordedSource) else None
     launch = source.launch()
     own = _page_over_bag(str(launch.get("view", "")))
-    if launch.get("blind"):
+    if launch.get("blind") or (time is not None and sealed_within(time.path.resolve()) is not None):
         source = BlindSource(source, own.harmless if own is not None else Harmless())
     try:
         serve(listening, token, lambda: put_up(Viewer(source=source, own_page=own, time=time)))

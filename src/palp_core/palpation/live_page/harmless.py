@@ -16,6 +16,7 @@ HARMLESS = Harmless(
         "RingCommand": (WHOLE,),
         "RingState": (WHOLE,),
         "Mount": (WHOLE,),
+        "Prompt": (WHOLE,),  # which phantom to put on, by its code
         "Trial": ("stamp_ns", "trial", "phase"),
         "TrialResult": ("stamp_ns", "trial", "probe_count", "verdict"),
         "Progress": ("stamp_ns", "phase", "done_count", "total_count"),
@@ -36,5 +37,5 @@ HARMLESS = Harmless(
         "LoadReport": ("stamp_ns", "sample_ns", "sample_count", "faulty_count", "gap_count", "condition"),
     },
     speakers=("SafetyBeat", "SweepStatus", "RingState", "EmgBlock"),
-    calls=("stop", "acknowledge", "status"),
+    calls=("stop", "acknowledge", "status", "answer"),
 )

@@ -1,4 +1,4 @@
-"""``view: palp_core.palpation.live_page.page:rig`` in a launch file: the page of the rig.
+"""Pages that a launch file names: ``view: palp_core.palpation.live_page.page:rig``, or ``:human``.
 
 NiceGUI is imported when the page is opened: the graph is launched where it is not installed, too.
 """
@@ -27,7 +27,16 @@ def strip(viewer: Viewer) -> None:
     put_up(viewer)
 
 
+def human(viewer: Viewer) -> None:
+    """Fill the page of an experiment with people: what is asked of the operator, trials, muscles."""
+    from palp_core.palpation.live_page.drawing.human import put_up
+
+    put_up(viewer)
+
+
 rig.strip = strip  # type: ignore[attr-defined]
 rig.title = "Rig"  # type: ignore[attr-defined]
 rig.harmless = HARMLESS  # type: ignore[attr-defined]
 rig.over_bags = True  # type: ignore[attr-defined]
+human.title = "Operator"  # type: ignore[attr-defined]
+human.over_bags = True  # type: ignore[attr-defined]

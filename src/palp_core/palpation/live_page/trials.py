@@ -65,7 +65,7 @@ class TrialBoard:
     def _row(self, number: int, stamp_ns: int, result: dict[str, Any]) -> TrialRow:
         mounted: dict[str, Any] = {}
         for at_ns, one in self._mounts:
-            mounted = one if at_ns <= stamp_ns else mounted
+            mounted = one if at_ns < stamp_ns else mounted  # at a trial's end the next phantom is asked for
         depth_mm = _mm(mounted["depth_m"]) if "depth_m" in mounted else None
         estimate_mm = _mm(result["estimate_m"]) if "estimate_m" in result else None
         right = None

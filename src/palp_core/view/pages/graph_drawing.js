@@ -1,7 +1,7 @@
 // The graph as SVG. Names and words come as text: Vue escapes whatever stands between {{ and }}.
 export default {
   template: `
-    <div class="drawing">
+    <div class="drawing graph">
       <svg :viewBox="'0 0 ' + width + ' ' + height" :width="width" role="group" aria-label="graph">
         <defs><marker id="arrow" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="8" markerHeight="8" orient="auto">
           <path d="M0 0 L8 4 L0 8" /></marker></defs>

@@ -6,7 +6,7 @@ const COLUMNS = 600; // of the window: of each the lowest and the highest point 
 const STILL_MS = 300; // after the last points the time axis goes on for so long
 const FRAME_MS = 30; // between two drawings for the sake of the time axis alone
 const SLOW_MS = 12; // a browser that takes longer to draw draws new points only
-const COLOURS = ["#005f9e", "#b34700", "#00684a", "#8b3a8b", "#7a6000", "#b00020"];
+const COLOURS = ["--plot-0", "--plot-1", "--plot-2", "--plot-3", "--plot-4", "--plot-5"];
 
 // Of each column the lowest and the highest, as they came. Columns stand still while the window moves on.
 function thinned(points, span) {
@@ -43,11 +43,14 @@ export default {
     document.addEventListener("visibilitychange", this.unseen);
     this.resizer = new ResizeObserver(() => this.chart.resize());
     this.resizer.observe(this.$el);
+    this.looks = new MutationObserver(() => this.restart()); // light and dark
+    this.looks.observe(document.body, { attributes: true, attributeFilter: ["class"] });
     this.restart();
   },
   beforeUnmount() {
     document.removeEventListener("visibilitychange", this.unseen);
     this.resizer.disconnect();
+    this.looks.disconnect();
     this.chart.dispose();
   },
   watch: {
@@ -65,19 +68,19 @@ export default {
       if (!this.chart) return;
       this.whole = true;
       this.edge = -Infinity;
-      const ink = getComputedStyle(document.body).color;
+      const look = getComputedStyle(document.body), ink = look.color;
       const label = { color: ink, showMinLabel: false, showMaxLabel: false };
       const axis = { scale: true, axisLabel: { color: ink }, nameTextStyle: { color: ink } };
       this.chart.setOption({
         animation: false,
-        color: COLOURS,
+        color: COLOURS.map((name) => look.getPropertyValue(name).trim()),
         legend: { data: this.names, top: 0, textStyle: { color: ink } },
         grid: { left: 70, right: 30, top: this.slim ? 30 : 40, bottom: this.slim ? 24 : 80 },
         tooltip: { trigger: "axis", renderMode: "richText" },
         xAxis: { ...axis, axisLabel: this.elements ? axis.axisLabel : label, type: "value", name: this.elements ? "element" : "s" },
         yAxis: { ...axis, type: "value" },
         dataZoom: this.slim ? [] : [{ type: "inside" }, { type: "slider" }],
-        series: this.names.map((name) => ({ name, type: "line", symbol: "none", sampling: "minmax", data: [] })),
+        series: this.names.map((name, i) => ({ name, type: "line", symbol: "none", sampling: "minmax", data: this.points[i] || [] })),
       }, true);
     },
     zoomed() { // what is looked at closely is drawn point by point
@@ -160,7 +163,7 @@ export default {
     },
     save() {
       const link = document.createElement("a");
-      link.href = this.chart.getDataURL({ type: "png", pixelRatio: 2, backgroundColor: "#fff" });
+      link.href = this.chart.getDataURL({ type: "png", pixelRatio: 2, backgroundColor: getComputedStyle(document.body).backgroundColor });
       link.download = this.file;
       link.click();
     },

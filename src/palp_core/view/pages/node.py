@@ -214,7 +214,7 @@ def _ports(viewer: Viewer, name: str) -> None:
     for word, topics in (("reads", reads), ("publishes", says)):
         for topic in topics:
             with ui.element("div").classes("row-of"):
-                said("span", word, "quiet")
+                said("span", word, "quiet port-word")
                 topic_link(topic)
 
 

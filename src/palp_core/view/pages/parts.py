@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -55,15 +55,15 @@ def topic_link(name: str) -> None:
     ui.link(*topic_way(name))
 
 
-def table(titles: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
-    """Show a table; a cell is a text, or what puts something into it."""
-    with ui.element("table").classes("plain"):
+def table(titles: Sequence[str], rows: Iterable[Sequence[Cell]], chosen: Collection[int] = ()) -> None:
+    """Show a table; a cell is a text, or what puts something into it. The chosen rows stand out."""
+    with ui.element("div").classes("table-box"), ui.element("table").classes("plain"):
         with ui.element("thead"), ui.element("tr"):
             for title in titles:
                 said("th", title)
         with ui.element("tbody"):
-            for row in rows:
-                with ui.element("tr"):
+            for place, row in enumerate(rows):
+                with ui.element("tr").classes("chosen" if place in chosen else ""):
                     for cell in row:
                         if isinstance(cell, str):
                             said("td", cell)

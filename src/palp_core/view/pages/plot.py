@@ -89,11 +89,13 @@ def plot_panel(watch: Watch) -> None:
         ui.label("no field of it is a number")
         return
     with ui.element("div").classes("row-of"):
-        chosen = ui.select(known, multiple=True, label="fields", new_value_mode="add-unique", clearable=True)
+        chosen = ui.select(
+            known, multiple=True, label="fields to plot", new_value_mode="add-unique", clearable=True
+        )
         chosen.props("dense outlined use-chips").style("min-width: 16rem").tooltip(
             "as in posterior or posterior[3]"
         )
-        span = ui.select(SPANS_S, value=10, label="window").props("dense outlined")
+        span = ui.select(SPANS_S, value=10, label="window").props("dense outlined").style("min-width: 7rem")
         elements = ui.checkbox("by element")
         elements.tooltip("the elements of an array by their number, of the last message")
         pause = ui.button("pause").props("outline dense no-caps")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from palp_core.errors import GraphError, PalpError
 from palp_core.graph.messages.topic import Topic
 from palp_core.view.source.overview import WARN, Overview, Trouble
 from palp_core.view.source.protocol import Heard, Watch
+from palp_core.view.source.sealed import sealed_within
 
 KINDS = {
     ".html": "text/html; charset=utf-8",
@@ -20,8 +22,6 @@ KINDS = {
     **dict.fromkeys((".csv", ".json", ".txt", ".md", ".yaml", ".log"), "text/plain; charset=utf-8"),
 }
 MOST = 2000
-SEALED = ".sealed"
-"""Of a file that keeps what nobody is to know yet; opened, a ``.json`` of the same name lies beside it."""
 
 
 class ResultFile(msgspec.Struct, frozen=True):
@@ -49,16 +49,11 @@ class ResultsSource:
     def overview(self) -> Overview:
         """Return what it is."""
         troubles = []
-        if self.sealed:
+        if (sealed := sealed_within(self.folder)) is not None:
             text = "it is sealed: nothing of a blinded session is shown before it is unsealed"
-            troubles = [Trouble(str(self.folder), WARN, text, f"palp session unseal {self.folder}")]
+            advice = f"palp session unseal {shlex.quote(str(sealed))} --reason '...'"
+            troubles = [Trouble(str(sealed), WARN, text, advice)]
         return Overview(kind="results", title=self.folder.name, alive=False, troubles=troubles)
-
-    @property
-    def sealed(self) -> bool:
-        """Whether something of it is sealed, and not opened."""
-        keys = [*self.folder.glob(f"*{SEALED}"), *self.folder.glob(f"*/*{SEALED}")]
-        return any(not key.with_suffix(".json").exists() for key in keys)
 
     def topics(self) -> list[Topic]:
         """Return none: messages are in bags."""
@@ -86,10 +81,10 @@ class ResultsSource:
     def files(self) -> list[ResultFile]:
         """Return what can be shown, reports first."""
         found: list[ResultFile] = []
-        if self.sealed:
+        if sealed_within(self.folder) is not None:
             return found
         for path in sorted(self.folder.rglob("*")):
-            if path.suffix in KINDS and path.is_file() and self.path_of(str(path.relative_to(self.folder))):
+            if path.suffix in KINDS and path.is_file() and self._inside(path) is not None:
                 found.append(ResultFile(str(path.relative_to(self.folder)), path.stat().st_size))
             if len(found) == MOST:
                 break
@@ -97,11 +92,13 @@ class ResultsSource:
 
     def path_of(self, name: str) -> Path | None:
         """Return a file by its path from the folder; None if there is none, or it leads out of the folder."""
-        if self.sealed:
-            return None
         try:
-            path = (self.folder / name).resolve()
-            inside = path.is_relative_to(self.folder) and path.suffix in KINDS
-            return path if inside and path.is_file() else None
+            path = self._inside(self.folder / name)
+            return None if sealed_within(self.folder) is not None else path
         except (OSError, ValueError, RuntimeError):
             return None
+
+    def _inside(self, path: Path) -> Path | None:
+        path = path.resolve()
+        inside = path.is_relative_to(self.folder) and path.suffix in KINDS
+        return path if inside and path.is_file() else None

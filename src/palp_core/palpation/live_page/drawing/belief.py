@@ -98,9 +98,8 @@ def trial_words(belief: TrialBelief, progress: dict[str, Any] | None) -> str:
     parts = []
     if progress is not None:
         what = "palpation" if progress["phase"] == "training" else "trial"
-        parts.append(
-            f"{progress['phase']}: {progress['done_count']} of {progress['total_count']} {what}s done"
-        )
+        phase = "the session is over" if progress["phase"] == "done" else progress["phase"]
+        parts.append(f"{phase}: {progress['done_count']} of {progress['total_count']} {what}s done")
     if belief.estimating and belief.probes:
         count = len(belief.probes)
         told = f"{count} palpation{'s' if count > 1 else ''} of this trial"

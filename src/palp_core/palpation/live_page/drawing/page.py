@@ -6,7 +6,9 @@ from pathlib import Path
 
 from nicegui import run, ui
 
+from palp_core.palpation.live_page.desk import DeskMonitor
 from palp_core.palpation.live_page.drawing.belief import BeliefPanel
+from palp_core.palpation.live_page.drawing.desk import DeskPanel
 from palp_core.palpation.live_page.drawing.muscles import MusclePanel
 from palp_core.palpation.live_page.drawing.outcome import OutcomePanel
 from palp_core.palpation.live_page.drawing.touch import TouchPanel
@@ -28,6 +30,9 @@ def put_up(viewer: Viewer) -> None:
     ui.context.client.on_delete(monitor.close)
     if viewer.blind:
         said("p", "The session is blinded: torque, belief, depth and accuracy are neither shown nor sent.")
+    desk = DeskMonitor(viewer.source, recorded=viewer.time is not None)
+    ui.context.client.on_delete(desk.close)
+    asked = DeskPanel(viewer, desk) if desk.asks else None
     with ui.element("div").classes("rig-grid"):
         touch = TouchPanel(monitor, blind=viewer.blind)
         with ui.element("section"):
@@ -39,6 +44,9 @@ def put_up(viewer: Viewer) -> None:
         touch.show(monitor.look())
 
     def show() -> None:
+        desk.look()
+        if asked is not None:
+            asked.show()
         touch.show_words()
         belief.show()
         muscles.show()
@@ -46,6 +54,7 @@ def put_up(viewer: Viewer) -> None:
 
     async def load() -> None:
         await run.io_bound(monitor.load)
+        await run.io_bound(desk.load)
         show()
 
     async def read_taught() -> None:

@@ -9,7 +9,8 @@ export default {
     </g>
     <line class="path" :x1="size.from" :x2="size.to" :y1="size.slab + 9" :y2="size.slab + 9"/>
     <line v-for="end in [size.from, 0, size.to]" class="path" :x1="end" :x2="end" :y1="size.slab + 7" :y2="size.slab + 11"/>
-    <text v-for="end in [size.from, 0, size.to]" class="label middle" :x="end" :y="size.slab + 18">{{ end }} mm</text>
+    <text v-for="end in [size.from, 0, size.to]" class="label middle" :x="end" :y="size.slab + 18">{{ end }}</text>
+    <text class="label" :x="Math.max(size.from, size.to) + 9" :y="size.slab + 18">mm</text>
     <g :transform="'translate(' + at.y + ' ' + lowest + ')'" data-what="probe">
       <rect class="stage" x="-14" :y="-arm - 12" width="28" height="9" rx="1.5"/>
       <text class="label" :class="{ end: at.y > 0 }" :x="at.y > 0 ? -17 : 17" :y="-arm - 5">stage {{ at.y.toFixed(0) }} mm</text>
@@ -31,8 +32,8 @@ export default {
   data() { return { at: { y: this.size.from, ring: 0, lean: 0, lift: this.size.lift }, goal: null }; },
   computed: {
     arm() { return this.size.base + this.size.tip; },
-    left() { return Math.min(this.size.from, this.size.to) - 38; }, // the tip leans as far out
-    wide() { return Math.abs(this.size.to - this.size.from) + 76; },
+    left() { return Math.min(this.size.from, this.size.to) - 46; }, // the tip leans as far out
+    wide() { return Math.abs(this.size.to - this.size.from) + 92; },
     box() { return `${this.left} ${-this.arm - 36} ${this.wide + 12} ${this.arm + this.size.slab + 58}`; },
     lowest() { return this.size.indentation - this.at.lift; },
     ends() {

@@ -1,7 +1,7 @@
 // Torque against the stage's position: the sweep under way over the bands of what training taught.
 import { echarts } from "nicegui-echart";
 
-const COLOURS = ["--rig-0", "--rig-1", "--rig-2", "--rig-3", "--rig-4", "--rig-5"];
+const COLOURS = ["--plot-0", "--plot-1", "--plot-2", "--plot-3", "--plot-4", "--plot-5"];
 const DASHES = ["solid", "dashed", "dotted"];
 
 export default {

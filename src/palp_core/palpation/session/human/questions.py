@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from palp_core.errors import PalpError
+from palp_core.palpation.session.human.identity import consent_id, subject_code
 from palp_core.palpation.session.human.plan import HoldMvc, HumanTrial
 from palp_core.palpation.session.plan import PlannedPhantom
 
@@ -26,6 +27,18 @@ IDENTITY = {
 }
 QUIET = "The subject sits relaxed, forearm at rest, hand still. Enter records the muscles at rest."
 PALPATING = f"Palpating. Enter when the subject is done; '{AGAIN}' if the trial was spoilt."
+
+
+def refuse_names(question: str, answer: str) -> None:
+    """Refuse an answer that may be a name before it is sent: what is sent is recorded.
+
+    Raises:
+        PalpError: It may be.
+    """
+    if question == IDENTITY["subject"]:
+        subject_code(answer)
+    elif question == IDENTITY["consent"]:
+        consent_id(answer)
 
 
 def mvc_words(step: HoldMvc) -> str:

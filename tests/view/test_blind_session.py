@@ -1,0 +1,112 @@
+"""A real blinded session whose key lies elsewhere: what its folder and its bag tell before it is unsealed."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
+from palp_core.palpation.mechanics.scene.sealed import seal
+from palp_core.palpation.session.operating.unsealing import unseal
+from palp_core.palpation.session.trials_csv import read_rows
+from palp_core.view.source.results import ResultsSource
+from tests.support.palp import SIM, Palp
+from tests.support.rig_session import ComposedGraph
+from tests.support.view.browser import address_of
+from tests.support.view.page_socket import PageServer, PageSocket
+
+TELLING = (
+    *(
+        "torque_n_m",
+        "peak_n_m",
+        "depth_m",
+        "estimate_m",
+        "posterior",
+        "confidence",
+        "Right so far",
+        "mm deep",
+    ),
+    *("trials.csv", "primitives.json", "run.json"),
+)
+"""Fields, panels and files that only a session in the open has on its pages."""
+
+
+class Blinded:
+    """A session, its bag in its folder, and its key somewhere else."""
+
+    def __init__(self, folder: Path) -> None:
+        self.out, self.bag, self.key = folder / "out", folder / "out" / "bag", folder / "key.sealed"
+        seal(self.key, load_phantoms(""))
+        given = {"policy": "fixed", "rings_mm": "8, 16", "training": 2, "trials": 1, "blind": True}
+        with ComposedGraph(SIM, phantoms=self.key, out=self.out, record=folder / "bag", **given) as graph:
+            assert graph.run().exit_code == 0
+        shutil.move(folder / "bag", self.bag)
+
+    def secrets(self) -> Iterator[str]:
+        """What was felt, and what stands for depths and estimates, as text."""
+        for row in read_rows(self.out):
+            yield f"{row.peak_n_m:.6f}"
+            yield f"{1e3 * row.peak_n_m:.3f}"
+            if row.posterior:
+                yield from (f"{one:.4f}" for one in row.posterior if 0.001 < one < 0.999)
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Blinded:
+    return Blinded(tmp_path_factory.mktemp("elsewhere"))
+
+
+def test_of_its_folder_and_all_around_it_nothing_is_shown_before_it_is_unsealed(
+    session: Blinded, tmp_path: Path
+) -> None:
+    out = Path(shutil.copytree(session.out, tmp_path / "study" / "S1" / "out"))
+    assert not list(tmp_path.rglob("*.sealed"))
+    for folder in (tmp_path, out.parent, out, out / "bag"):
+        source = ResultsSource(folder)
+        assert (source.files(), source.path_of("trials.csv"), source.path_of("run.json")) == ([], None, None)
+        (trouble,) = source.overview().troubles
+        assert f"palp session unseal {out}" in trouble.advice
+    unseal(out, "all is done", session.key)
+    assert "trials.csv" in [file.name for file in ResultsSource(out).files()]
+    assert ResultsSource(tmp_path).overview().troubles == []
+
+
+def test_a_session_in_the_open_beside_it_is_shown_by_itself(session: Blinded, tmp_path: Path) -> None:
+    shutil.copytree(session.out, tmp_path / "blinded")
+    (tmp_path / "open").mkdir()
+    (tmp_path / "open" / "run.json").write_text('{"params": {"phantom": {"blind": false}}}', encoding="utf-8")
+    assert [file.name for file in ResultsSource(tmp_path / "open").files()] == ["run.json"]
+    assert ResultsSource(tmp_path).files() == []
+
+
+def test_nothing_that_the_page_of_its_folder_is_sent_tells_depth_or_accuracy(
+    session: Blinded, shared_palp: Palp
+) -> None:
+    server = PageServer(address_of(shared_palp.start("view", session.out, "--no-browser")))
+    said = [server.ask(f"/{server.token}{path}").body.decode() for path in ("/", "/files/audit.csv")]
+    with closing(PageSocket(server)) as page:
+        page.says("it is sealed")
+        assert told([*said, *page.received], session) == []
+    assert server.ask(f"/{server.token}/files/trials.csv").status == 404
+
+
+def test_nothing_that_the_pages_of_its_bag_are_sent_tells_depth_or_accuracy(
+    session: Blinded, shared_palp: Palp
+) -> None:
+    server = PageServer(address_of(shared_palp.start("view", session.bag, "--no-browser")))
+    pages = ("/", "/topics", "/topic/phantom/contact", "/topic/estimator/belief", "/node/estimator")
+    said = [server.ask(f"/{server.token}{path}").body.decode() for path in pages]
+    with closing(PageSocket(server, "/own")) as page:
+        page.says("The session is blinded")
+        page.event(page.labelled("time in the bag"), "update:", 1e9)
+        page.says("the session is over: 3 of 3 trials done")
+        assert told([*said, *page.received], session) == []
+
+
+def told(said: Sequence[str], session: Blinded) -> list[str]:
+    """Return which secrets there are in what was sent."""
+    return [secret for secret in (*TELLING, *session.secrets()) if any(secret in one for one in said)]
