@@ -57,6 +57,12 @@ def launch(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on where this run was interrupted (or resume:=true).")
     ] = False,
+    repeat: Annotated[
+        int | None,
+        typer.Option(
+            "--repeat", metavar="N", help="N runs on all cores, seed by seed, each in a folder of its own."
+        ),
+    ] = None,
 ) -> None:
     """Check a launch file, run its graph, end it cleanly.
 
@@ -86,6 +92,14 @@ def launch(
             else f"{file}: no mistake: {len(checked.nodes)} nodes, {len(checked.topics)} topics"
         )
         return
+    if repeat is not None:
+        from palp_core.cli.launch.repeat import refuse_options
+        from palp_core.cli.launch.repeat import repeat as run_repeatedly
+
+        refuse_options(
+            {"--record": record, "--digest": digest, "--listen": listen, "--name": name, "--view": view}
+        )
+        sys.exit(run_repeatedly(file, overrides, repeat, compose=compose, resume=resume))
     if compose and os.environ.get("PYTHONHASHSEED") != "0":  # sets in the order they have in nodes' processes
         os.environ["PYTHONHASHSEED"] = "0"
         os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])

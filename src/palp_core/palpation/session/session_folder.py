@@ -13,6 +13,7 @@ TABLE = "trials.csv"
 SWEEPS = "sweeps"
 RUN = "run.json"
 SHEET = "session.yaml"
+RESULT = "result.json"
 NEXT_RUN = ".next_run.json"
 CHECKPOINT = "checkpoint"
 """Where an unfinished session can go on, as the launch file says."""
@@ -30,7 +31,7 @@ OWN_FILES = (
     "primitives.sealed.json",
     RUN,
     SHEET,
-    "result.json",
+    RESULT,
     "report.html",
     "charts",
     "noise.yaml",

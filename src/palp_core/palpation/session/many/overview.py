@@ -24,7 +24,7 @@ from palp_core.palpation.session.sheet.of_run import sheet_of
 from palp_core.palpation.session.sheet.sheet import NONE, SessionSheet
 from palp_core.palpation.session.trials_csv import read_rows
 
-_OF_ONE = ("out", "overwrite", "session", "seed", "host", "folder", "options", "stop_url", "verified")
+_OF_ONE = ("out", "key", "overwrite", "session", "seed", "host", "folder", "options", "stop_url", "verified")
 
 DICTIONARY_FILE = "dictionary.csv"
 """By which a folder of exported tables is told from a session's."""

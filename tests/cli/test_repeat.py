@@ -1,0 +1,109 @@
+"""``palp launch --repeat``: sessions side by side, pooled; what is refused, and what goes on."""
+
+from __future__ import annotations
+
+import json
+import signal
+from pathlib import Path
+
+import pytest
+
+from palp_core.cli.launch.repeat import Run, plan, refuse, refuse_options
+from palp_core.errors import GraphError
+from palp_core.graph.description.checked import CheckedGraph
+from palp_core.palpation.session.report import session
+from tests.support.palp import PATIENCE_S, ROOT, SIM, Palp, wait_for_line
+from tests.support.rig_session import RigSession, check_here
+
+TINY = ("trials:=1", "training:=1", "rings_mm:=8, 16", "policy:=fixed", "--compose")
+
+
+@pytest.fixture(scope="module")
+def checked() -> CheckedGraph:
+    return check_here(SIM, ["out:=results/many", "seed:=3"])
+
+
+def test_two_sessions_side_by_side_are_those_of_their_seeds_and_are_pooled(
+    palp: Palp, tmp_path: Path
+) -> None:
+    """Each is the session that its seed alone gives, and what both say together is beside them."""
+    many, alone = tmp_path / "many", tmp_path / "alone"
+    done = palp.run("launch", SIM, *TINY, "seed:=3", f"out:={many}", "--repeat", 2)
+    assert done.returncode == 0, done.stderr
+    assert f"2 runs of {SIM}, seeds 3 to 4, " in done.stderr
+    assert "over 2 sessions" in done.stdout
+    assert "not all were run alike" not in done.stdout
+    one = palp.run("launch", SIM, *TINY, "seed:=4", f"out:={alone}")
+    assert one.returncode == 0, one.stderr
+    assert (many / "seed_4" / "trials.csv").read_bytes() == (alone / "trials.csv").read_bytes()
+    assert (many / "seed_3" / "trials.csv").read_bytes() != (alone / "trials.csv").read_bytes()
+    pooled = json.loads((many / "pooled.json").read_text())
+    assert [(group["unit"], group["units"]) for group in pooled["groups"]] == [("session", 2)]
+    assert (many / "index.html").exists()
+    again = palp.run("launch", SIM, *TINY, "seed:=3", f"out:={many}", "--repeat", 2)
+    assert again.returncode == 2
+    assert f"{many / 'seed_3'} is there already: --resume goes on" in again.stderr
+
+
+@pytest.mark.parametrize("kill", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.nightly)])
+def test_what_was_ended_in_the_middle_goes_on(kill: signal.Signals, palp: Palp, tmp_path: Path) -> None:
+    """A session that was whole is left as it is, and the others come to the bytes they would have."""
+    many, alone = tmp_path / "many", tmp_path / "alone"
+    words = ("launch", SIM, "trials:=4", "training:=4", "--compose")
+    process = palp.start(*words, "seed:=3", f"out:={many}", "--repeat", 3)
+    wait_for_line(process, "seed 3: ")
+    process.send_signal(kill)
+    process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == (130 if kill is signal.SIGINT else -kill)
+    assert palp.all_gone()
+    whole = {
+        path: path.read_bytes() for path in many.glob("seed_*/trials.csv") if session.complete(path.parent)
+    }
+    done = palp.run(*words, "seed:=3", f"out:={many}", "--repeat", 3, "--resume")
+    assert done.returncode == 0, done.stderr
+    assert {path: path.read_bytes() for path in whole} == whole
+    assert palp.run(*words, "seed:=3", f"out:={alone}").returncode == 0
+    assert (many / "seed_3" / "trials.csv").read_bytes() == (alone / "trials.csv").read_bytes()
+    assert all(session.complete(many / f"seed_{seed}") for seed in (3, 4, 5))
+
+
+def test_each_run_has_the_next_seed_and_a_folder_of_its_own(checked: CheckedGraph) -> None:
+    runs = plan(checked, 3, session, resume=False)
+    assert runs == [Run(seed, Path(f"results/many/seed_{seed}"), "begin") for seed in (3, 4, 5)]
+
+
+def test_what_is_whole_is_left_and_what_is_not_goes_on_or_begins(
+    checked: CheckedGraph, rig_session: RigSession, tmp_path: Path
+) -> None:
+    import msgspec
+
+    out = tmp_path / "many"
+    assert checked.checkpoint is not None
+    entry = msgspec.structs.replace(checked.checkpoint, file=str(out / "checkpoint"))
+    here = msgspec.structs.replace(checked, args=checked.args | {"out": str(out)}, checkpoint=entry)
+    with pytest.raises(GraphError, match=r"nothing to resume: .*many has no run; name the folder"):
+        plan(here, 2, session, resume=True)
+    for seed in (4, 5):
+        (out / f"seed_{seed}").mkdir(parents=True)
+    (out / "seed_3").symlink_to(rig_session.out)
+    (out / "seed_4" / "checkpoint").touch()
+    ways = [run.way for run in plan(here, 4, session, resume=True)]
+    assert ways == ["done", "go on", "begin", "begin"]
+    with pytest.raises(GraphError, match="seed_3 is there already: --resume goes on with the runs of"):
+        plan(here, 4, session, resume=False)
+
+
+def test_what_cannot_go_on_side_by_side_is_refused_in_words(checked: CheckedGraph) -> None:
+    import msgspec
+
+    wall = check_here(ROOT / "launch" / "emulated.yaml")
+    with pytest.raises(GraphError, match="its graph goes by the machine's clock"):
+        refuse(Path("emulated.yaml"), wall, 2)
+    with pytest.raises(GraphError, match="--repeat 0: one run at least"):
+        refuse(SIM, checked, 0)
+    with pytest.raises(GraphError, match="no argument seed"):
+        refuse(SIM, msgspec.structs.replace(checked, args={"out": "there"}), 2)
+    with pytest.raises(GraphError, match="does not say what several runs say together"):
+        refuse(SIM, msgspec.structs.replace(checked, report=""), 2)
+    with pytest.raises(GraphError, match="--repeat with --record: that is of one run"):
+        refuse_options({"--record": Path("bag"), "--view": False})
