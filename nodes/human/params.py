@@ -6,23 +6,25 @@ from msgs.emg import EmgBlock
 from palp_core import Params, ReadOnly, State
 from palp_core.errors import MechanicsError, PalpError, PerceptionError
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
-from palp_core.palpation.session.human.identity import consent_id, subject_code
 from palp_core.palpation.session.human.plan import HumanDesign
 from palp_core.palpation.session.human.questions import AnswerForm
 from palp_core.palpation.session.human.record import Source, source_of
 from palp_core.palpation.session.plan import PlannedPhantom
+from palp_core.palpation.session.sheet.identity import consent_id, subject_code
 from palp_core.units import Count, CountPositive, HertzPositive, Kilograms, Seconds, SecondsPositive
 
 
 class HumanParams(Params):
     """Set in the launch file; see :class:`.HumanDesign` for the numbers.
 
-    ``subject`` and ``consent`` are codes, asked of the operator where empty. ``amplifier``, ``host``: where
-    the EMG comes from, by which it is known whether it is a person's. ``answer``: one of the phantoms'
-    depths, or any depth in mm.
+    ``session`` names the session's sheet, which the report checks and copies. ``subject`` and ``consent`` are
+    codes, asked of the operator where empty, but for a subject that the sheet names. ``amplifier``,
+    ``host``: where the EMG comes from, by which it is known whether it is a person's. ``answer``: one of
+    the phantoms' depths, or any depth in mm.
     """
 
     out: ReadOnly[str] = "results"
+    session: ReadOnly[str] = ""
     subject: ReadOnly[str] = ""
     consent: ReadOnly[str] = ""
     phantoms: ReadOnly[str] = ""

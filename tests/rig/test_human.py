@@ -20,6 +20,7 @@ from palp_core.palpation.perception.strategy.chain_file import markov_policy, wr
 from palp_core.palpation.session.decided import audit
 from palp_core.palpation.session.human.orders import TABLE_4_MM
 from palp_core.palpation.session.human.record import read_human
+from tests.palpation.session.sheet.filled import FILLED
 from tests.support.palp import ROOT
 from tests.support.rig_session import ComposedGraph, check_here
 
@@ -46,7 +47,18 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Six subjects, a trial of 2 s a phantom and phase; only to be read."""
     folder = tmp_path_factory.mktemp("study")
     small = {"order": "counterbalanced", "repeats": 1, "palpation_s": 2.0}
-    return [session(folder / f"S{number:02d}", number, **small) for number in range(1, 7)]
+    (folder / "S01.yaml").write_text(FILLED.partition("sensor:")[0])
+    first = session(folder / "S01", 1, session=folder / "S01.yaml", **small)
+    return [first, *(session(folder / f"S{number:02d}", number, **small) for number in range(2, 7))]
+
+
+def test_the_sheet_goes_with_all_that_is_kept(study: list[Path]) -> None:
+    assert "lab: Motor Lab, 2nd floor" in (study[0] / "session.yaml").read_text()
+    assert json.loads((study[0] / "human.json").read_text())["session"]["ethics"] == "17-204"
+    assert "Motor Lab, 2nd floor" in (study[0] / "human.html").read_text()
+    shown = [CliRunner().invoke(app, ["show", str(path)]).stdout for path in (study[0], study[0] / "bag")]
+    assert all("17-204" in text for text in shown)
+    assert "simulation" in (study[1] / "session.yaml").read_text()
 
 
 def test_every_trial_of_every_subject_is_there_with_its_emg(study: list[Path]) -> None:

@@ -17,7 +17,7 @@ from palp_core.palpation.export.export import write_export
 from palp_core.palpation.export.source import ExportSource
 from palp_core.palpation.identification.emg.files import read_emg
 from palp_core.palpation.session.sheet.sheet import SessionSheet
-from palp_core.palpation.session.trials_csv import read_rows
+from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 from tests.palpation.export.test_export import DEPTHS_M, TRIALS, emg, source_of
 from tests.support.sessions import writer
 
@@ -83,6 +83,19 @@ def test_trials_are_behaviour_with_every_column_described(tmp_path: Path) -> Non
     assert np.array_equal(table["depth_m"], source.tables["trials"].values["depth_m"])
     description = json.loads((out / "dataset_description.json").read_text(encoding="utf-8"))
     assert description["EthicsApprovals"] == ["17-204"]
+
+
+def test_the_torque_of_every_sweep_is_a_run_that_says_when_it_began(tmp_path: Path) -> None:
+    source, out = dataset(tmp_path)
+    files, rows = sorted(out.rglob("*_physio.tsv.gz")), read_rows(source.path)
+    assert len(files) == len(rows)
+    for file, row in zip(files, rows, strict=True):
+        about = json.loads(file.with_name(file.name.replace(".tsv.gz", ".json")).read_text(encoding="utf-8"))
+        torque_n_m, rate_hz = read_sweep(source.path, row.row)
+        assert about["Columns"] == ["torque_n_m"]
+        assert np.array_equal(np.loadtxt(file), torque_n_m)
+        assert (about["Row"], about["Trial"], about["SamplingFrequency"]) == (row.row, row.trial, rate_hz)
+        assert about["StartTime"] == row.start_ns / 1e9 - 2.5
 
 
 def issues(folder: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:

@@ -15,11 +15,17 @@ if TYPE_CHECKING:
     from palp_core.palpation.session.sheet.sheet import SessionSheet
 
 
+ByHandOption = Annotated[
+    bool, typer.Option("--by-hand", help="A person palpates: a subject is named, and no torque sensor.")
+]
+
+
 def new(
     file: Annotated[Path, typer.Argument(metavar="[FILE]", help="The sheet.")] = Path("session.yaml"),
     phantoms: Annotated[
         str, typer.Option(metavar="FILE", help="Phantoms of the session; default: the paper's three.")
     ] = "",
+    by_hand: ByHandOption = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="A file that is there is replaced.")] = False,
 ) -> None:
     """Write a session's sheet to fill in."""
@@ -31,19 +37,21 @@ def new(
         raise PalpError(
             f"{file} is there already, and nothing is overwritten unasked: --overwrite, or another name"
         )
-    write_whole(file, template(phantom_codes(phantoms)))
-    print_text(f"{file}: fill it in, look at it (palp session show {file}), and name it: session:={file}")
+    write_whole(file, template(phantom_codes(phantoms), by_hand=by_hand))
+    look = f"palp session show {file}{' --by-hand' if by_hand else ''}"
+    print_text(f"{file}: fill it in, look at it ({look}), and name it: session:={file}")
 
 
 def show(
     path: Annotated[Path, typer.Argument(metavar="DIR|BAG|FILE", help="A session's folder, a bag, a sheet.")],
     *,
+    by_hand: ByHandOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Show the sheet of a session, a bag or a file, and check it; status 2 if it has mistakes."""
     from palp_core.palpation.session.sheet.of_run import sheet_lines
 
-    sheet = _sheet_at(path)
+    sheet = _sheet_at(path, by_hand=by_hand)
     if as_json:
         print_json(sheet)
     else:
@@ -85,7 +93,7 @@ def redact(
         raise typer.Exit(1)
 
 
-def _sheet_at(path: Path) -> SessionSheet:
+def _sheet_at(path: Path, *, by_hand: bool) -> SessionSheet:
     """Return the sheet of what a path leads to.
 
     Raises:
@@ -103,7 +111,7 @@ def _sheet_at(path: Path) -> SessionSheet:
     elif path.is_dir():
         found = sheet_of(read_note(path))
     else:
-        return read_sheet(path)
+        return read_sheet(path, by_hand=by_hand)
     if found is None:
         raise PalpError(f"{path}: was recorded without a sheet, by an earlier palp")
     return found

@@ -6,6 +6,12 @@
     iterations   a row per palpation
     sweeps       a row per sample of torque
     emg          a row per sample of EMG
+
+and of a session with a person::
+
+    human_trials      a row per trial
+    human_recordings  a row per stretch of EMG: at rest, in the MVC, in a trial
+    human_emg         a row per sample of these
 """
 
 from __future__ import annotations
@@ -147,6 +153,48 @@ DICTIONARY: dict[str, tuple[ExportColumn, ...]] = {
     "emg": _of(
         ("time_s", "number", "s", "on the run's clock"),
         ("phase", "text", "", "rest, mvc (maximum voluntary contraction) or palpation; empty where lost"),
+        ("fds_v", "number", "V", "flexor digitorum superficialis, raw; missing where samples were lost"),
+        ("edc_v", "number", "V", "extensor digitorum communis, raw; missing where samples were lost"),
+    ),
+    "human_trials": _of(
+        ("subject", "text", "", "code of the subject"),
+        ("phase", "text", "", "training, in which the depth is told, or estimation"),
+        ("trial", "integer", "1", "number of the trial, from 0, over both phases"),
+        ("number", "integer", "1", "number of the trial in its phase, from 1"),
+        ("attempt", "integer", "1", "from 1; what was spoilt is done again"),
+        ("phantom", "text", "", "code of the phantom"),
+        ("depth_m", "number", "m", "true depth of the nodule; missing where it is sealed"),
+        ("told", "flag", "", "whether the subject was told the depth"),
+        ("palpation_s", "number", "s", "from begin to end of the palpation"),
+        ("ended_by", "text", "", "subject, limit (of time), or repeat where it was spoilt"),
+        ("answer_s", "number", "s", "from the question to the answer; missing where nobody was asked"),
+        ("answer_m", "number", "m", "depth as it was said; missing likewise"),
+        ("estimate_m", "number", "m", "of the phantoms' depths the nearest to the answer; missing likewise"),
+        ("recording", "integer", "1", "key of table human_recordings; -1 where no EMG came"),
+        ("lost_count", "integer", "1", "samples of EMG that were lost"),
+        ("clipped_count", "integer", "1", "samples of EMG at the amplifier's rails"),
+        ("source", "text", "", "whose muscles: person, emulator, file or simulated"),
+        ("answered_by", "text", "", "who typed the answers; script: nobody did"),
+        ("order", "text", "", "paper (Tables 3 and 4) or counterbalanced"),
+        ("subject_number", "integer", "1", "of the subject in the study, from 1; of the order"),
+        ("seed", "integer", "1", "of the study's orders"),
+        ("end_s", "number", "s", "when the trial was written, on the run's clock"),
+        ("excluded", "flag", "", "whether the trial does not count: spoilt, or decided so later"),
+        ("excluded_why", "text", "", "what was decided and why; empty where it counts"),
+    ),
+    "human_recordings": _of(
+        ("recording", "integer", "1", "number of the recording, from 0"),
+        ("file", "text", "", "in the session's folder"),
+        ("subject", "text", "", "code of the subject"),
+        ("phase", "text", "", "rest, mvc (maximum voluntary contraction), training or estimation"),
+        ("trial", "integer", "1", "number of the trial; -1 of rest and mvc"),
+        ("rate_hz", "number", "Hz", "samples a second"),
+        ("samples", "integer", "1", "number of samples of each muscle"),
+    ),
+    "human_emg": _of(
+        ("recording", "integer", "1", "key of table human_recordings"),
+        ("sample", "integer", "1", "number of the sample in its recording, from 0"),
+        ("time_s", "number", "s", "since the recording's begin"),
         ("fds_v", "number", "V", "flexor digitorum superficialis, raw; missing where samples were lost"),
         ("edc_v", "number", "V", "extensor digitorum communis, raw; missing where samples were lost"),
     ),

@@ -14,6 +14,7 @@ import msgspec
 import palp_core
 from palp_core.errors import PalpError
 from palp_core.graph.launch.summary import RunSummary
+from palp_core.palpation.export.human_tables import human_recordings, human_tables
 from palp_core.palpation.export.tables import (
     ExportTable,
     emg_table,
@@ -26,6 +27,7 @@ from palp_core.palpation.identification.emg.files_bag import read_bag
 from palp_core.palpation.session.bag_record import is_bag, write_record
 from palp_core.palpation.session.decided.audit import left_out
 from palp_core.palpation.session.decided.blind import refuse_blinded
+from palp_core.palpation.session.human.record import HUMAN_TABLE, read_human
 from palp_core.palpation.session.recorded_session import believed_depths
 from palp_core.palpation.session.run_note import read_note
 from palp_core.palpation.session.sheet.of_run import sheet_of
@@ -39,7 +41,8 @@ class ExportSource:
 
     Attributes:
         path: Its folder or bag.
-        tables: By name: ``trials``, ``iterations``, ``sweeps``, ``emg``.
+        tables: By name: ``trials``, ``iterations``, ``sweeps``, ``emg``; of a session with a person
+            ``human_trials``, ``human_recordings``, ``human_emg``.
         sheet: Who, on what; None where nobody told.
         run: Which run it is, as plain values.
         notes: What whoever exports it ought to know.
@@ -64,6 +67,8 @@ def read_source(path: Path) -> ExportSource:
         PalpError: It is neither a session's folder nor a bag of a run, or is blinded or damaged.
         BagError: The bag cannot be read.
     """
+    if (path / HUMAN_TABLE).exists():
+        return _read_human(path)
     notes: list[str] = []
     emg = None
     with contextlib.ExitStack() as stack:
@@ -89,6 +94,21 @@ def read_source(path: Path) -> ExportSource:
             emg_table(emg),
         )
     return ExportSource(path, {one.name: one for one in tables}, sheet, _run(summary), tuple(notes))
+
+
+def _read_human(folder: Path) -> ExportSource:
+    """Read all tables of a session with a person."""
+    summary = read_note(folder)
+    rows = read_human(folder)
+    notes = [f"the session is unfinished ({summary.ended}): what it has is exported"]
+    tables = human_tables(rows, human_recordings(folder, rows), left_out(folder))
+    return ExportSource(
+        folder,
+        {one.name: one for one in tables},
+        sheet_of(summary),
+        _run(summary),
+        tuple(notes if summary.exit_code != 0 else ()),
+    )
 
 
 @contextlib.contextmanager

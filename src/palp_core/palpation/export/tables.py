@@ -59,7 +59,7 @@ def trials_table(
         _trial(list(probes), classes_m, subject, excluded)
         for _, probes in groupby(rows, key=lambda row: row.trial)
     ]
-    return _table("trials", depths_m, records)
+    return table_of("trials", depths_m, records)
 
 
 def _trial(
@@ -95,7 +95,7 @@ def _nearest(classes_m: Sequence[float], estimate_m: float) -> float:
 
 def iterations_table(rows: Sequence[Row], depths_m: Sequence[float], subject: str) -> ExportTable:
     """Return a row per palpation; the arguments are those of :func:`trials_table`."""
-    return _table("iterations", depths_m, [_iteration(row, depths_m, subject) for row in rows])
+    return table_of("iterations", depths_m, [_iteration(row, depths_m, subject) for row in rows])
 
 
 def _iteration(row: Row, depths_m: Sequence[float], subject: str) -> dict[str, Any]:
@@ -120,11 +120,11 @@ def sweeps_table(folder: Path, rows: Sequence[Row]) -> ExportTable:
     samples = [np.arange(size, dtype=np.int64) for size in sizes]
     values: dict[str, Values] = {
         "row": np.repeat(np.array([row for row, _, _ in sweeps], dtype=np.int64), sizes),
-        "sample": _joined(samples, np.int64),
-        "time_s": _joined(
+        "sample": joined(samples, np.int64),
+        "time_s": joined(
             [n / rate_hz for n, (_, _, rate_hz) in zip(samples, sweeps, strict=True)], np.float64
         ),
-        "torque_n_m": _joined([torque_n_m for _, torque_n_m, _ in sweeps], np.float64),
+        "torque_n_m": joined([torque_n_m for _, torque_n_m, _ in sweeps], np.float64),
     }
     return ExportTable("sweeps", columns_of("sweeps", ()), values)
 
@@ -149,7 +149,8 @@ def emg_table(emg: EmgFile | None) -> ExportTable:
     return ExportTable("emg", columns, values)
 
 
-def _table(name: str, depths_m: Sequence[float], records: Sequence[Mapping[str, Any]]) -> ExportTable:
+def table_of(name: str, depths_m: Sequence[float], records: Sequence[Mapping[str, Any]]) -> ExportTable:
+    """Return a table of the dictionary, a row per record; None is a cell without a value."""
     columns = columns_of(name, depths_m)
     return ExportTable(
         name, columns, {one.name: _values(one.kind, [r[one.name] for r in records]) for one in columns}
@@ -170,6 +171,7 @@ def _seconds(time_ns: int | None) -> float | None:
     return None if time_ns is None else time_ns / 1e9
 
 
-def _joined(parts: Iterable[Float64Array | NDArray[np.int64]], dtype: Any) -> Values:
+def joined(parts: Iterable[Float64Array | NDArray[np.int64]], dtype: Any) -> Values:
+    """Return arrays one after the other as a column."""
     found = list(parts)
     return np.concatenate(found).astype(dtype, copy=False) if found else np.zeros(0, dtype)

@@ -15,7 +15,13 @@ from palp_core.errors import PalpError
 from palp_core.palpation.session import run_note
 from palp_core.palpation.session.roles import roles_of
 from palp_core.palpation.session.session_folder import RESULT, SWEEPS, TABLE
-from palp_core.palpation.session.sheet.of_run import refuse_own_sheet, sheet_of, texts_to_keep, write_copy
+from palp_core.palpation.session.sheet.of_run import (
+    asked_sheet,
+    refuse_own_sheet,
+    sheet_of,
+    texts_to_keep,
+    write_copy,
+)
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
@@ -34,11 +40,11 @@ class SessionReport:
         """
         refuse_own_sheet(run_note.out_of(summary))
         run_note.refuse_run(summary)
-        texts_to_keep(summary)
+        asked_sheet(summary)
 
     def attach(self, summary: RunSummary) -> dict[str, str]:
         """Return what is kept with all that is recorded of the run, by name: the session's sheet."""
-        return texts_to_keep(summary)
+        return texts_to_keep(asked_sheet(summary))
 
     def advise(self, summary: RunSummary) -> list[str]:
         """Return in words what of the parameters no method vouches for."""

@@ -152,7 +152,7 @@ def named(tmp_path: Path, sheet: str) -> Path:
     out = writer(tmp_path)("Smith", trials=[(0, [[0.8, 0.1, 0.1]]), (1, [[0.1, 0.8, 0.1]])])
     Path(sheet).write_text(FILLED.replace("ÅB", "Smith"), encoding="utf-8")
     summary = with_sheet(describe(out), sheet)
-    summary = msgspec.structs.replace(summary, attached=texts_to_keep(summary))
+    summary = msgspec.structs.replace(summary, attached=texts_to_keep(asked_sheet(summary)))
     write_json(out / "run.json", summary)
     (out / "audit.csv").write_text(
         "trial,deed,reason,time,user\n1000,exclude,slipped,t,Smith\n", encoding="utf-8"

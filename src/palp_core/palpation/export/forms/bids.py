@@ -4,16 +4,19 @@
 
     dataset_description.json, participants.tsv, README.md
     sub-S01/ses-.../emg/...   BDF in 24 bits, its sidecar, channels, electrodes, events
-    sub-S01/ses-.../beh/...   a row per trial
+    sub-S01/ses-.../beh/...   a row per trial; the torque of the sweeps, as a physiological recording
     sourcedata/session.yaml   the session's sheet
 
-BIDS has no place for sweeps; the other formats have them.
+The EMG of a session with the robot is one recording. With a person it is one at rest, one in the MVC and one
+for every trial: tasks rest, mvc, training and estimation.
 """
 
 from __future__ import annotations
 
+import gzip
 import json
 import re
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,9 +25,9 @@ import numpy as np
 from edfio import Bdf, BdfSignal
 
 import palp_core
-from palp_core.palpation.export.dictionary import ExportColumn
+from palp_core.palpation.export.dictionary import ExportColumn, columns_of
 from palp_core.palpation.export.source import ExportSource
-from palp_core.palpation.export.tables import ExportTable
+from palp_core.palpation.export.tables import ExportTable, Values
 from palp_core.palpation.session.session_folder import SHEET
 from palp_core.palpation.session.sheet.sheet import NONE
 from palp_core.palpation.session.sheet.sheet_file import sheet_text
@@ -42,11 +45,14 @@ _EVENTS = (
     ExportColumn("onset", "number", "s", "since the first sample of EMG"),
     ExportColumn("duration", "number", "s", "how long"),
     ExportColumn(
-        "trial_type", "text", "", "rest, mvc, or lost (no samples; zeros); training, estimation: a sweep"
+        "trial_type",
+        "text",
+        "",
+        "rest, mvc, or lost (no samples; zeros); training, estimation: a sweep, or a trial by hand",
     ),
-    ExportColumn("trial", "integer", "1", "number of the trial of a sweep"),
+    ExportColumn("trial", "integer", "1", "number of the trial"),
     ExportColumn("iteration", "integer", "1", "number of the sweep within its trial, from 1"),
-    ExportColumn("phantom", "text", "", "code of the phantom of a sweep"),
+    ExportColumn("phantom", "text", "", "code of the phantom"),
 )
 
 
@@ -59,9 +65,14 @@ def write(source: ExportSource, folder: Path) -> None:
     _json(folder / "dataset_description.json", _description(source))
     (folder / "README.md").write_text(_readme(source), encoding="utf-8")
     _tsv(folder / "participants.tsv", ("participant_id",), [(parts[0],)])
-    _behaviour(source.tables["trials"], place / "beh", stem)
-    if len(source.tables["emg"]):
-        _emg(source, place / "emg", stem)
+    if "human_trials" in source.tables:
+        _behaviour(source.tables["human_trials"], place / "beh", stem)
+        _by_hand(source, place / "emg", "_".join(parts))
+    else:
+        _behaviour(source.tables["trials"], place / "beh", stem)
+        _torque(source, place / "beh", stem)
+        if len(source.tables["emg"]):
+            _emg(source, place / "emg", stem)
     if sheet is not None:
         (folder / "sourcedata").mkdir()
         (folder / "sourcedata" / SHEET).write_text(sheet_text(sheet), encoding="utf-8")
@@ -86,10 +97,13 @@ def _description(source: ExportSource) -> dict[str, Any]:
 
 def _readme(source: ExportSource) -> str:
     real = "Simulated: nobody was measured" if source.sheet is None or source.sheet.simulated else "Measured"
+    by_hand = "human_trials" in source.tables
+    what = "A person feels" if by_hand else "A probe is swept over"
+    torque = "" if by_hand else " and the torque of the sweeps"
     return (
-        f"# A palpation session\n\n{real}. A probe is swept over a phantom with a hard nodule, whose depth "
-        "is to be told.\nThe folder `beh` has a row per trial, `emg` the forearm's EMG with its events, and "
-        "`sourcedata` the\nsession's sheet. Torque of the sweeps is not part of this dataset.\n"
+        f"# A palpation session\n\n{real}. {what} a phantom with a hard nodule, whose depth is to be told.\n"
+        f"The folder `beh` has a row per trial{torque}, `emg` the forearm's EMG with its events, and "
+        "`sourcedata`\nthe session's sheet.\n"
     )
 
 
@@ -102,33 +116,99 @@ def _behaviour(trials: ExportTable, folder: Path, stem: str) -> None:
     _json(folder / f"{stem}_beh.json", {"TaskName": _TASK, **_described(trials.columns)})
 
 
+def _torque(source: ExportSource, folder: Path, stem: str) -> None:
+    """Write the torque of each sweep as a run; BIDS calls such recordings physiological."""
+    sweeps, emg_s = source.tables["sweeps"].values, source.tables["emg"].values["time_s"]
+    iterations = source.tables["iterations"].values
+    begin_s = float(emg_s[0]) if emg_s.size else min(iterations["start_s"].tolist(), default=0.0)
+    edges = np.searchsorted(sweeps["row"], [*iterations["row"].tolist(), np.iinfo(np.int64).max])
+    width = max(2, len(str(len(iterations["row"]))))
+    names = ("row", "trial", "iteration", "start_s")
+    facts = zip(*(iterations[name].tolist() for name in names), strict=True)
+    for number, (row, trial, iteration, start_s) in enumerate(facts):
+        mine = slice(edges[number], edges[number + 1])
+        time_s, torque_n_m = sweeps["time_s"][mine], sweeps["torque_n_m"][mine].tolist()
+        run = f"{stem}_run-{number + 1:0{width}d}_recording-torque_physio"
+        with (folder / f"{run}.tsv.gz").open("wb") as raw, gzip.GzipFile("", "wb", 6, raw, 0) as file:
+            file.write("".join(f"{one!r}\n" for one in torque_n_m).encode())
+        about = {
+            "SamplingFrequency": round((time_s.size - 1) / float(time_s[-1]), 6) if time_s.size > 1 else 1.0,
+            "StartTime": start_s - begin_s,
+            "TaskName": _TASK,
+            "Columns": ["torque_n_m"],
+            "Row": row,
+            "Trial": trial,
+            "Iteration": iteration,
+        }
+        torque = [one for one in columns_of("sweeps", ()) if one.name == "torque_n_m"]
+        _json(folder / f"{run}.json", about | _described(torque))
+
+
 def _emg(source: ExportSource, folder: Path, stem: str) -> None:
-    folder.mkdir(parents=True)
+    """Write the EMG of a session with the robot: one recording."""
     table = source.tables["emg"]
     times_s = table.values["time_s"]
     rate_hz = round(1.0 / float(np.median(np.diff(times_s))), 6) if len(table) > 1 else 1.0
-    signals_uv = {name: 1e6 * table.values[name] for name in _MUSCLES}
-    filled = _bdf(folder / f"{stem}_emg.bdf", signals_uv, rate_hz)
-    _json(folder / f"{stem}_emg.json", _sidecar(source, rate_hz, len(table)))
+    signals_v = {name: table.values[name] for name in _MUSCLES}
+    events = [*_phases(table.values["phase"], signals_v, rate_hz), *_sweeps(source, float(times_s[0]))]
+    _recording(source, folder, stem, _TASK, signals_v, rate_hz, events)
+
+
+def _by_hand(source: ExportSource, folder: Path, stem: str) -> None:
+    """Write the EMG of a session with a person: a recording at rest, in the MVC, and of every trial."""
+    recordings, emg = source.tables["human_recordings"].values, source.tables["human_emg"].values
+    phantoms = source.tables["human_trials"].values
+    touched = dict(zip(phantoms["recording"].tolist(), phantoms["phantom"].tolist(), strict=True))
+    ends = np.cumsum(recordings["samples"]).tolist()
+    runs: Counter[str] = Counter()
+    for number, end in enumerate(ends):
+        phase, trial = str(recordings["phase"][number]), int(recordings["trial"][number])
+        rate_hz = float(recordings["rate_hz"][number])
+        count = int(recordings["samples"][number])
+        signals_v = {name: emg[name][end - count : end] for name in _MUSCLES}
+        runs[phase] += 1
+        run = f"_run-{runs[phase]:02d}" if trial >= 0 else ""
+        words = np.full(count, "", dtype=object)
+        events = list(_phases(words, signals_v, rate_hz))
+        told = (trial, _N_A, touched[number]) if trial >= 0 else (_N_A, _N_A, _N_A)
+        events.append((0.0, count / rate_hz, phase, *told))
+        _recording(source, folder, f"{stem}_task-{phase}{run}", phase, signals_v, rate_hz, events)
+
+
+def _recording(
+    source: ExportSource,
+    folder: Path,
+    stem: str,
+    task: str,
+    signals_v: dict[str, Values],
+    rate_hz: float,
+    events: list[tuple[Any, ...]],
+) -> None:
+    """Write a recording of both muscles with all that BIDS wants beside it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    count = next(iter(signals_v.values())).size
+    filled = _bdf(folder / f"{stem}_emg.bdf", {name: 1e6 * v for name, v in signals_v.items()}, rate_hz)
+    _json(folder / f"{stem}_emg.json", _sidecar(source, task, rate_hz, count))
     channels = [
         (name, "EMG", "uV", muscle, f"{rate_hz:g}", name) for name, muscle in _MUSCLES.values()
     ]  # fmt: skip
     heads = ("name", "type", "units", "target_muscle", "sampling_frequency", "signal_electrode")
     _tsv(folder / f"{stem}_channels.tsv", heads, channels)
     electrodes = [(name, _N_A, _N_A, _N_A) for name, _ in _MUSCLES.values()]
-    _tsv(folder / f"{stem}_electrodes.tsv".replace(f"_task-{_TASK}", ""), ("name", "x", "y", "z"), electrodes)
-    events = [*_phases(table, rate_hz), *_sweeps(source, float(times_s[0]))]
+    whose = stem.partition("_task-")[0]
+    _tsv(folder / f"{whose}_electrodes.tsv", ("name", "x", "y", "z"), electrodes)
     if filled:
-        events.append((len(table) / rate_hz, filled / rate_hz, "lost", _N_A, _N_A, _N_A))
+        events.append((count / rate_hz, filled / rate_hz, "lost", _N_A, _N_A, _N_A))
     events.sort(key=lambda event: event[:2])
     _tsv(folder / f"{stem}_events.tsv", [one.name for one in _EVENTS], events)
     _json(folder / f"{stem}_events.json", _described(_EVENTS))
 
 
-def _sidecar(source: ExportSource, rate_hz: float, count: int) -> dict[str, Any]:
+def _sidecar(source: ExportSource, task: str, rate_hz: float, count: int) -> dict[str, Any]:
+    how = "feeling it by hand" if "human_trials" in source.tables else "sweeping over it"
     return {
-        "TaskName": _TASK,
-        "TaskDescription": "tell the depth of a hard nodule by sweeping over it",
+        "TaskName": task,
+        "TaskDescription": f"tell the depth of a hard nodule by {how}",
         "SamplingFrequency": rate_hz,
         "EMGPlacementScheme": "Other",
         "EMGPlacementSchemeDescription": "over the bellies of the muscles that channels.tsv names",
@@ -173,13 +253,13 @@ def _record_size(count: int, rate_hz: float) -> int:
     return max(1, round(rate_hz))
 
 
-def _phases(emg: ExportTable, rate_hz: float) -> Iterable[tuple[Any, ...]]:
+def _phases(phase: Values, signals_v: dict[str, Values], rate_hz: float) -> Iterable[tuple[Any, ...]]:
     """Yield stretches of rest and MVC, and of what was lost, as events."""
-    lost = np.isnan(emg.values["fds_v"]) | np.isnan(emg.values["edc_v"])
-    words = np.where(lost, "lost", emg.values["phase"].astype(str))
+    lost = np.isnan(signals_v["fds_v"]) | np.isnan(signals_v["edc_v"])
+    words = np.where(lost, "lost", phase.astype(str))
     edges = np.flatnonzero(words[1:] != words[:-1]) + 1
     for begin, end in zip([0, *edges.tolist()], [*edges.tolist(), words.size], strict=True):
-        if words[begin] in ("rest", "mvc", "lost"):
+        if end > begin and words[begin] in ("rest", "mvc", "lost"):
             yield begin / rate_hz, (end - begin) / rate_hz, str(words[begin]), _N_A, _N_A, _N_A
 
 

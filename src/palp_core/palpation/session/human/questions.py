@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from typing import Literal
 
 from palp_core.errors import PalpError
-from palp_core.palpation.session.human.identity import consent_id, subject_code
 from palp_core.palpation.session.human.plan import HoldMvc, HumanTrial
 from palp_core.palpation.session.plan import PlannedPhantom
+from palp_core.palpation.session.sheet.identity import consent_id, subject_code
 
 AnswerForm = Literal["choice", "mm"]
 

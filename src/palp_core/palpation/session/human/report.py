@@ -8,10 +8,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
+
 from palp_core.errors import PalpError
 from palp_core.palpation.session import run_note
 from palp_core.palpation.session.human.record import HUMAN_TABLE, read_human, refuse_human
+from palp_core.palpation.session.human.sheet import asked_sheet
 from palp_core.palpation.session.session_folder import RUN, cannot_write
+from palp_core.palpation.session.sheet.of_run import (
+    refuse_own_sheet,
+    sheet_lines,
+    sheet_of,
+    texts_to_keep,
+    write_copy,
+)
+from palp_core.palpation.session.sheet.sheet import SessionSheet
 from palp_core.whole_file import write_json
 
 if TYPE_CHECKING:
@@ -28,9 +39,15 @@ class HumanReport:
         """Refuse a run whose session would go where one is already.
 
         Raises:
-            PalpError: It would, or the run names no folder.
+            PalpError: It would, the run names no folder, or the session's sheet is missing or wrong.
         """
+        refuse_own_sheet(run_note.out_of(summary))
         refuse_human(run_note.out_of(summary))
+        asked_sheet(summary)
+
+    def attach(self, summary: RunSummary) -> dict[str, str]:
+        """Return what is kept with all that is recorded of the run, by name: the session's sheet."""
+        return texts_to_keep(asked_sheet(summary))
 
     def begin(self, summary: RunSummary) -> None:
         """Note which run the session is of.
@@ -54,9 +71,10 @@ class HumanReport:
         folder = run_note.out_of(summary)
         try:
             write_json(folder / RUN, summary)
+            write_copy(summary, folder)
             if not (folder / HUMAN_TABLE).exists() or not read_human(folder):
                 return f"Nothing is kept: no trial was made in '{folder}'."
-            return write_human([folder], folder)
+            return write_human([folder], folder, sheet_of(summary))
         except OSError as error:
             raise PalpError(
                 f"the report of '{folder}' cannot be written: {error.strerror or error}"
@@ -66,8 +84,13 @@ class HumanReport:
 session = HumanReport()
 
 
-def write_human(folders: list[Path], out: Path) -> str:
+def write_human(folders: list[Path], out: Path, sheet: SessionSheet | None = None) -> str:
     """Write what one session or several tell into a folder; return it in words.
+
+    Args:
+        folders: Of the sessions.
+        out: For result and page.
+        sheet: Of a single session.
 
     Raises:
         PalpError: A session cannot be read.
@@ -77,11 +100,13 @@ def write_human(folders: list[Path], out: Path) -> str:
     from palp_core.palpation.session.human.charts import human_charts
 
     trials = gather(folders)
-    found = analyse(trials)
+    told = {"session": msgspec.to_builtins(sheet)} if sheet is not None else {}
+    found = told | analyse(trials)
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / RESULT, found)
     pictures = [picture(one, out / "charts") for one in human_charts(trials, found)]
-    write_page(out / PAGE, "human.html", result=found, rows=trials.rows, pictures=pictures)
+    lines = sheet_lines(sheet) if sheet is not None else []
+    write_page(out / PAGE, "human.html", result=found, rows=trials.rows, pictures=pictures, sheet=lines)
     return f"{headline(found)}\nKept: {len(trials.rows)} trials ({HUMAN_TABLE}, emg/). Report: {out / PAGE}"
 
 

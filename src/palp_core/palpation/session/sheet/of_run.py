@@ -39,17 +39,18 @@ def asked_sheet(summary: RunSummary) -> SessionSheet:
             f"{summary.file}: a session on the rig needs its sheet: who, on whom, on what, which approval; "
             "palp session new FILE writes one to fill in, and session:=FILE names it"
         )
+    return with_software(found, simulated=roles.touch_simulated)
+
+
+def with_software(sheet: SessionSheet, *, simulated: bool) -> SessionSheet:
+    """Return a sheet with what palp finds: its own version, and whether anything real was touched."""
     software = {"palp": palp_core.__version__, "python": platform.python_version()}
-    return msgspec.structs.replace(found, software=software, simulated=roles.touch_simulated)
+    return msgspec.structs.replace(sheet, software=software, simulated=simulated)
 
 
-def texts_to_keep(summary: RunSummary) -> dict[str, str]:
-    """Return what is kept with all that is recorded of a run that begins now: its sheet, by name of its file.
-
-    Raises:
-        PalpError: As of :func:`asked_sheet`.
-    """
-    return {SHEET: sheet_text(msgspec.structs.replace(asked_sheet(summary), began=local_time_name()))}
+def texts_to_keep(sheet: SessionSheet) -> dict[str, str]:
+    """Return what is kept with all that is recorded of a run that begins now: its sheet, by file."""
+    return {SHEET: sheet_text(msgspec.structs.replace(sheet, began=local_time_name()))}
 
 
 def sheet_of(summary: RunSummary) -> SessionSheet | None:

@@ -14,7 +14,7 @@ from palp_core.errors import PalpError
 from palp_core.graph.description import yaml_tree
 from palp_core.graph.description.yaml_tree import Entry, Scalar, Tree, parse_tree
 from palp_core.graph.problems import GraphProblems, Mark, Problem, Problems, hint
-from palp_core.palpation.session.human.identity import subject_code
+from palp_core.palpation.session.sheet.identity import subject_code
 from palp_core.palpation.session.sheet.sheet import (
     BY_PALP,
     NONE,
@@ -45,12 +45,13 @@ _MAY_BE_EMPTY = ("note",)
 _HOTTEST_C, _LARGEST_N_M = 200.0, 10.0
 
 
-def read_sheet(path: str | Path, codes: Collection[str] = ()) -> SessionSheet:
+def read_sheet(path: str | Path, codes: Collection[str] = (), *, by_hand: bool = False) -> SessionSheet:
     """Read a sheet that a person filled in.
 
     Args:
         path: The file.
         codes: Of the phantoms that the session will use: each must be there, and no other.
+        by_hand: A person palpates: there is somebody who is measured, and no torque sensor.
 
     Raises:
         GraphProblems: Every mistake of the file, with line and column.
@@ -67,7 +68,7 @@ def read_sheet(path: str | Path, codes: Collection[str] = ()) -> SessionSheet:
         raise GraphProblems([Problem(file, 1, 1, "is not UTF-8 text; save it as UTF-8")]) from error
     problems = Problems()
     tree = parse_tree(text, file, problems)
-    found = _Reader(Mark(file, 1, 1), problems).sheet(tree, codes)
+    found = _Reader(Mark(file, 1, 1), problems).sheet(tree, codes, by_hand=by_hand)
     problems.raise_any()
     return found
 
@@ -103,11 +104,15 @@ class _Reader:
     def __init__(self, top: Mark, problems: Problems) -> None:
         self._top, self._problems = top, problems
 
-    def sheet(self, tree: Tree | None, codes: Collection[str]) -> SessionSheet:
-        known = ("lab", "operator", "subject", "ethics", "phantoms", "sensor", "note")
-        items = self._mapping(tree, self._top, "the sheet", known, ignored=BY_PALP)
+    def sheet(self, tree: Tree | None, codes: Collection[str], *, by_hand: bool) -> SessionSheet:
+        sensor = [] if by_hand else ["sensor"]
+        known = ["lab", "operator", "subject", "ethics", "phantoms", *sensor, "note"]
+        ignored = (*BY_PALP, "sensor") if by_hand else BY_PALP
+        items = self._mapping(tree, self._top, "the sheet", known, ignored=ignored)
         lab, operator = (self._text(items, name) for name in ("lab", "operator"))
         subject = self._subject(items)
+        if by_hand and subject == NONE:
+            self._problems.add(items["subject"].value.mark, "a person is measured: give the subject's code")
         ethics = self._text(items, "ethics")
         if ethics == NONE and subject not in (NONE, ""):
             self._problems.add(
@@ -116,10 +121,9 @@ class _Reader:
             )
         note = self._text(items, "note")
         phantoms = self._phantoms(items, codes)
-        sensor = self._sensor(items)
         return SessionSheet(
-            lab=lab, operator=operator, subject=subject, ethics=ethics, phantoms=phantoms, sensor=sensor,
-            note=note,
+            lab=lab, operator=operator, subject=subject, ethics=ethics, phantoms=phantoms,
+            sensor=self._sensor(items), note=note,
         )  # fmt: skip
 
     def _mapping(

@@ -18,14 +18,19 @@ _PHANTOM = """\
     cured:               # day, as 2026-03-01
     cure_temperature_c:  # at which it was cured
 """
-_TAIL = """\
+_SENSOR = """\
 sensor:
   serial:     # of the torque sensor
   bias_n_m:   # what it reads with nothing on it
+"""
+_NOTE = """\
 note: ""      # anything else
 """
 
 
-def template(codes: Sequence[str]) -> str:
-    """Return the sheet to fill in, for phantoms of these codes."""
-    return _HEAD + "".join(_PHANTOM.format(code=code) for code in codes) + _TAIL
+def template(codes: Sequence[str], *, by_hand: bool = False) -> str:
+    """Return the sheet to fill in, for phantoms of these codes; where a person palpates, without a sensor."""
+    phantoms = "".join(_PHANTOM.format(code=code) for code in codes)
+    if by_hand:
+        return _HEAD.replace("rig.yaml", "human.yaml") + phantoms + _NOTE
+    return _HEAD + phantoms + _SENSOR + _NOTE

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from palp_core.errors import PalpError
-from palp_core.palpation.session.human.identity import consent_id, subject_code
+from palp_core.palpation.session.sheet.identity import consent_id, subject_code
 
 
 @pytest.mark.parametrize("code", ["S01", "P-07", "sub-03", "VP_12", "7", "pilot2", " S01 ", "A1.2"])

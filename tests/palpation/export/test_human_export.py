@@ -1,0 +1,136 @@
+"""``palp export`` of a session with a person: what is written is what others read, MVC and answers, too."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from palp_core.errors import PalpError
+from palp_core.palpation.export.dictionary import DICTIONARY
+from palp_core.palpation.export.export import Form, write_export
+from palp_core.palpation.export.source import ExportSource, read_source
+from palp_core.palpation.identification.emg.files import read_emg
+from palp_core.palpation.session.decided.audit import decide
+from palp_core.palpation.session.human.record import HumanRow, HumanWriter
+from palp_core.palpation.session.session_folder import RUN, SHEET
+from palp_core.palpation.session.sheet.sheet_file import sheet_text
+from palp_core.whole_file import write_json
+from tests.palpation.export.test_bids import SHEET as OF_PERSON
+from tests.palpation.export.test_bids import VALIDATOR, issues, tsv
+from tests.palpation.export.test_export import READERS, TABULAR, expected
+from tests.support.sessions import describe
+
+ROW = HumanRow(
+    row=0, subject="S-01", phase="training", trial=0, number=1, attempt=1, phantom="A", depth_m=0.002,
+    told=True, palpation_s=2.5, ended_by="subject", answer_s=None, answer_mm=None, estimate_m=None, emg="",
+    lost_count=0, clipped_count=0, source="person", answered_by="AB", order="paper", subject_number=1, seed=1,
+    end_ns=1_500_000_001,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Rest, MVC, a trial that was spoilt and done again, one of estimation, one sealed and without EMG."""
+    out, rng = tmp_path_factory.mktemp("person") / "S01", np.random.default_rng(1)
+    writer = HumanWriter(str(out))
+    writer.start()
+
+    def emg(name: str, count: int, *, discarded: bool = False) -> str:
+        samples_v = 1e-4 * rng.normal(size=(2, count))
+        samples_v[:, 7:9] = np.nan
+        return writer.emg("S-01", name, samples_v, 1500.0, discarded=discarded)
+
+    emg("rest.npz", 300)
+    emg("mvc_1.npz", 300, discarded=True)
+    emg("mvc.npz", 750)
+    replace = msgspec.structs.replace
+    asked = {"phase": "estimation", "told": False, "answer_s": 1.25, "answer_mm": 4.0, "estimate_m": 0.004}
+    rows = [
+        replace(ROW, ended_by="repeat", emg=emg("training/01_2mm.npz", 450, discarded=True)),
+        replace(ROW, row=1, attempt=2, emg=emg("training/01b_2mm.npz", 450)),
+        replace(ROW, row=2, trial=1, emg=emg("estimation/01_2mm.npz", 600), **asked),
+        replace(ROW, row=3, trial=2, number=2, depth_m=None, **asked),
+    ]
+    for row in rows:
+        writer.append(row)
+    attached = {SHEET: sheet_text(OF_PERSON)}
+    write_json(out / RUN, msgspec.structs.replace(describe(out), attached=attached, exit_code=0))
+    decide(out, 1, "exclude", "the subject looked")
+    return out
+
+
+@pytest.fixture(scope="module")
+def source(folder: Path) -> ExportSource:
+    return read_source(folder)
+
+
+@pytest.mark.parametrize("form", TABULAR)
+def test_what_is_read_is_what_was_there_cell_by_cell(
+    form: Form, source: ExportSource, tmp_path: Path
+) -> None:
+    write_export(source, form, out := tmp_path / "out")
+    assert [*source.tables] == [name for name in DICTIONARY if name.startswith("human_")]
+    for table in source.tables.values():
+        assert READERS[form](out, table) == expected(table)
+
+
+def test_the_tables_say_what_the_record_says(folder: Path, source: ExportSource) -> None:
+    trials, recordings = expected(source.tables["human_trials"]), expected(source.tables["human_recordings"])
+    assert trials["answer_m"] == [None, None, 0.004, 0.004]
+    assert trials["depth_m"] == [0.002, 0.002, 0.002, None]
+    assert trials["recording"] == [2, 3, 4, -1]
+    assert trials["excluded_why"] == ["spoilt, and done again", "", "exclude: the subject looked", ""]
+    assert trials["excluded"] == [True, False, True, False]
+    assert "right" not in trials  # whose answers these are decides whether they are ever scored
+    assert recordings["phase"] == ["rest", "mvc", "training", "training", "estimation"]
+    assert recordings["trial"] == [-1, -1, 0, 0, 1]
+    emg = source.tables["human_emg"].values
+    for number, file in enumerate(recordings["file"]):
+        with np.load(folder / file) as kept:
+            mine = emg["recording"] == number
+            np.testing.assert_array_equal(emg["edc_v"][mine], kept["edc_v"])
+            np.testing.assert_array_equal(emg["time_s"][mine], np.arange(mine.sum()) / 1500.0)
+
+
+def test_every_field_of_a_row_is_a_column() -> None:
+    names = {one.name for one in DICTIONARY["human_trials"]}
+    renamed = {"answer_mm": "answer_m", "end_ns": "end_s", "emg": "recording", "row": "trial"}
+    assert {renamed.get(name, name) for name in HumanRow.__struct_fields__} <= names
+
+
+def test_in_bids_each_stretch_is_a_recording_of_its_task(source: ExportSource, tmp_path: Path) -> None:
+    write_export(source, "bids", out := tmp_path / "bids")
+    files = sorted(file.name.partition("_task-")[2] for file in out.rglob("*_emg.bdf"))
+    assert files == [
+        "estimation_run-01_emg.bdf",
+        "mvc_emg.bdf",
+        "rest_emg.bdf",
+        "training_run-01_emg.bdf",
+        "training_run-02_emg.bdf",
+    ]
+    (file,) = out.rglob("*task-mvc_emg.bdf")
+    with np.load(source.path / "emg/S-01/mvc.npz") as kept:
+        wanted = 1e6 * kept["fds_v"]
+    found, step = read_emg(file).columns[0].samples, 2.0 * np.ceil(np.nanmax(np.abs(wanted))) / 2**23
+    assert np.nanmax(np.abs(found[: wanted.size] - wanted)) <= step
+    events = tsv(next(out.rglob("*estimation_run-01_events.tsv")))
+    assert list(events["trial_type"]) == ["estimation", "lost"]
+    assert (events["trial"][0], events["phantom"][0]) == (1, "A")
+    assert json.loads(next(out.rglob("*mvc_emg.json")).read_text())["TaskName"] == "mvc"
+    if VALIDATOR:
+        errors, summary = issues(out)
+        assert errors == []
+        assert {"emg", "beh"} <= {*summary["dataTypes"]}
+
+
+def test_emg_that_is_gone_is_told(folder: Path, tmp_path: Path) -> None:
+    import shutil
+
+    copy = Path(shutil.copytree(folder, tmp_path / "copy"))
+    (copy / "emg/S-01/estimation/01_2mm.npz").unlink()
+    with pytest.raises(PalpError, match=r"01_2mm\.npz: this EMG cannot be read"):
+        read_source(copy)
