@@ -6,6 +6,7 @@
     ├── GraphError            a launch file, an edge or an argument is wrong; a node failed to start
     ├── SchemaMismatch        two ends of an edge disagree about a type; bytes are not what they claim
     ├── LifecycleError        a transition that the node's state does not allow
+    ├── PublishTimeout        a reader made no room for a message in time (also a TimeoutError)
     ├── SecurityError         a key is missing, exposed to others or not accepted
     ├── NodeError             a node's handler raised, or its process ended
     ├── MethodError           no declared method meets a tolerance in a scene
@@ -37,6 +38,20 @@ class SchemaMismatch(PalpError):
 
 class LifecycleError(PalpError):
     """A lifecycle transition that is not allowed from the present state."""
+
+
+class PublishTimeout(PalpError, TimeoutError):
+    """A reader that the publisher waits for (``history: keep_all``) made no room in time; nothing was sent.
+
+    Attributes:
+        topic: What was to be published.
+        reader: The reader that was furthest behind.
+    """
+
+    def __init__(self, topic: str, reader: str, message: str) -> None:
+        super().__init__(message)
+        self.topic = topic
+        self.reader = reader
 
 
 class SecurityError(PalpError):

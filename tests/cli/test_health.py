@@ -79,6 +79,8 @@ def test_top_shows_nodes_and_edges_once(talk: Talk) -> None:
         "P99",
         "ms",
         "LOST",
+        "READERS",
+        "LOST",
         "OVERRUNS",
         "MISSED",
         "PID",

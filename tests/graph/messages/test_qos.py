@@ -63,3 +63,19 @@ def test_inputs_of_one_topic_share_what_is_fetched_and_see_to_their_own_times() 
 def test_what_is_stated_can_fail_and_says_so() -> None:
     assert events_of(Qos()) == []
     assert events_of(Qos(lease_ms=1, lifespan_ms=1, deadline_ms=1)) == ["deadline", "lifespan", "liveliness"]
+
+
+def test_keep_all_holds_where_either_end_states_it_and_the_shorter_wait() -> None:
+    keeps = Qos(history="keep_all", max_blocking_ms=50)
+    assert on_edge(keeps, Qos()) == keeps
+    assert on_edge(Qos(depth=3), keeps) == Qos(history="keep_all", max_blocking_ms=50, depth=3)
+    assert on_edge(Qos(max_blocking_ms=20), keeps).max_blocking_ms == 20
+    assert strictest([Qos(), keeps]).history == "keep_all"
+
+
+def test_nobody_waits_for_a_best_effort_reader() -> None:
+    best_effort = Qos(reliability="best_effort")
+    assert on_edge(best_effort, Qos(history="keep_all")) == best_effort
+    reason = incompatibility(Qos(reliability="best_effort", history="keep_all"), Qos())
+    assert reason is not None
+    assert "best_effort" in reason

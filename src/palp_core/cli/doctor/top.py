@@ -21,7 +21,19 @@ if TYPE_CHECKING:
     from palp_core.graph.discovery.standing import Standing
 
 HEALTH_TIMEOUT_S = 2.5
-NODE_TITLES = ("NODE", "STATE", "CPU %", "MEMORY", "RATE Hz", "P99 ms", "LOST", "OVERRUNS", "MISSED", "PID")
+NODE_TITLES = (
+    "NODE",
+    "STATE",
+    "CPU %",
+    "MEMORY",
+    "RATE Hz",
+    "P99 ms",
+    "LOST",
+    "READERS LOST",
+    "OVERRUNS",
+    "MISSED",
+    "PID",
+)
 EDGE_TITLES = (
     "TOPIC", "READER", "RATE Hz", "RECEIVED", "LOST", "REPEATED", "LATE", "DROPPED",
     "P50 ms", "P99 ms", "MAX ms",
@@ -41,7 +53,8 @@ def top(
 ) -> None:
     """Show live how the nodes of a graph do: state, processor, memory, rate, latency, what is lost.
 
-    RATE counts a node's timer ticks and the messages that it handled. Below, each edge with its reader's own
+    RATE counts a node's timer ticks and the messages that it handled; READERS LOST is what the readers of
+    its topics say that they have lost for good. Below, each edge with its reader's own
     account; above, what nodes say is wrong. In a graph composed into one process, processor and memory are
     that process's.
     """
@@ -96,6 +109,7 @@ def _cells(sample: Sample) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]]
             _number(node.rate_hz, 1),
             _milliseconds(node.latency_p99_s),
             str(node.lost),
+            str(node.lost_by_readers),
             str(node.overruns),
             str(node.missed_deadlines),
             str(node.pid),

@@ -59,9 +59,7 @@ def info(
     print_text(f"  State: {found['lifecycle']}")
     print_text(f"  Process: {found.get('pid') or running.process_of(entry)}")
     _section("Subscribers", {k: _reader(v) for k, v in found["inputs"].items()})
-    _section(
-        "Publishers", {k: f"{v['type']}, {v['sequence']} published" for k, v in found["outputs"].items()}
-    )
+    _section("Publishers", {k: _output(v) for k, v in found["outputs"].items()})
     services = {
         f"/{entry.name}/{port}": " -> ".join(types) for port, types in found.get("services", {}).items()
     }
@@ -85,6 +83,13 @@ def _section(title: str, lines: dict[str, str]) -> None:
         print_text(f"  {title}:")
         for name, text in lines.items():
             print_text(f"    {name}: {text}" if text else f"    {name}")
+
+
+def _output(account: dict[str, Any]) -> str:
+    lost = account.get("lost_by_readers", 0)
+    return f"{account['type']}, {account['sequence']} published" + (
+        f", {lost} lost by readers" if lost else ""
+    )
 
 
 def _reader(account: dict[str, Any]) -> str:

@@ -38,6 +38,7 @@ class NodeRow(msgspec.Struct, frozen=True):
     rate_hz: float | None
     latency_p99_s: float | None
     lost: int
+    lost_by_readers: int
     overruns: int
     missed_deadlines: int
     gc_pause_max_s: float
@@ -133,6 +134,7 @@ def _from_info(name: str, pid: int, info: dict[str, Any]) -> NodeHealth:
         gc_pause_count=0,
         gc_pause_max_s=0.0,
         edges=edges,
+        lost_by_readers_count=info.get("lost_by_readers", 0),
     )
 
 
@@ -178,6 +180,7 @@ def rows(before: HealthSample | None, after: HealthSample) -> tuple[list[NodeRow
                 rate_hz=done / span_s if same else None,
                 latency_p99_s=max(latencies, default=None),
                 lost=sum(edge.lost_count for edge in node.edges),
+                lost_by_readers=node.lost_by_readers_count,
                 overruns=node.overrun_count,
                 missed_deadlines=node.missed_deadline_count,
                 gc_pause_max_s=node.gc_pause_max_s,

@@ -111,8 +111,8 @@ class Order(Message):
 class NodeEvent(Message):
     """Something that happened to a node: on its hidden topic ``/<node>/_events``.
 
-    ``kind`` is ``parameters``, ``transition``, ``deadline``, ``lifespan``, ``liveliness``, ``message_lost``
-    or ``call_timeout``; ``text`` says it to a person, ``data`` (JSON) to a machine.
+    ``kind`` is ``parameters``, ``transition``, ``deadline``, ``lifespan``, ``liveliness``, ``message_lost``,
+    ``reader_overrun`` or ``call_timeout``; ``text`` says it to a person, ``data`` (JSON) to a machine.
     """
 
     stamp_ns: Nanoseconds
@@ -157,6 +157,7 @@ class NodeHealth(Message):
     """How a node's process does, since it began.
 
     An overrun is a tick that starts after the next one is due; a missed deadline is counted by the reader.
+    ``lost_by_readers_count`` is what readers of its topics have said that they lost for good.
     ``pid`` is 0 of a node that has joined from another host.
     """
 
@@ -173,6 +174,7 @@ class NodeHealth(Message):
     gc_pause_count: Count
     gc_pause_max_s: Seconds
     edges: list[EdgeHealth]
+    lost_by_readers_count: Count = 0
 
 
 class GraphHealth(Message):

@@ -10,7 +10,12 @@ from typing import Any, Literal, NamedTuple
 
 import msgspec
 
-EventKind = Literal["deadline", "lifespan", "liveliness", "message_lost", "message_repeated", "call_timeout"]
+EventKind = Literal[
+    "deadline", "lifespan", "liveliness", "message_lost", "message_repeated", "call_timeout", "reader_overrun"
+]
+
+MAX_BLOCKING_MS = 1000.0
+"""For how long ``publish()`` waits for a reader where nothing else is stated."""
 
 MOST_UNREAD = 100_000
 """Messages that a node on the wall clock may have received and not taken up; the rest waits before it."""
@@ -22,6 +27,11 @@ class Qos(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     Attributes:
         reliability: ``reliable``: what went missing is asked for again.
         durability: ``transient_local``: a late joiner gets the last ``depth`` messages.
+        history: ``keep_all``: stated by a reader or its publisher, ``publish()`` waits while a ``reliable``
+            reader on its host is ``depth`` messages behind, and the edge loses nothing. ``keep_last``: who
+            publishes waits for nobody. In simulated time nobody has to.
+        max_blocking_ms: Longest such wait; then ``publish()`` raises
+            :class:`~palp_core.errors.PublishTimeout`. Where none is stated: :data:`MAX_BLOCKING_MS`.
         depth: Messages that the publisher keeps to fill gaps and greet late joiners; a ``best_effort`` reader
             holds no more than this unread, and drops the oldest.
         deadline_ms: Longest time between two messages.
@@ -32,6 +42,8 @@ class Qos(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
     reliability: Literal["best_effort", "reliable"] = "reliable"
     durability: Literal["volatile", "transient_local"] = "volatile"
+    history: Literal["keep_last", "keep_all"] = "keep_last"
+    max_blocking_ms: float = 0.0
     depth: int = 10
     deadline_ms: float = 0.0
     lifespan_ms: float = 0.0
@@ -90,6 +102,10 @@ def _strongest(strong: str) -> Callable[[list[str]], str]:
     return lambda asked: strong if strong in asked else asked[0]
 
 
+def _either(strong: str) -> Callable[[str, str], str]:
+    return lambda requested, offered: strong if strong in (requested, offered) else requested
+
+
 def _shorter(requested_ms: float, offered_ms: float) -> float:
     return min((ms for ms in (requested_ms, offered_ms) if ms), default=0.0)
 
@@ -97,6 +113,8 @@ def _shorter(requested_ms: float, offered_ms: float) -> float:
 POLICIES: dict[str, Policy] = {
     "reliability": Policy(_needs("reliable"), shared=_strongest("reliable")),
     "durability": Policy(_needs("transient_local"), shared=_strongest("transient_local")),
+    "history": Policy(on_edge=_either("keep_all"), shared=_strongest("keep_all")),
+    "max_blocking_ms": Policy(on_edge=_shorter, shared=max, most=60_000),
     "depth": Policy(shared=max, least=1, most=1_000_000),
     "deadline_ms": Policy(_no_longer("deadline"), event="deadline"),
     "lifespan_ms": Policy(on_edge=_shorter, event="lifespan"),
@@ -108,6 +126,8 @@ POLICIES: dict[str, Policy] = {
 
 def incompatibility(requested: Qos, offered: Qos) -> str | None:
     """Return why a reader's request cannot be served by a publisher's offer, or None if it can."""
+    if requested.history == "keep_all" and requested.reliability != "reliable":
+        return "the reader asks for keep_all and is best_effort: nobody waits for such a reader"
     for name, policy in POLICIES.items():
         reason = policy.conflict(getattr(requested, name), getattr(offered, name))
         if reason is not None:
@@ -116,7 +136,12 @@ def incompatibility(requested: Qos, offered: Qos) -> str | None:
 
 
 def on_edge(requested: Qos, offered: Qos) -> Qos:
-    """Return what holds between a reader and a publisher: the request, with the shorter of two lifespans."""
+    """Return what holds between a reader and a publisher: the request, with the shorter of two lifespans.
+
+    Where one of them states ``keep_all``, it holds, but for a reader that is ``best_effort``.
+    """
+    if requested.reliability != "reliable":
+        offered = msgspec.structs.replace(offered, history="keep_last")
     return Qos(
         **{name: p.on_edge(getattr(requested, name), getattr(offered, name)) for name, p in POLICIES.items()}
     )

@@ -85,7 +85,8 @@ class Bindings:
     def _bind_topics(self, declared: Declaration) -> None:
         spec, ends = self._spec, self._owner.node.__dict__
         for name, pub in declared.pubs.items():
-            ends[name] = self.publisher(topic(spec.name, name), pub.message, pub.qos)
+            ends[name] = made = self.publisher(topic(spec.name, name), pub.message, pub.qos)
+            made.tell_lost = self._overrun(name, made, declared)
         for name, sub in declared.subs.items():
             if name not in spec.inputs:
                 continue
@@ -99,6 +100,23 @@ class Bindings:
             kinds: list[EventKind] = ["message_lost", *events_of(qos)]
             subscription.attach({kind: self._event(kind, name, source, declared) for kind in kinds})
             subscription.tell_repeats = functools.partial(self._tell_repeats, name, source)
+
+    def _overrun(self, port: str, out: PublisherEnd[Any], declared: Declaration) -> Callable[[int], None]:
+        """Return what hears how many more messages readers have lost; a handler is rung, as in a replay."""
+        if port not in declared.event_handlers:
+            return functools.partial(self._tell_overrun, port, out)
+        end = self._event("reader_overrun", port, out.topic, declared)
+        return lambda change: end.count(change, self._owner.now_ns())
+
+    def _tell_overrun(self, port: str, out: PublisherEnd[Any], change: int) -> None:
+        event = QosEvent(
+            kind="reader_overrun",
+            port=port,
+            topic=out.topic,
+            total_count=out.lost_count,
+            count_change=change,
+        )
+        self._owner.events.publish_qos_event(event)
 
     def _tell_repeats(self, port: str, name: str, count: int) -> None:
         """Say it, but hand it to no handler: that would be one more thing that a replay must ring again."""
@@ -180,13 +198,14 @@ class Bindings:
         return {subscription.source: subscription.topic for subscription in self._all_subscriptions()}
 
     def counts(self) -> dict[str, int]:
-        """Return how many ticks, overruns and missed deadlines there were, over all timers and inputs."""
+        """Return how many ticks, overruns, missed deadlines and messages lost by readers there were."""
         timers = [end for end in self.timers.values() if isinstance(end, TimerEnd)]
         events = [end for end in self.timers.values() if isinstance(end, EventEnd)]
         return {
             "ticks": sum(end.tick_count for end in timers),
             "overruns": sum(end.overrun_count for end in timers),
             "missed_deadlines": sum(end.total for end in events if end.kind == "deadline"),
+            "lost_by_readers": sum(out.lost_count for out in self.publishers.values()),
         }
 
     def run_count(self) -> int:

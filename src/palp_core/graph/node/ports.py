@@ -52,6 +52,9 @@ class Publisher(Protocol[Sent]):
             owned: The message's arrays are given away: they become read-only, and one of 512 KiB or more
                 travels without a copy. Until its last reader has it, nothing may write to its memory: not by
                 a view that was made before, either. A view of another array is copied all the same.
+
+        Raises:
+            PublishTimeout: A reader made no room in time, where the edge's history is ``keep_all``.
         """
 
     def idle(self) -> None:
@@ -188,9 +191,12 @@ def on(port: Port) -> Callable[[Handler], Handler]:
 
 
 def on_event(
-    port: Sub[Any] | Client[Any, Any],
+    port: Sub[Any] | Pub[Any] | Client[Any, Any],
 ) -> Callable[[Callable[[Any, QosEvent], None]], Callable[[Any, QosEvent], None]]:
-    """Mark the method that is told when an edge does not keep its promises, or a call is not answered."""
+    """Mark the method that is told when an edge does not keep its promises, or a call is not answered.
+
+    Of an output: when readers have lost messages for good.
+    """
 
     def mark(handler: Handler) -> Handler:
         handler.__dict__[HANDLES_EVENTS] = port

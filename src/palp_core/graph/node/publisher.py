@@ -6,7 +6,7 @@ from typing import Generic, TypeVar
 
 from palp_core.errors import LifecycleError
 from palp_core.graph.messages.fragments import cut, give_away
-from palp_core.graph.messages.frame import IN_PIECES, PLAIN_DATA, Kind, pack, parse, quick_pack
+from palp_core.graph.messages.frame import IN_PIECES, LAST_SEQUENCE, PLAIN_DATA, Kind, pack, parse, quick_pack
 from palp_core.graph.messages.message import Message, encode_any
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.schema import schema_of
@@ -26,6 +26,10 @@ class PublisherEnd(Generic[M]):
         greeted_count: How many have begun to read it.
         idle_until_next: Nothing is due until the next message, as the node has declared.
         note: Takes epoch and sequence of each message before it is sent, where they outlive the process.
+        room: The last sequence that may be published before :attr:`wait_for_room` is asked.
+        wait_for_room: Returns when there is room for another message, or raises what :meth:`publish` does.
+        lost_count: How many messages readers have lost for good, as they have said.
+        tell_lost: Is told how many more these are.
         former: Payload of heartbeats: how far the process before a restart had come, or empty.
     """
 
@@ -47,6 +51,10 @@ class PublisherEnd(Generic[M]):
         self.idle_until_next = False
         self.note: Callable[[int, int], None] | None = None
         self.former = b""
+        self.room = LAST_SEQUENCE
+        self.wait_for_room: Callable[[], None] = lambda: None
+        self.lost_count = 0
+        self.tell_lost: Callable[[int], None] = lambda _: None
         self.qos = qos
         self.history: deque[bytes | tuple[bytes, memoryview, bytes]] = deque(maxlen=qos.depth)
         self._bytes = topic.encode()
@@ -65,6 +73,8 @@ class PublisherEnd(Generic[M]):
 
         Raises:
             LifecycleError: The node is not active, so that no reader could rely on it.
+            PublishTimeout: A reader is ``depth`` messages behind and made no room in time, where the edge's
+                history is ``keep_all``. Nothing is sent.
         """
         if not self._owner.publishing:
             raise LifecycleError(
@@ -76,6 +86,8 @@ class PublisherEnd(Generic[M]):
 
     def put(self, message: M) -> None:
         """Send a message whatever the node's state is."""
+        if self.sequence >= self.room:
+            self.wait_for_room()
         self.sequence += 1
         self.idle_until_next = False
         if self.note is not None:

@@ -1,4 +1,4 @@
-"""Quality-of-service events of an input or a client: what a node can handle with ``@on_event(port)``."""
+"""Quality-of-service events of a port: what a node can handle with ``@on_event(port)``."""
 
 from collections.abc import Callable
 
@@ -13,7 +13,9 @@ _TEXT: dict[EventKind, str] = {
     "message_lost": "messages were lost",
     "message_repeated": "messages come that were here already, or of a process that is over, and are dropped",
     "call_timeout": "a call was not answered",
+    "reader_overrun": "readers have lost messages for good: they take up fewer than are published",
 }
+_WHERE: dict[EventKind, str] = {"call_timeout": "client", "reader_overrun": "output"}
 FIRST_FEW = 8
 
 
@@ -25,9 +27,10 @@ class QosEvent(msgspec.Struct, frozen=True, kw_only=True):
             dropped; ``liveliness``: the publisher fell silent for longer than its lease (odd counts) or is
             back (even ones); ``message_lost``: a gap that nobody could fill; ``message_repeated``: so many
             in a row were here already, which is said and handed to nobody; ``call_timeout``: a service did
-            not answer, after all retries.
-        port: Name of the input or client.
-        topic: What it reads.
+            not answer, after all retries; ``reader_overrun``, of an output: readers have lost messages, which
+            is said at most once a second.
+        port: Name of the input, output or client.
+        topic: What it reads or publishes.
         total_count: How often it has happened since the node began; lost messages and calls count each.
         count_change: How much the total grew with this event.
     """
@@ -44,14 +47,16 @@ class QosEvent(msgspec.Struct, frozen=True, kw_only=True):
         if self.kind == "liveliness":
             what = "its publisher has fallen silent" if self.total_count % 2 else "its publisher is back"
             return f"input '{self.port}' ({self.topic}): {what}"
-        where = "client" if self.kind == "call_timeout" else "input"
+        where = _WHERE.get(self.kind, "input")
         return f"{where} '{self.port}' ({self.topic}): {_TEXT[self.kind]} ({self.total_count} in all)"
 
 
 def is_worth_saying(event: QosEvent) -> bool:
     """Tell whether to say an event aloud: the first few, then each time their number has doubled."""
     before, now = event.total_count - event.count_change, event.total_count
-    return event.kind == "liveliness" or now <= FIRST_FEW or now.bit_length() > before.bit_length()
+    if event.kind in ("liveliness", "reader_overrun"):  # the latter comes at most once a second
+        return True
+    return now <= FIRST_FEW or now.bit_length() > before.bit_length()
 
 
 class EventEnd:

@@ -65,6 +65,7 @@ class HealthProbe:
         ticks: int = 0,
         overruns: int = 0,
         missed_deadlines: int = 0,
+        lost_by_readers: int = 0,
         rejected: int = 0,
         unread: int = 0,
     ) -> bytes:
@@ -77,6 +78,7 @@ class HealthProbe:
             ticks: Of all periodic timers.
             overruns: Ticks that started after the next one was due.
             missed_deadlines: Over all inputs.
+            lost_by_readers: Messages that readers have lost, over all outputs.
             rejected: Frames that were not what the edge carries.
             unread: Frames that wait.
         """
@@ -96,6 +98,7 @@ class HealthProbe:
                 unread_count=unread,
                 gc_pause_count=self._pause_count,
                 gc_pause_max_s=self._pause_max_ns / 1e9,
+                lost_by_readers_count=lost_by_readers,
                 edges=[_edge(topic, counter, latency) for topic, (counter, latency) in edges.items()],
             )
         )

@@ -122,6 +122,7 @@ class NodeServices:
                 name: {
                     "type": out.message.__name__,
                     "sequence": out.sequence,
+                    "lost_by_readers": out.lost_count,
                     "qos": msgspec.to_builtins(out.qos),
                 }
                 for name, out in executor.ends.publishers.items()

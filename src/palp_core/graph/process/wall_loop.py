@@ -171,6 +171,7 @@ class WallLoop:
         if now_ns >= self._next_beat_ns:
             if not self.participant.silent:
                 self.sockets.publisher.send_heartbeats()
+            self.sockets.publisher.backpressure.tell(now_ns)
             self._matched_readers.write_down()
             self._show()
             self.receiver.tick(now_ns, self.now_ns(), now_ns - self._next_beat_ns)

@@ -3,22 +3,27 @@
 Subscriptions are to ``topic NUL``, so that no topic is a prefix of another.
 """
 
+import functools
 from collections import Counter
 from collections.abc import Callable, Iterable, Set
 from typing import Any
 
 import zmq
 
+from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.fragments import CUT_FROM
 from palp_core.graph.messages.frame import topic_of
 from palp_core.graph.node.publisher import PublisherEnd
+from palp_core.graph.transport.backpressure import Backpressure
 from palp_core.graph.transport.bytes_under_way import BytesUnderWay
 from palp_core.graph.transport.matched_readers import READER
 from palp_core.graph.transport.private_endpoint import bind_private
+from palp_core.graph.transport.reader_words import HOLD, WORD
 from palp_core.graph.transport.requester_socket import readable
 
 SEND_QUEUE = 100_000  # messages per reader: what is beyond is a gap to it, filled from what is remembered
 QUEUE_BYTES = 256 << 20  # of large messages: ZeroMQ's own marks count messages, whatever their size
+BEAT_NS = 100_000_000
 PLACE_BYTES = 1 << 20  # of a message that takes one place in the queue of a reader
 
 
@@ -32,6 +37,7 @@ class PublisherSocket:
     Attributes:
         file_descriptor: Becomes readable when :meth:`poll` has something to do.
         stirred: :meth:`poll` may have something to do all the same: sending swallows the descriptor's signal.
+        backpressure: Whom its topics' publishers wait for, and what readers have lost.
         greeting: What a new reader of a topic is told, and every reader ten times a second.
     """
 
@@ -43,6 +49,7 @@ class PublisherSocket:
         bind_private(self._socket, endpoint)
         self.file_descriptor = int(self._socket.getsockopt(zmq.FD))
         self.stirred = True
+        self.backpressure = Backpressure()
         self.greeting: Callable[[PublisherEnd[Any]], list[bytes]] = lambda publisher: [publisher.heartbeat()]
         self._send_frame: Callable[[bytes], Any] = self._plain_send
         self._subscribed: dict[bytes, int] = {}
@@ -66,6 +73,8 @@ class PublisherSocket:
         for publisher in publishers:
             name = publisher.topic.encode()
             self._publishers[name] = publisher
+            self.backpressure.offer(publisher)
+            publisher.wait_for_room = functools.partial(self._wait_for_room, publisher)
             if direct:
                 publisher.send = self._transmit
                 publisher.listened = name in self._subscribed
@@ -105,6 +114,7 @@ class PublisherSocket:
     def release(self) -> None:
         """Publish what was kept back."""
         held, self._held = self._held or [], None
+        self.backpressure.go_on_here()
         self._send_frame = self._plain_send
         for frame in held:
             self.send(frame)
@@ -166,7 +176,11 @@ class PublisherSocket:
         while readable(self._socket):
             event = self._socket.recv()
             comes, name = event[:1] == b"\x01", event[1:]
-            if name[:1] == READER:
+            if event[:1] == WORD:
+                self.backpressure.hear(event)
+            elif name[:1] == HOLD:
+                (self.backpressure.comes if comes else self.backpressure.goes)(name)
+            elif name[:1] == READER:
                 self._named[name[1:].decode(errors="replace")] += 1 if comes else -1
             elif name[-1:] != b"\0":
                 continue  # not a topic: a stranger's prefix
@@ -174,6 +188,26 @@ class PublisherSocket:
                 self._greet(name[:-1])
             elif event[:1] == b"\0":
                 self._let_go(name[:-1])
+
+    def _wait_for_room(self, publisher: PublisherEnd[Any]) -> None:
+        """Wait until no reader is as far behind as it may be.
+
+        Raises:
+            PublishTimeout: That takes too long.
+        """
+        begin_ns = beat_ns = monotonic_ns()
+        while self._held is None:  # of what is kept back nobody can take up anything
+            self.poll()
+            if publisher.sequence < publisher.room:
+                return
+            now_ns = monotonic_ns()
+            left_ns = begin_ns + self.backpressure.patience_ns(publisher) - now_ns
+            if left_ns <= 0:
+                raise self.backpressure.too_slow(publisher)
+            if now_ns >= beat_ns + BEAT_NS:  # who waits lives
+                beat_ns = now_ns
+                self.send_heartbeats()
+            self._socket.poll(max(min(left_ns, BEAT_NS) // 1_000_000, 1))
 
     def _greet(self, name: bytes) -> None:
         self._subscribed[name] = self._subscribed.get(name, 0) + 1

@@ -26,6 +26,7 @@ from palp_core.graph.node.subscription import Subscription
 from palp_core.graph.transport.edge_monitor import EdgeMonitor
 from palp_core.graph.transport.migration import Migration
 from palp_core.graph.transport.offsets import Offsets, ReceivedOffsets
+from palp_core.graph.transport.reader_words import ReaderWords, holds_of
 from palp_core.graph.transport.reorder_buffer import ReorderBuffer
 from palp_core.graph.transport.requester_socket import RequesterSocket
 from palp_core.graph.transport.subscriber_socket import ARRAY_QUEUE, RECEIVE_QUEUE, SubscriberSocket
@@ -62,7 +63,11 @@ class TopicReceiver:
         self._executor, self._inbox = executor, executor.inbox
         places = {name: publish for name, (publish, _) in publishers.items()}
         self._subscriber = SubscriberSocket(
-            places, context, _queue(executor.ends.subscriptions), name=executor.name
+            places,
+            context,
+            _queue(executor.ends.subscriptions),
+            name=executor.name,
+            holds=holds_of(executor),
         )
         self._requester = RequesterSocket(context)
         self._offsets = Offsets(offsets, list(executor.ends.subscriptions)) if offsets is not None else None
@@ -70,6 +75,7 @@ class TopicReceiver:
             name: self._buffer_of(name, subscriptions)
             for name, subscriptions in executor.ends.subscriptions.items()
         }
+        self._words = ReaderWords(executor, self.buffers, self._subscriber.say)
         self._migration = Migration(self._subscriber, publishers, self.buffers, listening)
         self._unread_bytes = 0
         self.monitor = EdgeMonitor(executor, self.buffers)
@@ -124,12 +130,14 @@ class TopicReceiver:
             for name, account in hand_over.consumed.items():
                 if name in self.buffers:
                     self._offsets.note(name, account.epoch, account.sequence)
+        self._words.begin()
         return len(frames)
 
     def set_start(self, start_ns: int) -> None:
         """Learn when the graph has started: what arrives is late from then on."""
         for buffer in self.buffers.values():
             buffer.origin_ns = self._start_ns = start_ns
+        self._words.begin()
         inputs = self._executor.ends.subscriptions
         several = itertools.chain.from_iterable(inputs.values())
         if any(subscription.qos.reliability == "best_effort" for subscription in several):
@@ -202,6 +210,8 @@ class TopicReceiver:
                 buffer.latency.add(graph_ns - stamp_ns)
                 if self._offsets is not None:
                     self._offsets.note(buffer.topic, epoch, sequence)
+                if sequence >= buffer.word_due:
+                    self._words.tell(buffer)
                 return
         self._sort(raw, now_ns)
 
@@ -218,6 +228,7 @@ class TopicReceiver:
             if frame.kind == Kind.MOVED:
                 self._migration.follow(frame, now_ns)
                 self._requester.keep(self._migration.servers.values())
+                self._words.tell_again(frame.topic)
                 return
         except SchemaMismatch as error:
             self._executor.events.reject(error)
@@ -261,6 +272,8 @@ class TopicReceiver:
         self._executor.consume(frame)
         if self._offsets is not None:
             self._offsets.note(frame.topic, frame.epoch, frame.sequence)
+        if frame.sequence >= buffer.word_due:
+            self._words.tell(buffer)
 
     def _drop(self, buffer: ReorderBuffer, frame: Frame) -> None:
         buffer.unread -= 1
@@ -274,7 +287,13 @@ class TopicReceiver:
         for buffer in self.buffers.values():
             buffer.excuse_absence(late_ns, now_ns)
             buffer.expire(now_ns)
+        self._words.look(absent=self._is_absent())
         self.monitor.look(now_ns, graph_ns)
+
+    def _is_absent(self) -> bool:
+        """Tell whether the node takes nothing up: it was deactivated, or is done."""
+        executor = self._executor
+        return executor.exit_code is not None or (self._was_active and not executor.succession.is_active)
 
     def close(self) -> None:
         """Let go."""

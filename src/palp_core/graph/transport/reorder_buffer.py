@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.latency import Latency
-from palp_core.graph.messages.frame import Frame, Kind, former_of
+from palp_core.graph.messages.frame import LAST_SEQUENCE, Frame, Kind, former_of
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.sequence_account import SequenceAccount
 
@@ -43,6 +43,7 @@ class ReorderBuffer:
         epoch: Of the publisher; -1 before it is heard.
         next: The sequence that is next in order.
         give_up_ns: Until when an answer is waited for; None: nothing is missing.
+        word_due: From this sequence on, its publisher is to be told how far the node has come.
         origin_ns: The graph's start on the host's monotonic clock, on which all times here are; None: not
             known.
     """
@@ -66,6 +67,7 @@ class ReorderBuffer:
         self.filled = 0
         self.give_up_ns: int | None = None
         self.origin_ns: int | None = None
+        self.word_due = LAST_SEQUENCE + 1
         self.epoch = account.epoch
         self.next = account.sequence + 1
         self._last = 0  # the highest sequence known to exist in this epoch

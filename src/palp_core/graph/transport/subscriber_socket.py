@@ -26,9 +26,11 @@ class SubscriberSocket:
         context: The process's, if it has one.
         queue: Messages that may wait; changed on a live socket, the mark would stop it for good.
         name: Tells publishers who this is, which a restarted one then waits for; "": a passer-by.
+        holds: For a reader that speaks to its publishers: the subscriptions that hold them.
 
     Attributes:
         file_descriptor: Becomes readable when something may have arrived.
+        say: Sends a word to all publishers; of a reader that speaks.
         at_leisure: Asked after each message where :meth:`dispatch` waits until it is rung: tells whether the
             reader has nothing else to do than to take the next one.
     """
@@ -39,23 +41,42 @@ class SubscriberSocket:
         context: zmq.Context[zmq.Socket[bytes]] | None = None,
         queue: int = RECEIVE_QUEUE,
         name: str = "",
+        holds: Iterable[bytes] | None = None,
     ) -> None:
         self._own_context = zmq.Context() if context is None else None
         self._context = self._own_context or context
         assert self._context is not None
-        self._socket = self._context.socket(zmq.SUB)
+        self._speaks = holds is not None
+        self._socket = self._context.socket(zmq.XSUB if self._speaks else zmq.SUB)
+        self.say: Callable[[bytes], object] = self._socket.send
         self._socket.setsockopt(zmq.RCVHWM, queue)
         self._socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
         self._socket.setsockopt(zmq.LINGER, 0)
         for endpoint in sorted(set(endpoints.values())):
             self._socket.connect(endpoint)
         for topic in endpoints:
-            self._socket.setsockopt(zmq.SUBSCRIBE, topic.encode() + b"\0")
-        if name:  # after the topics, in which order a new connection is told of them too
-            self._socket.setsockopt(zmq.SUBSCRIBE, READER + name.encode())
+            self._begin(topic.encode() + b"\0")
+        for token in (
+            holds or ()
+        ):  # after the topics, and before the name: so a new connection is told of them too
+            self._begin(token)
+        if name:
+            self._begin(READER + name.encode())
         self._wait_ms = UNTIL_RUNG  # ZeroMQ's own default
         self.at_leisure: Callable[[], bool] = lambda: False
         self.file_descriptor = int(self._socket.getsockopt(zmq.FD))
+
+    def _begin(self, subscription: bytes) -> None:
+        if self._speaks:
+            self._socket.send(b"\x01" + subscription)
+        else:
+            self._socket.setsockopt(zmq.SUBSCRIBE, subscription)
+
+    def _end(self, subscription: bytes) -> None:
+        if self._speaks:
+            self._socket.send(b"\0" + subscription)
+        else:
+            self._socket.setsockopt(zmq.UNSUBSCRIBE, subscription)
 
     @property
     def context(self) -> zmq.Context[zmq.Socket[bytes]]:
@@ -68,12 +89,12 @@ class SubscriberSocket:
         for endpoint in sorted(set(endpoints.values())):
             self._socket.connect(endpoint)
         for name in endpoints:
-            self._socket.setsockopt(zmq.SUBSCRIBE, name.encode() + b"\0")
+            self._begin(name.encode() + b"\0")
 
     def unsubscribe(self, names: Iterable[str]) -> None:
         """Hear topics no longer; their publishers send them to this socket no more."""
         for name in names:
-            self._socket.setsockopt(zmq.UNSUBSCRIBE, name.encode() + b"\0")
+            self._end(name.encode() + b"\0")
 
     def connect(self, endpoint: str) -> None:
         """Listen at one more endpoint, where topics that are subscribed already go on."""
@@ -95,7 +116,7 @@ class SubscriberSocket:
     def wake_on(self, endpoint: str) -> None:
         """Let a :class:`~palp_core.graph.transport.wakeup.Wakeup` end :meth:`dispatch`'s waiting."""
         self._socket.connect(endpoint)
-        self._socket.setsockopt(zmq.SUBSCRIBE, RING)
+        self._begin(RING)
 
     def dispatch(
         self, arrive: Callable[[bytes, int], None], slice_ns: int, wait_ms: int = 0
