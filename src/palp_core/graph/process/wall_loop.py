@@ -92,7 +92,7 @@ class WallLoop:
         self._wakeup = Wakeup(self.sockets.context, self._others)
         self.receiver.wake_on(ENDPOINT, self._at_leisure)
         self._heard_count = 0
-        self._rung_at_beats = False
+        self._rung_at_beats = self._unanswered = False
         self._health = HealthProbe(order.spec.name)
         self._next_beat_ns = monotonic_ns()
         self._announced = False
@@ -181,6 +181,9 @@ class WallLoop:
             self._choose_timekeeper()
             if now_ns >= self._health.due_ns and self._heard():
                 self._pulse(now_ns)
+        if self._unanswered:  # after the beat, which has set the wakeup's next time
+            self._unanswered = False
+            self._wakeup.rearm()
         timeout_s = (self._next_beat_ns - now_ns) / 1e9
         due_ns = self.executor.next_due_ns()
         if due_ns is not None:
@@ -202,7 +205,7 @@ class WallLoop:
         if not rung:
             return self.channel.buffered()
         self.sockets.note_signal()
-        self._wakeup.rearm()
+        self._unanswered = True
         return self.channel.buffered() or bool(select.select((self._others[0],), (), (), 0.0)[0])
 
     def _choose_timekeeper(self) -> None:
