@@ -24,7 +24,7 @@ from palp_core.graph.transport.backpressure import TELL_NS
 from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.reader_words import HOLD, WORD, Hold, holds, read_hold, read_word
 from palp_core.graph.transport.receiver import TopicReceiver
-from tests.support.flood import Flood
+from tests.graph.transport.flood import Flood
 from tests.support.palp import Palp
 
 DEPTH = 8
