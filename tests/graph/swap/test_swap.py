@@ -43,6 +43,26 @@ def test_swaps_back_and_forth_lose_repeat_and_reorder_nothing(stage: Stage) -> N
     assert (account["lost"], account["repeated"], account["dropped"]) == (0, 0, 0)
 
 
+HELD = "reliability: reliable, history: keep_all, depth: 16, max_blocking_ms: 60000"
+
+
+@pytest.mark.nightly
+def test_a_publisher_that_waits_for_its_reader_goes_on_across_swaps_of_either(
+    palp: Palp, launch: Path
+) -> None:
+    text = launch.read_text()
+    for source in ("source/out", "relay/out"):
+        text = text.replace(f"{{num: {source}}}", f"{{num: {{from: {source}, {HELD}}}}}")
+    launch.write_text(text)
+    stage = Stage(palp, launch)
+    for turn in range(4):
+        answer = stage.swap(("Other", "Relay")[turn % 2])
+        assert answer["report"]["switched"], answer
+        stage.passes(100)  # more than a reader may be behind
+    assert stage.judgement()[1:] == ("", ["Relay", "Other", "Relay", "Other", "Relay"])
+    assert stage.graph.ask("sink", "info")["inputs"]["/relay/out"]["qos"]["history"] == "keep_all"
+
+
 def test_calls_are_answered_across_swaps_each_once(stage: Stage) -> None:
     for turn in range(4):
         assert "report" in stage.swap(("Other", "Relay")[turn % 2], gain=1)

@@ -110,7 +110,9 @@ def _losses(where: str, account: dict[str, Any], requested: dict[str, Any]) -> I
         yield (error if reliable else warning)(
             where,
             f"{lost} messages lost, {received} received",
-            "give the publisher a larger depth" if reliable else "ask for reliable if every message counts",
+            "ask for history: keep_all, or give the publisher a larger depth"
+            if reliable
+            else "ask for reliable if every message counts",
         )
     if late := account.get("late", 0):
         yield warning(

@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 import msgspec
 
 from palp_core.graph.messages.frame import LAST_SEQUENCE
-from palp_core.graph.messages.qos import MAX_BLOCKING_MS, Qos
+from palp_core.graph.messages.qos import MAX_BLOCKING_MS, POLICIES, Qos
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.transport.reorder_buffer import ReorderBuffer
@@ -40,13 +40,16 @@ class Hold(NamedTuple):
 
 
 def read_hold(token: bytes) -> Hold | None:
-    """Return what a subscription says; None if it is no such."""
+    """Return what a subscription says; None if it is no such, or out of the bounds of a launch file."""
     parts = token[len(HOLD) :].decode(errors="replace").split("\0")
     try:
         topic, reader, depth, blocking_ms = parts
-        return Hold(topic, reader, max(int(depth), 1), max(float(blocking_ms), 0.0))
+        hold = Hold(topic, reader, int(depth), float(blocking_ms))
     except ValueError:
         return None
+    is_sane = 1 <= hold.depth <= POLICIES["depth"].most
+    is_sane = is_sane and 0.0 <= hold.blocking_ms <= POLICIES["max_blocking_ms"].most
+    return hold if is_sane else None
 
 
 class ReaderWord(msgspec.Struct, frozen=True, array_like=True):
