@@ -16,25 +16,23 @@ __all__ = ["profile"]
 PLACES = (
     ("waiting", ("select.", "poll", "sleep")),
     ("bench", ("wire_bench", "plan.py", "nodes/")),
-    ("zmq_bus and zmq", ("zmq", "enum.py")),  # an enum at each socket option
+    ("order record", ("node/journal.py",)),
+    ("executor", ("node/executor.py", "node/bindings.py", "node/timers.py", "node/qos_events.py")),
+    ("publisher", ("node/publisher.py",)),
     (
-        "messages",
-        ("runtime/message.py", "msgspec", "runtime/schema.py", "numpy", "runtime/wire.py", "struct"),
-    ),
-    ("order record", ("runtime/order.py",)),
-    (
-        "executor",
+        "accounts",
         (
-            "runtime/executor.py",
-            "runtime/binding.py",
-            "runtime/inputs.py",
-            "runtime/timers.py",
-            "runtime/events.py",
+            "node/subscription.py",
+            "node/sequence_account.py",
+            "graph/latency.py",
+            "transport/receiver.py",
+            "transport/reorder_buffer.py",
+            "transport/reader_words.py",
         ),
     ),
-    ("outlet", ("runtime/outlet.py",)),
-    ("accounts", tuple(f"runtime/{n}.py" for n in ("delivery", "latency", "reception", "intake", "ledger"))),
-    ("main loop", ("runtime/node_main.py", "runtime/wall", "runtime/link.py", "socket")),
+    ("sockets and zmq", ("zmq", "enum.py", "graph/transport/")),  # an enum at each socket option
+    ("messages", ("graph/messages/", "msgspec", "numpy", "struct")),
+    ("main loop", ("process/wall_loop.py", "process/channel.py", "socket")),
 )
 SHOWN = 14
 

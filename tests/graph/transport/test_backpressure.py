@@ -14,7 +14,7 @@ import zmq
 
 from palp_core import Message, Node, Pub, Qos, QosEvent, State, Sub, on, on_event
 from palp_core.errors import PublishTimeout
-from palp_core.graph.clock import WallClock, monotonic_ns
+from palp_core.graph.clock import SimClock, WallClock, monotonic_ns
 from palp_core.graph.messages.frame import LAST_SEQUENCE, Kind, pack
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.executor import Executor
@@ -42,6 +42,10 @@ class HeardState(State):
 
 class Talker(Node):
     word = Pub(Word)
+
+
+class Generous(Node):
+    word = Pub(Word, qos=HELD)
 
 
 class Heedful(Node):
@@ -273,6 +277,18 @@ def test_a_publisher_without_a_handler_says_it_in_its_log_and_on_its_events(
     pair.sockets.publisher.backpressure.tell(monotonic_ns())
     assert pair.talker.ends.publishers["/p/_events"].sequence == before + 1
     assert "output 'word' (/p/word): readers have lost messages for good" in caplog.text
+
+
+def test_in_simulated_time_nobody_waits() -> None:
+    frames: list[bytes] = []
+    executor = Executor(Generous, NodeSpec(name="p", run="m:P"), SimClock(), frames.append)
+    executor.transition(Transition.CONFIGURE)
+    executor.transition(Transition.ACTIVATE)
+    out: Any = executor.ends.publishers["/p/word"]
+    for n in range(3 * DEPTH):
+        out.publish(Word(n=n))
+    assert out.sequence == 3 * DEPTH
+    assert out.room == LAST_SEQUENCE
 
 
 @pytest.mark.parametrize(
