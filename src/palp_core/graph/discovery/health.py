@@ -38,10 +38,10 @@ class NodeRow(msgspec.Struct, frozen=True):
     rate_hz: float | None
     latency_p99_s: float | None
     lost: int
-    lost_by_readers: int
     overruns: int
     missed_deadlines: int
     gc_pause_max_s: float
+    lost_by_readers: int = 0
 
 
 class EdgeRow(msgspec.Struct, frozen=True):
