@@ -52,7 +52,7 @@ def run(folder: Path, *, compose: bool, trials: int, training: int) -> dict[str,
     return read_result(folder)
 
 
-BLOCKS = (1, 5, 10, 20, 50, 100, 200, 500, 1000)
+BLOCKS = (10, 20, 50, 100, 200, 500, 1000)
 """Samples of a block, at 1 kHz: milliseconds."""
 
 
@@ -135,7 +135,7 @@ def main() -> None:
     options = parser.parse_args()
     if options.blocks:
         count, few = (
-            (1, {"trials": 2, "training": 2}) if options.quick else (7, {"trials": 10, "training": 5})
+            (1, {"trials": 2, "training": 2}) if options.quick else (7, {"trials": 3, "training": 3})
         )
         with tempfile.TemporaryDirectory() as folder:
             table = by_block(Path(folder), count, few)
