@@ -12,7 +12,7 @@ import pytest
 import palp_core
 from palp_core.errors import PalpError
 from palp_core.palpation.session import trials_csv
-from palp_core.palpation.session.trials_csv import Row, SessionWriter, read_rows
+from palp_core.palpation.session.trials_csv import Row, SessionWriter, read_rows, read_sweep
 from tests.support.palp import ROOT
 
 FACTS: dict[str, Any] = {
@@ -41,6 +41,18 @@ def test_every_column_is_read_back_as_it_was_written(tmp_path: Path) -> None:
         writer.append(row, np.zeros(3), 1000.0)
     writer.close()
     assert read_rows(tmp_path / "out") == rows
+
+
+def test_a_sweep_is_read_back_to_the_bit_and_by_numpy_itself(tmp_path: Path) -> None:
+    torque_n_m = np.random.default_rng(1).standard_normal(4001)
+    writer = SessionWriter(str(tmp_path), (0.002, 0.004))
+    writer.start()
+    writer.append(Row(**FACTS), torque_n_m, 1000.0)
+    writer.close()
+    read, rate_hz = read_sweep(tmp_path, 0)
+    assert (read.tolist(), rate_hz) == (torque_n_m.tolist(), 1000.0)
+    with np.load(tmp_path / "sweeps" / "000000.npz") as content:
+        assert sorted(content) == ["rate_hz", "torque_n_m"]
 
 
 def test_a_table_of_which_a_part_is_there_twice_is_refused_with_its_line(tmp_path: Path) -> None:

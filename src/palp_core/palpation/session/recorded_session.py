@@ -118,14 +118,18 @@ class RecordedSession:
         return expected
 
 
-def read_session(out: str | Path) -> RecordedSession:
+def read_session(out: str | Path, rows: Sequence[Row] | None = None) -> RecordedSession:
     """Read a record, whole or cut short.
+
+    Args:
+        out: Its folder.
+        rows: Of its table, if they have been read already.
 
     Raises:
         PalpError: There is no record there, it is blinded, or a row's posterior has not one entry per depth.
     """
     folder = Path(out)
-    rows = read_rows(folder)
+    rows = read_rows(folder) if rows is None else rows
     refuse_blinded(rows, folder)
     believed_m = believed_depths(folder) or tuple(sorted({row.depth_m for row in rows}))
     for row in rows:

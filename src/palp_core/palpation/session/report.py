@@ -123,13 +123,14 @@ def write(folder: Path, summary: RunSummary) -> str:
     from palp_core.palpation.session.recorded_session import read_session
     from palp_core.palpation.session.trials_csv import read_rows
 
-    if (folder / TABLE).exists() and is_blinded(rows := read_rows(folder)):
+    rows = read_rows(folder) if (folder / TABLE).exists() else None
+    if rows is not None and is_blinded(rows):
         return (
             f"A blinded session: no report before `palp session unseal {folder}`.\n"
             f"Kept: {len(rows)} palpations (trials.csv with codes for depths, sweeps/) in {folder}"
         )
     summary = opened_run(summary, folder)
-    found = read_session(folder)
+    found = read_session(folder, rows)
     if not found.rows:
         if orphans := sum(1 for _ in folder.glob(f"{SWEEPS}/*.npz")):
             raise PalpError(

@@ -22,7 +22,7 @@ import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import NoneType
-from typing import Any, Protocol, get_args, get_type_hints
+from typing import Any, BinaryIO, Protocol, get_args, get_type_hints
 
 import msgspec
 import numpy as np
@@ -282,7 +282,7 @@ class SessionWriter:
         target = self.folder / SWEEPS / f"{row.row:06d}.npz"
         try:
             with whole_file(target) as file:
-                np.savez_compressed(file, torque_n_m=torque_n_m, rate_hz=np.array(rate_hz))
+                _save_quickly(file, torque_n_m=torque_n_m, rate_hz=np.array(rate_hz))
             self._append(_cells(row, self._class_count))
             if row.row == 0:
                 forget_replaced(self.folder)
@@ -439,6 +439,14 @@ def read_rows(out: str | Path) -> list[Row]:
     except csv.Error as error:
         raise PalpError(f"{path}:{lines.line_num}: not a table: {error}") from error
     return rows
+
+
+def _save_quickly(file: BinaryIO, **arrays: Any) -> None:
+    """Write arrays as :func:`numpy.savez_compressed` does, with the least effort at compression."""
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                np.lib.format.write_array(entry, array, allow_pickle=False)
 
 
 def _cell(value: Any) -> Any:

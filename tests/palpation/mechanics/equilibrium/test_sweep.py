@@ -157,6 +157,7 @@ def test_the_table_reads_what_a_direct_solution_gives(depth_m: float, ring_m: fl
     assert np.allclose(table.normal_n(fine_m), direct.normal_n, rtol=0.0, atol=2e-4 * direct.normal_n.max())
     assert np.allclose(table.angle_rad(fine_m), direct.angle_rad, rtol=0.0, atol=1e-4)
     assert np.allclose(table.lateral_n(fine_m), direct.lateral_n, rtol=0.0, atol=1e-3 * direct.normal_n.max())
+    assert table.torque_n_m(fine_m).tolist() == table._columns(fine_m)[:, 0].tolist()  # alone, to the bit
 
 
 def test_a_table_of_a_sweep_back_is_the_mirror_image() -> None:
@@ -177,6 +178,7 @@ def test_a_table_keeps_a_snap_as_a_jump_without_overshoot(direction: float) -> N
     assert width_m < 2e-5
     around_m = direction * np.linspace(-0.03, 0.05, 40001)
     read = table.torque_n_m(around_m)
+    assert read.tolist() == table._columns(around_m)[:, 0].tolist()
     assert read.max() <= table.solved.torque_n_m.max() + 1e-12
     assert read.min() >= table.solved.torque_n_m.min() - 1e-12
     assert np.abs(np.diff(read)).max() > 0.05 * abs(after - before)

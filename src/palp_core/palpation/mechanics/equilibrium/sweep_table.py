@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -50,7 +51,8 @@ class SweepTable:
         Raises:
             OutOfRange: A position lies outside the solved stretch or is not a number.
         """
-        return self._columns(stage_m)[..., 0]
+        torque: Float64Array = self._torque(self._within(stage_m))
+        return torque
 
     def normal_n(self, stage_m: ArrayLike) -> Float64Array:
         """Return the normal force; shape and errors as for :meth:`torque_n_m`."""
@@ -64,7 +66,18 @@ class SweepTable:
         """Return the elastic drag; shape and errors as for :meth:`torque_n_m`."""
         return self._columns(stage_m)[..., 3]
 
+    @cached_property
+    def _torque(self) -> scipy.interpolate.PPoly:
+        """The torque's polynomials alone: what a run reads four thousand times a sweep."""
+        curve = self._curve
+        return scipy.interpolate.PPoly(np.ascontiguousarray(curve.c[..., 0]), curve.x)
+
     def _columns(self, stage_m: ArrayLike) -> Float64Array:
+        values: Float64Array = self._curve(self._within(stage_m))
+        return values
+
+    def _within(self, stage_m: ArrayLike) -> Float64Array:
+        """Return positions, all of them within the solved stretch."""
         positions = np.asarray(stage_m, dtype=np.float64)
         if positions.size and not (positions.min() >= self.low_m and positions.max() <= self.high_m):
             raise OutOfRange(
@@ -72,8 +85,7 @@ class SweepTable:
                 f"[{positions.min():g}, {positions.max():g}] leaves the solved stretch "
                 f"[{self.low_m:g}, {self.high_m:g}]; solve a longer one",
             )
-        values: Float64Array = self._curve(positions)
-        return values
+        return positions
 
 
 def solve(
