@@ -135,7 +135,7 @@ def main() -> None:
     options = parser.parse_args()
     if options.blocks:
         count, few = (
-            (1, {"trials": 2, "training": 2}) if options.quick else (7, {"trials": 3, "training": 3})
+            (1, {"trials": 2, "training": 2}) if options.quick else (3, {"trials": 10, "training": 10})
         )
         with tempfile.TemporaryDirectory() as folder:
             table = by_block(Path(folder), count, few)
