@@ -11,9 +11,22 @@ import pytest
 from palp_core.cli.launch.repeat import Run, plan, refuse, refuse_options
 from palp_core.errors import GraphError
 from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.launch.checkpoint_file import KeptRun, RunIdentity, write_checkpoint
 from palp_core.palpation.session.report import session
 from tests.support.palp import PATIENCE_S, ROOT, SIM, Palp, wait_for_line
 from tests.support.rig_session import RigSession, check_here
+
+NOBODY = RunIdentity(graph="rig", clock="sim", seed=4, args={}, nodes={}, versions={}, sources={})
+KEPT = KeptRun(
+    identity=NOBODY,
+    given=["overwrite:=true"],
+    now_ns=0,
+    activation_count=0,
+    resumed_count=0,
+    attached={},
+    nodes=[],
+)
+"""A run that had begun anew, after one that was cut off before its first checkpoint."""
 
 TINY = ("trials:=1", "training:=1", "rings_mm:=8, 16", "policy:=fixed", "--compose")
 
@@ -87,8 +100,13 @@ def test_what_is_whole_is_left_and_what_is_not_goes_on_or_begins(
         (out / f"seed_{seed}").mkdir(parents=True)
     (out / "seed_3").symlink_to(rig_session.out)
     (out / "seed_4" / "checkpoint").touch()
-    ways = [run.way for run in plan(here, 4, session, resume=True)]
-    assert ways == ["done", "go on", "begin", "begin"]
+    found = plan(here, 4, session, resume=True)
+    assert [run.way for run in found] == ["done", "go on", "begin", "begin"]
+    assert [run.anew for run in found] == [False, False, True, False]  # the third began, and got nowhere
+    assert found[1].words == ["seed:=4", f"out:={out / 'seed_4'}", "--resume"]
+    write_checkpoint(out / "seed_4" / "checkpoint", KEPT, durable=False)
+    again = plan(here, 4, session, resume=True)[1]
+    assert again.words == ["seed:=4", f"out:={out / 'seed_4'}", "overwrite:=true", "--resume"]
     with pytest.raises(GraphError, match="seed_3 is there already: --resume goes on with the runs of"):
         plan(here, 4, session, resume=False)
 

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 SEED, OUT = "seed", "out"
 """The arguments of the launch file by which its runs differ."""
 
+ANEW = "overwrite:=true"
+"""By which a launch file replaces what is there."""
+
 
 class Pooling(Protocol):
     """What a launch file's report does about several runs."""
@@ -37,11 +40,19 @@ class Run:
         seed: Of it: the launch file's ``seed``, and those that follow.
         folder: Its own, below the launch file's ``out``.
         way: How it comes to its end: it begins, it goes on from its checkpoint, or it has.
+        anew: Replace what is in its folder: a run that was cut off before its first checkpoint.
     """
 
     seed: int
     folder: Path
     way: Literal["begin", "go on", "done"]
+    anew: bool = False
+
+    @property
+    def words(self) -> list[str]:
+        """The words of its command that are its own."""
+        own = [f"{SEED}:={self.seed}", f"{OUT}:={self.folder}"]
+        return own + [ANEW] * self.anew + ["--resume"] * (self.way == "go on")
 
 
 def repeat(file: Path, overrides: Sequence[str], count: int, *, compose: bool, resume: bool) -> int:
@@ -67,9 +78,7 @@ def repeat(file: Path, overrides: Sequence[str], count: int, *, compose: bool, r
     note(f"{count} runs of {file}, {seeds}{done}, {workers} at a time: {out}/{runs[0].folder.name} ...")
     words = [word for word in overrides if word.partition(":=")[0] not in (SEED, OUT)]
     options = ["--compose"] if compose else []
-    commands = {
-        f"seed {run.seed}": [str(file), *words, *_own(run, checked), *options, *_way(run)] for run in left
-    }
+    commands = {f"seed {run.seed}": [str(file), *words, *run.words, *options] for run in left}
     again = shlex.join(
         ["palp", "launch", str(file), *overrides]
         + ([] if any(word.startswith(f"{OUT}:=") for word in overrides) else [f"{OUT}:={out}"])
@@ -129,31 +138,38 @@ def plan(checked: CheckedGraph, count: int, pooling: Pooling, *, resume: bool) -
             f"{there[0]} is there already: --resume goes on with the runs of {out} and begins those that are "
             "missing; out:=NAME begins anew elsewhere"
         )
-    return [Run(seed, folder, _found(checked, folder, pooling, resume)) for seed, folder in folders.items()]
+    return [_found(checked, seed, folder, pooling, resume=resume) for seed, folder in folders.items()]
 
 
-def _found(
-    checked: CheckedGraph, folder: Path, pooling: Pooling, resume: bool
-) -> Literal["begin", "go on", "done"]:
+def _found(checked: CheckedGraph, seed: int, folder: Path, pooling: Pooling, *, resume: bool) -> Run:
+    """Return what is left of a run."""
     if not resume or not folder.exists():
-        return "begin"
-    entry, out = checked.checkpoint, Path(checked.args[OUT]).absolute()
-    kept = None if entry is None else Path(entry.file).absolute()
-    if kept is not None and kept.is_relative_to(out) and (folder / kept.relative_to(out)).exists():
-        return "go on"
-    return "done" if pooling.complete(folder) else "begin"
+        return Run(seed, folder, "begin")
+    can_replace = checked.args.get("overwrite") is False  # there is such an argument, and it was not given
+    kept = _checkpoint_in(folder, checked)
+    if kept is not None and kept.exists():
+        return Run(seed, folder, "go on", anew=can_replace and _began_anew(kept))
+    if pooling.complete(folder):
+        return Run(seed, folder, "done")
+    return Run(seed, folder, "begin", anew=can_replace)
 
 
-def _own(run: Run, checked: CheckedGraph) -> list[str]:
-    """Return the arguments that are a run's own."""
-    own = [f"{SEED}:={run.seed}", f"{OUT}:={run.folder}"]
-    cut_off = run.way == "begin" and run.folder.exists()  # before its first checkpoint: nothing is lost
-    given = checked.args.get("overwrite")
-    return [*own, "overwrite:=true"] if cut_off and given is False else own
+def _checkpoint_in(folder: Path, checked: CheckedGraph) -> Path | None:
+    """Return where a run with that folder keeps its checkpoint; None if nowhere below it."""
+    out = Path(checked.args[OUT]).absolute()
+    if checked.checkpoint is None or not Path(checked.checkpoint.file).absolute().is_relative_to(out):
+        return None
+    return folder / Path(checked.checkpoint.file).absolute().relative_to(out)
 
 
-def _way(run: Run) -> list[str]:
-    return ["--resume"] if run.way == "go on" else []
+def _began_anew(checkpoint: Path) -> bool:
+    """Tell whether an interrupted run had replaced one before it: with other words it would not go on."""
+    from palp_core.graph.launch.checkpoint_file import read_checkpoint
+
+    try:
+        return ANEW in read_checkpoint(checkpoint).given
+    except GraphError:  # the run itself says what is wrong with it
+        return False
 
 
 def refuse_options(given: dict[str, Any]) -> None:
