@@ -96,6 +96,7 @@ def test_a_reader_at_leisure_waits_for_message_after_message_and_asks_the_socket
         raise AssertionError("a question to the socket costs as much as a message")
 
     monkeypatch.setattr(subscriber_socket, "readable", refuse)
+    monkeypatch.setattr(subscriber_socket, "BURST_NS", 0)
     frames = [pack(b"/p/x", Kind.DATA, 0, n, 0, 0, b"payload") for n in range(1, 4)]
     house.subscriber.at_leisure = lambda: len(house.frames) < 2
     for frame in frames:
@@ -116,3 +117,25 @@ def test_a_ring_ends_the_waiting_of_a_reader_at_leisure(house: House) -> None:
         rung = house.subscriber.dispatch(lambda raw, _: house.frames.append(raw), 10**15, UNTIL_RUNG)[1]
         house.bell.rearm() if not house.frames else None
     assert len(house.frames) <= 1
+
+
+def test_in_a_burst_a_reader_is_not_asked_for_each_message_whether_it_is_at_leisure(
+    house: House, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("BURST_NS", "LOOK_NS"):
+        monkeypatch.setattr(subscriber_socket, name, 10**18)
+    monkeypatch.setattr(subscriber_socket, "monotonic_ns", lambda: 2 * 10**18 + len(house.frames))
+    frames = [pack(b"/p/x", Kind.DATA, 0, n, 0, 0, b"payload") for n in range(1, 51)]
+    asked: list[int] = []
+
+    def at_leisure() -> bool:
+        asked.append(len(house.frames))
+        return len(house.frames) < len(frames)
+
+    house.subscriber.at_leisure = at_leisure
+    for frame in frames:
+        house.publisher.send(frame)
+    took = house.subscriber.dispatch(lambda raw, _: house.frames.append(raw), 10**18, UNTIL_RUNG)
+    assert took == (True, False)
+    assert house.frames == frames
+    assert asked[-1] == len(frames)
