@@ -10,9 +10,9 @@ import pytest
 from palp_core.palpation.reporting import html_page
 from palp_core.whole_file import write_whole
 from tests.palpation.reporting.page_flaws import flaws
-from tests.support.sessions import record, strict_json, summary
+from tests.support.sessions import blank_charts, record, strict_json, summary
 
-__all__ = ["record", "strict_json", "summary"]
+__all__ = ["blank_charts", "record", "strict_json", "summary"]
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -19,6 +19,7 @@ from palp_core.palpation.session.trials_csv import SessionWriter, read_rows
 from tests.support.sessions import Summariser, Writer
 
 SURE = [(0.9, 0.05, 0.05)]
+pytestmark = pytest.mark.usefixtures("blank_charts")
 
 
 def palp(*words: object) -> str:

@@ -91,6 +91,7 @@ def test_a_record_that_cannot_begin_advises_the_option_that_names_its_folder(
         write_record(rig_session.bag, tmp_path / "file" / "record", overwrite=overwrite)
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_what_nodes_said_was_wrong_is_in_the_result_with_its_time_in_the_bag(
     rig_session: RigSession, tmp_path: Path
 ) -> None:
@@ -120,6 +121,7 @@ def part(session: RigSession, out: Path, **limits: Any) -> Path:
 
 
 @pytest.mark.parametrize(("end_s", "of"), [(60, "30 palpations of training"), (340, "6 trials")])
+@pytest.mark.usefixtures("blank_charts")
 def test_a_bag_that_ends_early_gives_the_rows_until_then_and_says_so(
     rig_session: RigSession, tmp_path: Path, end_s: int, of: str
 ) -> None:
@@ -135,6 +137,7 @@ def test_a_bag_that_ends_early_gives_the_rows_until_then_and_says_so(
     assert json.loads((folder / "result.json").read_text())["confusion"]["depths_mm"] == [2.0, 4.0, 8.0]
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_of_a_bag_that_was_cut_off_what_stands_before_is_reported(
     rig_session: RigSession, tmp_path: Path
 ) -> None:
@@ -146,6 +149,7 @@ def test_of_a_bag_that_was_cut_off_what_stands_before_is_reported(
     assert rows == read_rows(rig_session.out)[: len(rows)] != []
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_a_bag_that_began_late_has_the_rows_from_then_on_and_says_what_it_lacks(
     rig_session: RigSession, tmp_path: Path
 ) -> None:
@@ -181,6 +185,7 @@ def test_a_bag_without_what_a_session_needs_is_refused_and_leaves_nothing(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("blank_charts")
 def test_whether_guards_were_recorded_is_told_from_what_else_the_phantom_said(
     rig_session: RigSession, tmp_path: Path
 ) -> None:
@@ -192,6 +197,7 @@ def test_whether_guards_were_recorded_is_told_from_what_else_the_phantom_said(
         assert guards == ([] if told else None)
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_a_session_is_not_overwritten_unasked(rig_session: RigSession, tmp_path: Path) -> None:
     cut = part(rig_session, tmp_path / "cut", end_ns=60 * 10**9)
     report(cut)

@@ -95,6 +95,7 @@ def test_every_tag_of_the_page_is_closed(reported: Path) -> None:
     assert reader.open == []
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_the_page_states_the_session_and_the_reach_of_its_intervals(
     record: Writer, summary: Summariser
 ) -> None:
@@ -140,6 +141,7 @@ def test_a_trial_of_middling_length_is_told_step_by_step(reported: Path) -> None
     )
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_a_trial_decided_by_the_whole_trace_has_no_steps_of_a_feature(
     record: Writer, summary: Summariser
 ) -> None:
@@ -193,12 +195,14 @@ def test_sweeps_are_averaged_over_the_deepest_bead(reported: Path) -> None:
     assert where[int(mean.argmax())] == pytest.approx(-30 + 14, abs=1.0)
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_a_session_of_training_alone_shows_what_was_learnt(record: Writer, summary: Summariser) -> None:
     session(summary(out := record()))
     assert charts(out) == {"primitives", "rig", "sweeps"}
     assert "no trial of estimation" in (out / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_a_session_without_training_shows_its_trials(record: Writer, summary: Summariser) -> None:
     session(summary(out := record(repeats=0, trials=TRIALS)))
     assert charts(out) == {"accuracy", "belief", "calibration", "rig", "rings"}
@@ -219,6 +223,7 @@ def test_a_single_trial_of_a_single_depth_that_stayed_undecided_is_drawn(
     assert "1 undecided" in (out / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_a_record_cut_short_within_a_trial_leaves_that_trial_out(record: Writer, summary: Summariser) -> None:
     out = record(trials=TRIALS)
     table = out / "trials.csv"
@@ -229,6 +234,7 @@ def test_a_record_cut_short_within_a_trial_leaves_that_trial_out(record: Writer,
     assert "does not see end: 1, left out" in page
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_without_its_sweeps_a_record_still_has_a_report(record: Writer, summary: Summariser) -> None:
     out = record(trials=TRIALS)
     shutil.rmtree(out / "sweeps")
@@ -246,6 +252,7 @@ def test_a_table_that_was_emptied_beside_its_sweeps_is_not_called_kept(
         session(summary(out))
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_a_name_with_markup_does_not_reach_the_page_as_markup(record: Writer, summary: Summariser) -> None:
     described = summary(out := record(trials=TRIALS))
     described.args["policy"] = "<b>bold</b>"
@@ -255,6 +262,7 @@ def test_a_name_with_markup_does_not_reach_the_page_as_markup(record: Writer, su
     assert "&lt;b&gt;bold" in page
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_the_page_of_a_rig_with_devices_claims_no_simulation(record: Writer, summary: Summariser) -> None:
     described = summary(out := record(trials=TRIALS))
     described.params.pop("phantom")
@@ -267,6 +275,7 @@ def test_the_page_of_a_rig_with_devices_claims_no_simulation(record: Writer, sum
     assert "0, 16" in page
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_the_page_states_what_the_sweeps_met_or_that_nobody_told(record: Writer, summary: Summariser) -> None:
     run = summary(out := record(trials=TRIALS))
     session(run)
@@ -296,11 +305,11 @@ def test_any_number_of_ring_positions_finds_a_panel(record: Writer) -> None:
     assert save(chart, found.folder / "charts").startswith(b"\x89PNG")
 
 
-def test_charts_are_the_same_bytes_every_time(record: Writer, summary: Summariser) -> None:
-    session(summary(out := record(trials=TRIALS)))
-    before = {path.name: path.read_bytes() for path in (out / "charts").iterdir()}
-    session(summary(out))
-    assert {path.name: path.read_bytes() for path in (out / "charts").iterdir()} == before
+def test_charts_are_the_same_bytes_every_time(reported: Path, tmp_path: Path) -> None:
+    before = {path.name: path.read_bytes() for path in (reported / "charts").iterdir()}
+    again = shutil.copytree(reported, tmp_path / "again", ignore=shutil.ignore_patterns("charts"))
+    session(describe(again))
+    assert {path.name: path.read_bytes() for path in (again / "charts").iterdir()} == before
 
 
 def test_importing_the_report_does_not_load_matplotlib() -> None:
@@ -308,6 +317,7 @@ def test_importing_the_report_does_not_load_matplotlib() -> None:
     assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_a_smoother_that_was_left_to_the_register_is_drawn_as_the_run_chose_it(
     record: Writer, summary: Summariser
 ) -> None:

@@ -72,6 +72,7 @@ def test_the_rigs_launch_files_have_every_role(name: str, tmp_path: Path) -> Non
     assert roles.touch_simulated is (name != "rig")
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_a_graph_with_every_node_renamed_gets_the_same_report(record: Writer, tmp_path: Path) -> None:
     out = record(trials=TRIALS)
     usual, usual_page = reported(run_of(SIM, out), out)

@@ -17,6 +17,8 @@ from palp_core.view.source.live import LiveSource
 from palp_core.view.source.swap_choices import fitting
 
 LOOK_S = 0.1
+ASK_AGAIN_S = 1.0
+"""After a node that was too busy to answer."""
 
 
 def swap_panel(viewer: Viewer, name: str) -> None:
@@ -37,12 +39,17 @@ def swap_panel(viewer: Viewer, name: str) -> None:
         dry = ui.checkbox("dry run")
         dry.tooltip("try every step, or the shadow, and change nothing")
         button = ui.button("swap").props("dense no-caps")
-    fit = said("div", "", "quiet")
+    fit = said("div", "looking for classes that fit its wires", "quiet")
     steps = _Steps()
     outcome = Outcome()
 
     async def find() -> None:
-        found = await run.io_bound(choices, live, name)
+        try:
+            found = await run.io_bound(choices, live, name)
+        except GraphError as error:
+            fit.text = f"what fits its wires is not known yet, and asked again: {error}"
+            return
+        looking.deactivate()
         choice.set_options(found)
         fit.text = f"{len(found)} classes of the workspace fit its wires"
 
@@ -73,9 +80,10 @@ def swap_panel(viewer: Viewer, name: str) -> None:
         if answer is not None:
             steps.end(answer)
             outcome.tell(*swap_words(answer))
+            await find()  # the class that went is a choice now
 
     button.on_click(go)
-    ui.timer(0.0, find, once=True)
+    looking = ui.timer(ASK_AGAIN_S, find)
 
 
 class _Steps:
@@ -118,19 +126,19 @@ def _progress(live: LiveSource) -> dict[str, Any]:
 
 
 def choices(live: LiveSource, name: str) -> list[str]:
-    """Return the classes of the workspace that may take a node's place."""
-    record, overview = live.graph.record, live.overview()
-    node = live.graph.node(name)
+    """Return the classes of the workspace that may take a node's place.
+
+    Raises:
+        GraphError: The node does not answer in time.
+    """
+    workspace, overview = live.graph.record.workspace, live.overview()
     told = [
         wire for wire in overview.wires if wire.source == name != wire.reader
     ]  # not what comes from outside
     read = {wire.topic.rpartition("/")[2] for wire in told}
-    try:
-        inputs = live.graph.ask(name, "info", timeout_s=2.0)["inputs"].values()
-    except GraphError:
-        return []
-    wired = {str(one["port"]) for one in inputs}
-    return fitting(Path(record.workspace), node.run, read, wired) if record.workspace else []
+    node = live.graph.ask(name, "info", timeout_s=2.0)  # it knows what runs sooner than the record
+    wired = {str(one["port"]) for one in node["inputs"].values()}
+    return fitting(Path(workspace), node["run"], read, wired) if workspace else []
 
 
 def assigned(text: str) -> dict[str, Any]:

@@ -28,6 +28,7 @@ from tests.support.rig_session import RigSession, check_here
 from tests.support.sessions import describe, writer
 
 Writer = Callable[..., Path]
+pytestmark = pytest.mark.usefixtures("blank_charts")
 
 
 def with_sheet(summary: RunSummary, path: str) -> RunSummary:
