@@ -135,6 +135,41 @@ def test_a_second_reader_of_a_topic_is_greeted_too(publisher: Publisher) -> None
     assert (parse(greeting).kind, parse(greeting).sequence) == (Kind.HEARTBEAT, 1)
 
 
+def test_a_beat_says_nothing_of_a_topic_that_spoke_itself_and_something_as_soon_as_it_is_quiet(
+    publisher: Publisher,
+) -> None:
+    outlet, other = publisher.outlet("/a/b"), publisher.outlet("/a/c")
+    reader = publisher.reader("/a/b", "/a/c")
+    publisher.match(reader, topics=2)
+    beats = publisher.sockets.publisher.send_heartbeats
+
+    def said(count: int) -> list[tuple[str, Kind, int]]:
+        frames = [parse(frame) for frame in publisher.receive(reader, lambda frames: len(frames) >= count)]
+        return [(frame.topic, frame.kind, frame.sequence) for frame in frames]
+
+    outlet.publish(block())
+    beats(to_all=False)
+    assert said(2) == [("/a/b", Kind.DATA, 1), ("/a/c", Kind.HEARTBEAT, 0)]
+    beats(to_all=False)
+    assert sorted(said(2)) == [("/a/b", Kind.HEARTBEAT, 1), ("/a/c", Kind.HEARTBEAT, 0)]
+    other.publish(block())
+    beats()
+    assert sorted(said(3)) == [
+        ("/a/b", Kind.HEARTBEAT, 1), ("/a/c", Kind.DATA, 1), ("/a/c", Kind.HEARTBEAT, 1),
+    ]  # fmt: skip
+
+
+def test_a_topic_that_moves_says_so_at_each_beat_though_it_speaks(publisher: Publisher) -> None:
+    outlet = publisher.outlet("/a/b")
+    reader = publisher.reader("/a/b")
+    publisher.match(reader)
+    publisher.sockets.publisher.greeting = lambda one: [one.heartbeat(), one.moved(b"elsewhere")]
+    outlet.publish(block())
+    publisher.sockets.publisher.send_heartbeats(to_all=False)
+    frames = publisher.receive(reader, lambda frames: len(frames) >= 3)
+    assert [parse(frame).kind for frame in frames] == [Kind.DATA, Kind.HEARTBEAT, Kind.MOVED]
+
+
 def test_nothing_is_lost_or_repeated_after_the_greeting(publisher: Publisher) -> None:
     outlet = publisher.outlet("/a/b")
     reader = publisher.reader("/a/b")

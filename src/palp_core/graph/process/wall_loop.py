@@ -27,6 +27,8 @@ from palp_core.graph.transport.subscriber_socket import UNTIL_RUNG
 from palp_core.graph.transport.wakeup import ENDPOINT, Wakeup
 
 HEARTBEAT_NS = 100_000_000
+EARLY_NS = 25_000_000
+"""How much sooner a beat may be, where the node is awake for something else: it needs not wake for the beat."""
 BUSY = 5
 """Messages between two beats from which on the wakeup keeps the time: a ring costs as much as two limits."""
 SLICE_NS = 500_000
@@ -168,13 +170,13 @@ class WallLoop:
     def _wait(self) -> bool:
         """Wait until there is something to do and take in what arrives; tell if the supervisor spoke."""
         now_ns = monotonic_ns()
-        if now_ns >= self._next_beat_ns:
+        if now_ns >= self._next_beat_ns - EARLY_NS:
             if not self.participant.silent:
-                self.sockets.publisher.send_heartbeats()
+                self.sockets.publisher.send_heartbeats(to_all=False)
             self.sockets.publisher.backpressure.tell(now_ns)
             self._matched_readers.write_down()
             self._show()
-            self.receiver.tick(now_ns, self.now_ns(), now_ns - self._next_beat_ns)
+            self.receiver.tick(now_ns, self.now_ns(), max(now_ns - self._next_beat_ns, 0))
             at_work = self.executor.lifecycle is Lifecycle.ACTIVE and not self.executor.succession.paused
             self.executor.journal.serve_follower(self.executor.now_ns(), active=at_work)
             self._next_beat_ns = now_ns + HEARTBEAT_NS

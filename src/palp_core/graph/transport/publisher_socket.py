@@ -58,6 +58,7 @@ class PublisherSocket:
         self._direct: set[str] = set()
         self._under_way = BytesUnderWay(QUEUE_BYTES)
         self._held: list[bytes] | None = None
+        self._stated: dict[bytes, int] = {}
 
     @property
     def _plain_send(self) -> Callable[[bytes], Any]:
@@ -163,12 +164,22 @@ class PublisherSocket:
             for _ in range(size // PLACE_BYTES):
                 self._socket.send(beat)
 
-    def send_heartbeats(self) -> None:
-        """State every subscribed topic's last sequence."""
+    def send_heartbeats(self, *, to_all: bool = True) -> None:
+        """State every subscribed topic's last sequence.
+
+        Args:
+            to_all: Of topics, too, that have said something since this was last called: their messages have
+                stated it.
+        """
         for name in self._subscribed:
             publisher = self._publishers.get(name)
-            if publisher is not None:
-                self.send_past_hold(self.greeting(publisher))
+            if publisher is None:
+                continue
+            spoke = publisher.sequence != self._stated.get(name, 0)
+            self._stated[name] = publisher.sequence
+            frames = self.greeting(publisher)
+            if to_all or not spoke or len(frames) > 1:  # more than a heartbeat: the topic is moving
+                self.send_past_hold(frames)
         self.stirred = True
 
     def poll(self) -> None:
