@@ -143,7 +143,7 @@ def test_a_beat_says_nothing_of_a_topic_that_spoke_itself_and_something_as_soon_
     publisher.match(reader, topics=2)
     beats = publisher.sockets.publisher.send_heartbeats
 
-    def said(count: int) -> list[tuple[str, Kind, int]]:
+    def said(count: int) -> list[tuple[str, int, int]]:
         frames = [parse(frame) for frame in publisher.receive(reader, lambda frames: len(frames) >= count)]
         return [(frame.topic, frame.kind, frame.sequence) for frame in frames]
 

@@ -28,7 +28,7 @@ from palp_core.graph.transport.wakeup import ENDPOINT, Wakeup
 
 HEARTBEAT_NS = 100_000_000
 EARLY_NS = 25_000_000
-"""How much sooner a beat may be, where the node is awake for something else: it needs not wake for the beat."""
+"""How much sooner a beat may be where the node is awake for something else, and need not wake for it."""
 BUSY = 5
 """Messages between two beats from which on the wakeup keeps the time: a ring costs as much as two limits."""
 SLICE_NS = 500_000
