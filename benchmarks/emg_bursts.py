@@ -23,7 +23,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -34,6 +34,7 @@ from palp_core.palpation.perception.emg.levels import to_levels
 from palp_core.palpation.perception.emg.peaks import PeakFinder
 from palp_core.palpation.perception.emg.settings import BURSTS, BurstSettings
 from palp_core.palpation.perception.strategy.figure5 import LEVELS
+from palp_core.palpation.reporting import charts
 from palp_core.palpation.studies.perception.emg_known import (
     CONDITIONS,
     CROSSTALK,
@@ -46,6 +47,9 @@ from palp_core.palpation.studies.perception.emg_known import (
     recorded,
 )
 from palp_core.palpation.studies.perception.emg_models import MODELS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SEED = 4000
 RULES: dict[str, dict[str, Any]] = {
@@ -256,38 +260,33 @@ def write(found: dict[str, list[dict[str, Any]]], folder: Path) -> None:
 
 def draw(known_rows: list[dict[str, Any]], target: Path) -> None:
     """Draw what is wrong, by condition and model, beside the limits."""
-    from matplotlib.figure import Figure
-
     names = [of.name for of in CONDITIONS]
-    figure = Figure(figsize=(11.0, 5.5), layout="constrained")
-    panels = figure.subplots(1, 3, sharey=True)
     wrong = (
         ("bursts not found, %", "found", 1.0),
         ("false bursts, %", "false", 1.0),
         ("levels wrong, %", "levels_right", 2.0),
     )
-    for axes, (title, key, limit) in zip(panels, wrong, strict=True):
-        for offset, (model, colour) in enumerate(zip(MODELS, ("#9db8d2", "#5b7fa6", "#d55e00"), strict=True)):
-            rows = [row for row in known_rows if row["model"] == model]
-            values = [100.0 * (row[key] if key == "false" else 1.0 - row[key]) for row in rows]
-            axes.plot(
-                values,
-                np.array([names.index(row["condition"]) for row in rows]) + 0.2 * (offset - 1),
-                "o",
-                color=colour,
-                label=model,
-                markersize=5,
-            )
-        axes.axvline(limit, color="grey", linestyle="--", linewidth=1.0)
-        axes.set_xscale("symlog", linthresh=1.0)
-        axes.set_xlim(-0.1, 100.0)
-        axes.set_title(title, fontsize=10)
-        axes.grid(axis="y", color="0.9")
-        axes.spines[["top", "right"]].set_visible(False)
-    panels[0].set_yticks(range(len(names)), names)
-    panels[0].invert_yaxis()
-    panels[2].legend(fontsize=8, loc="lower right")
-    figure.savefig(target, dpi=130)
+
+    def panels(figure: Figure) -> None:
+        found = figure.subplots(1, 3, sharey=True)
+        for axes, (title, key, limit) in zip(found, wrong, strict=True):
+            for place, model in enumerate(MODELS):
+                rows = [row for row in known_rows if row["model"] == model]
+                values = [100.0 * (row[key] if key == "false" else 1.0 - row[key]) for row in rows]
+                heights = [names.index(row["condition"]) + 0.2 * (place - 1) for row in rows]
+                look = charts.depth_style(place) | {"linestyle": ""}
+                axes.plot(values, heights, label=model, markersize=5, **look)
+            axes.axvline(limit, color=charts.GREY, linestyle="--", linewidth=1.0)
+            axes.set_xscale("symlog", linthresh=1.0)
+            axes.set_xlim(-0.1, 100.0)
+            charts.tidy(axes, title, "", "")
+        found[0].set_yticks(range(len(names)), names)
+        found[0].invert_yaxis()
+        charts.legend(figure, ncols=len(MODELS), handles=found[0].get_legend_handles_labels()[0])
+
+    title = "What is wrong of what the processing says, by condition and model"
+    picture = charts.Chart("emg_bursts", title, "", 5.5, (), (), panels, width=10.0)
+    target.write_bytes(charts.images(picture)[0])
 
 
 def main() -> None:

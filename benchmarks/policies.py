@@ -14,7 +14,7 @@ import json
 import os
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -23,7 +23,11 @@ from compare_policies import compare
 from scipy.stats import t as student_t
 
 from palp_core.graph.launch.graph import Graph
+from palp_core.palpation.reporting import charts
 from palp_core.palpation.session.result_json import read_result
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 LAUNCH = Path(__file__).parents[1] / "launch" / "sim.yaml"
 FIXED_MM = (0.0, 4.0, 8.0, 12.0, 16.0)
@@ -80,31 +84,37 @@ def summarise(results: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
 
 def draw(summary: dict[str, Any], target: Path) -> None:
     """Draw accuracy per policy with the paper's two figures."""
-    from matplotlib.figure import Figure
-
     table = summary["policies"] | {"fixed_average": {"accuracy": summary["fixed_average"]}}
     order = [f"fixed_{mm:g}" for mm in FIXED_MM] + ["fixed_average", "markov", "uniform"]
     labels = [f"fixed\n{mm:g} mm" for mm in FIXED_MM] + ["average\nof fixed", "human\n(Markov)", "uniform"]
     shares = [100.0 * table[name]["accuracy"]["value"] for name in order]
     spans = [table[name]["accuracy"]["ci"] for name in order]
-    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
-    axes = figure.subplots()
-    colours = ["#9db8d2"] * 5 + ["#5b7fa6"] + ["#d55e00", "#009e73"]
-    axes.bar(labels, shares, color=colours, width=0.7)
-    for place, (share, span) in enumerate(zip(shares, spans, strict=True)):
-        if span is not None:
-            axes.plot([place, place], [100.0 * span[0], 100.0 * span[1]], color="black", linewidth=1.5)
-        axes.text(place, 3.0, f"{share:.0f} %", ha="center", color="white", fontweight="bold")
-    for level, text in ((100.0 / 3.0, "chance"), (66.7, "paper: average of fixed"), (90.0, "paper: human")):
-        axes.axhline(level, color="grey", linestyle="--", linewidth=1.0, zorder=0)
-        axes.annotate(text, (7.6, level), xytext=(0, 3), textcoords="offset points", fontsize=8)
-    axes.set_xlim(-0.6, 9.3)
-    axes.set_ylim(0.0, 105.0)
-    axes.set_ylabel("right estimates of the depth, %")
     sessions = summary["fixed_average"]["sessions"]
-    axes.set_title(f"Simulated rig, {sessions} sessions a policy, 95 % intervals over sessions", fontsize=10)
-    axes.spines[["top", "right"]].set_visible(False)
-    figure.savefig(target, dpi=130)
+    title = f"Simulated rig, {sessions} sessions a policy, 95 % intervals over sessions"
+
+    def bars(figure: Figure) -> None:
+        axes = figure.subplots()
+        colours = [charts.PALE_BLUE] * 6 + [charts.PALE_VERMILION, charts.PALE_GREEN]
+        axes.bar(labels, shares, color=colours, width=0.7)
+        for place, (share, span) in enumerate(zip(shares, spans, strict=True)):
+            if span is not None:
+                axes.plot([place, place], [100.0 * end for end in span], color=charts.INK, linewidth=1.5)
+            axes.text(place, 3.0, f"{share:.0f} %", ha="center", color=charts.INK, fontweight="bold")
+        for level, text in (
+            (100.0 / 3.0, "chance"),
+            (66.7, "paper: average of fixed"),
+            (90.0, "paper: human"),
+        ):
+            axes.axhline(level, color=charts.GREY, linestyle="--", linewidth=1.0, zorder=0)
+            axes.annotate(text, (7.6, level), xytext=(0, 3), textcoords="offset points")
+        axes.set_xlim(-0.6, 9.3)
+        axes.set_ylim(0.0, 105.0)
+        charts.tidy(axes, title, "", "right estimates of the depth, %")
+
+    picture = charts.Chart(
+        "policies", title, "", 3.8, ("policy", "right, %"), list(zip(order, shares, strict=True)), bars
+    )
+    target.write_bytes(charts.images(picture)[0])
 
 
 def main() -> None:

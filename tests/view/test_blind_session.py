@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import closing
@@ -81,6 +82,21 @@ def test_a_session_in_the_open_beside_it_is_shown_by_itself(session: Blinded, tm
     (tmp_path / "open" / "run.json").write_text('{"params": {"phantom": {"blind": false}}}', encoding="utf-8")
     assert [file.name for file in ResultsSource(tmp_path / "open").files()] == ["run.json"]
     assert ResultsSource(tmp_path).files() == []
+
+
+NOTES = {"no JSON": "{", "no run": "[1]", "no nodes": '{"params": 3}', "odd nodes": '{"params": {"a": 4}}'}
+
+
+@pytest.mark.parametrize("text", NOTES.values(), ids=NOTES)
+def test_what_is_no_note_of_a_run_hides_nothing_and_breaks_nothing(text: str, tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text(text, encoding="utf-8")
+    assert [file.name for file in ResultsSource(tmp_path).files()] == ["run.json"]
+
+
+def test_a_pipe_in_place_of_the_note_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "run.json")
+    (tmp_path / "report.html").touch()
+    assert [file.name for file in ResultsSource(tmp_path).files()] == ["report.html"]
 
 
 def test_nothing_that_the_page_of_its_folder_is_sent_tells_depth_or_accuracy(

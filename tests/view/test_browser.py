@@ -35,6 +35,7 @@ HOSTILE = (
     "{{constructor.constructor('window.hacked=1')()}}",
 )
 """Names and words that are markup to whoever puts them into a page unlooked at."""
+NOTHING_STANDS_OUT = "() => document.documentElement.scrollWidth <= innerWidth"
 LOUD = f'''
 from nodes.talk import Scale, ScaleState
 
@@ -250,6 +251,19 @@ def test_a_viewer_killed_in_the_middle_of_a_recording_leaves_one_that_goes_on_an
     recorder.wait(PATIENCE_S)
     assert bag_info(talk.folder / "orphan").complete
     page.close()
+
+
+@pytest.mark.parametrize(
+    "path", ["/", "/topics", "/topic/source/sample", "/node/scale", "/record", "/timeline"]
+)
+def test_no_page_is_wider_than_a_phone(viewing: Viewing, path: str) -> None:
+    page = viewing.page
+    before = page.viewport_size
+    page.set_viewport_size({"width": 390, "height": 800})
+    viewing.go(path)
+    viewing.says("for 0:")
+    viewing.until(NOTHING_STANDS_OUT)
+    page.set_viewport_size(before)
 
 
 def test_nothing_is_fetched_from_elsewhere_and_no_script_fails(viewing: Viewing) -> None:

@@ -43,6 +43,20 @@ def test_it_shows_the_sweep_the_rig_and_what_came_of_it(rig: Viewing) -> None:
     assert rig.failures == []
 
 
+@pytest.mark.parametrize("width", [390, 768])
+def test_it_is_no_wider_than_a_phone_and_stop_is_in_sight_there(rig: Viewing, width: int) -> None:
+    page, before = rig.page, rig.page.viewport_size
+    page.set_viewport_size({"width": width, "height": 700})
+    rig.go("/own")
+    rig.says("ring: 16.1 mm")
+    rig.until("() => document.documentElement.scrollWidth <= innerWidth")
+    page.mouse.wheel(0, 10_000)
+    assert page.get_by_role("button", name="STOP (space bar)").evaluate(
+        "b => b.getBoundingClientRect().top >= 0 && b.getBoundingClientRect().right <= innerWidth"
+    )
+    page.set_viewport_size(before)
+
+
 @pytest.mark.parametrize(
     "path", ["/", "/own", "/topics", "/topic/safety/beat", "/node/safety", "/record", "/timeline"]
 )

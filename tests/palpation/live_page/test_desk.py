@@ -10,8 +10,10 @@ import pytest
 
 from palp_core.graph.messages.topic import Topic
 from palp_core.palpation.live_page.desk import DeskMonitor
-from palp_core.palpation.live_page.page import human
+from palp_core.palpation.live_page.harmless import HARMLESS
+from palp_core.palpation.live_page.page import human, rig
 from palp_core.palpation.session.human.questions import IDENTITY, QUESTION
+from palp_core.view.source.blind import BlindSource
 from palp_core.view.source.overview import NodeState, Overview
 from palp_core.view.source.protocol import Heard, Watch
 
@@ -100,11 +102,13 @@ class Answered:
         return {"taken": not self.why_not, "text": self.why_not}
 
 
-def simulated(viewer: Viewer, look: Callable[[Any], Coroutine[Any, Any, None]]) -> None:
+def simulated(
+    viewer: Viewer, look: Callable[[Any], Coroutine[Any, Any, None]], page: Callable[[Viewer], None] = human
+) -> None:
     """Let a simulated user open the page, and look."""
 
     async def run() -> None:
-        async with user_simulation(root=lambda: OwnPage(human).put_up(viewer)) as user:
+        async with user_simulation(root=lambda: OwnPage(page).put_up(viewer)) as user:
             await user.open("/")
             await look(user)
 
@@ -142,6 +146,21 @@ def test_what_is_asked_is_answered_by_a_press_to_the_node_and_prompt_that_asked(
         ("session", "answer", {"number": 7, "text": "again", "by": "page"}),
         ("session", "answer", {"number": 8, "text": "4", "by": "page"}),
     ]
+
+
+@pytest.mark.parametrize("blind", [False, True])
+def test_on_the_page_of_the_rig_whoever_mounts_phantoms_is_asked_blinded_too(blind: bool) -> None:
+    session, answered = ToldSession(), Answered()
+    session.ask(2, "enter", "Mount phantom K7, indent 4.0 mm.")
+    source = BlindSource(session, HARMLESS) if blind else session
+
+    async def look(user: Any) -> None:
+        await user.should_see("Mount phantom K7", retries=100)
+        user.find("go on (Enter)").click()
+        await called(answered, 1)
+
+    simulated(Viewer(source=source, operator=answered), look, rig)  # type: ignore[arg-type]
+    assert "answer" in HARMLESS.calls
 
 
 def test_what_may_be_a_name_is_refused_before_it_is_sent_and_a_code_is() -> None:

@@ -103,8 +103,8 @@ class Page:
         """Wait until the page says these words."""
         self.until("words => document.body.innerText.includes(words)", words)
 
-    def plot(self, *fields: str) -> None:
-        """Plot fields on the page of a topic, and wait until there is something."""
+    def plot(self, *fields: str, frames: int = 9) -> None:
+        """Plot fields on the page of a topic, and wait until there is something, drawn so many times."""
         self.page.get_by_label("fields").click()
         for field in fields:
             self.page.get_by_role("option", name=field, exact=True).click()
@@ -112,7 +112,7 @@ class Page:
         self.page.keyboard.press("Escape")
         self.page.wait_for_selector(".q-menu", state="hidden")
         self.until("() => Number(document.querySelector('.live-plot').dataset.points) > 20")
-        self.until("() => Number(document.querySelector('.live-plot').dataset.frames) > 9")
+        self.until("most => Number(document.querySelector('.live-plot').dataset.frames) > most", frames)
 
     def swap(self, run: str) -> None:
         """Choose a class on the page of a node, and let it take over."""

@@ -97,6 +97,16 @@ def _span(name: str, cells: Sequence[Any]) -> str:
 
 def save(chart: Chart, folder: Path) -> bytes:
     """Draw a chart, write ``NAME.png``, ``NAME.svg`` and ``NAME.csv``, and return the PNG."""
+    image, vector = images(chart)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / f"{chart.name}.png").write_bytes(image)
+    (folder / f"{chart.name}.svg").write_bytes(vector)
+    write_csv(folder / f"{chart.name}.csv", chart.columns, chart.rows)
+    return image
+
+
+def images(chart: Chart) -> tuple[bytes, bytes]:
+    """Draw a chart; return it as PNG and as SVG."""
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -112,11 +122,7 @@ def save(chart: Chart, folder: Path) -> bytes:
         figure.set_layout_engine("none")  # what lies where is found once, for both
         vectors: Any = FigureCanvasSVG(figure)
         vectors.print_svg(vector, metadata={"Creator": "palp", "Date": None})
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / f"{chart.name}.png").write_bytes(image.getvalue())
-    (folder / f"{chart.name}.svg").write_bytes(vector.getvalue())
-    write_csv(folder / f"{chart.name}.csv", chart.columns, chart.rows)
-    return image.getvalue()
+    return image.getvalue(), vector.getvalue()
 
 
 def depth_style(index: int) -> dict[str, Any]:

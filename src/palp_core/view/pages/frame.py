@@ -69,6 +69,7 @@ def _ways(viewer: Viewer) -> Iterator[tuple[str, str]]:
         yield "Topics", "/topics"
     if viewer.live is not None:
         yield "Record", "/record"
+    if viewer.happenings is not None:
         yield "Timeline", "/timeline"
     if viewer.own_page is not None:
         yield viewer.own_page.title, "/own"

@@ -70,7 +70,8 @@ export default {
       this.edge = -Infinity;
       const look = getComputedStyle(document.body), ink = look.color;
       const label = { color: ink, showMinLabel: false, showMaxLabel: false };
-      const axis = { scale: true, axisLabel: { color: ink }, nameTextStyle: { color: ink } };
+      const splitLine = { lineStyle: { color: look.getPropertyValue("--line").trim(), opacity: 0.5 } };
+      const axis = { scale: true, axisLabel: { color: ink }, nameTextStyle: { color: ink }, splitLine };
       this.chart.setOption({
         animation: false,
         color: COLOURS.map((name) => look.getPropertyValue(name).trim()),

@@ -1,7 +1,7 @@
 // A table from plain data. Texts come as text: Vue escapes whatever stands between {{ and }}.
 export default {
   template: `
-    <table class="plain">
+    <div class="table-box"><table class="plain">
       <thead><tr><th v-for="title in titles">{{ title }}</th></tr></thead>
       <tbody>
         <tr v-for="row in rows">
@@ -9,7 +9,7 @@ export default {
             ><template v-else>{{ cell[0] }}</template></td>
         </tr>
       </tbody>
-    </table>`,
+    </table></div>`,
   props: { titles: Array, rows: Array },
   computed: {
     base: () => `/${location.pathname.split("/")[1]}`,

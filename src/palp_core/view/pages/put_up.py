@@ -61,8 +61,8 @@ def put_up(viewer: Viewer, recordings: Recordings | None = None) -> None:
             with frame(viewer, own.title):
                 own.put_up(viewer)
 
-    if (live := viewer.live) is not None:
+    if (ask := viewer.happenings) is not None:
 
         @ui.page("/timeline")  # type: ignore[untyped-decorator]
         def timeline() -> None:
-            timeline_page(viewer, live)
+            timeline_page(viewer, ask)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -13,13 +14,12 @@ from palp_core.view.pages.frame import frame
 from palp_core.view.pages.parts import Cell, node_link, said, table
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.lanes import axis, lanes
-from palp_core.view.source.live import LiveSource
-from palp_core.view.source.timeline import Happening, happenings
+from palp_core.view.source.timeline import Happening, latest_first
 
 REFRESH_S = 1.0
 LEVELS = {"warn": "warn", "error": "error"}
 SPANS_S = {0: "all", 3600: "last hour", 600: "last 10 min", 60: "last minute"}
-SHOW_CHOSEN = "document.querySelector('[data-what=timeline] tr.chosen')?.scrollIntoView({block: 'center'})"
+SHOW_CHOSEN = "document.querySelector('[data-what=timeline] tr.chosen')?.scrollIntoView({block: 'nearest'})"
 
 
 class TimelineDrawing(Element, component="timeline_drawing.js"):  # type: ignore[misc, call-arg]
@@ -46,8 +46,13 @@ class TimelineDrawing(Element, component="timeline_drawing.js"):  # type: ignore
         self.update()
 
 
-def timeline_page(viewer: Viewer, live: LiveSource) -> None:
-    """Put up the page."""
+def timeline_page(viewer: Viewer, ask: Callable[[], list[Happening]]) -> None:
+    """Put up the page.
+
+    Args:
+        viewer: What is shown.
+        ask: Returns what has happened, and waits for it.
+    """
     with frame(viewer, "Timeline"):
         with ui.element("div").classes("row-of"):
             said("h2", "Faults and events")
@@ -58,11 +63,11 @@ def timeline_page(viewer: Viewer, live: LiveSource) -> None:
         chosen: list[int] = []
         answered: list[bool] = []
         with box:
-            said("div", "nodes are asked ...", "quiet")
+            said("div", "asking ...", "quiet")
 
         def draw() -> None:
-            now_s = viewer.source.overview().now_s or 0.0
-            drawing.show(shown, max(now_s - span.value, 0.0) if span.value else 0.0, now_s)
+            begin_s, end_s = _whole(viewer)
+            drawing.show(shown, max(end_s - span.value, begin_s) if span.value else begin_s, end_s)
 
         def tell() -> None:
             drawing.choose(chosen)
@@ -80,8 +85,8 @@ def timeline_page(viewer: Viewer, live: LiveSource) -> None:
             ui.run_javascript(SHOW_CHOSEN)
 
         async def refresh() -> None:
-            found = await run.io_bound(happenings, live)
-            if found is not None and (found != shown or not answered):
+            found = latest_first([*shown, *(await run.io_bound(ask) or ())])
+            if found != shown or not answered:
                 answered[:] = [True]
                 kept = [shown[row] for row in chosen]
                 shown[:] = found
@@ -91,7 +96,14 @@ def timeline_page(viewer: Viewer, live: LiveSource) -> None:
 
         drawing.on("chosen", choose)
         span.on_value_change(draw)
-        ui.timer(REFRESH_S, refresh)
+        ui.timer(REFRESH_S, refresh, once=viewer.time is not None)
+
+
+def _whole(viewer: Viewer) -> tuple[float, float]:
+    """Return from when to when something is known, s."""
+    if viewer.time is not None:
+        return viewer.time.start_s, viewer.time.end_s
+    return 0.0, viewer.source.overview().now_s or 0.0
 
 
 def _row(one: Happening) -> tuple[Cell, ...]:

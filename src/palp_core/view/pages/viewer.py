@@ -15,6 +15,7 @@ from palp_core.view.source.protocol import ViewSource
 
 if TYPE_CHECKING:
     from palp_core.view.source.recorded import RecordedSource
+    from palp_core.view.source.timeline import Happening
 
 
 class OwnPage:
@@ -91,6 +92,17 @@ class Viewer(msgspec.Struct, kw_only=True):
     def live(self) -> LiveSource | None:
         """The running graph; None where what is shown is over."""
         return self.source if isinstance(self.source, LiveSource) else None
+
+    @property
+    def happenings(self) -> Callable[[], list[Happening]] | None:
+        """What returns what has happened, and waits for it; None where nothing of it may or can be told."""
+        from palp_core.view.source.timeline import happenings, recorded
+
+        if (live := self.live) is not None:
+            return lambda: happenings(live)
+        if (bag := self.time) is not None and not self.blind:
+            return lambda: recorded(bag)
+        return None
 
     def refusal(self, *, stops: bool = False, service: str = "") -> str:
         """Return why nothing may be pressed, in words; "" if it may."""

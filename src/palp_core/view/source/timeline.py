@@ -1,8 +1,9 @@
-"""What has happened to a running graph and its nodes: from what launcher and nodes remember of it."""
+"""What has happened to a graph and its nodes: from what launcher and nodes remember of it, or from a bag."""
 
 from __future__ import annotations
 
-from typing import get_args
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, get_args
 
 import msgspec
 
@@ -13,11 +14,18 @@ from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.qos import EventKind
 from palp_core.view.source.live import LiveSource
 from palp_core.view.source.overview import ERROR, OK, WARN
+from palp_core.view.source.protocol import Heard
 from palp_core.view.source.trouble import GRAPH_TROUBLE
+
+if TYPE_CHECKING:
+    from palp_core.view.source.recorded import RecordedSource
 
 ASK_S = 2.0
 MOST = 300
 FAULTS: tuple[str, ...] = get_args(EventKind)
+STATUS = "DiagnosticStatus"
+WORDS = {OK: "well", WARN: "warning", ERROR: "fault"}
+"""Of how a node stands."""
 
 
 class Happening(msgspec.Struct, frozen=True):
@@ -31,7 +39,10 @@ class Happening(msgspec.Struct, frozen=True):
 
 
 def happenings(live: LiveSource) -> list[Happening]:
-    """Return what has happened, the latest first. It asks every node: call it on a thread."""
+    """Return what has happened, the latest first. It asks every node: call it on a thread.
+
+    How nodes stand is remembered by the latest word of each alone: who looks keeps what was before.
+    """
     found = [of_graph(event) for event in live.events()]
     graph = live.graph
     topics = {node: f"/{node}/_events" for node in graph.node_names}
@@ -42,7 +53,21 @@ def happenings(live: LiveSource) -> list[Happening]:
         except (GraphError, SchemaMismatch):
             continue
         found += [of_node(node, event) for event in events]
-    return sorted(found, key=lambda one: one.at_s, reverse=True)[:MOST]
+    nodes = {topic.name: topic.node for topic in live.topics() if topic.type == STATUS}
+    found += _read((of_status(nodes[name], heard) for name, heard in live.remembered(list(nodes))))
+    return latest_first(found)
+
+
+def recorded(bag: RecordedSource) -> list[Happening]:
+    """Return what has happened in a recording, the latest first. It reads: call it on a thread."""
+    known = {topic.name: topic for topic in bag.topics() if topic.type in RECORDED}
+    said = bag.remembered(list(known))
+    return latest_first(_read(RECORDED[known[name].type](known[name].node, heard) for name, heard in said))
+
+
+def latest_first(found: Iterable[Happening]) -> list[Happening]:
+    """Return the latest of what has happened, each once."""
+    return sorted(set(found), key=lambda one: (one.at_s, one.node, one.text), reverse=True)[:MOST]
 
 
 def of_graph(event: GraphEvent) -> Happening:
@@ -55,3 +80,37 @@ def of_node(node: str, event: NodeEvent) -> Happening:
     """Return an event of a node."""
     level = WARN if event.kind in FAULTS else OK
     return Happening(event.stamp_ns / 1e9, event.kind, node, event.text, level)
+
+
+def of_status(node: str, heard: Heard) -> Happening | None:
+    """Return how a node says that it stands; None where it begins well, which is no news."""
+    level, text = heard.message.get("level", OK), heard.message.get("text", "")
+    if level == OK and heard.sequence == 1:
+        return None
+    known = level if level in WORDS else WARN
+    return Happening(heard.stamp_ns / 1e9, WORDS[known], node, str(text) or "it is well again", known)
+
+
+def _read(found: Iterable[Happening | None]) -> list[Happening]:
+    return [one for one in found if one is not None]
+
+
+def _of_plain(kind: type[NodeEvent | GraphEvent]) -> Callable[[str, Heard], Happening | None]:
+    """Return what reads an event of a bag; of another graph's type of that name it is left out."""
+
+    def read(node: str, heard: Heard) -> Happening | None:
+        try:
+            event = msgspec.convert(heard.message, kind)
+        except msgspec.ValidationError:
+            return None
+        return of_graph(event) if isinstance(event, GraphEvent) else of_node(node, event)
+
+    return read
+
+
+RECORDED: dict[str, Callable[[str, Heard], Happening | None]] = {
+    "GraphEvent": _of_plain(GraphEvent),
+    "NodeEvent": _of_plain(NodeEvent),
+    STATUS: of_status,
+}
+"""What a timeline is made of, by type of message."""

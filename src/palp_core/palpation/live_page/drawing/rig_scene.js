@@ -32,8 +32,8 @@ export default {
   data() { return { at: { y: this.size.from, ring: 0, lean: 0, lift: this.size.lift }, goal: null }; },
   computed: {
     arm() { return this.size.base + this.size.tip; },
-    left() { return Math.min(this.size.from, this.size.to) - 46; }, // the tip leans as far out
-    wide() { return Math.abs(this.size.to - this.size.from) + 92; },
+    left() { return Math.min(this.size.from, this.size.to) - 54; }, // the tip leans as far out
+    wide() { return Math.abs(this.size.to - this.size.from) + 108; },
     box() { return `${this.left} ${-this.arm - 36} ${this.wide + 12} ${this.arm + this.size.slab + 58}`; },
     lowest() { return this.size.indentation - this.at.lift; },
     ends() {

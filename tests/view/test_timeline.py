@@ -1,0 +1,53 @@
+"""What has happened: from a bag, and what a page keeps of what nodes forget."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from palp_core.graph.bag.recorder import BagRecorder
+from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.messages.builtin import DiagnosticStatus, GraphEvent, NodeEvent
+from palp_core.graph.messages.message import Message
+from palp_core.view.source.protocol import Heard
+from palp_core.view.source.recorded import RecordedSource
+from palp_core.view.source.timeline import Happening, latest_first, of_status, recorded
+from tests.support.bags import describe, frame
+
+SAID: list[tuple[str, Message]] = [
+    ("/graph/events", GraphEvent(stamp_ns=1, kind="started", node="", text="2 nodes", data="")),
+    ("/safety/diagnostics", DiagnosticStatus(stamp_ns=2)),
+    ("/graph/events", GraphEvent(stamp_ns=3, kind="restarting", node="stage", text="it died", data="")),
+    ("/stage/_events", NodeEvent(stamp_ns=4, kind="message_lost", text="2 messages lost", data="")),
+    ("/safety/diagnostics", DiagnosticStatus(stamp_ns=5, level="error", text="tripped: operator")),
+    ("/safety/diagnostics", DiagnosticStatus(stamp_ns=6)),
+]
+
+
+def test_a_bag_tells_what_happened_to_the_graph_to_its_nodes_and_how_they_stood(tmp_path: Path) -> None:
+    topics = [describe(type(said), name) for name, said in dict(SAID).items()]
+    recorder = BagRecorder(BagWriter(tmp_path / "run"), topics)
+    count = dict.fromkeys(dict(SAID), 0)
+    for at_s, (name, said) in enumerate(SAID):
+        count[name] += 1
+        recorder(at_s, frame(name, said, count[name], at_s * 10**9))
+    recorder.close()
+    source = RecordedSource(tmp_path / "run")
+    assert [(one.kind, one.node, one.level, one.text) for one in recorded(source)] == [
+        ("well", "safety", "ok", "it is well again"),
+        ("fault", "safety", "error", "tripped: operator"),
+        ("message_lost", "stage", "warn", "2 messages lost"),
+        ("restarting", "stage", "warn", "it died"),
+        ("started", "", "ok", "2 nodes"),
+    ]
+    source.close()
+
+
+def test_a_page_keeps_what_was_each_once_and_the_latest_first() -> None:
+    fault, well = Happening(1.0, "fault", "a", "x", "error"), Happening(2.0, "well", "a", "y", "ok")
+    assert latest_first([fault, well, fault]) == [well, fault]
+
+
+def test_to_begin_well_is_no_news_and_a_level_that_nobody_knows_is_a_warning() -> None:
+    assert of_status("a", Heard(0, 1, {"level": "ok", "text": ""})) is None
+    odd = of_status("a", Heard(0, 1, {"level": "purple", "text": "odd"}))
+    assert odd == Happening(0.0, "warning", "a", "odd", "warn")
