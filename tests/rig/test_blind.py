@@ -9,6 +9,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -102,6 +103,50 @@ def test_no_byte_of_any_file_or_message_tells_a_depth_but_the_key(session: Blind
     assert {"/experiment/trial", "/phantom/truth", "/experiment/_order", "/phantom/_order"} <= held.keys()
     leaks = {(where, sign) for where, data in held.items() for sign in wanted if sign in data}
     assert leaks == set()
+
+
+class Killed(BaseException):
+    """In place of a power cut, within one process."""
+
+
+def interrupt(given: dict[str, Any]) -> None:
+    """Run a session until its second trial is decided."""
+    results = 0
+
+    def observe(_: int, frame: bytes) -> None:
+        nonlocal results
+        if frame.startswith(b"/experiment/result\0"):
+            results += 1
+            if results == 2:
+                raise Killed
+
+    with pytest.raises(Killed), ComposedGraph(SIM, observe=observe, **given) as graph:
+        graph.run()
+
+
+def test_an_interrupted_one_shows_no_depth_either_and_ends_with_the_same_bytes(
+    session: Blinded, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    shutil.copyfile(session.key, out / "key.sealed")  # a key that is there holds: the same codes
+    given: dict[str, Any] = {**SMALL, "training": 2, "trials": 1, "out": out}
+    given["phantoms"] = session.out.parents[1] / "phantoms.yaml"
+    interrupt(given)
+    held = {path.name: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    key = held.pop("key.sealed")
+    wanted = [sign for d in DEPTHS_M.values() for sign in signs(d)]
+    assert {name for name, data in held.items() if any(sign in data for sign in wanted)} == set()
+    assert "checkpoint" in held
+    (out / "key.sealed").unlink()
+    with pytest.raises(PalpError, match="is gone, and nothing else says which phantom is which"):
+        ComposedGraph(SIM, resume=True, **given).__enter__()
+    (out / "key.sealed").write_bytes(key)
+    with ComposedGraph(SIM, resume=True, **given) as graph:
+        assert graph.run().exit_code == 0
+    names = ["trials.csv", "primitives.json", *(f"sweeps/{one.name}" for one in session.out.glob("sweeps/*"))]
+    assert [name for name in names if (out / name).read_bytes() != (session.out / name).read_bytes()] == []
+    assert not (out / "checkpoint").exists()
 
 
 def test_the_search_finds_what_a_session_in_the_open_tells(tmp_path: Path) -> None:

@@ -350,11 +350,23 @@ def test_what_ended_or_never_began_cannot_be_resumed(file: Path) -> None:
         Graph(file, resume=True, compose=True).__enter__()
 
 
-def test_a_blinded_run_is_not_written_down(file: Path) -> None:
-    reword(file, "graph: walk", "graph: walk\nblind: true")
+def test_a_checkpoint_of_a_blinded_run_shows_nothing_of_it_and_goes_on_all_the_same(file: Path) -> None:
+    whole = run(file)
     run(file, until=13)
-    assert not (file.parent / "out").exists()
-    with pytest.raises(GraphError, match="a blinded run is not written down"):
+    kept = file.parent / "out" / "checkpoint"
+    shown = kept.read_bytes()
+    reword(file, "graph: walk", "graph: walk\nblind: true")
+    kept.unlink()
+    before = run(file, until=13)
+    sealed = kept.read_bytes()
+    words = (b"walker", b"heard", b"/walker/step", b"palp checkpoint")
+    assert all(word in shown and word not in sealed.partition(b"\n")[2] for word in words)
+    assert kept.stat().st_mode & 0o077 == 0
+    after = run(file, resume=True)
+    for topic in ("/walker/step", "/echo/answer"):
+        assert joined(before, after)[topic] == whole[topic]
+    kept.write_bytes(sealed[:-9])
+    with pytest.raises(GraphError, match="is torn"):
         run(file, resume=True)
 
 

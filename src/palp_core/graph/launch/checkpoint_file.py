@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
+import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,9 +17,10 @@ from palp_core.graph.launch.diagnostics import Incident
 from palp_core.graph.launch.methods_told import MethodTold
 from palp_core.graph.node.loading import source_of
 from palp_core.graph.recording.provenance import versions
-from palp_core.whole_file import read_whole, write_whole
+from palp_core.whole_file import PRIVATE, read_whole, write_whole
 
 _MAGIC = b"palp checkpoint 1\n"
+_SEAL = b"sealed by palp: a checkpoint of a blinded run; palp launch --resume opens it\n"
 _DIGEST_BYTES = 32
 _ANEW = "or begin anew, in another place"
 
@@ -138,15 +141,24 @@ class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
     bag: str = ""
 
 
-def write_checkpoint(path: Path, checkpoint: KeptRun, *, durable: bool) -> int:
+def write_checkpoint(path: Path, checkpoint: KeptRun, *, durable: bool, sealed: bool = False) -> int:
     """Write a checkpoint; the one before stays if that fails. Return its size in bytes.
+
+    Args:
+        path: Where.
+        checkpoint: It.
+        durable: It outlives a power cut.
+        sealed: No word or number of it is seen by who looks at the file, which is this user's alone; as of
+            any seal, it keeps from seeing, not from prying.
 
     Raises:
         OSError: It cannot be written.
     """
     body = msgspec.msgpack.encode(checkpoint)
     data = b"".join((_MAGIC, hashlib.sha256(body).digest(), body))
-    write_whole(path, data, durable=durable)
+    if sealed:
+        data = _SEAL + base64.encodebytes(zlib.compress(data, 1))
+    write_whole(path, data, mode=PRIVATE if sealed else 0o666, durable=durable)
     return len(data)
 
 
@@ -165,6 +177,11 @@ def read_checkpoint(path: Path) -> KeptRun:
         ) from None
     except OSError as error:
         raise GraphError(f"{path} cannot be read: {error.strerror or error}") from error
+    if data.startswith(_SEAL):
+        try:
+            data = zlib.decompress(base64.b64decode(data.removeprefix(_SEAL)))
+        except (ValueError, zlib.error) as error:
+            raise GraphError(f"{path} is torn: {error}; nothing is resumed: begin anew") from error
     head, body = data[: len(_MAGIC) + _DIGEST_BYTES], data[len(_MAGIC) + _DIGEST_BYTES :]
     if not head.startswith(b"palp checkpoint"):
         raise GraphError(f"{path} is no checkpoint of a run; nothing is resumed")

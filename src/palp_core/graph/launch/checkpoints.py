@@ -80,14 +80,12 @@ class Checkpoints:
     """
 
     def __init__(self, checked: CheckedGraph, given: Sequence[str], *, resume: bool) -> None:
-        entry = None if checked.blind else checked.checkpoint  # it would tell what is sealed
+        entry = checked.checkpoint
         if resume and entry is None:
-            why = (
-                "a blinded run is not written down: a checkpoint would tell what nobody may know yet"
-                if checked.blind
-                else "the launch file writes no checkpoint; add checkpoint: {file: PATH, after: node/port}"
+            raise GraphError(
+                f"{checked.file}: nothing can be resumed: the launch file writes no checkpoint; add "
+                "checkpoint: {file: PATH, after: node/port}"
             )
-            raise GraphError(f"{checked.file}: nothing can be resumed: {why}")
         self.due = False
         self.cost = CheckpointCost()
         self._tried_ns: int | None = None
@@ -236,7 +234,9 @@ class Checkpoints:
             **known,  # type: ignore[arg-type]
         )
         try:
-            self.cost.bytes = write_checkpoint(self.path, checkpoint, durable=checked.clock == "wall")
+            self.cost.bytes = write_checkpoint(
+                self.path, checkpoint, durable=checked.clock == "wall", sealed=checked.blind
+            )
         except OSError as error:
             self._say(f"no checkpoint can be written to {self.path}: {error.strerror or error}")
             return

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from palp_core.errors import PalpError
+from palp_core.palpation.mechanics.scene.sealed import is_sealed
 from palp_core.palpation.session.roles import roles_of
 from palp_core.palpation.session.session_folder import (
     CHECKPOINT,
@@ -61,6 +62,7 @@ def refuse_run(summary: RunSummary) -> None:
     folder = out_of(summary)
     if summary.resumed_count:
         refuse_resuming(folder)
+        refuse_without_key(summary)
     elif not roles_of(summary).params("experiment").get("overwrite"):
         refuse_occupied(folder, _ways_on(folder))
     for name, value in summary.args.items():
@@ -100,6 +102,20 @@ def refuse_resuming(folder: Path) -> None:
         raise PalpError(f"the session in '{folder}' goes on already: another run writes its record there")
     if not (folder / TABLE).exists():
         raise PalpError(f"'{folder}' has a checkpoint but no {TABLE}: restore it, or begin in another folder")
+
+
+def refuse_without_key(summary: RunSummary) -> None:
+    """Refuse to go on with a blinded session whose key is gone: another would name other phantoms.
+
+    Raises:
+        PalpError: It is gone.
+    """
+    asked = roles_of(summary).params("experiment")
+    if asked.get("blind") and not is_sealed(asked.get("phantoms") or "") and not is_sealed(asked["key"]):
+        raise PalpError(
+            f"{asked['key']} is gone, and nothing else says which phantom is which: restore it, or begin in "
+            "another folder"
+        )
 
 
 def note_begin(summary: RunSummary) -> None:
