@@ -22,6 +22,7 @@ from nodes.experiment_plan import (
     plan_of,
     progress_of,
     result_of,
+    take_up_marked,
     trial_of,
 )
 from palp_core import Alarm, Node, Progress, Pub, Qos, Sub, Swap, on
@@ -82,7 +83,7 @@ class Experiment(Node):
     def _current_plan(self) -> plan.Plan:
         """Return the plan under way; a replacement leads a fresh one there by the replies it inherits."""
         if self.plan is None:
-            self.plan = plan_of(self.design, self.state.plan_seed)
+            self.plan = plan_of(self.design, self.state)
             replies = (plan.StepReply(word) for word in self.state.replies)  # type: ignore[arg-type]
             self.step = plan.resume(self.plan, replies)
         return self.plan
@@ -359,6 +360,8 @@ class Experiment(Node):
             if not self.params.blind:  # nobody may know how well it goes
                 state.right_count += right
                 note_judged(state, right=right)
+        for words in take_up_marked(state, self.design, self.record.folder):
+            self.log.warning("%s", words)
         self.result.publish(result_of(state, belief, self.now_ns()))
 
     def _report(self, phase: str) -> None:

@@ -118,6 +118,8 @@ class ExperimentState(State):
     dropped_count: int = 0
     sweep_s: float = 0.0
     finished: bool = False
+    again: list[tuple[int, str]] = []
+    not_again: list[int] = []
     mount_again: str = ""
     home_again: bool = False
     policy: str = ""

@@ -1,6 +1,7 @@
 """Which plan the experiment follows, from its parameters, and what it says of its trials and progress."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -9,19 +10,21 @@ from msgs.estimation import Belief
 from msgs.experiment import Trial, TrialResult
 from nodes.experiment_params import ExperimentParams, ExperimentState
 from palp_core import Progress
-from palp_core.errors import MethodError, PerceptionError
+from palp_core.errors import MethodError, PalpError, PerceptionError
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.mechanics.scene.sealed import is_sealed
 from palp_core.palpation.perception.belief.stopping import require_classes
 from palp_core.palpation.perception.belief.trial_filter import classes_of as grid_of
 from palp_core.palpation.perception.strategy.trained_rings import rings_of
 from palp_core.palpation.session import plan
+from palp_core.palpation.session.decided.audit import note_redone, to_be_redone
 from palp_core.palpation.session.decided.blind import blind_mistakes, shown_depths
 from palp_core.palpation.session.method_choices import AUTO
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.palpation.session.operating.orders import BLOCKS, GROUPED, ordered
 from palp_core.palpation.session.plan import ExperimentDesign
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, repeatability, sweep_count
+from palp_core.palpation.session.trials_csv import read_rows
 
 
 def classes_of(params: ExperimentParams) -> dict[str, float]:
@@ -118,11 +121,44 @@ def _too_blind(params: ExperimentParams) -> dict[str, str]:
     return found
 
 
-def plan_of(design: plan.ExperimentDesign | RepeatDesign, seed: int) -> plan.Plan:
-    """Return a fresh plan; the same seed gives the same one."""
+def plan_of(design: plan.ExperimentDesign | RepeatDesign, state: ExperimentState) -> plan.Plan:
+    """Return a fresh plan; the same seed gives the same one. At its end comes what is to be done again."""
     if isinstance(design, RepeatDesign):
         return repeatability(design)
-    return plan.experiment(design, np.random.default_rng(seed))
+    return plan.experiment(design, np.random.default_rng(state.plan_seed), state.again)
+
+
+def take_up_marked(
+    state: ExperimentState, design: plan.ExperimentDesign | RepeatDesign, folder: Path
+) -> Iterator[str]:
+    """See, as a trial is over, what is to be done again at the end of the plan; yield what is to be said.
+
+    Of a trial that was itself another one done again, that is noted.
+    """
+    first = _redone_by(state, design)
+    try:
+        if first is not None:
+            note_redone(folder, first, state.trial)
+        marked = to_be_redone(folder, {trial for trial, _ in state.again} | {*state.not_again})
+        felt = {row.trial: row for row in read_rows(folder)} if marked else {}
+    except PalpError as error:
+        yield f"nothing is done again: {error}"
+        return
+    for trial in marked:
+        if trial in felt and felt[trial].phase == "estimation" and isinstance(design, ExperimentDesign):
+            state.again.append((trial, felt[trial].phantom))
+            yield f"trial {trial} is done again at the end"
+        else:
+            state.not_again.append(trial)
+            yield f"trial {trial} is marked and not done again: only trials of estimation are"
+
+
+def _redone_by(state: ExperimentState, design: plan.ExperimentDesign | RepeatDesign) -> int | None:
+    """Return which trial the one under way does again; None if it is one of the plan."""
+    if isinstance(design, RepeatDesign):
+        return None
+    place = state.trial - design.training_count - design.trial_count
+    return state.again[place][0] if place >= 0 else None
 
 
 def begin_trial_again(state: ExperimentState, design: ExperimentDesign | RepeatDesign) -> None:
@@ -201,7 +237,7 @@ def progress_of(
         stamp_ns=now_ns,
         phase=phase,
         done_count=state.palpations_done if training else state.trials_done,
-        total_count=design.training_count if training else design.trial_count,
+        total_count=design.training_count if training else design.trial_count + len(state.again),
         text="palpations" if training else _trials_text(state),
         score=state.right_count / judged_count if judged_count else 0.0,
         score_defined=judged_count > 0,

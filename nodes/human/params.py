@@ -81,6 +81,7 @@ class HumanState(State):
     lost_count: int = 0
     clipped_count: int = 0
     phantom: str = ""
+    again: list[int] = []
     row: int = 0
     finished: bool = False
 

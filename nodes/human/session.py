@@ -9,6 +9,7 @@ from nodes.human.params import HumanParams, HumanState, design_of, mistakes
 from palp_core import Alarm, Node, Progress, Pub, Qos, Srv, Sub, Timer, on, serve
 from palp_core.errors import NodeError, PalpError
 from palp_core.palpation.perception.emg.quality import clipped
+from palp_core.palpation.session.decided.audit import note_redone, to_be_redone
 from palp_core.palpation.session.human import plan, questions
 from palp_core.palpation.session.human.effort import judged, mvc_trouble, rms, stretch
 from palp_core.palpation.session.human.plan import HumanStep, HumanTrial
@@ -60,7 +61,7 @@ class HumanSession(Node):
         """Do steps as long as they are done at once; return when one has to be waited for."""
         state = self.state
         if self.plan is None:  # a replacement leads a fresh plan to where the old one was
-            self.plan = plan.human(self.design)
+            self.plan = plan.human(self.design, state.again)
             self.step = plan.resume(self.plan, state.words)
         while self.step is not None:
             word = self._do(self.step)
@@ -91,7 +92,7 @@ class HumanSession(Node):
                 return self._recorded("mvc", words, step.duration_s, self._keep_mvc)
             case plan.HumanTrial():
                 same = self.state.phantom == step.phantom
-                words = questions.begin_words(step, self.of[step.phase], same=same)
+                words = questions.begin_words(step, max(self.of[step.phase], step.number), same=same)
                 return self._recorded("palpation", words, step.limit_s, self._keep_trial)
             case plan.Ask():
                 return self._ask(step.trial)
@@ -241,7 +242,23 @@ class HumanSession(Node):
                 estimate_m=estimate_m or 0.0,
             )
         )  # fmt: skip
+        if state.ended_by != "repeat":
+            self._do_marked_again(trial)
         self._report(trial, done=state.ended_by != "repeat")
+
+    def _do_marked_again(self, trial: HumanTrial) -> None:
+        """Note as which trial another was done again; take up what was marked meanwhile."""
+        state, planned = self.state, sum(self.of.values())
+        try:
+            if trial.index >= planned:
+                note_redone(self.record.folder, state.again[trial.index - planned], trial.index)
+            marked = to_be_redone(self.record.folder, state.again)
+        except PalpError as error:
+            self.log.warning("nothing is done again: %s", error)
+            return
+        state.again += marked
+        for one in marked:
+            self.log.warning("trial %d is done again at the end", one)
 
     def _report(self, trial: HumanTrial, *, done: bool) -> None:
         self.progress.publish(
@@ -249,7 +266,7 @@ class HumanSession(Node):
                 stamp_ns=self.now_ns(),
                 phase=trial.phase,
                 done_count=trial.number - (not done),
-                total_count=self.of[trial.phase],
+                total_count=max(self.of[trial.phase], trial.number),
                 text="trials",
             )
         )

@@ -31,7 +31,10 @@ def redo(
     reason: ReasonOption,
     as_json: JsonOption = False,
 ) -> None:
-    """Mark a trial that is to be done again: it does not count. Nothing is deleted."""
+    """Mark a trial that is to be done again: it does not count. Nothing is deleted.
+
+    A session that goes on, or is resumed, does it again at its end, as another trial: that one counts.
+    """
     _decide("redo", trial, folder, reason, as_json=as_json)
 
 
@@ -61,4 +64,19 @@ def _decide(deed: Deed, trial: int, folder: Path, reason: str, *, as_json: bool)
         print_json(made)
         return
     print_text(f"trial {trial}: {deed}: {made.reason} ({folder / AUDIT})")
+    if deed == "redo" and _goes_on(folder):
+        note("while the session goes on, or is resumed, it is done again at the end, as another trial")
+        return
+    if deed == "redo":
+        note("the session is over, so it is not done again")
     note(f"the report does not know it yet: palp {'session people' if person else 'report'} {folder}")
+
+
+def _goes_on(folder: Path) -> bool:
+    """Tell whether a session has not come to its end: it is under way, or was interrupted."""
+    from palp_core.palpation.session.run_note import read_note
+
+    try:
+        return read_note(folder).exit_code != 0
+    except PalpError:  # nobody knows what run it was of
+        return False

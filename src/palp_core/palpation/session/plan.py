@@ -8,7 +8,8 @@ plan::
     step = resume(plan, recorded)   # the first step without a reply, or None at the end
 """
 
-from collections.abc import Generator, Iterable, Iterator
+import itertools
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -175,12 +176,16 @@ class ExperimentDesign:
                 )
 
 
-def experiment(design: ExperimentDesign, rng: np.random.Generator) -> Plan:
-    """Yield the steps of training, then of estimation.
+def experiment(
+    design: ExperimentDesign, rng: np.random.Generator, again: Sequence[tuple[int, str]] = ()
+) -> Plan:
+    """Yield the steps of training, then of estimation, then of what is to be done again.
 
     Args:
         design: The experiment's numbers.
         rng: Draws the order; the same state of it gives the same plan.
+        again: Number and phantom of trials of estimation that are done once more at the end, each on a
+            mounting of its own; it may grow until then.
 
     Raises:
         PerceptionError: A reply does not fit its step.
@@ -190,29 +195,39 @@ def experiment(design: ExperimentDesign, rng: np.random.Generator) -> Plan:
     for phase, phantom, rings_m in _mountings(design, rng):
         yield from _done(MountPhantom(phantom.code))
         for ring_m in rings_m:
-            training = phase == "training"
-            yield from _done(
-                BeginTrial(index, phase, phantom.code, training, phantom.depth_m if training else 0.0)
-            )
             condition = (phase + phantom.code, ring_m)
-            if design.rehome == "trial" or (design.rehome == "condition" and condition != homed):
-                yield from _done(Rehome())
-                homed = condition
-            iteration, word = 1, "continue"
-            while word in ("continue", "failed"):
-                if design.rehome == "palpation":
-                    yield from _done(Rehome())
-                word = (yield Palpate(index, iteration, training, ring_m)).word
-                if word not in (
-                    ("done", "failed")
-                    if training
-                    else ("continue", "decided", "undecided", "dropped", "failed")
-                ):
-                    raise PerceptionError(
-                        f"palpation {iteration} of {phase} trial {index} was answered '{word}'"
-                    )
-                iteration += word != "failed"
+            homes = design.rehome == "trial" or (design.rehome == "condition" and condition != homed)
+            homed = condition
+            yield from _trial(design, index, phase, phantom, ring_m, homes=homes)
             index += 1
+    by_code = {phantom.code: phantom for phantom in design.phantoms}
+    for place in itertools.count():
+        if place == len(again):  # asked anew each time: a mark may have come meanwhile
+            return
+        phantom = by_code[again[place][1]]
+        yield from _done(MountPhantom(phantom.code))
+        yield from _trial(design, index, "estimation", phantom, 0.0, homes=design.rehome != "never")
+        index += 1
+
+
+def _trial(
+    design: ExperimentDesign, index: int, phase: Phase, phantom: PlannedPhantom, ring_m: float, *, homes: bool
+) -> Plan:
+    """Yield the steps of a trial, before which the ring is homed if ``homes``."""
+    training = phase == "training"
+    yield from _done(BeginTrial(index, phase, phantom.code, training, phantom.depth_m if training else 0.0))
+    if homes and design.rehome != "palpation":
+        yield from _done(Rehome())
+    iteration, word = 1, "continue"
+    while word in ("continue", "failed"):
+        if design.rehome == "palpation":
+            yield from _done(Rehome())
+        word = (yield Palpate(index, iteration, training, ring_m)).word
+        if word not in (
+            ("done", "failed") if training else ("continue", "decided", "undecided", "dropped", "failed")
+        ):
+            raise PerceptionError(f"palpation {iteration} of {phase} trial {index} was answered '{word}'")
+        iteration += word != "failed"
 
 
 def _done(step: Step) -> Plan:

@@ -5,7 +5,8 @@
     OUT/audit.csv    one line per decision: trial, what, why, when, who
 
 A trial is ``exclude``d, or is to be done again (``redo``): either way its numbers do not count any more. The
-record itself stays as it was measured; whoever analyses it asks :func:`left_out`.
+record itself stays as it was measured; whoever analyses it asks :func:`left_out`. A session that still goes
+on does what is marked ``redo`` again at its end, as another trial, and says so (``redone``).
 """
 
 import csv
@@ -13,6 +14,7 @@ import datetime
 import getpass
 import io
 import os
+from collections.abc import Collection
 from pathlib import Path
 from typing import Literal
 
@@ -23,7 +25,7 @@ from palp_core.whole_file import read_whole
 
 AUDIT = "audit.csv"
 
-Deed = Literal["redo", "exclude", "unseal"]
+Deed = Literal["redo", "redone", "exclude", "unseal"]
 
 
 class Decision(msgspec.Struct, frozen=True, kw_only=True):
@@ -83,4 +85,32 @@ def decisions(folder: Path) -> list[Decision]:
 
 def left_out(folder: Path) -> dict[int, str]:
     """Return why each trial that does not count does not, by trial."""
-    return {one.trial: f"{one.deed}: {one.reason}" for one in decisions(folder) if one.trial >= 0}
+    found: dict[int, str] = {}
+    for one in decisions(folder):
+        if one.deed == "redone":
+            found[one.trial] = f"{found.get(one.trial, 'redo')}; done again {one.reason}"
+        elif one.trial >= 0:
+            found[one.trial] = f"{one.deed}: {one.reason}"
+    return found
+
+
+def to_be_redone(folder: Path, known: Collection[int]) -> list[int]:
+    """Return trials that have been marked to be done again, but for those of which that is known, in order.
+
+    Raises:
+        PalpError: The file is damaged.
+    """
+    found = decisions(folder)
+    done = {one.trial for one in found if one.deed == "redone"}
+    marked = dict.fromkeys(one.trial for one in found if one.deed == "redo")
+    return [trial for trial in marked if trial not in done and trial not in known]
+
+
+def note_redone(folder: Path, trial: int, number: int) -> None:
+    """Append, once, as which trial another was done again.
+
+    Raises:
+        PalpError: It cannot be written.
+    """
+    if not any(one.trial == trial and one.deed == "redone" for one in decisions(folder)):
+        decide(folder, trial, "redone", f"as trial {number}")

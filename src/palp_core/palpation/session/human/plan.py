@@ -7,7 +7,8 @@ and goes on from recorded replies::
         print(line)
 """
 
-from collections.abc import Generator, Iterable, Iterator
+import itertools
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
@@ -157,8 +158,12 @@ class HumanDesign:
         return counterbalanced(len(self.phantoms), self.repeats, self.subject_number, seed)
 
 
-def human(design: HumanDesign) -> HumanPlan:
+def human(design: HumanDesign, again: Sequence[int] = ()) -> HumanPlan:
     """Yield the steps of a session.
+
+    Args:
+        design: Its numbers.
+        again: Trials that are done once more at the end; it may grow until then.
 
     Raises:
         PerceptionError: A reply does not fit its step, or no MVC could be used.
@@ -174,13 +179,26 @@ def human(design: HumanDesign) -> HumanPlan:
             f"none of {design.mvc_tries} contractions could be used as MVC: lower the amplifier's gain if "
             "they were clipped, check the electrodes if they were weak, and begin again"
         )
-    for trial in trials(design):
-        yield from _done(Rest(design.rest_s))
-        while (yield trial).word == "repeat":
-            trial = replace(trial, attempt=trial.attempt + 1)
-            yield from _done(Rest(design.rest_s))
-        if trial.phase == "estimation":
-            yield from _done(Ask(trial))
+    done = list(trials(design))
+    for trial in done.copy():
+        yield from _trial(trial, design.rest_s)
+    for place in itertools.count():
+        if place == len(again):  # asked anew each time: a mark may have come meanwhile
+            return
+        first = done[again[place]]
+        number = 1 + sum(one.phase == first.phase for one in done)
+        done.append(replace(first, index=len(done), number=number))
+        yield from _trial(done[-1], design.rest_s)
+
+
+def _trial(trial: HumanTrial, rest_s: float) -> HumanPlan:
+    """Yield the steps of a trial, as often as it is spoilt."""
+    yield from _done(Rest(rest_s))
+    while (yield trial).word == "repeat":
+        trial = replace(trial, attempt=trial.attempt + 1)
+        yield from _done(Rest(rest_s))
+    if trial.phase == "estimation":
+        yield from _done(Ask(trial))
 
 
 def trials(design: HumanDesign) -> Iterator[HumanTrial]:
