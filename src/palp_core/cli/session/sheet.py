@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -59,7 +60,9 @@ def show(
 
 
 def redact(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A session's folder.")],
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR|BAG", help="A session's folder, or a bag of its run.")
+    ],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="For the copy.")],
     also: Annotated[
         str, typer.Option(metavar="FIELD,...", help="Beside operator, subject, ethics and note: lab, began.")
@@ -70,23 +73,36 @@ def redact(
     Files that are no part of the session stay behind. Status 1: a file of the copy still has a word of it.
     """
     from palp_core.palpation.session.bag_record import is_bag
+    from palp_core.palpation.session.human.record import HUMAN_TABLE
     from palp_core.palpation.session.report import write
     from palp_core.palpation.session.run_note import read_note
     from palp_core.palpation.session.sheet import redact as redaction
     from palp_core.palpation.session.sheet.of_run import sheet_of
 
+    fields = [*redaction.FIELDS, *(word.strip() for word in also.split(",") if word.strip())]
     if is_bag(folder):
+        from palp_core.palpation.session.sheet.redact_bag import redact_bag
+
+        told = redact_bag(folder, out, fields)
+        print_text(f"{out}: a copy of {folder} without them")
+        _tell(out, told)
+        return
+    if (folder / HUMAN_TABLE).exists():
         raise PalpError(
-            f"{folder}: is a bag; palp report makes a session's folder of it, and that is redacted"
+            f"{folder}: is of a session with a person, whose record has the subject's code in every row and "
+            "name of a file: give it away by palp export, or its bag redacted"
         )
     summary = read_note(folder)
-    fields = [*redaction.FIELDS, *(word.strip() for word in also.split(",") if word.strip())]
     copied = redaction.redact(folder, summary, out, fields)
     print_text(write(out, copied))
     if names := redaction.left_out(folder):
         note(f"not copied, no part of the session: {', '.join(names)}")
     sheet = sheet_of(summary)
-    told = list(redaction.still_told(out, sheet, fields)) if sheet is not None else []
+    _tell(out, list(redaction.still_told(out, sheet, fields)) if sheet is not None else [])
+
+
+def _tell(out: Path, told: Sequence[str]) -> None:
+    """Say what a copy still tells; status 1 if anything."""
     for words in told:
         note(f"{out}: {words}")
     if told:

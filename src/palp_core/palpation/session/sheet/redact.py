@@ -56,12 +56,9 @@ def redact(folder: Path, summary: RunSummary, out: Path, fields: Sequence[str] =
     sheet = sheet_of(summary)
     if sheet is None:
         raise PalpError(f"{folder}: has no sheet: nothing tells who it was")
-    texts = [name for name, value in msgspec.to_builtins(sheet).items() if isinstance(value, str)]
-    if unknown := [name for name in fields if name not in texts]:
-        raise PalpError(f"the sheet has no text '{unknown[0]}'; there are {', '.join(texts)}")
+    told = redacted_sheet(sheet, fields)
     refuse_blinded(read_rows(folder), folder)
     refuse_occupied(out, "name another folder, --out NAME", "--out")
-    told = msgspec.structs.replace(sheet, **{name: REDACTED for name in fields if getattr(sheet, name)})
     found = _without_places(summary, out, sheet_text(told))
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -75,6 +72,18 @@ def redact(folder: Path, summary: RunSummary, out: Path, fields: Sequence[str] =
     except OSError as error:
         raise cannot_write(out, error, "--out") from error
     return found
+
+
+def redacted_sheet(sheet: SessionSheet, fields: Sequence[str]) -> SessionSheet:
+    """Return a sheet in which each of the fields is ``redacted``.
+
+    Raises:
+        PalpError: A field is unknown.
+    """
+    texts = [name for name, value in msgspec.to_builtins(sheet).items() if isinstance(value, str)]
+    if unknown := [name for name in fields if name not in texts]:
+        raise PalpError(f"the sheet has no text '{unknown[0]}'; there are {', '.join(texts)}")
+    return msgspec.structs.replace(sheet, **{name: REDACTED for name in fields if getattr(sheet, name)})
 
 
 def _copy_decisions(folder: Path, out: Path) -> None:
