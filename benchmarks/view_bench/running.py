@@ -85,8 +85,9 @@ class Launched:
         return dict(self.graph.ask(node, "info", timeout_s=30.0, window=window)["inputs"][topic])
 
     def view(self, *options: str) -> subprocess.Popen[str]:
-        """Start a viewer of it."""
-        return self.palp.start("view", "--no-browser", "--graph", self.graph.record.id, *options)
+        """Start a viewer of it; what its pages record is left in the graph's folder."""
+        with contextlib.chdir(self.folder):
+            return self.palp.start("view", "--no-browser", "--graph", self.graph.record.id, *options)
 
     def _at_work(self) -> bool:
         if self.process.poll() is not None:

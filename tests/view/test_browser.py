@@ -113,6 +113,31 @@ def test_a_topic_shows_its_messages_and_plots_them(viewing: Viewing) -> None:
     assert Path(download.value.path()).read_bytes().startswith(b"\x89PNG")
 
 
+THIN = """async () => {
+  const loaded = performance.getEntriesByType("resource").map(one => one.name);
+  const address = loaded.find(name => name.includes("live_plot.js"));
+  const { thinned } = await import(address);
+  const points = Array.from({ length: 20000 }, (_, i) => [100 + i / 2000, Math.sin(i * i)]);
+  points[12345][1] = 7;
+  points[777][1] = -7;
+  const kept = thinned(points, 10);
+  return {
+    count: kept.length, peaks: kept.includes(points[12345]) && kept.includes(points[777]),
+    ordered: kept.every((point, i) => !i || kept[i - 1][0] <= point[0]),
+    few: thinned(points.slice(0, 9), 10).length,
+  };
+}"""
+"""What a plot draws of more points than it has columns of pixels."""
+
+
+def test_a_plot_draws_every_peak_and_no_more_points_than_a_screen_shows(viewing: Viewing) -> None:
+    page = viewing.go("/topic/source/sample")
+    page.wait_for_selector(".live-plot")
+    found = page.evaluate(THIN)
+    assert (found["peaks"], found["ordered"], found["few"]) == (True, True, 9)
+    assert 1000 < found["count"] <= 1202
+
+
 def test_a_parameter_is_set_and_one_out_of_its_bounds_is_refused_in_words(
     viewing: Viewing, talk: Talk
 ) -> None:

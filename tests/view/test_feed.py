@@ -59,6 +59,31 @@ def test_what_comes_is_seen_and_nothing_is_kept_that_nobody_asks_for(
     listened(graph, so=False)
 
 
+def test_a_topic_that_comes_fast_is_taken_off_the_wire_many_messages_at_once(
+    graph: FakeGraph, known: RunningGraph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paused: list[float] = []
+    wait = threading.Event.wait
+
+    def noted(event: threading.Event, timeout: float | None = None) -> bool:
+        if threading.current_thread().name == THREAD:
+            paused.append(timeout or 0.0)
+        return wait(event, timeout)
+
+    monkeypatch.setattr(threading.Event, "wait", noted)
+    all_feeds = Feeds(lambda: known)
+    watch = all_feeds.watch(known.topic("/source/sample"))
+    watch.drain()
+    listened(graph, so=True)
+    graph.until(lambda: bool(paused))
+    graph.nodes[0].say(100)
+    graph.until(lambda: last(watch) == 100)
+    assert [one.message["index"] for one in watch.drain()] == list(range(100))
+    assert max(paused) <= feeds.BATCH_S
+    all_feeds.close()
+    listened(graph, so=False)
+
+
 def test_two_who_look_share_what_is_read_and_the_last_one_ends_it(
     graph: FakeGraph, known: RunningGraph
 ) -> None:

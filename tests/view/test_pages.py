@@ -28,6 +28,8 @@ ROOT = Path(__file__).resolve().parents[2]
 MARKUP = "<script>alert(1)</script>"
 SAMPLE = Topic(name="/source/sample", type="Sample", node="source", json_schema={"type": "object"})
 
+NUMBER = {"type": "object", "properties": {"x": {"type": "number"}}}
+
 
 class Told:
     """A source that says what a test tells it."""
@@ -232,6 +234,40 @@ def test_a_slow_browser_is_sent_no_more_than_it_takes() -> None:
         assert plot.busy
 
     simulated(lambda: plots.append(LivePlot("a")), look)
+
+
+@pytest.mark.parametrize("fast", [False, True])
+def test_the_time_axis_moves_on_between_messages_unless_the_graph_outruns_the_clock(fast: bool) -> None:
+    from palp_core.view.pages.plot import LivePlot, plot_panel
+
+    told = Told()
+    told.topic = msgspec.structs.replace(SAMPLE, json_schema=NUMBER)
+
+    async def look(user: Any) -> None:
+        (plot,) = user.find(LivePlot).elements
+        assert plot._props["even"] is not fast
+
+    simulated(lambda: plot_panel(told, fast=fast), look)
+
+
+def test_a_live_table_is_one_element_that_is_sent_only_what_is_new() -> None:
+    from palp_core.view.pages.live_table import LiveTable
+
+    tables: list[LiveTable] = []
+
+    async def look(user: Any) -> None:
+        table, sent = tables[-1], []
+        table.update = lambda: sent.append(table._props["rows"])
+        row = (("/sink", "/node/sink"), MARKUP)
+        table.show([row])
+        assert sent[-1] == [[["/sink", "/node/sink"], [MARKUP]]]
+        sent.clear()
+        table.show([row])
+        assert sent == []
+        assert list(table.descendants()) == []
+        await user.should_see("/sink")
+
+    simulated(lambda: tables.append(LiveTable(("Node", "State"))), look)
 
 
 def test_a_parameters_name_is_read_out_and_never_an_attribute() -> None:

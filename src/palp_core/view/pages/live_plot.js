@@ -9,7 +9,7 @@ const SLOW_MS = 12; // a browser that takes longer to draw draws new points only
 const COLOURS = ["--plot-0", "--plot-1", "--plot-2", "--plot-3", "--plot-4", "--plot-5"];
 
 // Of each column the lowest and the highest, as they came. Columns stand still while the window moves on.
-function thinned(points, span) {
+export function thinned(points, span) {
   if (points.length <= 2 * COLUMNS || !span) return points;
   const found = [];
   const width = span / COLUMNS;
@@ -35,7 +35,7 @@ function thinned(points, span) {
 
 export default {
   template: `<div class="live-plot" role="img" :aria-label="'plot of ' + names.join(', ')"></div>`,
-  props: { names: Array, span: Number, paused: Boolean, elements: Boolean, file: String, slim: Boolean },
+  props: { names: Array, span: Number, paused: Boolean, elements: Boolean, file: String, slim: Boolean, even: Boolean },
   mounted() {
     this.clear();
     this.chart = echarts.init(this.$el);
@@ -147,13 +147,13 @@ export default {
     },
     // The window ends at the newest point and moves on evenly until the next comes.
     window_at(newest) {
-      const since_s = this.slim ? 0 : Math.min(this.drawn - this.came, STILL_MS) / 1000;
+      const since_s = !this.even ? 0 : Math.min(this.drawn - this.came, STILL_MS) / 1000;
       this.edge = Math.max(this.edge, newest + since_s);
       const oldest = Math.min(...this.points.map((list) => list.length ? list[0][0] : Infinity));
       return { min: Math.max(oldest, this.edge - this.span), max: this.edge };
     },
     go_on() {
-      if (this.moving || this.slim || this.elements || this.took_ms > SLOW_MS) return;
+      if (this.moving || !this.even || this.elements || this.took_ms > SLOW_MS) return;
       this.moving = true;
       requestAnimationFrame((now) => {
         this.moving = false;

@@ -15,6 +15,8 @@ from palp_core.view.source.series import FieldSeries, Point, as_csv, number_fiel
 
 FRAME_S = 1 / 40
 """Between two looks at what has come: with what they take themselves there are some 30 a second."""
+FAST = 4
+"""A graph that goes faster than anybody looks is looked at so many times more rarely."""
 MOST_POINTS = 200
 """Of a series between two frames: more than the columns of pixels that a frame adds."""
 MOST_UNDER_WAY = 2
@@ -31,10 +33,17 @@ class LivePlot(Element, component="live_plot.js"):  # type: ignore[misc, call-ar
         super().__init__()
         self._sent = self._taken = 0
         self.on("taken", self._take)
-        self.shape(names=[], span=10, paused=False, elements=False, slim=False, file=f"{file}.png")
+        self._props.update(elements=False, slim=False, even=False)
+        self.shape(names=[], span=10, paused=False, file=f"{file}.png")
 
     def shape(self, **props: Any) -> None:
-        """Change names, span in s, paused, elements (values by number instead of time), slim (no slider)."""
+        """Change what is shown, and how.
+
+        Args:
+            props: ``names`` of the series, ``span`` in s, ``paused``; ``elements``: values by their number
+                instead of time; ``slim``: no slider; ``even``: between messages the time axis moves on, as
+                the machine's clock does.
+        """
         self._props.update(props)
         self.update()
 
@@ -81,8 +90,13 @@ class _Plotted:
         return bool(heard)
 
 
-def plot_panel(watch: Watch) -> None:
-    """Put up a plot of a topic's numbers."""
+def plot_panel(watch: Watch, *, fast: bool = False) -> None:
+    """Put up a plot of a topic's numbers.
+
+    Args:
+        watch: The topic.
+        fast: The graph goes faster than anybody looks.
+    """
     schema, plotted, outcome = watch.topic.json_schema, _Plotted(), Outcome()
     known = list(number_fields(schema))
     if not known:
@@ -102,6 +116,7 @@ def plot_panel(watch: Watch) -> None:
         save = ui.button("PNG").props("outline dense no-caps")
         table = ui.button("CSV").props("outline dense no-caps")
     plot = LivePlot(watch.topic.name.strip("/").replace("/", "_"))
+    plot.shape(even=not fast)
     state = {"paused": False}
 
     def choose() -> None:
@@ -139,4 +154,4 @@ def plot_panel(watch: Watch) -> None:
     save.on_click(lambda: plot.run_method("save"))
     name = f"{watch.topic.name.strip('/').replace('/', '_')}.csv"
     table.on_click(lambda: ui.download.content(as_csv(plotted.series), name))
-    ui.timer(FRAME_S, tick)
+    ui.timer(FAST * FRAME_S if fast else FRAME_S, tick)

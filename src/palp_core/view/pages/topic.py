@@ -14,7 +14,8 @@ from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.message_lines import tree_text
 from palp_core.view.source.protocol import Watch
 
-REFRESH_S = 0.1
+REFRESH_S = 0.25
+"""Of the last message in words: more often nobody reads it."""
 
 
 def topics_page(viewer: Viewer) -> None:
@@ -54,7 +55,7 @@ def topic_page(viewer: Viewer, name: str) -> None:
                 _last(watch, rate)
             with ui.element("section"):
                 said("h2", "Plot")
-                plot_panel(watch)
+                plot_panel(watch, fast=viewer.live is not None and viewer.source.overview().clock == "sim")
         if viewer.operator is not None and viewer.live is not None:
             _publish(viewer, watch)
 

@@ -1,7 +1,7 @@
 """Topics of a running graph that somebody looks at: read as fast as they come, kept only as far as shown.
 
-Each has a thread that takes every message off the wire at once, so that nothing waits at the publisher; what
-nobody has asked for by then is let go. Messages are decoded when a page asks, not when they arrive.
+Each has a thread that takes every message off the wire, so that nothing waits at the publisher; what nobody
+has asked for by then is let go. Messages are decoded when a page asks, not when they arrive.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from collections.abc import Callable
 from typing import Any
 
 from palp_core.errors import GraphError
+from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.discovery.topic_reader import TopicReader
 from palp_core.graph.messages.frame import Frame, parse
@@ -23,6 +24,8 @@ from palp_core.view.source.protocol import Heard
 MOST_BYTES = 8 << 20
 MOST_MESSAGES = 2_000
 """Of one topic between two looks of a page: a screen shows no more, and decoding them takes some 20 ms."""
+BATCH_S = 0.01
+"""Messages are taken off the wire so often at most: of a topic that comes faster than that, many at once."""
 LONGEST_MESSAGE = 1 << 20
 """Bytes; of a longer one it is only said that it came: a page would be as large."""
 ASK_S = 1.0
@@ -37,19 +40,23 @@ class _Feed:
         self.watches: list[TopicWatch] = []
         self.lock = threading.Lock()
         self.last: Frame | None = None
-        self._stop = False
+        self._stop = threading.Event()
         threading.Thread(target=self._work, name=f"palp view: {topic.name}", daemon=True).start()
 
     def stop(self) -> None:
-        self._stop = True
+        self._stop.set()
 
     def _work(self) -> None:
         with TopicReader(self._graph(), [self.topic]) as reader:
             self._ask_last()
+            begun_ns = monotonic_ns()
             for heard in reader.messages():
-                if self._stop:
+                if self._stop.is_set():
                     return
-                if heard is not None and heard.is_message:
+                if heard is None:  # all that was there has been taken
+                    self._stop.wait(BATCH_S - (monotonic_ns() - begun_ns) / 1e9)
+                    begun_ns = monotonic_ns()
+                elif heard.is_message:
                     self._take(heard.frame)
 
     def _ask_last(self) -> None:

@@ -154,9 +154,10 @@ class LiveSource:
         silent = {} if by_health else after.silent
         troubles = [*node_troubles(node_rows, silent, found, graph.record.id), *wire_troubles(edge_rows)]
         troubles += _recent(events, self._clock)
+        overview = self._made(node_rows, edge_rows, found, troubles)
         with self._lock:
             self._events = events or self._events
-            self._overview = self._made(node_rows, edge_rows, found, troubles)
+            self._overview = overview
 
     def _read_record(self) -> None:
         """Read anew who there is, if that has changed."""
