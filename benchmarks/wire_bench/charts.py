@@ -8,7 +8,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
-from wire_bench.figures import RATIOS, Results
+from wire_bench.figures import TARGETS, Results
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
@@ -16,8 +16,19 @@ from matplotlib.axes import Axes
 
 __all__ = ["jitter_chart", "wires_chart"]
 
-COLOURS = {"palp": "#0072b2", "raw": "#999999", "ros2": "#d55e00"}
-LABELS = {"palp": "palp", "raw": "raw pyzmq + msgpack", "ros2": "ROS 2 (rclpy)"}
+COLOURS = {
+    "palp": "#0072b2",
+    "raw": "#999999",
+    "raw_timeout": "#555555",
+    "raw_three": "#cccccc",
+    "ros2": "#d55e00",
+}
+LABELS = {
+    "raw": "raw pyzmq + msgpack",
+    "raw_timeout": "the same, receive timeout",
+    "raw_three": "raw pyzmq, three frames",
+    "ros2": "ROS 2 (rclpy)",
+}
 TICKS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 CURVES = {"latency": "48 B, 1 kHz", "64k": "64 KiB, 100 Hz", "fan": "48 B, 1 kHz, five readers"}
 
@@ -34,28 +45,31 @@ def wires_chart(results: Results, path: Path) -> None:
                 continue
             times_us = np.sort(np.concatenate(kept[measure])) * 1e6
             beyond = 1.0 - np.arange(times_us.size) / times_us.size
-            axis.loglog(times_us, beyond, color=COLOURS[contender], label=LABELS[contender])
+            axis.loglog(times_us, beyond, color=COLOURS[contender], label=LABELS.get(contender, contender))
         axis.set(title=CURVES[measure], xlabel="one-way latency, µs", ylabel="share of messages above")
         axis.grid(alpha=0.3)
     if drawn:
         axes[0][0].legend(frameon=False, fontsize=8)
-    _ratios(axes[0][-1], results.ratios("raw"))
+    peers = [name for name in results.rounds if name != "palp"]
+    if peers:
+        peer = "raw" if "raw" in peers else peers[0]
+        _ratios(axes[0][-1], results.ratios(peer), peer)
     figure.savefig(path, dpi=150)
     plt.close(figure)
 
 
-def _ratios(axis: Axes, ratios: dict[str, list[float]]) -> None:
+def _ratios(axis: Axes, ratios: dict[str, list[float]], peer: str) -> None:
     for row, (name, values) in enumerate(ratios.items()):
         axis.plot(values, [row] * len(values), "o", color=COLOURS["palp"], alpha=0.4, markersize=4)
         axis.plot(
             statistics.median(values), row, "|", color=COLOURS["palp"], markersize=16, markeredgewidth=2
         )
-        target = RATIOS[name][2]
+        target = TARGETS.get(peer, {}).get(name)
         if target is not None:
             axis.plot(target, row, "x", color="black", markersize=6)
     axis.axvline(1.0, color="black", linewidth=0.6)
     axis.set_yticks(range(len(ratios)), [name.removesuffix("_ratio") for name in ratios], fontsize=8)
-    axis.set(title="palp over raw, by round (x: target)", xscale="log")
+    axis.set(title=f"palp over {LABELS.get(peer, peer)}, by round (x: target)", xscale="log")
     axis.set_xticks([tick for tick in TICKS if axis.get_xlim()[0] <= tick <= axis.get_xlim()[1]])
     axis.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axis.xaxis.set_minor_formatter("")

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,17 +22,15 @@ __all__ = [
     "environment",
     "first_message_s",
     "palp_command",
-    "ros2_python",
     "run_palp",
-    "run_raw",
     "run_scripts",
 ]
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 TEN = ROOT / "examples" / "chain" / "launch" / "ten.yaml"
-PATIENCE_S = 60.0
-ROS2 = ("ros-rclpy", "ros-rmw-fastrtps-cpp", "ros-sensor-msgs", "numpy")
+PATIENCE_S = 180.0
+GLANCE_S = 0.5
 
 Rows = NDArray[np.int64]
 
@@ -43,14 +41,16 @@ class Outcome:
 
     Attributes:
         latencies_s: Per stream phase of the plan, every reader's one-way latencies, pooled.
-        trips_s: Per echo phase, the round trips.
+        trips_s: Per phase of echoes or calls, the round trips.
         rates_hz: Per search phase, the highest lossless rate.
-        lost: Messages of streams and echoes that did not arrive, over all readers.
+        cpu_s: Per phase that is not a search, CPU time (user and system) of all ends per message published.
+        lost: Messages of all phases but searches that did not arrive, over all readers.
     """
 
     latencies_s: dict[int, NDArray[np.float64]]
     trips_s: dict[int, NDArray[np.float64]]
     rates_hz: dict[int, float]
+    cpu_s: dict[int, float]
     lost: int
 
 
@@ -85,13 +85,18 @@ def _read(folder: Path, phases: list[Phase], readers: int) -> Outcome:
         if phase.kind == "search":
             continue
         streams = [_of_phase(rows, at) for rows in arrivals]
+        if not all(len(rows) for rows in streams):
+            raise RuntimeError(f"of phase {at} ({phase.kind} of {phase.size} bytes), a reader has no message")
         lost += sum(phase.count - len(np.unique(rows[:, 0])) for rows in streams)
         if phase.kind == "stream":
             latencies[at] = np.concatenate([(rows[:, 2] - rows[:, 1]) / 1e9 for rows in streams])
         else:
             rows = _of_phase(times, at)
+            if not len(rows):
+                raise RuntimeError(f"of phase {at} ({phase.kind} of {phase.size} bytes), no reply came back")
             trips[at] = (rows[:, 2] - rows[:, 1]) / 1e9
-    return Outcome(latencies, trips, {int(at): float(rate_hz) for at, rate_hz in rates}, lost)
+    used = {int(at): float(cpu_s) / phases[int(at)].count for at, cpu_s in np.load(folder / "cpu.npy")}
+    return Outcome(latencies, trips, {int(at): float(rate_hz) for at, rate_hz in rates}, used, lost)
 
 
 def _of_phase(rows: Rows, at: int) -> Rows:
@@ -128,51 +133,46 @@ def run_palp(phases: list[Phase], readers: int = 1, profile: Path | None = None)
         return _read(folder, phases, readers)
 
 
-def run_raw(phases: list[Phase], readers: int = 1) -> Outcome:
-    """Run raw pyzmq, and return its outcome.
-
-    Raises:
-        RuntimeError: One of its processes failed.
-    """
-    return run_scripts(HERE / "raw.py", phases, readers, python=sys.executable)
-
-
-def ros2_python(venv: Path, say: Callable[[str], None]) -> str:
-    """Return the Python of a virtual environment with rclpy, made if it is not there.
-
-    Raises:
-        RuntimeError: rclpy cannot be installed: it comes for Python 3.11 on PyPI.
-    """
-    python = venv / "bin" / "python"
-    if not python.exists():
-        say(f"installing {', '.join(ROS2)} into {venv}")
-        version = sys.executable if sys.version_info[:2] == (3, 11) else "python3.11"
-        for command in ([version, "-m", "venv", str(venv)], [str(python), "-m", "pip", "install", *ROS2]):
-            done = subprocess.run(command, capture_output=True, text=True, check=False)
-            if done.returncode:
-                raise RuntimeError(f"{' '.join(command)} ended with {done.returncode}: {done.stderr}")
-    return str(python)
-
-
-def run_scripts(script: Path, phases: list[Phase], readers: int = 1, *, python: str) -> Outcome:
+def run_scripts(
+    script: Path, phases: list[Phase], readers: int = 1, *, python: str, arguments: tuple[str, ...] = ()
+) -> Outcome:
     """Run a contender whose two roles are a script.
 
+    Args:
+        script: What to run, ``pitcher|catcher FOLDER NUMBER READERS`` and then ``arguments``.
+        phases: What to do.
+        readers: One or five.
+        python: The Python to run it with.
+        arguments: The script's further arguments.
+
     Raises:
-        RuntimeError: One of its processes failed.
+        RuntimeError: One of its processes failed, or did not end.
     """
     with _folder(phases) as folder, contextlib.ExitStack() as stack:
         roles = [("pitcher", 0), *(("catcher", number) for number in range(readers))]
-        processes = []
+        running: dict[str, subprocess.Popen[bytes]] = {}
         for role, number in roles:
-            command = [python, str(script), role, str(folder), str(number), str(readers)]
-            process = subprocess.Popen(command, env=environment(folder), stderr=subprocess.PIPE, text=True)
-            processes.append(stack.enter_context(process))
+            command = [python, str(script), role, str(folder), str(number), str(readers), *arguments]
+            said = stack.enter_context((folder / f"{role}{number}.said").open("wb"))
+            process = subprocess.Popen(command, env=environment(folder), stdout=said, stderr=said)
+            running[f"{role}{number}"] = stack.enter_context(process)
             stack.callback(process.kill)
-        for (role, _), process in zip(roles, processes, strict=True):
-            _, said = process.communicate(timeout=PATIENCE_S)
-            if process.returncode:
-                raise RuntimeError(f"{script.name} {role} ended with {process.returncode}: {said}")
+        _await(script.stem, running, folder)
         return _read(folder, phases, readers)
+
+
+def _await(name: str, running: dict[str, subprocess.Popen[bytes]], folder: Path) -> None:
+    """Wait until all have ended; the first that fails ends the waiting, as the others would wait for it."""
+    until_s = time.monotonic() + PATIENCE_S
+    while running:
+        for end, process in list(running.items()):
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(GLANCE_S)
+                del running[end]
+            if process.returncode or time.monotonic() > until_s:
+                how = f"ended with {process.returncode}" if process.returncode else "did not end"
+                said = (folder / f"{end}.said").read_text(encoding="utf-8", errors="replace")
+                raise RuntimeError(f"{name} {end} {how}: {said[-2000:].strip()}")
 
 
 def first_message_s() -> float:

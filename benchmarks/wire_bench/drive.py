@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from meter import Meter
 from plan import Phase, Search, index_of, read_plan, samples
 
-__all__ = ["Drive", "sleep_until"]
+__all__ = ["PATIENCE_NS", "PAUSE_NS", "TICK_NS", "Array", "Drive", "sleep_until"]
 
 TICK_NS = 1_000_000
 PAUSE_NS = 100_000_000
@@ -30,9 +31,13 @@ def sleep_until(due_ns: int) -> None:
 class Drive(ABC):
     """Goes through the phases of a plan and writes what it finds."""
 
+    phase: Phase  # the present one
+
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.trips = array("q")
+        self.rates = dict[int, float]()
+        self.meter = Meter(folder)
 
     @abstractmethod
     def send(self, index: int, values: Array) -> None:
@@ -44,25 +49,33 @@ class Drive(ABC):
 
     def run(self) -> None:
         """Go through the phases."""
-        rates = []
         for at, phase in enumerate(read_plan(self.folder)):
+            self.phase = phase
             sleep_until(time.monotonic_ns() + PAUSE_NS)
             if phase.kind == "search":
-                rates.append((at, self._search(at, phase, samples(phase.size))))
+                self.rates[at] = self._search(at, phase, samples(phase.size))
             else:
                 self._stream(at, phase, samples(phase.size))
-        np.save(self.folder / "trips.npy", np.frombuffer(self.trips, dtype=np.int64).reshape(-1, 3))
-        np.save(self.folder / "rates.npy", np.array(rates, dtype=float).reshape(-1, 2))
+        self.write()
         sleep_until(time.monotonic_ns() + PAUSE_NS)
+
+    def write(self) -> None:
+        """Write what was found."""
+        np.save(self.folder / "trips.npy", np.frombuffer(self.trips, dtype=np.int64).reshape(-1, 3))
+        np.save(self.folder / "rates.npy", np.array(sorted(self.rates.items()), dtype=float).reshape(-1, 2))
+        self.meter.write()
 
     def _stream(self, at: int, phase: Phase, values: Array) -> None:
         asked = phase.kind == "echo"
+        self.meter.begin()
         begin_ns = time.monotonic_ns()
         for number in range(1, phase.count + 1):
             sleep_until(begin_ns + round(number * 1e9 / phase.rate_hz))
             self.send(index_of(at, 0, number, asked=asked), values)
             if asked and (reply := self.receive(PATIENCE_NS)) is not None:
                 self.trips.extend((reply[0], reply[1], time.monotonic_ns()))
+        sleep_until(begin_ns + round((phase.count + 1) * 1e9 / phase.rate_hz))  # the last one arrives, too
+        self.meter.end(at)
 
     def _search(self, at: int, phase: Phase, values: Array) -> float:
         search = Search(phase)

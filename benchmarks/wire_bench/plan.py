@@ -1,7 +1,8 @@
-"""What both contenders do: phases, how a message says where it belongs, and the search for the highest rate.
+"""What all contenders do: phases, how a message says where it belongs, and the search for the highest rate.
 
 The index of a message is ``phase << 40 | stage << 32 | number << 1 | asked``; a reader that is asked
-replies. So the reader needs no plan, and palp and raw pyzmq share every decision that is not theirs.
+replies. So the reader needs no plan, and all contenders share every decision that is not theirs. A contender
+whose array has to be of a type of its own makes it before, where it can send the same one again.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ from numpy.typing import NDArray
 
 __all__ = ["Arrivals", "Phase", "Search", "index_of", "read_plan", "samples", "write_plan"]
 
-RECORDED = ("stream", "echo")
 LAG_S = 0.01
 TIMEOUT_NS = 3_000_000_000
 
@@ -26,12 +26,15 @@ class Phase:
     """One measurement.
 
     Attributes:
-        kind: ``stream`` (one-way latency), ``echo`` (each message is replied to), ``search`` (highest rate).
+        kind: ``stream`` (one-way latency), ``echo`` (each message is replied to), ``call`` (the same as calls
+            of a service, palp alone), ``search`` (highest rate).
         size: Bytes of the array, a multiple of 8.
-        rate_hz: Of a stream or an echo; where a search begins.
-        seconds: Length of a stream or an echo; of one stage of a search.
+        rate_hz: Of a stream, an echo or calls; where a search begins.
+        seconds: Length of a phase; of one stage of a search.
         most: A stage of a search has at most that many messages: fewer than wait in a queue at most.
         resolution: Ratio of rates at which a search ends.
+        kept: The publisher may write to the array again: palp copies it; else it is given away. The others
+            send a large array without a copy, and nothing keeps its owner from writing to it.
     """
 
     kind: str
@@ -40,15 +43,16 @@ class Phase:
     seconds: float
     most: int = 90_000
     resolution: float = 1.03
+    kept: bool = False
 
     @property
     def count(self) -> int:
-        """Messages of a stream or an echo."""
+        """Messages of a phase that is not a search."""
         return max(1, round(self.rate_hz * self.seconds))
 
 
 def write_plan(folder: Path, phases: list[Phase]) -> None:
-    """Put a plan where both contenders find it."""
+    """Put a plan where a contender finds it."""
     text = json.dumps([asdict(phase) for phase in phases])
     (folder / "plan.json").write_text(text, encoding="utf-8")
 
@@ -99,7 +103,7 @@ class Search:
 
     Doubles until a rate fails twice, then halves the interval on a logarithmic scale. A stage fails if a
     message is missing, or if publisher and reader together end more than 10 ms after the rate's own time; the
-    same for both contenders.
+    same for all contenders.
     """
 
     def __init__(self, phase: Phase) -> None:

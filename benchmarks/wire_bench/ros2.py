@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from drive import Array, Drive, sleep_until
+from meter import sign_in
 from plan import Arrivals
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 from sensor_msgs.msg import Image
@@ -81,6 +82,7 @@ class Pitcher(Drive):
 
 def catch(folder: Path, number: int) -> None:
     """Be the reading end until told to end."""
+    sign_in(folder)
     node = rclpy.create_node(f"catcher{number}")
     reply = node.create_publisher(Image, "reply", QOS) if number == 0 else None
     arrivals, empty, done = Arrivals(), array("B"), []

@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
+from meter import sign_in
 from plan import Arrivals
 
 from msgs.load import Block, Reply
 from nodes.profiled import Profile
-from palp_core import Node, Params, Pub, State, Sub, on
+from palp_core import Node, Params, Pub, Srv, State, Sub, on, serve
 
 
 class CatcherParams(Params):
@@ -27,12 +28,14 @@ class Catcher(Node):
     state: State
     block = Sub(Block)
     reply = Pub(Reply)
+    answer = Srv(Block, Reply)
 
     def on_configure(self) -> None:
         folder, number = Path(self.params.out), self.params.number
         self.path = folder / f"arrivals{number}.npy"
         self.profile = Profile(folder / f"catcher{number}.prof" if self.params.profile else None)
         self.arrivals = Arrivals()
+        sign_in(folder)
 
     def on_activate(self) -> None:
         self.profile.begin()
@@ -46,3 +49,8 @@ class Catcher(Node):
         arrived_ns = time.monotonic_ns()
         if self.arrivals.take(block.index, block.sent_ns, arrived_ns):
             self.reply.publish(Reply(index=block.index, sent_ns=block.sent_ns, count=self.arrivals.count))
+
+    @serve(answer)
+    def tell(self, block: Block) -> Reply:
+        self.arrivals.take(block.index, block.sent_ns, time.monotonic_ns())
+        return Reply(index=block.index, sent_ns=block.sent_ns, count=self.arrivals.count)

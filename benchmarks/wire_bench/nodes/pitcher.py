@@ -7,11 +7,12 @@ from array import array
 from pathlib import Path
 
 import numpy as np
+from meter import Meter
 from plan import Phase, Search, index_of, read_plan, samples
 
 from msgs.load import Block, Reply
 from nodes.profiled import Profile
-from palp_core import Alarm, Node, Params, Pub, State, Sub, Timer, on
+from palp_core import Alarm, Client, Node, Params, Pub, State, Sub, Timer, on
 from palp_core.units import HertzPositive
 
 PAUSE_NS = 100_000_000
@@ -33,6 +34,7 @@ class Pitcher(Node):
     state: State
     reply = Sub(Reply)
     block = Pub(Block)
+    ask = Client(Block, Reply)
     fast = Timer("fast_hz")
     slow = Timer("slow_hz")
     burst = Timer("fast_hz")
@@ -42,8 +44,9 @@ class Pitcher(Node):
         self.folder = Path(self.params.out)
         self.phases = read_plan(self.folder)
         self.values = [samples(phase.size) for phase in self.phases]
-        for values in self.values:
-            values.flags.writeable = False  # so that a large one travels without a copy, as in the contender
+        for phase, values in zip(self.phases, self.values, strict=True):
+            values.flags.writeable = phase.kept  # as ``publish(owned=True)`` has it: no copy of a large one
+        self.meter = Meter(self.folder)
         self.profile = Profile(self.folder / "pitcher.prof" if self.params.profile else None)
         self.at = -1
         self.number = 0
@@ -60,6 +63,7 @@ class Pitcher(Node):
         self.profile.end()
         np.save(self.folder / "trips.npy", np.frombuffer(self.round_trips, dtype=np.int64).reshape(-1, 3))
         np.save(self.folder / "rates.npy", np.array(sorted(self.rates.items()), dtype=float).reshape(-1, 2))
+        self.meter.write()
 
     @property
     def phase(self) -> Phase:
@@ -71,10 +75,13 @@ class Pitcher(Node):
         self.at, self.number = self.at + 1, 0
         if self.at == len(self.phases):
             self.finish()
-        elif self.phase.kind == "search":
+            return
+        if self.phase.kind == "search":
             self.search = Search(self.phase)
             self._begin_stage()
-        elif self.phase.rate_hz == self.params.fast_hz:
+            return
+        self.meter.begin()
+        if self.phase.rate_hz == self.params.fast_hz:
             self.fast.start()
         elif self.phase.rate_hz == self.params.slow_hz:
             self.slow.start()
@@ -84,6 +91,10 @@ class Pitcher(Node):
     def _send(self, index: int) -> None:
         values = self.values[self.at]
         self.block.publish(Block(index=index, sent_ns=time.monotonic_ns(), torque_n_m=values))
+
+    def _call(self, index: int) -> None:
+        values = self.values[self.at]
+        self.ask.call(Block(index=index, sent_ns=time.monotonic_ns(), torque_n_m=values))
 
     @on(fast)
     def pitch_fast(self) -> None:
@@ -97,10 +108,12 @@ class Pitcher(Node):
         if self.number == self.phase.count:
             self.fast.stop()
             self.slow.stop()
+            self.meter.end(self.at)
             self.pause.set(self.now_ns() + PAUSE_NS)
             return
         self.number += 1
-        self._send(index_of(self.at, 0, self.number, asked=self.phase.kind == "echo"))
+        send = self._call if self.phase.kind == "call" else self._send
+        send(index_of(self.at, 0, self.number, asked=self.phase.kind != "stream"))
 
     def _begin_stage(self) -> None:
         self.number, self.begin_ns = 0, time.monotonic_ns()
@@ -127,6 +140,10 @@ class Pitcher(Node):
             self.pause.set(self.now_ns() + PAUSE_NS)
         else:
             self._begin_stage()
+
+    @on(ask)
+    def hear(self, reply: Reply) -> None:
+        self.round_trips.extend((reply.index, reply.sent_ns, time.monotonic_ns()))
 
     @on(reply)
     def weigh(self, reply: Reply) -> None:
