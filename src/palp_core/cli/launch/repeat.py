@@ -75,7 +75,8 @@ def repeat(file: Path, overrides: Sequence[str], count: int, *, compose: bool, r
     workers = min(len(os.sched_getaffinity(0)), max(len(left), 1))
     done = f", {count - len(left)} of them done already" if len(left) < count else ""
     seeds = f"seeds {runs[0].seed} to {runs[-1].seed}" if count > 1 else f"seed {runs[0].seed}"
-    note(f"{count} runs of {file}, {seeds}{done}, {workers} at a time: {out}/{runs[0].folder.name} ...")
+    pace = f", {workers} at a time" if left else ""
+    note(f"{count} runs of {file}, {seeds}{done}{pace}: {out}/{runs[0].folder.name} ...")
     words = [word for word in overrides if word.partition(":=")[0] not in (SEED, OUT)]
     options = ["--compose"] if compose else []
     commands = {f"seed {run.seed}": [str(file), *words, *run.words, *options] for run in left}
