@@ -2,23 +2,27 @@
 
 Run: .venv/bin/python -m benchmarks.view_pictures [--out docs/view] [--only NAME ...]
 
-Live pages show the emulated rig, with the times and rates of this machine; the result is of a short simulated
-session.
+Live pages show the emulated rig, with the times and rates of this machine; bag, result and the page of the
+rig are of a short simulated session.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import tempfile
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
+from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 from PIL import Image
 
-from benchmarks.view_bench.running import ROOT, SIM, Launched, browser, emulated, until, wait
+from benchmarks.view_bench.running import ROOT, SIM, browser, emulated, until, wait
+from palp_core.palpation.session.trials_csv import read_rows
+from tests.support.palp import own_palp
 from tests.support.view.browser import Viewing
+from tests.support.view.page_socket import PageServer, PageSocket
 
 WIDTH, COLOURS = 1100, 64
 LARGEST_BYTES = 150_000
@@ -26,29 +30,55 @@ PATH = ("from_m:=-0.02", "to_m:=0.03", "lift_mm:=5.0")
 POLICY = "nodes.policy_uniform:Uniform"
 SWEPT_S = 12.0
 """Of torque in the plot: two sweeps."""
-TRAINED_S = 900.0
-"""Training takes five minutes; a machine that others use too takes longer."""
-SWEPT_POINTS = 500
+LATE = 0.7
+"""In a sweep: over the bead."""
 Shot = Callable[["Studio"], Viewing]
 
 
 class Studio:
-    """The emulated rig, its viewer, and a browser.
+    """The emulated rig, a session that is over, viewers of both, and a browser; each when it is wanted.
 
     Args:
-        run: The rig.
-        chrome: Chromium.
+        folder: For what they write.
+        stack: Ends them.
     """
 
-    def __init__(self, run: Launched, chrome: Any) -> None:
-        self.run, self.chrome = run, chrome
-        self.live = Viewing(
-            chrome, run.palp.start("view", "--no-browser", "--operate", "--graph", "rig"), WIDTH
-        )
+    def __init__(self, folder: Path, stack: ExitStack) -> None:
+        self.folder, self._stack = folder, stack
+        self.palp = stack.enter_context(own_palp())
+        self.chrome = stack.enter_context(browser(folder, beside=True))
+
+    @cached_property
+    def live(self) -> Viewing:
+        """The rig, running."""
+        run = self._stack.enter_context(emulated(*PATH))
+        os.chdir(run.folder)  # bags are made where a viewer is started
+        viewer = run.palp.start("view", "--no-browser", "--operate", "--graph", "rig")
+        return Viewing(self.chrome, viewer, WIDTH)
+
+    @cached_property
+    def session(self) -> Path:
+        """The folder of a simulated session; ``bag`` in it is its recording."""
+        out, bag = self.folder / "session", self.folder / "bag"
+        small = ("trials:=2", "training:=2", "policy:=markov", f"out:={out}", "--record", bag)
+        done = self.palp.run("launch", SIM, "--compose", *small)
+        if done.returncode:
+            raise RuntimeError(done.stderr)
+        return out
 
     def over(self, what: Path) -> Viewing:
         """Show a bag or results."""
-        return Viewing(self.chrome, self.run.palp.start("view", what, "--no-browser"), WIDTH)
+        return Viewing(self.chrome, self.palp.start("view", what, "--no-browser"), WIDTH)
+
+    def in_a_sweep(self) -> Viewing:
+        """Show the recording late in the last sweep that was judged."""
+        row = read_rows(self.session)[-1]
+        viewing = self.over(self.session.parent / "bag")
+        at_s = (row.start_ns + LATE * (row.end_ns - row.start_ns)) / 1e9
+        with closing(PageSocket(PageServer(viewing.address))) as page:
+            page.event(page.labelled("time in the bag"), "update:", at_s)
+            page.until(lambda element: str(element.get("text", "")).startswith(f"{at_s:.3f} s, of "))
+        return viewing
 
 
 def graph(studio: Studio) -> Viewing:
@@ -103,40 +133,32 @@ def record(studio: Studio) -> Viewing:
 
 def bag(studio: Studio) -> Viewing:
     """A recording, somewhere in it."""
-    viewing = studio.over(Path("first"))
+    viewing = studio.in_a_sweep()
     viewing.go("/topic/torque/block")
-    viewing.page.locator(".q-slider").click()  # at its middle
     viewing.plot("torque_n_m", frames=0)  # it stands where one is in it
     return viewing
 
 
 def result(studio: Studio) -> Viewing:
     """The files of a run that is over."""
-    out = studio.run.folder / "session"
-    done = studio.run.palp.run("launch", SIM, "--compose", "trials:=1", "training:=1", f"out:={out}")
-    if done.returncode:
-        raise RuntimeError(done.stderr)
-    viewing = studio.over(out)
+    viewing = studio.over(studio.session)
     viewing.says("report.html")
     return viewing
 
 
 def rig(studio: Studio) -> Viewing:
-    """The rig's own page, in a sweep of a trial: training is over then."""
-    page = studio.live.go("/own")
-    page.set_default_timeout(TRAINED_S * 1e3)
-    studio.live.says("bands: mean and two standard deviations")
-    studio.live.says("of this trial")
-    studio.live.until("() => document.querySelector('[data-what=rig]').innerText.includes('sweeping')")
-    studio.live.until(f"() => Number(document.querySelector('.rig-chart').dataset.points) > {SWEPT_POINTS}")
-    return studio.live
+    """The rig's own page over a recording, in a sweep."""
+    viewing = studio.in_a_sweep()
+    viewing.go("/own")
+    viewing.says("bands: mean and two standard deviations")
+    viewing.until("() => Number(document.querySelector('.rig-chart').dataset.points) > 100")
+    return viewing
 
 
 SHOTS: dict[str, Shot] = {
     "graph": graph, "node": node, "topic": topic, "swap": swap,
     "record": record, "bag": bag, "result": result, "rig": rig,
 }  # fmt: skip
-"""In the order in which they are taken: a bag is shown that was recorded before."""
 
 
 def main() -> None:
@@ -149,15 +171,13 @@ def main() -> None:
     out.mkdir(parents=True, exist_ok=True)
     missing: list[str] = []
     with ExitStack() as stack:
-        run = stack.enter_context(emulated(*PATH, training=2))
-        os.chdir(run.folder)  # bags are made where a viewer is started
-        studio = Studio(run, stack.enter_context(browser(run.folder, beside=True)))
+        studio = Studio(Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="palp-view-"))), stack)
         for name in options.only or SHOTS:
             try:
                 take(SHOTS[name](studio), out / f"{name}.png")
             except (AssertionError, RuntimeError, OSError) as error:
                 missing.append(name)
-                print(f"{name}: {str(error)[:500]}")
+                print(f"{name}: {str(error)[:500]}", flush=True)
     if missing:
         raise SystemExit(f"not taken: {', '.join(missing)}")
 
