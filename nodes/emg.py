@@ -3,6 +3,7 @@
 from itertools import pairwise
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from msgs.emg import EmgBlock, EmgReport
@@ -14,7 +15,9 @@ from palp_core.palpation.devices.protocols import restored
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.sim.emg import SimEmg
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
+from palp_core.palpation.mechanics.scene.sealed import own_codes
 from palp_core.palpation.perception.strategy import figure5
+from palp_core.palpation.session.decided.blind import phantoms_file
 from palp_core.units import CountPositive, HertzPositive, Seconds
 
 SUBJECT = "palp_core.palpation.devices.sim.subject:SimSubject"
@@ -30,7 +33,8 @@ class EmgParams(Params):
     end.
 
     With ``cued`` none of this holds: the input ``cue`` says what is done from when on, and a sample has the
-    phase of its own time. ``phantoms``: by whose depths a simulated person palpates.
+    phase of its own time. ``phantoms``: by whose depths a simulated person palpates; in a ``blind`` session
+    also by those of the codes that ``key`` names.
     """
 
     device: ReadOnly[str] = "sim"
@@ -42,6 +46,8 @@ class EmgParams(Params):
     palpation_s: Seconds = 60.0
     cued: ReadOnly[bool] = False
     phantoms: str = ""
+    blind: ReadOnly[bool] = False
+    key: ReadOnly[str] = ""
 
     @property
     def block_hz(self) -> float:
@@ -57,7 +63,10 @@ class EmgParams(Params):
 
     def _chains(self) -> dict[str, Any]:
         """Return the human chain of the published depth that is nearest to each phantom's, by code."""
-        depths = {code: one.bead.depth_m for code, one in load_phantoms(self.phantoms).items() if one.bead}
+        path = phantoms_file(self)
+        depths = {code: one.bead.depth_m for code, one in load_phantoms(path).items() if one.bead}
+        if self.blind:
+            depths |= {own: depths[code] for code, own in own_codes(path).items()}
         published = np.array(figure5.DEPTHS_M)
         chains = figure5.matrices()
         return {code: chains[int(np.argmin(np.abs(published - d)))] for code, d in depths.items()}
@@ -87,7 +96,8 @@ class Emg(Node):
     @staticmethod
     def examine(params: EmgParams) -> dict[str, str]:
         too_long = block_mistakes(params.block_samples, params.rate_hz)
-        return too_long | device_mistakes("emg", params.device, params.driver_options())
+        shown = msgspec.structs.replace(params, blind=False)  # a check draws no key
+        return too_long | device_mistakes("emg", params.device, shown.driver_options())
 
     def on_configure(self) -> None:
         self.device = open_device("emg", self.params.device, **self.params.driver_options())

@@ -2,10 +2,14 @@
 
 from typing import Literal
 
+import msgspec
+
 from msgs.emg import EmgBlock
 from palp_core import Params, ReadOnly, State
 from palp_core.errors import MechanicsError, PalpError, PerceptionError
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
+from palp_core.palpation.mechanics.scene.sealed import is_sealed, own_codes, sealed_phantoms, standing
+from palp_core.palpation.session.decided.blind import blind_mistakes, phantoms_file
 from palp_core.palpation.session.human.plan import HumanDesign
 from palp_core.palpation.session.human.questions import AnswerForm
 from palp_core.palpation.session.human.record import Source, source_of
@@ -20,7 +24,8 @@ class HumanParams(Params):
     ``session`` names the session's sheet, which the report checks and copies. ``subject`` and ``consent`` are
     codes, asked of the operator where empty, but for a subject that the sheet names. ``amplifier``,
     ``host``: where the EMG comes from, by which it is known whether it is a person's. ``answer``: one of
-    the phantoms' depths, or any depth in mm.
+    the phantoms' depths, or any depth in mm. ``blind``: in estimation phantoms have codes that nobody knows,
+    and ``key`` says who is who.
     """
 
     out: ReadOnly[str] = "results"
@@ -28,6 +33,8 @@ class HumanParams(Params):
     subject: ReadOnly[str] = ""
     consent: ReadOnly[str] = ""
     phantoms: ReadOnly[str] = ""
+    blind: ReadOnly[bool] = False
+    key: ReadOnly[str] = ""
     order: ReadOnly[Literal["paper", "counterbalanced"]] = "paper"
     subject_number: ReadOnly[CountPositive] = 1
     seed: ReadOnly[Count] = 1
@@ -86,10 +93,20 @@ class HumanState(State):
     finished: bool = False
 
 
-def phantoms_of(path: str) -> tuple[PlannedPhantom, ...]:
-    """Return code and depth of each phantom with a bead."""
-    found = load_phantoms(path)
-    return tuple(PlannedPhantom(code, one.bead.depth_m) for code, one in found.items() if one.bead)
+def phantoms_of(params: HumanParams) -> tuple[tuple[PlannedPhantom, ...], tuple[PlannedPhantom, ...]]:
+    """Return code and depth of each phantom with a bead; and those of estimation, where they are sealed.
+
+    In training the depth is told, by the phantom's own code. For estimation a blinded session has codes of
+    its own, in their order, each with what stands for its depth.
+    """
+    path = phantoms_file(params)
+    if not params.blind:
+        found = load_phantoms(path)
+        return tuple(PlannedPhantom(code, one.bead.depth_m) for code, one in found.items() if one.bead), ()
+    depths = {code: one.bead.depth_m for code, one in sealed_phantoms(path).items() if one.bead}
+    own = {own: depths[code] for code, own in own_codes(path).items()}
+    open_ones = tuple(PlannedPhantom(code, depth_m) for code, depth_m in sorted(own.items()))
+    return open_ones, tuple(PlannedPhantom(code, depth_m) for code, depth_m in standing(path).items())
 
 
 def design_of(params: HumanParams) -> HumanDesign:
@@ -99,8 +116,10 @@ def design_of(params: HumanParams) -> HumanDesign:
         MechanicsError: The phantoms' file cannot be used.
         PerceptionError: The numbers do not fit together.
     """
+    phantoms, sealed = phantoms_of(params)
     return HumanDesign(
-        phantoms=phantoms_of(params.phantoms),
+        phantoms=phantoms,
+        sealed=sealed,
         order=params.order,
         subject_number=params.subject_number,
         seed=params.seed,
@@ -123,10 +142,29 @@ def mistakes(params: HumanParams) -> dict[str, str]:
                 check(text)
         except PalpError as error:
             found[name] = str(error)
+    found |= _blind_mistakes(params)
+    if found:
+        return found
     try:
-        design_of(params)
+        design_of(msgspec.structs.replace(params, blind=False))  # the same numbers, and no key is drawn
     except MechanicsError as error:
         found["phantoms"] = str(error)
     except PerceptionError as error:
         found[""] = str(error)
+    return found
+
+
+def _blind_mistakes(params: HumanParams) -> dict[str, str]:
+    """Return why a session cannot be blinded, by parameter."""
+    if not params.blind:
+        return {}
+    found = blind_mistakes(params)
+    if params.order == "paper":
+        found["order"] = (
+            "the paper's order is published, and tells of each trial which depth it has: counterbalanced"
+        )
+    if params.source != "simulated" and not is_sealed(params.phantoms):
+        found["phantoms"] = (
+            "somebody who takes no part gives real phantoms their codes: palp session seal KEY, phantoms:=KEY"
+        )
     return found

@@ -205,7 +205,7 @@ class HumanSession(Node):
         state.palpated_ns = state.end_ns - state.begin_ns
         state.lost_count = sum(one.lost_count for one in found)
         state.clipped_count = sum(one.clipped_count for one in found)
-        name = emg_name(trial.phase, trial.number, trial.attempt, trial.phantom, trial.depth_m)
+        name = emg_name(trial.phase, trial.number, trial.attempt, trial.phantom, trial.known_depth_m)
         state.emg = (
             self.record.emg(state.subject, name, samples, self._rate_hz, discarded=spoilt) if found else ""
         )
@@ -225,7 +225,7 @@ class HumanSession(Node):
         estimate_m = None if answer_mm is None else questions.nearest_depth(answer_mm, self.design.phantoms)
         row = HumanRow(
             row=state.row, subject=state.subject, phase=trial.phase, trial=trial.index, number=trial.number,
-            attempt=trial.attempt, phantom=trial.phantom, depth_m=trial.depth_m, told=trial.told,
+            attempt=trial.attempt, phantom=trial.phantom, depth_m=trial.known_depth_m, told=trial.told,
             palpation_s=state.palpated_ns * 1e-9, ended_by=state.ended_by,
             answer_s=None if answer_mm is None else answer_ns * 1e-9, answer_mm=answer_mm,
             estimate_m=estimate_m, emg=state.emg, lost_count=state.lost_count,

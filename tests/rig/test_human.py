@@ -84,6 +84,23 @@ def test_the_kept_emg_is_what_was_measured(study: list[Path]) -> None:
     np.testing.assert_array_equal(fds_v, measured)
 
 
+def test_a_recording_may_stand_for_the_person_and_has_no_accuracy_either(
+    study: list[Path], tmp_path: Path
+) -> None:
+    """Each phase of an earlier session's bag is played while it is asked for."""
+    small = {"order": "counterbalanced", "repeats": 1, "palpation_s": 1.0}
+    who = {"emg": "file", "recording": study[0] / "bag", "clock": "sim", "operator": "script"}
+    out = session(tmp_path / "S01", 1, **small, **who)
+    rows = read_human(out)
+    assert len(rows) == 6
+    assert {row.source for row in rows} == {"file"}
+    assert all(row.emg and row.lost_count == 0 for row in rows)
+    assert "the muscles are a recording's" in json.loads((out / "human.json").read_text())["note"]
+    with np.load(out / "emg/S01/mvc.npz") as kept, np.load(study[0] / "emg/S01/mvc.npz") as first:
+        rms = [float(np.sqrt(np.nanmean(one["fds_v"] ** 2))) for one in (kept, first)]
+    assert rms[0] == pytest.approx(rms[1], rel=0.1)
+
+
 def test_a_simulated_person_has_no_accuracy_in_any_file(study: list[Path]) -> None:
     for folder in study:
         assert json.loads((folder / "human.json").read_text())["accuracy"] is None

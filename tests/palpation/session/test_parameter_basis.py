@@ -53,7 +53,7 @@ CHOICES = {
     "actuator": {"device"},
     "stage": {"device", "block_samples", "within_sweep"},
     "torque": {"device"},
-    "emg": {"device", "block_samples", "options", "cued", "phantoms"},
+    "emg": {"device", "block_samples", "options", "cued", "phantoms", "blind", "key"},
     "phantom": {"blind", "key"},
     "estimator": {"blind"},
 }

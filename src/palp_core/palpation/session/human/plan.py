@@ -14,6 +14,7 @@ from itertools import pairwise
 from typing import Literal
 
 from palp_core.errors import PerceptionError
+from palp_core.palpation.mechanics.scene.sealed import stands_for_a_depth
 from palp_core.palpation.session.human.orders import (
     TABLE_3_MM,
     TABLE_4_MM,
@@ -81,6 +82,11 @@ class HumanTrial:
     told: bool
     limit_s: float
 
+    @property
+    def known_depth_m(self) -> float | None:
+        """The depth as it may be written; None where something stands for it."""
+        return None if stands_for_a_depth(self.depth_m) else self.depth_m
+
 
 @dataclass(frozen=True)
 class Ask:
@@ -118,6 +124,8 @@ class HumanDesign:
         mvc_s: Of the MVC (assumed).
         mass_kg: That is held and moved in it; 5 kg as published.
         mvc_tries: After which the session ends without a usable one (assumed).
+        sealed: In a blinded session the phantoms of estimation, in the order of codes that say nothing, with
+            what stands for their depths; empty where depths are told.
     """
 
     phantoms: tuple[PlannedPhantom, ...] = ExperimentDesign().phantoms
@@ -131,6 +139,7 @@ class HumanDesign:
     mvc_s: float = 5.0
     mass_kg: float = 5.0
     mvc_tries: int = 4
+    sealed: tuple[PlannedPhantom, ...] = ()
 
     def __post_init__(self) -> None:
         if self.order not in ("paper", "counterbalanced"):
@@ -143,6 +152,11 @@ class HumanDesign:
             raise PerceptionError(
                 f"repeats is {self.repeats}, and the paper's order has {PAPER_REPEATS} trials per phantom; "
                 "use order:=counterbalanced"
+            )
+        if self.sealed and self.order == "paper":
+            raise PerceptionError(
+                "the paper's order is published, and tells of each trial which depth it has: a blinded "
+                "session takes order:=counterbalanced"
             )
         for name in ("limit_s", "mvc_s", "mass_kg"):
             if not getattr(self, name) > 0.0:
@@ -205,8 +219,10 @@ def trials(design: HumanDesign) -> Iterator[HumanTrial]:
     """Yield the trials of both phases, each as its first attempt."""
     index = 0
     for phase in PHASES:
+        told = phase == "training"
+        phantoms = design.phantoms if told or not design.sealed else design.sealed
         for number, place in enumerate(design.places(phase), start=1):
-            phantom, told = design.phantoms[place], phase == "training"
+            phantom = phantoms[place]
             yield HumanTrial(index, phase, number, 1, phantom.code, phantom.depth_m, told, design.limit_s)
             index += 1
 

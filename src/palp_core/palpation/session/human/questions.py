@@ -92,7 +92,7 @@ def depth_answer(text: str, phantoms: Sequence[PlannedPhantom], form: AnswerForm
     Raises:
         PalpError: It names none, or none that there is to choose.
     """
-    said = re.fullmatch(r"\s*(\d{1,3}(?:[.,]\d{1,3})?)\s*(?:mm)?\s*", text)
+    said = re.fullmatch(r"\s*(\d{1,3}(?:[.,]\d{1,6})?)\s*(?:mm)?\s*", text)
     if said is None:
         raise PalpError("the answer is not a depth in mm: type a number, as 4")
     depth_mm = float(said[1].replace(",", "."))

@@ -207,6 +207,15 @@ def refuse_human(folder: Path) -> None:
             )
 
 
+def human_table_text(rows: Sequence[HumanRow]) -> str:
+    """Return a whole table, as :class:`HumanWriter` writes it row by row."""
+    text = io.StringIO()
+    lines = csv.writer(text, lineterminator="\n")
+    lines.writerow(HumanRow.__struct_fields__)
+    lines.writerows([_cell(value) for value in msgspec.structs.astuple(row)] for row in rows)
+    return text.getvalue()
+
+
 def read_human(out: str | Path) -> list[HumanRow]:
     """Return every row of a record.
 

@@ -11,12 +11,14 @@ from palp_core.errors import PalpError
 from palp_core.palpation.mechanics.scene.sealed import is_sealed, own_codes, sealed_phantoms, standing
 from palp_core.palpation.session.decided.audit import decide
 from palp_core.palpation.session.decided.blind import KEY, is_blinded
+from palp_core.palpation.session.human.record import HUMAN_TABLE, human_table_text, read_human
 from palp_core.palpation.session.session_folder import TABLE, is_being_written
 from palp_core.palpation.session.trials_csv import Row, read_rows, table_text
 from palp_core.whole_file import read_whole, write_json, write_whole
 
 OPENED = "key.json"
 SEALED_TABLE = "trials.sealed.csv"
+SEALED_HUMAN_TABLE = "human_trials.sealed.csv"
 SEALED_PRIMITIVES = "primitives.sealed.json"
 _PRIMITIVES = "primitives.json"
 _BY_DEPTH = ("depths_m", "mean", "sd", "count")
@@ -89,12 +91,44 @@ def unseal(folder: Path, reason: str, key: Path | None = None) -> OpenedKey:
         learnt: dict[str, Any] = json.loads(read_whole(folder / _PRIMITIVES))
         write_json(folder / SEALED_PRIMITIVES, learnt)
         write_whole(folder / _PRIMITIVES, json.dumps(_learnt(learnt, opened), indent=1) + "\n")
+    _write_opened(folder, opened)
+    write_whole(folder / TABLE, table_text(told, sorted(opened.depths_m.values())))
+    return opened
+
+
+def unseal_by_hand(folder: Path, reason: str, key: Path | None = None) -> OpenedKey:
+    """Write the table of a blinded session with a person with depths; the other one stays beside it.
+
+    The arguments are those of :func:`unseal`.
+
+    Raises:
+        PalpError: It is not blinded, or of another key; nothing was changed then.
+    """
+    rows = read_human(folder)
+    if all(row.depth_m is not None for row in rows):
+        raise PalpError(f"'{folder}' is not sealed")
+    opened = open_key(key or folder / KEY)
+    for row in rows:
+        if row.depth_m is None and row.phantom not in opened.depths_m:
+            raise PalpError(
+                f"'{folder}': row {row.row} is of phantom {row.phantom}: this is another session's key"
+            )
+    told = [
+        row if row.depth_m is not None else msgspec.structs.replace(row, depth_m=opened.depths_m[row.phantom])
+        for row in rows
+    ]
+    decide(folder, -1, "unseal", reason)
+    write_whole(folder / SEALED_HUMAN_TABLE, read_whole(folder / HUMAN_TABLE))
+    _write_opened(folder, opened)
+    write_whole(folder / HUMAN_TABLE, human_table_text(told))
+    return opened
+
+
+def _write_opened(folder: Path, opened: OpenedKey) -> None:
     write_json(
         folder / OPENED,
         {code: {"depth_m": d, "phantom": opened.own[code]} for code, d in opened.depths_m.items()},
     )
-    write_whole(folder / TABLE, table_text(told, sorted(opened.depths_m.values())))
-    return opened
 
 
 def _told(row: Row, opened: OpenedKey) -> Row:
