@@ -190,7 +190,7 @@ def take(viewing: Viewing, path: Path) -> None:
     """
     until(lambda: not viewing.page.evaluate("document.fonts.status === 'loading'"), "fonts")
     height = min(
-        int(viewing.page.evaluate("document.querySelector('.nicegui-content').scrollHeight")) + 20, 1000
+        int(viewing.page.evaluate("document.querySelector('.nicegui-content').scrollHeight")) + 20, 1250
     )
     viewing.page.set_viewport_size({"width": WIDTH, "height": height})
     wait(0.5)  # until charts have their new size
