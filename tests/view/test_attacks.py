@@ -59,6 +59,9 @@ def target(talk: Talk, shared_palp: Palp) -> Target:
         shown = shared_palp.start("view", "--no-browser", "--graph", "talk")
         closed = shared_palp.start("view", "--no-browser", "--graph", "talk", "--read-only")
     first, second = PageServer(address_of(shown)), PageServer(address_of(closed))
+    for process in (shown, closed):  # what they say of nonsense is more than a pipe holds
+        assert process.stderr is not None
+        threading.Thread(target=process.stderr.read, daemon=True).start()
     return Target(talk, first, second, Accounts(shared_palp, "talk", "scale", "/source/sample"), shown.pid)
 
 
