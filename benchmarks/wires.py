@@ -12,7 +12,7 @@ each socket that reads has one, as a node needs it that must look at its clock, 
 its own. One that cannot be installed, or that fails, is left out by name, with the reason.
 
 Run: .venv/bin/python benchmarks/wires.py [--quick] [--json] [--only latency] [--out DIR]
-     .venv/bin/python benchmarks/wires.py --peer all      beside raw_three and ros2
+     .venv/bin/python benchmarks/wires.py --peer all      beside raw_three, zenoh, ros2, ezmsg and iceoryx2
      .venv/bin/python benchmarks/wires.py --peer ros2     beside ROS 2, installed from PyPI (Python 3.11)
      .venv/bin/python benchmarks/wires.py --profile       what palp's own time is made of
      .venv/bin/python benchmarks/wires.py --steady 600    the rig's rates: losses, overruns, memory

@@ -21,7 +21,10 @@ COLOURS = {
     "raw": "#999999",
     "raw_timeout": "#555555",
     "raw_three": "#cccccc",
+    "zenoh": "#009e73",
     "ros2": "#d55e00",
+    "ezmsg": "#cc79a7",
+    "iceoryx2": "#e69f00",
 }
 LABELS = {
     "raw": "raw pyzmq + msgpack",

@@ -48,11 +48,20 @@ PEERS = {
     "raw_three": Peer(
         "pyzmq, three frames (topic, header, array), no receive timeout", "raw.py", arguments=("three",)
     ),
+    "zenoh": Peer(
+        "zenoh, peers over a Unix socket, large arrays in shared memory",
+        "zenoh_ends.py",
+        ("eclipse-zenoh", "numpy"),
+    ),
     "ros2": Peer(
         "ROS 2 (rclpy over Fast DDS, reliable, shared memory)",
         "ros2.py",
         ("ros-rclpy", "ros-rmw-fastrtps-cpp", "ros-sensor-msgs", "numpy"),
         python="3.11",
+    ),
+    "ezmsg": Peer("ezmsg, its low-level interface, shared memory", "ezmsg_ends.py", ("ezmsg", "numpy")),
+    "iceoryx2": Peer(
+        "iceoryx2, shared memory, its readers woken by events", "iceoryx2_ends.py", ("iceoryx2", "numpy")
     ),
 }
 DEFAULT = ("raw", "raw_timeout")

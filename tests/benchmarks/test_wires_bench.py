@@ -82,7 +82,7 @@ def test_a_call_is_stated_beside_a_round_trip_and_the_forms_of_raw_beside_palp()
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("name", ["ros2"])
+@pytest.mark.parametrize("name", ["zenoh", "ros2", "ezmsg", "iceoryx2"])
 def test_an_outside_peer_that_is_installed_runs_beside_palp(peers: ModuleType, name: str) -> None:
     cache = Path.home() / ".cache" / "palp-peers"
     if not (cache / name / peers.INSTALLED).exists():
