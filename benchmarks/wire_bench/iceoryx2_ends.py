@@ -30,6 +30,7 @@ END = -1
 GLANCE_NS = 10_000_000
 QUEUE_BYTES = 64 << 20
 MOST_DEEP = 1000
+MOST_NODES = 8  # five readers and a publisher have room
 Double = ctypes.c_double
 
 
@@ -45,11 +46,11 @@ class Topic:
             .history_size(0)
             .max_publishers(1)
             .max_subscribers(readers)
-            .max_nodes(readers + 1)
+            .max_nodes(MOST_NODES)
             .open_or_create()
         )
         events = node.service_builder(iox2.ServiceName.new(f"{name}/event")).event()
-        self.event = events.max_notifiers(1).max_listeners(readers).max_nodes(readers + 1).open_or_create()
+        self.event = events.max_notifiers(1).max_listeners(readers).max_nodes(MOST_NODES).open_or_create()
 
     def write(self, largest: int) -> Writer:
         """Return the writing end, for arrays of at most so many bytes."""
