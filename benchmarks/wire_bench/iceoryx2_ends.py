@@ -5,6 +5,9 @@ not overflow: a publisher waits for who is slow. Readers sleep until an event wa
 after each message, a reader takes all that is there): to ask again and again would be faster and cost a core
 each. No service of discovery runs; a service is found by its files.
 
+To be known when its rates are read: a reader holds the array and touches none of it, and a stage of 1 MiB has
+512 messages at most, so that above some 10,000 Hz the 10 ms that a stage may be late flatter it.
+
 Run by the bench, with a Python that has it:
 ``python iceoryx2_ends.py pitcher|catcher FOLDER NUMBER READERS``.
 """
