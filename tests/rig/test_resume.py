@@ -134,7 +134,10 @@ def test_asked_to_end_it_goes_on_within_the_sweep(
     assert_equal(out, rig_session.out)
 
 
-@pytest.mark.parametrize("compose", [True, False], ids=["composed", "processes"])
+@pytest.mark.parametrize(
+    "compose",
+    [pytest.param(True, marks=pytest.mark.nightly, id="composed"), pytest.param(False, id="processes")],
+)
 @pytest.mark.parametrize(
     ("topic", "sequence"),
     [

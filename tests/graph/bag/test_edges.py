@@ -1,5 +1,6 @@
 import io
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,23 @@ from palp_core.graph.bag.recover import recover
 from palp_core.graph.bag.values import plain, type_from_schema
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.topic import Topic
+
+
+@pytest.mark.parametrize("name", ["zstd", "lz4"])
+def test_threads_decompress_at_once_what_each_has(name: str) -> None:
+    chunks = [
+        np.random.default_rng(number).integers(0, 20, 200_000, np.uint8).tobytes() for number in range(4)
+    ]
+    stored_name, compress = compressor(name)  # type: ignore[arg-type]
+    stored = [bytes(compress(chunk)) for chunk in chunks]
+
+    def same(number: int) -> bool:
+        return all(
+            decompress(stored_name, stored[number], len(chunks[number])) == chunks[number] for _ in range(100)
+        )
+
+    with ThreadPoolExecutor(len(chunks)) as threads:
+        assert all(threads.map(same, range(len(chunks))))
 
 
 def test_a_chunk_that_lies_about_its_size_is_refused() -> None:

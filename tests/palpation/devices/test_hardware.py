@@ -38,7 +38,7 @@ def contract(config: Path, *more: str, cases: str = "hardware") -> subprocess.Co
     return subprocess.run(
         [
             sys.executable, "-m", "pytest", str(ROOT / "tests/palpation/devices/test_contract.py"), "-q",
-            "-p", "no:cacheprovider", "-k", cases, "--hardware", str(config), *more,
+            "-p", "no:cacheprovider", "-n", "0", "-k", cases, "--hardware", str(config), *more,
         ],
         cwd=ROOT, capture_output=True, text=True, timeout=450.0, check=False,
     )  # fmt: skip

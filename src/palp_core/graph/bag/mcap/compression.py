@@ -1,5 +1,6 @@
 """Compress and decompress a chunk: zstd, lz4 or none."""
 
+import threading
 from collections.abc import Callable
 from typing import Literal
 
@@ -29,7 +30,14 @@ def compressor(name: Compression) -> tuple[str, Callable[[bytes | bytearray], by
     raise BagError(f"unknown compression '{name}'; use one of {', '.join(COMPRESSIONS)}")
 
 
-_ZSTD = zstandard.ZstdDecompressor()
+class _OfThread(threading.local):
+    """What decompresses in one thread: two at once would ruin each other's memory."""
+
+    def __init__(self) -> None:
+        self.zstd = zstandard.ZstdDecompressor()
+
+
+_OWN = _OfThread()
 
 
 def decompress(name: str, data: bytes | memoryview, size: int) -> bytes:
@@ -49,7 +57,7 @@ def decompress(name: str, data: bytes | memoryview, size: int) -> bytes:
         if name == "zstd":
             if zstandard.frame_content_size(data) not in (-1, size):
                 raise ValueError("two sizes in it contradict each other")
-            records = _ZSTD.decompress(data, max_output_size=size)
+            records = _OWN.zstd.decompress(data, max_output_size=size)
         elif name == "lz4":
             records = lz4.frame.decompress(data)
         elif name == "":
