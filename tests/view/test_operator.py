@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
 from palp_core.errors import BagError, GraphError
@@ -142,6 +146,20 @@ def test_a_bag_is_made_in_its_folder_and_nowhere_else(name: str, tmp_path: Path)
     with pytest.raises(BagError, match="is no name of a bag"):
         recordings.start(name, [])
     assert recordings.all == []
+
+
+def test_a_recorder_has_the_priority_of_the_viewer_though_pages_give_way(tmp_path: Path) -> None:
+    recordings = Recordings(Stage(tmp_path).operator(operate=True), tmp_path)
+
+    def press() -> int:
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)
+        recordings.start("bag", [])
+        return psutil.Process(recordings.all[0].pid).nice()  # it may have ended: there is no such graph
+
+    with ThreadPoolExecutor(1) as page:
+        assert page.submit(press).result() == os.nice(0)
+    recordings.close()
+    recordings.all[0]._said.close()
 
 
 def test_a_recorder_is_ended_as_ctrl_c_ends_it_and_its_words_are_kept(tmp_path: Path) -> None:

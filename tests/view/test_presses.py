@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import threading
 from typing import Any
 
 import pytest
 
 from palp_core.errors import GraphError
-from palp_core.view.server.apart import Apart
+from palp_core.view.server.apart import NICE, Apart
 from palp_core.view.server.presses import Presses, answer
 from tests.support.palp import PATIENCE_S
 
@@ -20,10 +21,12 @@ class Pages:
     def __init__(self) -> None:
         self.stuck, self.let = threading.Event(), threading.Event()
         self.threads: set[str] = set()
+        self.niceness: set[int] = set()
         self.said: list[str] = []
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         self.threads.add(threading.current_thread().name)
+        self.niceness.add(os.getpriority(os.PRIO_PROCESS, threading.get_native_id()))
         if scope["type"] == "lifespan":
             await receive()
             await send({"type": "lifespan.startup.complete"})
@@ -39,9 +42,9 @@ class Pages:
 class Served:
     """Pages behind what a server calls, with the life that a server gives them."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, gives_way: bool = False) -> None:
         self.pages = Pages()
-        self.app = Presses(Apart(self.pages))
+        self.app = Presses(Apart(self.pages, gives_way=gives_way))
         self._life: asyncio.Queue[Any] = asyncio.Queue()
         self._up = asyncio.Event()
 
@@ -87,14 +90,17 @@ def test_a_press_is_answered_while_a_page_keeps_its_thread() -> None:
     asyncio.run(run())
 
 
-def test_pages_have_one_thread_and_it_is_not_the_servers() -> None:
-    async def run() -> set[str]:
-        async with Served() as served:
+@pytest.mark.parametrize("gives_way", [False, True])
+def test_pages_have_one_thread_which_is_not_the_servers_and_may_give_way(gives_way: bool) -> None:
+    async def run() -> tuple[set[str], set[int]]:
+        async with Served(gives_way=gives_way) as served:
             await asyncio.gather(*(served.ask(f"/token/{number}", "GET") for number in range(20)))
-        return served.pages.threads
+        return served.pages.threads, served.pages.niceness
 
-    (name,) = asyncio.run(run())
+    (name,), (niceness,) = asyncio.run(run())
     assert name != threading.current_thread().name
+    assert niceness == (max(NICE, os.nice(0)) if gives_way else os.nice(0))
+    assert os.getpriority(os.PRIO_PROCESS, threading.get_native_id()) == os.nice(0)  # presses never do
 
 
 @pytest.mark.parametrize(

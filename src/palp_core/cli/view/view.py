@@ -142,7 +142,8 @@ def _show_live(
     shown = source if harmless is None else BlindSource(source, harmless)
     viewer = Viewer(source=shown, operator=operator, own_page=own)
     try:
-        serve(listening, token, lambda: put_up(viewer, recordings if harmless is None else None))
+        pages = lambda: put_up(viewer, recordings if harmless is None else None)  # noqa: E731
+        serve(listening, token, pages, gives_way=running.record.clock == "sim")
     finally:
         recordings.close()
         source.close()

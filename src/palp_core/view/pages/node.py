@@ -223,7 +223,8 @@ def _log(log: NodeLog) -> None:
     shown = ui.log(max_lines=MOST_LOG_LINES).props('data-what="log"').style("height: 18rem")
 
     async def refresh() -> None:
-        for line in (await run.io_bound(log.new_lines))[-MOST_LOG_LINES:]:
+        lines = await run.io_bound(log.new_lines) or []  # None: the viewer is ending
+        for line in lines[-MOST_LOG_LINES:]:
             shown.push(f"{line.at} {line.text}", classes=log_class(line.level))
 
     ui.timer(LOG_S, refresh)

@@ -7,12 +7,15 @@ waiting: who is let in, and what must not wait, is decided on the server's loop.
 from __future__ import annotations
 
 import asyncio
+import os
 import threading
 from collections.abc import Coroutine
 from typing import Any, TypeVar
 
 from palp_core.view.server.asgi import App, Message, Receive, Scope, Send
 
+NICE = 10
+"""Of pages that give way, and of the threads that they start."""
 END_S = 1.0
 """So long what is under way may take to end."""
 T = TypeVar("T")
@@ -23,13 +26,15 @@ class Apart:
 
     Args:
         app: The pages.
+        gives_way: They compute after all others where cores are scarce. Not beside a rig that moves: whoever
+            computes last holds up the press that waits for what it has in hand, Python itself.
 
     Attributes:
         app: As given.
     """
 
-    def __init__(self, app: App) -> None:
-        self.app = app
+    def __init__(self, app: App, *, gives_way: bool = False) -> None:
+        self.app, self._gives_way = app, gives_way
         self._loop: asyncio.AbstractEventLoop | None = None
         self._up = threading.Event()
         self._thread = threading.Thread(target=self._work, name="palp view: pages", daemon=True)
@@ -56,6 +61,8 @@ class Apart:
                 await asyncio.to_thread(self._thread.join, END_S)
 
     def _work(self) -> None:
+        if self._gives_way:
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), max(NICE, os.nice(0)))
         with asyncio.Runner() as runner:  # at its end it leaves nothing behind
             self._loop = runner.get_loop()
             asyncio.set_event_loop(self._loop)

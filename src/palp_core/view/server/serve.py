@@ -62,21 +62,24 @@ def address(listening: socket.socket, token: str) -> str:
     return f"http://{HOST}:{listening.getsockname()[1]}/?token={token}"
 
 
-def serve(listening: socket.socket, token: str, put_up: Callable[[], None]) -> None:
+def serve(
+    listening: socket.socket, token: str, put_up: Callable[[], None], *, gives_way: bool = False
+) -> None:
     """Serve pages until SIGINT or SIGTERM.
 
     Args:
         listening: Where.
         token: By which one gets in.
         put_up: Declares the pages.
+        gives_way: As of :class:`.Apart`.
     """
     sys.setswitchinterval(TURN_S)
-    running = server(token, put_up)
+    running = server(token, put_up, gives_way=gives_way)
     gc.freeze()  # what is imported by now stays: it need not be looked through again and again
     running.run(sockets=[listening])
 
 
-def server(token: str, put_up: Callable[[], None]) -> uvicorn.Server:
+def server(token: str, put_up: Callable[[], None], *, gives_way: bool) -> uvicorn.Server:
     """Return a server of pages that is not running yet; see :func:`serve`."""
     import uvicorn
     from fastapi import FastAPI
@@ -88,7 +91,7 @@ def server(token: str, put_up: Callable[[], None]) -> uvicorn.Server:
         app, mount_path=f"/{token}", title="palp view", dark=None, tailwind=False, show_welcome_message=False,
         gzip_middleware_factory=None, message_history_length=100, reconnect_timeout=10.0,
     )  # fmt: skip
-    gate: Any = PageGate(Presses(Apart(app)), token)
+    gate: Any = PageGate(Presses(Apart(app, gives_way=gives_way)), token)
     config = uvicorn.Config(
         gate, log_level="warning", access_log=False, ws_max_size=LONGEST_WORD, ws_max_queue=8,
         timeout_graceful_shutdown=1, server_header=False, proxy_headers=False,

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import IO
 
@@ -42,6 +43,11 @@ class StartedRecorder:
     ) -> None:
         self.out, self.snapshot_s = out, snapshot_s
         self._process, self._said = process, said
+
+    @property
+    def pid(self) -> int:
+        """Of its process."""
+        return self._process.pid
 
     @property
     def running(self) -> bool:
@@ -81,6 +87,10 @@ class Recordings:
     def __init__(self, operator: GraphOperator, folder: Path) -> None:
         self._operator, self.folder = operator, folder
         self.all: list[StartedRecorder] = []
+        self._starter = ThreadPoolExecutor(1, "palp view: recorders")
+        self._starter.submit(
+            os.getpid
+        ).result()  # its thread is there before pages give way to the graph's nodes
 
     def start(self, name: str, topics: list[str], snapshot_s: float = 0.0) -> StartedRecorder:
         """Start a recorder.
@@ -115,13 +125,14 @@ class Recordings:
             str(out),
         ]
         said = tempfile.TemporaryFile()  # noqa: SIM115 - as long as somebody may look at it
-        process = subprocess.Popen(
+        process = self._starter.submit(
+            subprocess.Popen[bytes],
             [*command, *options, "--", *words] if topics else [*command, *options, *words],
             stdin=subprocess.DEVNULL,
             stdout=said,
             stderr=subprocess.STDOUT,
             start_new_session=True,
-        )
+        ).result()
         found = StartedRecorder(process, said, out, snapshot_s)
         self.all.append(found)
         return found
@@ -152,3 +163,4 @@ class Recordings:
         for one in self.all:
             if one.running:
                 one.stop()
+        self._starter.shutdown()
