@@ -26,7 +26,7 @@ from tests.support.rig_session import ComposedGraph, RigSession
 
 SMALL = ("trials:=2", "training:=2", "seed:=1", "policy:=markov")
 TWENTY = [
-    *(("/experiment/trial", n) for n in (1, 2, 17, 31, 36)),
+    *(("/experiment/trial", n) for n in (2, 3, 17, 31, 36)),
     *(("/torque/block", n) for n in (1, 40, 111, 205)),
     *(("/experiment/result", n) for n in (1, 3, 6)),
     *(("/estimator/belief", n) for n in (1, 9)),
@@ -158,6 +158,22 @@ def test_killed_with_all_its_processes_it_ends_with_the_same_bytes(
     assert_equal(out, rig_session.out)
     found = diff_bags(rig_session.bag, bag, ignore=["hand_over"])  # it names the folder
     assert {name for name, topic in found.items() if topic.first is not None} == {"/graph/events"}
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("compose", [True, False], ids=["composed", "processes"])
+def test_killed_before_its_first_checkpoint_it_has_lost_nothing_and_begins_without_resume(
+    compose: bool, rig_session: RigSession, palp: Palp, tmp_path: Path
+) -> None:
+    out, more = tmp_path / "out", ("--compose",) if compose else ()
+    words = (*SMALL, f"out:={out}")
+    launch_and_kill(palp, SIM, "/experiment/trial", 1, *words, compose=compose)
+    refused = palp.run("launch", SIM, *words, "--resume", *more)
+    assert refused.returncode == 2
+    assert "without --resume it begins" in refused.stderr
+    done = palp.run("launch", SIM, *words, *more)
+    assert done.returncode == 0, done.stderr
+    assert_equal(out, rig_session.out)
 
 
 def test_an_unfinished_session_is_refused_with_the_command_that_goes_on(tmp_path: Path) -> None:

@@ -51,10 +51,10 @@ def exclude(
 
 def _decide(deed: Deed, trial: int, folder: Path, reason: str, *, as_json: bool) -> None:
     from palp_core.palpation.session.decided.audit import AUDIT, decide
-    from palp_core.palpation.session.human.record import HUMAN_TABLE, read_human
+    from palp_core.palpation.session.human.record import is_by_hand, read_human
     from palp_core.palpation.session.trials_csv import read_rows
 
-    person = (folder / HUMAN_TABLE).exists()
+    person = is_by_hand(folder)
     known = {row.trial for row in (read_human(folder) if person else read_rows(folder))}
     if trial not in known:
         last = f"there are {min(known)} to {max(known)}" if known else "there is none yet"

@@ -42,14 +42,14 @@ def unseal(
     The report is made, and the audit says when, why and by whom it was opened.
     """
     from palp_core.palpation.session import run_note
-    from palp_core.palpation.session.human.record import HUMAN_TABLE
+    from palp_core.palpation.session.human.record import is_by_hand
     from palp_core.palpation.session.human.report import write_human
     from palp_core.palpation.session.operating.unsealing import unseal as open_session
     from palp_core.palpation.session.operating.unsealing import unseal_by_hand
     from palp_core.palpation.session.report import write
     from palp_core.palpation.session.sheet.of_run import sheet_of
 
-    if (folder / HUMAN_TABLE).exists():
+    if is_by_hand(folder):
         opened = unseal_by_hand(folder, reason, key)
         said = write_human([folder], folder, sheet_of(run_note.read_note(folder)))
     else:

@@ -73,7 +73,7 @@ def redact(
     Files that are no part of the session stay behind. Status 1: a file of the copy still has a word of it.
     """
     from palp_core.palpation.session.bag_record import is_bag
-    from palp_core.palpation.session.human.record import HUMAN_TABLE
+    from palp_core.palpation.session.human.record import is_by_hand
     from palp_core.palpation.session.report import write
     from palp_core.palpation.session.run_note import read_note
     from palp_core.palpation.session.sheet import redact as redaction
@@ -87,7 +87,7 @@ def redact(
         print_text(f"{out}: a copy of {folder} without them")
         _tell(out, told)
         return
-    if (folder / HUMAN_TABLE).exists():
+    if is_by_hand(folder):
         raise PalpError(
             f"{folder}: is of a session with a person, whose record has the subject's code in every row and "
             "name of a file: give it away by palp export, or its bag redacted"

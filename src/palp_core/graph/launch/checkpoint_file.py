@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import hashlib
-import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +15,8 @@ from palp_core.graph.launch.diagnostics import Incident
 from palp_core.graph.launch.methods_told import MethodTold
 from palp_core.graph.node.loading import source_of
 from palp_core.graph.recording.provenance import versions
+from palp_core.sealing import opened
+from palp_core.sealing import sealed as seal
 from palp_core.whole_file import PRIVATE, read_whole, write_whole
 
 _MAGIC = b"palp checkpoint 1\n"
@@ -157,7 +157,7 @@ def write_checkpoint(path: Path, checkpoint: KeptRun, *, durable: bool, sealed: 
     body = msgspec.msgpack.encode(checkpoint)
     data = b"".join((_MAGIC, hashlib.sha256(body).digest(), body))
     if sealed:
-        data = _SEAL + base64.encodebytes(zlib.compress(data, 1))
+        data = seal(_SEAL, data, 1)
     write_whole(path, data, mode=PRIVATE if sealed else 0o666, durable=durable)
     return len(data)
 
@@ -173,14 +173,14 @@ def read_checkpoint(path: Path) -> KeptRun:
     except FileNotFoundError:
         raise GraphError(
             f"nothing to resume: there is no checkpoint {path}: the run that was there came to its end, or "
-            "ended before its first checkpoint"
+            "ended before its first checkpoint; without --resume it begins"
         ) from None
     except OSError as error:
         raise GraphError(f"{path} cannot be read: {error.strerror or error}") from error
     if data.startswith(_SEAL):
         try:
-            data = zlib.decompress(base64.b64decode(data.removeprefix(_SEAL)))
-        except (ValueError, zlib.error) as error:
+            data = opened(_SEAL, data)
+        except ValueError as error:
             raise GraphError(f"{path} is torn: {error}; nothing is resumed: begin anew") from error
     head, body = data[: len(_MAGIC) + _DIGEST_BYTES], data[len(_MAGIC) + _DIGEST_BYTES :]
     if not head.startswith(b"palp checkpoint"):

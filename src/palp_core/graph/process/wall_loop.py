@@ -22,11 +22,11 @@ from palp_core.graph.process.swap_participant import SwapParticipant
 from palp_core.graph.transport.matched_readers import MatchedReaders
 from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.offsets import Offsets
+from palp_core.graph.transport.publisher_socket import HEARTBEAT_NS
 from palp_core.graph.transport.receiver import TopicReceiver
 from palp_core.graph.transport.subscriber_socket import UNTIL_RUNG
 from palp_core.graph.transport.wakeup import ENDPOINT, Wakeup
 
-HEARTBEAT_NS = 100_000_000
 EARLY_NS = 25_000_000
 """How much sooner a beat may be where the node is awake for something else, and need not wake for it."""
 BUSY = 5

@@ -22,10 +22,10 @@ from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.replay.player import Replayed, replayed_class
 from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.transport.node_sockets import NodeSockets
+from palp_core.graph.transport.publisher_socket import HEARTBEAT_NS
 
 GRAPH = "play"
 PROCESS = "player"
-BEAT_NS = 100_000_000
 
 
 class PlaySink(Protocol):
@@ -134,7 +134,7 @@ class PlayRun:
         """As of :class:`PlaySink`."""
         now_ns = monotonic_ns()
         if now_ns >= self._next_beat_ns:
-            self._next_beat_ns = now_ns + BEAT_NS
+            self._next_beat_ns = now_ns + HEARTBEAT_NS
             self._sockets.publisher.send_heartbeats()
         self._sockets.poll()
         self._sockets.requests.perform()

@@ -204,3 +204,4 @@ class Restarts:
     def forget(self, index: int) -> None:
         """Expect no more of a node whose process has ended."""
         self._liveness.forget(index)
+        self.stir()

@@ -313,7 +313,6 @@ class Supervisor:
             return
         process.ended = True
         self._restarts.forget(index)
-        self._restarts.stir()
         for message in self._channels.drain(index):
             self._on_message(index, message)
         if self._grace.ending or process.handed_over or process.respawn_at_ns is not None:

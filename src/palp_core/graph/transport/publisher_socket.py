@@ -23,7 +23,7 @@ from palp_core.graph.transport.requester_socket import readable
 
 SEND_QUEUE = 100_000  # messages per reader: what is beyond is a gap to it, filled from what is remembered
 QUEUE_BYTES = 256 << 20  # of large messages: ZeroMQ's own marks count messages, whatever their size
-BEAT_NS = 100_000_000
+HEARTBEAT_NS = 100_000_000  # in which a process says that it lives
 PLACE_BYTES = 1 << 20  # of a message that takes one place in the queue of a reader
 
 
@@ -215,10 +215,10 @@ class PublisherSocket:
             left_ns = begin_ns + self.backpressure.patience_ns(publisher) - now_ns
             if left_ns <= 0:
                 raise self.backpressure.too_slow(publisher)
-            if now_ns >= beat_ns + BEAT_NS:  # who waits lives
+            if now_ns >= beat_ns + HEARTBEAT_NS:  # who waits lives
                 beat_ns = now_ns
                 self.send_heartbeats()
-            self._socket.poll(max(min(left_ns, BEAT_NS) // 1_000_000, 1))
+            self._socket.poll(max(min(left_ns, HEARTBEAT_NS) // 1_000_000, 1))
 
     def _greet(self, name: bytes) -> None:
         self._subscribed[name] = self._subscribed.get(name, 0) + 1

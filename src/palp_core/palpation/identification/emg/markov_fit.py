@@ -22,7 +22,7 @@ from palp_core.palpation.perception.strategy.markov_posterior import (
     summarise,
 )
 from palp_core.palpation.perception.strategy.markov_readings import READINGS, long_run
-from palp_core.palpation.session.human.record import EMG, HUMAN_TABLE, emg_that_does_not_count
+from palp_core.palpation.session.human.record import EMG, emg_that_does_not_count, is_by_hand
 
 _LEAST_SD = 0.01
 
@@ -122,7 +122,7 @@ def fit(
     for source in sources:
         if places.count(source.path.resolve()) > 1:
             raise PalpError(f"{source.path}: named twice; a trial counts once")
-        if (source.path / HUMAN_TABLE).exists():
+        if is_by_hand(source.path):
             found = run_folder(
                 source.path / EMG, mvc, choices, settings, tell, skip=emg_that_does_not_count(source.path)
             )

@@ -5,18 +5,17 @@ Codes and their order come from the machine's entropy, never from a run's seed: 
 program and the phantoms can draw neither again. The file is no safe: it keeps from seeing, not from prying.
 """
 
-import base64
 import dataclasses
 import json
 import os
 import secrets
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
+from palp_core.sealing import opened, sealed
 from palp_core.whole_file import read_whole, whole_file
 
 SEAL = b"sealed by palp: which phantom is which; `palp session unseal` opens it\n"
@@ -60,7 +59,7 @@ def seal(path: Path, phantoms: Mapping[str, Phantom]) -> dict[str, str]:
         "phantoms": {code: dataclasses.asdict(phantoms[given[code]]) for code in sorted(codes)},
         "was": {code: given[code] for code in sorted(codes)},
     }
-    data = SEAL + base64.encodebytes(zlib.compress(json.dumps(content).encode()))
+    data = sealed(SEAL, json.dumps(content).encode())
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         draft = path.with_name(f".{path.name}.{os.getpid()}.{secrets.token_hex(4)}")
@@ -80,10 +79,10 @@ def seal(path: Path, phantoms: Mapping[str, Phantom]) -> dict[str, str]:
 def _content(path: str | Path) -> dict[str, Any]:
     try:
         data = read_whole(path, _LARGEST_BYTES)
-        content: dict[str, Any] = json.loads(zlib.decompress(base64.b64decode(data.removeprefix(SEAL))))
+        content: dict[str, Any] = json.loads(opened(SEAL, data))
     except OSError as error:
         raise MechanicsError(f"{path}: the key cannot be read: {error.strerror or error}") from error
-    except (ValueError, zlib.error) as error:
+    except ValueError as error:
         raise MechanicsError(f"{path}: the key is damaged: {error}") from error
     return content
 

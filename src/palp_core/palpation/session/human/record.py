@@ -38,6 +38,11 @@ Source = Literal["person", "emulator", "file", "simulated"]
 """Whose muscles: a person's by an amplifier, an emulated amplifier's, a recording's, a simulation's."""
 
 
+def is_by_hand(folder: Path) -> bool:
+    """Tell whether a folder holds a session of a person's own fingers."""
+    return (folder / HUMAN_TABLE).exists()
+
+
 class HumanRow(msgspec.Struct, frozen=True, kw_only=True):
     """One trial. What nobody was asked, or what is sealed, is None.
 

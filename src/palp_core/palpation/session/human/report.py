@@ -12,7 +12,7 @@ import msgspec
 
 from palp_core.errors import PalpError
 from palp_core.palpation.session import run_note
-from palp_core.palpation.session.human.record import HUMAN_TABLE, read_human, refuse_human
+from palp_core.palpation.session.human.record import HUMAN_TABLE, is_by_hand, read_human, refuse_human
 from palp_core.palpation.session.human.sheet import asked_sheet
 from palp_core.palpation.session.session_folder import RUN, cannot_write
 from palp_core.palpation.session.sheet.of_run import (
@@ -72,7 +72,7 @@ class HumanReport:
         try:
             write_json(folder / RUN, summary)
             write_copy(summary, folder)
-            if not (folder / HUMAN_TABLE).exists() or not read_human(folder):
+            if not is_by_hand(folder) or not read_human(folder):
                 return f"Nothing is kept: no trial was made in '{folder}'."
             return write_human([folder], folder, sheet_of(summary))
         except OSError as error:
