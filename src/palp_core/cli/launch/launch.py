@@ -29,6 +29,15 @@ RESUMES = "resume:=true"
 """The option, written like an argument of the launch file."""
 
 
+def _schema(wanted: bool) -> None:
+    """Print the JSON Schema before anything else is asked for, a launch file among it."""
+    if wanted:
+        from palp_core.graph.description.schema import launch_schema
+
+        print_text(json.dumps(launch_schema(), indent=1))
+        raise typer.Exit
+
+
 def launch(
     file: Annotated[Path, typer.Argument(help="Launch file.")],
     arguments: Annotated[
@@ -38,6 +47,15 @@ def launch(
     check: Annotated[bool, typer.Option("--check", help="Check everything, start nothing.")] = False,
     print_: Annotated[bool, typer.Option("--print", "-p", help="Print the resolved graph.")] = False,
     show_args: Annotated[bool, typer.Option("--show-args", "-s", help="Show the file's arguments.")] = False,
+    schema: Annotated[  # noqa: ARG001 - its callback has printed it
+        bool,
+        typer.Option(
+            "--schema",
+            callback=_schema,
+            is_eager=True,
+            help="Print the JSON Schema of launch files, for editors.",
+        ),
+    ] = False,
     name: Annotated[
         str | None,
         typer.Option("--name", metavar="NAME", help="What the running graph is called; default: as in FILE."),

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from palp_core.graph.description.keys import ARGUMENT
 from palp_core.graph.description.substitution import Scope, evaluate
 from palp_core.graph.description.yaml_tree import (
     UNKNOWN,
@@ -20,7 +21,6 @@ from palp_core.graph.description.yaml_tree import (
 from palp_core.graph.description.yaml_tree import Sequence as TreeSequence
 from palp_core.graph.problems import Mark, Problems, hint
 
-_KEYS = ("default", "choices", "help", "sets")
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text", dict: "a mapping"}
 
 
@@ -159,7 +159,7 @@ def _declare(name: str, entry: Entry, scope: Scope, problems: Problems) -> Argum
     if not isinstance(entry.value, Mapping):
         problems.add(entry.value.mark, f"argument '{name}' must be a mapping; write {name}: {{default: ...}}")
         return Argument(name, entry.mark, sound=False)
-    fields = unknown_keys(entry.value, _KEYS, f"argument '{name}'", problems)
+    fields = unknown_keys(entry.value, ARGUMENT, f"argument '{name}'", problems)
     default: Any = UNKNOWN
     if "default" in fields:
         default = evaluate(fields["default"].value, scope, problems)

@@ -9,10 +9,11 @@ import msgspec
 
 from palp_core.graph.description.arguments import unknown_keys
 from palp_core.graph.description.input_reader import flat
+from palp_core.graph.description.keys import CHECKPOINT, WIRE
 from palp_core.graph.description.substitution import Scope, evaluate
 from palp_core.graph.description.yaml_tree import UNKNOWN, Entry, Sequence, Tree
 from palp_core.graph.description.yaml_tree import Mapping as TreeMapping
-from palp_core.graph.node.spec import NAME, topic
+from palp_core.graph.node.spec import topic
 from palp_core.graph.problems import Mark, Problems, hint
 
 _FORM = "write {file: $(var out)/checkpoint, after: node/port}"
@@ -41,7 +42,7 @@ def read_checkpoint(
     if not isinstance(entry.value, TreeMapping):
         problems.add(entry.value.mark, f"checkpoint must be a mapping; {_FORM}")
         return None
-    fields = unknown_keys(entry.value, ("file", "after", "nodes"), "checkpoint", problems)
+    fields = unknown_keys(entry.value, CHECKPOINT, "checkpoint", problems)
     for key in ("file", "after"):
         if key not in fields:
             problems.add(entry.mark, f"checkpoint does not state its {key}; {_FORM}")
@@ -67,11 +68,10 @@ def _topic(tree: Tree, scope: Scope, problems: Problems) -> str | None:
     value = evaluate(tree, scope, problems)
     if value is UNKNOWN:
         return None
-    parts = value.split("/") if isinstance(value, str) else []
-    if len(parts) != 2 or not all(NAME.fullmatch(part) for part in parts):
+    if not isinstance(value, str) or WIRE.fullmatch(value) is None:
         problems.add(tree.mark, f"after of checkpoint is '{flat(value)}'; write node/port")
         return None
-    return topic(*parts)
+    return topic(*value.split("/"))
 
 
 def _names(tree: Tree, scope: Scope, problems: Problems) -> list[str]:

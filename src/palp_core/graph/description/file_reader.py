@@ -1,7 +1,6 @@
 """Read a launch file, and those it includes, into a description."""
 
 import os
-import re
 from collections.abc import Mapping as Lookup
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -19,6 +18,7 @@ from palp_core.graph.description.arguments import (
 )
 from palp_core.graph.description.checkpoint_entry import read_checkpoint
 from palp_core.graph.description.input_reader import read_flag, read_number, read_word
+from palp_core.graph.description.keys import ADDRESS, FUNCTION, INCLUDE, LAUNCH_FILE
 from palp_core.graph.description.launch_file import GraphNode, LaunchFile, Located, find_workspace
 from palp_core.graph.description.node_reader import NodeReader
 from palp_core.graph.description.substitution import Scope, evaluate, sole_variable
@@ -27,13 +27,7 @@ from palp_core.graph.description.yaml_tree import Sequence as TreeSequence
 from palp_core.graph.node.spec import NAME
 from palp_core.graph.problems import GraphProblems, Mark, Problems, nearest
 
-_KEYS = (
-    *("graph", "clock", "seed", "args", "include", "nodes"),
-    *("report", "listen", "view", "blind", "checkpoint"),
-)
 _MOST_FILES = 64
-_ADDRESS = re.compile(r"tcp://\S+:(\d{1,5}|\*)")
-_FUNCTION = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 
 
 def read(path: Path, overrides: Sequence[str] = (), environ: Lookup[str, str] | None = None) -> LaunchFile:
@@ -144,7 +138,10 @@ class _Reader:
         if "graph" in fields:
             graph = self._name(fields["graph"].value, scope) or graph
         if "clock" in fields:
-            clock = read_word(fields["clock"].value, "clock", ("sim", "wall"), scope, self.problems) or clock
+            clock = (
+                read_word(fields["clock"].value, "clock", LAUNCH_FILE["clock"].words, scope, self.problems)
+                or clock
+            )
         if "seed" in fields:
             seed = read_number(fields["seed"].value, "seed", int, 0, scope, self.problems) or 0
         report = self._function("report", fields, scope)
@@ -168,10 +165,12 @@ class _Reader:
         tree = self.trees.get(path) or read_tree(path, self.problems)
         self.trees[path] = tree
         if not isinstance(tree, Mapping):
-            self.problems.add(tree.mark, f"a launch file must be a mapping with the keys {', '.join(_KEYS)}")
+            self.problems.add(
+                tree.mark, f"a launch file must be a mapping with the keys {', '.join(LAUNCH_FILE)}"
+            )
             self.problems.raise_any()
             raise AssertionError  # noqa: TRY004 - never reached
-        return unknown_keys(tree, _KEYS, "a launch file", self.problems), tree.mark, set(tree.items)
+        return unknown_keys(tree, LAUNCH_FILE, "a launch file", self.problems), tree.mark, set(tree.items)
 
     def _file(self, path: Path, fields: dict[str, Entry], outer: _File | None = None) -> _File:
         scope = Scope(path, self.environ, now=self.now)
@@ -226,7 +225,7 @@ class _Reader:
                     item.mark, "an include must be a mapping; write {file: other.yaml, args: {}}"
                 )
                 continue
-            fields = unknown_keys(item, ("file", "args"), "an include", self.problems)
+            fields = unknown_keys(item, INCLUDE, "an include", self.problems)
             if "file" in fields:
                 self._include(outer, fields["file"].value, fields.get("args"))
             elif nearest("file", set(item.items) - set(fields)) is None:
@@ -312,7 +311,7 @@ class _Reader:
         text = evaluate(tree, scope, self.problems)
         if text in (UNKNOWN, ""):
             return ""
-        if not isinstance(text, str) or _ADDRESS.fullmatch(text) is None:
+        if not isinstance(text, str) or ADDRESS.fullmatch(text) is None:
             self.problems.add(tree.mark, f"listen is '{text}'; write tcp://HOST:PORT")
             return ""
         if clock != "wall":
@@ -327,7 +326,7 @@ class _Reader:
         text = evaluate(tree, scope, self.problems)
         if text is UNKNOWN:
             return None
-        if not isinstance(text, str) or _FUNCTION.fullmatch(text) is None:
+        if not isinstance(text, str) or FUNCTION.fullmatch(text) is None:
             self.problems.add(tree.mark, f"{key} is '{text}'; write module:function")
             return None
         return Located(text, tree.mark)

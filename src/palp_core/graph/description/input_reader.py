@@ -4,11 +4,11 @@ import math
 from typing import Any, TypeVar, get_args, get_type_hints
 
 from palp_core.graph.description.arguments import unknown_keys
+from palp_core.graph.description.keys import INPUT, WIRE
 from palp_core.graph.description.launch_file import InputEntry
 from palp_core.graph.description.substitution import Scope, evaluate
 from palp_core.graph.description.yaml_tree import UNKNOWN, Entry, Mapping, Tree, shortened
 from palp_core.graph.messages.qos import POLICIES, Qos
-from palp_core.graph.node.spec import NAME
 from palp_core.graph.problems import Problems, nearest
 
 T = TypeVar("T", int, float)
@@ -57,18 +57,18 @@ def read_flag(tree: Tree, what: str, scope: Scope, problems: Problems) -> bool:
 
 
 _POLICIES = get_type_hints(Qos)
-_ACTIONS = ("warn", "restart", "shutdown")
 
 
 def read_input(entry: Entry, what: str, scope: Scope, problems: Problems) -> InputEntry | None:
     """Return a wire, or None after reporting what is wrong with it."""
     source, stated, action = entry.value, {}, "warn"
     if isinstance(source, Mapping):
-        known = ("from", "external", "on_event", *_POLICIES)
-        fields = unknown_keys(source, known, what, problems)
+        fields = unknown_keys(source, INPUT, what, problems)
         if "on_event" in fields:
             action = (
-                read_word(fields["on_event"].value, f"on_event of {what}", _ACTIONS, scope, problems)
+                read_word(
+                    fields["on_event"].value, f"on_event of {what}", INPUT["on_event"].words, scope, problems
+                )
                 or "warn"
             )
         stated = _qos(
@@ -94,11 +94,11 @@ def read_input(entry: Entry, what: str, scope: Scope, problems: Problems) -> Inp
     text = evaluate(source, scope, problems)
     if text is UNKNOWN:
         return None
-    parts = text.split("/") if isinstance(text, str) else []
-    if len(parts) != 2 or not all(NAME.fullmatch(part) for part in parts):
+    if not isinstance(text, str) or WIRE.fullmatch(text) is None:
         problems.add(source.mark, f"{what} comes from '{flat(text)}'; write node/port")
         return None
-    return InputEntry(entry.mark, source.mark, parts[0], parts[1], stated, action)
+    node, port = text.split("/")
+    return InputEntry(entry.mark, source.mark, node, port, stated, action)
 
 
 def _qos(what: str, fields: dict[str, Entry], scope: Scope, problems: Problems) -> dict[str, Any]:

@@ -5,7 +5,6 @@ An argument may select a part of it: ``{select: $(var policy), fixed: ..., marko
 
 import itertools
 import math
-import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +14,7 @@ import msgspec
 
 from palp_core.graph.description.arguments import Argument, branch_name, unknown_keys
 from palp_core.graph.description.input_reader import flat, read_flag, read_input, read_number, read_word
+from palp_core.graph.description.keys import HIGHEST_PRIORITY, MOST_RESTARTS, NODE, RESTART, RUN
 from palp_core.graph.description.launch_file import GraphNode, InputEntry, Located
 from palp_core.graph.description.substitution import Scope, evaluate, sole_variable
 from palp_core.graph.description.yaml_tree import UNKNOWN, Entry, Mapping, Scalar, Tree
@@ -116,12 +116,6 @@ def read_selection(
     return Selection(Choice(scope.origins[variable], present), branches)
 
 
-_RUN = re.compile(r"(?P<module>[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*|[^:]+\.py):(?P<name>[A-Za-z_]\w*)")
-_KEYS = ("run", "params", "inputs", "restart", "on_exit", "cpus", "realtime_priority", "joined", "output")
-_OUTPUTS = ("screen", "log")
-_RESTART = ("never", "on_failure")
-HIGHEST_PRIORITY = 99
-MOST_RESTARTS = 1_000_000
 MOST_VARIANTS = 1000
 T = TypeVar("T", int, float)
 
@@ -161,12 +155,12 @@ class NodeReader:
             self._problems.add(entry.value.mark, f"node '{name}' must be a mapping with a key 'run'")
             return []
         what = f"node '{name}'"
-        fields = unknown_keys(entry.value, _KEYS, what, self._problems)
+        fields = unknown_keys(entry.value, NODE, what, self._problems)
         if "run" not in fields and nearest("run", set(entry.value.items) - set(fields)) is None:
             self._problems.add(entry.mark, f"{what} does not say what to run; add run: module:Class")
         restart = self._restart(what, fields["restart"].value) if "restart" in fields else {}
         shutdown = "on_exit" in fields and self._word(
-            fields["on_exit"].value, f"on_exit of {what}", ("shutdown",)
+            fields["on_exit"].value, f"on_exit of {what}", NODE["on_exit"].words
         )
         cpus, priority = self._scheduling(what, fields)
         joined = "joined" in fields and read_flag(
@@ -175,7 +169,9 @@ class NodeReader:
         if joined:
             self.joined[name] = entry.mark
         output = (
-            self._word(fields["output"].value, f"output of {what}", _OUTPUTS) if "output" in fields else None
+            self._word(fields["output"].value, f"output of {what}", NODE["output"].words)
+            if "output" in fields
+            else None
         )
         spec = NodeSpec(
             name=name, run="", shutdown_on_exit=bool(shutdown), cpus=cpus, realtime_priority=priority,
@@ -239,7 +235,7 @@ class NodeReader:
         text = self._evaluate(tree)
         if text is UNKNOWN:
             return None
-        found = _RUN.fullmatch(text) if isinstance(text, str) else None
+        found = RUN.fullmatch(text) if isinstance(text, str) else None
         if found is None:
             self._problems.add(tree.mark, f"{what} is '{text}'; write module:Class or path.py:Class")
             return None
@@ -314,11 +310,13 @@ class NodeReader:
     def _restart(self, what: str, tree: Tree) -> dict[str, Any]:
         what = f"restart of {what}"
         if not isinstance(tree, Mapping):
-            return {"restart": self._word(tree, what, _RESTART) or "never"}
-        fields = unknown_keys(tree, ("when", "max_restarts", "backoff_s"), what, self._problems)
+            return {"restart": self._word(tree, what, RESTART["when"].words) or "never"}
+        fields = unknown_keys(tree, RESTART, what, self._problems)
         rule: dict[str, Any] = {"restart": "on_failure"}
         if "when" in fields:
-            rule["restart"] = self._word(fields["when"].value, f"when in {what}", _RESTART) or "never"
+            rule["restart"] = (
+                self._word(fields["when"].value, f"when in {what}", RESTART["when"].words) or "never"
+            )
         if "max_restarts" in fields:
             limit = self._number(
                 fields["max_restarts"].value, f"max_restarts in {what}", int, 0, MOST_RESTARTS

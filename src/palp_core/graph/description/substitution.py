@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from palp_core.graph.clock import local_time_name
+from palp_core.graph.description.keys import SUBSTITUTIONS
 from palp_core.graph.description.yaml_tree import UNKNOWN, Mapping, Scalar, Sequence, Tree, parse_scalar
 from palp_core.graph.problems import Mark, Problems, hint
 
-_FORMS = ("var", "env", "dirname", "filename", "now")
 _CALL = re.compile(r"\$\(([^()]*)\)")
 
 
@@ -122,5 +122,5 @@ def _call(inside: str, mark: Mark, scope: Scope, problems: Problems) -> Any:
         case "dirname" | "filename" | "now":
             problems.add(mark, f"$({name}) takes nothing after its name; write $({name})")
         case _:
-            problems.add(mark, f"unknown substitution '$({inside})'{hint(name, _FORMS)}")
+            problems.add(mark, f"unknown substitution '$({inside})'{hint(name, SUBSTITUTIONS)}")
     return UNKNOWN
