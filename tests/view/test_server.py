@@ -142,7 +142,10 @@ def test_without_the_extra_a_line_says_what_to_install(
     monkeypatch.setattr(importlib.util, "find_spec", hide)
     done = palp.here(*words)
     assert done.returncode == 2
-    assert done.stderr == "palp view needs NiceGUI, which is not installed; type: pip install 'palp[view]'\n"
+    assert (
+        done.stderr
+        == "palp view needs NiceGUI, which is not installed; type: pip install 'palp-core[view]'\n"
+    )
 
 
 def test_a_port_that_is_taken_is_said(palp: Palp, tmp_path: Path, server: Server) -> None:

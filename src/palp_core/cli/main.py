@@ -118,6 +118,13 @@ def main() -> None:
     except PalpError as error:
         sys.stderr.write(f"{error}\n")
         sys.exit(2)
+    except ModuleNotFoundError as error:
+        from palp_core.extras import advice
+
+        if not (words := advice(error)):
+            raise
+        sys.stderr.write(f"{words}\n")
+        sys.exit(2)
     except OSError as error:  # a disk that is full, a folder that is gone: no fault of the program
         where = f"{error.filename}: " if error.filename else ""
         sys.stderr.write(f"{where}{error.strerror or error}\n")

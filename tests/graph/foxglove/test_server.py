@@ -316,4 +316,4 @@ def test_without_the_library_one_line_says_what_to_install(
     monkeypatch.setitem(sys.modules, "foxglove", None)
     refused = bench.here("foxglove")
     assert refused.returncode == 2
-    assert refused.stderr.endswith("pip install 'palp[foxglove]'\n")
+    assert refused.stderr.endswith("pip install 'palp-core[foxglove]'\n")

@@ -326,7 +326,7 @@ def edit(file: Path, old: str, new: str) -> None:
         (lambda data: b"", "is no checkpoint of a run"),
         (lambda data: data[: len(data) // 2], "is torn"),
         (lambda data: data[:-1], "is torn"),
-        (lambda data: data[:200] + b"\0" + data[201:], "is torn"),
+        (lambda data: data[:200] + bytes([data[200] ^ 0xFF]) + data[201:], "is torn"),
         (lambda data: data.replace(b"checkpoint 1\n", b"checkpoint 9\n"), "another version of palp"),
         (lambda data: b"a picture of a cat", "is no checkpoint of a run"),
     ],

@@ -81,7 +81,7 @@ class Subject:
 
 def every(*kinds: str) -> pytest.MarkDecorator:
     """Run a test on every device of some kinds."""
-    without_lsl = pytest.mark.skipif(find_spec("pylsl") is None, reason="needs palp[lsl]")
+    without_lsl = pytest.mark.skipif(find_spec("pylsl") is None, reason="needs palp-core[lsl]")
     return pytest.mark.parametrize(
         "subject",
         [

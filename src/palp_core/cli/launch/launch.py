@@ -87,6 +87,9 @@ def launch(
     The exit status is the run's: 0 if it came to its end, 1 if a node failed or the report did, 2 if the
     launch file has mistakes, 130 on Ctrl-C.
     """
+    from palp_core.graph.workspaces.underlays import launch_path
+
+    file = launch_path(file)
     overrides = [word for word in arguments or [] if word != RESUMES]
     resume = resume or RESUMES in (arguments or [])
     if show_args:
@@ -104,6 +107,7 @@ def launch(
             for words in check_start(file, checked, name, resume=resume):
                 note(f"{file}: {words}")
         _say_without_effect(file, checked)
+        _say_hidden(file, checked)
         print_text(
             resolved_yaml(checked).rstrip()
             if print_
@@ -247,6 +251,14 @@ def _say_without_effect(file: Path, checked: CheckedGraph) -> None:
 
     if text := without_effect(checked):
         note(f"{file}: note: {text}")
+
+
+def _say_hidden(file: Path, checked: CheckedGraph) -> None:
+    """Say which modules of the workspace take the place of installed ones."""
+    from palp_core.graph.workspaces.modules import hidden_modules
+
+    for module, own, installed, name in hidden_modules(checked.workspace):
+        note(f"{file}: note: {module} is {own}, in place of that of '{name}', {installed}")
 
 
 def _check_writable(digest: Path) -> None:

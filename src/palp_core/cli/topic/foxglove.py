@@ -8,6 +8,7 @@ from palp_core.cli.options import GraphOption, until_ctrl_c
 from palp_core.cli.output import note, print_text
 from palp_core.cli.running import find_graph, note_ended
 from palp_core.errors import GraphError
+from palp_core.extras import install_line
 
 
 def foxglove(
@@ -43,7 +44,7 @@ def foxglove(
         from palp_core.graph.foxglove.server import FoxgloveServer
         from palp_core.graph.network.listen_address import resolve
     except ImportError as error:
-        raise GraphError(f"foxglove-sdk cannot be used: {error}; pip install 'palp[foxglove]'") from error
+        raise GraphError(f"foxglove-sdk cannot be used: {error}; {install_line('foxglove')}") from error
     with until_ctrl_c():
         number = resolve(host, f"--host {host}")
         if number.is_unspecified:

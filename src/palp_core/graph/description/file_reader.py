@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from palp_core.errors import GraphError
 from palp_core.graph.clock import local_time_name
 from palp_core.graph.description.arguments import (
     Argument,
@@ -26,6 +27,7 @@ from palp_core.graph.description.yaml_tree import UNKNOWN, Entry, Mapping, Tree,
 from palp_core.graph.description.yaml_tree import Sequence as TreeSequence
 from palp_core.graph.node.spec import NAME
 from palp_core.graph.problems import GraphProblems, Mark, Problems, nearest
+from palp_core.graph.workspaces.underlays import is_installed_name, launch_path
 
 _MOST_FILES = 64
 
@@ -34,7 +36,7 @@ def read(path: Path, overrides: Sequence[str] = (), environ: Lookup[str, str] | 
     """Read a launch file without looking at any node class.
 
     Args:
-        path: The launch file.
+        path: The launch file; ``rig:sim.yaml`` is one of an installed workspace.
         overrides: Arguments as ``name:=value``.
         environ: Environment variables; those of the process by default.
 
@@ -44,6 +46,7 @@ def read(path: Path, overrides: Sequence[str] = (), environ: Lookup[str, str] | 
     Raises:
         GraphProblems: The file cannot be read or is not YAML.
     """
+    path = launch_path(path)
     return _Reader(find_workspace(path), os.environ if environ is None else environ).root(path, overrides)
 
 
@@ -262,7 +265,9 @@ class _Reader:
         text = evaluate(tree, outer.scope, self.problems)
         if text is UNKNOWN:
             return None
-        target = Path(os.path.normpath(outer.path.parent / str(text)))
+        target = self._place(outer, str(text), tree.mark)
+        if target is None:
+            return None
         paths = [file.path for file in outer.chain()]
         self.file_count += 1
         if self.file_count > _MOST_FILES:
@@ -283,6 +288,15 @@ class _Reader:
             )
             return None
         return target
+
+    def _place(self, outer: _File, text: str, mark: Mark) -> Path | None:
+        """Return where an include's file is: from the file that includes it, or in an installed workspace."""
+        beside = Path(os.path.normpath(outer.path.parent / text))
+        try:
+            return launch_path(text) if is_installed_name(text) and not beside.exists() else beside
+        except GraphError as error:
+            self.problems.add(mark, str(error))
+            return None
 
     def _given(self, entry: Entry | None, scope: Scope) -> dict[str, Given]:
         if entry is None:

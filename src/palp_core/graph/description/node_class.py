@@ -19,6 +19,7 @@ from typing import Any, Literal
 import msgspec
 
 from palp_core.errors import BagError, GraphError
+from palp_core.extras import advice
 from palp_core.graph.messages.message_type import MessageType
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.loading import enter_workspace, load_module
@@ -26,6 +27,7 @@ from palp_core.graph.node.node import Declaration, Node, declaration_of
 from palp_core.graph.node.params import ParamDescription, describe_params, load_params
 from palp_core.graph.node.ports import Client, Port, Pub, Srv, Sub
 from palp_core.graph.problems import hint, nearest
+from palp_core.graph.workspaces.underlays import underlays
 from palp_core.moved import present_name
 from palp_core.whole_file import check_regular
 
@@ -206,7 +208,8 @@ def _module(name: str, workspace: Path) -> ModuleType:
         missing = error.name or ""
         if name != missing and not name.startswith(f"{missing}."):
             raise
-        raise _Refusal(f"no module '{name}' in {workspace}{_near_module(name, workspace)}") from error
+        under = "".join(f", nor in the installed '{one.name}'" for one in underlays())
+        raise _Refusal(f"no module '{name}' in {workspace}{under}{_near_module(name, workspace)}") from error
     wanted = workspace.joinpath(*name.split(".")).with_suffix(".py")
     if wanted.is_file() and module.__file__ is not None and not wanted.samefile(module.__file__):
         package = name.partition(".")[0]
@@ -228,7 +231,9 @@ def _module_at(path: Path, workspace: Path) -> ModuleType:
 
 
 def _near_module(name: str, workspace: Path) -> str:
-    known = [f"nodes.{path.stem}" for path in (workspace / "nodes").glob("*.py") if path.stem != "__init__"]
+    folders = [workspace, *(one.folder for one in underlays())]
+    files = [path for folder in folders for path in (folder / "nodes").glob("*.py")]
+    known = [f"nodes.{path.stem}" for path in files if path.stem != "__init__"]
     parent = name.rpartition(".")[0]
     with contextlib.suppress(Exception, SystemExit):
         found = importlib.util.find_spec(parent) if parent else None
@@ -271,6 +276,8 @@ def _located(error: BaseException, workspace: Path) -> str:
     if isinstance(error, SyntaxError) and error.filename:
         text = f"SyntaxError: {error.msg}"
         return f"{_short(error.filename, workspace)}:{error.lineno or 1}: {text}"
+    if isinstance(error, ModuleNotFoundError) and (words := advice(error)):
+        text = words
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if _is_within(frame.filename, workspace)]
     place = (own or frames)[-1]

@@ -43,6 +43,7 @@ from palp_core.graph.supervision.open_files import make_room
 from palp_core.graph.supervision.run_record import run_record
 from palp_core.graph.swap.compatibility import objections, replaced
 from palp_core.graph.swap.swap import AskToSwap, SwapBackend, Swapper, SwapRequest
+from palp_core.graph.workspaces.underlays import launch_path
 
 if TYPE_CHECKING:
     from palp_core.graph.description.node_class import NodeClass
@@ -71,7 +72,7 @@ def check_file(path: str | Path, overrides: Sequence[str] = ()) -> CheckedGraph:
     Raises:
         GraphProblems: Every problem of the file, each with its place.
     """
-    folder = RunDirectory(Path(path).stem)
+    folder = RunDirectory(launch_path(path).stem)
     server = ForkServer()
     try:
         return _checked(Path(path), overrides, server, folder, to_run=False)
@@ -118,7 +119,7 @@ class Graph:
     """A checked graph, started on entry and ended on exit.
 
     Args:
-        path: The launch file.
+        path: The launch file; ``rig:sim.yaml`` is one of an installed workspace.
         compose: All nodes in this process (simulated time only).
         observe: Is shown every frame in lockstep, and progress messages on the wall clock.
         started: A fork server's process that was started before.
@@ -153,7 +154,7 @@ class Graph:
         show_log: Show | None = None,
         **args: Any,
     ) -> None:
-        self.path = Path(path)
+        self.path = launch_path(path)
         self._listen, self.record = listen, None if record is None else Path(record)
         self.recorders = Recorders()
         self.diagnostics, self.methods = Diagnostics(), MethodsTold()
@@ -168,9 +169,8 @@ class Graph:
         self._conductor: Conductor | None = None
         self._time = SimulatedTime()
         self._supervisor: Supervisor | None = None
-        self._instant_count = 0
         self._keeping: LockstepCheckpoints | None = None
-        self._begun = False
+        self._instant_count, self._begun = 0, False
         self._begin_ns = self._gone_ns = 0
         self._cpu_s: dict[str, float] = {}
         self.summary: RunSummary | None = None

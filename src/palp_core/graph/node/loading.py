@@ -1,16 +1,16 @@
 """How a node's process begins: where it will be found, which class it runs."""
 
+import contextlib
 import hashlib
 import importlib
 import importlib.util
 import sys
-from collections.abc import Sequence
-from importlib.machinery import PathFinder
 from pathlib import Path
 from types import ModuleType
 
 from palp_core.errors import GraphError
 from palp_core.graph.node.node import Node
+from palp_core.graph.workspaces.modules import install_finders, module_file, short_name
 from palp_core.moved import present_name
 
 
@@ -20,7 +20,11 @@ def endpoints(run_dir: str, name: str) -> tuple[str, str]:
 
 
 def enter_workspace(workspace: str) -> None:
-    """Put a workspace first on the module path; a console script has neither it nor ``nodes`` there."""
+    """Put a workspace first on the module path, and what is installed under it.
+
+    A console script has neither the workspace nor ``nodes`` there.
+    """
+    install_finders()
     if sys.path[:1] != [workspace]:
         sys.path[:] = [workspace, *(entry for entry in sys.path if entry != workspace)]
         importlib.invalidate_caches()
@@ -59,6 +63,7 @@ def load_class(run: str, workspace: str, *, fresh: bool = False) -> type[Node]:
         GraphError: No such class, or it is not a node.
     """
     module_name, _, class_name = present_name(run).rpartition(":")
+    module_name = short_name(module_name, workspace)
     if fresh:
         _forget(module_name, workspace)
     loaded = getattr(load_module(module_name, workspace), class_name, None)
@@ -77,16 +82,8 @@ def source_of(run: str, workspace: str) -> tuple[Path, str] | None:
     module, _, class_name = present_name(run).rpartition(":")
     if module.endswith(".py"):
         return Path(workspace, module).resolve(), class_name
-    folders: Sequence[str] | None = [workspace, *sys.path]
-    found = None
-    for i, part in enumerate(parts := module.split(".")):
-        if folders is None:
-            return None
-        found = PathFinder.find_spec(part, folders)
-        if found is None:
-            return None
-        folders = found.submodule_search_locations if i + 1 < len(parts) else None
-    return (Path(found.origin).resolve(), class_name) if found is not None and found.origin else None
+    file = module_file(module, workspace)
+    return (file, class_name) if file is not None else None
 
 
 def _forget(name: str, workspace: str) -> None:
@@ -99,4 +96,5 @@ def _forget(name: str, workspace: str) -> None:
         found = importlib.util.find_spec(name)
         source = found.origin if found is not None else None
     if source is not None and source.endswith(".py"):
-        Path(importlib.util.cache_from_source(source)).unlink(missing_ok=True)
+        with contextlib.suppress(PermissionError):  # what is installed may be read-only, and is not edited
+            Path(importlib.util.cache_from_source(source)).unlink(missing_ok=True)

@@ -11,7 +11,7 @@ import msgspec
 
 from palp_core.graph.description.checked import CheckedGraph, resolved_yaml
 
-PACKAGES = ("palp", "numpy", "scipy", "pywavelets", "msgspec", "msgpack", "pyzmq")
+PACKAGES = ("numpy", "scipy", "pywavelets", "msgspec", "msgpack", "pyzmq")
 LAUNCH_ATTACHMENT = "palp/launch.json"
 _YAML, _NODES, _WORKSPACE, _LAUNCH = "graph_yaml", "nodes", "workspace", "launch"
 
@@ -70,9 +70,10 @@ def launch_attachment(provenance: dict[str, Any]) -> bytes:
 def versions() -> dict[str, str]:
     """Return the versions of Python and of the packages that a run depends on."""
     import platform
+    from importlib import import_module
     from importlib.metadata import PackageNotFoundError, version
 
-    found = {"python": platform.python_version()}
+    found = {"python": platform.python_version(), "palp": import_module("palp_core").__version__}
     for name in PACKAGES:
         try:
             found[name] = version(name)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from palp_core.errors import PalpError
+from palp_core.extras import install_line
 from palp_core.view.server.apart import Apart
 from palp_core.view.server.gate import PageGate
 from palp_core.view.server.presses import Presses
@@ -22,7 +23,7 @@ LONGEST_WORD = 1 << 20
 """Bytes of what a browser may say at once."""
 TURN_S = 1e-3
 """So long one thread computes while another wants to: a press has its turn after no more than this."""
-INSTALL = "palp view needs NiceGUI, which is not installed; type: pip install 'palp[view]'"
+INSTALL = f"palp view needs NiceGUI, which is not installed; type: {install_line('view')}"
 
 
 def check_installed() -> None:

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from palp_core.errors import DeviceError
+from palp_core.extras import install_line
 from palp_core.palpation.devices.emg.emg_source import EmgDriver
 from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.limits import check_range
@@ -22,7 +23,7 @@ _PULL_S = 0.1
 
 @dataclass
 class LslEmg(EmgDriver):
-    """Parameters and inlet. Needs pylsl: ``pip install 'palp[lsl]'``.
+    """Parameters and inlet. Needs pylsl: ``pip install 'palp-core[lsl]'``.
 
     Samples carry the sender's time: a step of more than ``gap_s`` beyond the nominal is a gap.
 
@@ -35,7 +36,7 @@ class LslEmg(EmgDriver):
         gap_s: Larger than the jitter of a sender that stamps when it sends (assumed).
     """
 
-    LINK: ClassVar[str] = "Lab Streaming Layer: an inlet of type EMG (pip install 'palp[lsl]')"
+    LINK: ClassVar[str] = f"Lab Streaming Layer: an inlet of type EMG ({install_line('lsl')})"
 
     stream: str
     rate_hz: float = 1500.0
@@ -58,7 +59,7 @@ class _LslSession:
         try:
             lsl: Any = import_module("pylsl")
         except (ImportError, RuntimeError) as error:
-            raise DeviceError(f"lsl: pylsl cannot be used: {error}; pip install 'palp[lsl]'") from error
+            raise DeviceError(f"lsl: pylsl cannot be used: {error}; {install_line('lsl')}") from error
         self._source, self._line, self._monitor, self._host = source, line, monitor, host
         found = lsl.resolve_byprop("name", source.stream, 1, source.find_s)
         if not found:

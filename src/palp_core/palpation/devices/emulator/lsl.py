@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from palp_core.errors import DeviceError
+from palp_core.extras import install_line
 from palp_core.palpation.devices.emulator.emg import Muscles
 from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import Faults
@@ -36,7 +37,7 @@ class LslOutlet:
         try:
             self._lsl: Any = import_module("pylsl")
         except (ImportError, RuntimeError) as error:
-            raise DeviceError(f"emulator: no LSL: {error}; pip install 'palp[lsl]'") from error
+            raise DeviceError(f"emulator: no LSL: {error}; {install_line('lsl')}") from error
         self._loop, self._faults, self._name, self._rate_hz = loop, faults, name, rate_hz
         self._muscles = Muscles(world, rate_hz, clock_ppm)
         self._outlet: Any = None

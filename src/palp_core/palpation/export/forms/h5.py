@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 from palp_core.errors import PalpError
+from palp_core.extras import install_line
 from palp_core.palpation.export.source import ExportSource
 
 
@@ -18,7 +19,7 @@ def write(source: ExportSource, path: Path) -> None:
     try:
         import h5py
     except ImportError as error:
-        raise PalpError("HDF5 needs h5py; install it with: pip install 'palp[emg]'") from error
+        raise PalpError(f"HDF5 needs h5py; install it with: {install_line('emg')}") from error
     with h5py.File(path, "w") as file:
         file.attrs["palp"] = json.dumps(source.facts, ensure_ascii=False)
         for table in source.tables.values():

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 from palp_core.errors import PalpError
+from palp_core.extras import install_line
 from palp_core.palpation.export.dictionary import FLAG_MISSING
 from palp_core.palpation.export.source import ExportSource
 
@@ -20,7 +21,7 @@ def write(source: ExportSource, folder: Path) -> None:
         import pyarrow as pa
         from pyarrow import parquet
     except ImportError as error:
-        raise PalpError("Parquet needs pyarrow; install it with: pip install 'palp[parquet]'") from error
+        raise PalpError(f"Parquet needs pyarrow; install it with: {install_line('parquet')}") from error
     kinds = {"integer": pa.int64(), "number": pa.float64(), "text": pa.string(), "flag": pa.bool_()}
     for table in source.tables.values():
         fields, arrays = [], []

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from palp_core.errors import PalpError
+from palp_core.extras import install_line
 from palp_core.palpation.identification.emg.files import Column, EmgFile, split_unit
 
 _RATE = re.compile(
@@ -68,7 +69,7 @@ def read_hdf5(path: Path) -> EmgFile:
     try:
         import h5py
     except ImportError as error:
-        raise PalpError(f"{path}: HDF5 needs h5py; install it with: pip install 'palp[emg]'") from error
+        raise PalpError(f"{path}: HDF5 needs h5py; install it with: {install_line('emg')}") from error
 
     leaves: dict[str, Any] = {}
 

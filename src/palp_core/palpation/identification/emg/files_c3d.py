@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from palp_core.errors import PalpError
+from palp_core.extras import install_line
 from palp_core.palpation.identification.emg.files import UNIT, Column, EmgFile
 
 _BLOCK = 512
@@ -27,7 +28,7 @@ def read_c3d(path: Path) -> EmgFile:
     try:
         import ezc3d
     except ImportError as error:
-        raise PalpError(f"{path}: C3D needs ezc3d; install it with: pip install 'palp[emg]'") from error
+        raise PalpError(f"{path}: C3D needs ezc3d; install it with: {install_line('emg')}") from error
     with path.open("rb") as file:
         header = file.read(_BLOCK)
     if len(header) < _BLOCK or header[1] != _MAGIC:

@@ -20,6 +20,7 @@ from xml.etree.ElementTree import ParseError
 import numpy as np
 
 from palp_core.errors import PalpError
+from palp_core.extras import install_line
 from palp_core.palpation.identification.emg.files import LARGEST_BYTES, Column, EmgFile
 from palp_core.units import Float64Array
 
@@ -133,7 +134,7 @@ def _streams(path: Path, data: bytes) -> Iterator[_Stream]:
     try:
         import pyxdf
     except ImportError as error:
-        raise PalpError(f"{path}: XDF needs pyxdf; install it with: pip install 'palp[emg]'") from error
+        raise PalpError(f"{path}: XDF needs pyxdf; install it with: {install_line('emg')}") from error
     try:
         found, _ = pyxdf.load_xdf(
             io.BytesIO(data), jitter_break_threshold_seconds=_BREAK_S, jitter_break_threshold_samples=1

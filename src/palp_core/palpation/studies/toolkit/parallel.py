@@ -15,6 +15,7 @@ from contextlib import closing, contextmanager
 from typing import Any, TypeVar
 
 from palp_core.errors import PalpError
+from palp_core.extras import install_line
 from palp_core.graph.process.parent_death import die_with_parent
 from palp_core.palpation.studies.toolkit.checkpoint import Checkpoint
 from palp_core.palpation.studies.toolkit.progress import progress
@@ -119,7 +120,7 @@ def _on_dask(function: Callable[[J], R], jobs: Mapping[int, J], address: str) ->
         distributed: Any = importlib.import_module("distributed")
     except ImportError as error:
         raise PalpError(
-            "--dask needs the package 'distributed', which is not installed; run: pip install 'palp[dask]'"
+            f"--dask needs the package 'distributed', which is not installed; run: {install_line('dask')}"
         ) from error
     try:
         client = distributed.Client(address, timeout="10s")
