@@ -51,4 +51,6 @@ def forgetting() -> Iterator[pytest.MonkeyPatch]:
 
 
 def _is_of_workspace(name: str) -> bool:
-    return name.partition(".")[0] in {"nodes", "msgs", "softlab"} or name.startswith("palp_core.workspace")
+    return name.partition(".")[0] in {"nodes", "msgs", "softlab", "gripper_lab"} or name.startswith(
+        "palp_core.workspace"
+    )

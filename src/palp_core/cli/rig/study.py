@@ -17,12 +17,12 @@ app = typer.Typer(
 @app.command("list")
 def list_studies(*, as_json: JsonOption = False) -> None:
     """List the studies."""
-    from palp_core.palpation.studies.catalogue import STUDIES
+    from palp_core.palpation.studies.catalogue import studies
 
     if as_json:
-        print_json([{"name": one.name, "question": one.question} for one in STUDIES.values()])
+        print_json([{"name": one.name, "question": one.question} for one in studies().values()])
         return
-    print_table([[one.name, one.question] for one in STUDIES.values()])
+    print_table([[one.name, one.question] for one in studies().values()])
 
 
 @app.command("run")

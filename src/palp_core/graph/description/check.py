@@ -26,7 +26,9 @@ from palp_core.graph.problems import Mark, Problems, hint, nearest
 InspectFunction = Callable[[list[NodeClassRequest], Path], list[NodeClass]]
 SucceedFunction = Callable[[CheckedGraph, NodeSpec, NodeClass], tuple[list[str], CheckedGraph]]
 
-_SOURCE = re.compile(r"\S+\.py:\d+: ")
+_SOURCE = re.compile(r"\S+\.py:\d+: |\w+ is not installed; ")
+"""How mistakes begin that are a module's, not a node's."""
+
 _PLACES = {"pub": "output", "sub": "input", "srv": "service", "client": "client"}
 _ADVICE = {
     "type": "wire a port of its type",

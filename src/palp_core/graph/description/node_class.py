@@ -277,7 +277,7 @@ def _located(error: BaseException, workspace: Path) -> str:
         text = f"SyntaxError: {error.msg}"
         return f"{_short(error.filename, workspace)}:{error.lineno or 1}: {text}"
     if isinstance(error, ModuleNotFoundError) and (words := advice(error)):
-        text = words
+        return words  # without the place, so that it is said once for all nodes
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if _is_within(frame.filename, workspace)]
     place = (own or frames)[-1]

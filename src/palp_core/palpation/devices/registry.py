@@ -8,6 +8,7 @@ from typing import Any, Literal, get_type_hints, overload
 import msgspec
 
 from palp_core.errors import DeviceError
+from palp_core.extras import advice
 from palp_core.moved import present_name
 from palp_core.palpation.devices.protocols import (
     EmgDevice,
@@ -17,6 +18,7 @@ from palp_core.palpation.devices.protocols import (
     StopLink,
     TorqueSensor,
 )
+from palp_core.published import DEVICES, published
 
 BACK_ENDS: dict[str, dict[str, str]] = {
     "stage": {
@@ -39,7 +41,7 @@ BACK_ENDS: dict[str, dict[str, str]] = {
         "spikershield": "palp_core.palpation.devices.emg.spikershield:SpikerShieldEmg",
     },
 }
-"""A driver of another maker is one file and one line here."""
+"""A driver of another maker is one file and one line here; others publish theirs (``palp.devices``)."""
 
 _PROTOCOLS: Mapping[str, type] = {
     "stage": StageDevice,
@@ -51,7 +53,7 @@ _PROTOCOLS: Mapping[str, type] = {
 
 def drivers() -> list[tuple[str, str]]:
     """Return kind and name of every back end that is no simulation."""
-    return [(kind, name) for kind, names in BACK_ENDS.items() for name in names if name != "sim"]
+    return [(kind, name) for kind in BACK_ENDS for name in _of_kind(kind) if name != "sim"]
 
 
 def known_devices(kind: str) -> list[str]:
@@ -62,7 +64,17 @@ def known_devices(kind: str) -> list[str]:
     """
     if kind not in BACK_ENDS:
         raise DeviceError(f"no kind of device '{kind}'; known: {', '.join(sorted(BACK_ENDS))}")
-    return sorted(BACK_ENDS[kind])
+    return sorted(_of_kind(kind))
+
+
+def _of_kind(kind: str) -> dict[str, str]:
+    """Return where the back ends of a kind are, by name: palp's own and those that packages publish."""
+    others = {
+        name.partition(".")[2]: where
+        for name, where in published(DEVICES).items()
+        if name.startswith(f"{kind}.")
+    }
+    return {**BACK_ENDS[kind], **{name: others[name] for name in others if name not in BACK_ENDS[kind]}}
 
 
 @overload
@@ -133,7 +145,7 @@ def device_mistakes(
 def back_end(kind: str, name: str) -> Any:
     """Return the class behind a name; errors as for :func:`open_device`."""
     known = known_devices(kind)
-    where = BACK_ENDS[kind].get(name, name)
+    where = _of_kind(kind).get(name, name)
     if ":" not in where:
         raise DeviceError(
             f"no {kind} device '{name}'; known: {', '.join(known)}, or give package.module:Class"
@@ -193,6 +205,7 @@ def _load(kind: str, where: str) -> Any:
     try:
         return getattr(import_module(module_name), class_name)
     except (ImportError, AttributeError, ValueError) as error:
+        what = advice(error) if isinstance(error, ImportError) else ""
         raise DeviceError(
-            f"{kind} device: cannot import '{where}': {error}; check the module and class"
+            f"{kind} device: cannot import '{where}': {what or f'{error}; check the module and class'}"
         ) from error

@@ -1,12 +1,15 @@
 """The studies by name: what each asks, and the function that runs it."""
 
 import importlib
+import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from palp_core.errors import PalpError
 from palp_core.palpation.studies.toolkit.checkpoint import read_lines
+from palp_core.published import STUDIES as PUBLISHED
+from palp_core.published import published
 
 
 @dataclass(frozen=True)
@@ -152,6 +155,38 @@ def study(name: str) -> Study:
     Raises:
         PalpError: There is none of that name.
     """
-    if name not in STUDIES:
-        raise PalpError(f"there is no study '{name}'; there are {', '.join(STUDIES)}")
-    return STUDIES[name]
+    if name in STUDIES:
+        return STUDIES[name]
+    if name not in (known := published(PUBLISHED)):
+        raise PalpError(f"there is no study '{name}'; there are {', '.join([*STUDIES, *known])}")
+    return _published(name, known[name])
+
+
+def studies() -> dict[str, Study]:
+    """Return palp's own studies, then those that packages publish; what cannot be loaded says so."""
+    found = dict(STUDIES)
+    for name, target in published(PUBLISHED).items():
+        if name not in found:
+            try:
+                found[name] = _published(name, target)
+            except PalpError as error:
+                found[name] = Study(name, str(error), target)
+    return found
+
+
+def _published(name: str, target: str) -> Study:
+    """Return a study of another package: what it asks is the first line of its function's docstring.
+
+    Raises:
+        PalpError: The package cannot be imported, or has no such function.
+    """
+    module, _, function_name = target.partition(":")
+    try:
+        function = getattr(importlib.import_module(module), function_name)
+        taken = inspect.signature(function).parameters
+    except Exception as error:
+        raise PalpError(
+            f"cannot load the study '{name}', {target}: {type(error).__name__}: {error}"
+        ) from error
+    question = (inspect.getdoc(function) or "no docstring says what it asks").partition("\n")[0]
+    return Study(name, question, target, parallel={"workers", "dask"} <= set(taken))

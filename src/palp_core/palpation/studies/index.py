@@ -10,7 +10,7 @@ import msgspec
 
 from palp_core.errors import PalpError
 from palp_core.palpation.reporting.html_page import write_page
-from palp_core.palpation.studies.catalogue import STUDIES
+from palp_core.palpation.studies.catalogue import STUDIES, Study, studies
 from palp_core.whole_file import read_whole, write_json
 
 NOTE = "study.json"
@@ -84,7 +84,7 @@ def write_index(folder: Path) -> Path:
         raise PalpError(
             f"{page} is the page of something else; name the folder that holds the studies' folders"
         )
-    order = list(STUDIES)
+    order = list(_known())
     entries = [
         _entry(folder, name, note)
         for name, note in sorted(notes.items(), key=lambda one: order.index(one[1].name))
@@ -93,13 +93,17 @@ def write_index(folder: Path) -> Path:
     return write_page(page, "index.html", entries=entries, missing=missing, folder=folder, mark=_MARK)
 
 
+def _known() -> dict[str, Study]:
+    return {**studies(), **STUDIES}
+
+
 def _read_note(path: Path) -> StudyNote:
     try:
         note = msgspec.json.decode(read_whole(path), type=StudyNote)
     except (OSError, msgspec.DecodeError) as error:
         raise PalpError(f"{path} is no note of a study: {error}; run the study again") from error
-    if note.name not in STUDIES:
-        raise PalpError(f"{path} names the study '{note.name}'; there are {', '.join(STUDIES)}")
+    if note.name not in (known := _known()):
+        raise PalpError(f"{path} names the study '{note.name}'; there are {', '.join(known)}")
     return note
 
 
@@ -111,7 +115,7 @@ def _entry(folder: Path, name: str, note: StudyNote) -> IndexCard:
         raise PalpError(f"{page} is missing beside {NOTE}; run the study again: {note.command}") from error
     reader = _Page()
     reader.feed(text)
-    study = STUDIES[note.name]
+    study = _known()[note.name]
     picture = f"{study.picture}.png" if study.picture else ""
     shown = picture if picture and (folder / name / picture).exists() else ""
     return IndexCard(

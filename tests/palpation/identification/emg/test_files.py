@@ -294,7 +294,7 @@ def test_an_hdf5_file_named_mat_is_read_too(tmp_path: Path) -> None:
 def test_without_h5py_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.h5").write_bytes(b"")
     monkeypatch.setitem(sys.modules, "h5py", None)
-    with pytest.raises(PalpError, match=r"palp\[emg\]"):
+    with pytest.raises(PalpError, match=r"palp-core\[emg\]"):
         read_emg(tmp_path / "a.h5")
 
 

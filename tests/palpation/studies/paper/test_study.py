@@ -236,7 +236,7 @@ def test_a_dask_cluster_gives_the_same_json(jobs: list[SessionJob]) -> None:
 
 def test_without_dask_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(PalpError, match=r"pip install 'palp\[dask\]'"):
+    with pytest.raises(PalpError, match=r"pip install 'palp-core\[dask\]'"):
         run_jobs(len, ["job"], label="jobs", dask="tcp://127.0.0.1:1")
 
 

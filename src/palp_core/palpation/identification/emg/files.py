@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from palp_core.errors import PalpError
+from palp_core.published import EMG_READERS, published
 from palp_core.units import Float64Array
 from palp_core.whole_file import check_regular
 
@@ -75,12 +76,17 @@ _READERS = {
     ".c3d": f"{_HERE}.files_c3d:read_c3d",
     ".mcap": f"{_HERE}.files_bag:read_bag",
 }
-SUFFIXES = tuple(_READERS)
+
+
+def _readers() -> dict[str, str]:
+    """Return what reads which suffix: palp's own, then what packages publish (``palp.emg_readers``)."""
+    others = {f".{name.lower().lstrip('.')}": where for name, where in published(EMG_READERS).items()}
+    return {**_READERS, **{suffix: others[suffix] for suffix in others if suffix not in _READERS}}
 
 
 def is_recording(path: Path) -> bool:
     """Tell whether a path is a file of a known kind, or a bag's folder."""
-    return path.suffix.lower() in _READERS if path.is_file() else any(path.glob("*.mcap"))
+    return path.suffix.lower() in _readers() if path.is_file() else any(path.glob("*.mcap"))
 
 
 def read_emg(path: Path) -> EmgFile:
@@ -94,15 +100,21 @@ def read_emg(path: Path) -> EmgFile:
     if path.is_dir() and not is_recording(path):
         raise PalpError(f"{path}: a folder without a bag; name a recording")
     suffix = ".mcap" if path.is_dir() else path.suffix.lower()
-    if suffix not in _READERS:
-        raise PalpError(f"{path}: '{path.suffix}' is no known kind of recording; known: {' '.join(SUFFIXES)}")
-    module, _, name = _READERS[suffix].partition(":")
+    if suffix not in (readers := _readers()):
+        raise PalpError(f"{path}: '{path.suffix}' is no known kind of recording; known: {' '.join(readers)}")
+    module, _, name = readers[suffix].partition(":")
     try:
         if suffix != ".mcap":
             check_regular(path, LARGEST_BYTES)
-        found: EmgFile = getattr(importlib.import_module(module), name)(path)
+        found = getattr(importlib.import_module(module), name)(path)
+    except (AttributeError, ModuleNotFoundError) as error:
+        if suffix in _READERS:
+            raise
+        raise PalpError(f"{path}: cannot load its reader {readers[suffix]}: {error}") from error
     except OSError as error:
         raise PalpError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if not isinstance(found, EmgFile):  # of another package's reader
+        raise PalpError(f"{path}: {readers[suffix]} returned no EmgFile but {type(found).__name__}")
     if not found.columns:
         raise PalpError(f"{path}: holds no column of numbers")
     return found

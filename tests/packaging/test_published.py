@@ -1,0 +1,102 @@
+"""What a lab's package publishes by entry points is there by name, beside palp's own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from palp_core.errors import DeviceError, PalpError
+from palp_core.palpation.devices.registry import (
+    back_end,
+    device_mistakes,
+    drivers,
+    known_devices,
+    open_device,
+)
+from palp_core.palpation.identification.emg.files import is_recording, read_emg
+from palp_core.palpation.studies.catalogue import STUDIES, studies, study
+from palp_core.published import published
+from tests.graph.workspaces.installed import forgetting, install
+
+LAB = {
+    "gripper_lab/__init__.py": "",
+    "gripper_lab/stage.py": "from tests.support.made_up_stage import MadeUpStage\n",
+    "gripper_lab/trc.py": """
+import numpy as np
+from palp_core.palpation.identification.emg.files import Column, EmgFile
+
+
+def read_trc(path):
+    return EmgFile(path, "TRC", (Column("fds", np.array([float(x) for x in path.read_text().split()])),))
+
+
+def read_odd(path):
+    return None
+""",
+    "gripper_lab/grip.py": '''
+def run(out, *, quick=False):
+    """How firm is the grip?
+
+    More of it.
+    """
+    page = out / "index.html"
+    page.write_text(f"quick: {quick}")
+    return page
+''',
+}
+POINTS = {
+    "palp.devices": {
+        "stage.made_up": "gripper_lab.stage:MadeUpStage",
+        "stage.sim": "gripper_lab.stage:MadeUpStage",
+        "stage.gone": "gripper_lab.gone:Stage",
+    },
+    "palp.emg_readers": {
+        "trc": "gripper_lab.trc:read_trc", "odd": "gripper_lab.trc:read_odd", "lost": "gripper_lab.lost:read",
+    },
+    "palp.studies": {"grip": "gripper_lab.grip:run", "gone": "gripper_lab.gone:run"},
+}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def lab(tmp_path: Path) -> Iterator[None]:
+    """Install a lab's package."""
+    install(tmp_path / "site", "gripper-lab", LAB, POINTS)
+    with forgetting() as patch:
+        patch.syspath_prepend(str(tmp_path / "site"))
+        published.cache_clear()
+        yield
+    published.cache_clear()
+
+
+def test_a_device_is_known_by_name() -> None:
+    assert "made_up" in known_devices("stage")
+    assert ("stage", "made_up") in drivers()
+    assert "made_up" not in known_devices("ring")
+    assert type(open_device("stage", "made_up", port=7)).__name__ == "MadeUpStage"
+    assert back_end("stage", "sim").__name__ == "SimStage"  # palp's own names stay palp's
+    assert "cannot import 'gripper_lab.gone:Stage'" in device_mistakes("stage", "gone")["device"]
+    with pytest.raises(DeviceError, match="known: aerotech, gone, made_up, sim, or give"):
+        open_device("stage", "made_down")
+
+
+def test_a_recording_is_read_by_its_suffix(tmp_path: Path) -> None:
+    path = tmp_path / "grip.TRC"
+    path.write_text("1 2 3", encoding="utf-8")
+    assert is_recording(path)
+    assert read_emg(path).columns[0].samples.tolist() == [1.0, 2.0, 3.0]
+    for suffix, words in (("odd", "returned no EmgFile but NoneType"), ("lost", "cannot load its reader")):
+        wrong = path.rename(path.with_suffix(f".{suffix}"))
+        path = wrong
+        with pytest.raises(PalpError, match=words):
+            read_emg(wrong)
+
+
+def test_a_study_is_listed_with_its_question_and_runs(tmp_path: Path) -> None:
+    assert list(studies()) == [*STUDIES, "gone", "grip"]
+    assert study("grip").question == "How firm is the grip?"
+    assert study("grip").run(tmp_path, quick=True).read_text() == "quick: True"
+    assert "No module named 'gripper_lab.gone'" in studies()["gone"].question
+    with pytest.raises(PalpError, match="cannot load the study 'gone'"):
+        study("gone")
