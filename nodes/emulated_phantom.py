@@ -154,7 +154,7 @@ class EmulatedPhantom(MethodTeller):
             )
         )
         beside = self.rig.world.settings.beside
-        if not beside.plain:
+        if not beside.plain and not blind:  # see the simulated phantom
             row = self.rig.on_world(lambda world, _: world.latents())
             told = WorldTruth(
                 stamp_ns=self.now_ns(),

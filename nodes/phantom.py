@@ -6,6 +6,7 @@ from msgs.experiment import Mount, PhantomTruth, WorldTruth
 from msgs.stage import StagePose
 from msgs.torque import Contact, ContactGuard
 from palp_core import Params, Pub, ReadOnly, Sub, on
+from palp_core.errors import MechanicsError
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.methods import at_work
 from palp_core.palpation.devices.sim.mount import MountVariation
@@ -44,7 +45,7 @@ class PhantomParams(Params):
     the surface's height over remounts (assumed: set down by hand against a stop); a noise file in ``noise``
     has its own. ``world`` is the paper's own design, ``lab``, or a YAML file of what else is on. Friction,
     tip mass and indentation are assumed, as the paper gives none. In a ``blind`` session what is touched is
-    read from the ``key``, and nothing is said that tells the depth: no rung, bound, method or guard.
+    read from the ``key``, and nothing is said that tells the depth: no rung, bound, method, guard or world.
     """
 
     phantoms: str = ""
@@ -107,7 +108,7 @@ class Phantom(MethodTeller):
             friction=params.friction,
             tip_mass_kg=params.tip_mass_kg,
         )
-        self.models: dict[str, ContactModel] = {code: self.rig.model(code) for code in self.rig.phantoms}
+        self.models: dict[str, ContactModel] = {code: self.rig.model(code) for code in self.rig.by_depth}
         self.table: SweepTable | WorldTrace | None = None
         self.asked: PalpationAction | None = None
         self.solved: dict[tuple[bool, float], SweepTable] = {}
@@ -142,8 +143,10 @@ class Phantom(MethodTeller):
                 bound=0.0 if blind else choice.bound or 0.0,
             )
         )
-        if not self.world.plain:
-            state.world_seed = state.world_seed or seed_of(self.rng)
+        if self.world.plain:
+            return
+        state.world_seed = state.world_seed or seed_of(self.rng)
+        if not blind:  # what the layer over a bead is off by follows from seed, code and depth
             row = self.live.row(state.code, state.remount, state.height_offset_m, state.path_m)
             told = WorldTruth(
                 stamp_ns=self.now_ns(),
@@ -208,8 +211,15 @@ class Phantom(MethodTeller):
     def _table(self, pose: StagePose) -> SweepTable | WorldTrace:
         if not self.state.code:
             raise ValueError("the probe sweeps but no phantom is mounted")
-        with at_work(self.rig.choices[self.state.code].method):
-            return self._solve() if self.world.plain else self._solve_in_world(pose)
+        try:
+            with at_work(self.rig.choices[self.state.code].method):
+                return self._solve() if self.world.plain else self._solve_in_world(pose)
+        except MechanicsError:
+            if not self.params.blind:
+                raise
+        raise MechanicsError(
+            f"phantom {self.state.code} cannot be touched; a blinded session does not say why"
+        )
 
     def _solve(self) -> SweepTable:
         state, params = self.state, self.params

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -90,6 +91,7 @@ def test_no_byte_of_any_file_or_message_tells_a_depth_but_the_key(session: Blind
     wanted = {sign: code for code, d in DEPTHS_M.items() for sign in signs(d)}
     files = [path for path in session.out.rglob("*") if path.is_file() and path != session.key]
     assert len(files) > 12
+    assert session.out / "session.yaml" in files
     held = {str(path.relative_to(session.out)): path.read_bytes() for path in files}
     for path in session.out.glob("sweeps/*.npz"):
         with np.load(path) as sweep:
@@ -201,29 +203,47 @@ def test_neither_the_order_of_codes_nor_the_seed_tells_which_is_which(session: B
     assert sealed_phantoms(session.key).keys() == set(codes)
 
 
-def test_no_time_stamp_and_no_number_of_messages_tells_which_is_which(tmp_path: Path) -> None:
-    """Two sessions of one seed with other keys look the same: when, how often and how much is said."""
-    first = other = blinded(tmp_path / "a", training=1, trials=0)
+def test_beside_what_is_felt_two_sessions_with_other_keys_say_the_same_at_the_same_times(
+    tmp_path: Path,
+) -> None:
+    """Of one seed, in a world of its own luck: when, how often, how much and what is said of which place."""
+    lab = {"training": 1, "trials": 0, "world": "lab"}
+    first = other = blinded(tmp_path / "a", **lab)
     while order(other.key) == order(first.key):  # one in six
-        other = blinded(tmp_path / f"b{len([*tmp_path.iterdir()])}", training=1, trials=0)
+        other = blinded(tmp_path / f"b{len([*tmp_path.iterdir()])}", **lab)
 
-    def seen(one: Blinded) -> dict[str, list[tuple[int, int]]]:
+    def seen(one: Blinded) -> dict[str, list[tuple[int, int, Any]]]:
         with Bag(one.bag) as bag:
             names = [
                 name for name in bag.topics() if not name.endswith("/_order") and name != "/graph/events"
             ]
             return {
-                name: [(message.log_ns, len(message.payload)) for message in bag.recorded([name])]
+                name: [
+                    (message.log_ns, len(message.payload), placed(message.payload, one.key))
+                    for message in bag.recorded([name])
+                ]
                 for name in names
             }
 
     mine, theirs = seen(first), seen(other)
     assert mine.keys() == theirs.keys()
-    assert {name for name in mine if [at for at, _ in mine[name]] != [at for at, _ in theirs[name]]} == set()
+    assert {name for name in mine if times(mine[name]) != times(theirs[name])} == set()
     assert {name for name in mine if mine[name] != theirs[name]} <= MEASURED
+    assert {"/phantom/truth", "/experiment/trial", "/actuator/truth"} <= mine.keys()
     assert [(row.start_ns, row.end_ns, row.true_height_m) for row in read_rows(first.out)] == [
         (row.start_ns, row.end_ns, row.true_height_m) for row in read_rows(other.out)
     ]
+
+
+def times(heard: list[tuple[int, int, Any]]) -> list[int]:
+    return [at for at, *_ in heard]
+
+
+def placed(payload: bytes, key: Path) -> Any:
+    """Return what a message says, with places among the session's codes for these."""
+    places = {code: place for place, code in enumerate(sorted(standing(key)))}
+    said = msgspec.msgpack.decode(payload)
+    return {name: places.get(one, one) if isinstance(one, str) else one for name, one in said.items()}
 
 
 def order(key: Path) -> list[str]:

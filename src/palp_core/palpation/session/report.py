@@ -125,6 +125,10 @@ def write(folder: Path, summary: RunSummary) -> str:
 
     rows = read_rows(folder) if (folder / TABLE).exists() else None
     if rows is not None and is_blinded(rows):
+        try:
+            write_copy(summary, folder)
+        except OSError as error:
+            raise _cannot_report(folder, error) from error
         return (
             f"A blinded session: no report before `palp session unseal {folder}`.\n"
             f"Kept: {len(rows)} palpations (trials.csv with codes for depths, sweeps/) in {folder}"

@@ -103,14 +103,17 @@ class LiveWorld:
             height_m: Of the surface over nominal.
             path_m: What the tip has swept so far.
         """
-        if code not in self._touches:
-            world = self.luck.world
-            tips = world.tip_radius_session_sd_m > 0.0 or world.tip_wear_per_m != 0.0
-            name = self.rig.choices[code].method.name
-            self._touches[code] = touch(self.rig.phantoms[code], self.rig.probe, name, tips=tips)
+        if not self._touches:  # all at once, and in an order that tells nothing of the one that is on
+            self._touches = {one: self._touch(one) for one in self.rig.by_depth}
         row = self.row(code, mounting, height_m, path_m)
         surface = self.luck.track(mounting)
         return LiveSweeps(self._touches[code], self.luck, row, surface, ring_m, self.ends_m)
+
+    def _touch(self, code: str) -> Touch:
+        world = self.luck.world
+        tips = world.tip_radius_session_sd_m > 0.0 or world.tip_wear_per_m != 0.0
+        name = self.rig.choices[code].method.name
+        return touch(self.rig.phantoms[code], self.rig.probe, name, tips=tips)
 
 
 def live_world(rig: Rig, world: WorldModel, seed: int, from_m: float, to_m: float) -> LiveWorld:

@@ -141,6 +141,7 @@ class World:
         self._rig = rig(
             phantoms=settings.phantoms, scene=settings.scene, indentation_m=settings.indentation_m
         )
+        self._models = {code: self._rig.model(code) for code in self._rig.by_depth}
         ends_m = settings.from_m, settings.to_m
         self._live = live_world(self._rig, settings.beside, settings.seed, *ends_m)
         self._lands_m = settings.lands_m or ends_m
@@ -168,7 +169,7 @@ class World:
             raise DeviceError(f"emulator: no phantom '{code}'; there are {', '.join(sorted(known))}")
         self._code, self._indentation_m = code, self._rig.indentation_m + height_offset_m
         self._height_m, self._mounting = height_offset_m, self._mounting + 1
-        self._model = self._rig.model(code)
+        self._model = self._models[code]
         self._solve()
 
     def latents(self) -> Float64Array:

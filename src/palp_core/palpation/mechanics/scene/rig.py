@@ -1,5 +1,7 @@
 """The touch of a simulated rig: phantoms by code, the probe, and the rung that each phantom needs."""
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from palp_core.methods import MethodChoice, at_work, choose
@@ -33,6 +35,15 @@ class Rig:
     tolerance: float
     phantoms: dict[str, Phantom]
     choices: dict[str, MethodChoice]
+
+    @property
+    def by_depth(self) -> list[str]:
+        """The codes in the order of their depths, bare gel last: that in which anything is set up.
+
+        Set-ups leave files with times behind, and mistakes are told of the first phantom that has one: in
+        the order of codes both would tell a blinded session's depths.
+        """
+        return _by_depth(self.phantoms)
 
     def model(self, code: str) -> ContactModel:
         """Return a phantom's contact model, ready to use."""
@@ -86,12 +97,14 @@ def rig(
     if scene:
         given = read_scene(scene)
         found = load_phantoms(phantoms, given.phantom)
-        for code, phantom in found.items():
-            choices[code] = choose_rung(replace(given, phantom=phantom)).contact
+        for code in _by_depth(found):
+            choices[code] = choose_rung(replace(given, phantom=found[code])).contact
         asked = given.tolerance
+        choices = {code: choices[code] for code in found}
         return Rig(given.probe, given.path.indentation_m, asked.bound_on, asked.relative, found, choices)
     probe, found = Probe(friction=friction, tip_mass_kg=tip_mass_kg), load_phantoms(phantoms)
-    for code, phantom in found.items():
+    for code in _by_depth(found):
+        phantom = found[code]
         quantities: dict[str, float | tuple[float, ...]] = {
             **phantom.scene(probe.tip_radius_m),
             "friction": probe.friction,
@@ -100,4 +113,9 @@ def rig(
         if indentation_m is not None:
             quantities |= pressed((phantom,), probe, indentation_m, RINGS_M)
         choices[code] = choose("contact", output, tolerance, quantities)
+    choices = {code: choices[code] for code in found}
     return Rig(probe, 0.004 if indentation_m is None else indentation_m, output, tolerance, found, choices)
+
+
+def _by_depth(phantoms: Mapping[str, Phantom]) -> list[str]:
+    return sorted(phantoms, key=lambda code: bead.depth_m if (bead := phantoms[code].bead) else math.inf)
