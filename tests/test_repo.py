@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from docs.site.hooks import MADE
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.description.diagram import mermaid
 from palp_core.graph.foxglove import log_entries
@@ -199,7 +200,7 @@ def test_ci_runs_exactly_the_readmes_test_command() -> None:
     assert f"```sh\n{command}\n```" in readme
 
 
-TEXTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").glob("*.md"))]
+TEXTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 TOP = r"src|nodes|msgs|launch|docs|tests|benchmarks|examples|\.ci"
 
 
@@ -242,7 +243,7 @@ def paths_named(text: str) -> set[str]:
 @pytest.mark.parametrize("path", TEXTS, ids=name_of)
 def test_what_a_text_names_is_there(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
-    files = {f"/{name_of(file)}" for file in tree()}
+    files = {f"/{name_of(file)}" for file in tree()} | {f"/docs/{page}" for page in MADE}
     unknown = {name for name in modules_named(text) if not is_module_or_in_one(name)} | nodes_amiss(text)
     unknown |= {name for name in paths_named(text) if not any(file.endswith(f"/{name}") for file in files)}
     assert unknown == set()

@@ -1,0 +1,55 @@
+"""What MkDocs asks while it builds the site: pages that are made from the code, and Mermaid beside them."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+if str(ROOT) not in sys.path:
+    sys.path.insert(0, str(ROOT))
+
+from mkdocs.structure.files import File, Files  # noqa: E402
+
+from docs.site.launch_page import launch_page  # noqa: E402
+from docs.site.scene_page import scene_page  # noqa: E402
+from docs.site.units_page import units_page  # noqa: E402
+from docs.site.verbs_page import verbs_page  # noqa: E402
+
+MADE = {
+    "reference/launch_file.md": launch_page,
+    "reference/scene_file.md": scene_page,
+    "reference/python_units.md": units_page,
+    "reference/verbs.md": verbs_page,
+}
+"""Pages that nobody writes, by their place below ``docs/``."""
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Add the pages that are made, the schema of launch files and the diagrams' library."""
+    for place, make in MADE.items():
+        files.append(File.generated(config, place, content=make()))
+    schema = ROOT / "launch" / "launch.schema.json"
+    files.append(File.generated(config, "reference/launch.schema.json", abs_src_path=str(schema)))
+    for script in sorted(mermaid_folder().glob("*.js")):
+        files.append(File.generated(config, f"site/mermaid/{script.name}", abs_src_path=str(script)))
+    return files
+
+
+def mermaid_folder() -> Path:
+    """Return where NiceGUI, which ``palp view`` is made with, keeps Mermaid.
+
+    Raises:
+        FileNotFoundError: It is not installed, or has it elsewhere.
+    """
+    found = importlib.util.find_spec("nicegui")
+    if found is None or found.origin is None:
+        raise FileNotFoundError("the diagrams need NiceGUI's copy of Mermaid: pip install '.[docs]'")
+    folder = Path(found.origin).parent / "elements" / "mermaid" / "dist"
+    if not (folder / "index.js").is_file():
+        raise FileNotFoundError(
+            f"{folder} has no Mermaid; install the version of NiceGUI that the extra names"
+        )
+    return folder

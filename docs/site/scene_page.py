@@ -1,0 +1,124 @@
+"""The reference of scene and phantom files, made from the classes that their reader fills."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import re
+import textwrap
+from collections.abc import Iterator
+from typing import Any
+
+from palp_core.palpation.mechanics.phantom import Bead, Phantom
+from palp_core.palpation.mechanics.probe import Probe
+from palp_core.palpation.mechanics.scene.scene import OUTPUTS, STRAINS, Scene, StagePath, Tolerance
+
+SECTIONS: dict[str, tuple[str, type]] = {
+    "": ("The file", Scene),
+    "phantom": ("The phantom", Phantom),
+    "phantom.bead": ("The bead", Bead),
+    "probe": ("The probe", Probe),
+    "path": ("The path", StagePath),
+    "tolerance": ("The tolerance", Tolerance),
+}
+"""Title and class by the place in a scene file."""
+
+_HEAD = """# Scene and phantom files: every key
+
+A scene says what is swept over what, and how right which output must be. What is left out is the published
+rig.
+`palp scene explain FILE` tells which contact model it gets and why; `palp launch launch/sim.yaml
+scene:=FILE` runs in it.
+A mistake is told with file, line, column and the nearest key. Lengths are in metres, all else in SI units.
+
+```yaml
+# scene.yaml
+phantom: {modulus_pa: 40000.0, bead: {depth_m: 0.002}}
+path: {indentation_m: 0.003}
+ring_m: [0.004, 0.016]
+tolerance: {output: peak, relative: 0.02}
+```
+
+```sh
+palp scene explain scene.yaml
+```
+"""
+
+_PHANTOMS = """## A file of phantoms
+
+`phantoms:=FILE` names phantoms by codes of your own, each as under `phantom` above; `bead: none` is bare
+gel. Without a
+file the codes are A, B and C: the paper's beads, 2, 4 and 8 mm deep.
+
+```yaml
+# phantoms.yaml
+A: {modulus_pa: 20000.0, bead: {depth_m: 0.002}}
+deep: {modulus_pa: 20000.0, bead: {depth_m: 0.010}}
+bare: {modulus_pa: 20000.0, bead: none}
+```
+
+What real phantoms have beside that (texture, wear, spread) is the world's: [the simulated
+world](../world.md).
+"""
+
+_WORDS = {"output": OUTPUTS, "strain": STRAINS}
+
+
+def scene_page() -> str:
+    """Return the page as Markdown."""
+    parts = [_HEAD]
+    parts += ["\n".join(_section(place, title, kind)) for place, (title, kind) in SECTIONS.items()]
+    return "\n".join([*parts, _PHANTOMS])
+
+
+def _section(place: str, title: str, kind: type) -> Iterator[str]:
+    yield f"## {title}\n"
+    yield (f"At `{place}`. " if place else "") + (inspect.getdoc(kind) or "").splitlines()[0] + "\n"
+    yield "| key | without it | bounds | what it is |"
+    yield "|---|---|---|---|"
+    said, bounds = sentences(kind), bounds_of(kind)
+    for field in dataclasses.fields(kind):
+        words = " or ".join(f"`{word}`" for word in _WORDS.get(field.name, ()))
+        bound = words or bounds.get(field.name, "")
+        yield f"| `{field.name}` | {_default(field)} | {bound} | {said[field.name]} |"
+    yield ""
+
+
+def sentences(kind: type) -> dict[str, str]:
+    """Return what a class's docstring says of each attribute."""
+    text = (inspect.getdoc(kind) or "").partition("Attributes:\n")[2].partition("\n\n")[0]
+    found = re.findall(r"^    (\w+): (.*(?:\n {8,}.*)*)", text, flags=re.MULTILINE)
+    plain = {name: re.sub(r":\w+:`~?([\w.]+)`", r"`\1`", " ".join(words.split())) for name, words in found}
+    return {name: words.replace("``", "`").replace(" None", " `none`") for name, words in plain.items()}
+
+
+def bounds_of(kind: type) -> dict[str, str]:
+    """Return the bounds that a class's constructor requires of each attribute."""
+    checked = getattr(kind, "__post_init__", None)
+    if checked is None:
+        return {}
+    found = {}
+    for call in ast.walk(ast.parse(textwrap.dedent(inspect.getsource(checked)))):
+        if not isinstance(call, ast.Call) or ast.unparse(call.func) != "require":
+            continue
+        name, _, least, most, *_ = call.args
+        if isinstance(name, ast.Constant):
+            found[str(name.value)] = f"{_number(least)} to {_number(most)}"
+    return found
+
+
+def _number(node: ast.expr) -> str:
+    return f"{ast.literal_eval(node):g}"
+
+
+def _default(field: dataclasses.Field[Any]) -> str:
+    if field.default is dataclasses.MISSING:
+        return "an error" if field.default_factory is dataclasses.MISSING else "the published one"
+    if field.default is None:
+        return "none"
+    if field.default == ():
+        return "the paper's three"
+    if isinstance(field.default, tuple):
+        return f"`[{', '.join(f'{item:g}' for item in field.default)}]`"
+    return f"`{field.default}`" if isinstance(field.default, str) else f"`{field.default:g}`"

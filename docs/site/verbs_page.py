@@ -1,0 +1,81 @@
+"""The reference of the command line, made from the verbs themselves."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import typer
+
+from palp_core.cli.lazy import LazyGroup, load
+from palp_core.cli.main import app
+
+_HEAD = """# The command line: every verb and flag
+
+Made from the verbs themselves; `palp VERB --help` says the same. How verbs find their graph, where numbers
+come from and
+what differs from ROS 2 is told in [The command line](../command_line.md).
+
+"""
+
+
+def verbs_page() -> str:
+    """Return the page as Markdown."""
+    parts = [_HEAD, "## palp\n\n", *_table(typer.main.get_command(app), "palp")]
+    for name, command in commands():
+        parts += [f"\n## palp {name}\n\n", *_verb(command, f"palp {name}")]
+        for inner, verb in getattr(command, "commands", {}).items():
+            if not verb.hidden:
+                whole = load(inner, command.verbs[inner]) if isinstance(command, LazyGroup) else verb
+                parts += [f"\n### palp {name} {inner}\n\n", *_verb(whole, f"palp {name} {inner}")]
+    return "".join(parts)
+
+
+def commands() -> Iterator[tuple[str, Any]]:
+    """Yield each listed verb and group of the first level, by name."""
+    kind = app.info.cls
+    assert isinstance(kind, type)
+    assert issubclass(kind, LazyGroup)
+    for name, verb in kind.verbs.items():
+        if not verb.hidden:
+            yield name, load(name, verb)
+
+
+def _verb(command: Any, path: str) -> Iterator[str]:
+    yield _prose(command.help or "") + "\n\n"
+    if hasattr(command, "commands"):
+        return
+    with typer.Context(command, info_name=path) as context:
+        pieces = " ".join(command.collect_usage_pieces(context))
+        yield f"`{path} {pieces}`\n\n"
+    yield from _table(command, path)
+
+
+def _table(command: Any, path: str) -> Iterator[str]:
+    with typer.Context(command, info_name=path) as context:
+        rows = [_row(parameter, context) for parameter in command.get_params(context)]
+    if rows := [row for row in rows if row]:
+        yield "| | what it does |\n|---|---|\n"
+        yield "".join(rows)
+
+
+def _row(parameter: Any, context: Any) -> str:
+    """Return a line for an argument or an option; the help's own option is everywhere and has none."""
+    if "--help" in parameter.opts or getattr(parameter, "hidden", False):
+        return ""
+    record = parameter.get_help_record(context)
+    if record is None:
+        return ""
+    names, text = record
+    said = _cell(text).replace("<", "&lt;").replace("[", r"\[")
+    return f"| `{_cell(names)}` | {said} |\n"
+
+
+def _cell(text: str) -> str:
+    return re.sub(r"\s+", " ", text).replace("|", r"\|").strip()
+
+
+def _prose(text: str) -> str:
+    """Return a docstring as paragraphs; what begins with a form feed is for nobody."""
+    return text.partition("\f")[0].replace("<", "&lt;").strip()
