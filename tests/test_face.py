@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import json
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +12,8 @@ from pathlib import Path
 import pytest
 
 import palp_core
+from tests.docs.pages import blocks
+from tests.support.palp import ROOT
 
 HEAVY = ("palp_core.palpation", "scipy", "pandas", "matplotlib", "pywt", "statsmodels", "serial", "can")
 
@@ -71,7 +72,7 @@ def test_the_face_itself_loads_no_module_of_palps() -> None:
     assert done.stdout == "[]\n"
 
 
-README = Path(__file__).resolve().parents[1] / "README.md"
+TUTORIAL = ROOT / "docs" / "tutorial" / "first_node.md"
 SPY = """
 import json, sys
 from palp_core import Node
@@ -82,14 +83,11 @@ class Spy(Node):
 """
 
 
-def readme_example(folder: Path) -> str:
-    """Write the files of the README's section into a folder; return what is typed there."""
-    text = README.read_text(encoding="utf-8")
-    section = text.split("## A graph of your own, without a rig\n")[1].split("\n## ")[0]
-    for name, block in re.findall(r"```\w+\n# (\S+)\n(.*?)```", section, flags=re.DOTALL):
-        (folder / name).write_text(block, encoding="utf-8")
-    (typed,) = re.findall(r"```sh\n(.*?)```", section, flags=re.DOTALL)
-    return str(typed)
+def write_tutorial(folder: Path) -> None:
+    """Write the files that the tutorial begins with into a folder."""
+    for block in blocks(TUTORIAL.read_text(encoding="utf-8")):
+        if block.file in ("count.py", "count.yaml"):
+            (folder / block.file).write_text(block.text, encoding="utf-8")
 
 
 def typed_in(folder: Path, lines: str) -> str:
@@ -102,7 +100,7 @@ def typed_in(folder: Path, lines: str) -> str:
     environment = {
         **os.environ,
         "PATH": f"{commands}:{os.environ['PATH']}",
-        "PYTHONPATH": str(README.parent / "src"),
+        "PYTHONPATH": str(ROOT / "src"),
     }
     done = subprocess.run(
         ["bash", "-ec", lines], cwd=folder, env=environment, capture_output=True, text=True, check=False
@@ -111,16 +109,11 @@ def typed_in(folder: Path, lines: str) -> str:
     return done.stdout
 
 
-def test_the_readmes_graph_runs_in_an_empty_folder(tmp_path: Path) -> None:
-    lines = typed_in(tmp_path, readme_example(tmp_path)).splitlines()
-    assert lines[0] == "0.25 [1 2 3 4 5]"
-    assert sum("count ended after 0.2 s" in line for line in lines) == 2
-    assert lines[-1] == "/counter/number: 5 equal"
-
-
 @pytest.mark.parametrize("compose", [False, True])
-def test_its_processes_load_nothing_of_palpation_and_nothing_heavy(tmp_path: Path, compose: bool) -> None:
-    readme_example(tmp_path)
+def test_the_processes_of_the_tutorial_load_nothing_of_palpation_and_nothing_heavy(
+    tmp_path: Path, compose: bool
+) -> None:
+    write_tutorial(tmp_path)
     (tmp_path / "spy.py").write_text(SPY % (HEAVY,))
     with (tmp_path / "count.yaml").open("a") as file:
         file.write("  spy: {run: spy.py:Spy}\n")

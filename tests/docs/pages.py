@@ -6,8 +6,8 @@ A block of ``sh``, ``python`` or ``yaml`` is run unless a comment directly befor
 
 ``sh`` is typed into bash, ``python`` given to the interpreter. A block of any language whose first line is
 ``# name.ext`` is a file: it is written, and other blocks use it. ``<!-- beside -->`` before a block of ``sh``
-has it go on while the next ones run, as in a second terminal. A block of ``text`` is what its reader sees of
-the block before: each of its lines stands in the output, in this order; ``...`` is for what differs.
+has it go on while the next ones run, as in a second terminal. A block of ``output`` is what its reader sees
+of the block before: each of its lines stands in the output, in this order; ``...`` is for what differs.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ RUN = ("sh", "python", "yaml")
 _BLOCK = re.compile(r"^(?P<indent> *)```(?P<language>\w*)[^\n]*\n(?P<text>.*?)^(?P=indent)```$", re.M | re.S)
 _COMMENT = re.compile(r"<!-- (?P<word>not run|beside)(?:: (?P<why>[^\n]+?))? -->\n *\Z")
 _FILE = re.compile(r"\A# ([\w./-]+\.\w+)\n")
-_WORKSPACE = ("launch", "nodes", "msgs", "examples", "benchmarks", "docs")
+ALONE = ("docs/tutorial/", "docs/how_to/", "reference/")
+"""Pages whose reader has an installed palp and no checkout."""
+_WORKSPACE = ("launch", "nodes", "msgs", "examples")
 
 
 @dataclass(frozen=True)
@@ -71,8 +73,9 @@ class Reader:
     """Somebody who does what a page says.
 
     Args:
-        page: The page.
-        folder: Where he is; it has the folders of a checkout.
+        text: The page.
+        name: What it is called; who reads one of :data:`ALONE` has an empty folder, others a checkout's.
+        folder: Where he is.
         palp: Whose environment he has.
     """
 
@@ -90,7 +93,7 @@ class Reader:
             command = self._commands / name_
             command.write_text(f'#!/bin/sh\nexec {sys.executable} {words} "$@"\n', encoding="utf-8")
             command.chmod(0o755)
-        for one in _WORKSPACE:
+        for one in () if name.startswith(ALONE) else _WORKSPACE:
             (folder / one).symlink_to(ROOT / one)
 
     def read(self) -> dict[int, str]:
@@ -101,10 +104,11 @@ class Reader:
             for block in blocks(self._text):
                 if block.why_not:
                     last = ""
-                elif block.language == "text" and last:
+                elif block.language == "output":
                     self._compare(block, last)
                 elif block.file:
-                    file = self._folder / block.file
+                    file = (self._folder / block.file).resolve()
+                    assert file.is_relative_to(self._folder.resolve()), f"{file} is not the reader's"
                     file.parent.mkdir(parents=True, exist_ok=True)
                     file.write_text(block.text, encoding="utf-8")
                 elif block.language in RUN:

@@ -15,7 +15,7 @@ from palp_core.palpation.live_page.safety import standing
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.view.source.overview import WireState
 
-README = Path(__file__).resolve().parents[3] / "README.md"
+RESULTS = Path(__file__).resolve().parents[3] / "docs/explanation/results.md"
 BEAT = {"state": "ready", "permits": True, "cause": "", "text": "", "warning": ""}
 
 
@@ -41,8 +41,8 @@ def test_how_bad_it_is_shows(beat: dict[str, object] | None, silent_s: float, le
     assert standing(beat, silent_s).level == level
 
 
-def test_figures_beside_are_the_readmes_and_say_their_command() -> None:
-    text = README.read_text(encoding="utf-8")
+def test_figures_beside_are_those_of_the_page_of_results_and_say_their_command() -> None:
+    text = RESULTS.read_text(encoding="utf-8")
     assert f".venv/bin/{POLICIES_COMMAND}" in text
     best, people = BESIDE[0].words, BESIDE[1].words
     assert f"| **fixed, 16 mm (best)** | **{best}**" in text

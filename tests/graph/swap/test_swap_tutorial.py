@@ -1,4 +1,4 @@
-"""The README's own policy takes over from the rig's, as its reader would do it."""
+"""The tutorial's own policy takes over from the rig's, as its reader would do it."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 from tests.support.palp import ROOT, SIM, Palp, wait_for_line
 
 
-def test_the_policy_that_the_readme_shows_takes_over_in_the_middle_of_a_run(
+def test_the_policy_that_the_tutorial_shows_takes_over_in_the_middle_of_a_run(
     palp: Palp, tmp_path: Path
 ) -> None:
     (source,) = re.findall(
-        r"```python\n(# my_policy\.py\n.*?)```", (ROOT / "README.md").read_text(), re.DOTALL
+        r"```python\n(# my_policy\.py\n.*?)```", (ROOT / "docs/tutorial/swap.md").read_text(), re.DOTALL
     )
     assert len(source.splitlines()) <= 30
     (tmp_path / "my_policy.py").write_text(source)

@@ -1,0 +1,101 @@
+"""What the documentation tells its reader to type works, and shows what the documentation says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from docs.site.hooks import MADE
+from tests.docs.pages import RUN, Reader, blocks
+from tests.support.palp import ROOT, Palp
+
+PAGES = sorted(
+    str(page.relative_to(ROOT))
+    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/**/*.md"))
+)
+QUICK = ("docs/tutorial/first_node.md",)
+"""Pages of which every change is to be tried; the others run the rig, and their turn comes at night."""
+
+
+def text_of(page: str) -> str:
+    return (ROOT / page).read_text(encoding="utf-8")
+
+
+def has_something_to_run(page: str) -> bool:
+    return any(block.language in RUN and not block.why_not for block in blocks(text_of(page)))
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_each_block_is_run_or_says_why_not(page: str) -> None:
+    for block in blocks(text_of(page)):
+        where = f"{page}:{block.line}"
+        assert block.language, f"{where}: which language is it? text, if it is none"
+        if block.language == "yaml" and not block.why_not:
+            assert block.file, (
+                f"{where}: begin it with the name of the file, '# name.yaml', or say why it is none"
+            )
+
+
+def read_whole(text: str, page: str, folder: Path, palp: Palp) -> None:
+    Reader(text, page, folder / "at_work", palp).read()
+    assert palp.all_gone(within_s=60)
+
+
+@pytest.mark.parametrize("page", QUICK)
+def test_what_a_page_says_works(page: str, palp: Palp, tmp_path: Path) -> None:
+    read_whole(text_of(page), page, tmp_path, palp)
+
+
+@pytest.mark.parametrize("page", sorted(MADE))
+def test_what_a_page_made_from_the_code_says_works(page: str, palp: Palp, tmp_path: Path) -> None:
+    read_whole(MADE[page](), page, tmp_path, palp)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("page", [page for page in PAGES if page not in QUICK and has_something_to_run(page)])
+def test_what_each_other_page_says_works(page: str, palp: Palp, tmp_path: Path) -> None:
+    read_whole(text_of(page), page, tmp_path, palp)
+
+
+SAMPLE = """
+<!-- not run: needs a rig -->
+```sh
+false
+```
+
+```yaml
+# some.yaml
+a: 1
+```
+
+```sh
+cat some.yaml
+echo 3.14 done
+```
+
+```output
+a: 1
+... done
+```
+"""
+
+
+def test_a_reader_types_what_stands_there_and_compares_what_he_sees(palp: Palp, tmp_path: Path) -> None:
+    read_whole(SAMPLE, "sample", tmp_path, palp)
+
+
+@pytest.mark.parametrize(
+    ("was", "becomes", "complaint"),
+    [
+        ("<!-- not run: needs a rig -->\n", "", "sample:2: status 1"),
+        ("... done", "... undone", "sample:17: nobody sees '... undone'"),
+        ("# some.yaml\n", "", "sample:7: what file is it?"),
+    ],
+)
+def test_a_page_that_is_wrong_is_found(
+    was: str, becomes: str, complaint: str, palp: Palp, tmp_path: Path
+) -> None:
+    with pytest.raises(AssertionError) as raised:
+        read_whole(SAMPLE.replace(was, becomes), "sample", tmp_path, palp)
+    assert complaint in str(raised.value)
