@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from palp_core.graph.messages.message import Message
     from palp_core.graph.messages.qos import Qos
     from palp_core.graph.node.bench import Bench
+    from palp_core.graph.node.loading import enter_workspace
     from palp_core.graph.node.node import Node, Params, ReadOnly, State
     from palp_core.graph.node.ports import Alarm, Client, Pub, Srv, Sub, Timer, every, on, on_event, serve
     from palp_core.graph.node.qos_events import QosEvent
@@ -50,6 +51,7 @@ __all__ = [
     "Sub",
     "Swap",
     "Timer",
+    "enter_workspace",
     "every",
     "on",
     "on_event",
@@ -74,6 +76,7 @@ _HOME = dict.fromkeys(__all__, "node.ports") | {
     "ReadOnly": "node.node",
     "RunSummary": "launch.summary",
     "State": "node.node",
+    "enter_workspace": "node.loading",
     "Swap": "messages.builtin",
     "read": "bag.reader",
     "to_numpy": "bag.reader",

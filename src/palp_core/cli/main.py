@@ -31,6 +31,14 @@ def _root(
 app = lazy_app(
     "Robotic palpation as a graph of processes.",
     {
+        "init": Verb(
+            f"{_CLI}.workspace.init:init",
+            "Write a workspace of one's own: nodes, messages, launch file, tests; it runs as it is.",
+        ),
+        "new": Verb(
+            f"{_CLI}.workspace.new:app",
+            "Write a node, message, policy or driver, with its test, into the workspace one is in.",
+        ),
         "launch": Verb(f"{_CLI}.launch.launch:launch", "Check a launch file, run its graph, end it cleanly."),
         "run": Verb(f"{_CLI}.launch.run:run", "Run one node on the machine's clock, or add it to a graph."),
         "swap": Verb(f"{_CLI}.launch.swap:swap", "Let another class take a running node's place."),

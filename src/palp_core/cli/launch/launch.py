@@ -87,9 +87,6 @@ def launch(
     The exit status is the run's: 0 if it came to its end, 1 if a node failed or the report did, 2 if the
     launch file has mistakes, 130 on Ctrl-C.
     """
-    from palp_core.graph.workspaces.underlays import launch_path
-
-    file = launch_path(file)
     overrides = [word for word in arguments or [] if word != RESUMES]
     resume = resume or RESUMES in (arguments or [])
     if show_args:

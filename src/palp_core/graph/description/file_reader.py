@@ -20,7 +20,13 @@ from palp_core.graph.description.arguments import (
 from palp_core.graph.description.checkpoint_entry import read_checkpoint
 from palp_core.graph.description.input_reader import read_flag, read_number, read_word
 from palp_core.graph.description.keys import ADDRESS, FUNCTION, INCLUDE, LAUNCH_FILE
-from palp_core.graph.description.launch_file import GraphNode, LaunchFile, Located, find_workspace
+from palp_core.graph.description.launch_file import (
+    GraphNode,
+    LaunchFile,
+    Located,
+    find_overlay,
+    find_workspace,
+)
 from palp_core.graph.description.node_reader import NodeReader
 from palp_core.graph.description.substitution import Scope, evaluate, sole_variable
 from palp_core.graph.description.yaml_tree import UNKNOWN, Entry, Mapping, Tree, read_tree
@@ -46,8 +52,9 @@ def read(path: Path, overrides: Sequence[str] = (), environ: Lookup[str, str] | 
     Raises:
         GraphProblems: The file cannot be read or is not YAML.
     """
-    path = launch_path(path)
-    return _Reader(find_workspace(path), os.environ if environ is None else environ).root(path, overrides)
+    named, path = path, launch_path(path)
+    workspace = find_workspace(path) if path == named else find_overlay(path)
+    return _Reader(workspace, os.environ if environ is None else environ).root(path, overrides)
 
 
 @dataclass

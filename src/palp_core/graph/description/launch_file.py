@@ -153,6 +153,15 @@ def find_workspace(path: Path) -> Path:
     return next((parent for parent in [folder, *folder.parents] if (parent / "nodes").is_dir()), folder)
 
 
+def find_overlay(path: Path) -> Path:
+    """Return the workspace of a launch file that is installed: the one that one is in lies over it."""
+    try:
+        here = find_workspace(Path.cwd() / "file")
+    except FileNotFoundError:  # where one is was removed
+        return find_workspace(path)
+    return here if (here / "nodes").is_dir() else find_workspace(path)
+
+
 def arguments_text(description: LaunchFile) -> str:
     """Return what a launch file takes, in ROS 2's words."""
     lines = ["Arguments (pass arguments as '<name>:=<value>'):"]

@@ -154,7 +154,7 @@ class Graph:
         show_log: Show | None = None,
         **args: Any,
     ) -> None:
-        self.path = launch_path(path)
+        self.path = Path(path)
         self._listen, self.record = listen, None if record is None else Path(record)
         self.recorders = Recorders()
         self.diagnostics, self.methods = Diagnostics(), MethodsTold()
@@ -180,7 +180,7 @@ class Graph:
             stack.enter_context(self._interrupt)
             if self._name is not None:
                 check_free(self._name)
-            self.directory = RunDirectory(self._name or self.path.stem)
+            self.directory = RunDirectory(self._name or launch_path(self.path).stem)
             stack.callback(self.directory.release)
             server = ForkServer(self._interrupt, self._started)
             stack.callback(server.close)

@@ -19,12 +19,16 @@ def endpoints(run_dir: str, name: str) -> tuple[str, str]:
     return f"ipc://{run_dir}/{name}.pub", f"ipc://{run_dir}/{name}.srv"
 
 
-def enter_workspace(workspace: str) -> None:
-    """Put a workspace first on the module path, and what is installed under it.
+def enter_workspace(workspace: str | Path) -> None:
+    """Put a workspace first on the module path, and what is installed under it, as a node's process has them.
 
-    A console script has neither the workspace nor ``nodes`` there.
+    A console script, a notebook and pytest have neither there.
+
+    Args:
+        workspace: The folder that has ``nodes`` and ``msgs``.
     """
     install_finders()
+    workspace = str(workspace)
     if sys.path[:1] != [workspace]:
         sys.path[:] = [workspace, *(entry for entry in sys.path if entry != workspace)]
         importlib.invalidate_caches()

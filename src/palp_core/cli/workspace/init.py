@@ -1,0 +1,65 @@
+"""``palp init``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palp_core.cli.output import print_text
+
+_SHOWN = 3
+
+
+def init(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="A new folder, or an empty one.", show_default=False)
+    ],
+    *,
+    rig: Annotated[bool, typer.Option("--rig", help="With the whole rig in it, to be changed.")] = False,
+    minimal: Annotated[bool, typer.Option("--minimal", help="Two files: a launch file and a node.")] = False,
+) -> None:
+    """Write a workspace of one's own: nodes, messages, launch file, tests; it runs as it is."""
+    from palp_core.cli.workspace.templates import texts, write_new
+    from palp_core.errors import GraphError
+    from palp_core.graph.workspaces.underlays import underlay
+
+    if rig and minimal:
+        raise GraphError("--rig and --minimal: one or the other")
+    _check_empty(folder)
+    values = {"WORKSPACE": folder.resolve().name, "PACKAGES": '"nodes", "msgs", "tests"'}
+    contents: dict[Path, str | bytes] = {}
+    launch, first = "launch/demo.yaml", "nodes/average.py"
+    if minimal:
+        contents.update(texts("minimal", values))
+        launch, first = "launch.yaml", "counter.py"
+    else:
+        contents.update(texts("common", values))
+        contents.update(texts("rig" if rig else "default", values))
+    if rig:
+        source = underlay("rig").folder
+        for part in ("nodes", "msgs", "launch"):
+            for path in sorted((source / part).rglob("*")):
+                if path.is_file() and path.suffix != ".pyc":
+                    contents[path.relative_to(source)] = path.read_bytes()
+        launch, first = "launch/sim.yaml trials:=2 training:=5 --compose", "nodes/policy_markov.py"
+    write_new(folder, contents)
+    print_text(f"{folder}: {len(contents)} files; look at {folder / first} first")
+    print_text(f"  cd {folder}\n  palp launch {launch}" + ("" if minimal else "\n  pytest"))
+
+
+def _check_empty(folder: Path) -> None:
+    """Refuse a folder that has anything in it.
+
+    Raises:
+        GraphError: It does, or it is no folder.
+    """
+    from palp_core.errors import GraphError
+
+    if folder.exists() and not folder.is_dir():
+        raise GraphError(f"{folder} is a file; name a new folder")
+    there = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
+    if there:
+        more = ", ..." if len(there) > _SHOWN else ""
+        raise GraphError(
+            f"{folder} is not empty (it has {', '.join(there[:_SHOWN])}{more}); name a new folder"
+        )

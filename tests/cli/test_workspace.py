@@ -1,0 +1,155 @@
+"""``palp init`` and ``palp new``: what they write runs, checks and tests as it is."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from palp_core.cli.workspace.templates import named
+from palp_core.errors import GraphError
+from palp_core.graph.launch.graph import check_file
+from tests.support.palp import Palp
+
+
+def tool(folder: Path, *words: str) -> str:
+    """Run a tool of this environment in a folder; return what it says; it must be content."""
+    done = subprocess.run(
+        [sys.executable, "-m", *words], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture
+def at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Be in a folder of one's own."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def new(palp: Palp, *words: str) -> None:
+    done = palp.here("new", *words)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_workspace_runs_checks_and_tests_as_it_is_with_all_that_can_be_added(
+    at: Path, palp: Palp, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = palp.here("init", "lab")
+    assert "look at lab/nodes/average.py first" in said.stdout
+    monkeypatch.chdir(at / "lab")
+    for words in (
+        ("node", "GripForce"), ("message", "grip"), ("policy", "in_turn"),
+        ("driver", "my_cell", "--kind", "torque"), ("driver", "my_amp", "--kind", "emg"),
+    ):  # fmt: skip
+        new(palp, *words)
+    checked = check_file("launch/demo.yaml")
+    assert [spec.name for spec in checked.nodes] == ["sensor", "average"]
+    assert palp.run("launch", "launch/demo.yaml", "count:=20").returncode == 0
+    assert "14 passed" in tool(at / "lab", "pytest", "-q")
+    assert "All checks passed!" in tool(at / "lab", "ruff", "check", ".")
+    tool(at / "lab", "ruff", "format", "--check", ".")
+
+
+@pytest.mark.nightly
+def test_what_is_written_is_typed(at: Path, palp: Palp, monkeypatch: pytest.MonkeyPatch) -> None:
+    palp.here("init", "lab")
+    monkeypatch.chdir(at / "lab")
+    for words in (("node", "grip_force"), ("message", "grip"), ("policy", "in_turn")):
+        new(palp, *words)
+    new(palp, "driver", "cell", "--kind", "torque")
+    assert "Success" in tool(at / "lab", "mypy")
+
+
+@pytest.fixture
+def swapping(at: Path, palp: Palp, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Write a policy of one's own; return the words by which it takes over in the installed rig."""
+    palp.here("init", "lab")
+    monkeypatch.chdir(at / "lab")
+    new(palp, "policy", "in_turn")
+    return ["launch", "rig:sim.yaml", "trials:=1", "training:=1", "swaps:=1=nodes.policy_in_turn:InTurn"]
+
+
+def test_a_policy_of_ones_own_fits_the_installed_rig(palp: Palp, swapping: list[str]) -> None:
+    done = palp.here(*swapping, "--check")
+    assert (done.returncode, done.stderr) == (0, "")
+    wrong = palp.here(*swapping[:-1], "swaps:=1=nodes.policy_in_tune:InTurn", "--check")
+    assert "did you mean 'nodes.policy_in_turn'?" in wrong.stderr
+
+
+@pytest.mark.nightly
+def test_a_policy_of_ones_own_takes_over_in_the_installed_rig(
+    at: Path, palp: Palp, swapping: list[str]
+) -> None:
+    done = palp.run(*swapping, "--compose")
+    assert done.returncode == 0, done.stderr
+    assert "from trial 1 on inturn" in done.stdout
+    assert (at / "lab/results/latest/report.html").is_file()
+
+
+def test_the_least_workspace_is_two_files_that_run(at: Path, palp: Palp) -> None:
+    palp.here("init", "least", "--minimal")
+    assert sorted(path.name for path in (at / "least").iterdir()) == ["counter.py", "launch.yaml"]
+    assert palp.run("launch", "least/launch.yaml").returncode == 0
+
+
+def test_the_rig_can_be_copied_and_the_check_says_what_was_changed_in_it(at: Path, palp: Palp) -> None:
+    palp.here("init", "mine", "--rig")
+    fixed = at / "mine/nodes/policy_fixed.py"
+    assert fixed.is_file()
+    assert (at / "mine/launch/parts/experiment.yaml").is_file()
+    assert "in place of" not in palp.here("launch", "mine/launch/sim.yaml", "--check").stderr
+    fixed.write_text(fixed.read_text(encoding="utf-8") + "\n", encoding="utf-8")
+    (line,) = palp.here("launch", "mine/launch/sim.yaml", "--check").stderr.splitlines()
+    assert f"nodes.policy_fixed is {fixed}, in place of that of 'rig', " in line
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("init", "full"), "full is not empty (it has a, b, c, ...); name a new folder"),
+        (("init", "full/a"), "full/a is a file; name a new folder"),
+        (("init", "x", "--rig", "--minimal"), "one or the other"),
+        (("new", "node", "grip"), "no workspace here: "),
+        (("new", "node", "class"), "'class' is a word of Python"),
+        (("new", "node", "9a"), "'9a' is no name"),
+        (("new", "message", "a/b"), "'a/b' is no name"),
+        (("new", "policy", "../x"), "'../x' is no name"),
+    ],
+)
+def test_what_cannot_be_written_is_refused_in_words(
+    at: Path, palp: Palp, words: tuple[str, ...], said: str
+) -> None:
+    (at / "full").mkdir()
+    for name in "abcd":
+        (at / "full" / name).touch()
+    done = palp.here(*words)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert sorted(path.name for path in at.iterdir()) == ["full"]
+
+
+def test_nothing_is_overwritten_and_all_or_nothing_is_written(at: Path, palp: Palp) -> None:
+    (at / "nodes").mkdir()
+    (at / "tests").mkdir()
+    (at / "tests/test_grip.py").write_text("# mine\n", encoding="utf-8")
+    done = palp.here("new", "node", "grip")
+    assert done.returncode == 2
+    assert "tests/test_grip.py" in done.stderr
+    assert not (at / "nodes/grip.py").exists()
+    assert (at / "tests/test_grip.py").read_text(encoding="utf-8") == "# mine\n"
+
+
+def test_a_file_that_hides_one_of_the_rig_is_said_at_once(at: Path, palp: Palp) -> None:
+    (at / "nodes").mkdir()
+    done = palp.here("new", "node", "policy")
+    assert "nodes.policy takes the place of that of 'rig'" in done.stderr
+
+
+def test_a_name_has_both_its_forms() -> None:
+    assert named("EMGReader") == ("emg_reader", "EmgReader")
+    with pytest.raises(GraphError, match="no name"):
+        named("")
