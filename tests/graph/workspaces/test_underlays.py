@@ -67,9 +67,20 @@ def test_palps_own_workspace_is_found_and_lies_under_everybody_elses(softlab: Pa
     ]  # fmt: skip
 
 
-def test_a_launch_file_is_named_by_its_workspace(softlab: Path) -> None:
+def test_a_launch_file_is_named_by_its_workspace(
+    softlab: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     assert launch_path("softlab:shapes.yaml") == softlab / "launch/shapes.yaml"
     assert read(Path("softlab:shapes.yaml")).workspace == softlab
+
+
+def test_the_workspace_that_one_is_in_lies_over_an_installed_launch_file(
+    own: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (own / "deeper").mkdir()
+    monkeypatch.chdir(own / "deeper")
+    assert read(Path("softlab:shapes.yaml")).workspace == own
 
 
 @pytest.mark.parametrize(
