@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from palp_core.cli.workspace.templates import named
 from palp_core.errors import GraphError
 from palp_core.graph.launch.graph import check_file
+from tests.graph.workspaces.installed import forgetting
 from tests.support.palp import Palp
 
 
@@ -24,10 +26,11 @@ def tool(folder: Path, *words: str) -> str:
 
 
 @pytest.fixture
-def at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Be in a folder of one's own."""
+def at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Be in a folder of one's own; what is imported from it is forgotten afterwards."""
     monkeypatch.chdir(tmp_path)
-    return tmp_path
+    with forgetting():
+        yield tmp_path
 
 
 def new(palp: Palp, *words: str) -> None:

@@ -16,6 +16,7 @@ from palp_core.graph.workspaces import underlays
 from palp_core.graph.workspaces.modules import hidden_modules
 from palp_core.graph.workspaces.underlays import launch_path
 from tests.graph.workspaces.installed import forgetting, install
+from tests.support.palp import ROOT
 
 SHAPE = """
 from palp_core import Node
@@ -177,6 +178,7 @@ def test_an_unknown_node_is_answered_with_where_it_was_looked_for(own: Path) -> 
 
 def test_the_rigs_classes_are_there_to_derive_from() -> None:
     with forgetting():
+        enter_workspace(ROOT)
         long = importlib.import_module("palp_core.workspace.nodes.policy")
         assert long is importlib.import_module("nodes.policy")
         with pytest.raises(ModuleNotFoundError, match=r"palp_core\.workspace\.nodes\.polcy"):
