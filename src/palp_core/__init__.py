@@ -14,12 +14,22 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from palp_core.graph.actions.client import WrappedResult
     from palp_core.graph.bag.reader import Bag, read, to_numpy
     from palp_core.graph.launch.graph import Graph
     from palp_core.graph.launch.summary import RunSummary
     from palp_core.graph.messages.builtin import DiagnosticStatus, MethodsUsed, NodeEvent, Progress, Swap
     from palp_core.graph.messages.message import Message
     from palp_core.graph.messages.qos import Qos
+    from palp_core.graph.node.action_ports import (
+        Act,
+        ActionClient,
+        GoalHandle,
+        accept,
+        execute,
+        on_cancel,
+        on_feedback,
+    )
     from palp_core.graph.node.bench import Bench
     from palp_core.graph.node.loading import enter_workspace
     from palp_core.graph.node.node import Node, Params, ReadOnly, State
@@ -29,11 +39,14 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "Act",
+    "ActionClient",
     "Alarm",
     "Bag",
     "Bench",
     "Client",
     "DiagnosticStatus",
+    "GoalHandle",
     "Graph",
     "Message",
     "MethodsUsed",
@@ -51,19 +64,27 @@ __all__ = [
     "Sub",
     "Swap",
     "Timer",
+    "WrappedResult",
+    "accept",
     "enter_workspace",
     "every",
+    "execute",
     "on",
+    "on_cancel",
     "on_event",
+    "on_feedback",
     "read",
     "serve",
     "to_numpy",
 ]
 
 _HOME = dict.fromkeys(__all__, "node.ports") | {
+    "Act": "node.action_ports",
+    "ActionClient": "node.action_ports",
     "Bag": "bag.reader",
     "Bench": "node.bench",
     "DiagnosticStatus": "messages.builtin",
+    "GoalHandle": "node.action_ports",
     "Graph": "launch.graph",
     "Message": "messages.message",
     "MethodsUsed": "messages.builtin",
@@ -78,6 +99,11 @@ _HOME = dict.fromkeys(__all__, "node.ports") | {
     "State": "node.node",
     "enter_workspace": "node.loading",
     "Swap": "messages.builtin",
+    "WrappedResult": "actions.client",
+    "accept": "node.action_ports",
+    "execute": "node.action_ports",
+    "on_cancel": "node.action_ports",
+    "on_feedback": "node.action_ports",
     "read": "bag.reader",
     "to_numpy": "bag.reader",
 }

@@ -6,6 +6,8 @@
     ├── GraphError            a launch file, an edge or an argument is wrong; a node failed to start
     ├── SchemaMismatch        two ends of an edge disagree about a type; bytes are not what they claim
     ├── LifecycleError        a transition that the node's state does not allow
+    ├── GoalRejected          a node does not take a goal: raised by its @accept
+    ├── CancelRejected        a node does not cancel a goal: raised by its @on_cancel
     ├── PublishTimeout        a reader made no room for a message in time (also a TimeoutError)
     ├── SecurityError         a key is missing, exposed to others or not accepted
     ├── NodeError             a node's handler raised, or its process ended
@@ -38,6 +40,14 @@ class SchemaMismatch(PalpError):
 
 class LifecycleError(PalpError):
     """A lifecycle transition that is not allowed from the present state."""
+
+
+class GoalRejected(PalpError):
+    """A node does not take a goal of an action: raised by its ``@accept``; the client hears the text."""
+
+
+class CancelRejected(PalpError):
+    """A node does not cancel a goal now: raised by its ``@on_cancel``; whoever asked hears the text."""
 
 
 class PublishTimeout(PalpError, TimeoutError):

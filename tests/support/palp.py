@@ -28,7 +28,7 @@ PATIENCE_S = 240.0
 
 
 QUICK = {
-    *("node", "topic", "param", "lifecycle", "service", "swap", "logs"),
+    *("action", "node", "topic", "param", "lifecycle", "service", "swap", "logs"),
     *(("bag", verb) for verb in ("info", "recover", "diff", "snapshot")),
 }
 """Verbs that run in the test's own process: to start another takes longer than they do."""

@@ -68,6 +68,18 @@ def services(ctx: typer.Context, incomplete: str) -> list[str]:
     return []
 
 
+def actions(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Names of actions; a node that does not answer at once has none."""
+    from palp_core.graph.discovery.actions import actions_of
+
+    graph = _running(ctx)
+    with _quietly():
+        if graph is not None:
+            known = actions_of(graph.ask_all("info", timeout_s=0.3))
+            return _matching([action.name for action in known], incomplete)
+    return []
+
+
 def parameters(ctx: typer.Context, incomplete: str) -> list[str]:
     """Names of the parameters of the node that is already on the line."""
     graph = _running(ctx)

@@ -49,6 +49,7 @@ app = lazy_app(
         "topic": Verb(f"{_CLI}.topic.topic:app", "Topics of the running graph."),
         "node": Verb(f"{_CLI}.node.node:app", "Nodes of the running graph."),
         "service": Verb(f"{_CLI}.node.service:app", "Services of the running graph."),
+        "action": Verb(f"{_CLI}.node.action:app", "Actions of the running graph."),
         "param": Verb(f"{_CLI}.node.param:app", "Parameters of running nodes."),
         "lifecycle": Verb(f"{_CLI}.node.lifecycle:app", "States of running nodes."),
         "interface": Verb(f"{_CLI}.node.interface:app", "Types of messages and services."),

@@ -25,8 +25,8 @@ from palp_core.graph.node.handover import HandOver, Predecessor, adopt_state
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.node import Node, Params, State
 from palp_core.graph.node.ports import Alarm, Client, Pub, Srv, Sub, Timer, every, on, serve
-from palp_core.graph.node.rng import rng_from_text, rng_to_text
 from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.rng import rng_from_text, rng_to_text
 from palp_core.units import Float64Array, Hertz, RatioArray, Seconds
 
 

@@ -46,7 +46,7 @@ def info(
 
     running = find_graph(graph)
     found = running.ask(node, "info", timeout_s=timeout)
-    for part in ("inputs", "outputs"):
+    for part in ("inputs", "outputs", "services", "clients", "timers"):
         found[part] = {k: v for k, v in found.get(part, {}).items() if include_hidden or not hidden(k)}
     if as_json:
         print_json(found)
@@ -63,8 +63,11 @@ def info(
     services = {
         f"/{entry.name}/{port}": " -> ".join(types) for port, types in found.get("services", {}).items()
     }
+    actions = {f"/{entry.name}/{port}": ", ".join(a["types"]) for port, a in found.get("actions", {}).items()}
     _section("Service Servers", services)
     _section("Service Clients", found.get("clients", {}))
+    _section("Action Servers", actions)
+    _section("Action Clients", found.get("action_clients", {}))
     _section(
         "Timers", {k: f"{v['rate_hz']:g} Hz, tick {v['tick']}" for k, v in found.get("timers", {}).items()}
     )

@@ -29,7 +29,11 @@ SucceedFunction = Callable[[CheckedGraph, NodeSpec, NodeClass], tuple[list[str],
 _SOURCE = re.compile(r"\S+\.py:\d+: |\w+ is not installed; ")
 """How mistakes begin that are a module's, not a node's."""
 
-_PLACES = {"pub": "output", "sub": "input", "srv": "service", "client": "client"}
+_PLACES = {
+    "pub": "output", "sub": "input", "srv": "service", "client": "client",
+    "act": "action", "action_client": "action client",
+}  # fmt: skip
+_SOURCES = {"sub": "pub", "client": "srv", "action_client": "act"}
 _ADVICE = {
     "type": "wire a port of its type",
     "qos": "ask for less here or offer more in {run}",
@@ -211,7 +215,7 @@ def _check_class(
         said.add(what)
         if name in reader.param_marks or reader.complete:
             wrong.add(reader, name, error)
-    readable = reader.ports("sub", "client")
+    readable = reader.ports(*_SOURCES)
     for name, wire in reader.inputs.items():
         if name in readable:
             _check_wire(reader, readable[name], wire, nodes, problems)
@@ -229,7 +233,7 @@ def _check_class(
 
 def _source(port: NodePort, nodes: _Nodes) -> str:
     """Return a publisher or service that fits a port, or a placeholder."""
-    wanted, kind = [t.type_hash for t in port.types], "pub" if port.kind == "sub" else "srv"
+    wanted, kind = [t.type_hash for t in port.types], _SOURCES[port.kind]
     fitting = [
         f"{name}/{other.name}"
         for name, assigned in nodes.items()
@@ -244,16 +248,16 @@ def _check_wire(
     reader: GraphNode, port: NodePort, wire: InputEntry, nodes: _Nodes, problems: Problems
 ) -> None:
     if wire.external:
-        if port.kind == "client":
-            message = f"{reader}: client '{port.name}' cannot be external; name the service that answers it"
-            problems.add(wire.mark, message)
+        if port.kind != "sub":
+            message = f"{reader}: {_PLACES[port.kind]} '{port.name}' cannot be external"
+            problems.add(wire.mark, f"{message}; name the {_PLACES[_SOURCES[port.kind]]} that answers it")
         return
     if wire.node not in nodes:
         what = f"node '{reader.spec.name}': input '{port.name}'"
         message = f"{what} comes from a node '{wire.node}' that is not there{hint(wire.node, nodes)}"
         problems.add(wire.source_mark, message)
         return
-    kind = "pub" if port.kind == "sub" else "srv"
+    kind = _SOURCES[port.kind]
     for source in nodes[wire.node]:
         if source.declared.error is not None or not source.agrees(reader):
             continue
@@ -265,15 +269,16 @@ def _check_wire(
             message = (
                 f"{reader}: '{wire.port}' of {source} is its {noun}; {_PLACES[port.kind]} '{port.name}' needs"
             )
-            problems.add(
-                wire.source_mark,
-                f"{message} an {_PLACES[kind]}{hint(wire.port, offers)}".replace("an s", "a s"),
-            )
+            problems.add(wire.source_mark, f"{message} {_an(_PLACES[kind])}{hint(wire.port, offers)}")
         else:
             problems.add(
                 wire.source_mark,
                 f"{reader}: {source} has no {_PLACES[kind]} '{wire.port}'{hint(wire.port, offers)}",
             )
+
+
+def _an(noun: str) -> str:
+    return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun}"
 
 
 def _check_edge(
@@ -285,15 +290,17 @@ def _check_edge(
     problems: Problems,
 ) -> None:
     where = f"{reader}: {_PLACES[port.kind]} '{port.name}'"
-    if port.kind == "client":
-        for reply in (False, True):
-            wanted = TopicInfo.of(reader.spec.name, port, reply=reply)
-            found = type_misfit(wanted, TopicInfo.of(wire.node, offer, reply=reply))
+    if port.kind != "sub":
+        for ours, theirs in zip(port.types, offer.types, strict=True):
+            wanted = TopicInfo.carrying(ours, reader.spec.name, port)
+            found = type_misfit(wanted, TopicInfo.carrying(theirs, wire.node, offer))
             if found is not None:
                 problems.add(wire.source_mark, f"{where}: {found.text}; {_ADVICE[found.part]}")
                 return
-        if wire.stated:
-            message = f"{where}: a service has no quality of service; remove {', '.join(wire.stated)}"
+        stated = [*wire.stated, *(["on_event"] if wire.action != "warn" and port.kind != "client" else [])]
+        if stated:
+            noun = _PLACES[offer.kind]
+            message = f"{where}: {_an(noun)} has no quality of service; remove {', '.join(stated)}"
             problems.add(wire.source_mark, message)
         return
     for part, text in misfits(
@@ -312,9 +319,9 @@ def _build(description: LaunchFile, nodes: _Nodes) -> CheckedGraph:
     readings: dict[str, dict[str, Reading]] = {name: {} for name in chosen}
     requests: dict[str, dict[str, list[str]]] = {name: {} for name in chosen}
     for name, node in chosen.items():
-        for port in node.ports("pub").values():
+        for port in (port for port in node.declared.ports.values() if port.kind == "pub"):
             topics[topic(name, port.name)] = TopicInfo.of(name, port)
-        for port_name, wire in node.inputs.items():
+        for port_name, wire in node.wires.items():
             port = node.declared.ports[port_name]
             source = topic(name, port_name) if wire.external else topic(wire.node, wire.port)
             readings[name][port_name] = Reading(

@@ -9,9 +9,10 @@ import yaml
 
 from palp_core.graph.description.checkpoint_entry import CheckpointEntry
 from palp_core.graph.description.node_class import NodePort
+from palp_core.graph.messages.message_type import MessageType
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.node.spec import NodeSpec, action_of
 
 RECORDER = "palp_core.graph.recording.recorder_node:Recorder"
 
@@ -45,7 +46,11 @@ class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
             reply: Of a service or a client: the reply, not the request.
             qos: In place of the port's own.
         """
-        kind = port.types[1 if reply else 0]
+        return cls.carrying(port.types[1 if reply else 0], node, port, qos)
+
+    @classmethod
+    def carrying(cls, kind: MessageType, node: str, port: NodePort, qos: Qos | None = None) -> TopicInfo:
+        """Return what one of a port's types is, as a topic of its own."""
         return cls(
             node=node, port=port.name, qos=port.qos if qos is None else qos, type=kind.name,
             type_hash=kind.type_hash, ros_text=kind.ros_text, json_schema=kind.json_schema,
@@ -204,7 +209,7 @@ def resolved_yaml(graph: CheckedGraph) -> str:
         if spec.params:
             node["params"] = spec.params
         if spec.inputs:
-            node["inputs"] = {port: _wire(reading) for port, reading in graph.readings[spec.name].items()}
+            node["inputs"] = _wires(graph.readings[spec.name])
         if spec.restart != "never":
             rule = {"when": spec.restart, "max_restarts": spec.max_restarts, "backoff_s": spec.backoff_s}
             node["restart"] = rule
@@ -235,6 +240,17 @@ def resolved_yaml(graph: CheckedGraph) -> str:
         tree, Dumper=_Dumper, sort_keys=False, default_flow_style=False, allow_unicode=True, width=110
     )
     return f"# {graph.file}{given}\n{text}"
+
+
+def _wires(readings: dict[str, Reading]) -> dict[str, Any]:
+    """Return the wires of a node; those of an action are one."""
+    found = {}
+    for port, reading in readings.items():
+        if action := action_of(port):
+            found[action] = action_of(reading.topic).removeprefix("/")
+        else:
+            found[port] = _wire(reading)
+    return found
 
 
 def _wire(reading: Reading) -> Any:

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.node.spec import action_of
 
 _TRUTH = "truth"
 
@@ -18,9 +19,15 @@ class Wire(NamedTuple):
 
 
 def wires_of(graph: CheckedGraph) -> Iterator[Wire]:
-    """Yield one wire per input; that of a client runs from the client to the service."""
+    """Yield one wire per input; that of a client runs from the client to the service or action."""
+    drawn = set()
     for spec in graph.nodes:
         for port, source in spec.inputs.items():
+            if action := action_of(port):
+                if (spec.name, action) not in drawn:
+                    drawn.add((spec.name, action))
+                    yield Wire(spec.name, action, source.split("/")[1])
+                continue
             node, _, output = source.removeprefix("/").partition("/")
             if [node, output] in graph.edges.get(f"/{spec.name}/{port}", []):
                 yield Wire(spec.name, port, node)

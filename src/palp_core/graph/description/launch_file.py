@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from palp_core.graph.description.arguments import Argument, show
 from palp_core.graph.description.yaml_tree import UNKNOWN
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.node.spec import NodeSpec, action_of
 from palp_core.graph.problems import Mark, Problem
 
 if TYPE_CHECKING:
@@ -103,8 +103,23 @@ class GraphNode:
         return all(other.assignment.get(name, branch) == branch for name, branch in self.assignment.items())
 
     def ports(self, *kinds: str) -> dict[str, NodePort]:
-        """Return the ports of these kinds that its class declares, by name."""
-        return {name: port for name, port in self.declared.ports.items() if port.kind in kinds}
+        """Return the ports of these kinds that its class declares, by name; not the parts of its actions."""
+        own = self.declared.ports.items()
+        return {name: port for name, port in own if port.kind in kinds and not action_of(name)}
+
+    @property
+    def wires(self) -> dict[str, InputEntry]:
+        """Wires by port, that of an action as one for each of its parts."""
+        found = {}
+        for name, wire in self.inputs.items():
+            port = self.declared.ports.get(name)
+            if port is None or port.kind != "action_client":
+                found[name] = wire
+                continue
+            for own in (own for own in self.declared.ports if action_of(own) == name):
+                theirs = wire.port + own.removeprefix(name)
+                found[own] = replace(wire, port=theirs)
+        return found
 
 
 @dataclass(frozen=True)

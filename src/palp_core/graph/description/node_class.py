@@ -22,6 +22,7 @@ from palp_core.errors import BagError, GraphError
 from palp_core.extras import advice
 from palp_core.graph.messages.message_type import MessageType
 from palp_core.graph.messages.qos import Qos
+from palp_core.graph.node.action_ports import Act, ActionClient
 from palp_core.graph.node.loading import enter_workspace, load_module
 from palp_core.graph.node.node import Declaration, Node, declaration_of
 from palp_core.graph.node.params import ParamDescription, describe_params, load_params
@@ -56,13 +57,14 @@ class NodePort(msgspec.Struct, frozen=True):
 
     Attributes:
         kind: What it is.
-        types: Its message; of a service and a client, request and reply.
+        types: Its message; of a service and a client, request and reply; of an action and a client of one,
+            goal, feedback and result. What these are made of is there as ports, too.
         qos: What it offers or requests; that of a service is the default.
         optional: An input that may stay unwired.
     """
 
     name: str
-    kind: Literal["sub", "pub", "srv", "client"]
+    kind: Literal["sub", "pub", "srv", "client", "act", "action_client"]
     types: list[MessageType]
     qos: Qos
     optional: bool = False
@@ -153,6 +155,8 @@ def _node(cls: type[Node], request: NodeClassRequest) -> NodeClass:
         *declared.pubs.values(),
         *declared.services.values(),
         *declared.clients.values(),
+        *declared.actions.values(),
+        *declared.action_clients.values(),
     ]
     return NodeClass(
         run=request.run,
@@ -196,6 +200,10 @@ def _port(port: Port) -> NodePort:
             return NodePort(
                 port.name, "client", [MessageType.of(port.request), MessageType.of(port.reply)], Qos()
             )
+        case Act() | ActionClient():
+            kind: Literal["act", "action_client"] = "act" if isinstance(port, Act) else "action_client"
+            types = [MessageType.of(message) for message in (port.goal, port.feedback, port.result)]
+            return NodePort(port.name, kind, types, Qos())
     raise AssertionError(port)
 
 

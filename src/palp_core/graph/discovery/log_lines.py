@@ -6,7 +6,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
 
-from palp_core.graph.node.log_format import LEVELS
+from palp_core.graph.log_format import LEVELS
 
 RANK = {level: rank for rank, level in enumerate(LEVELS)}
 SUPERVISOR = "[supervisor]: "

@@ -142,8 +142,9 @@ class RunningGraph:
 
     def topics(self, *, include_hidden: bool = False) -> list[Topic]:
         """Return the topics, in graph order; the nodes themselves tell of the hidden ones."""
-        shown = [topic for topic in self.record.topics if not hidden(topic.name)]
-        return [*shown, *self._hidden_topics(self.node_names)] if include_hidden else shown
+        if include_hidden:
+            return [*self.record.topics, *self._hidden_topics(self.node_names)]
+        return [topic for topic in self.record.topics if not hidden(topic.name)]
 
     def _hidden_topics(self, nodes: Iterable[str]) -> list[Topic]:
         """Return what the runtime publishes for each node, of palp's own types."""

@@ -10,7 +10,7 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.choice import addressed
 from palp_core.graph.discovery.log_lines import RANK, LineReader, LogLine
 from palp_core.graph.discovery.log_reader import follow
-from palp_core.graph.node.log_format import ENDS_NODE
+from palp_core.graph.log_format import ENDS_NODE
 
 MOST_PER_S = 100
 """Lines shown of a second; how many more there are is said (assumed: nobody reads faster)."""

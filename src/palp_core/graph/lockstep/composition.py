@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from palp_core.graph.clock import SimClock
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.discovery.run_directory import RunDirectory
+from palp_core.graph.log_format import MergedFormatter
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.loading import endpoints, load_class
-from palp_core.graph.node.log_format import MergedFormatter
 from palp_core.graph.node.spec import COMPOSITION, MERGED_LOG, NodeSpec
 from palp_core.graph.process.control_messages import Done, Round
 from palp_core.graph.process.lockstep_loop import follow_round

@@ -9,14 +9,17 @@
 """
 
 from collections.abc import Iterable, Iterator
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, overload
 
 from palp_core.errors import NodeError
+from palp_core.graph.actions.bench import ClientBench, ServerBench
+from palp_core.graph.actions.messages import action_types
 from palp_core.graph.clock import SimClock
 from palp_core.graph.messages.builtin import Order
 from palp_core.graph.messages.frame import Kind, pack, parse
 from palp_core.graph.messages.message import Message, decode, encode
 from palp_core.graph.messages.schema import schema_of
+from palp_core.graph.node.action_ports import Act, ActionClient
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.external_calls import set_parameters
 from palp_core.graph.node.handover import HandOver
@@ -24,12 +27,15 @@ from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.node import Node, declaration_of
 from palp_core.graph.node.ports import Client, Port, Pub, Srv, Sub
 from palp_core.graph.node.service_client import ClientEnd, Pending
-from palp_core.graph.node.spec import NodeSpec, topic
+from palp_core.graph.node.spec import NodeSpec, part, topic
 
 MAX_ROUNDS = 1000
 
 N = TypeVar("N", bound=Node)
 M = TypeVar("M", bound=Message)
+Goal = TypeVar("Goal", bound=Message)
+Feedback = TypeVar("Feedback", bound=Message)
+Result = TypeVar("Result", bound=Message)
 
 
 class Bench(Generic[N]):
@@ -95,6 +101,26 @@ class Bench(Generic[N]):
             end.pending.append(Pending(self._sequence.get(name, 0) + 1, self.clock.now_ns() + 1, 0, b""))
         self._sequence[name] = end.pending[0].sequence - 1
         self._feed(port, name, message)
+
+    @overload
+    def action(self, port: Act[Goal, Feedback, Result]) -> ServerBench[Goal, Feedback, Result]: ...
+    @overload
+    def action(self, port: ActionClient[Goal, Feedback, Result]) -> ClientBench[Goal, Feedback, Result]: ...
+    def action(self, port: Act[Any, Any, Any] | ActionClient[Any, Any, Any]) -> Any:
+        """Return the other end of an action: it sends goals to a server, and answers a client."""
+        declared, types = self.executor.declaration, action_types(port.goal, port.feedback, port.result)
+        if isinstance(port, Act):
+            return ServerBench(
+                types,
+                lambda name, request: self.call(declared.services[part(name, port.name)], request),
+                lambda name: self.sent(declared.pubs[part(name, port.name)]),
+            )
+        return ClientBench(
+            types,
+            lambda name, message: self.reply(declared.clients[part(name, port.name)], message),
+            lambda name, message: self.feed(declared.subs[part(name, port.name)], message),
+            lambda name: self.requests(declared.clients[part(name, port.name)]),
+        )
 
     def _feed(self, port: Port, name: str, message: Message) -> None:
         sequence = self._sequence[name] = self._sequence.get(name, 0) + 1

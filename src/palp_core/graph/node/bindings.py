@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from palp_core.graph.actions.client import ActionClientEnd, SentGoals
+from palp_core.graph.actions.server import ActionServerEnd
 from palp_core.graph.messages.message import Message, encode_any
 from palp_core.graph.messages.qos import EventKind, Qos, events_of
+from palp_core.graph.node.action_parts import CALLS
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.node import Declaration, Node
 from palp_core.graph.node.ports import Alarm, Timer
@@ -19,7 +22,7 @@ from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.qos_events import EventEnd, QosEvent
 from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.node.service_client import ClientEnd
-from palp_core.graph.node.spec import NodeSpec, topic
+from palp_core.graph.node.spec import NodeSpec, part, topic
 from palp_core.graph.node.subscription import ReplySubscription, RequestSubscription, Subscription
 from palp_core.graph.node.timers import AlarmEnd, TimerEnd
 
@@ -27,7 +30,7 @@ if TYPE_CHECKING:
     from palp_core.graph.node.executor import Executor
 
 Guard = Callable[[str, Callable[..., Any]], Callable[..., Any]]
-TimedEnd = TimerEnd | AlarmEnd | EventEnd | ClientEnd
+TimedEnd = TimerEnd | AlarmEnd | EventEnd | ClientEnd | ActionServerEnd
 SERVICE = Qos(depth=100)
 
 
@@ -53,12 +56,14 @@ class Bindings:
         self.publishers: dict[str, PublisherEnd[Any]] = {}
         self.subscriptions: dict[str, list[Subscription]] = {}
         self.timers: dict[str, TimedEnd] = {}
+        self.action_clients: dict[str, ActionClientEnd] = {}
         self._spec, self._owner, self._send, self._guard = spec, owner, send, guard
         self.services = {name: guard(name, declared.handlers[name]) for name in declared.services}
         handlers = {name: guard(name, handler) for name, handler in declared.handlers.items()}
         self._bind_timers(declared, handlers)
         self._bind_topics(declared)
         self._bind_services(declared)
+        self._bind_actions(declared)
 
     def publisher(self, name: str, message: type[Message], qos: Qos) -> PublisherEnd[Any]:
         """Add an output."""
@@ -157,6 +162,47 @@ class Bindings:
                 calls.handler = _answer(calls.handler, calls)
                 self._subscribe(calls)
 
+    def _bind_actions(self, declared: Declaration) -> None:
+        """Put what knows the goals behind the parts of each action, which are bound already."""
+        spec, owner = self._spec, self._owner
+        for name, act in declared.actions.items():
+            steps = self.timers.get(part("step", name))
+            assert steps is None or isinstance(steps, TimerEnd)
+            feedback, status = (
+                self.publishers[topic(spec.name, part(n, name))] for n in ("feedback", "status")
+            )
+            execute = declared.handlers[name]
+            server = ActionServerEnd(
+                f"action:{name}", act, owner, feedback, status, execute, declared.roles.get(name, {}), steps
+            )
+            ring = functools.wraps(execute)(functools.partial(_ring, server))
+            server.handle = self._guard(name, ring)
+            self.timers[server.name] = owner.node.__dict__[name] = server
+        for name, port in declared.action_clients.items():
+            ends = {verb: self.timers[f"timeout:{part(verb, name)}"] for verb in CALLS}
+            calls = {verb: end for verb, end in ends.items() if isinstance(end, ClientEnd)}
+            heard = declared.roles.get(name, {}).get("feedback")
+            client = ActionClientEnd(name, port, owner, calls, declared.handlers[name], heard)
+            self.action_clients[name] = owner.node.__dict__[name] = client
+
+    @property
+    def action_servers(self) -> list[ActionServerEnd]:
+        """The live end of every action that the node serves."""
+        return [end for end in self.timers.values() if isinstance(end, ActionServerEnd)]
+
+    def abandon_goals(self, why: str) -> None:
+        """Abort every goal that the node works on, and say why."""
+        for server in self.action_servers:
+            for goal in server.goals:
+                server.conclude(goal.record, "aborted", why)
+
+    def activate(self, now_ns: int) -> None:
+        """Begin: timers start, what was asked before is forgotten."""
+        for end in self.timers.values():
+            end.activate(now_ns)
+        for client in self.action_clients.values():
+            client.activate()
+
     def _given_up(self, name: str) -> Callable[[int], None]:
         def count(change: int) -> None:
             end = self.timers[f"call_timeout:{name}"]
@@ -236,6 +282,8 @@ class Bindings:
             "calls": {
                 name: copy.deepcopy(e.pending) for name, e in ends if isinstance(e, ClientEnd) and e.pending
             },
+            "served": {end.name: end.ledger.keep() for end in self.action_servers},
+            "sent": {name: client.keep() for name, client in self.action_clients.items()},
             "consumed": {name: msgspec.structs.replace(counter) for name, counter in self.accounts.items()},
             "published": {name: out.sequence for name, out in self.publishers.items()},
             "idle": [name for name, out in self.publishers.items() if out.idle_until_next],
@@ -250,14 +298,22 @@ class Bindings:
                 end.resume(hand_over.alarms.get(name))
             elif isinstance(end, EventEnd):
                 end.resume(hand_over.events.get(name, 0))
+            elif isinstance(end, ActionServerEnd):
+                end.resume(hand_over.served.get(name))
             else:
                 end.resume(hand_over.calls.get(name, []))
+        for name, client in self.action_clients.items():
+            client.resume(hand_over.sent.get(name, SentGoals()))
         for name, counter in hand_over.consumed.items():
             for subscription in self.subscriptions.get(name, []):
                 subscription.account = msgspec.structs.replace(counter)
         for name, out in self.publishers.items():
             out.resume(hand_over.epoch, hand_over.published.get(name, 0), hand_over.history.get(name, []))
             out.idle_until_next = name in hand_over.idle
+
+
+def _ring(server: ActionServerEnd, _node: Node) -> None:
+    server.ring()
 
 
 def _answer(handler: Callable[..., Any], calls: RequestSubscription) -> Callable[..., None]:

@@ -12,6 +12,7 @@ from typing import Any
 
 from palp_core.errors import NodeError, SchemaMismatch, in_words
 from palp_core.graph.clock import Clock
+from palp_core.graph.log_format import ENDING
 from palp_core.graph.messages.builtin import NodeEvent, Order
 from palp_core.graph.messages.frame import Frame, parse
 from palp_core.graph.messages.message import encode_any
@@ -21,14 +22,13 @@ from palp_core.graph.node.event_publisher import EVENTS_PORT, EventPublisher
 from palp_core.graph.node.handover import first_state
 from palp_core.graph.node.journal import ORDER_PORT, Journal
 from palp_core.graph.node.lifecycle import Lifecycle, LifecycleHooks, Transition, successor
-from palp_core.graph.node.log_format import ENDING
 from palp_core.graph.node.node import Node, declaration_of
 from palp_core.graph.node.params import load_params
 from palp_core.graph.node.qos_events import EventEnd
-from palp_core.graph.node.rng import rng_of
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.node.subscription import Subscription
 from palp_core.graph.node.succession import Succession
+from palp_core.graph.rng import rng_of
 
 
 class Executor:
@@ -113,14 +113,15 @@ class Executor:
         self._now_ns = self._clock.now_ns()
         if transition is Transition.ACTIVATE:
             self.publishing = True
-            for end in self.ends.timers.values():
-                end.activate(self._now_ns)
+            self.ends.activate(self._now_ns)
             self.succession.state_bytes()  # one that cannot be handed over is found now, not at a swap
         noted = self.journal.note_transition(transition, self._now_ns)
         if transition is Transition.SHUTDOWN and self.lifecycle is Lifecycle.ACTIVE:
             self.failing.hook("on_deactivate")
         self.failing.hook(f"on_{transition.value}")
         if transition in (Transition.DEACTIVATE, Transition.SHUTDOWN):
+            if self.lifecycle is Lifecycle.ACTIVE:
+                self.ends.abandon_goals(f"{self.name} was deactivated")
             self.journal.flush(self._now_ns)
             self.publishing = False
         before, self.lifecycle = self.lifecycle, target
@@ -290,6 +291,7 @@ class Failing:
         hooks: list[Callable[[], None]] = [
             lambda: executor.node.on_error(reason),
             executor.node.on_deactivate,
+            lambda: executor.ends.abandon_goals(f"{executor.name} failed: {text}"),
         ]
         for hook in hooks:
             try:

@@ -9,6 +9,8 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import GraphError, SchemaMismatch
+from palp_core.graph.actions.client import SentGoals
+from palp_core.graph.actions.ledger import ServedGoals
 from palp_core.graph.messages.message import decode_any, encode_any
 from palp_core.graph.node.node import State
 from palp_core.graph.node.sequence_account import SequenceAccount
@@ -32,6 +34,8 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True):
         rng: State of the random generator.
         events: How often each quality-of-service event has happened.
         calls: Unanswered calls per client.
+        served: Goals of each action.
+        sent: Goals of each client of an action that have not ended.
         idle: Output topics on which nothing is due until the next message.
         active: Whether the node is at work; one that was deactivated stays so.
         finished: Whether its work is done.
@@ -56,6 +60,8 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True):
     rng: str
     events: dict[str, int] = {}
     calls: dict[str, list[Pending]] = {}
+    served: dict[str, ServedGoals] = {}
+    sent: dict[str, SentGoals] = {}
     idle: list[str] = []
     active: bool = True
     finished: bool = False

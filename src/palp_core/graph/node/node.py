@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, dataclass_t
 import msgspec
 
 from palp_core.errors import GraphError
+from palp_core.graph.node.action_parts import parts_of, roles_of
+from palp_core.graph.node.action_ports import HANDLES_ROLE, STEPS_AT, Act, ActionClient
 from palp_core.graph.node.lifecycle import LifecycleHooks
 from palp_core.graph.node.ports import HANDLES, HANDLES_EVENTS, Alarm, Client, Port, Pub, Srv, Sub, Timer
 
@@ -149,7 +151,10 @@ def class_name(node_class: type[Node]) -> str:
 
 
 class Declaration(msgspec.Struct, frozen=True, kw_only=True):
-    """What a node class declares, in declaration order."""
+    """What a node class declares, in declaration order; the parts of an action after all that is its own.
+
+    ``roles`` are the further handlers of each action: ``accept``, ``cancel`` and ``feedback``.
+    """
 
     subs: dict[str, Sub[Any]]
     pubs: dict[str, Pub[Any]]
@@ -157,6 +162,9 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     clients: dict[str, Client[Any, Any]]
     timers: dict[str, Timer]
     alarms: dict[str, Alarm]
+    actions: dict[str, Act[Any, Any, Any]]
+    action_clients: dict[str, ActionClient[Any, Any, Any]]
+    roles: dict[str, dict[str, Callable[..., Any]]]
     handlers: dict[str, Callable[..., Any]]
     event_handlers: dict[str, Callable[..., Any]]
     params: type[Params]
@@ -220,7 +228,23 @@ def _declare(cls: type[Node]) -> Declaration:
             known = ", ".join(params.__struct_fields__) or "none"
             raise GraphError(f"{where}.{name}: no parameter '{port.hz}' for its rate; declared: {known}")
         if not isinstance(port, Pub) and name not in handlers:
-            raise GraphError(f"{where}: port '{name}' has no handler; mark a method with @on or @serve")
+            marks = "@execute" if isinstance(port, Act) else "@on or @serve"
+            raise GraphError(f"{where}: port '{name}' has no handler; mark a method with {marks}")
+    roles = {port.name: found for port, found in roles_of(members, HANDLES_ROLE).items()}
+    for name in roles:
+        if not isinstance(ports.get(name), Act | ActionClient):
+            raise GraphError(
+                f"{where}: an action '{name}' that handlers are for is not declared on this class"
+            )
+    for name, port in list(ports.items()):
+        if isinstance(port, Act | ActionClient):
+            rate = getattr(handlers[name], STEPS_AT, "")
+            if rate and not hasattr(params, rate):
+                raise GraphError(f"{where}.{handlers[name].__name__}: no parameter '{rate}' for its rate")
+            made, handled, told = parts_of(port, handlers[name], rate)
+            ports |= made
+            handlers |= handled
+            event_handlers |= told
     try:
         state()
     except TypeError as error:
@@ -236,6 +260,9 @@ def _declare(cls: type[Node]) -> Declaration:
         clients=of(Client),
         timers=of(Timer),
         alarms=of(Alarm),
+        actions=of(Act),
+        action_clients=of(ActionClient),
+        roles=roles,
         handlers=handlers,
         event_handlers=event_handlers,
         params=params,

@@ -7,11 +7,15 @@ Ports are class attributes. On an instance, the executor puts the live end in th
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Generic, Protocol, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, overload
 
 from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.qos_events import QosEvent
+
+if TYPE_CHECKING:
+    from palp_core.graph.actions.client import WrappedResult
+    from palp_core.graph.node.action_ports import ActionClient
 
 M = TypeVar("M", bound=Message)
 Request = TypeVar("Request", bound=Message)
@@ -184,9 +188,13 @@ def on(
     port: Client[Request, Reply],
 ) -> Callable[[Callable[[Any, Reply], None]], Callable[[Any, Reply], None]]: ...
 @overload
+def on(
+    port: ActionClient[Any, Any, Reply],
+) -> Callable[[Callable[[Any, WrappedResult[Reply]], None]], Callable[[Any, WrappedResult[Reply]], None]]: ...
+@overload
 def on(port: Timer | Alarm) -> Callable[[Callable[[Any], None]], Callable[[Any], None]]: ...
 def on(port: Port) -> Callable[[Handler], Handler]:
-    """Mark the method that handles a port's messages, a client's replies or a timer's ticks."""
+    """Mark the method that handles a port's messages, a client's replies or results, or a timer's ticks."""
     return _mark(port)
 
 

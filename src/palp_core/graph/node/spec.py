@@ -48,6 +48,25 @@ def topic(node: str, port: str) -> str:
     return f"/{node}/{port}"
 
 
+_PART = "/_action/"
+"""What the name of every part of an action has in it; as in ROS 2 such names are not listed."""
+
+
+def part(name: str, of: str) -> str:
+    """Return the name of a part of an action: ``move/_action/status``."""
+    return f"{of}{_PART}{name}"
+
+
+def action_of(port: str) -> str:
+    """Return the action that a port, or a topic, is a part of; "" if it is none.
+
+    >>> action_of("move/_action/status"), action_of("pose")
+    ('move', '')
+    """
+    action, is_part, _ = port.partition(_PART)
+    return action if is_part else ""
+
+
 class NodeSpec(msgspec.Struct, frozen=True, kw_only=True):
     """One node of a checked graph.
 

@@ -15,11 +15,13 @@ from palp_core.graph.node.handover import VERSION, HandOver, adopt_state
 from palp_core.graph.node.lifecycle import Lifecycle, Transition, successor
 from palp_core.graph.node.node import Params, State, class_name
 from palp_core.graph.node.params import load_params
-from palp_core.graph.node.rng import rng_from_text, rng_to_text
+from palp_core.graph.rng import rng_from_text, rng_to_text
 from palp_core.moved import present_name
 
 if TYPE_CHECKING:
     from palp_core.graph.node.executor import Executor
+
+_MERGED = ("timers", "events", "served", "sent")
 
 
 class Succession:
@@ -194,7 +196,7 @@ class Succession:
         """Return a successor's hand-over with what it cannot know: of the ports that only this class has."""
         own = self._executor.ends.write_down()
         theirs = msgspec.structs.asdict(hand_over)
-        merged = {name: own[name] | theirs[name] for name in ("timers", "events", "consumed", "published")}
+        merged = {name: own[name] | theirs[name] for name in (*_MERGED, "consumed", "published")}
         for name in ("alarms", "calls"):  # only what is set is written down
             merged[name] = {end: value for end, value in own[name].items() if end not in ends} | theirs[name]
         idle = [name for name in own["idle"] if name not in hand_over.published] + hand_over.idle

@@ -8,7 +8,7 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver, adopt_state
 from palp_core.graph.node.journal import KeptJournal
 from palp_core.graph.node.node import class_name
-from palp_core.graph.node.rng import rng_from_text
+from palp_core.graph.rng import rng_from_text
 
 
 class KeptNode(msgspec.Struct, frozen=True, kw_only=True):

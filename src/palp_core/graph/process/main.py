@@ -8,8 +8,8 @@ import signal
 import socket
 
 from palp_core.errors import NodeError, PalpError, in_words
+from palp_core.graph.log_format import ENDING, begin_log
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.node.log_format import ENDING, begin_log
 from palp_core.graph.process.channel import ChannelClosed
 from palp_core.graph.process.control_messages import Failed, Hello, Spawn, node_end
 from palp_core.graph.process.lockstep_loop import LockstepLoop

@@ -13,13 +13,16 @@ from typing import Annotated, Any
 import msgspec
 
 from palp_core.errors import GraphError
+from palp_core.graph.actions.server import ActionServerEnd
 from palp_core.graph.messages.message import decode, encode
 from palp_core.graph.messages.message_type import MessageType
+from palp_core.graph.node.action_ports import Act, ActionClient
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.external_calls import serve_outside, set_parameters
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.node import class_name
 from palp_core.graph.node.params import describe_params
+from palp_core.graph.node.spec import action_of, part
 from palp_core.graph.node.timers import TimerEnd
 from palp_core.graph.transport.request_server import NodeOperation, NodeOperations, NodeRequest
 
@@ -69,6 +72,12 @@ class PublishRequest(NodeRequest, frozen=True, kw_only=True):
     message: msgspec.Raw
 
 
+class GoalsRequest(NodeRequest, frozen=True, kw_only=True):
+    """Say how the goals of an action stand."""
+
+    action: str
+
+
 class NodeServices:
     """The operations of one node.
 
@@ -96,6 +105,7 @@ class NodeServices:
             "call": NodeOperation(CallRequest, self.call),
             "transition": NodeOperation(TransitionRequest, self.transition),
             "publish": NodeOperation(PublishRequest, self.publish),
+            "goals": NodeOperation(GoalsRequest, self.goals),
         }
 
     def info(self, request: InfoRequest) -> dict[str, Any]:
@@ -131,6 +141,17 @@ class NodeServices:
                 name: [srv.request.__name__, srv.reply.__name__] for name, srv in declared.services.items()
             },
             "clients": {name: executor.spec.inputs.get(name, "") for name in declared.clients},
+            "actions": {
+                name: {
+                    "types": [kind.__name__ for kind in (act.goal, act.feedback, act.result)],
+                    "when_busy": act.when_busy,
+                }
+                for name, act in declared.actions.items()
+            },
+            "action_clients": {
+                name: action_of(executor.spec.inputs.get(part("status", name), ""))
+                for name in declared.action_clients
+            },
             "timers": {
                 name: {
                     "rate_hz": float(getattr(executor.node.params, declared.timers[name].hz)),
@@ -173,7 +194,28 @@ class NodeServices:
             for name, pair in pairs.items():
                 types = [MessageType.of(pair.request), MessageType.of(pair.reply)]
                 ports[name] = {"kind": kind, "types": types}
+        actions: dict[str, Act[Any, Any, Any] | ActionClient[Any, Any, Any]]
+        actions = {**declared.actions, **declared.action_clients}
+        for name, act in actions.items():
+            kind = "act" if isinstance(act, Act) else "action_client"
+            types = [MessageType.of(message) for message in (act.goal, act.feedback, act.result)]
+            ports[name] = {"kind": kind, "types": types}
         return {"ports": msgspec.to_builtins(ports)}
+
+    def goals(self, request: GoalsRequest) -> dict[str, Any]:
+        """Return how the goals of an action stand, the latest that have ended among them."""
+        executor = self._executor
+        server = executor.ends.timers.get(f"action:{request.action}")
+        if not isinstance(server, ActionServerEnd):
+            known = ", ".join(executor.declaration.actions) or "none"
+            raise GraphError(f"{executor.name} has no action '{request.action}'; it has: {known}")
+        records = [*server.ledger.ended.values(), *server.ledger.live.values()]
+        return {
+            "goals": [
+                {"goal_id": r.goal_id, "status": r.status, "reason": r.reason, "accepted_ns": r.accepted_ns}
+                for r in records
+            ]
+        }
 
     def describe_parameters(self, _request: NodeRequest) -> dict[str, Any]:
         """Return each parameter's type, default, value, unit, bounds and whether it can be changed."""

@@ -11,7 +11,7 @@ import traceback
 from collections.abc import Callable, Sequence
 from typing import NoReturn
 
-from palp_core.graph.node.log_format import begin_log
+from palp_core.graph.log_format import begin_log
 from palp_core.graph.process.parent_death import die_with_parent
 
 

@@ -9,7 +9,7 @@ import fcntl
 import os
 from pathlib import Path
 
-from palp_core.graph.node.log_format import time_text
+from palp_core.graph.log_format import time_text
 from palp_core.graph.node.spec import MERGED_LOG
 from palp_core.whole_file import open_private
 

@@ -1,0 +1,1 @@
+"""An arm, and whoever sends it."""

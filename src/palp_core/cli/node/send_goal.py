@@ -1,0 +1,178 @@
+"""``palp action send_goal``: a goal from the shell, followed to its end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palp_core.cli import completion
+from palp_core.cli.options import INTERRUPTED, GraphOption, JsonOption, TimeoutOption
+from palp_core.cli.output import note, print_json, print_text, yaml_text
+from palp_core.cli.running import find_graph
+from palp_core.errors import GraphError
+
+if TYPE_CHECKING:
+    from palp_core.graph.discovery.actions import ActionCaller, ServedAction
+    from palp_core.graph.discovery.running_graph import RunningGraph
+    from palp_core.graph.discovery.topic_reader import TopicReader
+    from palp_core.graph.messages.topic import Topic
+
+GREETING_NS = 2_000_000_000
+"""For so long a publisher may take to greet who reads its feedback, before the goal is sent all the same."""
+
+ASK_NS = 1_000_000_000
+"""After so long without a word the server is asked how the goal stands."""
+
+
+def send_goal(
+    action: Annotated[
+        str,
+        typer.Argument(
+            metavar="ACTION", help="As in /arm/move.", autocompletion=completion.actions, show_default=False
+        ),
+    ],
+    words: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="TYPE {YAML}", help="Type (optional) and goal.", show_default=False),
+    ] = None,
+    *,
+    feedback: Annotated[bool, typer.Option("-f", "--feedback", help="Show how it goes.")] = False,
+    deadline: Annotated[
+        float, typer.Option("--deadline", metavar="S", min=0.0, help="The server cancels it after; 0: never.")
+    ] = 0.0,
+    timeout: TimeoutOption = 5.0,
+    graph: GraphOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Send a goal and wait for its result; status 1 unless it succeeds. Ctrl-C cancels it."""
+    from palp_core.cli.text.words import type_and_message
+    from palp_core.graph.discovery.actions import ActionCaller, find_action
+    from palp_core.graph.discovery.message_yaml import message_from_yaml
+    from palp_core.graph.discovery.topic_reader import TopicReader
+    from palp_core.graph.messages.message_text import readable
+    from palp_core.graph.node.spec import part, topic
+
+    kind, text = type_and_message(words or [], "palp action send_goal /node/port TYPE '{name: value}'")
+    running = find_graph(graph, changes=True)
+    found = find_action(running, action, timeout)
+    if kind is not None and kind not in (found.types[0], found.types[0].removesuffix("Goal")):
+        raise GraphError(f"{found.name} takes {found.types[0]}, not {kind}")
+    types = running.ask(found.node, "schemas", timeout_s=timeout)["ports"][found.port]["types"]
+    goal = message_from_yaml(text or "{}", types[0]["json_schema"], "goal")
+    caller = ActionCaller(running, found, timeout)
+    topics = [running.topic(topic(found.node, part(name, found.port))) for name in ("feedback", "status")]
+    with TopicReader(running, topics, reliable=True) as reader:
+        following = _Following(running, found, caller, reader, topics)
+        try:
+            for said in following.goal(goal, deadline):
+                if feedback and as_json:
+                    print_json({"feedback": said})
+                elif feedback:
+                    _show("Feedback:", said)
+        except KeyboardInterrupt:
+            raise typer.Exit(INTERRUPTED) from None
+    ended = following.ended
+    result = [readable(one, types[2]["json_schema"]) for one in ended.get("result", [])]
+    if as_json:
+        print_json({"goal_id": caller.goal_id, "status": ended["status"], "reason": ended["reason"],
+                    "result": result[0] if result else None})  # fmt: skip
+    else:
+        if result:
+            _show("Result:", result[0])
+        why = f": {ended['reason']}" if ended["reason"] else ""
+        print_text(f"Goal finished with status: {ended['status'].upper()}{why}")
+    if ended["status"] != "succeeded":
+        raise typer.Exit(1)
+
+
+def _show(title: str, message: dict[str, Any]) -> None:
+    print_text(title)
+    for line in yaml_text(message).splitlines() if message else ():
+        print_text(f"    {line}")
+
+
+class _Following:
+    """One goal, from the first greeting of its server to its end.
+
+    Attributes:
+        ended: How it ended: ``status``, ``reason``, ``result``.
+    """
+
+    def __init__(
+        self,
+        running: RunningGraph,
+        action: ServedAction,
+        caller: ActionCaller,
+        reader: TopicReader,
+        topics: list[Topic],
+    ) -> None:
+        self._running, self._action, self._caller, self._reader = running, action, caller, reader
+        self._schemas = {topic.name: topic.json_schema for topic in topics}
+        self.ended: dict[str, Any] = {}
+
+    def goal(self, goal: dict[str, Any], deadline_s: float) -> Iterator[dict[str, Any]]:
+        """Send the goal and yield feedback of it until it has ended."""
+        from palp_core.graph.clock import monotonic_ns
+
+        sent, asked_ns = False, monotonic_ns()
+        messages = self._reader.messages()
+        while not self.ended:
+            try:
+                heard = next(messages, None) if not self._reader.ended else None
+                now_ns = monotonic_ns()
+                greeted = self._schemas.keys() <= self._reader.last_sequence.keys()
+                if not sent and (greeted or now_ns - asked_ns > GREETING_NS):
+                    sent, asked_ns = True, now_ns
+                    self._send(goal, deadline_s)
+                elif sent and heard is not None and heard.is_message:
+                    asked_ns = now_ns
+                    yield from self._take(heard.frame.topic, heard.frame.payload)
+                elif self._reader.ended:
+                    self._end("unknown", "the graph has ended")
+                elif sent and now_ns - asked_ns > ASK_NS:
+                    asked_ns = now_ns
+                    self._ask()
+            except KeyboardInterrupt:
+                if not sent or self.ended:
+                    raise
+                self._cancel()
+
+    def _send(self, goal: dict[str, Any], deadline_s: float) -> None:
+        reply = self._caller.send_goal(goal, deadline_s)
+        if reply["accepted"]:
+            note(f"goal accepted with ID: {self._caller.goal_id}")
+        else:
+            self._end("rejected", reply["reason"])
+
+    def _take(self, topic: str, payload: memoryview) -> Iterator[dict[str, Any]]:
+        from palp_core.graph.messages.message_text import decoded
+
+        message = decoded(payload, self._schemas[topic])
+        if "feedback" in message:
+            if message["goal_id"] == self._caller.goal_id:
+                yield message["feedback"]
+            return
+        status = {entry["goal_id"]: entry["status"] for entry in message["status_list"]}
+        if status.get(self._caller.goal_id) not in ("accepted", "executing", "canceling"):
+            self._ask()
+
+    def _ask(self) -> None:
+        """Ask how the goal stands; who has forgotten it was restarted, or replaced."""
+        try:
+            told = self._caller.result()
+        except GraphError as error:
+            self._end("unknown", str(error))
+            return
+        if told["status"] == "unknown":
+            self._end("aborted", "its server was restarted and has forgotten it")
+        elif told["status"] not in ("accepted", "executing", "canceling"):
+            self.ended = told
+
+    def _cancel(self) -> None:
+        reply = self._caller.cancel_goal(self._caller.goal_id)
+        note(reply["reason"] or "canceling the goal; Ctrl-C again leaves it alone")
+
+    def _end(self, status: str, reason: str) -> None:
+        self.ended = {"status": status, "reason": reason, "result": []}

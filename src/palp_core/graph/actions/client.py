@@ -1,0 +1,215 @@
+"""The asking end of an action: what became of every goal that was sent, whatever happens to the server."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Generic, Protocol, TypeVar
+
+import msgspec
+
+from palp_core.graph.actions import messages as wire
+from palp_core.graph.actions.surroundings import Call, Declared, Surroundings
+from palp_core.graph.messages.message import Message
+
+SENT = "sent"
+Result = TypeVar("Result", bound=Message)
+
+
+class WrappedResult(msgspec.Struct, Generic[Result], frozen=True, kw_only=True):
+    """How a goal of a client ended.
+
+    Attributes:
+        goal_id: Which.
+        status: ``succeeded``, ``canceled`` or ``aborted``, as its server says; ``rejected``: it was never
+            accepted; ``unknown``: nobody can tell, as the server does not answer.
+        reason: Why, in words; "" where there is nothing to say.
+        result: Its result; None where there is none.
+    """
+
+    goal_id: str
+    status: str
+    reason: str = ""
+    result: Result | None = None
+
+
+class SentGoal(msgspec.Struct):
+    """A goal that has not ended, as far as its client knows.
+
+    Attributes:
+        goal_id: Its name.
+        sequence: Of the request that carried it.
+        status: ``sent``, or as its server says.
+        reason: Why it ended, while its result is still to come.
+        epoch: Of the server, and ``change``: of what it has said, at the latest word of the goal.
+        asked: Sequence of the request for its result; 0: none was sent.
+    """
+
+    goal_id: str
+    sequence: int
+    status: str = SENT
+    reason: str = ""
+    epoch: int = 0
+    change: int = 0
+    asked: int = 0
+
+
+class SentGoals(msgspec.Struct):
+    """What a successor must know of a client of an action."""
+
+    records: list[SentGoal] = []
+    count: int = 0
+
+
+class AskingPort(Declared, Protocol):
+    """A client as declared: with the longest silence after which its server counts as gone."""
+
+    lease_ms: float
+
+
+class ActionClientEnd:
+    """Sends goals, follows each, and hands over how it ended exactly once.
+
+    Args:
+        name: Under which it is handed over.
+        port: The client as declared.
+        executor: The node's.
+        calls: Its clients of the action's three services, by the services' names.
+        done: Takes the node and how a goal ended.
+        feedback: Takes the node, a goal's id and feedback of it; None: nobody listens.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        port: AskingPort,
+        executor: Surroundings,
+        calls: Mapping[str, Call],
+        done: Callable[[Any, WrappedResult[Any]], None],
+        feedback: Callable[[Any, str, Any], None] | None,
+    ) -> None:
+        self.name, self.port = name, port
+        self._executor = executor
+        self._types = wire.action_types(port.goal, port.feedback, port.result)
+        self._calls = calls
+        self._done, self._feedback = done, feedback
+        self._records: dict[str, SentGoal] = {}
+        self._count = 0
+
+    # What its node asks for
+
+    @property
+    def goals(self) -> dict[str, str]:
+        """Status of each goal that has not ended, by its id."""
+        return {name: record.status for name, record in self._records.items()}
+
+    def send_goal(self, goal: Message, *, deadline_s: float = 0.0) -> str:
+        """Send a goal and return its id at once."""
+        if type(goal) is not self.port.goal:
+            raise TypeError(
+                f"action '{self.port.name}' takes {self.port.goal.__name__}, not {type(goal).__name__}"
+            )
+        executor = self._executor
+        self._count += 1
+        goal_id = f"{executor.name}.{self.port.name}-{executor.epoch}-{self._count}"
+        call = self._calls["send_goal"]
+        call.call(self._types.send_goal(goal_id=goal_id, goal=goal, deadline_s=float(deadline_s)))
+        self._records[goal_id] = SentGoal(goal_id, call.pending[-1].sequence)
+        return goal_id
+
+    def cancel_goal(self, goal_id: str) -> None:
+        """Ask the server to cancel a goal; one that has ended is left alone."""
+        if goal_id in self._records:
+            self._calls["cancel_goal"].call(wire.CancelGoalRequest(goal_id=goal_id))
+
+    # What its server says
+
+    def hear_reply(self, reply: wire.SendGoalReply) -> None:
+        """Take the answer to a goal."""
+        record = self._records.get(reply.goal_id)
+        if record is None:
+            return
+        if not reply.accepted:
+            self._finish(record, wire.REJECTED, reply.reason)
+        elif record.status == SENT:
+            record.status, record.epoch, record.change = wire.ACCEPTED, reply.epoch, reply.change
+
+    def hear_status(self, message: wire.GoalStatusArray) -> None:
+        """Take how the server's goals stand; one that it has forgotten is not worked on."""
+        listed = {entry.goal_id: entry for entry in message.status_list}
+        for record in list(self._records.values()):
+            entry = listed.get(record.goal_id)
+            if record.asked:
+                continue  # its end is known, and its result under way
+            if entry is not None:
+                record.epoch, record.change = message.epoch, message.change
+                self._follow(record, entry)
+            elif record.status != SENT and (message.epoch, message.change) > (record.epoch, record.change):
+                restarted = message.epoch > record.epoch
+                why = "its server was restarted and has forgotten it" if restarted else "its server forgot it"
+                self._finish(record, wire.ABORTED, why)
+
+    def _follow(self, record: SentGoal, entry: wire.GoalStatus) -> None:
+        record.status = entry.status
+        if entry.status in wire.LIVE:
+            return
+        if not entry.has_result:
+            self._finish(record, entry.status, entry.reason)
+            return
+        record.reason = entry.reason
+        call = self._calls["get_result"]
+        call.call(wire.GetResultRequest(goal_id=record.goal_id))
+        record.asked = call.pending[-1].sequence
+
+    def hear_result(self, reply: Any) -> None:
+        """Take a result that was asked for; without it the goal's end is known all the same."""
+        record = self._records.get(reply.goal_id)
+        if record is None or not record.asked:
+            return
+        if reply.result:
+            self._finish(record, reply.status, reply.reason, reply.result[0])
+        else:
+            self._finish(record, record.status, record.reason or "its server has its result no longer")
+
+    def hear_feedback(self, message: Any) -> None:
+        """Take feedback; that of goals of others is theirs."""
+        if self._feedback is not None and message.goal_id in self._records:
+            self._feedback(self._executor.node, message.goal_id, message.feedback)
+
+    # What becomes of goals for which nobody answers
+
+    def give_up(self) -> None:
+        """End what was asked in vain: its calls have been given up."""
+        waiting = {name: {p.sequence for p in end.pending} for name, end in self._calls.items()}
+        for record in list(self._records.values()):
+            if record.status == SENT and record.sequence not in waiting["send_goal"]:
+                self._finish(record, wire.UNKNOWN, "its server did not answer")
+            elif record.asked and record.asked not in waiting["get_result"]:
+                self._finish(record, record.status, "its server did not send the result")
+
+    def lose_server(self) -> None:
+        """End what a server had accepted that has fallen silent."""
+        for record in list(self._records.values()):
+            if record.status != SENT:
+                self._finish(record, wire.UNKNOWN, f"its server is silent for {self.port.lease_ms:g} ms")
+
+    def _finish(self, record: SentGoal, status: str, reason: str, result: Message | None = None) -> None:
+        del self._records[record.goal_id]
+        ended: WrappedResult[Any] = WrappedResult(
+            goal_id=record.goal_id, status=status, reason=reason, result=result
+        )
+        self._done(self._executor.node, ended)
+
+    # Its change of hands
+
+    def activate(self) -> None:
+        """Forget goals that were sent before."""
+        self._records = {}
+
+    def keep(self) -> SentGoals:
+        """Return what a successor must know."""
+        return SentGoals([msgspec.structs.replace(r) for r in self._records.values()], self._count)
+
+    def resume(self, kept: SentGoals) -> None:
+        """Go on with a predecessor's goals."""
+        self._records = {record.goal_id: msgspec.structs.replace(record) for record in kept.records}
+        self._count = kept.count

@@ -1,0 +1,81 @@
+"""The actions of a running graph, from the word of its nodes: who serves them, who asks, how goals stand."""
+
+from __future__ import annotations
+
+import uuid
+from typing import Any, NamedTuple
+
+from palp_core.errors import GraphError
+from palp_core.graph.discovery.running_graph import Answers, RunningGraph
+from palp_core.graph.node.spec import part, topic
+from palp_core.graph.problems import hint
+
+
+class ServedAction(NamedTuple):
+    """An action of a running node: its name, ``/<node>/<port>``, and the types of goal, feedback, result."""
+
+    name: str
+    node: str
+    port: str
+    types: tuple[str, str, str]
+    when_busy: str
+    clients: tuple[str, ...]
+
+
+def actions_of(answers: Answers) -> list[ServedAction]:
+    """Return the actions that nodes told of in their ``info``."""
+    asking: dict[str, list[str]] = {}
+    for node, info in answers.replies.items():
+        for source in info.get("action_clients", {}).values():
+            asking.setdefault(source, []).append(f"/{node}")
+    return [
+        ServedAction(name, node, port, tuple(told["types"]), told["when_busy"], tuple(asking.get(name, ())))
+        for node, info in answers.replies.items()
+        for port, told in info.get("actions", {}).items()
+        for name in [topic(node, port)]
+    ]
+
+
+def find_action(graph: RunningGraph, name: str, timeout_s: float) -> ServedAction:
+    """Return an action by its name.
+
+    Raises:
+        GraphError: There is none; the nearest name is in the message.
+    """
+    known = {action.name: action for action in actions_of(graph.ask_all("info", timeout_s=timeout_s))}
+    rooted = name if name.startswith("/") else f"/{name}"
+    if rooted not in known:
+        raise GraphError(f"no action '{name}' in graph '{graph.record.graph}'{hint(rooted, known)}")
+    return known[rooted]
+
+
+class ActionCaller:
+    """Asks the server of an action from outside the graph.
+
+    Args:
+        graph: The graph.
+        action: The action.
+        timeout_s: How long an answer may take.
+    """
+
+    def __init__(self, graph: RunningGraph, action: ServedAction, timeout_s: float) -> None:
+        self._graph, self._action, self._timeout_s = graph, action, timeout_s
+        self.goal_id = f"palp-{uuid.uuid4().hex[:8]}"
+
+    def _call(self, service: str, **request: Any) -> dict[str, Any]:
+        port, ask = part(service, self._action.port), self._graph.ask
+        reply = ask(self._action.node, "call", timeout_s=self._timeout_s, service=port, request=request)
+        found: dict[str, Any] = reply["reply"]
+        return found
+
+    def send_goal(self, goal: dict[str, Any], deadline_s: float) -> dict[str, Any]:
+        """Send a goal, whose id is :attr:`goal_id`; return ``accepted`` and ``reason``."""
+        return self._call("send_goal", goal_id=self.goal_id, goal=goal, deadline_s=deadline_s)
+
+    def cancel_goal(self, goal_id: str) -> dict[str, Any]:
+        """Cancel a goal, or all if its id is ""; return ``goal_ids`` and ``reason``."""
+        return self._call("cancel_goal", goal_id=goal_id)
+
+    def result(self) -> dict[str, Any]:
+        """Return how the goal stands: ``status``, ``reason`` and ``result``."""
+        return self._call("get_result", goal_id=self.goal_id)

@@ -1,0 +1,213 @@
+"""Actions of a running graph: in processes, killed, swapped, recorded, replayed; and their page."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from palp_core.graph.bag.reader import Bag
+from palp_core.graph.description.checked import resolved_yaml
+from palp_core.graph.description.diagram import mermaid
+from palp_core.graph.problems import GraphProblems
+from tests.support.palp import ROOT, Palp, finished
+from tests.support.rig_session import check_here
+from tests.support.supervised import Running
+
+EXAMPLE = ROOT / "examples/actions"
+CARRY = EXAMPLE / "launch/carry.yaml"
+PAGE = ROOT / "docs/actions.md"
+
+
+@pytest.fixture
+def carry(tmp_path: Path) -> Path:
+    """The example, to be changed."""
+    shutil.copytree(EXAMPLE, tmp_path / "ws")
+    return tmp_path / "ws/launch/carry.yaml"
+
+
+def change(file: Path, before: str, after: str) -> None:
+    text = file.read_text(encoding="utf-8")
+    assert before in text
+    file.write_text(text.replace(before, after), encoding="utf-8")
+
+
+def test_the_page_shows_the_example_as_it_is() -> None:
+    blocks = re.findall(
+        r"^```(?:python|yaml)\n# (\S+)\n(.*?)^```$",
+        PAGE.read_text(encoding="utf-8"),
+        re.MULTILINE | re.DOTALL,
+    )
+    assert len(blocks) == 4
+    for name, text in blocks:
+        assert (EXAMPLE / name).read_text(encoding="utf-8") == text
+
+
+def test_processes_and_composition_say_the_same_and_every_node_replays(palp: Palp, tmp_path: Path) -> None:
+    done = palp.run("launch", CARRY, "--digest", tmp_path / "processes.json", "--record", tmp_path / "bag")
+    assert done.returncode == 0, done.stderr
+    composed = palp.run("launch", CARRY, "--compose", "--digest", tmp_path / "composed.json")
+    assert composed.returncode == 0, composed.stderr
+    assert (tmp_path / "processes.json").read_bytes() == (tmp_path / "composed.json").read_bytes()
+    with Bag(tmp_path / "bag") as bag:
+        assert {"/arm/move/_action/feedback", "/arm/move/_action/status"} < set(bag.topics())
+    replay = palp.run(
+        "bag", "replay", tmp_path / "bag", "--nodes", "arm,carrier", "--launch", CARRY, "--json"
+    )
+    assert replay.returncode == 0, replay.stdout + replay.stderr
+    for node in json.loads(replay.stdout):
+        assert node["divergence"] is None
+        assert node["compared"] > 5
+
+
+ENDS_OF_ONE = """
+from palp_core import Act, ActionClient, Message, Node, execute, on
+
+class Far(Message):
+    to_m: float
+
+class Near(Message):
+    at_m: float
+
+class Arm(Node):
+    move = Act(Far, Near, Near)
+    @execute(move)
+    def go(self, goal): ...
+
+class Carrier(Node):
+    move = ActionClient(Far, Near, Near)
+    @on(move)
+    def arrive(self, ended): ...
+
+class Confused(Node):
+    move = ActionClient(Far, Far, Near)
+    @on(move)
+    def arrive(self, ended): ...
+"""
+
+
+@pytest.fixture(scope="module")
+def ends(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of theirs, of which this process imports the module once."""
+    folder = tmp_path_factory.mktemp("ends")
+    (folder / "one_action.py").write_text(ENDS_OF_ONE, encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("wire", "mistake"),
+    [
+        ("inputs: {move: arm/mvoe}", "has no action 'mvoe'; did you mean 'move'?"),
+        ("", "action client 'move' is not wired; add move: arm/move under inputs"),
+        ("inputs: {move: {from: arm/move, depth: 3}}", "an action has no quality of service; remove depth"),
+        ("inputs: {move: {external: true}}", "'move' cannot be external; name the action that answers it"),
+        ("inputs: {move: carrier/move}", "its action client; action client 'move' needs an action"),
+        ("run: one_action.py:Confused\n    inputs: {move: arm/move}", "/arm/move carries Near, not Far"),
+    ],
+)
+def test_one_key_wires_an_action_and_a_wrong_one_is_named(ends: Path, wire: str, mistake: str) -> None:
+    file = ends / "ends.yaml"
+    run = "" if "run" in wire else "run: one_action.py:Carrier\n    "
+    begin = "graph: ends\nclock: sim\nnodes:\n  arm: {run: one_action.py:Arm}\n  carrier:\n    "
+    file.write_text(f"{begin}{run}{wire}\n", encoding="utf-8")
+    with pytest.raises(GraphProblems) as found:
+        check_here(file)
+    assert mistake in str(found.value)
+
+
+def test_an_action_is_one_wire_in_the_file_that_palp_writes_and_in_its_picture(ends: Path) -> None:
+    file = ends / "right.yaml"
+    nodes = "arm: {run: one_action.py:Arm}\n  carrier: {run: one_action.py:Carrier, inputs: {move: arm/move}}"
+    file.write_text(f"graph: ends\nclock: sim\nnodes:\n  {nodes}\n", encoding="utf-8")
+    checked = check_here(file)
+    assert resolved_yaml(checked).count("move: arm/move\n") == 1
+    assert mermaid(checked).count("-->") == mermaid(checked).count('carrier -->|"move"| arm') == 1
+
+
+def slow(palp: Palp, carry: Path) -> tuple[subprocess.Popen[str], Running]:
+    """Start the example with a goal that takes minutes; return when the arm is on its way."""
+    change(carry, "[0.1, 0.0, 0.2]", "[1.0]")
+    change(carry, "run: nodes.arm:Arm", "run: nodes.arm:Arm\n    params: {step_m: 0.0001}")
+    node = carry.parents[1] / "nodes/carrier.py"
+    change(
+        node,
+        "None:\n        self.send_on()\n",
+        'None:\n        self.send_on()\n        self.log.warning("begun")\n',
+    )
+    process = palp.start("launch", carry, "clock:=wall")
+    said_on_stderr(process, "begun")
+    running = Running(palp)
+    running.wait_for_epoch("arm", "/arm/move/_action/feedback", 0)
+    return process, running
+
+
+def said_on_stderr(process: subprocess.Popen[str], words: str) -> str:
+    assert process.stderr is not None
+    for line in process.stderr:
+        if words in line:
+            return line
+    raise AssertionError(f"ended without '{words}'")
+
+
+def test_a_client_hears_of_a_server_that_was_killed_and_its_next_goal_is_worked_on(
+    palp: Palp, carry: Path
+) -> None:
+    process, running = slow(palp, carry)
+    running.process("arm").kill()
+    heard = said_on_stderr(process, "is aborted")
+    assert "goal carrier.move-0-1 is aborted: its server was restarted and has forgotten it" in heard
+    running.wait_for_epoch("arm", "/arm/move/_action/feedback", 1)
+    (goal,) = json.loads(palp.run("action", "info", "/arm/move", "--json").stdout)["goals"]
+    assert (goal["goal_id"], goal["status"]) == ("carrier.move-0-2", "executing")
+    process.send_signal(signal.SIGINT)
+    finished(process)
+
+
+def test_a_client_of_a_server_that_falls_silent_hears_unknown_within_its_lease(
+    palp: Palp, carry: Path
+) -> None:
+    change(carry.parents[1] / "nodes/carrier.py", "MoveResult)\n\n", "MoveResult, lease_ms=300.0)\n\n")
+    process, running = slow(palp, carry)
+    running.process("arm").suspend()
+    assert "is unknown: its server is silent for 300 ms" in said_on_stderr(process, "is unknown")
+    running.process("arm").resume()
+    process.send_signal(signal.SIGINT)
+    finished(process)
+
+
+def test_a_successor_goes_on_with_the_goal_of_the_node_whose_place_it_takes(palp: Palp, carry: Path) -> None:
+    process, _ = slow(palp, carry)
+    swapped = palp.run("swap", "arm", "nodes.arm:Arm", "step_m:=0.5")
+    assert swapped.returncode == 0, swapped.stderr
+    status, said = finished(process)
+    assert (status, "aborted" in said, "unknown" in said) == (0, False, False)
+
+
+def test_a_goal_from_the_shell_is_followed_to_its_end(palp: Palp, carry: Path) -> None:
+    process, _ = slow(palp, carry)
+    queued = palp.start("action", "send_goal", "/arm/move", "{to_m: 0.1}", "--json")
+    assert "goal accepted with ID: palp-" in said_on_stderr(queued, "goal accepted")
+    queued.send_signal(signal.SIGINT)
+    status, said = finished(queued)
+    assert status == 1
+    assert json.loads(said.splitlines()[0])["status"] == "canceled"
+    told = palp.run("action", "info", "/arm/move")
+    assert "carrier.move-0-1: executing" in told.stdout
+    assert "Action clients: 1\n    /carrier" in told.stdout
+    assert palp.run("action", "list", "-t").stdout == "/arm/move [MoveGoal, MoveFeedback, MoveResult]\n"
+    refused = palp.run("action", "send_goal", "/arm/move", "{to_m: 7}")
+    assert (refused.returncode, refused.stdout.count("beyond the reach")) == (1, 1)
+    assert "did you mean '/arm/move'?" in palp.run("action", "info", "/arm/mvoe").stderr
+    canceled = palp.run("action", "cancel", "/arm/move")
+    assert (canceled.returncode, canceled.stdout) == (0, "carrier.move-0-1: canceling\n")
+    assert "is canceled: it was asked to" in said_on_stderr(process, "is canceled")
+    hidden = palp.run("topic", "list", "--include-hidden-topics").stdout.split()
+    assert {"/arm/move/_action/feedback", "/arm/move/_action/status"} < set(hidden)
+    assert not any("_action" in name for name in palp.run("topic", "list").stdout.split())
+    process.send_signal(signal.SIGINT)
+    finished(process)
