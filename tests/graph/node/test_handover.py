@@ -414,6 +414,20 @@ def test_an_older_version_is_migrated_and_another_class_is_adopted() -> None:
     assert adopt_state(NewState, "m:C", _hand_over(NewState(mean=2.0), version=2)) == NewState(mean=2.0)
 
 
+def test_another_class_takes_a_state_of_its_own_type_as_it_is() -> None:
+    module = OldState.__module__
+    ours = msgspec.structs.replace(
+        _hand_over(OldState(window=[1.0, 2.0]), "m:D"), state_class=f"{module}:OldState"
+    )
+    assert adopt_state(OldState, "m:C", ours) == OldState(window=[1.0, 2.0])
+    for other in (
+        msgspec.structs.replace(ours, state_class=f"{module}:NewState"),
+        msgspec.structs.replace(ours, state_version=7),
+    ):
+        with pytest.raises(SchemaMismatch, match=r"define adopt"):
+            adopt_state(OldState, "m:C", other)
+
+
 def test_a_state_that_cannot_be_taken_is_refused_with_the_reason() -> None:
     with pytest.raises(SchemaMismatch, match=r"OldState cannot take the state of m:D: define adopt"):
         adopt_state(OldState, "m:C", _hand_over(OldState(window=[1.0, 2.0]), "m:D"))

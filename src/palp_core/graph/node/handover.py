@@ -24,6 +24,7 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True):
     """A node at a handler boundary.
 
     Attributes:
+        state_class: Which type the state is of; "": not known.
         params: Parameters as they are now, live changes included.
         inbox: Frames received and not yet consumed, as they came.
         consumed: Account of every input topic.
@@ -46,6 +47,7 @@ class HandOver(msgspec.Struct, frozen=True, kw_only=True):
 
     version: int = VERSION
     node_class: str
+    state_class: str = ""
     state_version: int
     state: bytes
     params: dict[str, Any]
@@ -89,11 +91,16 @@ def first_state(state_class: type[State], where: str) -> State:
         raise GraphError(f"{where}: {state_class.__name__} cannot be handed over: {error}") from error
 
 
+def state_identity(state_class: type[State]) -> tuple[str, int]:
+    """Return the name and the version of a type of states, by which another class knows it for its own."""
+    return f"{state_class.__module__}:{state_class.__qualname__}", state_class.version
+
+
 def adopt_state(state_class: type[State], node_class: str, hand_over: HandOver) -> State:
     """Decode a predecessor's state into ``state_class``.
 
     The same node class and version decode as they are; an older version goes through ``migrate``, another
-    class through ``adopt``.
+    class through ``adopt``. One that has no ``adopt`` takes a state of its own type as it is.
 
     Raises:
         SchemaMismatch: The state does not fit, or the class defines no way to take it.
@@ -102,6 +109,8 @@ def adopt_state(state_class: type[State], node_class: str, hand_over: HandOver) 
     if same_class and hand_over.state_version == state_class.version:
         return decode_any(state_class, hand_over.state, writable=True)
     hook = getattr(state_class, "migrate" if same_class else "adopt", None)
+    if hook is None and (hand_over.state_class, hand_over.state_version) == state_identity(state_class):
+        return decode_any(state_class, hand_over.state, writable=True)
     if hook is None:
         needed = f"migrate (from version {hand_over.state_version})" if same_class else "adopt"
         raise SchemaMismatch(

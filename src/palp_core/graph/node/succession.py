@@ -11,7 +11,7 @@ import msgspec
 from palp_core.errors import NodeError, SchemaMismatch
 from palp_core.graph.messages.frame import parse, raw_of
 from palp_core.graph.messages.message import encode_any
-from palp_core.graph.node.handover import VERSION, HandOver, adopt_state
+from palp_core.graph.node.handover import VERSION, HandOver, adopt_state, state_identity
 from palp_core.graph.node.lifecycle import Lifecycle, Transition, successor
 from palp_core.graph.node.node import Params, State, class_name
 from palp_core.graph.node.params import load_params
@@ -74,9 +74,11 @@ class Succession:
     def snapshot(self) -> HandOver:
         """Return the hand-over without inbox and histories."""
         executor = self._executor
+        state_class, state_version = state_identity(type(executor.node.state))
         return HandOver(
             node_class=class_name(type(executor.node)),
-            state_version=type(executor.node.state).version,
+            state_class=state_class,
+            state_version=state_version,
             state=self.state_bytes(),
             params=msgspec.to_builtins(executor.node.params),
             epoch=executor.epoch,
