@@ -83,7 +83,7 @@ def test_a_node_of_another_host_misses_nothing_once_it_has_joined(palp: Palp, tm
     assert done.returncode == 0, done.stdout + done.stderr
     assert "arrived there and 0 did not" in done.stdout
     blocks = json.loads((tmp_path / "out" / "arrived.json").read_text())
-    assert blocks == list(range(blocks[0], 300))
+    assert blocks == list(range(blocks[0], 250))
 
 
 PRINT = """

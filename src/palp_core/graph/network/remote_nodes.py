@@ -94,6 +94,11 @@ class RemoteNodes:
         for peer in self.joined:
             peer.send(join_protocol.Active(start_ns=start_ns))
 
+    @property
+    def are_there(self) -> bool:
+        """Whether anybody is still connected."""
+        return bool(self._peers)
+
     def end(self, text: str, *, finished: bool) -> None:
         """Tell all of them that the graph ends."""
         for peer in self._peers.values():
