@@ -81,7 +81,7 @@ class Gateway:
         self._event_loop.close(linger_ms=500)
 
     def _see_off(self) -> None:
-        """Let the others hang up first: a connection that is closed on words nobody read loses our last ones."""
+        """Let others hang up first: a connection closed on words that nobody read loses our last ones."""
         until_ns = monotonic_ns() + SEE_OFF_NS
         while self._remote_nodes.are_there and (left_ns := until_ns - monotonic_ns()) > 0:
             self._event_loop.turn(left_ns / 1e9)
