@@ -81,9 +81,9 @@ def test_a_node_of_another_host_misses_nothing_once_it_has_joined(palp: Palp, tm
     subprocess.run(["ip", "netns", "delete", f"may-{os.getpid()}"], check=True)
     done = run(palp, tmp_path, EXAMPLES / "two_hosts" / "run.sh", tmp_path / "out")
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "arrived there and 0 did not" in done.stdout
-    blocks = json.loads((tmp_path / "out" / "arrived.json").read_text())
-    assert blocks == list(range(blocks[0], 250))
+    assert "heard 200; missing: 0" in done.stdout
+    blocks = json.loads((tmp_path / "out" / "heard.json").read_text())
+    assert blocks == list(range(blocks[0], blocks[0] + 200))
 
 
 PRINT = """
