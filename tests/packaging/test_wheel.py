@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tarfile
 import tomllib
+import venv
 import zipfile
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -18,7 +19,7 @@ import pytest
 
 import palp_core
 from palp_core import extras
-from tests.support.palp import ROOT
+from tests.support.palp import PATIENCE_S, ROOT
 
 pytest.importorskip("hatchling", reason="hatchling, which .[dev] installs, builds palp")
 
@@ -45,6 +46,72 @@ def _build(source: Path, into: Path, kind: str) -> None:
     command = [sys.executable, "-m", "hatchling", "build", "--target", kind, "--directory", str(into)]
     environment = {**os.environ, "PYTHONPATH": ""}
     subprocess.run(command, cwd=source, env=environment, check=True, capture_output=True)
+
+
+@pytest.fixture(scope="module")
+def installed(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Install the wheel into an environment of its own, which borrows what palp needs; return its commands.
+
+    No network is needed: the packages of this environment are on its path, but not palp itself.
+    """
+    folder = tmp_path_factory.mktemp("installed")
+    venv.create(folder, symlinks=True)
+    (site,) = folder.glob("lib/python*/site-packages")
+    borrowed = [path for path in sys.path if path.endswith("-packages")]
+    (site / "borrowed.pth").write_text("\n".join(borrowed), encoding="utf-8")
+    (wheel,) = built.glob("*.whl")
+    pip = [sys.executable, "-m", "pip", "--python", str(folder / "bin/python"), "--disable-pip-version-check"]
+    install = [
+        *pip,
+        "install",
+        "--quiet",
+        "--no-deps",
+        "--no-index",
+        "--no-compile",
+        "--ignore-installed",
+        str(wheel),
+    ]
+    subprocess.run(install, check=True, capture_output=True)
+    return folder / "bin"
+
+
+def _outside(bin_: Path, folder: Path, *command: str) -> str:
+    """Run a command of the new environment outside the checkout; return what it says."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run(
+        [str(bin_ / command[0]), *command[1:]],
+        cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=PATIENCE_S,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.nightly
+def test_the_installed_rig_runs_where_there_is_no_checkout(installed: Path, tmp_path: Path) -> None:
+    small = ("trials:=1", "training:=1", "rings_mm:=0, 16", "policy:=fixed")
+    said = _outside(installed, tmp_path, "palp", "launch", "rig:sim.yaml", *small, "--compose")
+    assert "Report: results/" in said
+    assert (tmp_path / "results/latest/report.html").is_file()
+    assert [path.name for path in tmp_path.iterdir()] == ["results"]
+
+
+def test_an_installed_palp_writes_a_workspace_that_runs_and_derives_from_the_rig(
+    installed: Path, tmp_path: Path
+) -> None:
+    _outside(installed, tmp_path, "palp", "init", "lab")
+    lab = tmp_path / "lab"
+    _outside(installed, lab, "palp", "launch", "launch/demo.yaml", "count:=20")
+    _outside(installed, lab, "palp", "new", "policy", "in_turn")
+    assert "no mistake: 9 nodes" in _outside(installed, lab, "palp", "launch", "rig:sim.yaml", "--check")
+    assert "5 passed" in _outside(installed, lab, "python", "-m", "pytest", "-q")
+    program = (
+        "from palp_core.workspace.nodes.policy import PolicyNode\nimport nodes.policy, palp_core\n"
+        "from nodes.policy_in_turn import InTurn\n"
+        "print(issubclass(InTurn, PolicyNode), nodes.policy.PolicyNode is PolicyNode, palp_core.__file__)"
+    )
+    same, one, where = _outside(installed, lab, "python", "-c", program).split()
+    assert (same, one) == ("True", "True")
+    assert Path(where).is_relative_to(installed.parent)
 
 
 def _python_files(folder: Path) -> set[str]:
@@ -129,7 +196,7 @@ def test_whoever_lacks_a_module_is_told_an_extra_that_brings_it() -> None:
         assert line == f"{module} is not installed; type: pip install 'palp-core[{extra}]'"
     named = {of_module.get(module, module) for module in extras._EXTRA_OF}
     for extra, needed in PROJECT["optional-dependencies"].items():
-        if extra != "dev":
+        if extra not in {"dev", "docs"}:
             assert {re.match(r"[\w-]+", one)[0] for one in needed} <= {*named, "palp-core"}, extra  # type: ignore[index]
     assert extras.advice(ModuleNotFoundError(name="numpy_of_the_lab")) == ""
     assert PROJECT["name"] == extras.DISTRIBUTION
