@@ -117,9 +117,7 @@ def main() -> None:
             version = subprocess.run(
                 [python, "-V"], capture_output=True, text=True, check=True
             ).stdout.strip()
-            print(
-                f"\n{version}, {os.cpu_count()} cores, {wheel.name} of {wheel.stat().st_size / MEGABYTE:.1f} MB"
-            )
+            print(f"\n{version}, {os.cpu_count()} cores, wheel of {wheel.stat().st_size / MEGABYTE:.1f} MB")
             print(
                 "| install | s | MB downloaded | MB on disk | first run, s | " + " | ".join(COMMANDS) + " |"
             )
