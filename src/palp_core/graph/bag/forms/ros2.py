@@ -1,27 +1,53 @@
-"""Turn a bag into a ROS 2 bag (cdr in MCAP) through ``rosbags``; ``.msg`` text derives from the schema."""
+"""Turn a bag into a ROS 2 bag (cdr in MCAP) through ``rosbags``.
+
+A topic that came from ROS 2 becomes what it was there; of any other the ``.msg`` text derives from its schema,
+unless a mapping says as which of ROS 2's types it goes.
+"""
 
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
-import numpy as np
 
 from palp_core.errors import BagError, SchemaMismatch
 from palp_core.graph.bag.reader import Bag
+from palp_core.graph.bag.ros2.definitions import ROS2_KEY, Definitions, empty, standard
+from palp_core.graph.bag.ros2.values import writer as cdr_writer
 from palp_core.graph.bag.stream import MESSAGE_ENCODING, Stream
-from palp_core.graph.bag.values import decoder_for
 from palp_core.graph.messages import schema_reader
+from palp_core.graph.messages.topic import Topic
 
 PACKAGE = "palp_msgs"
 _FIELD_NAME = re.compile(r"[a-z](?:_?[a-z0-9]+)*")
-_NUMBERS: dict[schema_reader.FieldKind, Any] = {
-    schema_reader.FieldKind.BOOL: np.bool_,
-    schema_reader.FieldKind.INT: np.int64,
-    schema_reader.FieldKind.FLOAT: np.float64,
-}
+
+
+class Outlet(NamedTuple):
+    """A topic of the ROS 2 bag that is made of one of palp's.
+
+    Attributes:
+        topic: Its name.
+        type: Its message type's full name.
+        convert: Returns of a message, as it travels, and its log time those that it becomes: their log times
+            and maps.
+        qos: What its publisher offers, by rosbags' names; none: what rosbags takes.
+    """
+
+    topic: str
+    type: str
+    convert: Callable[[dict[str, Any], int], Iterable[tuple[int, Mapping[str, Any]]]]
+    qos: Sequence[Any] = ()
+
+
+OutletsOf = Callable[[Topic], Sequence[Outlet]]
+
+
+class _Way(NamedTuple):
+    connection: Any
+    outlet: Outlet
+    encode: Callable[[Mapping[str, Any]], bytes]
 
 
 def message_texts(schema: schema_reader.JsonSchema) -> dict[str, str]:
@@ -45,24 +71,37 @@ def message_texts(schema: schema_reader.JsonSchema) -> dict[str, str]:
     return texts
 
 
-def write(bag: str | Path, out: str | Path) -> int:
+def derived_type(schema: schema_reader.JsonSchema, definitions: Definitions) -> str:
+    """Add what a message's schema says to the definitions; return the type's full name.
+
+    Raises:
+        BagError: A ``.msg`` cannot say this, or another type has its name.
+    """
+    definitions.add({_full(name): text for name, text in message_texts(schema).items()})
+    return _full(_type_name(schema))
+
+
+def write(bag: str | Path, out: str | Path, outlets: OutletsOf | None = None) -> int:
     """Write a ROS 2 bag, version 9, that ``ros2 bag`` and ``rosbags`` read.
 
     Times are those of the graph's clock. Needs ``rosbags``.
+
+    Args:
+        bag: A bag's folder or one of its files.
+        out: The new bag, which must not exist.
+        outlets: Says of a topic what becomes of it; None: the same, of the type that derives from its schema.
 
     Returns:
         How many messages there are.
 
     Raises:
         BagError: rosbags is not installed, no such bag, the new one exists, two message types share a name,
-            or a topic has no schema.
+            a topic has no schema, or a value does not fit.
         BagDamaged: The bag is damaged.
     """
-    try:
-        from rosbags.rosbag2 import StoragePlugin, Writer
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-    except ImportError as error:
-        raise BagError("ROS 2 bags need rosbags: pip install rosbags") from error
+    definitions = empty() if outlets is None else standard()
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
     if Path(out).exists():
         raise BagError(f"{out} exists already: choose another name")
     try:
@@ -70,42 +109,80 @@ def write(bag: str | Path, out: str | Path) -> int:
             Bag(bag) as opened,
             Writer(Path(out), version=9, storage_plugin=StoragePlugin.MCAP) as writer,
         ):
-            return _copy(opened, writer, get_typestore(Stores.EMPTY), get_types_from_msg)
+            return _copy(opened, writer, definitions, outlets)
     except BagError:
         shutil.rmtree(out, ignore_errors=True)  # half a bag helps nobody
         raise
 
 
-def _copy(bag: Bag, writer: Any, store: Any, types_from_text: Callable[[str, str], Any]) -> int:
+def _copy(bag: Bag, writer: Any, definitions: Definitions, outlets: OutletsOf | None) -> int:
     """Write a bag's messages through rosbags; return how many."""
-    texts: dict[str, str] = {}
     connections: dict[tuple[str, str], Any] = {}
-    ways: dict[int, tuple[Stream, Any, str, Callable[[bytes], Any]]] = {}
+    ways: dict[int, list[_Way]] = {}
+    decode = msgspec.msgpack.Decoder().decode
     count = 0
     for stream, _, log_ns, _, payload in bag.recorded():
-        way = ways.get(id(stream))
-        if way is None:
-            topic, schema = stream.topic, stream.topic.json_schema
-            if stream.encoding != MESSAGE_ENCODING or not schema_reader.fields_of(schema):
-                raise BagError(
-                    f"{topic.name}: without a schema it cannot become a ROS message; "
-                    "leave it out with `palp bag filter -x`"
-                )
-            for name, text in message_texts(schema).items():
-                if texts.get(name, text) != text:
-                    raise BagError(f"{topic.name}: two different messages are called {name}; filter one out")
-                if name not in texts:
-                    texts[name] = text
-                    store.register(types_from_text(text, _full(name)))
-            kind = _full(_type_name(schema))
-            if (topic.name, kind) not in connections:
-                connections[topic.name, kind] = writer.add_connection(topic.name, kind, typestore=store)
-            connection = connections[topic.name, kind]
-            way = ways[id(stream)] = (stream, connection, kind, decoder_for(stream))
-        message = _ros_value(way[2], way[3](payload), way[0].topic.json_schema, store)
-        writer.write(way[1], log_ns, store.serialize_cdr(message, way[2]))
-        count += 1
+        if (found := ways.get(id(stream))) is None:
+            chosen = [_same(stream, definitions)] if outlets is None else outlets(stream.topic)
+            found = ways[id(stream)] = [_way(one, writer, definitions, connections) for one in chosen]
+        value = decode(payload) if found else None
+        for way in found:
+            for at_ns, message in way.outlet.convert(value, log_ns):
+                try:
+                    data = way.encode(message)
+                except BagError as error:
+                    raise BagError(f"{stream.topic.name} at {log_ns} ns: {error}") from error
+                writer.write(way.connection, at_ns, data)
+                count += 1
     return count
+
+
+def _way(
+    outlet: Outlet, writer: Any, definitions: Definitions, connections: dict[tuple[str, str], Any]
+) -> _Way:
+    key = (outlet.topic, outlet.type)
+    if key not in connections:
+        connections[key] = writer.add_connection(
+            *key, typestore=definitions.store, offered_qos_profiles=outlet.qos
+        )
+    return _Way(connections[key], outlet, cdr_writer(definitions, outlet.type))
+
+
+def _same(stream: Stream, definitions: Definitions) -> Outlet:
+    """Return the outlet of a topic that goes as it is."""
+    topic, schema = stream.topic, stream.topic.json_schema
+    if stream.encoding != MESSAGE_ENCODING or not schema_reader.fields_of(schema):
+        raise BagError(
+            f"{topic.name}: without a schema it cannot become a ROS message; "
+            "leave it out with `palp bag filter -x`"
+        )
+    try:
+        origin = schema.get(ROS2_KEY)
+        if origin is None:
+            return Outlet(topic.name, derived_type(schema, definitions), _unchanged)
+        definitions.add({origin["type"]: origin["definition"]})
+        return Outlet(topic.name, origin["type"], _unchanged, _profiles(origin.get("qos", [])))
+    except BagError as error:
+        raise BagError(f"{topic.name}: {error}; filter one out") from error
+    except (KeyError, TypeError, AttributeError) as error:
+        raise BagError(f"{topic.name}: what it was in ROS 2 cannot be read: {error!r}") from error
+
+
+def _unchanged(value: dict[str, Any], log_ns: int) -> Iterable[tuple[int, Mapping[str, Any]]]:
+    return ((log_ns, value),)
+
+
+def _profiles(told: list[dict[str, Any]]) -> list[Any]:
+    """Return rosbags' profiles of quality of service from their plain values."""
+    from rosbags import interfaces
+
+    def one(name: str, value: Any) -> Any:
+        kind = getattr(interfaces, f"Qos{name.capitalize()}", None)
+        if kind is not None:
+            return kind[value]
+        return interfaces.QosTime(*value) if isinstance(value, list) else value
+
+    return [interfaces.Qos(**{name: one(name, value) for name, value in profile.items()}) for profile in told]
 
 
 def _full(name: str) -> str:
@@ -117,23 +194,3 @@ def _type_name(schema: schema_reader.JsonSchema) -> str:
     if not name:
         raise BagError("a schema without a title cannot become a ROS message")
     return name[0].upper() + name[1:]
-
-
-def _ros_value(type_name: str, value: Any, schema: schema_reader.JsonSchema, store: Any) -> Any:
-    fields = {}
-    for name, inner in schema_reader.fields_of(schema).items():
-        fields[name] = _ros_field(getattr(value, name), inner, store)
-    return store.types[type_name](**fields)
-
-
-def _ros_field(value: Any, schema: schema_reader.JsonSchema, store: Any) -> Any:
-    if isinstance(value, bytes):
-        return np.frombuffer(value, np.uint8)
-    if isinstance(value, msgspec.Struct):
-        return _ros_value(_full(_type_name(schema)), value, schema, store)
-    if isinstance(value, list):
-        items = schema_reader.items_of(schema)
-        if (kind := schema_reader.kind_of(items)) in _NUMBERS:
-            return np.array(value, _NUMBERS[kind])
-        return [_ros_field(item, items, store) for item in value]
-    return value

@@ -1,0 +1,190 @@
+"""What ROS 2's message types are made of: standard ones by name, others by their ``.msg`` text."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import IntEnum
+from functools import cache
+from typing import Any, NamedTuple
+
+from palp_core.errors import BagError
+from palp_core.graph.messages.schema_reader import FLOAT64_DTYPE
+
+ROS2_KEY = "x-ros2"
+"""In the JSON Schema of a message that came from ROS 2: its ``type``, ``definition`` and ``qos`` there."""
+
+PACKED = frozenset({"float32", "float64"})
+INTEGERS: dict[str, tuple[int, int]] = {
+    **{f"int{bits}": (-(1 << bits - 1), (1 << bits - 1) - 1) for bits in (8, 16, 32, 64)},
+    **{f"uint{bits}": (0, (1 << bits) - 1) for bits in (8, 16, 32, 64)},
+    "byte": (0, 255),
+    "char": (0, 255),
+    "octet": (0, 255),
+}
+FLOATS = frozenset({"float32", "float64", "float128"})
+BYTES = frozenset({"uint8", "byte", "octet", "char"})
+
+
+class Node(IntEnum):
+    """How a field's description begins."""
+
+    BASE = 1
+    NAME = 2
+    ARRAY = 3
+    SEQUENCE = 4
+
+
+class FieldType(NamedTuple):
+    """The type of a field.
+
+    Attributes:
+        base: ``float64``, ``string`` or a message's full name, ``geometry_msgs/msg/Wrench``.
+        is_message: It is the latter.
+        many: There are several of it.
+        length: How many, where that is fixed; 0: any number.
+    """
+
+    base: str
+    is_message: bool
+    many: bool = False
+    length: int = 0
+
+    def __str__(self) -> str:
+        return self.base + (f"[{self.length or ''}]" if self.many else "")
+
+    @property
+    def element(self) -> FieldType:
+        """One of several."""
+        return FieldType(self.base, self.is_message)
+
+
+class Definitions:
+    """Message types by their full names, with what reads and writes their bytes (CDR).
+
+    Args:
+        store: Types to begin with, as rosbags has them.
+    """
+
+    def __init__(self, store: Any) -> None:
+        self.store = store
+        self._fields: dict[str, dict[str, FieldType]] = {}
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.store.fielddefs
+
+    @property
+    def names(self) -> list[str]:
+        """The full names of all types."""
+        return sorted(self.store.fielddefs)
+
+    def fields(self, name: str) -> dict[str, FieldType]:
+        """Return the fields of a message type by name, in order."""
+        found = self._fields.get(name)
+        if found is None:
+            _, described = self.store.fielddefs[name]
+            found = self._fields[name] = {field: _field_type(kind) for field, kind in described}
+        return found
+
+    def add(self, texts: Mapping[str, str]) -> None:
+        """Add message types: their ``.msg`` texts, perhaps with those that they need, by full name.
+
+        Raises:
+            BagError: A text cannot be read, or says something else of a type that is known.
+        """
+        from rosbags.typesys import TypesysError, get_types_from_msg
+
+        found: dict[str, Any] = {}
+        for name, text in texts.items():
+            try:
+                found |= get_types_from_msg(text, name)
+            except (TypesysError, ValueError, AssertionError) as error:
+                raise BagError(f"{name}: its definition cannot be read: {error}") from error
+        self.take(found)
+
+    def take(self, found: Mapping[str, Any]) -> None:
+        """Add message types as rosbags reads them.
+
+        Raises:
+            BagError: Something else is known of one of them.
+        """
+        from rosbags.typesys import TypesysError
+
+        new = {name: described for name, described in found.items() if name not in self}
+        for name, described in found.items():
+            if name in self and self.store.fielddefs[name][1] != described[1]:
+                raise BagError(f"two different messages are called {name}")
+        try:
+            self.store.register(new)
+        except TypesysError as error:
+            raise BagError(f"a message's definition cannot be taken: {error}") from error
+
+    def text(self, name: str) -> str:
+        """Return the ``.msg`` text of a type and of all that it needs, as ROS 2's bags have it."""
+        found: str = self.store.generate_msgdef(name, ros_version=2)[0]
+        return found
+
+
+def empty() -> Definitions:
+    """Return no message types at all.
+
+    Raises:
+        BagError: rosbags is not installed.
+    """
+    return Definitions(_store("EMPTY"))
+
+
+def standard() -> Definitions:
+    """Return those that come with ROS 2: std_msgs, sensor_msgs, geometry_msgs, tf2_msgs and others.
+
+    Raises:
+        BagError: rosbags is not installed.
+    """
+    return Definitions(_store("LATEST"))
+
+
+def _store(which: str) -> Any:
+    try:
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        raise BagError("ROS 2's messages need rosbags: pip install rosbags") from error
+    return get_typestore(Stores[which])
+
+
+def _field_type(described: Any) -> FieldType:
+    kind, inner = described
+    if kind in (Node.ARRAY, Node.SEQUENCE):
+        element = _field_type(inner[0])
+        return FieldType(element.base, element.is_message, many=True, length=inner[1] * (kind == Node.ARRAY))
+    return FieldType(inner, True) if kind == Node.NAME else FieldType(inner[0], False)
+
+
+def json_schema(definitions: Definitions, name: str) -> dict[str, Any]:
+    """Return the JSON Schema of a message type, as palp describes its own."""
+    properties = {field: _schema(definitions, kind) for field, kind in definitions.fields(name).items()}
+    return {
+        "title": name.rpartition("/")[2],
+        "type": "object",
+        "properties": properties,
+        "required": list(properties),
+    }
+
+
+def _schema(definitions: Definitions, kind: FieldType) -> dict[str, Any]:
+    if not kind.many:
+        return json_schema(definitions, kind.base) if kind.is_message else dict(_scalar(kind.base))
+    if kind.base in BYTES:
+        return {"type": "string", "contentEncoding": "base64"}
+    if kind.base in PACKED:
+        return _packed_schema()
+    return {"type": "array", "items": _schema(definitions, kind.element)}
+
+
+@cache
+def _scalar(base: str) -> dict[str, Any]:
+    if base in INTEGERS:
+        return {"type": "integer"}
+    return {"type": "number" if base in FLOATS else "boolean" if base == "bool" else "string"}
+
+
+def _packed_schema() -> dict[str, Any]:
+    return {"type": "string", "contentEncoding": "base64", "x-dtype": FLOAT64_DTYPE}

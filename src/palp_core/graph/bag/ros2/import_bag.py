@@ -1,0 +1,212 @@
+"""Make a palp bag of a recording of ROS 2's (rosbag2: MCAP or SQLite), read through ``rosbags``.
+
+A topic's messages become maps by their definitions; what they were in ROS 2 (type, definition, quality of
+service) stands in the topic's schema, so that the way back gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from palp_core.errors import BagError
+from palp_core.graph.bag.ros2.definitions import ROS2_KEY, Definitions, empty, json_schema, standard
+from palp_core.graph.bag.ros2.values import ToMap, reader
+from palp_core.graph.bag.stream import Stream
+from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.messages.topic import Topic
+
+RATHER = "leave it out with -x REGEX"
+
+
+class _Way(NamedTuple):
+    stream: int
+    read: ToMap
+
+
+def import_bag(bag: str | Path, out: str | Path, *, select: Callable[[str], bool] | None = None) -> int:
+    """Write a rosbag2 as a palp bag.
+
+    Log times are kept; a message's time of publication, which rosbag2 does not tell, is its log time.
+
+    Args:
+        bag: Folder of a rosbag2, or one of its files (``.mcap``, ``.db3``).
+        out: The new bag, which must not exist.
+        select: Says of a topic whether to keep it; None: all.
+
+    Returns:
+        How many messages there are.
+
+    Raises:
+        BagError: rosbags is not installed, there is no such bag, it is damaged, a type is not known or is not
+            ROS 2's, or the new bag exists.
+    """
+    if Path(out).exists():
+        raise BagError(f"{out} exists already: choose another name")
+    with _opened(Path(bag)) as source:
+        chosen = [one for one in source.connections if select is None or select(one.topic)]
+        definitions = _definitions(Path(bag), chosen)
+        try:
+            with BagWriter(out, custom={"made_of": Path(bag).name}) as writer:
+                count = _copy(Path(bag), source, chosen, definitions, writer)
+            _check_whole(Path(bag), chosen, count)
+        except BagError:
+            shutil.rmtree(out, ignore_errors=True)  # half a bag helps nobody
+            raise
+    return count
+
+
+def _check_whole(bag: Path, chosen: list[Any], count: int) -> None:
+    expected = sum(one.msgcount for one in chosen)
+    if count < expected:
+        raise BagError(f"{bag} is not whole: {count} of {expected} messages can be read; `ros2 bag reindex` it")
+
+
+def _copy(bag: Path, source: Any, chosen: list[Any], definitions: Definitions, writer: BagWriter) -> int:
+    encode = msgspec.msgpack.Encoder().encode
+    ways = {one.id: _way(one, definitions, writer) for one in chosen}
+    sequences = dict.fromkeys((one.topic for one in chosen), 0)
+    count = 0
+    for connection, log_ns, data in _messages(bag, source, chosen):
+        way, topic = ways[connection.id], connection.topic
+        sequences[topic] += 1
+        try:
+            payload = encode(way.read(data))
+        except BagError as error:
+            raise BagError(
+                f"{bag}: {topic}, message {sequences[topic]} at {log_ns} ns: {error}; {RATHER}"
+            ) from error
+        if log_ns < 0:
+            raise BagError(f"{bag}: {topic}, message {sequences[topic]}: its time {log_ns} ns is before 1970")
+        writer.write(way.stream, sequences[topic], log_ns, log_ns, payload)
+        count += 1
+    return count
+
+
+def _messages(bag: Path, source: Any, chosen: list[Any]) -> Iterator[tuple[Any, int, bytes]]:
+    """Yield what the chosen topics carry; what rosbags finds wrong meanwhile is said in words."""
+    if not chosen:
+        return
+    try:
+        yield from source.messages(connections=chosen)
+    except BagError:
+        raise
+    except Exception as error:  # rosbags' storages each have their own
+        raise BagError(f"{bag} is damaged: {_words(error)}; `ros2 bag reindex` may save it") from error
+
+
+def _way(connection: Any, definitions: Definitions, writer: BagWriter) -> _Way:
+    name = connection.msgtype
+    schema = json_schema(definitions, name)
+    schema[ROS2_KEY] = {
+        "type": name,
+        "definition": definitions.text(name),
+        "qos": _qos_text(connection.ext.offered_qos_profiles),
+    }
+    title = name.rpartition("/")[2]
+    topic = Topic(
+        name=connection.topic,
+        type=title,
+        json_schema=schema,
+        latched_depth=_latched_depth(connection.ext.offered_qos_profiles),
+    )
+    return _Way(writer.stream(Stream(topic=topic)), reader(definitions, name))
+
+
+def _qos_text(profiles: Any) -> list[dict[str, Any]]:
+    """Return the profiles that publishers offered, as plain values by rosbags' names."""
+    return [
+        {
+            key: value.name if hasattr(value, "name") else list(value) if isinstance(value, tuple) else value
+            for key, value in profile._asdict().items()
+        }
+        for profile in profiles or []
+    ]
+
+
+def _latched_depth(profiles: Any) -> int:
+    """Return how many last messages a late reader is owed: those of transient local publishers."""
+    return max((max(p.depth, 1) for p in profiles or [] if p.durability.name == "TRANSIENT_LOCAL"), default=0)
+
+
+def _definitions(bag: Path, connections: list[Any]) -> Definitions:
+    """Return the types of all topics: as the bag defines them, else as ROS 2 does."""
+    found = empty()
+    known = standard()
+    for one in connections:
+        if one.ext.serialization_format not in ("cdr", ""):
+            raise BagError(
+                f"{bag}: {one.topic} is in {one.ext.serialization_format}, not cdr; {RATHER}"
+                + ("; a palp bag needs no conversion" if one.ext.serialization_format == "msgpack" else "")
+            )
+        try:
+            _define(found, known, one)
+        except BagError as error:
+            raise BagError(f"{bag}: {one.topic}: {error}; {RATHER}") from error
+    return found
+
+
+def _define(found: Definitions, known: Definitions, connection: Any) -> None:
+    name, (form, text) = connection.msgtype, connection.msgdef
+    if form.name == "MSG":
+        found.add({name: text})
+    elif form.name == "IDL":
+        found.take(_idl_types(text))
+    elif name in known:
+        found.add({name: known.text(name)})
+    else:
+        raise BagError(f"the bag does not say what a {name} is, and it is none of ROS 2's own types")
+    if name not in found:
+        raise BagError(f"the bag's definition of {name} is of something else")
+
+
+def _idl_types(text: str) -> dict[str, Any]:
+    """Return the types of IDL text; several are apart as in MCAP files."""
+    from rosbags.typesys import TypesysError, get_types_from_idl
+
+    found: dict[str, Any] = {}
+    line = "=" * 80 + "\n"
+    parts = [part.partition("\n")[2] for part in text.split(line)[1:]] if text.startswith(line) else [text]
+    for part in parts:
+        try:
+            found |= get_types_from_idl(part)
+        except (TypesysError, ValueError, AssertionError) as error:
+            raise BagError(f"its definition cannot be read: {error}") from error
+    return found
+
+
+@contextmanager
+def _opened(bag: Path) -> Iterator[Any]:
+    """Open a rosbag2; a file is a bag of itself.
+
+    Raises:
+        BagError: rosbags is not installed, or it cannot open this.
+    """
+    try:
+        from rosbags.rosbag2 import Reader
+    except ImportError as error:
+        raise BagError("ROS 2's bags need rosbags: pip install rosbags") from error
+    if not bag.exists():
+        raise BagError(f"{bag}: no such bag; give a rosbag2's folder, an .mcap or a .db3 file")
+    if bag.is_dir() and not (bag / "metadata.yaml").exists():
+        held = sorted(path.name for path in bag.iterdir() if path.suffix in (".mcap", ".db3"))
+        advice = f"give one of its files: {', '.join(held[:3])}" if held else "give a rosbag2's folder"
+        raise BagError(f"{bag}: no metadata.yaml is in it; {advice}")
+    try:
+        source = Reader(bag)
+        source.open()
+    except Exception as error:  # rosbags' storages each have their own
+        raise BagError(f"{bag} cannot be read as a rosbag2: {_words(error)}") from error
+    try:
+        yield source
+    finally:
+        source.close()
+
+
+def _words(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
