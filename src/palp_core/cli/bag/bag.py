@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palp_core.cli.bag.convert import convert_bag
 from palp_core.cli.bag.play import play
 from palp_core.cli.bag.record import CompressionName, record, snapshot
 from palp_core.cli.bag.replay import replay
 from palp_core.cli.bag.topics import check_topics
 from palp_core.cli.options import ExcludeRegexOption, JsonOption, RegexOption
 from palp_core.cli.output import print_json, print_text
-from palp_core.graph.bag.convert import BagForm, convert
 
 if TYPE_CHECKING:
     from palp_core.graph.bag.info import BagInfo
@@ -142,15 +142,7 @@ def split(
     print_text(f"{count} messages in {len(list(out.glob('*.mcap')))} files")
 
 
-@app.command("convert")
-def convert_bag(
-    bag: BagArgument,
-    out: OutOption,
-    *,
-    to: Annotated[BagForm, typer.Option(help="What it becomes.")],
-) -> None:
-    """Turn a bag into a ROS 2 bag, a bag of JSON (Foxglove, Lichtblick), or tables."""
-    print_text(f"{convert(bag, out, to)} messages")
+app.command("convert")(convert_bag)
 
 
 @app.command("echo")

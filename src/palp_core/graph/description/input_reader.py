@@ -71,7 +71,7 @@ def read_input(entry: Entry, what: str, scope: Scope, problems: Problems) -> Inp
                 )
                 or "warn"
             )
-        stated = _qos(
+        stated = read_qos(
             what,
             {name: item for name, item in fields.items() if name in _POLICIES},
             scope,
@@ -101,7 +101,8 @@ def read_input(entry: Entry, what: str, scope: Scope, problems: Problems) -> Inp
     return InputEntry(entry.mark, source.mark, node, port, stated, action)
 
 
-def _qos(what: str, fields: dict[str, Entry], scope: Scope, problems: Problems) -> dict[str, Any]:
+def read_qos(what: str, fields: dict[str, Entry], scope: Scope, problems: Problems) -> dict[str, Any]:
+    """Return what is stated of quality of service, by name, without what is wrong, which is reported."""
     stated: dict[str, Any] = {}
     for name, entry in fields.items():
         if words := get_args(_POLICIES[name]):

@@ -1,6 +1,6 @@
 """Turn a bag into a ROS 2 bag (cdr in MCAP) through ``rosbags``.
 
-A topic that came from ROS 2 becomes what it was there; of any other the ``.msg`` text derives from its schema,
+A topic that came from ROS 2 becomes what it was there; of another the ``.msg`` text derives from its schema,
 unless a mapping says as which of ROS 2's types it goes.
 """
 
@@ -125,7 +125,7 @@ def _copy(bag: Bag, writer: Any, definitions: Definitions, outlets: OutletsOf | 
         if (found := ways.get(id(stream))) is None:
             chosen = [_same(stream, definitions)] if outlets is None else outlets(stream.topic)
             found = ways[id(stream)] = [_way(one, writer, definitions, connections) for one in chosen]
-        value = decode(payload) if found else None
+        value = decode(payload) if found else {}
         for way in found:
             for at_ns, message in way.outlet.convert(value, log_ns):
                 try:

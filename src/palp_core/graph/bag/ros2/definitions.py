@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from enum import IntEnum
 from functools import cache
 from typing import Any, NamedTuple
@@ -82,7 +82,7 @@ class Definitions:
         found = self._fields.get(name)
         if found is None:
             _, described = self.store.fielddefs[name]
-            found = self._fields[name] = {field: _field_type(kind) for field, kind in described}
+            found = self._fields[name] = field_types(described)
         return found
 
     def add(self, texts: Mapping[str, str]) -> None:
@@ -148,6 +148,11 @@ def _store(which: str) -> Any:
     except ImportError as error:
         raise BagError("ROS 2's messages need rosbags: pip install rosbags") from error
     return get_typestore(Stores[which])
+
+
+def field_types(described: Iterable[tuple[str, Any]]) -> dict[str, FieldType]:
+    """Return the types of fields, by name, as rosbags describes them."""
+    return {field: _field_type(kind) for field, kind in described}
 
 
 def _field_type(described: Any) -> FieldType:

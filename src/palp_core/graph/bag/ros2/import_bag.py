@@ -64,7 +64,9 @@ def import_bag(bag: str | Path, out: str | Path, *, select: Callable[[str], bool
 def _check_whole(bag: Path, chosen: list[Any], count: int) -> None:
     expected = sum(one.msgcount for one in chosen)
     if count < expected:
-        raise BagError(f"{bag} is not whole: {count} of {expected} messages can be read; `ros2 bag reindex` it")
+        raise BagError(
+            f"{bag} is not whole: {count} of {expected} messages can be read; `ros2 bag reindex` it"
+        )
 
 
 def _copy(bag: Path, source: Any, chosen: list[Any], definitions: Definitions, writer: BagWriter) -> int:

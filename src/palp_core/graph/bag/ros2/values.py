@@ -153,7 +153,9 @@ def _in(
         if limits and len(found) and not (limits[0] <= min(found) and max(found) <= limits[1]):
             raise ValueError(f"{where}: a number is not within {limits[0]} .. {limits[1]} ({kind.base})")
         if found.ndim != 1 or (kind.length and len(found) != kind.length):
-            raise ValueError(f"{where}: {kind} takes {kind.length or 'any number of'} values, got {len(found)}")
+            raise ValueError(
+                f"{where}: {kind} takes {kind.length or 'any number of'} values, got {len(found)}"
+            )
         return found.astype(dtype)
 
     return array, lambda: np.zeros(kind.length, dtype)

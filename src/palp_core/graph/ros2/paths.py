@@ -1,0 +1,157 @@
+"""Where in a message a value is: ``wrench.torque.z``, ``torque_n_m[-1]``; checked against its schema."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from palp_core.errors import GraphError
+from palp_core.graph.messages.schema_reader import (
+    FLOAT64_DTYPE,
+    FieldKind,
+    JsonSchema,
+    fields_of,
+    has_elements,
+    is_array,
+    items_of,
+    kind_of,
+)
+from palp_core.graph.problems import hint
+
+FLOAT64 = np.dtype(FLOAT64_DTYPE)
+_PART = re.compile(r"([A-Za-z_]\w*)(?:\[(-?\d+)\])?")
+_NUMBERS = (FieldKind.INT, FieldKind.FLOAT)
+
+
+class Step(NamedTuple):
+    """A field, and perhaps which element of it."""
+
+    field: str
+    element: int | None
+
+
+def steps(path: str) -> list[Step]:
+    """Return what a path goes through.
+
+    Raises:
+        GraphError: It is none.
+
+    >>> steps("transforms[0].child_frame_id")
+    [Step(field='transforms', element=0), Step(field='child_frame_id', element=None)]
+    """
+    found = []
+    for part in path.split("."):
+        match = _PART.fullmatch(part)
+        if match is None:
+            raise GraphError(f"'{path}' is no field; write names with dots between, as in a.b or samples[-1]")
+        found.append(Step(match[1], None if match[2] is None else int(match[2])))
+    return found
+
+
+def schema_at(path: str, schema: JsonSchema) -> JsonSchema:
+    """Return the schema of what a path leads to.
+
+    Raises:
+        GraphError: It leads nowhere; the nearest field is in the message.
+    """
+    here: JsonSchema = schema
+    for field, index in steps(path):
+        known = fields_of(here)
+        if field not in known:
+            owner = here.get("title", "what is before it")
+            raise GraphError(f"'{path}': {owner} has no field '{field}'{hint(field, known)}")
+        here = known[field]
+        if index is not None:
+            if not has_elements(here):
+                raise GraphError(f"'{path}': {field} is one value, without [{index}]")
+            here = items_of(here)
+    return here
+
+
+def getter(path: str, schema: JsonSchema) -> Callable[[Mapping[str, Any]], Any]:
+    """Return the function from a message, as a map, to what is there; LookupError if it has no such element.
+
+    Raises:
+        GraphError: It leads nowhere.
+    """
+    schema_at(path, schema)
+    found: Callable[[Any], Any] | None = None
+    here: JsonSchema = schema
+    for field, index in steps(path):
+        here = fields_of(here)[field]
+        found = _then(found, _step(field, index, is_array(here)))
+        if index is not None:
+            here = items_of(here)
+    assert found is not None
+    return found
+
+
+def _step(field: str, index: int | None, packed: bool) -> Callable[[Any], Any]:
+    if index is None:
+        return lambda value: value[field]
+    if packed:
+        return lambda value: float(np.frombuffer(value[field], FLOAT64)[index])
+    return lambda value: value[field][index]
+
+
+def _then(first: Callable[[Any], Any] | None, second: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    return second if first is None else lambda value: second(first(value))
+
+
+def is_time(schema: JsonSchema) -> bool:
+    """Tell whether a value is ROS 2's ``Time``: seconds and nanoseconds."""
+    return schema.get("title") == "Time" and list(fields_of(schema)) == ["sec", "nanosec"]
+
+
+def misfit(source: JsonSchema, target: JsonSchema) -> str:
+    """Return why a value of one schema cannot stand for one of another, in words; "" if it can.
+
+    Whole numbers fit where numbers with a fraction do, a time in ns where ROS 2's ``Time`` does.
+    """
+    ours, theirs = kind_of(source), kind_of(target)
+    if is_time(target):
+        return "" if is_time(source) or ours is FieldKind.INT else f"{words(source)} is no time in ns"
+    if is_time(source):
+        return "" if theirs is FieldKind.INT else f"a time becomes ns, and that is {words(target)}"
+    if has_elements(source) and has_elements(target):
+        inner = misfit(items_of(source), items_of(target))
+        return inner and f"of the elements, {inner}"
+    if ours is FieldKind.MESSAGE and theirs is FieldKind.MESSAGE:
+        return _message_misfit(source, target)
+    if ours is theirs or (ours is FieldKind.INT and theirs is FieldKind.FLOAT):
+        return ""
+    return f"{words(source)} is not {words(target)}"
+
+
+def _message_misfit(source: JsonSchema, target: JsonSchema) -> str:
+    known = fields_of(source)
+    for name, field in fields_of(target).items():
+        if name not in known:
+            return f"{source.get('title')} has no field '{name}', {target.get('title')} has"
+        if inner := misfit(known[name], field):
+            return f"{name}: {inner}"
+    return ""
+
+
+def words(schema: JsonSchema) -> str:
+    """Return what a value is, in words."""
+    kind = kind_of(schema)
+    if kind is FieldKind.MESSAGE:
+        return f"a {schema.get('title', 'message')}"
+    if has_elements(schema):
+        return f"a list ({words(items_of(schema))} each)"
+    return {
+        FieldKind.INT: "a whole number",
+        FieldKind.FLOAT: "a number",
+        FieldKind.BOOL: "true or false",
+        FieldKind.STRING: "a text",
+        FieldKind.BYTES: "bytes",
+    }.get(kind, kind.value)
+
+
+def is_number(schema: JsonSchema) -> bool:
+    """Tell whether a value is a number, with a fraction or without."""
+    return kind_of(schema) in _NUMBERS
