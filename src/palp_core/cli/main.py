@@ -98,6 +98,7 @@ app = lazy_app(
             f"{_CLI}.topic.foxglove:foxglove",
             "Show a running graph in Foxglove: topics, log, parameters, services.",
         ),
+        "ros2": Verb(f"{_CLI}.ros2.ros2:app", "A running graph beside ROS 2: topics, services, parameters."),
         "logs": Verb(f"{_CLI}.launch.logs:logs", "Show what nodes have printed."),
         "top": Verb(f"{_CLI}.doctor.top:top", "Show live how the nodes of a graph do."),
         "view": Verb(f"{_CLI}.view.view:view", "Show a running graph, a bag or results in the browser."),

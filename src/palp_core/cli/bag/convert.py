@@ -37,13 +37,13 @@ def convert_bag(
         str | None,
         typer.Option(
             metavar="std|MAP.yaml",
-            help="With --to ros2: as types of ROS 2's, by a map (std: WrenchStamped, JointState, tf of the rig).",
+            help="With --to ros2: as what a map says (std: the rig as WrenchStamped, JointState, tf).",
         ),
     ] = None,
     regex: RegexOption = None,
     exclude_regex: ExcludeRegexOption = None,
 ) -> None:
-    """Turn a bag into a ROS 2 bag, a bag of JSON (Foxglove, Lichtblick) or tables, or a ROS 2 bag into a bag.
+    """Turn a bag into a ROS 2 bag, a bag of JSON (Foxglove, Lichtblick) or tables; or a ROS 2 bag into one.
 
     What came --from ros2 goes back --to ros2 as the same bytes.
     """

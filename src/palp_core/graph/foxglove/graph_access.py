@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 import msgspec
 
 from palp_core.errors import GraphError
+from palp_core.graph.discovery.moving import moves_something_real
 from palp_core.graph.discovery.running_graph import Answers, RunningGraph, hidden
 from palp_core.graph.foxglove.json_messages import from_json, to_json
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.recording.live_feed import reread
 from palp_core.graph.recording.live_topics import is_order, live_topics
 
@@ -134,17 +134,6 @@ class GraphAccess:
     def _must_be_allowed(self, what: str) -> None:
         if why := self.refusal():
             raise GraphError(f"refused to {what}: {why}")
-
-
-def moves_something_real(graph: RunningGraph) -> bool:
-    """Tell whether a node moves something, and that not in simulated time; if nobody can say, one does."""
-    if graph.record.clock == "sim":
-        return False
-    try:
-        nodes = graph.ask(LAUNCHER, "launch", timeout_s=ASK_S)["nodes"]
-    except GraphError:
-        return True
-    return any(spec.get("moves") for spec in nodes)
 
 
 def full_names(by_node: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

@@ -64,14 +64,46 @@ def find_definitions(definitions: Definitions, name: str, folders: Sequence[Path
         raise GraphError(str(error)) from error
 
 
-def _text_of(name: str, folders: Sequence[Path]) -> str | None:
+def find_service(definitions: Definitions, name: str, folders: Sequence[Path]) -> None:
+    """Add request and response of a service's type, as :func:`part_of` names them.
+
+    Raises:
+        GraphError: Its ``.srv`` is nowhere, or what it needs.
+    """
+    if part_of(name, "Request") in definitions:
+        return
+    text = _text_of(name, folders, ".srv")
+    if text is None:
+        raise GraphError(
+            f"no service type '{name}' is known: no {name}.srv is in the folders that interfaces lists, "
+            "nor is it installed"
+        )
+    request, line, response = f"\n{text}\n".partition("\n---")
+    if not line:
+        raise GraphError(f"{name}.srv has no line --- between request and response")
+    for part, said in (("Request", request), ("Response", response.partition("\n")[2])):
+        for needed in _needed(part_of(name, part), said):
+            find_definitions(definitions, needed, folders)
+        definitions.add({part_of(name, part): said})
+
+
+def part_of(service: str, part: str) -> str:
+    """Return what the message of a service's ``Request`` or ``Response`` is called.
+
+    >>> part_of("std_srvs/srv/Trigger", "Request")
+    'std_srvs/msg/Trigger_Request'
+    """
+    return f"{service.replace('/srv/', '/msg/')}_{part}"
+
+
+def _text_of(name: str, folders: Sequence[Path], ending: str = ".msg") -> str | None:
     import sys
 
     installed = [
         Path(root) / "share" for root in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if root
     ]
     for folder in (*folders, *installed, Path(sys.prefix) / "share"):
-        file = folder / f"{name}.msg"
+        file = folder / f"{name}{ending}"
         try:
             return file.read_text(encoding="utf-8")
         except FileNotFoundError:

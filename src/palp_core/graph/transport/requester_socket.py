@@ -15,15 +15,16 @@ class RequesterSocket:
     """Asks other nodes' ROUTERs without waiting for their replies.
 
     Args:
-        context: The process's.
+        context: The process's, if it has one.
 
     Attributes:
         file_descriptors: Become readable when :meth:`replies` may have something.
     """
 
-    def __init__(self, context: zmq.Context[zmq.Socket[bytes]]) -> None:
+    def __init__(self, context: zmq.Context[zmq.Socket[bytes]] | None = None) -> None:
         self._descriptors: dict[str, int] = {}
-        self._context = context
+        self._own_context = zmq.Context() if context is None else None
+        self._context = context or self._own_context
         self._sockets: dict[str, zmq.Socket[bytes]] = {}
         self.file_descriptors: tuple[int, ...] = ()
 
@@ -37,6 +38,7 @@ class RequesterSocket:
     def ask(self, endpoint: str, request: dict[str, Any]) -> None:
         """Send a request."""
         if endpoint not in self._sockets:
+            assert self._context is not None
             socket = self._sockets[endpoint] = self._context.socket(zmq.DEALER)
             socket.setsockopt(zmq.LINGER, 0)
             socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
@@ -58,6 +60,8 @@ class RequesterSocket:
         """Let go."""
         for socket in self._sockets.values():
             socket.close(linger=0)
+        if self._own_context is not None:
+            self._own_context.term()
 
 
 def readable(socket: zmq.Socket[bytes]) -> bool:

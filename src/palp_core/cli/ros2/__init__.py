@@ -1,0 +1,1 @@
+"""The verbs that deal with ROS 2."""

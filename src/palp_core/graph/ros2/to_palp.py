@@ -1,0 +1,82 @@
+"""Messages from outside into the external ports of a running graph, many under way, each accounted for."""
+
+from __future__ import annotations
+
+import uuid
+from collections import deque
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.ros2.account import Account
+from palp_core.graph.transport.requester_socket import RequesterSocket
+
+MOST_UNDER_WAY = 500
+ANSWER_NS = 5_000_000_000
+
+
+class _Asked(NamedTuple):
+    account: Account
+    at_ns: int
+
+
+class Ports:
+    """External ports of a running graph; used by one thread.
+
+    A message is done with when its node has said so. What no node confirms within some seconds is lost; so is
+    what comes while too many wait for their answers.
+
+    Args:
+        graph: The graph.
+    """
+
+    def __init__(self, graph: RunningGraph) -> None:
+        self._graph = graph
+        self._sockets: dict[str, RequesterSocket] = {}
+        self._asked: dict[str, deque[_Asked]] = {}
+        self._token = uuid.uuid4().hex[:16]
+        self._count = 0
+
+    def publish(self, node: str, port: str, message: Mapping[str, Any], account: Account) -> None:
+        """Send a message to a port."""
+        if node not in self._sockets:
+            self._sockets[node], self._asked[node] = RequesterSocket(), deque()
+        waiting = self._asked[node]
+        if len(waiting) >= MOST_UNDER_WAY:
+            account.lose(1)
+            return
+        self._count += 1
+        request = {"op": "publish", "node": node, "port": port, "message": message}
+        waiting.append(_Asked(account, monotonic_ns()))
+        self._sockets[node].ask(
+            self._graph.node(node).serve, {**request, "id": f"{self._token}{self._count}"}
+        )
+        self._take_answers(node)
+
+    def turn(self) -> None:
+        """See what nodes have confirmed, refused, or not answered."""
+        oldest_ns = monotonic_ns() - ANSWER_NS
+        for node, waiting in self._asked.items():
+            self._take_answers(node)
+            while waiting and waiting[0].at_ns < oldest_ns:
+                waiting.popleft().account.lose(1)
+
+    def _take_answers(self, node: str) -> None:
+        waiting = self._asked[node]
+        for reply in self._sockets[node].replies():
+            if not waiting:
+                continue  # late, and counted already
+            account = waiting.popleft().account
+            if "error" in reply:
+                account.refuse(str(reply["error"]))
+            else:
+                account.cross()
+
+    def close(self) -> None:
+        """Let go; what is not confirmed is lost."""
+        self.turn()
+        for node, waiting in self._asked.items():
+            self._sockets[node].close()
+            for asked in waiting:
+                asked.account.lose(1)

@@ -1,0 +1,176 @@
+"""A rosbag2, as rosbags writes it, becomes a bag of palp's and goes back as the same bytes."""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from palp_core.errors import BagError
+from palp_core.graph.bag.convert import BagForm, convert
+from palp_core.graph.bag.info import bag_info
+from palp_core.graph.bag.reader import Bag, read
+from palp_core.graph.bag.ros2.import_bag import import_bag
+
+STORE = get_typestore(Stores.ROS2_KILTED)
+OWN = """\
+int8 small
+uint64 large
+float32[3] three
+string[] words
+bool[] flags
+int16[<=4] few
+geometry_msgs/Point[] points
+uint8[] raw
+"""
+LATCHED = Qos(
+    QosHistory.KEEP_LAST, 3, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, QosTime(0, 0),
+    QosTime(0, 0), QosLiveliness.AUTOMATIC, QosTime(0, 0), avoid_ros_namespace_conventions=False,
+)  # fmt: skip
+STORE.register(get_types_from_msg(OWN, "lab_msgs/msg/Own"))
+T: Any = STORE.types
+
+
+def wrench(i: int) -> Any:
+    stamp = T["builtin_interfaces/msg/Time"](i // 1000, i % 1000 * 1_000_000)
+    vector = T["geometry_msgs/msg/Vector3"]
+    inner = T["geometry_msgs/msg/Wrench"](vector(0.0, -0.5, float("inf")), vector(1e-9, 0.0, i / 7))
+    return T["geometry_msgs/msg/WrenchStamped"](T["std_msgs/msg/Header"](stamp, "probe é"), inner)
+
+
+def own(i: int) -> Any:
+    point = T["geometry_msgs/msg/Point"](1.0, 2.0, float(i))
+    return T["lab_msgs/msg/Own"](
+        -i, 2**64 - 1, np.array([0.1, i, 3], np.float32), ["a", ""], np.array([True, False]),
+        np.array([-5, i], np.int16), [point] * (i % 3), np.frombuffer(bytes([255, i]), np.uint8),
+    )  # fmt: skip
+
+
+def recorded(folder: Path, plugin: StoragePlugin, count: int, compression: CompressionMode) -> Path:
+    """A bag as ros2 writes it."""
+    with_compression = Writer(folder, version=9, storage_plugin=plugin)
+    if compression is not CompressionMode.NONE:
+        with_compression.set_compression(compression, CompressionFormat.ZSTD)
+    with with_compression as bag:
+        topics = [
+            ("/torque", "geometry_msgs/msg/WrenchStamped", wrench, [LATCHED]),
+            ("/own", "lab_msgs/msg/Own", own, []),
+            ("/empty", "std_msgs/msg/Empty", lambda _: T["std_msgs/msg/Empty"](), []),
+        ]
+        open_ = [
+            (bag.add_connection(name, kind, typestore=STORE, offered_qos_profiles=qos), kind, make)
+            for name, kind, make, qos in topics
+        ]
+        for i in range(count):
+            for connection, kind, make in open_:
+                bag.write(connection, 1_700_000_000_000_000_000 + i, STORE.serialize_cdr(make(i), kind))
+    return folder
+
+
+def raw(folder: Path) -> Iterator[tuple[Any, ...]]:
+    """All that is in a rosbag2, but for how it is stored."""
+    with Reader(folder) as bag:
+        for connection, log_ns, data in bag.messages():
+            qos = tuple(connection.ext.offered_qos_profiles)  # type: ignore[union-attr]
+            yield connection.topic, connection.msgtype, connection.digest, qos, log_ns, bytes(data)
+
+
+@pytest.mark.parametrize("plugin", list(StoragePlugin))
+@pytest.mark.parametrize("compression", [CompressionMode.NONE, CompressionMode.MESSAGE])
+def test_a_rosbag2_comes_back_byte_for_byte(
+    tmp_path: Path, plugin: StoragePlugin, compression: CompressionMode
+) -> None:
+    if plugin is StoragePlugin.MCAP and compression is CompressionMode.MESSAGE:
+        compression = CompressionMode.STORAGE  # MCAP compresses chunks itself
+    source = recorded(tmp_path / "source", plugin, 20, compression)
+    assert import_bag(source, tmp_path / "bag") == 60
+    assert convert(tmp_path / "bag", tmp_path / "back", BagForm.ROS2) == 60
+    assert sorted(raw(tmp_path / "back")) == sorted(raw(source))
+
+
+def test_what_came_is_read_as_any_bag(tmp_path: Path) -> None:
+    import_bag(
+        recorded(tmp_path / "source", StoragePlugin.SQLITE3, 5, CompressionMode.NONE), tmp_path / "bag"
+    )
+    found = bag_info(tmp_path / "bag")
+    assert found.complete
+    assert found.healthy
+    assert {name: (topic.type, topic.count) for name, topic in found.topics.items()} == {
+        "/empty": ("Empty", 5),
+        "/own": ("Own", 5),
+        "/torque": ("WrenchStamped", 5),
+    }
+    with Bag(tmp_path / "bag") as bag:
+        assert bag.topics()["/torque"].latched_depth == 3
+    last: Any = list(read(tmp_path / "bag", ["/own"]))[-1].value
+    assert (last.small, last.large, last.words, last.flags) == (-4, 2**64 - 1, ["a", ""], [True, False])
+    assert last.three.tolist() == pytest.approx([0.1, 4.0, 3.0])
+    assert (last.few, last.points[0].z, last.raw) == ([-5, 4], 4.0, b"\xff\x04")
+
+
+def test_a_file_is_a_bag_of_itself_and_topics_are_chosen(tmp_path: Path) -> None:
+    source = recorded(tmp_path / "source", StoragePlugin.SQLITE3, 4, CompressionMode.NONE)
+    assert import_bag(source / "source.db3", tmp_path / "bag", select=lambda name: name != "/own") == 8
+
+
+def _cut(source: Path) -> Path:
+    file = source / "source.mcap"
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    return source
+
+
+def _unknown(source: Path) -> Path:
+    (source / "metadata.yaml").unlink()
+    return source
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (_cut, "cannot be read as a rosbag2"),
+        (_unknown, r"no metadata.yaml is in it; give one of its files: source.mcap"),
+        (lambda source: source / "none", "no such bag"),
+    ],
+)
+def test_what_cannot_be_read_is_said_in_words(tmp_path: Path, spoil: Any, words: str) -> None:
+    source = recorded(tmp_path / "source", StoragePlugin.MCAP, 3, CompressionMode.NONE)
+    with pytest.raises(BagError, match=words):
+        import_bag(spoil(source), tmp_path / "bag")
+    assert not (tmp_path / "bag").exists()
+
+
+def test_a_type_that_nobody_defines_is_named(tmp_path: Path) -> None:
+    source = recorded(tmp_path / "source", StoragePlugin.SQLITE3, 1, CompressionMode.NONE)
+    import sqlite3
+
+    with sqlite3.connect(source / "source.db3") as base:
+        base.execute("DELETE FROM message_definitions")
+    with pytest.raises(BagError, match=r"/own: the bag does not say what a lab_msgs/msg/Own is.*-x REGEX"):
+        import_bag(source, tmp_path / "bag")
+    assert import_bag(source, tmp_path / "bag", select=lambda name: name != "/own") == 2
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("plugin", list(StoragePlugin))
+def test_an_hour_at_1_khz_comes_back_equal_in_bounded_memory(tmp_path: Path, plugin: StoragePlugin) -> None:
+    kind, count = "geometry_msgs/msg/WrenchStamped", 3_600_000
+    payloads = [bytes(STORE.serialize_cdr(wrench(i), kind)) for i in range(1000)]
+    with Writer(tmp_path / "source", version=9, storage_plugin=plugin) as bag:
+        connection = bag.add_connection("/torque", kind, typestore=STORE)
+        for i in range(count):
+            bag.write(connection, i * 1_000_000, payloads[i % 1000])
+    before_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert import_bag(tmp_path / "source", tmp_path / "bag") == count
+    assert convert(tmp_path / "bag", tmp_path / "back", BagForm.ROS2) == count
+    with Reader(tmp_path / "back") as back:
+        for i, (_, log_ns, data) in enumerate(back.messages()):
+            assert (log_ns, data) == (i * 1_000_000, payloads[i % 1000])
+        assert back.message_count == count
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kib < 300 << 10
