@@ -252,7 +252,7 @@ def _source(text: str, mark: Mark, side: Side, problems: Problems) -> tuple[Valu
     try:
         get, schema = getter(text, side.source), schema_at(text, side.source)
     except GraphError as error:
-        problems.add(mark, f"{error}; a text that stands for itself is {{value: {text}}}")
+        problems.add(mark, f"{error} (a text that stands for itself is {{value: {text}}})")
         return None
     return (lambda message, _stamp_ns: get(message)), schema
 

@@ -14,6 +14,7 @@ from palp_core.graph.ros2.type_support import forget_error, message_type
 
 INSTALL = "pip install 'palp[ros2]', or source a ROS 2 installation for this Python"
 TURN_S = 0.1
+JOIN_S = 5.0
 NS = 1_000_000_000
 
 Arrived = Callable[[bytes, Any, int], None]
@@ -92,6 +93,8 @@ class Middleware:
         self._context = rclpy.Context()
         self._ending = False
         self._threads: list[threading.Thread] = []
+        self._nodes: list[Any] = []
+        self._executors: list[Any] = []
         try:
             rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
             self.topics = self.node(name)
@@ -102,9 +105,11 @@ class Middleware:
         """Return a new node without parameters of its own."""
         import rclpy
 
-        return rclpy.create_node(
+        made = rclpy.create_node(
             name, context=self._context, start_parameter_services=False, enable_rosout=False
         )
+        self._nodes.append(made)
+        return made
 
     def publisher(self, topic: str, type_name: str, qos: Qos) -> Callable[[bytes], None]:
         """Return the function that publishes a message's bytes."""
@@ -129,6 +134,7 @@ class Middleware:
         from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 
         executor = SingleThreadedExecutor(context=self._context)
+        self._executors.append(executor)
         for node in nodes:
             executor.add_node(node)
 
@@ -150,5 +156,9 @@ class Middleware:
 
         self._ending = True
         for thread in self._threads:
-            thread.join(5.0)
+            thread.join(JOIN_S)
+        for executor in self._executors:
+            executor.shutdown(JOIN_S)
+        for node in self._nodes:
+            node.destroy_node()
         rclpy.shutdown(context=self._context, uninstall_handlers=False)

@@ -146,7 +146,7 @@ def _support(definitions: Definitions, name: str) -> tuple[_Support, Any]:
 
 
 def forget_error() -> None:
-    """Take back what Fast DDS notes when it finds no introspection of a made type, which it then does without.
+    """Take back what Fast DDS notes when it finds no introspection of a made type, and does without.
 
     Left as it is, the next error of any kind is told with pages about this one.
     """
