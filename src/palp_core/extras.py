@@ -14,6 +14,7 @@ _EXTRA_OF = {
     "statsmodels": "studies",
     "pandas": "studies",
     "rosbags": "ros2",
+    "rclpy": "ros2",
     "pyarrow": "parquet",
     "pylsl": "lsl",
     "edfio": "emg",

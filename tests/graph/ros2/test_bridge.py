@@ -17,9 +17,10 @@ import pytest
 from tests.support.palp import PATIENCE_S, ROOT, Palp
 
 pytestmark = [
+    pytest.mark.nightly,
     pytest.mark.skipif(
         importlib.util.find_spec("rclpy") is None, reason="needs rclpy: pip install --editable '.[dev,ros2]'"
-    )
+    ),
 ]
 
 GRAPH = ROOT / "examples/interop/launch/interop.yaml"
@@ -105,7 +106,6 @@ def test_all_that_a_map_names_crosses_and_nothing_is_lost(beside: Palp, tmp_path
     assert graph.poll() is None
 
 
-@pytest.mark.nightly
 def test_the_bridges_death_harms_neither_side_and_another_goes_on(beside: Palp, tmp_path: Path) -> None:
     graph, bridge = start(beside, tmp_path)
     bridge.kill()
@@ -120,7 +120,6 @@ def test_the_bridges_death_harms_neither_side_and_another_goes_on(beside: Palp, 
     assert "/load -> /sensor/load: 100 crossed" in out
 
 
-@pytest.mark.nightly
 def test_a_map_with_mistakes_is_refused_beside_the_graph(beside: Palp, tmp_path: Path) -> None:
     graph, bridge = start(beside, tmp_path)
     bad = tmp_path / "bad.yaml"

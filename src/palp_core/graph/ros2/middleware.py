@@ -8,11 +8,12 @@ from collections.abc import Callable
 from typing import Any
 
 from palp_core.errors import GraphError
+from palp_core.extras import install_line
 from palp_core.graph.bag.ros2.definitions import Definitions
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.ros2.type_support import forget_error, message_type
 
-INSTALL = "pip install 'palp[ros2]', or source a ROS 2 installation for this Python"
+INSTALL = f"{install_line('ros2')}, or source a ROS 2 installation for this Python"
 TURN_S = 0.1
 JOIN_S = 5.0
 NS = 1_000_000_000

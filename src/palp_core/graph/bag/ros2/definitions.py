@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from palp_core.errors import BagError
+from palp_core.extras import install_line
 from palp_core.graph.messages.schema_reader import FLOAT64_DTYPE
 
 ROS2_KEY = "x-ros2"
@@ -146,7 +147,7 @@ def _store(which: str) -> Any:
     try:
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
-        raise BagError("ROS 2's messages need rosbags: pip install rosbags") from error
+        raise BagError(f"ROS 2's messages need rosbags: {install_line('ros2')}") from error
     return get_typestore(Stores[which])
 
 

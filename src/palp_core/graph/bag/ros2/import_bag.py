@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from palp_core.errors import BagError
+from palp_core.extras import install_line
 from palp_core.graph.bag.ros2.definitions import ROS2_KEY, Definitions, empty, json_schema, standard
 from palp_core.graph.bag.ros2.values import ToMap, reader
 from palp_core.graph.bag.stream import Stream
@@ -192,7 +193,7 @@ def _opened(bag: Path) -> Iterator[Any]:
     try:
         from rosbags.rosbag2 import Reader
     except ImportError as error:
-        raise BagError("ROS 2's bags need rosbags: pip install rosbags") from error
+        raise BagError(f"ROS 2's bags need rosbags: {install_line('ros2')}") from error
     if not bag.exists():
         raise BagError(f"{bag}: no such bag; give a rosbag2's folder, an .mcap or a .db3 file")
     if bag.is_dir() and not (bag / "metadata.yaml").exists():
