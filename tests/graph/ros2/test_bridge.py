@@ -24,7 +24,7 @@ pytestmark = [
 ]
 
 GRAPH = ROOT / "examples/interop/launch/interop.yaml"
-PEER = ROOT / "tests/support/ros2_peer.py"
+PEER = ROOT / "tests/graph/ros2/peer.py"
 MAP = """\
 to_ros2:
   - palp: /sensor/torque

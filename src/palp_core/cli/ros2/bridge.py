@@ -16,7 +16,7 @@ from palp_core.errors import GraphError
 if TYPE_CHECKING:
     from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.graph.ros2.map_file import MapFile
-    from palp_core.graph.ros2.plan import Plan
+    from palp_core.graph.ros2.plan import BridgePlan
 
 TERMINATED = 143
 
@@ -82,7 +82,7 @@ def _check(described: MapFile, graph: str | None, problems: Any) -> None:
     print_text(f"{described.file}: no mistake, beside graph '{running.record.graph}'")
 
 
-def _run(running: RunningGraph, described: MapFile, plan: Plan, times: Any) -> None:
+def _run(running: RunningGraph, described: MapFile, plan: BridgePlan, times: Any) -> None:
     from palp_core.graph.ros2.bridge import Ros2Bridge
     from palp_core.graph.ros2.middleware import beyond_this_host
 
@@ -104,7 +104,7 @@ def _run(running: RunningGraph, described: MapFile, plan: Plan, times: Any) -> N
         note_ended(running)
 
 
-def _ways(plan: Plan) -> str:
+def _ways(plan: BridgePlan) -> str:
     counts = {
         "topics to ROS 2": len(plan.to_ros2),
         "topics from ROS 2": len(plan.to_palp),

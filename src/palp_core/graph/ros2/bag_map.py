@@ -13,7 +13,7 @@ from palp_core.graph.messages.topic import Topic
 from palp_core.graph.problems import Problems, hint
 from palp_core.graph.ros2.crossing import crossing_to_ros2
 from palp_core.graph.ros2.field_map import Times
-from palp_core.graph.ros2.map_file import MapFile, Way, read_map
+from palp_core.graph.ros2.map_file import MapEntry, MapFile, read_map
 
 
 def outlets_of(file: Path, bag: str | Path, *, lenient: bool = False) -> OutletsOf:
@@ -45,7 +45,7 @@ def outlets_of(file: Path, bag: str | Path, *, lenient: bool = False) -> Outlets
     return lambda topic: made.get(topic.name, [])
 
 
-def _outlets(described: MapFile, ways: Sequence[Way], topic: Topic, problems: Problems) -> list[Outlet]:
+def _outlets(described: MapFile, ways: Sequence[MapEntry], topic: Topic, problems: Problems) -> list[Outlet]:
     """Return what becomes of one topic."""
     definitions = standard()
     found = []

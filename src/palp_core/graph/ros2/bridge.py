@@ -18,7 +18,7 @@ from palp_core.graph.ros2.account import Account
 from palp_core.graph.ros2.field_map import Times
 from palp_core.graph.ros2.middleware import Middleware
 from palp_core.graph.ros2.parameters import ParameterServices
-from palp_core.graph.ros2.plan import Plan, TopicToPalp, TopicToRos2
+from palp_core.graph.ros2.plan import BridgePlan, TopicToPalp, TopicToRos2
 from palp_core.graph.ros2.services import Services
 from palp_core.graph.ros2.to_palp import Ports
 
@@ -60,7 +60,7 @@ class Ros2Bridge:
     def __init__(
         self,
         graph: RunningGraph,
-        plan: Plan,
+        plan: BridgePlan,
         times: Times,
         *,
         name: str,

@@ -15,7 +15,7 @@ from palp_core.graph.bag.ros2.definitions import Definitions, json_schema
 from palp_core.graph.messages.schema_reader import JsonSchema, fields_of, has_elements, is_array, items_of
 from palp_core.graph.problems import Problems, hint
 from palp_core.graph.ros2.field_map import Side, Times, Value, compile_fields
-from palp_core.graph.ros2.map_file import Each, Way
+from palp_core.graph.ros2.map_file import Each, MapEntry
 from palp_core.graph.ros2.paths import FLOAT64, is_number, schema_at, words
 
 NS = 1_000_000_000
@@ -30,7 +30,7 @@ class Crossing(NamedTuple):
         convert: From a message, as a map, and when it was published to what it becomes: times and maps.
     """
 
-    way: Way
+    way: MapEntry
     type: str
     convert: Callable[[Mapping[str, Any], int], Iterable[tuple[int, Mapping[str, Any]]]]
 
@@ -127,7 +127,7 @@ def _needed(name: str, text: str) -> list[str]:
 
 
 def crossing_to_ros2(
-    way: Way,
+    way: MapEntry,
     schema: JsonSchema,
     definitions: Definitions,
     folders: Sequence[Path],
@@ -162,7 +162,7 @@ def crossing_to_ros2(
 
 
 def crossing_to_palp(
-    way: Way,
+    way: MapEntry,
     schema: JsonSchema,
     definitions: Definitions,
     folders: Sequence[Path],
@@ -184,7 +184,7 @@ def crossing_to_palp(
 
 
 def _type_of(
-    way: Way, schema: JsonSchema, definitions: Definitions, folders: Sequence[Path], problems: Problems
+    way: MapEntry, schema: JsonSchema, definitions: Definitions, folders: Sequence[Path], problems: Problems
 ) -> str | None:
     try:
         if not way.type:

@@ -55,7 +55,7 @@ class Each:
 
 
 @dataclass(frozen=True)
-class Way:
+class MapEntry:
     """One topic or service that crosses.
 
     Attributes:
@@ -101,10 +101,10 @@ class MapFile:
     """
 
     file: Path
-    to_ros2: list[Way] = field(default_factory=list)
-    to_palp: list[Way] = field(default_factory=list)
-    services: list[Way] = field(default_factory=list)
-    calls: list[Way] = field(default_factory=list)
+    to_ros2: list[MapEntry] = field(default_factory=list)
+    to_palp: list[MapEntry] = field(default_factory=list)
+    services: list[MapEntry] = field(default_factory=list)
+    calls: list[MapEntry] = field(default_factory=list)
     parameters: dict[str, Mark] | None = field(default_factory=dict)
     clock: bool | None = None
     interfaces: list[Path] = field(default_factory=list)
@@ -168,7 +168,7 @@ class _Reader:
                     way.mark, f"{way.ros} is sent by this map, too: it would hear itself; rename one"
                 )
 
-    def _ways(self, entry: Entry | None, key: str, known: tuple[str, ...]) -> list[Way]:
+    def _ways(self, entry: Entry | None, key: str, known: tuple[str, ...]) -> list[MapEntry]:
         if entry is None:
             return []
         if not isinstance(entry.value, Sequence):
@@ -177,7 +177,7 @@ class _Reader:
             return []
         return [way for item in entry.value.items if (way := self._way(item, key, known)) is not None]
 
-    def _way(self, tree: Tree, key: str, known: tuple[str, ...]) -> Way | None:
+    def _way(self, tree: Tree, key: str, known: tuple[str, ...]) -> MapEntry | None:
         if not isinstance(tree, Mapping):
             self.problems.add(tree.mark, f"an entry of {key} must be a mapping with palp and ros")
             return None
@@ -192,7 +192,7 @@ class _Reader:
             return None
         kind = "srv" if key in ("services", "calls") else "msg"
         request = "request" if kind == "srv" else "fields"
-        return Way(
+        return MapEntry(
             tree.mark,
             self._name(fields["palp"], "palp", PALP_NAME, "/node/port"),
             fields["palp"].value.mark,

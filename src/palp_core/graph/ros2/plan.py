@@ -24,7 +24,7 @@ from palp_core.graph.ros2.crossing import (
     part_of,
 )
 from palp_core.graph.ros2.field_map import Side, Times, Value, compile_fields
-from palp_core.graph.ros2.map_file import MapFile, Way
+from palp_core.graph.ros2.map_file import MapEntry, MapFile
 
 ASK_S = 5.0
 BLOCK_DEPTH = 1000
@@ -51,17 +51,17 @@ class TopicToPalp(NamedTuple):
 class ServiceCrossing(NamedTuple):
     """A service: who serves it, and what becomes of request and reply."""
 
-    way: Way
+    way: MapEntry
     node: str
     port: str
     request: Value
     reply: Value
 
 
-class Call(NamedTuple):
+class ServiceCall(NamedTuple):
     """A service of ROS 2 that a topic of the graph asks; its reply goes to an external port, if to any."""
 
-    way: Way
+    way: MapEntry
     topic: Topic
     request: Value
     reply: Value | None
@@ -70,7 +70,7 @@ class Call(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Plan:
+class BridgePlan:
     """All that crosses.
 
     Attributes:
@@ -82,7 +82,7 @@ class Plan:
     to_ros2: list[TopicToRos2] = field(default_factory=list)
     to_palp: list[TopicToPalp] = field(default_factory=list)
     services: list[ServiceCrossing] = field(default_factory=list)
-    calls: list[Call] = field(default_factory=list)
+    calls: list[ServiceCall] = field(default_factory=list)
     parameters: list[str] = field(default_factory=list)
 
     @property
@@ -104,7 +104,7 @@ class _Ports(NamedTuple):
         return [f"/{node}/{port}" for node, info in self.infos.items() for port in info.get("services", {})]
 
 
-def make_plan(described: MapFile, graph: RunningGraph, times: Times, problems: Problems) -> Plan:
+def make_plan(described: MapFile, graph: RunningGraph, times: Times, problems: Problems) -> BridgePlan:
     """Return what crosses between a running graph and ROS 2; mistakes go to ``problems``.
 
     Raises:
@@ -113,7 +113,7 @@ def make_plan(described: MapFile, graph: RunningGraph, times: Times, problems: P
     answers = [graph.ask_all(what, timeout_s=ASK_S).replies for what in ("info", "schemas")]
     ports = _Ports(answers[0], {node: reply["ports"] for node, reply in answers[1].items()})
     plan = _Planner(described, graph, ports, times, problems)
-    return Plan(
+    return BridgePlan(
         plan.definitions,
         plan.each(described.to_ros2, plan.to_ros2),
         plan.each(described.to_palp, plan.to_palp),
@@ -132,14 +132,14 @@ class _Planner:
         self.definitions = standard()
 
     @staticmethod
-    def each(ways: list[Way], plan: Callable[[Way], Any]) -> list[Any]:
+    def each(ways: list[MapEntry], plan: Callable[[MapEntry], Any]) -> list[Any]:
         return [planned for way in ways if way.palp and way.ros and (planned := plan(way)) is not None]
 
     @property
     def folders(self) -> list[Path]:
         return self.described.interfaces
 
-    def to_ros2(self, way: Way) -> TopicToRos2 | None:
+    def to_ros2(self, way: MapEntry) -> TopicToRos2 | None:
         topic = self._topic(way)
         if topic is None:
             return None
@@ -152,7 +152,7 @@ class _Planner:
             qos = msgspec.structs.replace(qos, depth=max(qos.depth, BLOCK_DEPTH))
         return crossing and TopicToRos2(crossing, topic, qos)
 
-    def _topic(self, way: Way) -> Topic | None:
+    def _topic(self, way: MapEntry) -> Topic | None:
         try:
             return self.graph.topic(way.palp)
         except GraphError as error:
@@ -172,7 +172,7 @@ class _Planner:
         _, node, port = name.split("/")
         return node, port, self.ports.schemas[node][port]["types"][0]["json_schema"]
 
-    def to_palp(self, way: Way) -> TopicToPalp | None:
+    def to_palp(self, way: MapEntry) -> TopicToPalp | None:
         found = self._external(way.palp, way.palp_mark)
         if found is None:
             return None
@@ -180,7 +180,7 @@ class _Planner:
         crossing = crossing_to_palp(way, schema, self.definitions, self.folders, self.times, self.problems)
         return crossing and TopicToPalp(crossing, node, port, _stated({}, way.qos))
 
-    def service(self, way: Way) -> ServiceCrossing | None:
+    def service(self, way: MapEntry) -> ServiceCrossing | None:
         known = self.ports.services()
         if way.palp not in known:
             self.problems.add(way.palp_mark, f"no service '{way.palp}' in the graph{hint(way.palp, known)}")
@@ -193,20 +193,20 @@ class _Planner:
         to_palp = self._fields(way, way.fields, ros[0], request)
         return ServiceCrossing(way, node, port, to_palp, self._fields(way, way.reply, reply, ros[1]))
 
-    def call(self, way: Way) -> Call | None:
+    def call(self, way: MapEntry) -> ServiceCall | None:
         topic, ros = self._topic(way), self._service_schemas(way)
         if topic is None or ros is None:
             return None
         request = self._fields(way, way.fields, topic.json_schema, ros[0])
         if not way.to:
-            return Call(way, topic, request, None, "", "")
+            return ServiceCall(way, topic, request, None, "", "")
         found = self._external(way.to, way.mark)
         if found is None:
             return None
         node, port, schema = found
-        return Call(way, topic, request, self._fields(way, way.reply, ros[1], schema), node, port)
+        return ServiceCall(way, topic, request, self._fields(way, way.reply, ros[1], schema), node, port)
 
-    def _fields(self, way: Way, tree: Any, source: dict[str, Any], target: dict[str, Any]) -> Value:
+    def _fields(self, way: MapEntry, tree: Any, source: dict[str, Any], target: dict[str, Any]) -> Value:
         """Return what becomes of request or reply; one without fields needs none."""
         from palp_core.graph.messages.schema_reader import fields_of
 
@@ -214,7 +214,7 @@ class _Planner:
             return _nothing
         return compile_fields(tree, way.mark, Side(source, target, self.times), self.problems)
 
-    def _service_schemas(self, way: Way) -> tuple[dict[str, Any], dict[str, Any]] | None:
+    def _service_schemas(self, way: MapEntry) -> tuple[dict[str, Any], dict[str, Any]] | None:
         try:
             find_service(self.definitions, way.type, self.folders)
         except (BagError, GraphError) as error:

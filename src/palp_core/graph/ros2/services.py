@@ -17,7 +17,7 @@ from palp_core.graph.messages.frame import Frame
 from palp_core.graph.ros2.account import Account
 from palp_core.graph.ros2.crossing import part_of
 from palp_core.graph.ros2.field_map import Times
-from palp_core.graph.ros2.plan import Call, Plan, ServiceCrossing
+from palp_core.graph.ros2.plan import BridgePlan, ServiceCall, ServiceCrossing
 
 ASK_S = 5.0
 
@@ -37,7 +37,12 @@ class Services:
     """
 
     def __init__(
-        self, graph: RunningGraph, plan: Plan, node: Any, times: Times, account: Callable[[str], Account]
+        self,
+        graph: RunningGraph,
+        plan: BridgePlan,
+        node: Any,
+        times: Times,
+        account: Callable[[str], Account],
     ) -> None:
         self._graph, self._plan, self._times = graph, plan, times
         self._decode = msgspec.msgpack.Decoder().decode
@@ -79,7 +84,7 @@ class Services:
 
         node.create_service(kind, service.way.ros, answer)
 
-    def _caller(self, node: Any, call: Call, account: Account) -> Callable[[Frame], None]:
+    def _caller(self, node: Any, call: ServiceCall, account: Account) -> Callable[[Frame], None]:
         kind = _service_type(call.way.type)
         client = node.create_client(kind, call.way.ros)
         read, write = self._bytes(call.way.type, "Response", "Request")

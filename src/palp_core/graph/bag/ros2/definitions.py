@@ -26,7 +26,7 @@ FLOATS = frozenset({"float32", "float64", "float128"})
 BYTES = frozenset({"uint8", "byte", "octet", "char"})
 
 
-class Node(IntEnum):
+class NodeKind(IntEnum):
     """How a field's description begins."""
 
     BASE = 1
@@ -158,10 +158,12 @@ def field_types(described: Iterable[tuple[str, Any]]) -> dict[str, FieldType]:
 
 def _field_type(described: Any) -> FieldType:
     kind, inner = described
-    if kind in (Node.ARRAY, Node.SEQUENCE):
+    if kind in (NodeKind.ARRAY, NodeKind.SEQUENCE):
         element = _field_type(inner[0])
-        return FieldType(element.base, element.is_message, many=True, length=inner[1] * (kind == Node.ARRAY))
-    return FieldType(inner, True) if kind == Node.NAME else FieldType(inner[0], False)
+        return FieldType(
+            element.base, element.is_message, many=True, length=inner[1] * (kind == NodeKind.ARRAY)
+        )
+    return FieldType(inner, True) if kind == NodeKind.NAME else FieldType(inner[0], False)
 
 
 def json_schema(definitions: Definitions, name: str) -> dict[str, Any]:
