@@ -28,7 +28,10 @@ def has_something_to_run(page: str) -> bool:
 
 @pytest.mark.parametrize("page", PAGES)
 def test_each_block_is_run_or_says_why_not(page: str) -> None:
-    for block in blocks(text_of(page)):
+    text = text_of(page)
+    comments = text.count("<!-- not run") + text.count("<!-- beside")
+    assert comments == sum(bool(block.why_not or block.beside) for block in blocks(text)), "one is before no block"
+    for block in blocks(text):
         where = f"{page}:{block.line}"
         assert block.language, f"{where}: which language is it? text, if it is none"
         if block.language == "yaml" and not block.why_not:
