@@ -224,6 +224,12 @@ def is_module_or_in_one(name: str) -> bool:
     return True
 
 
+def files_written_by(text: str) -> set[str]:
+    """Return the path of each file that a text has its reader write: a block, or what ``palp new`` makes."""
+    new = {f"/drivers/{word}.py" for word in re.findall(r"\bpalp new driver (\w+)", text)}
+    return new | {f"/{block.file}" for block in blocks(text) if block.file}
+
+
 def nodes_amiss(text: str) -> set[str]:
     """Return each class of a module in ``nodes`` that a text names and no workspace of the repository has.
 
@@ -257,6 +263,7 @@ def paths_named(text: str) -> set[str]:
 def test_what_a_text_names_is_there(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     files = {f"/{name_of(file)}".removesuffix(".txt") for file in tree()} | {f"/docs/{page}" for page in MADE}
+    files |= files_written_by(text)
     unknown = {name for name in modules_named(text) if not is_module_or_in_one(name)} | nodes_amiss(text)
     unknown |= {name for name in paths_named(text) if not any(file.endswith(f"/{name}") for file in files)}
     assert unknown == set()

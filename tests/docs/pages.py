@@ -15,6 +15,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -28,7 +29,7 @@ RUN = ("sh", "python", "yaml")
 _BLOCK = re.compile(r"^(?P<indent> *)```(?P<language>\w*)[^\n]*\n(?P<text>.*?)^(?P=indent)```$", re.M | re.S)
 _COMMENT = re.compile(r"<!-- (?P<word>not run|beside)(?:: (?P<why>[^\n]+?))? -->\n *\Z")
 _FILE = re.compile(r"\A# ([\w./-]+\.\w+)\n")
-ALONE = ("docs/tutorial/", "docs/how_to/", "reference/")
+ALONE = ("docs/tutorial/", "docs/how_to/", "docs/workspaces.md", "docs/actions.md", "reference/")
 """Pages whose reader has an installed palp and no checkout."""
 _WORKSPACE = ("launch", "nodes", "msgs", "examples")
 
@@ -81,6 +82,7 @@ class Reader:
 
     def __init__(self, text: str, name: str, folder: Path, palp: Palp) -> None:
         self._text, self._name, self._folder, self._palp = text, name, folder, palp
+        self._at = folder
         self._beside: list[subprocess.Popen[str]] = []
         self._commands = folder.parent / f"{folder.name}_bin"
         self._commands.mkdir()
@@ -94,7 +96,9 @@ class Reader:
             command.write_text(f'#!/bin/sh\nexec {sys.executable} {words} "$@"\n', encoding="utf-8")
             command.chmod(0o755)
         for one in () if name.startswith(ALONE) else _WORKSPACE:
-            (folder / one).symlink_to(ROOT / one)
+            shutil.copytree(
+                ROOT / one, folder / one, ignore=shutil.ignore_patterns("__pycache__", "node_modules")
+            )
 
     def read(self) -> dict[int, str]:
         """Do all that the page says; return by line what each block printed."""
@@ -107,7 +111,7 @@ class Reader:
                 elif block.language == "output":
                     self._compare(block, last)
                 elif block.file:
-                    file = (self._folder / block.file).resolve()
+                    file = (self._at / block.file).resolve()
                     assert file.is_relative_to(self._folder.resolve()), f"{file} is not the reader's"
                     file.parent.mkdir(parents=True, exist_ok=True)
                     file.write_text(block.text, encoding="utf-8")
@@ -121,13 +125,13 @@ class Reader:
         where = f"{self._name}:{block.line}"
         assert block.language != "yaml", f"{where}: what file is it? begin it with '# name.yaml'"
         shell = block.language == "sh"
-        command = (
-            ["bash", "-eo", "pipefail", "-c", block.text] if shell else [sys.executable, "-c", block.text]
-        )
+        place = self._commands / "place"  # a shell that changes its folder has done so for what follows
+        typed = block.text if block.beside else f"{block.text}\npwd > {place}"
+        command = ["bash", "-eo", "pipefail", "-c", typed] if shell else [sys.executable, "-c", block.text]
         environment = {**self._palp.environment, "PATH": f"{self._commands}:{os.environ['PATH']}"}
         process = subprocess.Popen(
             command,
-            cwd=self._folder,
+            cwd=self._at,
             env=environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
@@ -141,6 +145,8 @@ class Reader:
             return ""
         printed, _ = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 0, f"{where}: status {process.returncode}\n{block.text}\n{printed}"
+        if shell:
+            self._at = Path(place.read_text(encoding="utf-8").strip())
         return printed
 
     def _wait_for_graph(self, process: subprocess.Popen[str]) -> None:

@@ -30,7 +30,9 @@ def has_something_to_run(page: str) -> bool:
 def test_each_block_is_run_or_says_why_not(page: str) -> None:
     text = text_of(page)
     comments = text.count("<!-- not run") + text.count("<!-- beside")
-    assert comments == sum(bool(block.why_not or block.beside) for block in blocks(text)), "one is before no block"
+    assert comments == sum(bool(block.why_not or block.beside) for block in blocks(text)), (
+        "one is before no block"
+    )
     for block in blocks(text):
         where = f"{page}:{block.line}"
         assert block.language, f"{where}: which language is it? text, if it is none"
