@@ -93,6 +93,12 @@ class HumanState(State):
     finished: bool = False
 
 
+def begin_step_again(state: HumanState) -> None:
+    """Let the step under way begin anew, where operator and devices have: nothing of it has been done."""
+    state.stage = state.doing = state.phantom = ""
+    state.kind, state.blocks = "none", []
+
+
 def phantoms_of(params: HumanParams) -> tuple[tuple[PlannedPhantom, ...], tuple[PlannedPhantom, ...]]:
     """Return code and depth of each phantom with a bead; and those of estimation, where they are sealed.
 

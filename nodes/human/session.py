@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from msgs.emg import EmgBlock
 from msgs.human import Countdown, EffortBars, HumanTrialBegun, HumanTrialDone, MuscleCue
 from msgs.operator import AnswerReply, AnswerRequest, Prompt
-from nodes.human.params import HumanParams, HumanState, design_of, mistakes
+from nodes.human.params import HumanParams, HumanState, begin_step_again, design_of, mistakes
 from palp_core import Alarm, Node, Progress, Pub, Qos, Srv, Sub, Timer, on, serve
 from palp_core.errors import NodeError, PalpError
 from palp_core.palpation.perception.emg.quality import clipped
@@ -52,8 +52,17 @@ class HumanSession(Node):
     def on_activate(self) -> None:
         if not self.state.words and not self.state.stage:
             self.record.start()
+        if not self.state.stage:
             self._cue("pause")
         self._advance()
+
+    def on_restore(self, *, alone: bool) -> None:
+        if alone:
+            begin_step_again(self.state)
+        self.record.go_on(self.state.row, aside=alone)
+
+    def on_deactivate(self) -> None:
+        self.record.close()
 
     # What the plan asks for
 
@@ -234,6 +243,7 @@ class HumanSession(Node):
         )  # fmt: skip
         self.record.append(row)
         state.row += 1
+        state.blocks = []
         self.result.publish(
             HumanTrialDone(
                 stamp_ns=self.now_ns(), trial=trial.index, phase=trial.phase, number=trial.number,

@@ -10,12 +10,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from palp_core.cli.rig import markov
 from palp_core.cli.session.session import app
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.problems import GraphProblems
 from palp_core.palpation.mechanics.scene.sealed import own_codes, standing
 from palp_core.palpation.session.decided.audit import decisions
-from palp_core.palpation.session.human.record import read_human
+from palp_core.palpation.session.human.record import HumanRow, read_human
 from palp_core.palpation.session.operating.unsealing import SEALED_HUMAN_TABLE
 from tests.rig.test_human import HUMAN, session
 from tests.support.rig_session import check_here
@@ -59,8 +60,23 @@ def test_unsealed_it_has_the_depths_and_what_was_written_before_is_kept(out: Pat
     assert [row.depth_m for row in rows[3:]] == [DEPTHS_M[own[row.phantom]] for row in rows[3:]]
     assert (copy / SEALED_HUMAN_TABLE).read_bytes() == before
     assert [(one.deed, one.reason) for one in decisions(copy)] == [("unseal", "all is done")]
+    learnt = json.loads(CliRunner().invoke(markov.app, ["fit", str(copy), "--json"]).stdout)
+    assert [one["depth_m"] for one in learnt["trials"]] == [row.depth_m for row in by_file(rows)]
     again = CliRunner().invoke(app, ["unseal", str(copy), "--reason", "again"])
     assert "is not sealed" in str(again.exception)
+
+
+def by_file(rows: list[HumanRow]) -> list[HumanRow]:
+    return sorted(rows, key=lambda row: row.emg)
+
+
+def test_while_it_is_sealed_strategies_are_learnt_of_told_depths_and_of_all(out: Path) -> None:
+    done = CliRunner().invoke(markov.app, ["fit", str(out), "--json"])
+    learnt = json.loads(done.stdout)
+    told = [row.depth_m for row in by_file(read_human(out))]
+    assert [one["depth_m"] for one in learnt["trials"]] == told
+    assert told.count(None) == 3
+    assert "the depth of 3 trials is sealed" in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -32,12 +32,16 @@ def report(
 ) -> None:
     """Make the report of a stored session, whole or cut short.
 
-    That is result.json, report.html and charts/, from the session's rows and sweeps. Of a bag the rows and
-    sweeps are made first, from what the nodes said.
+    That is result.json, report.html and charts/, from the session's rows and sweeps (human.json and
+    human.html, of a session with a person). Of a bag the rows and sweeps are made first, from what the nodes
+    said.
     """
     from palp_core.palpation.session.bag_record import is_bag, write_record
+    from palp_core.palpation.session.human.record import is_by_hand
+    from palp_core.palpation.session.human.report import write_human
     from palp_core.palpation.session.report import write
     from palp_core.palpation.session.run_note import read_note
+    from palp_core.palpation.session.sheet.of_run import sheet_of
 
     if is_bag(path):
         whole = path.resolve()
@@ -47,5 +51,7 @@ def report(
         raise PalpError(
             f"{path} is no bag: the report of a session's folder is made in it, without --out or --overwrite"
         )
+    elif is_by_hand(path):
+        print_text(write_human([path], path, sheet_of(read_note(path))))
     else:
         print_text(write(path, read_note(path)))

@@ -68,8 +68,12 @@ def _decide(deed: Deed, trial: int, folder: Path, reason: str, *, as_json: bool)
         note("while the session goes on, or is resumed, it is done again at the end, as another trial")
         return
     if deed == "redo":
-        note("the session is over, so it is not done again")
-    note(f"the report does not know it yet: palp {'session people' if person else 'report'} {folder}")
+        together = "palp session people" if person else "palp sessions"
+        note(
+            "the session is over, so it is not done again in it: to have as many trials as planned, run a "
+            f"session of its own (out:=NAME) and take both together ({together})"
+        )
+    note(f"the report does not know it yet: palp report {folder}")
 
 
 def _goes_on(folder: Path) -> bool:

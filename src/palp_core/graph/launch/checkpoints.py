@@ -34,6 +34,7 @@ from palp_core.graph.launch.checkpoint_file import (
     write_checkpoint,
 )
 from palp_core.graph.process.checkpoint import published
+from palp_core.graph.recording.recorders import Recorders
 from palp_core.graph.swap.compatibility import objections, replaced
 
 Inspect = Callable[[list[NodeClassRequest], Path], list[NodeClass]]
@@ -116,6 +117,19 @@ class Checkpoints:
     def resumed_count(self) -> int:
         """How often the run was interrupted."""
         return 0 if self.resumed is None else self.resumed.resumed_count + 1
+
+    def recorders(self, graph: CheckedGraph, record: Path | None) -> Recorders:
+        """Return the recorders of a run that begins, or goes on.
+
+        Args:
+            graph: The graph about to run.
+            record: The bag for all of it; None: only what the launch file says.
+
+        Raises:
+            GraphError: It was recorded otherwise before it was interrupted.
+            BagError: A bag exists, or a recorder's flags make no sense.
+        """
+        return Recorders(graph, record, self.said(record), resumed=self.resumed is not None)
 
     def said(self, record: Path | None) -> dict[str, int] | None:
         """Return the last sequence of every topic that had been published; None: the run begins.

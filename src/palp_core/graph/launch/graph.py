@@ -205,7 +205,7 @@ class Graph:
                 )
                 kept = self.checkpoints.attached or _tell(self.checked, "attach", self._summary()) or {}
                 self.checked = msgspec.structs.replace(self.checked, attached=kept)
-                self.recorders = Recorders(self.checked, self.record, self.checkpoints.said(self.record))
+                self.recorders = self.checkpoints.recorders(self.checked, self.record)
                 self.diagnostics.follow(self.checked)
                 self.checkpoints.on_trouble = lambda words: self.diagnostics.tell(
                     words, RESUMES, self._now_ns()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import logging
 from collections.abc import Mapping
 from pathlib import Path
@@ -39,6 +40,8 @@ class Recorders:
         graph: The graph about to run; None: there is none yet, and nothing to record.
         out: A bag for all of it; None: only what the launch file says.
         said: Go on with the bags of an interrupted run, in which these were the last sequences of topics.
+        resumed: The run was interrupted: on the wall clock each recorder of the launch file begins another
+            bag beside the one that is there, ``bag_2`` beside ``bag``.
 
     Raises:
         BagError: A bag exists, or a recorder's flags make no sense.
@@ -49,6 +52,8 @@ class Recorders:
         graph: CheckedGraph | None = None,
         out: Path | None = None,
         said: Mapping[str, int] | None = None,
+        *,
+        resumed: bool = False,
     ) -> None:
         self._results: list[tuple[bool, str]] = []
         self._writers: list[LockstepRecorder] = []
@@ -60,6 +65,8 @@ class Recorders:
             self._wanted.append((DEFAULT_NAME, options, False))
         for spec in graph.recorders if graph is not None else ():
             params = msgspec.convert(spec.params, RecorderParams)
+            if resumed and said is None:
+                params = msgspec.structs.replace(params, out=_free(params.out))
             self._wanted.append((spec.name, _options(params), params.required))
         for name, options, _ in self._wanted:
             if said is None and Path(options.out).exists():
@@ -277,3 +284,9 @@ def _options(params: RecorderParams) -> recorder_messages.RecordOptions:
         compression=params.compression,
         from_start=not params.snapshot_s,
     )
+
+
+def _free(out: str) -> str:
+    """Return a bag's name, or with a number that none beside it has."""
+    names = itertools.chain([out], (f"{out}_{number}" for number in itertools.count(2)))
+    return next(name for name in names if not Path(name).exists())

@@ -133,16 +133,15 @@ def write(folder: Path, summary: RunSummary) -> str:
             f"A blinded session: no report before `palp session unseal {folder}`.\n"
             f"Kept: {len(rows)} palpations (trials.csv with codes for depths, sweeps/) in {folder}"
         )
+    if rows == [] and summary.exit_code != 0 and not any(folder.glob(f"{SWEEPS}/*.npz")):
+        return f"Nothing is kept: '{folder}' holds no palpation."
     summary = opened_run(summary, folder)
     found = read_session(folder, rows)
-    if not found.rows:
-        if orphans := sum(1 for _ in folder.glob(f"{SWEEPS}/*.npz")):
-            raise PalpError(
-                f"'{folder / TABLE}' has no row, and {folder / SWEEPS} holds {orphans} sweeps: the table was "
-                "emptied; restore it, and `palp report` makes the report"
-            )
-        if summary.exit_code != 0:
-            return f"Nothing is kept: '{folder}' holds no palpation."
+    if not found.rows and (orphans := sum(1 for _ in folder.glob(f"{SWEEPS}/*.npz"))):
+        raise PalpError(
+            f"'{folder / TABLE}' has no row, and {folder / SWEEPS} holds {orphans} sweeps: the table was "
+            "emptied; restore it, and `palp report` makes the report"
+        )
     try:
         write_copy(summary, folder)
         said = _write(found, summary)

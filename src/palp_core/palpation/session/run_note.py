@@ -7,9 +7,9 @@ folder the note waits under another name: a session that is there already keeps 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -62,7 +62,7 @@ def refuse_run(summary: RunSummary) -> None:
     folder = out_of(summary)
     if summary.resumed_count:
         refuse_resuming(folder)
-        refuse_without_key(summary)
+        refuse_without_key(roles_of(summary).params("experiment"))
     elif not roles_of(summary).params("experiment").get("overwrite"):
         refuse_occupied(folder, _ways_on(folder))
     for name, value in summary.args.items():
@@ -78,12 +78,21 @@ def _ways_on(folder: Path) -> str:
     from palp_core.palpation.session.trials_csv import read_rows
 
     try:
-        before, done = read_note(folder), progress_words(read_rows(folder))
+        return f"{unfinished_words(folder, progress_words(read_rows(folder)))}. Or {others}"
     except PalpError:
         return others
+
+
+def unfinished_words(folder: Path, done: str) -> str:
+    """Return in words that a session is unfinished, how far it has come, and the command that goes on.
+
+    Raises:
+        PalpError: Nobody knows of which run it is.
+    """
+    before = read_note(folder)
     given = [word for word in before.given if not word.startswith("out:=")]
     command = shlex.join(["palp", "launch", before.file, *given, f"out:={before.args.get('out', folder)}"])
-    return f"it is unfinished, {done} done; `{command} --resume` goes on with it. Or {others}"
+    return f"it is unfinished, {done} done; `{command} --resume` goes on with it"
 
 
 def progress_words(rows: Sequence[Row]) -> str:
@@ -92,7 +101,7 @@ def progress_words(rows: Sequence[Row]) -> str:
     return f"{len(rows)} palpations" + (f" and {trials} trials of estimation" if trials else "")
 
 
-def refuse_resuming(folder: Path) -> None:
+def refuse_resuming(folder: Path, table: str = TABLE) -> None:
     """Refuse to go on with a session that is not there, or that goes on already.
 
     Raises:
@@ -100,17 +109,19 @@ def refuse_resuming(folder: Path) -> None:
     """
     if is_being_written(folder):
         raise PalpError(f"the session in '{folder}' goes on already: another run writes its record there")
-    if not (folder / TABLE).exists():
-        raise PalpError(f"'{folder}' has a checkpoint but no {TABLE}: restore it, or begin in another folder")
+    if not (folder / table).exists():
+        raise PalpError(f"'{folder}' has a checkpoint but no {table}: restore it, or begin in another folder")
 
 
-def refuse_without_key(summary: RunSummary) -> None:
+def refuse_without_key(asked: Mapping[str, Any]) -> None:
     """Refuse to go on with a blinded session whose key is gone: another would name other phantoms.
+
+    Args:
+        asked: Parameters of who leads it.
 
     Raises:
         PalpError: It is gone.
     """
-    asked = roles_of(summary).params("experiment")
     if asked.get("blind") and not is_sealed(asked.get("phantoms") or "") and not is_sealed(asked["key"]):
         raise PalpError(
             f"{asked['key']} is gone, and nothing else says which phantom is which: restore it, or begin in "

@@ -19,7 +19,7 @@ CHECKPOINT = "checkpoint"
 """Where an unfinished session can go on, as the launch file says."""
 
 INTERRUPTED = "interrupted"
-"""Has a table and sweeps per interruption: the palpations of the trial that was under way."""
+"""Has a folder per interruption: what had been made of the trial that was under way."""
 
 OWN_FILES = (
     TABLE,
@@ -96,6 +96,34 @@ def _tells(path: Path) -> bool:
     return True
 
 
+class FolderLock:
+    """Keeps other sessions out of the folder that one writes into; two would mix their rows."""
+
+    def __init__(self) -> None:
+        self._descriptor = -1
+
+    def take(self, folder: Path, named_by: str = "out:=") -> None:
+        """Take the folder until :meth:`release`, or the end of the process.
+
+        Raises:
+            PalpError: Another session has it.
+            OSError: It cannot be opened.
+        """
+        self._descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise PalpError(
+                f"another session is writing its record into '{folder}'; choose another {named_by}"
+            ) from None
+
+    def release(self) -> None:
+        """Let others have it."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+        self._descriptor = -1
+
+
 def is_being_written(folder: Path) -> bool:
     """Tell whether a session has the folder right now."""
     try:
@@ -109,6 +137,14 @@ def is_being_written(folder: Path) -> bool:
     finally:
         os.close(descriptor)
     return False
+
+
+def set_aside(folder: Path) -> Path:
+    """Return a new folder for what an interruption cut off: ``interrupted/1``, ``interrupted/2`` ..."""
+    place = folder / INTERRUPTED
+    kept = place / str(1 + sum(1 for _ in place.glob("*")))
+    kept.mkdir(parents=True)
+    return kept
 
 
 def refuse_input(folder: Path, path: Path, what: str) -> None:

@@ -12,7 +12,6 @@ complete. What cannot be written ends the session and is said with what is kept.
 
 import contextlib
 import csv
-import fcntl
 import io
 import json
 import logging
@@ -29,13 +28,14 @@ import numpy as np
 
 from palp_core.errors import PalpError, in_words
 from palp_core.palpation.session.session_folder import (
-    INTERRUPTED,
     SWEEPS,
     TABLE,
+    FolderLock,
     cannot_write,
     forget_replaced,
     link_latest,
     refuse_occupied,
+    set_aside,
     take_over,
 )
 from palp_core.units import Float64Array
@@ -186,7 +186,7 @@ class SessionWriter:
         labels = [f"{depth_m * 1e3:g}mm" for depth_m in depths_m] if labels is None else labels
         self._columns = _columns(labels)
         self._class_count = len(labels)
-        self._lock = -1
+        self._lock = FolderLock()
 
     def start(self, *, overwrite: bool = False) -> None:
         """Make the folder and begin a new table; other files in the folder stay.
@@ -199,7 +199,7 @@ class SessionWriter:
         """
         with self._closed_if_refused():
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._take()
+            self._lock.take(self.folder, self._named_by)
             if not overwrite:
                 refuse_occupied(self.folder)
             take_over(self.folder)
@@ -218,7 +218,7 @@ class SessionWriter:
             PalpError: The table lacks palpations, another session writes into it, or it cannot be written.
         """
         with self._closed_if_refused():
-            self._take()
+            self._lock.take(self.folder, self._named_by)
             rows = read_rows(self.folder)
             if len(rows) < row_count or any(row.row != place for place, row in enumerate(rows[:row_count])):
                 raise PalpError(
@@ -246,9 +246,8 @@ class SessionWriter:
         lines = table.read_bytes().splitlines(keepends=True)
         later = sorted(path for path in sweeps.glob("*.npz") if int(path.stem) >= row_count)
         if aside and found > row_count:
-            place = self.folder / INTERRUPTED
-            kept = place / str(1 + sum(1 for _ in place.glob("*")))
-            (kept / SWEEPS).mkdir(parents=True)
+            kept = set_aside(self.folder)
+            (kept / SWEEPS).mkdir()
             write_whole(kept / TABLE, b"".join([lines[0], *lines[row_count + 1 : found + 1]]))
             for path in later[: found - row_count]:
                 shutil.copy2(path, kept / SWEEPS / path.name)
@@ -257,21 +256,9 @@ class SessionWriter:
         for path in later:
             path.unlink()
 
-    def _take(self) -> None:
-        """Keep other sessions out of the folder until :meth:`close`; two would mix their rows."""
-        self._lock = os.open(self.folder, os.O_RDONLY)
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise PalpError(
-                f"another session is writing its record into '{self.folder}'; choose another {self._named_by}"
-            ) from None
-
     def close(self) -> None:
         """Let others have the folder; what is written stays."""
-        if self._lock >= 0:
-            os.close(self._lock)
-        self._lock = -1
+        self._lock.release()
 
     def append(self, row: Row, torque_n_m: Float64Array, rate_hz: float) -> None:
         """Add a palpation: its sweep first, then its row, so that every row has its sweep.

@@ -22,7 +22,12 @@ from palp_core.palpation.perception.strategy.markov_posterior import (
     summarise,
 )
 from palp_core.palpation.perception.strategy.markov_readings import READINGS, long_run
-from palp_core.palpation.session.human.record import EMG, emg_that_does_not_count, is_by_hand
+from palp_core.palpation.session.human.record import (
+    EMG,
+    emg_depths,
+    emg_that_does_not_count,
+    is_by_hand,
+)
 
 _LEAST_SD = 0.01
 
@@ -33,7 +38,8 @@ class EmgRecordingPath:
 
     Attributes:
         path: The file or folder.
-        depth_m: As stated; None: as the file's name says (``trial3_2mm.csv``), else not known.
+        depth_m: As stated; None: as the table of a session with a person has it; else as the file's name says
+            (``trial3_2mm.csv``); else not known.
     """
 
     path: Path
@@ -123,15 +129,13 @@ def fit(
         if places.count(source.path.resolve()) > 1:
             raise PalpError(f"{source.path}: named twice; a trial counts once")
         if is_by_hand(source.path):
-            found = run_folder(
-                source.path / EMG, mvc, choices, settings, tell, skip=emg_that_does_not_count(source.path)
-            )
+            found = _of_session(source.path, mvc, choices, settings, tell)
         elif source.path.is_dir() and not is_recording(source.path):
             found = run_folder(source.path, mvc, choices, settings, tell)
         else:
             found = [{"error": None, **trial_record(run_trial(source.path, mvc, choices, settings))}]
-        stated = source.depth_m
-        records += [{**one, "depth_m": _named_depth_m(one) if stated is None else stated} for one in found]
+        stated = {} if source.depth_m is None else {"depth_m": source.depth_m}
+        records += [{"depth_m": _named_depth_m(one), **one, **stated} for one in found]
     good = [one for one in records if not one["error"]]
     if not good:
         raise PalpError("every trial failed; see the messages above")
@@ -145,6 +149,20 @@ def fit(
         except PalpError as error:
             tell(f"{depth_m * 1e3:g} mm: {error}")
     return StrategyFit(tuple(chains), tuple(records), settings, prior_count)
+
+
+def _of_session(
+    folder: Path, mvc: Path | None, choices: Choices, settings: EmgSettings, tell: Callable[[str], None]
+) -> list[dict[str, Any]]:
+    """Return the trials of a session with a person, each with the depth that its table has."""
+    skip, depths_m = emg_that_does_not_count(folder), emg_depths(folder)
+    found = run_folder(folder / EMG, mvc, choices, settings, tell, skip=skip)
+    told = [{**one, "depth_m": depths_m.get(Path(one["file"]))} for one in found]
+    if sealed := sum(one["depth_m"] is None for one in told):
+        tell(
+            f"{folder}: the depth of {sealed} trials is sealed: of these the chain of all depths alone learns"
+        )
+    return told
 
 
 def _named_depth_m(record: dict[str, Any]) -> float | None:

@@ -101,6 +101,11 @@ def is_blinded(rows: Iterable[OfADepth]) -> bool:
     return any(row.depth_m is not None and stands_for_a_depth(row.depth_m) for row in rows)
 
 
+def ran_blinded(summary: RunSummary) -> bool:
+    """Tell whether a node of a run was blinded: a record that has no row yet tells nothing."""
+    return any(one.get("blind") is True for one in summary.params.values())
+
+
 def refuse_blinded(rows: Iterable[OfADepth], where: Path) -> None:
     """Refuse what would tell how a blinded session went.
 

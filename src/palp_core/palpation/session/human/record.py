@@ -7,15 +7,17 @@
     OUT/emg/S01/training/01_2mm.npz          the EMG of a trial, raw
     OUT/emg/S01/estimation/01_2mm.npz        likewise; a second attempt has 01b
     OUT/emg_discarded/S01/...                contractions and trials that were done again
+    OUT/interrupted/1/...                    table and EMG of the trial that was under way at an interruption
     OUT/identity.json                        who it was, in codes; for nobody else to read
 
 ``palp markov fit OUT`` learns the subject's chains from what counts.
 """
 
+import contextlib
 import csv
 import io
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,10 +26,10 @@ import numpy as np
 
 from palp_core.errors import PalpError
 from palp_core.palpation.session.decided.audit import left_out
-from palp_core.palpation.session.session_folder import cannot_write, link_latest
+from palp_core.palpation.session.session_folder import FolderLock, cannot_write, link_latest, set_aside
 from palp_core.palpation.session.trials_csv import read_table
 from palp_core.units import Float64Array
-from palp_core.whole_file import whole_file, write_json
+from palp_core.whole_file import whole_file, write_json, write_whole
 
 HUMAN_TABLE = "human_trials.csv"
 IDENTITY = "identity.json"
@@ -123,6 +125,7 @@ class HumanWriter:
 
     def __init__(self, out: str) -> None:
         self.folder = Path(out)
+        self._lock = FolderLock()
 
     def start(self) -> None:
         """Begin a new table.
@@ -132,12 +135,64 @@ class HumanWriter:
                 ever replaced.
         """
         refuse_human(self.folder)
-        try:
+        with self._closed_if_refused():
             self.folder.mkdir(parents=True, exist_ok=True)
+            self._lock.take(self.folder)
             self._append(HumanRow.__struct_fields__, os.O_CREAT | os.O_EXCL)
             link_latest(self.folder)
+
+    def go_on(self, row_count: int, *, aside: bool) -> None:
+        """Go on with what an interrupted session has left, as it was after so many rows.
+
+        Args:
+            row_count: How many; what came later is of the trial that was under way, which is done again.
+            aside: That is kept, in a folder of its own; else it is made again as it was, in its place.
+
+        Raises:
+            PalpError: The table lacks rows, another session writes into it, or it cannot be written.
+        """
+        with self._closed_if_refused():
+            self._lock.take(self.folder)
+            rows = read_human(self.folder)
+            if [row.row for row in rows[:row_count]] != list(range(row_count)):
+                raise PalpError(
+                    f"{self.folder / HUMAN_TABLE} cannot be gone on with: it has {len(rows)} trials, and the "
+                    f"session had come to {row_count}; restore the table, or begin anew in another folder"
+                )
+            if aside:
+                self._set_aside(rows[:row_count], rows[row_count:])
+            write_whole(self.folder / HUMAN_TABLE, human_table_text(rows[:row_count]))
+            link_latest(self.folder)
+
+    @contextlib.contextmanager
+    def _closed_if_refused(self) -> Iterator[None]:
+        """Let go of the folder if it cannot be begun or gone on with, and say why."""
+        try:
+            yield
         except OSError as error:
+            self.close()
             raise cannot_write(self.folder, error) from error
+        except PalpError:
+            self.close()
+            raise
+
+    def _set_aside(self, rows: Sequence[HumanRow], later: Sequence[HumanRow]) -> None:
+        """Move away what is of no row that stays: a row more, EMG whose trial was not over."""
+        kept = {row.emg for row in rows}
+        found = (path for name in (EMG, DISCARDED) for path in sorted(self.folder.glob(f"{name}/*/*/*.npz")))
+        loose = [path for path in found if str(path.relative_to(self.folder)) not in kept]
+        if not later and not loose:
+            return
+        place = set_aside(self.folder)
+        write_whole(place / HUMAN_TABLE, human_table_text(later))
+        for path in loose:
+            target = place / path.relative_to(self.folder)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            path.rename(target)
+
+    def close(self) -> None:
+        """Let others have the folder; what is written stays."""
+        self._lock.release()
 
     def identity(self, subject: str, consent: str, **more: Any) -> None:
         """Write who it was, in codes.
@@ -198,8 +253,12 @@ class HumanWriter:
         )
 
 
-def refuse_human(folder: Path) -> None:
+def refuse_human(folder: Path, ways_on: str = "give this one another folder, out:=NAME") -> None:
     """Refuse a folder that holds a session with a person, or another.
+
+    Args:
+        folder: The folder.
+        ways_on: What to do about it.
 
     Raises:
         PalpError: It does.
@@ -208,7 +267,7 @@ def refuse_human(folder: Path) -> None:
         if (folder / name).exists():
             raise PalpError(
                 f"'{folder}' holds a session already ({name}), and what a person did is never overwritten: "
-                "give this one another folder, out:=NAME"
+                f"{ways_on}"
             )
 
 
@@ -249,6 +308,15 @@ def emg_that_does_not_count(out: Path) -> set[Path]:
     """
     decided = left_out(out)
     return {out / row.emg for row in read_human(out) if row.emg and row.trial in decided}
+
+
+def emg_depths(out: Path) -> dict[Path, float | None]:
+    """Return the depth of each trial's EMG by its file, m; None where it is sealed.
+
+    Raises:
+        PalpError: The record cannot be read.
+    """
+    return {out / row.emg: row.depth_m for row in read_human(out) if row.emg}
 
 
 _OPTIONAL = {"depth_m", "answer_s", "answer_mm", "estimate_m"}

@@ -14,7 +14,7 @@ from palp_core.errors import PalpError
 from palp_core.palpation.session import run_note
 from palp_core.palpation.session.human.record import HUMAN_TABLE, is_by_hand, read_human, refuse_human
 from palp_core.palpation.session.human.sheet import asked_sheet
-from palp_core.palpation.session.session_folder import RUN, cannot_write
+from palp_core.palpation.session.session_folder import CHECKPOINT, RUN, cannot_write
 from palp_core.palpation.session.sheet.of_run import (
     refuse_own_sheet,
     sheet_lines,
@@ -41,8 +41,12 @@ class HumanReport:
         Raises:
             PalpError: It would, the run names no folder, or the session's sheet is missing or wrong.
         """
-        refuse_own_sheet(run_note.out_of(summary))
-        refuse_human(run_note.out_of(summary))
+        folder = run_note.out_of(summary)
+        if summary.resumed_count:
+            _refuse_resuming(folder, summary)
+            return
+        refuse_own_sheet(folder)
+        refuse_human(folder, _ways_on(folder))
         asked_sheet(summary)
 
     def attach(self, summary: RunSummary) -> dict[str, str]:
@@ -73,7 +77,7 @@ class HumanReport:
             write_json(folder / RUN, summary)
             write_copy(summary, folder)
             if not is_by_hand(folder) or not read_human(folder):
-                return f"Nothing is kept: no trial was made in '{folder}'."
+                return f"No trial was made in '{folder}': begin again in another folder, out:=NAME."
             return write_human([folder], folder, sheet_of(summary))
         except OSError as error:
             raise PalpError(
@@ -82,6 +86,28 @@ class HumanReport:
 
 
 session = HumanReport()
+
+
+def _ways_on(folder: Path) -> str:
+    """Return what to do about a folder that holds a session; one that is unfinished can go on."""
+    others = "give this one another folder, out:=NAME"
+    if not (folder / CHECKPOINT).exists():
+        return others
+    try:
+        return f"{run_note.unfinished_words(folder, f'{len(read_human(folder))} trials')}. Or {others}"
+    except PalpError:
+        return others
+
+
+def _refuse_resuming(folder: Path, summary: RunSummary) -> None:
+    """Refuse to go on with a session that is not there, that goes on already, or whose key is gone.
+
+    Raises:
+        PalpError: It is so.
+    """
+    run_note.refuse_resuming(folder, HUMAN_TABLE)
+    for asked in summary.params.values():
+        run_note.refuse_without_key(asked)
 
 
 def write_human(folders: list[Path], out: Path, sheet: SessionSheet | None = None) -> str:

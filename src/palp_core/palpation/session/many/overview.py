@@ -13,7 +13,7 @@ from typing import Any, Literal
 from palp_core.errors import PalpError
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.session.decided.audit import left_out
-from palp_core.palpation.session.decided.blind import is_blinded
+from palp_core.palpation.session.decided.blind import is_blinded, ran_blinded
 from palp_core.palpation.session.human.record import is_by_hand, read_human
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, read_session
 from palp_core.palpation.session.result_json import how_far
@@ -23,6 +23,9 @@ from palp_core.palpation.session.session_folder import REPLACED, RUN, SWEEPS, TA
 from palp_core.palpation.session.sheet.of_run import sheet_of
 from palp_core.palpation.session.sheet.sheet import NONE, SessionSheet
 from palp_core.palpation.session.trials_csv import read_rows
+
+PUBLISHED = "naive"
+"""The filter that goes without saying."""
 
 _OF_ONE = ("out", "key", "overwrite", "session", "seed", "host", "folder", "options", "stop_url", "verified")
 
@@ -109,7 +112,8 @@ def _entry(folder: Path) -> SessionEntry:
         running = summary.exit_code < 0 and summary.ended == "it is still running"
         if not (folder / TABLE).exists() and not running and not (folder / SWEEPS).exists():
             return SessionEntry(folder, "empty", "nothing was recorded", began, sheet)
-        if is_blinded(rows := read_rows(folder)):
+        rows = read_rows(folder)
+        if is_blinded(rows) or (not rows and ran_blinded(summary)):
             words = f"blinded: {len(rows)} palpations; when all is done: palp session unseal"
             return SessionEntry(folder, "blinded", words, began, sheet)
         return _read(folder, summary, sheet, began, running=running)
@@ -122,7 +126,9 @@ def _of_person(folder: Path, summary: RunSummary, began: str) -> SessionEntry:
     rows = read_human(folder)
     subjects = ", ".join(sorted({row.subject for row in rows})) or NONE
     end = "whole" if summary.exit_code == 0 else f"unfinished, because: {summary.ended}"
-    words = f"with a person, {len(rows)} trials, {end}"
+    sealed = sum(row.depth_m is None for row in rows)
+    blinded = f", {sealed} of them blinded" if sealed else ""
+    words = f"with a person, {len(rows)} trials{blinded}, {end}"
     sheet = SessionSheet(lab="", operator=NONE, subject=subjects)
     return SessionEntry(folder, "person", words, began, sheet, excluded=left_out(folder))
 
@@ -153,7 +159,12 @@ def _design(session: RecordedSession, roles: Roles) -> str:
     )
     swaps = f", then {experiment['swaps']}" if experiment.get("swaps") else ""
     depths = ", ".join(f"{1e3 * one:g}" for one in session.depths_m)
-    reading = roles.params("estimator").get("reading", "feature")
+    estimator = roles.params("estimator")
+    reading = estimator.get("reading", "feature")
+    if estimator.get("filter", PUBLISHED) != PUBLISHED:
+        reading += f", filter {estimator['filter']}"
+    if estimator.get("height_stays", "trial") != "trial":
+        reading += f", height stays a {estimator['height_stays']}"
     touch = f"world {roles.params('phantom').get('world', 'paper')}" if roles.touch_simulated else "the rig"
     return f"{policy}{swaps}; {reading}; {depths} mm; {touch}"
 

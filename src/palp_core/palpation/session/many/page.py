@@ -26,7 +26,7 @@ def rows_of(entries: Sequence[SessionEntry], folder: Path) -> list[list[str]]:
             entry.began or "-",
             entry.who,
             entry.words,
-            str(len(entry.trials)),
+            str(len(entry.trials)) if entry.design else "-",
             str(len(entry.excluded)) if entry.excluded else "-",
             entry.design or "-",
         ]
