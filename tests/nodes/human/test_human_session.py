@@ -24,7 +24,7 @@ STRENGTH_V = {"rest": 1e-6, "mvc": 300e-6, "palpation": 100e-6, "pause": 1e-6}
 class Lab:
     """A session on a bench with an amplifier and an operator, both in the test's hands."""
 
-    def __init__(self, out: Path, **params: Any) -> None:
+    def __init__(self, out: Path, *, active: bool = True, **params: Any) -> None:
         self.out = out
         self.rng = np.random.default_rng(1)
         given = {
@@ -35,7 +35,8 @@ class Lab:
             "mvc_s": 1.0,
             "quiet_s": 1.0,
         }
-        self.bench = Bench(HumanSession, given | {"subject": "S01", "consent": "C-1"} | params)
+        who = {"subject": "S01", "consent": "C-1"}
+        self.bench = Bench(HumanSession, given | who | params, active=active)
         self.gain = 1.0
 
     @property

@@ -73,8 +73,7 @@ def unseal(folder: Path, reason: str, key: Path | None = None) -> OpenedKey:
     Raises:
         PalpError: It is not blinded, still under way, or of another key; nothing was changed then.
     """
-    if is_being_written(folder):
-        raise PalpError(f"'{folder}' is still being written: a session is unsealed when it is over")
+    _refuse_running(folder)
     rows = read_rows(folder)
     if not is_blinded(rows):
         raise PalpError(f"'{folder}' is not sealed")
@@ -102,8 +101,9 @@ def unseal_by_hand(folder: Path, reason: str, key: Path | None = None) -> Opened
     The arguments are those of :func:`unseal`.
 
     Raises:
-        PalpError: It is not blinded, or of another key; nothing was changed then.
+        PalpError: It is not blinded, still under way, or of another key; nothing was changed then.
     """
+    _refuse_running(folder)
     rows = read_human(folder)
     if all(row.depth_m is not None for row in rows):
         raise PalpError(f"'{folder}' is not sealed")
@@ -122,6 +122,11 @@ def unseal_by_hand(folder: Path, reason: str, key: Path | None = None) -> Opened
     _write_opened(folder, opened)
     write_whole(folder / HUMAN_TABLE, human_table_text(told))
     return opened
+
+
+def _refuse_running(folder: Path) -> None:
+    if is_being_written(folder):
+        raise PalpError(f"'{folder}' is still being written: a session is unsealed when it is over")
 
 
 def _write_opened(folder: Path, opened: OpenedKey) -> None:

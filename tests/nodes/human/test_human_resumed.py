@@ -1,0 +1,95 @@
+"""A session with a person goes on where it was interrupted; operator and amplifier begin anew."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from nodes.human.session import HumanSession
+from palp_core.errors import NodeError, PalpError
+from palp_core.graph.node.lifecycle import Transition
+from palp_core.graph.process.checkpoint import restore_alone
+from palp_core.graph.process.keeping import Keeping
+from palp_core.palpation.session.human.questions import QUESTION
+from palp_core.palpation.session.human.record import HUMAN_TABLE, HumanRow, read_human, refuse_human
+from palp_core.palpation.session.operating.unsealing import unseal_by_hand
+from tests.nodes.human.test_human_session import Lab
+
+
+def whole_trial(lab: Lab) -> None:
+    lab.trial()
+    if lab.prompt.text.startswith(QUESTION):
+        assert lab.say("4").taken
+
+
+def interrupted(out: Path, trials: int) -> bytes:
+    """Make so many trials and most of another; return what was kept after the last whole one."""
+    lab, kept = Lab(out), b""
+
+    def keep(_: int, node: bytes) -> None:
+        nonlocal kept
+        kept = node
+
+    keeping = Keeping(lab.bench.executor, "/node/result", keep)
+    lab.calibrate()
+    for _ in range(trials):
+        whole_trial(lab)
+        keeping.turn()
+    lab.trial()
+    lab.bench.node.record.close()  # as the end of its process does
+    return kept
+
+
+def resumed(out: Path, kept: bytes) -> Lab:
+    lab = Lab(out, active=False)
+    lab.bench.executor.transition(Transition.CONFIGURE)
+    restore_alone(lab.bench.executor, kept)
+    lab.bench.executor.transition(Transition.ACTIVATE)
+    return lab
+
+
+def said(rows: list[HumanRow]) -> list[tuple[int, int, str, int, str, str]]:
+    return [(one.row, one.trial, one.phase, one.number, one.phantom, one.emg) for one in rows]
+
+
+@pytest.mark.parametrize("trials", [1, 2, 3, 4, 5])
+def test_no_trial_is_lost_or_there_twice(trials: int, tmp_path: Path) -> None:
+    whole = Lab(tmp_path / "whole")
+    whole.calibrate()
+    for _ in range(6):
+        whole_trial(whole)
+    out = tmp_path / "out"
+    kept = interrupted(out, trials)
+    before = {path: path.read_bytes() for path in (out / "emg").rglob("*.npz")}
+    lab = resumed(out, kept)
+    assert lab.bench.sent(HumanSession.cue)[0].phase == "pause"
+    assert "Give phantom" in lab.prompt.text
+    for _ in range(6 - trials):
+        whole_trial(lab)
+    assert "over" in lab.prompt.text
+    assert said(read_human(out)) == said(read_human(tmp_path / "whole"))
+    kept_aside = [path.relative_to(out / "interrupted/1") for path in (out / "interrupted").rglob("*.npz")]
+    assert [path.parts[:2] for path in kept_aside] == [("emg", "S01")]
+    assert (out / "interrupted/1" / kept_aside[0]).read_bytes() == before[out / kept_aside[0]]
+    same = {path for path, data in before.items() if path.read_bytes() == data}
+    assert before.keys() - same == {out / kept_aside[0]}
+    assert {"rest.npz", "mvc.npz"} <= {path.name for path in same}
+
+
+def test_what_lacks_trials_or_goes_on_already_is_not_gone_on_with(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    kept = interrupted(out, 2)
+    lines = (out / HUMAN_TABLE).read_text().splitlines(keepends=True)
+    (out / HUMAN_TABLE).write_text("".join(lines[:2]))
+    with pytest.raises(NodeError, match="it has 1 trials, and the session had come to 2"):
+        resumed(out, kept)
+    (out / HUMAN_TABLE).write_text("".join(lines))
+    lab = resumed(out, kept)
+    with pytest.raises(NodeError, match="another session is writing"):
+        resumed(out, kept)
+    with pytest.raises(PalpError, match="unsealed when it is over"):
+        unseal_by_hand(out, "too early")
+    lab.bench.node.record.close()
+    with pytest.raises(PalpError, match="never overwritten"):
+        refuse_human(out)
