@@ -63,6 +63,20 @@ def test_a_pendulum_is_held_beside_and_after_the_swap_on_what_is_asked_for(
     assert (tmp_path / "out" / "pendulum.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_driver_of_a_lab_tares_tells_of_loss_and_of_silence_and_recovers(
+    palp: Palp, tmp_path: Path
+) -> None:
+    done = run(palp, tmp_path, sys.executable, EXAMPLES / "driver" / "try_it.py")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == [
+        "500 samples and more, 1.5 N mm",
+        "tared, then loaded: 30.0 N mm",
+        "50 samples left out: a gap",
+        "health: stale",
+        "health: ok",
+    ]
+
+
 def test_clients_of_few_lines_read_publish_and_call(palp: Palp, tmp_path: Path) -> None:
     done = run(palp, tmp_path, EXAMPLES / "interop" / "run.sh")
     assert done.returncode == 0, done.stderr
