@@ -1,7 +1,7 @@
-"""The amplifier, made up: it writes a line for each sample to a pseudo-terminal, at its rate.
+"""The amplifier, made up: a line for each sample, on a pseudo-terminal, at its rate.
 
-``python amplifier.py`` prints the terminal's name and goes on until the end of its input; say ``load COUNTS``,
-``silence``, ``skip`` or ``speak`` to it.
+``python amplifier.py`` prints the terminal's name and goes on until the end of its input; say ``load
+COUNTS``, ``silence``, ``skip`` or ``speak`` to it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A driver of a device that palp does not know: a load cell whose amplifier sends a line for each sample.
 
-A launch file of the rig has it by ``device: load_cell:LoadCell`` in a workspace that has this file; its options
-are the fields below.
+A launch file of the rig has it by ``device: load_cell:LoadCell`` in a workspace that has this file; its
+options are the fields below.
 """
 
 from __future__ import annotations
