@@ -8,8 +8,9 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 from hatchling.metadata.plugin.interface import MetadataHookInterface
 
-RIG = ("nodes", "msgs", "launch")
-"""Folders of the repository that travel below ``palp_core/workspace``: no package is called ``nodes``."""
+RIG = ("nodes", "msgs", "launch", "tests/golden/session.mcap")
+"""What travels below ``palp_core/workspace``, so that no package is called ``nodes``; the recording is what
+``launch/replay.yaml`` plays."""
 
 _LINK = re.compile(r"(?P<picture>!?)\[(?P<text>[^\]\[]*)\]\((?P<to>[^)\s]+)\)")
 _FENCE = re.compile(r"(^```.*?^```$)", re.DOTALL | re.MULTILINE)

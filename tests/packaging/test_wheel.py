@@ -127,6 +127,7 @@ def test_the_wheel_has_all_of_the_package_and_the_rig_within_it(built: Path) -> 
     assert {f"palp_core/{name}" for name in _python_files(ROOT / "src/palp_core")} <= names
     for folder in TRAVELS:
         assert {f"palp_core/workspace/{folder}/{name}" for name in _python_files(ROOT / folder)} <= names
+    assert "palp_core/workspace/tests/golden/session.mcap" in names  # which launch/replay.yaml plays
     assert not [name for name in names if "__pycache__" in name]
 
 

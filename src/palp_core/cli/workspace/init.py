@@ -1,11 +1,15 @@
 """``palp init``."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from palp_core.cli.output import print_text
+
+RECORDED = "tests/golden/session.mcap"
+"""What ``launch/replay.yaml`` of the rig plays, if it is given nothing else."""
 
 _SHOWN = 3
 
@@ -37,14 +41,15 @@ def init(
         contents.update(texts("rig" if rig else "default", values))
     if rig:
         source = underlay("rig").folder
-        for part in ("nodes", "msgs", "launch"):
-            for path in sorted((source / part).rglob("*")):
-                if path.is_file() and path.suffix != ".pyc":
-                    contents[path.relative_to(source)] = path.read_bytes()
+        found = [path for part in ("nodes", "msgs", "launch") for path in sorted((source / part).rglob("*"))]
+        for path in (*found, source / RECORDED):
+            if path.is_file() and path.suffix != ".pyc":
+                contents[path.relative_to(source)] = path.read_bytes()
         launch, first = "launch/sim.yaml trials:=2 training:=5 --compose", "nodes/policy_markov.py"
     write_new(folder, contents)
     print_text(f"{folder}: {len(contents)} files; look at {folder / first} first")
-    print_text(f"  cd {folder}\n  palp launch {launch}" + ("" if minimal else "\n  pytest"))
+    go = "" if folder.resolve() == Path.cwd() else f"  cd {shlex.quote(str(folder))}\n"
+    print_text(f"{go}  palp launch {launch}" + ("" if minimal else "\n  pytest"))
 
 
 def _check_empty(folder: Path) -> None:

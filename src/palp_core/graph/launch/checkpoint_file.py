@@ -15,6 +15,7 @@ from palp_core.graph.launch.diagnostics import Incident
 from palp_core.graph.launch.methods_told import MethodTold
 from palp_core.graph.node.loading import source_of
 from palp_core.graph.recording.provenance import versions
+from palp_core.graph.workspaces.underlays import SHARED, underlays
 from palp_core.sealing import opened
 from palp_core.sealing import sealed as seal
 from palp_core.whole_file import PRIVATE, read_whole, write_whole
@@ -226,6 +227,9 @@ def _sources(checked: CheckedGraph) -> dict[str, str]:
         files.add(path)
         if path.is_relative_to(workspace) and path.parent != workspace:
             files.update((workspace / path.relative_to(workspace).parts[0]).rglob("*.py"))
+        for one in underlays():
+            if path.is_relative_to(one.folder / "nodes"):
+                files.update(file for kind in SHARED for file in (one.folder / kind).rglob("*.py"))
     files.update((workspace / "msgs").rglob("*.py"))
     package = Path(__file__).parents[2]
     own = sorted(package.rglob("*.py"))

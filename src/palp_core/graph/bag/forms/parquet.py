@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from palp_core.errors import BagError
+from palp_core.extras import install_line
 from palp_core.graph.bag.forms.tables import new_folder, rows, table_name
 from palp_core.graph.bag.reader import Bag
 
@@ -25,7 +26,7 @@ def write(bag: str | Path, out: str | Path) -> int:
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError as error:
-        raise BagError("Parquet needs pyarrow: pip install pyarrow") from error
+        raise BagError(f"Parquet needs pyarrow; type: {install_line('parquet')}") from error
     folder = new_folder(out)
     tables: dict[str, Any] = {}
     waiting: dict[str, list[dict[str, Any]]] = {}
