@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from palp_core.errors import BagError, SchemaMismatch
+from palp_core.extras import install_line
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.ros2.definitions import ROS2_KEY, Definitions, empty, standard
 from palp_core.graph.bag.ros2.values import writer as cdr_writer
@@ -100,8 +101,10 @@ def write(bag: str | Path, out: str | Path, outlets: OutletsOf | None = None) ->
         BagDamaged: The bag is damaged.
     """
     definitions = empty() if outlets is None else standard()
-    from rosbags.rosbag2 import StoragePlugin, Writer
-
+    try:
+        from rosbags.rosbag2 import StoragePlugin, Writer
+    except ImportError as error:
+        raise BagError(f"ROS 2's bags need rosbags: {install_line('ros2')}") from error
     if Path(out).exists():
         raise BagError(f"{out} exists already: choose another name")
     try:
