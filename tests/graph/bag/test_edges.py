@@ -179,7 +179,7 @@ def test_ros_2_says_what_it_needs(bag: Path, tmp_path: Path, monkeypatch: pytest
     with pytest.raises(BagError, match="exists already"):
         convert(bag, tmp_path, BagForm.ROS2)
     monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
-    with pytest.raises(BagError, match="palp-core.ros2"):
+    with pytest.raises(BagError, match=r"palp-core\[ros2\]"):
         convert(bag, tmp_path / "ros", BagForm.ROS2)
 
 
