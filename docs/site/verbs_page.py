@@ -68,12 +68,12 @@ def _row(parameter: Any, context: Any) -> str:
     if record is None:
         return ""
     names, text = record
-    said = _cell(text).replace("<", "&lt;").replace("[", r"\[")
-    return f"| `{_cell(names)}` | {said} |\n"
+    said = _flat(text).replace("|", r"\|").replace("<", "&lt;").replace("[", r"\[")
+    return f"| `{_flat(names)}` | {said} |\n"  # a bar within code divides no cells
 
 
-def _cell(text: str) -> str:
-    return re.sub(r"\s+", " ", text).replace("|", r"\|").strip()
+def _flat(text: str) -> str:
+    return re.sub(r"\s+", " ", text).strip()
 
 
 def _prose(text: str) -> str:

@@ -6,14 +6,10 @@ import ast
 import importlib
 import inspect
 import re
-import subprocess
-import sys
 import zlib
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
-
-import pytest
 
 from docs.site.scene_page import SECTIONS as SCENE_SECTIONS
 from docs.site.units_page import quantities
@@ -21,7 +17,7 @@ from palp_core import units
 from palp_core.cli.lazy import LazyGroup, load
 from palp_core.cli.main import app
 from palp_core.graph.description.keys import SECTIONS
-from tests.support.palp import PATIENCE_S, ROOT
+from tests.support.palp import ROOT
 
 DOCS = ROOT / "docs"
 FACES = (
@@ -33,19 +29,6 @@ FACES = (
     "palp_core.palpation.mechanics.contact",
 )
 """Modules whose ``__all__`` is for others."""
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Build the site."""
-    folder = tmp_path_factory.mktemp("site")
-    done = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", folder],
-        cwd=ROOT, env={"NO_MKDOCS_2_WARNING": "1", "PYTHONPATH": str(ROOT / "src")},
-        capture_output=True, text=True, check=False, timeout=PATIENCE_S,
-    )  # fmt: skip
-    assert (done.returncode, done.stdout + done.stderr) == (0, "")
-    return folder
 
 
 class Addresses(HTMLParser):
@@ -69,7 +52,7 @@ class Addresses(HTMLParser):
 def test_a_page_has_a_browser_fetch_nothing_from_elsewhere(site: Path) -> None:
     outside = re.compile(r"^(https?:)?//")
     pages = sorted(site.rglob("*.html"))
-    assert len(pages) > 25
+    assert len(pages) > 45
     for page in pages:
         found = Addresses()
         text = page.read_text(encoding="utf-8")
@@ -152,6 +135,12 @@ def inventory(site: Path) -> set[str]:
     """Return every name of Python's that the site has an entry for."""
     raw = (site / "objects.inv").read_bytes().split(b"\n", 4)[4]
     return {line.split()[0] for line in zlib.decompress(raw).decode().splitlines()}
+
+
+def test_what_a_flag_takes_is_written_as_it_is_typed(site: Path) -> None:
+    text = text_of(site, "reference/verbs.html")
+    assert "--probation N|Ss" in text
+    assert "\\" not in text.split("palp launch", 1)[1].split("palp run", 1)[0]
 
 
 def imported_in_docs() -> set[str]:

@@ -77,7 +77,7 @@ class Context(typing.Protocol):
 
 
 class Node(LifecycleHooks):
-    """Base of all nodes. Subclasses declare ports, parameters, state and handlers; see the README's example.
+    """Base of all nodes. Subclasses declare ports, parameters, state and handlers; the tutorial has one.
 
     Attributes:
         moves: The node commands motion: it is brought to a safe state first when a graph ends.

@@ -112,7 +112,7 @@ def read_scene(path: str | Path) -> Scene:
         MechanicsError: As the module says, or a value is out of range.
     """
     root = read_mapping(path, "scene")
-    fields = root.items("the scene", ("phantom", "probe", "path", "ring_m", "tolerance", "budget_s"))
+    fields = root.items("the scene", _keys(Scene))
     given: dict[str, Any] = {}
     if "phantom" in fields:
         given["phantom"] = phantom_of(fields["phantom"], "phantom")
@@ -135,7 +135,7 @@ def phantom_of(node: SceneNode, what: str) -> Phantom:
     Raises:
         MechanicsError: An unknown key, no number, or a value out of range.
     """
-    fields = node.items(what, ("modulus_pa", "poisson", "height_m", "bead"))
+    fields = node.items(what, _keys(Phantom))
     given: dict[str, Any] = {name: f.number(name) for name, f in fields.items() if name != "bead"}
     if "bead" in fields:
         bead = fields["bead"]
@@ -149,8 +149,13 @@ def phantom_of(node: SceneNode, what: str) -> Phantom:
     return _made(node, places, Phantom, given)
 
 
+def _keys(kind: type) -> list[str]:
+    """Return the keys of what fills a class; its docstring is what the reference says of them."""
+    return [field.name for field in dataclasses.fields(kind)]
+
+
 def _tolerance(node: SceneNode) -> Tolerance:
-    fields = node.items("tolerance", ("output", "relative", "depths_m", "strain"))
+    fields = node.items("tolerance", _keys(Tolerance))
     given: dict[str, Any] = {}
     if "output" in fields:
         given["output"] = fields["output"].text
@@ -169,8 +174,7 @@ def _tolerance(node: SceneNode) -> Tolerance:
 
 def _struct(node: SceneNode, what: str, kind: type[T]) -> T:
     """Return a dataclass of numbers, and of words where a default is one."""
-    known = [field.name for field in dataclasses.fields(kind)]  # type: ignore[arg-type]
-    fields = node.items(what, known)
+    fields = node.items(what, _keys(kind))
     for field in dataclasses.fields(kind):  # type: ignore[arg-type]
         if field.name not in fields and field.default is dataclasses.MISSING:
             raise node.error(f"{what} needs {field.name}")
