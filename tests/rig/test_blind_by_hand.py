@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from palp_core.cli.main import app as palp
 from palp_core.cli.rig import markov
 from palp_core.cli.session.session import app
 from palp_core.graph.bag.reader import Bag
@@ -17,6 +18,8 @@ from palp_core.graph.problems import GraphProblems
 from palp_core.palpation.mechanics.scene.sealed import own_codes, standing
 from palp_core.palpation.session.decided.audit import decisions
 from palp_core.palpation.session.human.record import HumanRow, read_human
+from palp_core.palpation.session.many.overview import find_sessions
+from palp_core.palpation.session.many.page import rows_of
 from palp_core.palpation.session.operating.unsealing import SEALED_HUMAN_TABLE
 from tests.rig.test_human import HUMAN, session
 from tests.support.rig_session import check_here
@@ -64,6 +67,21 @@ def test_unsealed_it_has_the_depths_and_what_was_written_before_is_kept(out: Pat
     assert [one["depth_m"] for one in learnt["trials"]] == [row.depth_m for row in by_file(rows)]
     again = CliRunner().invoke(app, ["unseal", str(copy), "--reason", "again"])
     assert "is not sealed" in str(again.exception)
+
+
+def test_a_folder_of_sessions_tells_that_it_is_blinded_and_its_report_is_made_again(
+    out: Path, tmp_path: Path
+) -> None:
+    copy = Path(shutil.copytree(out, tmp_path / "copy"))
+    (entry,) = find_sessions(copy)
+    assert entry.words == "with a person, 6 trials, 3 of them blinded, whole"
+    assert rows_of([entry], copy)[1][4] == "-"
+    (copy / "human.html").unlink()
+    done = CliRunner().invoke(palp, ["report", str(copy)])
+    assert done.exit_code == 0, done.output
+    assert (copy / "human.html").exists()
+    analysed = CliRunner().invoke(palp, ["emg", "analyse", str(copy), "--json"])
+    assert {one["subject"] for one in json.loads(analysed.stdout)["trials"]} == {"S01"}
 
 
 def by_file(rows: list[HumanRow]) -> list[HumanRow]:

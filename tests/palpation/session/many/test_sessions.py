@@ -166,6 +166,33 @@ def test_sessions_of_one_subject_alone_are_the_unit_and_speak_for_that_subject(t
     assert group["remarks"] == ["all sessions are of S01: what they say speaks for this subject only"]
 
 
+def test_sessions_with_other_filters_are_groups_of_their_own_and_compared_within_seeds(
+    tmp_path: Path,
+) -> None:
+    for seed, (naive, latent) in enumerate([([True, False], [True, True])] * 3):
+        session(tmp_path, f"naive_{seed}", naive, seed=seed)
+        out = session(tmp_path, f"latent_{seed}", latent, seed=seed)
+        note = json.loads((out / "run.json").read_text())
+        note["params"]["estimator"] |= {"filter": "latent", "height_stays": "mounting"}
+        write_json(out / "run.json", note)
+    record = pool(find_sessions(tmp_path))
+    designs = sorted(one["design"].partition("; 2,")[0] for one in record["groups"])
+    assert designs == ["markov; feature", "markov; feature, filter latent, height stays a mounting"]
+    (difference,) = record["differences"]
+    assert abs(difference["difference"]["value"]) == pytest.approx(0.5)
+
+
+def test_a_blinded_session_that_has_no_palpation_yet_is_no_damaged_one(tmp_path: Path) -> None:
+    out = session(tmp_path, "one", [True], exit_code=1)
+    table = out / "trials.csv"
+    table.write_text(table.read_text(encoding="utf-8").partition("\n")[0] + "\n", encoding="utf-8")
+    note = json.loads((out / "run.json").read_text())
+    note["params"]["experiment"] |= {"blind": True}
+    write_json(out / "run.json", note)
+    (entry,) = find_sessions(tmp_path)
+    assert (entry.state, entry.words.partition(";")[0]) == ("blinded", "blinded: 0 palpations")
+
+
 def test_a_blinded_session_is_listed_and_neither_pooled_nor_exported_nor_redacted(tmp_path: Path) -> None:
     out = session(tmp_path, "one", [True, False])
     table = (out / "trials.csv").read_text(encoding="utf-8").splitlines()
