@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 
 import palp_core
+from benchmarks.install import first_run, install
 from palp_core import extras
 from tests.support.palp import PATIENCE_S, ROOT
 
@@ -112,6 +113,17 @@ def test_an_installed_palp_writes_a_workspace_that_runs_and_derives_from_the_rig
     same, one, where = _outside(installed, lab, "python", "-c", program).split()
     assert (same, one) == ("True", "True")
     assert Path(where).is_relative_to(installed.parent)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("extra", ["", "rig"])
+def test_a_clean_environment_has_all_that_a_first_run_needs(built: Path, tmp_path: Path, extra: str) -> None:
+    """With the network, and nothing borrowed."""
+    (wheel,) = built.glob("*.whl")
+    (tmp_path / "at").mkdir()
+    install(sys.executable, wheel, extra, tmp_path / "venv")
+    first_run(tmp_path / "venv", extra, tmp_path / "at")
+    assert {path.name for path in (tmp_path / "at").iterdir()} == ({"results"} if extra else {"first"})
 
 
 def _python_files(folder: Path) -> set[str]:

@@ -1,0 +1,60 @@
+"""The base alone: graphs of one's own work, and what needs more says in one line what to install."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from palp_core import extras
+from tests.support.palp import CHAIN, PATIENCE_S, Palp
+
+RUN = "from palp_core.__main__ import main; main()"
+
+
+@pytest.fixture
+def base(tmp_path: Path, palp: Palp) -> dict[str, str]:
+    """Return surroundings in which no extra is installed, for every process that is started in them."""
+    lacking = f"import sys\nsys.modules.update(dict.fromkeys({sorted(extras._EXTRA_OF)!r}))\n"
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site/sitecustomize.py").write_text(lacking, encoding="utf-8")
+    before = [os.environ[name] for name in ("PYTHONPATH",) if os.environ.get(name)]
+    return palp.environment | {"PYTHONPATH": os.pathsep.join([str(tmp_path / "site"), *before])}
+
+
+def said(base: dict[str, str], folder: Path, *words: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", RUN, *map(str, words)],
+        cwd=folder, env=base, capture_output=True, text=True, check=False, timeout=PATIENCE_S,
+    )  # fmt: skip
+
+
+def test_a_graph_of_ones_own_runs_is_recorded_and_looked_into(base: dict[str, str], tmp_path: Path) -> None:
+    launched = said(base, tmp_path, "launch", CHAIN, "clock:=sim", "count:=20", "--record", "bag")
+    assert launched.returncode == 0, launched.stderr
+    assert "Sample" in said(base, tmp_path, "bag", "info", "bag").stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "extra"),
+    [
+        (("methods",), "rig"),
+        (("devices", "list"), "rig"),
+        (("report", "x"), "rig"),
+        (("emg", "analyse", "x.csv"), "rig"),
+        (("launch", "rig:sim.yaml", "--check"), "rig"),
+        (("view", "x"), "view"),
+        (("foxglove",), "foxglove"),
+    ],
+    ids=lambda one: "-".join(one) if isinstance(one, tuple) else one,
+)
+def test_what_needs_more_says_in_one_line_what_to_install(
+    base: dict[str, str], tmp_path: Path, words: tuple[str, ...], extra: str
+) -> None:
+    done = said(base, tmp_path, *words)
+    assert done.returncode == 2
+    assert extras.install_line(extra) in done.stderr
+    assert len(done.stderr.splitlines()) == 1
