@@ -29,7 +29,10 @@ def _running(context: typer.Context) -> RunningGraph | None:
 
 
 def _matching(names: list[str], begun: str) -> list[str]:
-    return [name for name in names if name.startswith(begun) or name.startswith(f"/{begun}")]
+    """Return the names that begin so, with a slash where it was typed: shells drop what begins otherwise."""
+    if begun and not begun.startswith("/"):
+        names = [name.removeprefix("/") for name in names]
+    return [name for name in names if name.startswith(begun)]
 
 
 def graphs(incomplete: str) -> list[str]:
@@ -56,6 +59,35 @@ def nodes(ctx: typer.Context, incomplete: str) -> list[str]:
     """Names of nodes."""
     graph = _running(ctx)
     return [] if graph is None else _matching([f"/{name}" for name in graph.node_names], incomplete)
+
+
+def logged_nodes(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Names of nodes that have logs: of what runs, else of the latest run."""
+    from palp_core.graph.discovery.choice import meant
+    from palp_core.graph.discovery.run_directory import runs
+
+    with _quietly():
+        kept = sorted(runs(), key=lambda run: not run[2])
+        chosen = {record.id for record in meant([record for _, record, _ in kept], ctx.params.get("graph"))}
+        record = next(record for _, record, _ in kept if record.id in chosen)
+        return _matching([f"/{node.name}" for node in record.nodes], incomplete)
+    return []
+
+
+def launch_arguments(ctx: typer.Context, incomplete: str) -> list[str]:
+    """Arguments of the launch file that is already on the line, and the choices of one."""
+    from palp_core.graph.description.arguments import show
+    from palp_core.graph.description.file_reader import read
+
+    with _quietly():
+        known = read(ctx.params["file"]).arguments
+        name, has_value, _ = incomplete.partition(":=")
+        if has_value:
+            words = [show(choice) for choice in known[name].choices]
+            return _matching([f"{name}:={word}" for word in words], incomplete)
+        given = {word.partition(":=")[0] for word in ctx.params.get("arguments") or ()}
+        return _matching([f"{name}:=" for name in known if name not in given], incomplete)
+    return []
 
 
 def services(ctx: typer.Context, incomplete: str) -> list[str]:

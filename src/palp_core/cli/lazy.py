@@ -27,11 +27,13 @@ class Verb(NamedTuple):
         target: ``module:name`` of a function with Typer's annotations, or of a :class:`typer.Typer`.
         help: One line.
         hidden: Works, but is not listed.
+        part: Heading under which the help lists it; "": that of the verb before it.
     """
 
     target: str
     help: str
     hidden: bool = False
+    part: str = ""
 
 
 class LazyGroup(typer.core.TyperGroup):
@@ -51,6 +53,21 @@ class LazyGroup(typer.core.TyperGroup):
             stand_in = typer.core.TyperCommand(name, help=verb.help, hidden=verb.hidden)
             self.add_command(stand_in, name)
         take_plainly(self)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """List the verbs under their headings."""
+        shown = {name: verb for name, verb in self.verbs.items() if not verb.hidden}
+        room = formatter.width - 6 - max(map(len, self.verbs), default=0)
+        parts: dict[str, list[tuple[str, str]]] = {}
+        part = "Commands"
+        for name, verb in shown.items():
+            part = verb.part or part
+            said = self.commands[name].get_short_help_str(room)
+            parts.setdefault(part, []).append((name, said))
+        wide = max(map(len, shown), default=0)
+        for title, rows in parts.items():
+            with formatter.section(title):
+                formatter.write_dl([(f"{name:<{wide}}", said) for name, said in rows])
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Put the verb that is meant where none stands."""

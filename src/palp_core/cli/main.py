@@ -34,6 +34,7 @@ app = lazy_app(
         "init": Verb(
             f"{_CLI}.workspace.init:init",
             "Write a workspace of one's own: nodes, messages, launch file, tests; it runs as it is.",
+            part="Graphs",
         ),
         "new": Verb(
             f"{_CLI}.workspace.new:app",
@@ -46,32 +47,43 @@ app = lazy_app(
             f"{_CLI}.launch.graph:app",
             "Draw a launch file's graph (palp graph FILE), or list the running ones.",
         ),
-        "topic": Verb(f"{_CLI}.topic.topic:app", "Topics of the running graph."),
+        "topic": Verb(f"{_CLI}.topic.topic:app", "Topics of the running graph.", part="A running graph"),
         "node": Verb(f"{_CLI}.node.node:app", "Nodes of the running graph."),
         "service": Verb(f"{_CLI}.node.service:app", "Services of the running graph."),
         "action": Verb(f"{_CLI}.node.action:app", "Actions of the running graph."),
         "param": Verb(f"{_CLI}.node.param:app", "Parameters of running nodes."),
         "lifecycle": Verb(f"{_CLI}.node.lifecycle:app", "States of running nodes."),
         "interface": Verb(f"{_CLI}.node.interface:app", "Types of messages and services."),
-        "bag": Verb(f"{_CLI}.bag.bag:app", "Recordings."),
-        "scene": Verb(f"{_CLI}.rig.scene:app", "Scenes: which model, why, and what comes out."),
-        "methods": Verb(
-            f"{_CLI}.rig.methods:methods",
-            "List the methods of every task, cheapest first, and which of them a scene gets.",
+        "logs": Verb(f"{_CLI}.launch.logs:logs", "Show what nodes have printed."),
+        "top": Verb(f"{_CLI}.doctor.top:top", "Show live how the nodes of a graph do."),
+        "view": Verb(f"{_CLI}.view.view:view", "Show a running graph, a bag or results in the browser."),
+        "tap": Verb(f"{_CLI}.topic.tap:tap", "Send a running graph's numbers to a plotter."),
+        "foxglove": Verb(
+            f"{_CLI}.topic.foxglove:foxglove",
+            "Show a running graph in Foxglove: topics, log, parameters, services.",
         ),
-        "tradeoff": Verb(
-            f"{_CLI}.rig.tradeoff:tradeoff",
-            "Measure error against time of every method in a scene, and draw one page.",
+        "ros2": Verb(f"{_CLI}.ros2.ros2:app", "A running graph beside ROS 2: topics, services, parameters."),
+        "doctor": Verb(f"{_CLI}.doctor.doctor:doctor", "Look for what is wrong with host and graph."),
+        "wtf": Verb(f"{_CLI}.doctor.doctor:doctor", "The same as doctor.", hidden=True),
+        "keys": Verb(f"{_CLI}.launch.keys:app", "Keys for graphs that reach beyond this host."),
+        "bag": Verb(f"{_CLI}.bag.bag:app", "Recordings.", part="Recordings"),
+        "devices": Verb(
+            f"{_CLI}.rig.devices:app", "Devices: which there are, try them, emulate them.", part="The rig"
         ),
-        "cache": Verb(f"{_CLI}.rig.cache:app", "Set-ups of contact models, kept on disk."),
-        "study": Verb(
-            f"{_CLI}.rig.study:app", "Studies: the paper re-run, speed against accuracy, where methods fail."
+        "safety": Verb(f"{_CLI}.rig.safety:app", "The safety node of the running graph."),
+        "stop": Verb(
+            f"{_CLI}.rig.safety:stop",
+            "Stop all motion now: ABORT, then DISABLE.",
         ),
-        "emg": Verb(f"{_CLI}.rig.emg:app", "Recorded EMG: co-contraction, bursts, levels, quality."),
-        "markov": Verb(f"{_CLI}.rig.markov:app", "Strategies of stiffness levels, learnt from EMG."),
-        "analyse": Verb(
-            f"{_CLI}.rig.analyse:analyse",
-            "Decide sessions' stored sweeps again with other methods, or judge the trials of any table.",
+        "phantom": Verb(f"{_CLI}.rig.phantom:app", "Phantoms: their gel, from sweeps over it."),
+        "session": Verb(
+            f"{_CLI}.session.session:app",
+            "Sessions: their sheets, with people, by operators, and what was decided about their trials.",
+            part="Sessions",
+        ),
+        "sessions": Verb(
+            f"{_CLI}.session.sessions:sessions",
+            "List the sessions below a folder and pool them, with intervals over subjects or sessions.",
         ),
         "report": Verb(
             f"{_CLI}.rig.report:report", "Make the report of a stored session, whole or cut short."
@@ -80,37 +92,35 @@ app = lazy_app(
             f"{_CLI}.rig.why:why",
             "Tell which methods a run used and why, what was refused, what they met and what they cost.",
         ),
-        "session": Verb(
-            f"{_CLI}.session.session:app",
-            "Sessions: their sheets, with people, by operators, and what was decided about their trials.",
-        ),
-        "sessions": Verb(
-            f"{_CLI}.session.sessions:sessions",
-            "List the sessions below a folder and pool them, with intervals over subjects or sessions.",
+        "analyse": Verb(
+            f"{_CLI}.rig.analyse:analyse",
+            "Decide sessions' stored sweeps again with other methods, or judge the trials of any table.",
         ),
         "export": Verb(
             f"{_CLI}.session.export:export",
             "Write a session for other tools: trials, iterations, sweeps, EMG, each a tidy table.",
         ),
-        "phantom": Verb(f"{_CLI}.rig.phantom:app", "Phantoms: their gel, from sweeps over it."),
-        "tap": Verb(f"{_CLI}.topic.tap:tap", "Send a running graph's numbers to a plotter."),
-        "foxglove": Verb(
-            f"{_CLI}.topic.foxglove:foxglove",
-            "Show a running graph in Foxglove: topics, log, parameters, services.",
+        "emg": Verb(
+            f"{_CLI}.rig.emg:app", "Recorded EMG: co-contraction, bursts, levels, quality.", part="Muscles"
         ),
-        "ros2": Verb(f"{_CLI}.ros2.ros2:app", "A running graph beside ROS 2: topics, services, parameters."),
-        "logs": Verb(f"{_CLI}.launch.logs:logs", "Show what nodes have printed."),
-        "top": Verb(f"{_CLI}.doctor.top:top", "Show live how the nodes of a graph do."),
-        "view": Verb(f"{_CLI}.view.view:view", "Show a running graph, a bag or results in the browser."),
-        "doctor": Verb(f"{_CLI}.doctor.doctor:doctor", "Look for what is wrong with host and graph."),
-        "wtf": Verb(f"{_CLI}.doctor.doctor:doctor", "The same as doctor.", hidden=True),
-        "devices": Verb(f"{_CLI}.rig.devices:app", "Devices: which there are, try them, emulate them."),
-        "safety": Verb(f"{_CLI}.rig.safety:app", "The safety node of the running graph."),
-        "stop": Verb(
-            f"{_CLI}.rig.safety:stop",
-            "Stop all motion now: ABORT, then DISABLE.",
+        "markov": Verb(f"{_CLI}.rig.markov:app", "Strategies of stiffness levels, learnt from EMG."),
+        "scene": Verb(
+            f"{_CLI}.rig.scene:app",
+            "Scenes: which model, why, and what comes out.",
+            part="Methods and studies",
         ),
-        "keys": Verb(f"{_CLI}.launch.keys:app", "Keys for graphs that reach beyond this host."),
+        "methods": Verb(
+            f"{_CLI}.rig.methods:methods",
+            "List the methods of every task, cheapest first, and which of them a scene gets.",
+        ),
+        "tradeoff": Verb(
+            f"{_CLI}.rig.tradeoff:tradeoff",
+            "Measure error against time of every method in a scene, and draw one page.",
+        ),
+        "study": Verb(
+            f"{_CLI}.rig.study:app", "Studies: the paper re-run, speed against accuracy, where methods fail."
+        ),
+        "cache": Verb(f"{_CLI}.rig.cache:app", "Set-ups of contact models, kept on disk."),
     },
     add_completion=True,
     callback=_root,

@@ -250,3 +250,35 @@ def test_what_has_no_effect_in_simulated_time_is_said_once(workspace: Any) -> No
         "'restart' (torque) and 'on_event' (record/truth) have no effect in simulated time: "
         "events are published and recorded, and a node's crash ends the run"
     )
+
+
+def test_a_path_counts_from_the_launch_file_the_workspace_and_of_an_argument_from_where_one_is(
+    workspace: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = (workspace.root / "nodes/record.py").read_text(encoding="utf-8")
+    text = """
+        graph: paths
+        clock: sim
+        args:
+          lab: {default: "lab.py:Record"}
+        nodes:
+          torque: {run: "nodes.torque:TorqueSensor"}
+          record: {run: $(var lab), inputs: {truth: torque/truth}}
+        """
+    workspace.write("lab.py", source)
+    assert workspace.load(text).nodes[1].run == "lab:Record"
+    away = tmp_path / "away"
+    away.mkdir()
+    (away / "far.py").write_text(source, encoding="utf-8")
+    with pytest.raises(GraphProblems) as found:
+        workspace.load(text, "lab:=far.py:Record")
+    launch = workspace.root / "launch"
+    looked = (
+        f"no file far.py beside this file ({launch}), nor in the workspace ({workspace.root}), nor where you"
+    )
+    assert looked in str(found.value)
+    monkeypatch.chdir(away)
+    assert workspace.load(text, "lab:=far.py:Record").nodes[1].run == "away.far:Record"
+    fixed = text.replace("$(var lab)", "far.py:Record")
+    with pytest.raises(GraphProblems, match=r"no file far\.py beside this file"):
+        workspace.load(fixed)

@@ -157,7 +157,12 @@ MISTAKES: dict[str, tuple[str, str, int, tuple[str, ...]]] = {
         ("remove depth",),
     ),
     "an input from a service": ("from: torque/torque", "from: torque/tare", 15, ("its service", "output")),
-    "a file that is not there": ("nodes.record:Record", "../nodes/recrd.py:Record", 23, ("nodes.recrd",)),
+    "a file that is not there": (
+        "nodes.record:Record",
+        "../nodes/recrd.py:Record",
+        23,
+        ("no file ../nodes/recrd.py", "record.py"),
+    ),
 }
 
 

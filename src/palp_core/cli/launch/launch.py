@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palp_core.cli import completion
 from palp_core.cli.options import Level
 from palp_core.cli.output import note, print_text
 from palp_core.errors import GraphError, NodeError, PalpError
@@ -41,7 +42,10 @@ def _schema(wanted: bool) -> None:
 def launch(
     file: Annotated[Path, typer.Argument(help="Launch file.")],
     arguments: Annotated[
-        list[str] | None, typer.Argument(metavar="[name:=value]...", help="Its arguments.")
+        list[str] | None,
+        typer.Argument(
+            metavar="[name:=value]...", help="Its arguments.", autocompletion=completion.launch_arguments
+        ),
     ] = None,
     *,
     check: Annotated[bool, typer.Option("--check", help="Check everything, start nothing.")] = False,

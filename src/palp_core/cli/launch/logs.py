@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palp_core.cli.options import GraphOption, LevelOption, OptionalNodeArgument, until_ctrl_c
+from palp_core.cli import completion
+from palp_core.cli.options import GraphOption, LevelOption, until_ctrl_c
 from palp_core.cli.output import note, print_text
 from palp_core.errors import GraphError
 
@@ -18,7 +19,12 @@ if TYPE_CHECKING:
 
 
 def logs(
-    node: OptionalNodeArgument = None,
+    node: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="NODE", help="Default: all.", autocompletion=completion.logged_nodes, show_default=False
+        ),
+    ] = None,
     *,
     lines: Annotated[int, typer.Option("-n", "--lines", min=0, help="How many of the last lines.")] = 50,
     follow: Annotated[bool, typer.Option("-f", "--follow", help="Go on until the run ends.")] = False,

@@ -54,7 +54,7 @@ def show(
     as_json: JsonOption = False,
 ) -> None:
     """Print a type as a struct, as ROS 2's .msg text or as JSON Schema."""
-    from palp_core.cli.node.interface_source import known_types
+    from palp_core.cli.node.interface_source import elsewhere, known_types
     from palp_core.cli.node.interface_text import ros_form, struct_form
     from palp_core.graph.problems import hint
 
@@ -63,7 +63,9 @@ def show(
     wanted = wanted.rpartition("/")[2]
     found = [t for t in types if t.name == wanted and (not module or not t.module or t.module == module)]
     if not found:
-        raise GraphError(f"no type '{name}'{hint(wanted, {t.name for t in types})}")
+        raise GraphError(
+            f"no type '{name}'{hint(wanted, {t.name for t in types})}{elsewhere(graph, workspace)}"
+        )
     if len({t.type_hash for t in found}) > 1:
         where = ", ".join(f"{t.module}:{t.name}" for t in found)
         raise GraphError(f"there are several types '{wanted}': {where}; name one of these")

@@ -43,6 +43,21 @@ def known_types(graph: str | None, workspace: Path | None) -> list[KnownType]:
     return [*_of_workspace(folder), *_of_module(BUILTIN)]
 
 
+def elsewhere(graph: str | None, workspace: Path | None) -> str:
+    """Return where else a type may be, to end the words that it is not known; "" where a workspace is."""
+    if workspace is not None:
+        return ""
+    if graph is not None or meant(running(), None):
+        return " (asked: the running graph; --workspace DIR looks at the files of a workspace instead)"
+    folder = find_workspace(Path("x").resolve())
+    if (folder / "msgs").is_dir():
+        return f" (looked in: {folder / 'msgs'}, palp itself)"
+    return (
+        f" (looked in: palp itself, as {folder} has no folder msgs and no graph runs; "
+        "go to a workspace, name one with --workspace DIR, or launch its graph)"
+    )
+
+
 def _of_graph(graph: RunningGraph) -> list[KnownType]:
     found = {
         (topic.type, topic.type_hash): KnownType(topic.type, "", topic.type_hash, topic.json_schema)

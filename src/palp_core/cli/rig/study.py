@@ -25,9 +25,18 @@ def list_studies(*, as_json: JsonOption = False) -> None:
     print_table([[one.name, one.question] for one in studies().values()])
 
 
+def _names(incomplete: str) -> list[str]:
+    """Names of studies, for the shell."""
+    from palp_core.palpation.studies.catalogue import studies
+
+    return [name for name in studies() if name.startswith(incomplete)]
+
+
 @app.command("run")
 def run(
-    name: Annotated[str, typer.Argument(help="Name of the study; see `palp study list`.")],
+    name: Annotated[
+        str, typer.Argument(help="Name of the study; see `palp study list`.", autocompletion=_names)
+    ],
     *,
     out: Annotated[Path, typer.Option(help="Folder for charts, tables and the page.")],
     quick: Annotated[bool, typer.Option("--quick", help="Few values: minutes instead of an hour.")] = False,

@@ -8,6 +8,7 @@ import msgspec
 import yaml
 
 from palp_core.errors import BagError
+from palp_core.graph.bag.mcap.records import MAGIC
 from palp_core.graph.messages.topic import Topic
 from palp_core.whole_file import read_whole, write_whole
 
@@ -90,6 +91,8 @@ def bag_files(path: Path) -> list[Path]:
         BagError: Nothing there, no MCAP file in the folder, or one of them is missing.
     """
     if path.is_file():
+        if path.suffix != ".mcap" and not _begins_as_mcap(path):
+            raise BagError(f"{path}: no bag, but another kind of file; give a bag's folder or an .mcap file")
         return [path]
     if not path.is_dir():
         raise BagError(f"{path}: no such bag; give a bag's folder or an .mcap file")
@@ -100,6 +103,14 @@ def bag_files(path: Path) -> list[Path]:
     if missing:
         raise BagError(f"{path}: {', '.join(sorted(missing))} is missing; read the other files one by one")
     return files
+
+
+def _begins_as_mcap(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except OSError:
+        return True  # whoever reads it says why it cannot be
 
 
 def in_order(folder: Path) -> list[Path]:

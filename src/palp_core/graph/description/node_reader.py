@@ -239,13 +239,31 @@ class NodeReader:
         if found is None:
             self._problems.add(tree.mark, f"{what} is '{text}'; write module:Class or path.py:Class")
             return None
-        return Located(self._target(found["module"], found["name"]), tree.mark)
-
-    def _target(self, module: str, name: str) -> str:
-        """Return a path in the workspace as a module, another path as an absolute one."""
+        module, name = found["module"], found["name"]
         if not module.endswith(".py"):
-            return present_name(f"{module}:{name}")
-        path = (self._scope.file.parent / module).resolve()
+            return Located(present_name(f"{module}:{name}"), tree.mark)
+        path = self._file(what, module, tree)
+        return None if path is None else Located(self._target(path, name), tree.mark)
+
+    def _file(self, what: str, path: str, tree: Tree) -> Path | None:
+        """Return the file that a path means: beside the launch file, in the workspace, or where one types."""
+        places = {self._scope.file.parent.resolve(): "beside this file", self._workspace: "in the workspace"}
+        if sole_variable(tree) is not None:
+            places.setdefault(Path.cwd(), "where you are")
+        for place in places:
+            if (place / path).exists():
+                return (place / path).resolve()
+        files = [file.name for place in places for file in (place / path).parent.glob("*.py")]
+        looked = ", nor ".join(f"{words} ({place})" for place, words in places.items())
+        if Path(path).is_absolute():
+            looked = "there"
+        match = nearest(Path(path).name, files)
+        advice = f"did you mean '{match}'?" if match else "check the path"
+        self._problems.add(tree.mark, f"{what}: no file {path} {looked}; {advice}")
+        return None
+
+    def _target(self, path: Path, name: str) -> str:
+        """Return a path in the workspace as a module, another path as an absolute one."""
         if path.is_relative_to(self._workspace):
             parts = path.relative_to(self._workspace).with_suffix("").parts
             if all(part.isidentifier() for part in parts):

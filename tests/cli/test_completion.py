@@ -1,0 +1,73 @@
+"""What the shell offers after TAB, and what the first page of help shows."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from palp_core.cli import completion
+from palp_core.cli.main import app
+from palp_core.cli.rig.study import _names as study_names
+from palp_core.graph.discovery import choice, run_directory
+from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
+from tests.support.palp import SIM
+
+
+class Typed:
+    """What stands on the line already."""
+
+    def __init__(self, **params: Any) -> None:
+        self.params = params
+
+
+def offered(function: Any, incomplete: str, **params: Any) -> list[str]:
+    context: Any = Typed(**params)
+    found: list[str] = function(context, incomplete)
+    return found
+
+
+def test_names_are_completed_as_they_are_typed_with_a_slash_or_without() -> None:
+    names = ["/estimator", "/experiment", "/stage"]
+    assert completion._matching(names, "") == names
+    assert completion._matching(names, "/es") == ["/estimator"]
+    assert completion._matching(names, "es") == ["estimator"]
+
+
+def test_arguments_of_the_launch_file_and_their_choices_are_offered() -> None:
+    assert offered(completion.launch_arguments, "tri", file=SIM) == ["trials:="]
+    human = SIM.with_name("human.yaml")
+    assert offered(completion.launch_arguments, "clock:=s", file=human) == ["clock:=sim"]
+    assert "seed:=" not in offered(completion.launch_arguments, "", file=SIM, arguments=["seed:=1"])
+    assert offered(completion.launch_arguments, "x", file=Path("none.yaml")) == []
+
+
+def test_studies_are_offered() -> None:
+    assert "paper" in study_names("p")
+    assert study_names("zz") == []
+
+
+def test_nodes_of_a_run_that_is_over_are_offered_for_its_logs(monkeypatch: pytest.MonkeyPatch) -> None:
+    nodes = [NodeEntry("stage", "", 0, "", ""), NodeEntry("sink", "", 0, "", "")]
+    record = RunRecord(
+        graph="g", file="", clock="wall", pid=1, start_unix_ns=0, serve="", nodes=nodes, topics=[]
+    )
+    monkeypatch.setattr(run_directory, "runs", lambda: [(Path(), record, False)])
+    monkeypatch.setattr(choice, "meant", lambda records, _: records)
+    assert offered(completion.logged_nodes, "/s") == ["/stage", "/sink"]
+    assert offered(completion.logged_nodes, "st") == ["stage"]
+
+
+def test_help_lists_every_verb_once_under_a_heading() -> None:
+    text = CliRunner().invoke(app, ["--help"]).stdout
+    parts = re.findall(r"^(\S.*):$", text, flags=re.MULTILINE)
+    assert parts[1:4] == ["Graphs", "A running graph", "Recordings"]
+    assert len(parts) > 6
+    group: Any = typer.main.get_command(app)
+    for name, command in group.commands.items():
+        listed = re.findall(rf"^  {name} ", text, flags=re.MULTILINE)
+        assert len(listed) == (not command.hidden), name
