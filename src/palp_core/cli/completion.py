@@ -76,14 +76,14 @@ def logged_nodes(ctx: typer.Context, incomplete: str) -> list[str]:
 
 def launch_arguments(ctx: typer.Context, incomplete: str) -> list[str]:
     """Arguments of the launch file that is already on the line, and the choices of one."""
-    from palp_core.graph.description.arguments import show
+    from palp_core.graph.description.arguments import branch_name
     from palp_core.graph.description.file_reader import read
 
     with _quietly():
         known = read(ctx.params["file"]).arguments
         name, has_value, _ = incomplete.partition(":=")
         if has_value:
-            words = [show(choice) for choice in known[name].choices]
+            words = [branch_name(choice) for choice in known[name].choices]
             return _matching([f"{name}:={word}" for word in words], incomplete)
         given = {word.partition(":=")[0] for word in ctx.params.get("arguments") or ()}
         return _matching([f"{name}:=" for name in known if name not in given], incomplete)

@@ -201,3 +201,21 @@ def test_a_session_named_twice_is_refused_for_it_would_count_as_two(session: Pat
         CliRunner().invoke(
             app, [*command.split(), str(session), str(session / ".." / session.name)], catch_exceptions=False
         )
+
+
+def test_trials_that_ran_out_of_stored_sweeps_are_said_beside_a_comparison_without_them(
+    session: Path, record: Callable[..., Path]
+) -> None:
+    assert "ran out of stored sweeps" not in run(session, "--stop", "posterior_threshold").output
+    slow = run(session, "--stop", "fixed_number").output  # asks for five, of which four are stored
+    assert "Trials ran out of stored sweeps, up to 4 of 4" in slow
+    assert "There is no trial that ran out by none" in slow
+    longer = record("longer", repeats=6, trials=[(0, FLAT), (2, [*FLAT, FLAT[0]])])
+    rules = ("--stop", "posterior_threshold,fixed_number")
+    told = json.loads(run(longer, *rules, "--json").output)
+    assert told["trials_where_none_ran_out"] == 1
+    assert [row["accuracy_where_none_ran_out"] for row in told["results"]] == [1.0, 1.0]
+    compared = (
+        "Of the 1 trials that ran out by none, no fair draw from all of them: posterior_threshold 100.0 %"
+    )
+    assert compared in run(longer, *rules).output

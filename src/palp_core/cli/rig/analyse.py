@@ -201,6 +201,8 @@ def _analyse_sessions(
         print_table(analysis.rows_of(record))
         print_text("")
         print_text(f"{len(paths)} sessions; intervals: {record['interval']}")
+        for line in analysis.remarks_of(record):
+            print_text(line)
     if out is not None:
         note(f"written: {analysis.write_analysis(record, out)}")
 

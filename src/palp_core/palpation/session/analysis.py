@@ -86,13 +86,24 @@ def analyse(
     """
     if not sessions or not combos:
         raise PalpError("nothing to analyse: name sessions' folders or bags, and one method per task")
-    rows, first = [], None
+    rows, first, all_decided = [], None, []
     for combo in combos:
         decided = [reanalyse(session, combo, noise=noise, scene=scene) for session in sessions]
+        all_decided.append(decided)
         shares = [float(np.mean(right)) if (right := _rights(again)) else None for again in decided]
         first = shares if first is None else first
         rows.append(_row(combo, decided, shares, first))
+    ended = _ended_in_all(all_decided)
+    for row, decided in zip(rows, all_decided, strict=True):
+        right = [
+            _right(again, t)
+            for i, again in enumerate(decided)
+            for t in again.trials
+            if (i, t.trial) in ended and t.depth_m is not None
+        ]
+        row["accuracy_where_none_ran_out"] = float(np.mean(right)) if right else None
     return {
+        "trials_where_none_ran_out": len(ended),
         "sessions": [
             {
                 "path": str(one.path),
@@ -106,6 +117,44 @@ def analyse(
         else "95 % Wilson, this session only",
         "results": rows,
     }
+
+
+def _ended_in_all(all_decided: Sequence[Sequence[ReanalysedSession]]) -> set[tuple[int, int]]:
+    """Return the trials, each with its session's place, that ran out of sweeps by no combination."""
+    sets = [
+        {(i, t.trial) for i, again in enumerate(decided) for t in again.trials if t.verdict != "ran_out"}
+        for decided in all_decided
+    ]
+    return set.intersection(*sets)
+
+
+def remarks_of(record: dict[str, Any]) -> list[str]:
+    """Return what a reader of the table must know, in words: trials that wanted more than was stored."""
+    short = [row for row in record["results"] if row["ran_out"]]
+    if not short:
+        return []
+    most = max(short, key=lambda row: row["ran_out"])
+    said = (
+        f"Trials ran out of stored sweeps, up to {most['ran_out']} of {most['trials']} "
+        f"({_methods_in(most, record)}): the rule wanted another, the session had stopped, and the trial "
+        "counts by its belief at that point. A method that asks for more is marked down by that, not by "
+        "being wrong."
+    )
+    if not record["trials_where_none_ran_out"]:
+        return [f"{said} There is no trial that ran out by none; compare by a simulation (palp launch)."]
+    compared = ", ".join(
+        f"{_methods_in(row, record)} {100.0 * row['accuracy_where_none_ran_out']:.1f} %"
+        for row in record["results"]
+        if row["accuracy_where_none_ran_out"] is not None
+    )
+    count = record["trials_where_none_ran_out"]
+    return [f"{said} Of the {count} trials that ran out by none, no fair draw from all of them: {compared}."]
+
+
+def _methods_in(row: dict[str, Any], record: dict[str, Any]) -> str:
+    """Return a combination by what tells it from the others."""
+    told = [task for task in _TASKS if len({_shown(one, task) for one in record["results"]}) > 1]
+    return "/".join(_shown(row, task) for task in told or ("filter",))
 
 
 def _rights(again: ReanalysedSession) -> list[bool]:
@@ -175,6 +224,7 @@ def write_analysis(record: dict[str, Any], out: Path) -> Path:
         sessions=record["sessions"],
         interval=record["interval"],
         rows=rows,
+        remarks=remarks_of(record),
     )
 
 
