@@ -111,7 +111,8 @@ def test_a_class_is_found_by_its_place_in_earlier_versions(kind: str, name: str,
 
 def test_mistakes_are_told_by_the_nodes_parameter_without_opening_a_device() -> None:
     assert device_mistakes("torque", "nano71", {}) == {
-        "device": "no torque device 'nano71'; known: ati, netft, sim, or give package.module:Class"
+        "device": "no torque device 'nano71'; known: ati, netft, sim, "
+        "or give package.module:Class or FILE.py:Class"
     }
     assert list(device_mistakes("ring", "maestro", {"url": "x", "speed_m_per_s": 1.0})) == ["options"]
     assert device_mistakes("stage", "aerotech", {"url": "socket://127.0.0.1:1"}) == {}

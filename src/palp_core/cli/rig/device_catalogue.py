@@ -1,9 +1,10 @@
 """The devices that have a driver, in words."""
 
-from dataclasses import MISSING, dataclass, fields
+import inspect
+from collections.abc import Sequence
+from dataclasses import dataclass
 
-from palp_core.errors import DeviceError
-from palp_core.palpation.devices.registry import back_end, drivers
+from palp_core.palpation.devices.registry import back_end, drivers, kind_of
 
 
 @dataclass(frozen=True)
@@ -16,29 +17,23 @@ class DeviceEntry:
     options: dict[str, str]
 
 
-def kind_of(name: str) -> str:
-    """Return the kind of a device.
+def device_entries(names: Sequence[str] = ()) -> list[DeviceEntry]:
+    """Return every device that has a driver, in the order of the registry, or those named.
 
     Raises:
         DeviceError: There is no such device.
     """
-    kinds = {known: kind for kind, known in drivers()}
-    if name not in kinds:
-        raise DeviceError(f"no device '{name}'; known: {', '.join(kinds)}")
-    return kinds[name]
-
-
-def device_entries() -> list[DeviceEntry]:
-    """Return every device that has a driver, in the order of the registry."""
+    found = [(kind_of(name), name) for name in names] or drivers()
     return [
-        DeviceEntry(kind, name, back_end(kind, name).LINK, _options(kind, name)) for kind, name in drivers()
+        DeviceEntry(kind, name, getattr(back_end(kind, name), "LINK", "its own"), _options(kind, name))
+        for kind, name in found
     ]
 
 
 def _options(kind: str, name: str) -> dict[str, str]:
     """Return the options of a driver with their defaults as text."""
+    parameters = inspect.signature(back_end(kind, name)).parameters
     return {
-        field.name: "" if field.default is MISSING else str(field.default)
-        for field in fields(back_end(kind, name))
-        if field.init
+        option: "" if parameter.default is parameter.empty else str(parameter.default)
+        for option, parameter in parameters.items()
     }

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from palp_core.cli.rig.device_catalogue import kind_of
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.protocols import EmgSamples, Mover, TorqueSamples
-from palp_core.palpation.devices.registry import back_end, open_device
+from palp_core.palpation.devices.registry import back_end, kind_of, open_device
 from palp_core.palpation.devices.torque.ati import AtiTorque
 from palp_core.palpation.devices.unverified import UnverifiedWarning, not_verified
 

@@ -17,7 +17,12 @@ app = typer.Typer(
 
 RAISED_M = 0.020  # where an emulated rig begins: a sensor is tared while the probe hangs free
 KINDS = ("stage", "ring", "torque", "emg")
-DeviceArgument = Annotated[str, typer.Argument(metavar="DEVICE", help="Its name, as list prints it.")]
+DeviceArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="DEVICE", help="Its name, as list prints it, or a driver: MODULE:CLASS, FILE.py:CLASS."
+    ),
+]
 OptionsArgument = Annotated[
     list[str] | None,
     typer.Argument(metavar="[name:=value]...", help="Options of its driver, as in a launch file."),
@@ -25,17 +30,26 @@ OptionsArgument = Annotated[
 
 
 @app.command("list")
-def list_devices(*, as_json: JsonOption = False) -> None:
+def list_devices(
+    drivers: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[MODULE:CLASS]...", help="Drivers of one's own; default: those palp knows."),
+    ] = None,
+    *,
+    as_json: JsonOption = False,
+) -> None:
     """List the devices that have a driver, with what their drivers take."""
     from palp_core.cli.rig.device_catalogue import device_entries
 
-    found = device_entries()
+    found = device_entries([_with_path(driver) for driver in drivers or ()])
     if as_json:
         print_json([{"kind": d.kind, "device": d.name, "options": d.options, "link": d.link} for d in found])
         return
     wide = max(len(device.name) for device in found)
     for device in found:
         print_text(f"{device.name:<{wide}}  {device.kind:<6}  {device.link}")
+        for option, default in device.options.items() if drivers else ():
+            print_text(f"  {option}" + (f" (default: {default})" if default else ""))
 
 
 @app.command("probe")
@@ -48,7 +62,7 @@ def probe(
     """Ask a device whether it is there, without moving anything; the exit status is 1 if it is not."""
     from palp_core.cli.rig.device_discovery import discover, unverified
 
-    given = _options(options)
+    device, given = _with_path(device), _options(options)
     try:
         with until_ctrl_c():
             found = discover(device, given)
@@ -110,7 +124,7 @@ def monitor(
     """Show what a sensor delivers: rate, gaps, drift of its clock, mean and spread of its values."""
     from palp_core.cli.rig.device_discovery import unverified, watch
 
-    given, said = _options(options), False
+    device, given, said = _with_path(device), _options(options), False
     with until_ctrl_c():
         for row in watch(device, given, seconds, every):
             if not said:
@@ -122,6 +136,51 @@ def monitor(
             else:
                 print_text("  ".join(f"{name} {_number(value)}" for name, value in row.items()))
             sys.stdout.flush()
+
+
+@app.command("contract")
+def contract(
+    device: DeviceArgument,
+    options: OptionsArgument = None,
+    *,
+    moves: Annotated[bool, typer.Option("--moves", help="It may move; what and how far is said.")] = False,
+    simulated: Annotated[
+        bool, typer.Option("--sim", help="It goes by the time it is told, not by the machine's.")
+    ] = False,
+    patience: Annotated[
+        float, typer.Option(metavar="S", min=1.0, help="Longest wait for what it does.")
+    ] = 60.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Check on a driver all that devices of its kind promise; the exit status is 1 if it breaks one."""
+    from palp_core.palpation.devices.contract.run import MOVES, check_driver
+    from palp_core.palpation.devices.registry import kind_of
+
+    device, given = _with_path(device), _options(options)
+    kind = kind_of(device)
+    if kind in MOVES and not (moves or simulated):
+        raise DeviceError(
+            f"{device}: {MOVES[kind]}; clear the way and add --moves, or --sim if nothing moves"
+        )
+    broken = []
+    with until_ctrl_c():
+        for one in check_driver(kind, device, given, simulated=simulated, patience_s=patience):
+            broken += [one] if one.broken else []
+            if as_json:
+                print_json({"promise": one.promise.text, "kept": not one.broken, "text": one.broken})
+            else:
+                print_text(f"{'BROKEN' if one.broken else 'kept  '}  {one.promise.text}")
+                if one.broken:
+                    print_text(f"        {one.broken}")
+            sys.stdout.flush()
+    if broken:
+        sys.exit(1)
+
+
+def _with_path(device: str) -> str:
+    """Return a driver whose file is named with the file's whole path."""
+    module, _, name = device.rpartition(":")
+    return f"{Path(module).resolve()}:{name}" if module.endswith(".py") else device
 
 
 def _options(words: list[str] | None) -> dict[str, Any]:

@@ -1,13 +1,17 @@
 """Names of device back ends: kind and name stand for a class that is imported on use."""
 
+import hashlib
+import importlib.util
 import inspect
+import sys
 from collections.abc import Mapping
 from importlib import import_module
+from pathlib import Path
 from typing import Any, Literal, get_type_hints, overload
 
 import msgspec
 
-from palp_core.errors import DeviceError
+from palp_core.errors import DeviceError, in_words
 from palp_core.extras import advice
 from palp_core.moved import present_name
 from palp_core.palpation.devices.protocols import (
@@ -148,9 +152,35 @@ def back_end(kind: str, name: str) -> Any:
     where = _of_kind(kind).get(name, name)
     if ":" not in where:
         raise DeviceError(
-            f"no {kind} device '{name}'; known: {', '.join(known)}, or give package.module:Class"
+            f"no {kind} device '{name}'; known: {', '.join(known)}, "
+            "or give package.module:Class or FILE.py:Class"
         )
     return _load(kind, present_name(where))
+
+
+_TELLING = {"stage": "sweep", "ring": "command", "torque": "tare", "emg": "drain"}
+"""What a class can do that is of this kind, and of none after it."""
+
+
+def kind_of(name: str) -> str:
+    """Return the kind of a back end that is no simulation, by its name, or of a class by what it can do.
+
+    Raises:
+        DeviceError: There is none of that name, the class cannot be imported, or it is no device.
+    """
+    kinds = {known: kind for kind, known in drivers()}
+    if name in kinds:
+        return kinds[name]
+    if ":" not in name:
+        raise DeviceError(
+            f"no device '{name}'; known: {', '.join(kinds)}, or give package.module:Class or FILE.py:Class"
+        )
+    found = _load("your", present_name(name))
+    kind = next((kind for kind, ability in _TELLING.items() if hasattr(found, ability)), None)
+    if kind is None:
+        wanted = ", ".join(f"{ability} ({kind})" for kind, ability in _TELLING.items())
+        raise DeviceError(f"{name} is no device: it has none of {wanted}; see palp_core.palpation.devices")
+    return kind
 
 
 def stop_link_of(name: str) -> OpenStopLink:
@@ -200,8 +230,32 @@ def _converted(where: str, value: Any, wanted: Any) -> Any:
         return value
 
 
+def _module_at(path: Path, kind: str) -> str:
+    """Import a file under a name of its own, once, and return that name.
+
+    Raises:
+        DeviceError: There is no such file, or it fails.
+    """
+    if not path.is_file():
+        raise DeviceError(f"{kind} device: no file {path}; check the path")
+    name = f"driver_{path.stem}_{hashlib.blake2b(str(path).encode(), digest_size=6).hexdigest()}"
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, path)
+        assert spec is not None
+        assert spec.loader is not None
+        module = sys.modules[name] = importlib.util.module_from_spec(spec)
+        try:
+            spec.loader.exec_module(module)
+        except Exception as error:
+            del sys.modules[name]
+            raise DeviceError(f"{kind} device: {path} fails: {in_words(error)}") from error
+    return name
+
+
 def _load(kind: str, where: str) -> Any:
-    module_name, _, class_name = where.partition(":")
+    module_name, _, class_name = where.rpartition(":")
+    if module_name.endswith(".py"):
+        module_name = _module_at(Path(module_name).resolve(), kind)
     try:
         return getattr(import_module(module_name), class_name)
     except (ImportError, AttributeError, ValueError) as error:
