@@ -17,6 +17,18 @@ LARGEST_BYTES = 128 << 20
 """What is read of one file, if nothing else is said."""
 
 
+def why_not(error: OSError, path: str | Path) -> str:
+    """Return in words why a file cannot be read, and where a relative path was looked for that leads nowhere.
+
+    >>> why_not(FileNotFoundError(2, "No such file or directory"), "/gone/scene.yaml")
+    'No such file or directory'
+    """
+    said = error.strerror or str(error)
+    if isinstance(error, FileNotFoundError) and not Path(path).is_absolute():
+        return f"{said} (looked in {Path.cwd()})"
+    return said
+
+
 @contextlib.contextmanager
 def whole_file(path: Path, *, mode: int = 0o666, durable: bool = False) -> Iterator[BinaryIO]:
     """Open a file for writing; it takes its name, from an older file if there is one, at the block's end.

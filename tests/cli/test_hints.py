@@ -29,3 +29,21 @@ def test_a_file_that_was_never_a_bag_is_not_to_be_recovered(palp: Palp, tmp_path
     assert "node.py: no bag, but another kind of file; give a bag's folder" in other.stderr
     assert "recover" not in other.stderr
     assert "palp bag recover" in palp.run("bag", "info", tmp_path / "torn.mcap").stderr
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("launch", "gone.yaml", "--check"),
+        ("scene", "explain", "gone.yaml"),
+        ("emg", "analyse", "gone.csv"),
+    ],
+)
+def test_a_file_that_is_not_there_is_said_with_the_folder_where_it_was_sought(
+    palp: Palp, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = palp.here(*words)
+    assert done.returncode == 2
+    assert "gone." in done.stderr
+    assert f"in {tmp_path}" in done.stderr

@@ -18,7 +18,7 @@ from typing import Any, Final, TypeAlias
 import yaml
 
 from palp_core.graph.problems import GraphProblems, Mark, Problem, Problems
-from palp_core.whole_file import read_whole
+from palp_core.whole_file import read_whole, why_not
 
 Plain: TypeAlias = str | int | float | bool | None
 
@@ -236,7 +236,9 @@ def read_tree(path: Path, problems: Problems) -> Tree:
         text = read_whole(path, LARGEST_BYTES).decode()
     except OSError as error:
         advice = "is this the launch file?" if error.errno == errno.EFBIG else "check the path"
-        raise GraphProblems([Problem(file, 1, 1, f"cannot be read: {error.strerror}; {advice}")]) from error
+        raise GraphProblems(
+            [Problem(file, 1, 1, f"cannot be read: {why_not(error, path)}; {advice}")]
+        ) from error
     except UnicodeDecodeError as error:
         raise GraphProblems([Problem(file, 1, 1, "is not UTF-8 text; save it as UTF-8")]) from error
     tree = parse_tree(text, file, problems)

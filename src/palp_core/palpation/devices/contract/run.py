@@ -19,7 +19,7 @@ MOVES = {
 
 
 @dataclass(frozen=True)
-class Outcome:
+class PromiseOutcome:
     """What became of a promise: why it is broken, or ""."""
 
     promise: Promise
@@ -38,7 +38,7 @@ def check_driver(
     *,
     simulated: bool = False,
     patience_s: float = 60.0,
-) -> Iterator[Outcome]:
+) -> Iterator[PromiseOutcome]:
     """Yield what becomes of each promise; what moves is moved, see :data:`MOVES`.
 
     Args:
@@ -56,12 +56,12 @@ def check_driver(
         subject = Subject(kind, name, dict(options), Patience(patience_s), simulated)
         try:
             promise.check(subject)
-            outcome = Outcome(promise)
+            outcome = PromiseOutcome(promise)
         except PromiseBroken as broken:
-            outcome = Outcome(promise, str(broken))
+            outcome = PromiseOutcome(promise, str(broken))
         except Exception as error:  # noqa: BLE001 - a driver may raise anything, and the next promise is told
             what = "refuses" if isinstance(error, DeviceError) else "fails"
-            outcome = Outcome(promise, f"it {what}: {in_words(error)}{_where(error)}")
+            outcome = PromiseOutcome(promise, f"it {what}: {in_words(error)}{_where(error)}")
         finally:
             subject.device.close()
         yield outcome

@@ -96,7 +96,7 @@ def read_emg(path: Path) -> EmgFile:
         PalpError: No such file, an unknown kind, or not what its suffix says.
     """
     if not path.exists():
-        raise PalpError(f"{path}: no such file")
+        raise PalpError(f"{path}: no such file{'' if path.is_absolute() else f' in {Path.cwd()}'}")
     if path.is_dir() and not is_recording(path):
         raise PalpError(f"{path}: a folder without a bag; name a recording")
     suffix = ".mcap" if path.is_dir() else path.suffix.lower()

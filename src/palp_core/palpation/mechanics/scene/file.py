@@ -26,7 +26,7 @@ from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.scene import OUTPUTS, STRAINS, Scene, StagePath, Tolerance
-from palp_core.whole_file import read_whole
+from palp_core.whole_file import read_whole, why_not
 
 _LARGEST_BYTES = 256 << 10
 
@@ -92,7 +92,7 @@ def read_mapping(path: str | Path, what: str) -> SceneNode:
     try:
         root = yaml.compose(read_whole(path, _LARGEST_BYTES).decode(), Loader=yaml.SafeLoader)
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        reason = why_not(error, path) if isinstance(error, OSError) else "it is not UTF-8 text"
         raise MechanicsError(f"{path}: cannot read the {what}: {reason}") from error
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark

@@ -22,7 +22,7 @@ from palp_core.palpation.perception.belief.latent import OffsetModel
 from palp_core.palpation.perception.belief.offsets import ring_slopes
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.units import Float64Array
-from palp_core.whole_file import read_whole, write_whole
+from palp_core.whole_file import read_whole, why_not, write_whole
 
 _LARGEST_BYTES = 256 << 10
 _CHANCE = 0.999  # of a cell's variance: what is above it was no chance
@@ -65,7 +65,7 @@ def read_noise(path: str | Path) -> RigNoise:
     try:
         found = msgspec.yaml.decode(read_whole(path, _LARGEST_BYTES), type=RigNoise)
     except OSError as error:
-        raise PerceptionError(f"{path}: cannot read the noise file: {error.strerror}") from error
+        raise PerceptionError(f"{path}: cannot read the noise file: {why_not(error, path)}") from error
     except msgspec.MsgspecError as error:
         raise PerceptionError(
             f"{path}: no noise file: {error}; palp launch FILE plan:=repeatability writes OUT/noise.yaml"

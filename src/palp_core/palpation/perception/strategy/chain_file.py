@@ -12,7 +12,7 @@ from palp_core.palpation.perception.strategy.markov import check_stochastic
 from palp_core.palpation.perception.strategy.markov_readings import Reading
 from palp_core.palpation.perception.strategy.policies import MarkovPolicy
 from palp_core.units import Float64Array
-from palp_core.whole_file import read_whole, write_json
+from palp_core.whole_file import read_whole, why_not, write_json
 
 _LARGEST_BYTES = 16 << 20
 
@@ -82,7 +82,7 @@ def read_chains(path: str | Path) -> ChainFile:
     try:
         found = msgspec.json.decode(read_whole(path, _LARGEST_BYTES), type=ChainFile)
     except OSError as error:
-        raise PerceptionError(f"{path}: cannot read the chain: {error.strerror}") from error
+        raise PerceptionError(f"{path}: cannot read the chain: {why_not(error, path)}") from error
     except msgspec.MsgspecError as error:
         raise PerceptionError(
             f"{path}: no chain: {error}; `palp markov fit FILE --out DIR` writes one as DIR/chain.json"
