@@ -18,6 +18,8 @@ from docs.site.scene_page import scene_page  # noqa: E402
 from docs.site.units_page import units_page  # noqa: E402
 from docs.site.verbs_page import verbs_page  # noqa: E402
 
+DOCS = ROOT / "docs"
+
 MADE = {
     "reference/launch_file.md": launch_page,
     "reference/scene_file.md": scene_page,
@@ -25,6 +27,22 @@ MADE = {
     "reference/verbs.md": verbs_page,
 }
 """Pages that nobody writes, by their place below ``docs/``."""
+
+
+def on_config(config: Any) -> Any:
+    """Give each page that the contents do not name a place among the how-to pages, rather than none."""
+    pages = {str(file.relative_to(DOCS)) for file in DOCS.rglob("*.md")}
+    (how_to,) = [part["How-to"] for part in config.nav if "How-to" in part]
+    how_to += sorted(pages - named_in(config.nav))
+    return config
+
+
+def named_in(nav: Any) -> set[str]:
+    """Return the pages that contents name."""
+    if isinstance(nav, str):
+        return {nav}
+    parts = nav.values() if isinstance(nav, dict) else nav
+    return {page for part in parts for page in named_in(part)}
 
 
 def on_files(files: Files, config: Any) -> Files:
