@@ -161,10 +161,10 @@ def mistakes(params: HumanParams) -> dict[str, str]:
 
 
 def _blind_mistakes(params: HumanParams) -> dict[str, str]:
-    """Return why a session cannot be blinded, by parameter."""
-    if not params.blind:
-        return {}
+    """Return why a session cannot be blinded, or has to be, by parameter."""
     found = blind_mistakes(params)
+    if not params.blind:
+        return found
     if params.order == "paper":
         found["order"] = (
             "the paper's order is published, and tells of each trial which depth it has: counterbalanced"

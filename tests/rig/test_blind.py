@@ -352,6 +352,17 @@ def test_another_sessions_key_opens_nothing(copy: Path, tmp_path: Path) -> None:
     assert {path: path.read_bytes() for path in copy.iterdir() if path.is_file()} == before
 
 
+@pytest.mark.parametrize("file", ["sim.yaml", "emulated.yaml", "rig.yaml", "human.yaml"])
+def test_a_sealed_key_is_read_by_no_session_in_the_open(file: str, session: Blinded) -> None:
+    """It would tell the depth of each code, and no audit would know."""
+    given = [f"phantoms:={session.key}", *(["order:=counterbalanced"] if file == "human.yaml" else [])]
+    with pytest.raises(GraphProblems, match="is sealed: read in the open it would tell"):
+        check_here(ROOT / "launch" / file, given)
+    shown = CliRunner().invoke(app, ["plan", "--phantoms", str(session.key), "--order", "counterbalanced"])
+    assert "is sealed" in str(shown.exception)
+    assert shown.output == ""
+
+
 def check(*given: str, file: Path = SIM) -> CheckedGraph:
     return check_here(file, ["blind:=true", *given])
 

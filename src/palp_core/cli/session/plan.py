@@ -9,6 +9,7 @@ import typer
 
 from palp_core.cli.options import JsonOption
 from palp_core.cli.output import print_json, print_table, print_text
+from palp_core.errors import PalpError
 
 
 def plan(
@@ -26,9 +27,12 @@ def plan(
 ) -> None:
     """Show what a session with a person will ask, in which order, and how long it takes. No rig is needed."""
     from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
+    from palp_core.palpation.mechanics.scene.sealed import sealed_mistake
     from palp_core.palpation.session.human.plan import PHASES, HumanDesign, outline
     from palp_core.palpation.session.plan import PlannedPhantom
 
+    if phantoms and (why := sealed_mistake(phantoms)):
+        raise PalpError(why)
     found = outline(
         HumanDesign(
             phantoms=tuple(

@@ -64,6 +64,19 @@ def written(tmp_path: Path, said: list[dict[str, Any]]) -> Path:
     return tmp_path / "bag"
 
 
+def test_nor_does_a_nodes_hand_over_within_a_message(tmp_path: Path) -> None:
+    """A node's order has, as bytes, what the node was: packed values, and within them its state."""
+    state = msgspec.msgpack.encode({"subject": "S01", "consent": "CONSENT-77", "blocks": TORQUE})
+    order = {"count": 1, "hand_over": msgspec.msgpack.encode({"state": state, "rng": "PCG64"})}
+    bag = written(tmp_path, [*SAID, order])
+    assert redact_bag(bag, tmp_path / "copy") == []
+    with Bag(tmp_path / "copy") as copy:
+        *_, said = (msgspec.msgpack.decode(one.payload) for one in copy.recorded())
+    kept = msgspec.msgpack.decode(said["hand_over"])
+    plain = {"subject": "redacted", "consent": "redacted", "blocks": TORQUE}
+    assert (msgspec.msgpack.decode(kept["state"]), kept["rng"]) == (plain, "PCG64")
+
+
 def test_no_text_of_the_copy_tells_who_it_was_and_no_number_is_another(bag: Path, tmp_path: Path) -> None:
     before = {path.name: path.read_bytes() for path in bag.iterdir()}
     done = CliRunner().invoke(app, ["redact", str(bag), "--out", str(tmp_path / "copy")])

@@ -11,7 +11,7 @@ import dataclasses
 from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.scene.file import phantom_of, read_mapping, read_scene
-from palp_core.palpation.mechanics.scene.sealed import is_sealed, sealed_phantoms
+from palp_core.palpation.mechanics.scene.sealed import is_sealed, sealed_mistake, sealed_phantoms
 
 PAPER_PHANTOMS = {
     code: Phantom(bead=Bead(depth_m=d)) for code, d in (("A", 0.002), ("B", 0.004), ("C", 0.008))
@@ -60,4 +60,7 @@ def file_mistakes(params: object) -> dict[str, str]:
                 read(path)
             except MechanicsError as error:
                 found[name] = str(error)
+    path = getattr(params, "phantoms", "")
+    if path and not getattr(params, "blind", False) and (why := sealed_mistake(path)):
+        found["phantoms"] = why
     return found

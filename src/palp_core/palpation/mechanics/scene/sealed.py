@@ -33,6 +33,16 @@ def is_sealed(path: str | Path) -> bool:
         return False
 
 
+def sealed_mistake(path: str | Path) -> str | None:
+    """Return why a file of phantoms is nothing for who says depths; None if it is not sealed."""
+    if not is_sealed(path):
+        return None
+    return (
+        f"{path} is sealed: read in the open it would tell which phantom is which; run a blinded session "
+        "with it (blind:=true), or give the file that the phantoms were sealed from"
+    )
+
+
 def seal(path: Path, phantoms: Mapping[str, Phantom]) -> dict[str, str]:
     """Draw new codes for phantoms and write who is who; an older file stays, and its codes hold.
 

@@ -16,7 +16,13 @@ import msgspec
 from palp_core.errors import MechanicsError, PalpError
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
-from palp_core.palpation.mechanics.scene.sealed import is_sealed, seal, standing, stands_for_a_depth
+from palp_core.palpation.mechanics.scene.sealed import (
+    is_sealed,
+    seal,
+    sealed_mistake,
+    standing,
+    stands_for_a_depth,
+)
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
@@ -81,9 +87,10 @@ def shown_depth(params: Blindable, code: str, depth_m: float) -> float:
 
 
 def blind_mistakes(params: Blindable) -> dict[str, str]:
-    """Return why a session cannot be blinded, by parameter; nothing is drawn."""
+    """Return why a session cannot be blinded, or has to be, by parameter; nothing is drawn."""
     if not params.blind:
-        return {}
+        why = sealed_mistake(params.phantoms) if params.phantoms else None
+        return {"phantoms": why} if why else {}
     try:
         if not is_sealed(params.phantoms):
             found = load_phantoms(params.phantoms)

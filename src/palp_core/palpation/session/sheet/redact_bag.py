@@ -133,7 +133,18 @@ class _Words:
             return self.out_of(value)
         if isinstance(value, dict):
             return {self._out_of_value(key): self._out_of_value(one) for key, one in value.items()}
+        if isinstance(value, bytes):
+            return self._out_of_packed(value)
         return [self._out_of_value(one) for one in value] if isinstance(value, list) else value
+
+    def _out_of_packed(self, data: bytes) -> bytes:
+        """Return bytes that are themselves packed values, as a node's hand-over is, without them."""
+        if not any(one in data for one in self._bytes):
+            return data
+        try:
+            return msgspec.msgpack.encode(self._out_of_value(msgspec.msgpack.decode(data)))
+        except msgspec.MsgspecError:  # something else: whether it has a word is looked at in the end
+            return data
 
     def still_in(self, path: Path) -> Iterator[str]:
         """Yield where a bag still has one of the words."""
