@@ -77,7 +77,7 @@ def _samples(graph: RunningGraph, period_s: float) -> Iterator[Sample]:
     """Yield a sample each period while the graph runs, from its health topic where that speaks."""
     from threading import Event
 
-    from palp_core.graph.discovery.health import HealthReader, rows, sample_health
+    from palp_core.graph.discovery.health import HealthReader, actions_as_one, rows, sample_health
     from palp_core.graph.discovery.standing import standing
 
     reader = HealthReader(graph)
@@ -93,7 +93,8 @@ def _samples(graph: RunningGraph, period_s: float) -> Iterator[Sample]:
                 after = None
             by_topic = after is not None
             after = after or sample_health(graph)
-            yield *rows(before, after), standing(graph, ASK_S)
+            nodes, edges = rows(before, after)
+            yield nodes, actions_as_one(edges), standing(graph, ASK_S)
             before = after
     finally:
         reader.close()

@@ -1,6 +1,7 @@
 """How the nodes of a running graph do: from the launcher's health topic, else from the nodes and the host."""
 
 import contextlib
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
@@ -12,6 +13,7 @@ from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.builtin import EdgeHealth, GraphHealth, NodeHealth
 from palp_core.graph.messages.frame import Kind, parse
 from palp_core.graph.messages.message import decode
+from palp_core.graph.node.spec import action_of
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
 HEALTH = "/graph/health"
@@ -58,6 +60,30 @@ class EdgeRow(msgspec.Struct, frozen=True):
     latency_p50_s: float | None
     latency_p99_s: float | None
     latency_max_s: float | None
+
+
+def actions_as_one(rows: Sequence[EdgeRow]) -> list[EdgeRow]:
+    """Return rows in which all that a node hears of one action is one input, under the action's name.
+
+    Counts are summed, latencies are the worst. What a server hears of its clients, and they of their calls,
+    is in it: of ``/arm/move/_action/status`` and the others comes one row ``/arm/move``.
+    """
+    found: dict[tuple[str, str], EdgeRow] = {}
+    for row in rows:
+        known = found.get(key := (row.reader, action_of(row.topic) or row.topic))
+        found[key] = msgspec.structs.replace(row, topic=key[1]) if known is None else _both(known, row)
+    return list(found.values())
+
+
+def _both(one: EdgeRow, other: EdgeRow) -> EdgeRow:
+    counts = ("received", "lost", "repeated", "late", "dropped")
+    sums: dict[str, Any] = {name: getattr(one, name) + getattr(other, name) for name in counts}
+    rates = [row.rate_hz for row in (one, other) if row.rate_hz is not None]
+    sums["rate_hz"] = sum(rates) if rates else None
+    for name in ("latency_p50_s", "latency_p99_s", "latency_max_s"):
+        known = [value for row in (one, other) if (value := getattr(row, name)) is not None]
+        sums[name] = max(known, default=None)
+    return msgspec.structs.replace(one, **sums)
 
 
 class HealthReader:
