@@ -52,17 +52,19 @@ def tree_mb(folder: Path) -> float:
 
 
 def downloaded_mb(said: str) -> float:
-    """Return what pip says that it has downloaded, in MB."""
+    """Return what pip says that it has downloaded, in MB; a wheel from a folder counts as it is there."""
     units = {"bytes": 1e-6, "kB": 1e-3, "MB": 1.0, "GB": 1e3}
     sizes = re.findall(r"Downloading [^\n(]+\(([\d.]+) (bytes|kB|MB|GB)\)", said)
-    return sum(float(size) * units[unit] for size, unit in sizes)
+    files = [Path(name) for name in re.findall(r"^Processing (/\S+\.whl)", said, flags=re.MULTILINE)]
+    here_mb = sum(file.stat().st_size / MEGABYTE for file in files)
+    return sum(float(size) * units[unit] for size, unit in sizes) + here_mb
 
 
 def install(python: str, wheel: Path, extra: str, folder: Path) -> tuple[float, float, float]:
     """Install into a clean environment, with an empty cache.
 
     Returns:
-        Seconds, MB downloaded (palp's own wheel with it), MB on disk beyond an empty environment.
+        Seconds, MB downloaded, palp's own wheel with it, MB on disk beyond an empty environment.
     """
     subprocess.run([python, "-m", "venv", str(folder)], check=True)
     before_mb = tree_mb(folder)
@@ -75,8 +77,7 @@ def install(python: str, wheel: Path, extra: str, folder: Path) -> tuple[float, 
             check=True, stdout=said, stderr=subprocess.STDOUT,
         )  # fmt: skip
     seconds = perf_counter() - begin_s
-    own_mb = wheel.stat().st_size / MEGABYTE
-    return seconds, downloaded_mb(report.read_text()) + own_mb, tree_mb(folder) - before_mb
+    return seconds, downloaded_mb(report.read_text()), tree_mb(folder) - before_mb
 
 
 def timed(folder: Path, command: tuple[str, ...], rounds: int, at: Path) -> list[float]:
