@@ -14,9 +14,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palp_core.cli import completion
-from palp_core.cli.options import Level
+from palp_core.cli.launch.ros_args import (
+    LogLevelOption,
+    ParamsFileOption,
+    RemapOption,
+    RosArgsOption,
+    check_levels,
+    launch_words,
+    log_levels,
+)
 from palp_core.cli.output import note, print_text
 from palp_core.errors import GraphError, NodeError, PalpError
+from palp_core.graph.supervision.log_levels import LogLevels
 from palp_core.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -64,9 +73,10 @@ def launch(
         str | None,
         typer.Option("--name", metavar="NAME", help="What the running graph is called; default: as in FILE."),
     ] = None,
-    log_level: Annotated[
-        Level, typer.Option("--log-level", help="The least of what nodes log that is shown here.")
-    ] = "warning",
+    ros_args: RosArgsOption = False,
+    remap: RemapOption = None,
+    params_file: ParamsFileOption = None,
+    log_level: LogLevelOption = None,
     compose: Annotated[bool, typer.Option("--compose", help="All nodes in this process.")] = False,
     record: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Record every topic into this bag.")
@@ -91,7 +101,9 @@ def launch(
     The exit status is the run's: 0 if it came to its end, 1 if a node failed or the report did, 2 if the
     launch file has mistakes, 130 on Ctrl-C.
     """
-    overrides = [word for word in arguments or [] if word != RESUMES]
+    overrides = launch_words([w for w in arguments or [] if w != RESUMES], remap, params_file)
+    print_ = print_ and not ros_args
+    levels = LogLevels(*log_levels(log_level))
     resume = resume or RESUMES in (arguments or [])
     if show_args:
         from palp_core.graph.description.file_reader import read
@@ -128,7 +140,7 @@ def launch(
         os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
     sys.exit(
         _run(
-            file, overrides, name=name, log_level=log_level, compose=compose, digest=digest, record=record,
+            file, overrides, name=name, log_level=levels, compose=compose, digest=digest, record=record,
             listen=listen, in_browser=view, resume=resume,
         )
     )  # fmt: skip
@@ -139,7 +151,7 @@ def _run(
     overrides: list[str],
     *,
     name: str | None,
-    log_level: Level,
+    log_level: LogLevels,
     compose: bool,
     digest: Path | None,
     record: Path | None,
@@ -189,6 +201,7 @@ def _run(
     graph.diagnostics.on_change = lambda topic, incident: view.stand(topic, _addressed(graph, incident))
     try:
         with _recorders_said(graph), graph:
+            check_levels(list(log_level.nodes), [spec.name for spec in graph.checked.nodes])
             _say_beside(graph)
             _say_without_effect(file, graph.checked)
             if graph.gateway is not None:

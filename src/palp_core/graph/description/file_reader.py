@@ -28,10 +28,11 @@ from palp_core.graph.description.launch_file import (
     find_workspace,
 )
 from palp_core.graph.description.node_reader import NodeReader
+from palp_core.graph.description.ros_words import apply_words, sort_words
 from palp_core.graph.description.substitution import Scope, evaluate, sole_variable
 from palp_core.graph.description.yaml_tree import UNKNOWN, Entry, Mapping, Tree, read_tree
 from palp_core.graph.description.yaml_tree import Sequence as TreeSequence
-from palp_core.graph.node.spec import NAME
+from palp_core.graph.node.spec import NAME, name_mistake
 from palp_core.graph.problems import GraphProblems, Mark, Problems, nearest
 from palp_core.graph.workspaces.underlays import is_installed_name, launch_path
 
@@ -70,6 +71,7 @@ class _File:
         given: Values given for its arguments by the include, or on the command line.
         included: Files that it includes.
         taken: Arguments of included files that are arguments of this one, too.
+        namespace: What goes before the names of its nodes; "" for nothing.
     """
 
     path: Path
@@ -80,6 +82,7 @@ class _File:
     given: dict[str, Given] = field(default_factory=dict)
     included: list["_File"] = field(default_factory=list)
     taken: dict[str, Argument] = field(default_factory=dict)
+    namespace: str = ""
 
     @property
     def arguments(self) -> dict[str, Argument]:
@@ -138,15 +141,17 @@ class _Reader:
                 self.problems.add(mark, f"the launch file does not state its {key}; add {key}: {example}")
         caller = fields["args"].mark if "args" in fields else mark
         file = self._file(path, fields)
-        file.given = from_command_line(overrides, caller, self.problems)
+        words = sort_words(overrides)
+        file.given = from_command_line(words.arguments, caller, self.problems)
         assign(file.own, file.given, caller, file.scope, self.problems)
         self._includes(file)
         refuse_unknown(file.given, file.arguments, caller, path, self.problems)
         self._nodes_of(file)
+        self.nodes = apply_words(self.nodes, words, caller, self.problems)
         scope = file.scope
         graph, clock, seed = path.stem, "sim", 0
         if "graph" in fields:
-            graph = self._name(fields["graph"].value, scope) or graph
+            graph = self._word("graph", fields["graph"].value, scope) or graph
         if "clock" in fields:
             clock = (
                 read_word(fields["clock"].value, "clock", LAUNCH_FILE["clock"].words, scope, self.problems)
@@ -191,11 +196,39 @@ class _Reader:
         for key, entry in file.fields.items():
             if key == "include":
                 for included in file.included:
-                    self._nodes_of(included)
+                    self._nodes_within(included)
             elif key == "nodes":
                 reader = NodeReader(file.scope, file.arguments, self.workspace, self.problems)
                 self._nodes(entry.value, reader)
                 self.joined |= reader.joined
+
+    def _nodes_within(self, file: _File) -> None:
+        """Read an included file's nodes; in a namespace they, and the wires between them, have its name."""
+        if not file.namespace:
+            self._nodes_of(file)
+            return
+        outside, marks, joined = self.nodes, self.marks, self.joined
+        self.nodes, self.marks, self.joined = {}, {}, {}
+        self._nodes_of(file)
+        inside, names = self.nodes, {name: f"{file.namespace}_{name}" for name in self.nodes}
+        found = {name: self.marks[name] for name in inside}
+        self.joined = joined | {names[name]: mark for name, mark in self.joined.items()}
+        self.nodes, self.marks = outside, marks
+        for name, nodes in inside.items():
+            if self._is_new(names[name], found[name]):
+                self.nodes[names[name]] = [node.renamed(names) for node in nodes]
+
+    def _is_new(self, name: str, mark: Mark) -> bool:
+        """Note where a node is named, or report that there is one of that name, or that none can have it."""
+        if name in self.nodes:
+            text = f"node '{name}' is already defined at {self.marks[name]}; rename one of them"
+            self.problems.add(mark, text)
+        elif mistake := name_mistake(name):
+            self.problems.add(mark, mistake)
+        else:
+            self.marks[name] = mark
+            return True
+        return False
 
     def _unused(self, file: _File) -> None:
         for name, argument in file.own.items():
@@ -237,11 +270,11 @@ class _Reader:
                 continue
             fields = unknown_keys(item, INCLUDE, "an include", self.problems)
             if "file" in fields:
-                self._include(outer, fields["file"].value, fields.get("args"))
+                self._include(outer, fields["file"].value, fields.get("args"), fields.get("namespace"))
             elif nearest("file", set(item.items) - set(fields)) is None:
                 self.problems.add(item.mark, "an include does not name its file; add file: other.yaml")
 
-    def _include(self, outer: _File, tree: Tree, args: Entry | None) -> None:
+    def _include(self, outer: _File, tree: Tree, args: Entry | None, namespace: Entry | None = None) -> None:
         target = self._target(outer, tree)
         if target is None:
             return
@@ -252,6 +285,8 @@ class _Reader:
                 self.problems.add(Mark(problem.file, problem.line, problem.column), problem.message)
             return
         file = self._file(target, fields, outer)
+        if namespace is not None:
+            file.namespace = self._word("namespace", namespace.value, outer.scope) or ""
         outer.included.append(file)
         passed = set(args.value.items) if args is not None and isinstance(args.value, Mapping) else set()
         offers = {n: outer.offer(one, self.problems) for n, one in file.own.items() if n not in passed}
@@ -319,12 +354,12 @@ class _Reader:
             given[name] = Given(value, item.mark, origin=origin)
         return given
 
-    def _name(self, tree: Tree, scope: Scope) -> str | None:
+    def _word(self, what: str, tree: Tree, scope: Scope) -> str | None:
         text = evaluate(tree, scope, self.problems)
         if text is UNKNOWN or (isinstance(text, str) and NAME.fullmatch(text)):
             return None if text is UNKNOWN else str(text)
         self.problems.add(
-            tree.mark, f"graph is '{text}'; a name begins with a letter and has letters, digits and _"
+            tree.mark, f"{what} is '{text}'; a name begins with a letter and has letters, digits and _"
         )
         return None
 

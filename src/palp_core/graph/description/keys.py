@@ -92,6 +92,12 @@ INCLUDE: Table = {
         form="mapping",
         example="{noise: $(var noise)}",
     ),
+    "namespace": Key(
+        says="Goes before the names of its nodes, as in `left_torque`, and into the wires between them: for "
+        "a second rig in one graph.",
+        pattern=NAME,
+        example="left",
+    ),
 }
 """Of an item under ``include``."""
 

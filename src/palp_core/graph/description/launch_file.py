@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import msgspec
 
 from palp_core.graph.description.arguments import Argument, show
 from palp_core.graph.description.yaml_tree import UNKNOWN
@@ -101,6 +104,14 @@ class GraphNode:
     def agrees(self, other: GraphNode) -> bool:
         """Tell whether both can be present in one graph: they share no argument with different branches."""
         return all(other.assignment.get(name, branch) == branch for name, branch in self.assignment.items())
+
+    def renamed(self, names: Mapping[str, str]) -> GraphNode:
+        """Return the node, and the wires from others, with new names of nodes."""
+        wires = {
+            port: replace(wire, node=names.get(wire.node, wire.node)) for port, wire in self.inputs.items()
+        }
+        name = names.get(self.spec.name, self.spec.name)
+        return replace(self, spec=msgspec.structs.replace(self.spec, name=name), inputs=wires)
 
     def ports(self, *kinds: str) -> dict[str, NodePort]:
         """Return the ports of these kinds that its class declares, by name; not the parts of its actions."""

@@ -39,6 +39,7 @@ from palp_core.graph.supervision.fork_server import ForkServer
 from palp_core.graph.supervision.fork_start import ServerProcess
 from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
 from palp_core.graph.supervision.launcher_node import LauncherNode
+from palp_core.graph.supervision.log_levels import LogLevels, levels_of
 from palp_core.graph.supervision.open_files import make_room
 from palp_core.graph.supervision.run_record import run_record
 from palp_core.graph.swap.compatibility import objections, replaced
@@ -128,7 +129,7 @@ class Graph:
         record: Record every topic into this bag, which must not exist.
         name: What the running graph is called; the launch file's ``graph`` by default.
         resume: Go on where an interrupted run was last written down (the launch file's ``checkpoint``).
-        log_level: The least of what nodes log that is shown; with ``debug`` they log that, too.
+        log_level: The least of what nodes log that is shown; what is shown they log.
         show_log: Shows a line of their logs; on a thread of its own.
         args: Arguments as Python values.
 
@@ -150,7 +151,7 @@ class Graph:
         record: str | Path | None = None,
         name: str | None = None,
         resume: bool = False,
-        log_level: str = "warning",
+        log_level: str | LogLevels = "warning",
         show_log: Show | None = None,
         **args: Any,
     ) -> None:
@@ -161,7 +162,7 @@ class Graph:
         self.gateway: GatewayHandle | None = None
         self._started, self._name, self._resume = started, name, resume
         self._compose = compose
-        self._log_level, self._show_log = log_level, show_log
+        self._levels, self._show_log = levels_of(log_level), show_log
         self._observe = observe or (lambda *_: None)
         self._overrides = [*overrides, *(f"{name}:={_scalar(value)}" for name, value in args.items())]
         self._stack = contextlib.ExitStack()
@@ -232,7 +233,7 @@ class Graph:
 
                 server.close()
                 self._nodes: LockstepNodes = stack.enter_context(
-                    composed(self.checked, self.directory, self._logged)
+                    composed(self.checked, self.directory, self._levels.least_logged)
                 )
             else:
                 self._nodes = self._supervisor = self._supervised(stack, server)
@@ -255,16 +256,11 @@ class Graph:
         if error is not None and self._begun and self.summary is None:
             self.summary = self._cut_short(error)
 
-    @property
-    def _logged(self) -> str:
-        """The least that nodes log: what is shown is logged."""
-        return "debug" if self._log_level == "debug" else "info"
-
     def _showing_log(self) -> contextlib.AbstractContextManager[None]:
         if self._show_log is None:
             return contextlib.nullcontext()
         outputs = {spec.name: spec.output for spec in self.checked.nodes}
-        shown = Shown(self._log_level, outputs, self._show_log, self.directory.path.name)
+        shown = Shown(self._levels, outputs, self._show_log, self.directory.path.name)
         return showing_log(self.directory.log(MERGED_LOG), shown)
 
     def _summary(self, **outcome: Any) -> RunSummary:
@@ -330,7 +326,7 @@ class Graph:
             self._interrupt,
             self._show,
             self.launcher_node,
-            self._logged,
+            self._levels,
         )
         stack.callback(supervisor.close)
         if self.gateway is not None:

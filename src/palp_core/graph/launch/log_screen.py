@@ -11,6 +11,7 @@ from palp_core.graph.discovery.choice import addressed
 from palp_core.graph.discovery.log_lines import RANK, LineReader, LogLine
 from palp_core.graph.discovery.log_reader import follow
 from palp_core.graph.log_format import ENDS_NODE
+from palp_core.graph.supervision.log_levels import LogLevels, levels_of
 
 MOST_PER_S = 100
 """Lines shown of a second; how many more there are is said (assumed: nobody reads faster)."""
@@ -32,9 +33,9 @@ class Shown:
         run: Id of the run, for those who are sent to its log.
     """
 
-    def __init__(self, level: str, outputs: Mapping[str, str], show: Show, run: str = "") -> None:
+    def __init__(self, level: str | LogLevels, outputs: Mapping[str, str], show: Show, run: str = "") -> None:
         self._run = run
-        self._least, self._outputs, self._show = RANK[level], outputs, show
+        self._levels, self._outputs, self._show = levels_of(level), outputs, show
         self._reader = LineReader()
         self._ended: set[str] = set()
         self._end_ns = self._count = 0
@@ -58,7 +59,9 @@ class Shown:
             self._ended.discard(line.node)
         if "[supervisor]: " in line.text or line.node in self._ended:
             return False
-        return self._outputs.get(line.node) == "screen" or (line.begins and RANK[line.level] >= self._least)
+        return self._outputs.get(line.node) == "screen" or (
+            line.begins and RANK[line.level] >= RANK[self._levels.shown(line.node)]
+        )
 
     def flush(self) -> None:
         """Say how many lines were too many."""

@@ -10,6 +10,7 @@ import msgspec
 from palp_core.graph.node.spec import LONGEST_BACKOFF_S, NodeSpec
 from palp_core.graph.process.control_messages import Spawn
 from palp_core.graph.supervision.fork_server import ForkServer
+from palp_core.graph.supervision.log_levels import LogLevels
 from palp_core.graph.supervision.logs import note, tail
 
 LOG_LINES = 20
@@ -120,22 +121,23 @@ class ProcessLauncher:
         clock: ``sim`` or ``wall``.
         folder: The run directory.
         workspace: Folder that holds ``nodes/``.
-        log_level: The least that nodes log.
+        levels: From which level on nodes log.
     """
 
     def __init__(
-        self, server: ForkServer, clock: str, folder: Path, workspace: str, log_level: str = "info"
+        self, server: ForkServer, clock: str, folder: Path, workspace: str, levels: LogLevels
     ) -> None:
         self._server = server
         self._run = {
-            "clock": clock, "run_dir": str(folder), "workspace": workspace, "log_level": log_level
+            "clock": clock, "run_dir": str(folder), "workspace": workspace
         }  # fmt: skip
+        self._levels = levels
 
     def spawn(self, process: ManagedProcess, *, successor: bool = False, fresh: bool = False) -> None:
         """Start a node's process."""
         order = Spawn(
             spec=process.spec, log=str(process.log), place=process.place, successor=successor, fresh=fresh,
-            **self._run,
+            log_level=self._levels.logged(process.spec.name), **self._run,
         )  # fmt: skip
         self._server.send(order)
 

@@ -19,6 +19,7 @@ from palp_core.graph.supervision.channel_server import ChannelServer
 from palp_core.graph.supervision.fork_server import ChildEvent, ForkServer, Started, exit_in_words
 from palp_core.graph.supervision.interrupt import GracePeriod, Interrupt
 from palp_core.graph.supervision.launcher_node import LauncherNode
+from palp_core.graph.supervision.log_levels import LogLevels
 from palp_core.graph.supervision.managed_process import ManagedProcess, ProcessLauncher
 from palp_core.graph.supervision.restarts import READY_NS, Restarts
 from palp_core.graph.supervision.standby import Standby, Standbys
@@ -42,7 +43,7 @@ class Supervisor:
         interrupt: Raises when the user wants the end.
         observe: Wall clock: is shown every message for the launch view.
         launcher_node: Where the graph's events and health are published.
-        log_level: The least that nodes log.
+        levels: From which level on nodes log.
 
     Attributes:
         start_ns: The graph's start on the wall clock; 0 before.
@@ -71,7 +72,7 @@ class Supervisor:
         interrupt: Interrupt,
         observe: Callable[[int, bytes], None],
         launcher_node: LauncherNode,
-        log_level: str = "info",
+        levels: LogLevels | None = None,
     ) -> None:
         self.names = [spec.name for spec in specs]
         self.processes = [ManagedProcess(spec, folder / "log" / f"{spec.name}.log") for spec in specs]
@@ -91,7 +92,7 @@ class Supervisor:
         self._replies: dict[int, control_messages.Done] = {}
         self._commanded: set[int] = set()
         self._undisturbed_until_ns = 0
-        self._launcher = ProcessLauncher(server, clock, folder, workspace, log_level)
+        self._launcher = ProcessLauncher(server, clock, folder, workspace, levels or LogLevels())
         self._restarts = Restarts(
             self.processes, self._launcher, self._activate_on_wall, launcher_node, restarts=clock == "wall"
         )
