@@ -165,7 +165,7 @@ def _remapped(nodes: Nodes, word: str, caller: Mark, problems: Problems) -> Node
     if match is None:
         problems.add(
             caller,
-            f"'{word}' on the command line is no remap; write /node/port:=/node/port, or with reader: before it "
+            f"'{word}' on the command line is no remap; write /node/port:=/node/port, or reader: and that "
             "for one reader; a node is named by the launch file",
         )
         return nodes
