@@ -62,7 +62,7 @@ app = lazy_app(
             f"{_CLI}.topic.foxglove:foxglove",
             "Show a running graph in Foxglove: topics, log, parameters, services.",
         ),
-        "ros2": Verb(f"{_CLI}.ros2.ros2:app", "A running graph beside ROS 2: topics, services, parameters."),
+        "ros2": Verb(f"{_CLI}.ros2.ros2:app", "A running graph beside ROS 2."),
         "doctor": Verb(f"{_CLI}.doctor.doctor:doctor", "Look for what is wrong with host and graph."),
         "wtf": Verb(f"{_CLI}.doctor.doctor:doctor", "The same as doctor.", hidden=True),
         "keys": Verb(f"{_CLI}.launch.keys:app", "Keys for graphs that reach beyond this host."),

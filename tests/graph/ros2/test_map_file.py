@@ -119,6 +119,12 @@ def test_every_mistake_has_its_place_and_a_hint(text: str, expected: str, tmp_pa
     assert any(expected in line for line in found), found
 
 
+def test_standard_services_are_known_where_no_ros_2_is_installed(tmp_path: Path) -> None:
+    kinds = ("Empty", "SetBool", "Trigger")
+    ways = [f"  - {{palp: /a/b, ros: /{kind}, type: std_srvs/srv/{kind}}}" for kind in kinds]
+    assert mistakes("\n".join(["services:", *ways]), tmp_path) == []
+
+
 def test_the_types_of_ones_own_are_read_from_their_folder(tmp_path: Path) -> None:
     folder = tmp_path / "lab_msgs" / "msg"
     folder.mkdir(parents=True)

@@ -6,7 +6,8 @@ app = lazy_app(
     "A running graph beside ROS 2.",
     {
         "bridge": Verb(
-            "palp_core.cli.ros2.bridge:bridge", "Let topics, services and parameters cross, as a map says."
+            "palp_core.cli.ros2.bridge:bridge",
+            "Let topics, services and parameters cross between a running graph and ROS 2, as a map says.",
         )
     },
 )

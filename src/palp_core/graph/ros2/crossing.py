@@ -19,6 +19,12 @@ from palp_core.graph.ros2.map_file import Each, MapEntry
 from palp_core.graph.ros2.paths import FLOAT64, is_number, schema_at, words
 
 NS = 1_000_000_000
+_SERVICES = {
+    "std_srvs/srv/Empty": "---\n",
+    "std_srvs/srv/SetBool": "bool data\n---\nbool success\nstring message\n",
+    "std_srvs/srv/Trigger": "---\nbool success\nstring message\n",
+}
+"""What the standard services ask and answer, so that a map of them is checked where no ROS 2 is installed."""
 
 
 class Crossing(NamedTuple):
@@ -72,7 +78,7 @@ def find_service(definitions: Definitions, name: str, folders: Sequence[Path]) -
     """
     if part_of(name, "Request") in definitions:
         return
-    text = _text_of(name, folders, ".srv")
+    text = _text_of(name, folders, ".srv") or _SERVICES.get(name)
     if text is None:
         raise GraphError(
             f"no service type '{name}' is known: no {name}.srv is in the folders that interfaces lists, "
