@@ -5,7 +5,7 @@ from palp_core.units import NewtonMetres
 
 
 class Sample(Message):
-    """``index`` counts from 1; ``sent_ns`` is on the host's monotonic clock; both as a wrench carries them."""
+    """``index`` counts from 1; ``sent_ns`` is on the host's monotonic clock; both as a wrench has them."""
 
     index: float
     sent_ns: float
