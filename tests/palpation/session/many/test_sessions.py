@@ -20,7 +20,7 @@ from palp_core.palpation.export.export import write_export
 from palp_core.palpation.export.source import read_source
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
 from palp_core.palpation.session.many.overview import SessionEntry, find_sessions
-from palp_core.palpation.session.many.page import remarks
+from palp_core.palpation.session.many.page import remarks, write_pooled
 from palp_core.palpation.session.many.pooled import pool
 from palp_core.palpation.session.run_note import read_note
 from palp_core.palpation.session.session_folder import SHEET
@@ -191,6 +191,9 @@ def test_a_blinded_session_that_has_no_palpation_yet_is_no_damaged_one(tmp_path:
     write_json(out / "run.json", note)
     (entry,) = find_sessions(tmp_path)
     assert (entry.state, entry.words.partition(";")[0]) == ("blinded", "blinded: 0 palpations")
+    page = write_pooled(pool([entry]), [entry], tmp_path, tmp_path)  # nothing counts: it is a list alone
+    assert "blinded: 0 palpations" in page.read_text(encoding="utf-8")
+    assert not (tmp_path / "accuracy.png").exists()
 
 
 def test_a_blinded_session_is_listed_and_neither_pooled_nor_exported_nor_redacted(tmp_path: Path) -> None:

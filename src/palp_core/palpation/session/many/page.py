@@ -114,7 +114,7 @@ def write_pooled(record: Mapping[str, Any], entries: Sequence[SessionEntry], fol
         pooled=pooled,
         differences=difference_rows(record),
         remarks=list(remarks(record)),
-        picture=picture(_chart(record), out),
+        picture=picture(_chart(record), out) if record["groups"] else None,
     )
 
 
