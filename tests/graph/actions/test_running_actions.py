@@ -14,7 +14,9 @@ import pytest
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.description.checked import resolved_yaml
 from palp_core.graph.description.diagram import mermaid
+from palp_core.graph.description.node_class import NodeClassRequest, inspect_classes
 from palp_core.graph.problems import GraphProblems
+from palp_core.graph.swap.compatibility import objections
 from tests.support.palp import ROOT, Palp, finished
 from tests.support.rig_session import check_here
 from tests.support.supervised import Running
@@ -127,6 +129,27 @@ def test_an_action_is_one_wire_in_the_file_that_palp_writes_and_in_its_picture(e
     checked = check_here(file)
     assert resolved_yaml(checked).count("move: arm/move\n") == 1
     assert mermaid(checked).count("-->") == mermaid(checked).count('carrier -->|"move"| arm') == 1
+
+
+@pytest.mark.parametrize(
+    ("node", "successor", "words"),
+    [
+        ("arm", "Arm", []),
+        ("carrier", "Carrier", []),
+        ("arm", "Carrier", ["it has no action 'move'; there are none"]),
+        ("carrier", "Confused", ["action client 'move': its goal, feedback or result is another"]),
+    ],
+)
+def test_a_successor_that_tears_an_action_is_refused_in_one_sentence(
+    ends: Path, node: str, successor: str, words: list[str]
+) -> None:
+    file = ends / "torn.yaml"
+    nodes = "arm: {run: one_action.py:Arm}\n  carrier: {run: one_action.py:Carrier, inputs: {move: arm/move}}"
+    file.write_text(f"graph: ends\nclock: sim\nnodes:\n  {nodes}\n", encoding="utf-8")
+    checked = check_here(file)
+    (spec,) = [one for one in checked.nodes if one.name == node]
+    (described,) = inspect_classes([NodeClassRequest(f"one_action:{successor}")], ends)
+    assert [text for text in objections(checked, spec, described) if "not wired" not in text] == words
 
 
 def slow(palp: Palp, carry: Path) -> tuple[subprocess.Popen[str], Running]:

@@ -9,7 +9,7 @@ from palp_core.graph.description.checked import CheckedGraph, Reading, TopicInfo
 from palp_core.graph.description.node_class import NodeClass, NodePort
 from palp_core.graph.description.wire_check import misfit, type_misfit
 from palp_core.graph.messages.qos import on_edge
-from palp_core.graph.node.spec import NodeSpec, topic
+from palp_core.graph.node.spec import NodeSpec, action_of, part, topic
 from palp_core.graph.problems import hint
 
 
@@ -37,6 +37,24 @@ def objections(checked: CheckedGraph, spec: NodeSpec, new_class: NodeClass) -> l
             )
     for service in spec.requests:
         found += _service(checked, spec.name, service, new_class)
+    return _actions_whole(found, spec, new_class)
+
+
+def _actions_whole(found: list[str], spec: NodeSpec, new_class: NodeClass) -> list[str]:
+    """Return objections in which those to the parts of an action are one, to the action."""
+    names = dict.fromkeys(action for port in (*spec.requests, *spec.inputs) if (action := action_of(port)))
+    for name in names:
+        torn = [text for text in found if part("", name) in text]
+        if not torn:
+            continue
+        serves = any(action_of(port) == name for port in spec.requests)
+        kind, noun = ("act", "action") if serves else ("action_client", "action client")
+        port = new_class.ports.get(name)
+        known = [other.name for other in new_class.ports.values() if other.kind == kind]
+        lacks = f"it has no {noun} '{name}'{hint(name, known)}"
+        differs = f"{noun} '{name}': its goal, feedback or result is another"
+        found = [text for text in found if text not in torn]
+        found.append(differs if port is not None and port.kind == kind else lacks)
     return found
 
 
