@@ -28,7 +28,8 @@ KEPT = KeptRun(
 )
 """A run that had begun anew, after one that was cut off before its first checkpoint."""
 
-TINY = ("trials:=1", "training:=1", "rings_mm:=8, 16", "policy:=fixed", "--compose")
+SMALL = ("trials:=2", "training:=2", "policy:=markov", "seed:=1", "--compose")
+"""As of ``rig_session``."""
 
 
 @pytest.fixture(scope="module")
@@ -37,35 +38,35 @@ def checked() -> CheckedGraph:
 
 
 def test_two_sessions_side_by_side_are_those_of_their_seeds_and_are_pooled(
-    palp: Palp, tmp_path: Path
+    palp: Palp, rig_session: RigSession, tmp_path: Path
 ) -> None:
     """Each is the session that its seed alone gives, and what both say together is beside them."""
-    many, alone = tmp_path / "many", tmp_path / "alone"
-    done = palp.run("launch", SIM, *TINY, "seed:=3", f"out:={many}", "--repeat", 2)
+    many = tmp_path / "many"
+    done = palp.run("launch", SIM, *SMALL, f"out:={many}", "--repeat", 2)
     assert done.returncode == 0, done.stderr
-    assert f"2 runs of {SIM}, seeds 3 to 4, " in done.stderr
+    assert f"2 runs of {SIM}, seeds 1 to 2, " in done.stderr
     assert "over 2 sessions" in done.stdout
     assert "not all were run alike" not in done.stdout
-    one = palp.run("launch", SIM, *TINY, "seed:=4", f"out:={alone}")
-    assert one.returncode == 0, one.stderr
-    assert (many / "seed_4" / "trials.csv").read_bytes() == (alone / "trials.csv").read_bytes()
-    assert (many / "seed_3" / "trials.csv").read_bytes() != (alone / "trials.csv").read_bytes()
+    alone = (rig_session.out / "trials.csv").read_bytes()
+    assert (many / "seed_1" / "trials.csv").read_bytes() == alone
+    assert (many / "seed_2" / "trials.csv").read_bytes() != alone
     pooled = json.loads((many / "pooled.json").read_text())
     assert [(group["unit"], group["units"]) for group in pooled["groups"]] == [("session", 2)]
     assert (many / "index.html").exists()
-    again = palp.run("launch", SIM, *TINY, "seed:=3", f"out:={many}", "--repeat", 2)
+    again = palp.run("launch", SIM, *SMALL, f"out:={many}", "--repeat", 2)
     assert again.returncode == 2
-    assert f"{many / 'seed_3'} is there already: --resume goes on" in again.stderr
+    assert f"{many / 'seed_1'} is there already: --resume goes on" in again.stderr
 
 
-@pytest.mark.parametrize("kill", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.nightly)])
+@pytest.mark.nightly
+@pytest.mark.parametrize("kill", [signal.SIGINT, signal.SIGKILL])
 def test_what_was_ended_in_the_middle_goes_on(
     kill: signal.Signals, palp: Palp, rig_session: RigSession, tmp_path: Path
 ) -> None:
     """A session that was whole is left as it is, and the others come to the bytes they would have."""
     many = tmp_path / "many"
-    words = ("launch", SIM, "trials:=2", "training:=2", "policy:=markov", "--compose")
-    process = palp.start(*words, "seed:=1", f"out:={many}", "--repeat", 2)
+    words = ("launch", SIM, *SMALL)
+    process = palp.start(*words, f"out:={many}", "--repeat", 2)
     wait_for_line(process, "seed 1: ")
     process.send_signal(kill)
     process.communicate(timeout=PATIENCE_S)
@@ -74,7 +75,7 @@ def test_what_was_ended_in_the_middle_goes_on(
     whole = {
         path: path.read_bytes() for path in many.glob("seed_*/trials.csv") if session.complete(path.parent)
     }
-    done = palp.run(*words, "seed:=1", f"out:={many}", "--repeat", 2, "--resume")
+    done = palp.run(*words, f"out:={many}", "--repeat", 2, "--resume")
     assert done.returncode == 0, done.stderr
     assert {path: path.read_bytes() for path in whole} == whole
     assert (many / "seed_1" / "trials.csv").read_bytes() == (rig_session.out / "trials.csv").read_bytes()
