@@ -19,18 +19,19 @@ ip -n "$rig" address add 10.213.8.1/24 dev "r$$" && ip -n "$rig" link set "r$$" 
 ip -n "$laptop" address add 10.213.8.2/24 dev "l$$" && ip -n "$laptop" link set "l$$" up && ip -n "$laptop" link set lo up
 
 # Each host has its own keys and its own run directory; nothing of a disk is shared, but for the two public keys.
-on() { local host=$1; shift; ip netns exec "$host-$$" env PALP_KEYS="$out/$host/keys" XDG_RUNTIME_DIR="$out/$host/run" "$@"; }
+at_rig=(ip netns exec "$rig" env PALP_KEYS="$out/rig/keys" XDG_RUNTIME_DIR="$out/rig/run")
+at_laptop=(ip netns exec "$laptop" env PALP_KEYS="$out/laptop/keys" XDG_RUNTIME_DIR="$out/laptop/run")
 
-on rig "$palp" keys generate --name rig
-on laptop "$palp" keys generate --name laptop
-on rig "$palp" keys allow "$out/laptop/keys/laptop.public"
+"${at_rig[@]}" "$palp" keys generate --name rig
+"${at_laptop[@]}" "$palp" keys generate --name laptop
+"${at_rig[@]}" "$palp" keys allow "$out/laptop/keys/laptop.public"
 
 cd "$here/../chain"
-on rig "$palp" launch launch/chain.yaml clock:=wall count:=1000000 --listen tcp://10.213.8.1:7600 >"$out/rig/said" 2>&1 &
+"${at_rig[@]}" "$palp" launch launch/chain.yaml clock:=wall count:=1000000 --listen tcp://10.213.8.1:7600 >"$out/rig/said" 2>&1 &
 launched=$!
-until on rig "$palp" topic list 2>/dev/null | grep -q amplified; do kill -0 "$launched" || { cat "$out/rig/said"; exit 1; }; done
+until "${at_rig[@]}" "$palp" topic list 2>/dev/null | grep -q amplified; do kill -0 "$launched" || { cat "$out/rig/said"; exit 1; }; done
 
-on laptop "$palp" run ../two_hosts/listener.py:Listener -r sample:=/relay/amplified -p blocks:=200 -p "out:=$out/heard.json" \
+"${at_laptop[@]}" "$palp" run ../two_hosts/listener.py:Listener -r sample:=/relay/amplified -p blocks:=200 -p "out:=$out/heard.json" \
     --join tcp://10.213.8.1:7600 --server-key "$out/rig/keys/rig.public"
 kill "$launched" && wait "$launched" || true
 python3 - "$out/heard.json" <<'PYTHON'

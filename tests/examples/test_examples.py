@@ -26,10 +26,12 @@ def run(palp: Palp, cwd: Path, *words: object) -> subprocess.CompletedProcess[st
         "PYTHON": sys.executable,
         "MPLBACKEND": "Agg",
     }
-    return subprocess.run(
+    done = subprocess.run(
         [str(word) for word in words], cwd=cwd, env=environment, capture_output=True, text=True,
         timeout=PATIENCE_S, check=False,
     )  # fmt: skip
+    assert palp.all_gone(), "it left a process behind"
+    return done
 
 
 def test_every_example_has_its_row_and_every_row_its_example() -> None:
