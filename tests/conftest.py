@@ -33,7 +33,14 @@ hypothesis.settings.load_profile("ci")
 
 def pytest_configure() -> None:
     """Make the surroundings the same everywhere: the terminal's width, no colours, Ctrl-C."""
-    for name in ("GITHUB_ACTIONS", "FORCE_COLOR", "PY_COLORS", "CLICOLOR_FORCE", "NO_COLOR"):
+    for name in (
+        "PYTEST_ADDOPTS",
+        "GITHUB_ACTIONS",
+        "FORCE_COLOR",
+        "PY_COLORS",
+        "CLICOLOR_FORCE",
+        "NO_COLOR",
+    ):
         os.environ.pop(name, None)
     os.environ["COLUMNS"] = "80"
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # the tests themselves run in the background

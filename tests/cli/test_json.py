@@ -45,7 +45,15 @@ def test_the_page_has_its_promises() -> None:
     assert set(WORDS) <= set(promises())
 
 
-@pytest.mark.parametrize("verb", [verb for verb in promises() if verb not in ("param load", "lifecycle set")])
+ASKED_ELSEWHERE = (
+    "param load",
+    "lifecycle set",
+    *(f"action {verb}" for verb in ("info", "type", "send_goal", "cancel")),
+)
+"""The actions' in ``tests/graph/actions/test_running_actions.py``, where there is one."""
+
+
+@pytest.mark.parametrize("verb", [verb for verb in promises() if verb not in ASKED_ELSEWHERE])
 def test_a_promised_key_is_there(talk: Talk, verb: str) -> None:
     is_list, keys = promises()[verb]
     done = talk.run(*verb.split(), *WORDS.get(verb, ()), "--json")

@@ -37,6 +37,7 @@ def address(site: Path) -> Iterator[str]:
         thread.join()
 
 
+@pytest.mark.nightly
 def test_diagrams_are_drawn_and_nobody_else_is_asked(browser: Any, address: str) -> None:
     page = browser.new_page()
     asked: list[str] = []

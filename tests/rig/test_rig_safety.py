@@ -80,6 +80,7 @@ def test_motion_stops_when_a_node_dies_or_stops(start: Start, node: str, number:
     strike(start(*LENIENT), number, node)
 
 
+@pytest.mark.nightly
 def test_motion_stops_when_the_fork_server_and_a_guard_are_killed_at_once(start: Start) -> None:
     strike(start(*LENIENT), signal.SIGKILL, *FIRST)
 

@@ -98,6 +98,7 @@ def test_a_session_that_is_interrupted_says_how_far_it_came_and_what_is_kept(
     assert "Traceback" not in errors
 
 
+@pytest.mark.nightly
 def test_who_asks_for_the_end_twice_gets_it_without_a_report_and_can_have_that_later(
     palp: Palp, tmp_path: Path
 ) -> None:

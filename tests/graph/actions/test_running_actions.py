@@ -17,6 +17,7 @@ from palp_core.graph.description.diagram import mermaid
 from palp_core.graph.description.node_class import NodeClassRequest, inspect_classes
 from palp_core.graph.problems import GraphProblems
 from palp_core.graph.swap.compatibility import objections
+from tests.cli.test_json import promises
 from tests.support.palp import ROOT, Palp, finished
 from tests.support.rig_session import check_here
 from tests.support.supervised import Running
@@ -218,7 +219,13 @@ def test_a_goal_from_the_shell_is_followed_to_its_end(palp: Palp, carry: Path) -
     queued.send_signal(signal.SIGINT)
     status, said = finished(queued)
     assert status == 1
-    assert json.loads(said.splitlines()[0])["status"] == "canceled"
+    ended = json.loads(said.splitlines()[0])
+    assert ended["status"] == "canceled"
+    promised = promises()
+    assert ended.keys() >= set(promised["action send_goal"][1])
+    for verb in ("info", "type"):
+        answer = json.loads(palp.run("action", verb, "/arm/move", "--json").stdout)
+        assert answer.keys() >= set(promised[f"action {verb}"][1])
     told = palp.run("action", "info", "/arm/move")
     assert "carrier.move-0-1: executing" in told.stdout
     assert "Action clients: 1\n    /carrier" in told.stdout
@@ -226,8 +233,11 @@ def test_a_goal_from_the_shell_is_followed_to_its_end(palp: Palp, carry: Path) -
     refused = palp.run("action", "send_goal", "/arm/move", "{to_m: 7}")
     assert (refused.returncode, refused.stdout.count("beyond the reach")) == (1, 1)
     assert "did you mean '/arm/move'?" in palp.run("action", "info", "/arm/mvoe").stderr
-    canceled = palp.run("action", "cancel", "/arm/move")
-    assert (canceled.returncode, canceled.stdout) == (0, "carrier.move-0-1: canceling\n")
+    canceled = palp.run("action", "cancel", "/arm/move", "--json")
+    assert canceled.returncode == 0
+    answer = json.loads(canceled.stdout)
+    assert answer.keys() >= set(promised["action cancel"][1])
+    assert answer["goal_ids"] == ["carrier.move-0-1"]
     assert "is canceled: it was asked to" in said_on_stderr(process, "is canceled")
     hidden = palp.run("topic", "list", "--include-hidden-topics").stdout.split()
     assert {"/arm/move/_action/feedback", "/arm/move/_action/status"} < set(hidden)

@@ -6,9 +6,12 @@ import re
 import signal
 from pathlib import Path
 
+import pytest
+
 from tests.support.palp import ROOT, SIM, Palp, wait_for_line
 
 
+@pytest.mark.nightly
 def test_the_policy_that_the_tutorial_shows_takes_over_in_the_middle_of_a_run(
     palp: Palp, tmp_path: Path
 ) -> None:

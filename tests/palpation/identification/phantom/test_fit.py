@@ -95,6 +95,7 @@ def test_bare_gel_alone_does_not_tell_modulus_from_indentation() -> None:
     assert any("cannot be told apart" in w or "hardly determined" in w for w in found.warnings)
 
 
+@pytest.mark.slow
 def test_a_record_is_fitted_from_the_command_line(tmp_path: Path) -> None:
     session = made((0.002,), 5, repeats=2)
     keeper = SessionWriter(str(tmp_path / "out"), [0.002])

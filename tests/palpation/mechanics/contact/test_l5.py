@@ -47,6 +47,7 @@ def test_the_force_is_the_slope_of_the_energy_and_linear_in_the_modulus(model: F
     assert np.allclose(stiff.force(ORIGIN, at)[0], 2.0 * model.force(ORIGIN, at)[0], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_bead_makes_it_stiffer_than_bare_gel(model: FiniteStrainContact) -> None:
     at = np.linspace(0.0005, 0.003, 6)
     assert np.all(model.force(ORIGIN, at)[0] > FiniteStrainContact(Phantom(), TIP_M).force(ORIGIN, at)[0])

@@ -63,6 +63,7 @@ def test_the_most_bits_a_second_are_not_at_the_softest_ring() -> None:
     assert done.ended.probes.mean() < 2.0
 
 
+@pytest.mark.slow
 def test_friction_ruins_the_peak_and_neither_contrast_nor_trace() -> None:
     schemes = (
         Scheme("peak", "fixed_best", "paper"),
@@ -99,6 +100,7 @@ def test_the_papers_stop_rule_takes_two_sweeps_of_a_trace_and_a_threshold_one() 
     assert (threshold.confidence[threshold.decided] >= 0.99).all()
 
 
+@pytest.mark.slow
 def test_a_depth_in_millimetres_is_told_better_by_the_contrast_than_by_the_peak() -> None:
     grid_m = (0.002, 0.003, 0.004, 0.006, 0.008)
     few = replace(PLAN, conditions=replace(PLAN.conditions, trials=12), test_depths_m=grid_m)

@@ -184,6 +184,7 @@ def test_more_subjects_see_a_depth_better_and_alike_trials_worse() -> None:
     assert alike[1] < free[1]
 
 
+@pytest.mark.slow
 def test_the_study_writes_the_same_numbers_whatever_the_workers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
