@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import psutil
 import pytest
 
@@ -61,6 +62,7 @@ PRESSES: dict[str, Any] = {
     "a message": lambda operator: operator.publish("stage", "load", "{load_n: 1.0}"),
     "a call": lambda operator: operator.call("stage", "home", {}),
     "a swap": lambda operator: operator.swap("stage", "nodes.other:Other"),
+    "the end": lambda operator: operator.end(),
     "a recording": lambda operator: Recordings(operator, Path()).start("bag", []),
     "a snapshot": lambda operator: Recordings(operator, Path()).snapshot(),
 }
@@ -138,6 +140,27 @@ def test_of_a_graph_that_has_ended_nothing_can_be_pressed(
 ) -> None:
     monkeypatch.setattr(RunningGraph, "alive", False)
     assert Stage(tmp_path).operator(operate=True).refusal(stops=True) == ENDED
+
+
+def test_a_file_of_a_class_is_looked_for_where_the_viewer_was_started_then_in_the_workspace(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage = Stage(tmp_path)
+    stage.graph.record = msgspec.structs.replace(stage.graph.record, workspace=str(tmp_path / "lab"))
+    here, lab = tmp_path / "here", tmp_path / "lab"
+    for file in (here / "mine.py", lab / "mine.py", lab / "theirs.py"):
+        file.parent.mkdir(exist_ok=True)
+        file.touch()
+    monkeypatch.chdir(here)
+    operator = stage.operator(operate=True)
+    for run in ("mine.py:Mine", "theirs.py:Theirs", "none.py:None", "nodes.mine:Mine"):
+        operator.swap("stage", run)
+    assert [asked["request"]["run"] for asked in stage.asked] == [
+        f"{here}/mine.py:Mine",
+        f"{lab}/theirs.py:Theirs",
+        f"{here}/none.py:None",
+        "nodes.mine:Mine",
+    ]
 
 
 @pytest.mark.parametrize("name", ["../bag", "/tmp/bag", "a/b", ".hidden", "-o", "a\0b", "x" * 200, "a b"])

@@ -13,7 +13,7 @@ import msgspec
 import pytest
 
 from palp_core.graph.messages.topic import Topic
-from palp_core.view.source.operator import Refused
+from palp_core.view.source.operator import READ_ONLY, Refused
 from palp_core.view.source.overview import NodeState, Overview, Trouble, WireState
 from palp_core.view.source.protocol import Heard
 
@@ -283,6 +283,31 @@ def test_a_parameters_name_is_read_out_and_never_an_attribute() -> None:
         assert not [prop for prop in field.props if "onclick" in prop]
 
     simulated(lambda: labelled(ui.input(), name), look)
+
+
+def test_the_end_of_the_graph_asks_twice_and_is_dead_where_it_may_not_be_pressed() -> None:
+    from nicegui import ui
+
+    from palp_core.view.pages.ending import ASKED, EndPanel
+
+    pressed, refusals = Pressed(), [""]
+    pressed.refusal = lambda **_: refusals[0]  # type: ignore[method-assign]
+    pressed.end = lambda: pressed.calls.append("end")  # type: ignore[attr-defined]
+    panels: list[EndPanel] = []
+    viewer = Viewer(source=Told(), operator=pressed)  # type: ignore[arg-type]
+
+    async def look(user: Any) -> None:
+        user.find("End the graph ...").click()
+        assert pressed.calls == []
+        user.find("yes, end the graph").click()
+        await user.should_see(ASKED, retries=100)
+        assert pressed.calls == ["end"]
+        refusals[0] = READ_ONLY
+        await user.should_see(READ_ONLY, retries=100)
+        (button,) = user.find(kind=ui.button, content="End the graph ...").elements
+        assert not button.enabled
+
+    simulated(lambda: panels.append(EndPanel(viewer)), look)
 
 
 def test_a_refused_press_is_told_on_the_page() -> None:

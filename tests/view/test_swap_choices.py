@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+pytest.importorskip("nicegui")
+
+from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
+from palp_core.view.pages.swap import choices
+from palp_core.view.source.overview import Overview, WireState
 from palp_core.view.source.swap_choices import fitting
 
 NODES = """
@@ -60,6 +66,41 @@ def test_what_has_the_outputs_that_are_read_and_no_open_input_fits(workspace: Pa
 
 def test_where_nobody_reads_it_need_not_speak(workspace: Path) -> None:
     assert "nodes.ring:Mute" in fitting(workspace, "nodes.ring:Quick", set(), {"goal"})
+
+
+def test_what_lies_under_a_workspace_fits_too_and_is_what_its_own_derive_from(workspace: Path) -> None:
+    mine = workspace / "mine/nodes"
+    mine.mkdir(parents=True)
+    (mine / "mine.py").write_text(
+        "from nodes.ring import Careful\n\nclass Mine(Careful):\n    pass\n", encoding="utf-8"
+    )
+    found = fitting(workspace / "mine", "nodes.ring:Ring", {"place"}, {"goal"}, [workspace])
+    assert found == ["nodes.mine:Mine", "nodes.ring:Quick", "nodes.ring:Careful"]
+    (mine / "ring.py").write_text("", encoding="utf-8")  # in place of that of the same name
+    assert fitting(workspace / "mine", "nodes.ring:Ring", {"place"}, {"goal"}, [workspace]) == []
+
+
+def test_a_policy_of_ones_own_and_those_of_the_installed_rig_are_offered(tmp_path: Path) -> None:
+    (tmp_path / "nodes").mkdir()
+    (tmp_path / "nodes/policy_mine.py").write_text(
+        "from nodes.policy import PolicyNode\n\nclass Mine(PolicyNode):\n    pass\n", encoding="utf-8"
+    )
+    record = RunRecord(
+        "rig", "rig:sim.yaml", "sim", 1, 0, "", [NodeEntry("policy", "nodes.policy_fixed:Fixed", 1, "", "")],
+        [], workspace=str(tmp_path),
+    )  # fmt: skip
+    ports = [("trial", "estimator"), ("belief", "estimator")]
+    inputs = {f"/{source}/{port}": {"port": port} for port, source in ports}
+    wire = WireState(topic="/policy/command", source="policy", reader="ring")
+    live = SimpleNamespace(
+        graph=SimpleNamespace(
+            record=record, ask=lambda *_, **__: {"run": "nodes.policy_fixed:Fixed", "inputs": inputs}
+        ),
+        overview=lambda: Overview(kind="graph", title="rig", wires=[wire]),
+    )
+    found = choices(live, "policy")  # type: ignore[arg-type]
+    assert {"nodes.policy_mine:Mine", "nodes.policy_markov:Markov"} <= set(found)
+    assert "nodes.policy:PolicyNode" not in found
 
 
 def test_the_rig_s_policies_fit_each_other() -> None:

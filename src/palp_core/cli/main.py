@@ -45,7 +45,7 @@ app = lazy_app(
         "swap": Verb(f"{_CLI}.launch.swap:swap", "Let another class take a running node's place."),
         "graph": Verb(
             f"{_CLI}.launch.graph:app",
-            "Draw a launch file's graph (palp graph FILE), or list the running ones.",
+            "Draw a launch file's graph (palp graph FILE), list the running ones, or end one.",
         ),
         "topic": Verb(f"{_CLI}.topic.topic:app", "Topics of the running graph.", part="A running graph"),
         "node": Verb(f"{_CLI}.node.node:app", "Nodes of the running graph."),

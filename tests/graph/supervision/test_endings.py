@@ -67,6 +67,21 @@ def test_when_the_supervisor_is_killed_all_is_gone(palp: Palp, clock: str, withi
     assert palp.all_gone(within_s)
 
 
+def test_a_graph_is_ended_from_elsewhere_as_ctrl_c_at_its_launch_ends_it(palp: Palp) -> None:
+    process = palp.start("launch", CHAIN, "count:=1000000")
+    wait_for_line(process, "blocks: 1/")
+    name = json.loads(palp.run("graph", "list", "--json").stdout)[0]["name"]
+    assert "no graph named 'none' is running" in palp.run("graph", "end", "none").stderr
+    done = palp.run("graph", "end", name)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith(f"graph '{name}' (id ")
+    assert palp.all_gone()  # at once: it has waited for the end
+    _, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 128 + signal.SIGINT
+    assert "every node has ended" in errors
+    assert palp.run("graph", "end").stderr.startswith("no graph is running")
+
+
 def test_when_the_fork_server_is_killed_the_run_ends_and_says_so(palp: Palp) -> None:
     process = palp.start("launch", CHAIN, "count:=1000000")
     wait_for_line(process, "blocks: 1/")

@@ -1,21 +1,25 @@
-"""``palp graph``: the graph of a launch file as a picture, and the graphs that are running."""
+"""``palp graph``: the graph of a launch file as a picture, the graphs that are running, and their end."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from palp_core.cli import completion
 from palp_core.cli.lazy import Verb, lazy_app
 from palp_core.cli.options import JsonOption
 from palp_core.cli.output import note, print_json, print_table, print_text
+from palp_core.cli.running import find_graph
 
 _HERE = "palp_core.cli.launch.graph"
 
 app = lazy_app(
-    "Draw a launch file's graph (palp graph FILE), or list the running ones.",
+    "Draw a launch file's graph (palp graph FILE), list the running ones, or end one.",
     {
         "draw": Verb(f"{_HERE}:draw", "Print a launch file's graph as Mermaid text, or as DOT for Graphviz."),
         "list": Verb(f"{_HERE}:list_graphs", "List the running graphs of this user, the latest first."),
+        "end": Verb(f"{_HERE}:end", "End a running graph as Ctrl-C at its launch does."),
     },
     default="draw",
 )
@@ -85,6 +89,36 @@ def list_graphs(*, as_json: JsonOption = False) -> None:
         for record in records
     ]
     print_table([("", "NAME", "ID", "PID", "UP", "CLOCK", "FILE", "WORKSPACE", "LAUNCHED FROM"), *rows])
+
+
+def end(
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[GRAPH]",
+            help="Its name, id or pid; default: the one of this folder.",
+            autocompletion=completion.graphs,
+            show_default=False,
+        ),
+    ] = None,
+    *,
+    timeout: Annotated[
+        float, typer.Option("--timeout", metavar="S", min=0.0, max=86400.0, help="Seconds to wait for it.")
+    ] = 60.0,
+) -> None:
+    """End a running graph as Ctrl-C at its launch does, wherever that runs, and wait until it has ended.
+
+    Every node is brought to its safe state, and what is written at an end is written. Status 1: it has not
+    ended in time, and goes on ending.
+    """
+    from palp_core.graph.discovery.ending import ask_to_end
+
+    running = find_graph(name, changes=True)
+    with ask_to_end(running) as ending:
+        if not ending.wait(timeout):
+            note(f"graph '{running.record.graph}' has been asked to end, and has not within {timeout:g} s")
+            sys.exit(1)
+    print_text(f"graph '{running.record.graph}' (id {running.record.id}) has ended")
 
 
 def _duration(ns: int) -> str:

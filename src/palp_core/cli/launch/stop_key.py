@@ -51,7 +51,7 @@ def call_safety(
     if node is None:
         raise GraphError(
             f"graph '{running.record.graph}' has no safety node, so nothing can be stopped alone;"
-            " end the graph with Ctrl-C or 'palp launch' again with a safety node"
+            f" end the graph with: palp graph end {running.record.id}"
         )
     answer = running.ask(node, "call", timeout_s=timeout_s, service=service, request=request)
     reply: dict[str, Any] = answer["reply"]

@@ -2,7 +2,6 @@
 
 import re
 import sys
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -73,6 +72,7 @@ def swap(
     """
     from palp_core.cli.text.words import assignments, value_of
     from palp_core.graph.discovery.choice import addressed
+    from palp_core.graph.node.loading import class_from_here
     from palp_core.graph.swap.swap import MOST_RUNS, STEPS
 
     given = list(params or [])
@@ -85,11 +85,11 @@ def swap(
         )
     if target is not None and not all(target.rpartition(":")[::2]):
         raise GraphError(f"'{target}' is no class; write MODULE:CLASS or FILE.py:CLASS")
-    run = _absolute(target) if target is not None else ""
     options: dict[str, Any] = {"params": {k: value_of(v) for k, v in assignments("parameter", given).items()}}
     if probation is not None:
         options["probation"] = _probation(probation, timeout)
     running = find_graph(graph, changes=True)
+    run = class_from_here(target, running.record.workspace) if target is not None else ""
     try:
         answer = running.swap(node, run, timeout_s=timeout, shadow_s=shadow, dry_run=dry_run, **options)
     except KeyboardInterrupt:
@@ -126,11 +126,6 @@ def _probation(text: str, timeout_s: float) -> dict[str, Any]:
     if given and given[2] and (longest_s := float(given[2])) <= LONGEST_S:
         return {"run_count": MOST_RUNS if longest_s else 0, "longest_s": longest_s}
     raise GraphError(f"--probation {text}: write a number of handlers, as in 5, or of seconds, as in 2.5s")
-
-
-def _absolute(target: str) -> str:
-    module, _, name = target.rpartition(":")
-    return f"{Path(module).resolve()}:{name}" if module.endswith(".py") else target
 
 
 def _print(report: dict[str, Any]) -> None:

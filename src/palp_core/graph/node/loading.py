@@ -90,6 +90,21 @@ def source_of(run: str, workspace: str) -> tuple[Path, str] | None:
     return (file, class_name) if file is not None else None
 
 
+def class_from_here(run: str, workspace: str) -> str:
+    """Return a class as somebody has typed it, the path of its file made whole.
+
+    Args:
+        run: ``module:Class``, or ``path.py:Class``: from the folder one is in, else from the workspace.
+        workspace: Of the graph; "" if it has none.
+    """
+    file, _, name = run.rpartition(":")
+    if not file.endswith(".py"):
+        return run
+    here = Path(file).resolve()
+    beside = Path(workspace, file).resolve()
+    return f"{beside if workspace and not here.is_file() and beside.is_file() else here}:{name}"
+
+
 def _forget(name: str, workspace: str) -> None:
     """Let the next import read the source: a compiled file is told from it by whole seconds and size only."""
     enter_workspace(workspace)

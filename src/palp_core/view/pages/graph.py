@@ -9,6 +9,7 @@ from urllib.parse import quote
 from nicegui import ui
 from nicegui.element import Element
 
+from palp_core.view.pages.ending import EndPanel
 from palp_core.view.pages.frame import frame
 from palp_core.view.pages.layout import HEIGHT, WIDTH, Layout, layout
 from palp_core.view.pages.live_table import Cell, LiveTable
@@ -124,6 +125,8 @@ def graph_page(viewer: Viewer) -> None:
         nodes = LiveTable(NODE_TITLES)
         said("h2", "Wires")
         wires = LiveTable(WIRE_TITLES)
+        if viewer.operator is not None:
+            EndPanel(viewer)
 
         def refresh() -> None:
             overview = viewer.source.overview()

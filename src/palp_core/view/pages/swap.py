@@ -11,6 +11,8 @@ from nicegui import run, ui
 from palp_core.errors import GraphError
 from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.swap.swap import STEPS, TIMEOUT_S
+from palp_core.graph.workspaces.modules import module_file, short_name
+from palp_core.graph.workspaces.underlays import Underlay, underlays
 from palp_core.view.pages.parts import Outcome, said
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.live import LiveSource
@@ -51,7 +53,8 @@ def swap_panel(viewer: Viewer, name: str) -> None:
             return
         looking.deactivate()
         choice.set_options(found)
-        fit.text = f"{len(found)} classes of the workspace fit its wires"
+        below = "".join(f" and of '{one.name}' under it" for one in under(live))
+        fit.text = f"{len(found)} classes of the workspace{below} fit its wires"
 
     async def go() -> None:
         wanted = str(choice.value or "")
@@ -126,7 +129,7 @@ def _progress(live: LiveSource) -> dict[str, Any]:
 
 
 def choices(live: LiveSource, name: str) -> list[str]:
-    """Return the classes of the workspace that may take a node's place.
+    """Return the classes of the workspace, and of those under it, that may take a node's place.
 
     Raises:
         GraphError: The node does not answer in time.
@@ -138,7 +141,23 @@ def choices(live: LiveSource, name: str) -> list[str]:
     read = {wire.topic.rpartition("/")[2] for wire in told}
     node = live.graph.ask(name, "info", timeout_s=2.0)  # it knows what runs sooner than the record
     wired = {str(one["port"]) for one in node["inputs"].values()}
-    return fitting(Path(workspace), node["run"], read, wired) if workspace else []
+    if not workspace:
+        return []
+    module, _, name_of_class = str(node["run"]).rpartition(":")
+    run = f"{short_name(module, workspace)}:{name_of_class}"
+    return fitting(Path(workspace), run, read, wired, [one.folder for one in under(live)])
+
+
+def under(live: LiveSource) -> list[Underlay]:
+    """Return the installed workspaces under that of a graph from which nodes of it come."""
+    record = live.graph.record
+    modules = {node.run.rpartition(":")[0] for node in record.nodes}
+    files = [file for module in modules if (file := module_file(module, record.workspace)) is not None]
+    return [
+        one
+        for one in underlays()
+        if not one.folder.samefile(record.workspace) and any(one.folder in file.parents for file in files)
+    ]
 
 
 def assigned(text: str) -> dict[str, Any]:

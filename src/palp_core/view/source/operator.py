@@ -6,8 +6,10 @@ from collections.abc import Collection
 from typing import Any
 
 from palp_core.errors import GraphError
+from palp_core.graph.discovery.ending import ask_to_end
 from palp_core.graph.discovery.message_yaml import message_from_yaml, parse_yaml
 from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.node.loading import class_from_here
 from palp_core.graph.problems import hint
 from palp_core.view.source.live import LiveSource
 
@@ -134,10 +136,21 @@ class GraphOperator:
     def swap(self, node: str, run: str, **options: Any) -> dict[str, Any]:
         """Let another class take a node's place, or the same one from its file as it is now.
 
+        A file is looked for from the folder in which the viewer was started, then from the workspace.
+
         Returns:
             ``report`` or ``failed``, as :meth:`RunningGraph.swap` has it.
 
         Raises:
             GraphError: It may not be pressed, or there is no such node.
         """
-        return self.allow().swap(node, run, **options)
+        graph = self.allow()
+        return graph.swap(node, class_from_here(run, graph.record.workspace), **options)
+
+    def end(self) -> None:
+        """Ask the graph to end as Ctrl-C at its launch does, and do not wait for it.
+
+        Raises:
+            GraphError: It may not be pressed, or it has ended.
+        """
+        ask_to_end(self.allow()).close()

@@ -1,5 +1,7 @@
 """Classes of the workspace that may take a node's place: found by reading its files, without running them.
 
+So may those of the installed workspaces that lie under it, whatever of them it does not replace.
+
 A candidate declares every output that somebody reads of the node, by name and type as written, and no input
 that the node has no wire for, but optional ones. Whether it really fits is for the launcher to say: a dry run
 asks it.
@@ -8,7 +10,7 @@ asks it.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import msgspec
@@ -47,7 +49,9 @@ def classes_of(workspace: Path) -> Iterator[ClassText]:
                 yield ClassText(f"nodes.{path.stem}:{defined.name}", _bases(defined), _ports(defined))
 
 
-def fitting(workspace: Path, run: str, read: set[str], wired: set[str]) -> list[str]:
+def fitting(
+    workspace: Path, run: str, read: set[str], wired: set[str], below: Sequence[Path] = ()
+) -> list[str]:
     """Return the classes that may take a node's place, but for the one that has it.
 
     Args:
@@ -55,16 +59,32 @@ def fitting(workspace: Path, run: str, read: set[str], wired: set[str]) -> list[
         run: The class that runs, ``module:Class``.
         read: Ports of it whose messages somebody reads.
         wired: Its inputs that have a wire.
+        below: Folders of the installed workspaces under it: a file of the same name hides theirs.
     """
-    known = {found.run: found for found in classes_of(workspace)}
+    known, bases = _known([workspace, *below])
     ports = {name: _all_ports(found, known) for name, found in known.items()}
     own = ports.get(run, {})
-    bases = {base for found in known.values() for base in found.bases}
     return [
         name
         for name, has in ports.items()
-        if name != run and name.rpartition(":")[2] not in bases and _fits(has, own, read, wired)
+        if name != run and name not in bases and _fits(has, own, read, wired)
     ]
+
+
+def _known(workspaces: Sequence[Path]) -> tuple[dict[str, ClassText], set[str]]:
+    """Return the classes of workspaces that lie over each other, and which of them their own folder extends.
+
+    What one's own workspace derives from an installed class hides none: that one is a choice as before.
+    """
+    known: dict[str, ClassText] = {}
+    bases, taken = set[str](), set[str]()
+    for workspace in workspaces:
+        here = {one.run: one for one in classes_of(workspace) if one.run.partition(":")[0] not in taken}
+        extended = {base for one in here.values() for base in one.bases}
+        bases.update(run for run in here if run.rpartition(":")[2] in extended)
+        known |= here
+        taken |= {f"nodes.{path.stem}" for path in (workspace / "nodes").glob("*.py")}
+    return known, bases
 
 
 def _fits(has: dict[str, PortText], own: dict[str, PortText], read: set[str], wired: set[str]) -> bool:

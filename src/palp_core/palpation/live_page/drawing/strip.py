@@ -18,7 +18,7 @@ from palp_core.view.source.protocol import Watch
 
 REFRESH_S = 0.1
 REASON = "palp view"
-NOTHING_TO_STOP = "no safety node in this graph: nothing of it can be stopped alone"
+NOTHING_TO_STOP = "no safety node in this graph: nothing of it can be stopped alone; the page Graph ends it"
 
 
 def put_up(viewer: Viewer) -> None:
