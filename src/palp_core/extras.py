@@ -1,5 +1,11 @@
 """What an install may lack, and the words that say how to get it."""
 
+from __future__ import annotations
+
+import functools
+import json
+from pathlib import Path
+
 DISTRIBUTION = "palp-core"
 """What to install; ``palp`` is the command, and on the public index somebody else's package."""
 
@@ -29,12 +35,24 @@ _EXTRA_OF = {
 
 
 def install_line(extra: str) -> str:
-    """Return the command that installs an extra.
+    """Return the command that installs an extra: from the checkout that palp was installed from, if any."""
+    return f"pip install {_installed_from()}[{extra}]'"
 
-    >>> install_line("lsl")
-    "pip install 'palp-core[lsl]'"
-    """
-    return f"pip install '{DISTRIBUTION}[{extra}]'"
+
+@functools.cache
+def _installed_from() -> str:
+    """Return how the installer is told of palp, up to the extras."""
+    from importlib.metadata import PackageNotFoundError, distribution
+    from urllib.parse import unquote, urlsplit
+
+    try:
+        said = json.loads(distribution(DISTRIBUTION).read_text("direct_url.json") or "{}")
+    except (PackageNotFoundError, OSError, ValueError):
+        said = {}
+    folder = Path(unquote(urlsplit(str(said.get("url", ""))).path))
+    if "dir_info" not in said or not (folder / "pyproject.toml").is_file():
+        return f"'{DISTRIBUTION}"
+    return f"--editable '{folder}" if said["dir_info"].get("editable") else f"'{folder}"
 
 
 def advice(missing: ImportError) -> str:

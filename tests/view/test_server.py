@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from palp_core.cli.view.view import _opened
+from palp_core.extras import install_line
 from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
 
 pytest.importorskip("nicegui")
@@ -142,10 +143,7 @@ def test_without_the_extra_a_line_says_what_to_install(
     monkeypatch.setattr(importlib.util, "find_spec", hide)
     done = palp.here(*words)
     assert done.returncode == 2
-    assert (
-        done.stderr
-        == "palp view needs NiceGUI, which is not installed; type: pip install 'palp-core[view]'\n"
-    )
+    assert done.stderr == f"palp view needs NiceGUI, which is not installed; type: {install_line('view')}\n"
 
 
 def test_a_port_that_is_taken_is_said(palp: Palp, tmp_path: Path, server: Server) -> None:

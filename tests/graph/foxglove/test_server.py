@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from palp_core.extras import install_line
 from palp_core.graph.discovery.running_graph import RunningGraph
 from tests.graph.foxglove.viewer import viewing
 from tests.support.palp import CHAIN, PATIENCE_S, Palp, own_palp, wait_for_line
@@ -316,4 +317,4 @@ def test_without_the_library_one_line_says_what_to_install(
     monkeypatch.setitem(sys.modules, "foxglove", None)
     refused = bench.here("foxglove")
     assert refused.returncode == 2
-    assert refused.stderr.endswith("pip install 'palp-core[foxglove]'\n")
+    assert refused.stderr.endswith(f"{install_line('foxglove')}\n")
