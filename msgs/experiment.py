@@ -87,3 +87,12 @@ class TrialResult(Message):
     confidence: Probability
     probe_count: Count
     verdict: str
+
+
+class PolicyChange(Message):
+    """Another policy than before chooses, from this palpation on: it took the other one's place."""
+
+    stamp_ns: Nanoseconds
+    trial: Count
+    iteration: Count
+    policy: str

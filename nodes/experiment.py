@@ -7,7 +7,7 @@ import msgspec
 from msgs.action import PalpationAction
 from msgs.actuator import RingCommand, RingState, RingTruth
 from msgs.estimation import Belief, Outlook, Palpation, PrimitivesLearnt
-from msgs.experiment import Mount, PhantomTruth, Trial, TrialMount, TrialResult
+from msgs.experiment import Mount, PhantomTruth, PolicyChange, Trial, TrialMount, TrialResult
 from msgs.stage import SweepGoal, SweepStatus
 from msgs.torque import ContactGuard
 from nodes.experiment_params import POLICY, ExperimentParams, ExperimentState
@@ -28,6 +28,7 @@ from nodes.experiment_plan import (
 from palp_core import Alarm, Node, Progress, Pub, Qos, Sub, Swap, on
 from palp_core.palpation.session import plan
 from palp_core.palpation.session.trials_csv import SessionWriter, primitives_json, row_of
+from palp_core.palpation.session.who_chose import take_up_changes
 
 
 class Experiment(Node):
@@ -48,6 +49,7 @@ class Experiment(Node):
     guard = Sub(ContactGuard, optional=True)
     wanted = Sub(PalpationAction, optional=True)
     taken = Sub(PalpationAction, optional=True)
+    policy_change = Sub(PolicyChange, optional=True)
     trial = Pub(Trial)
     action = Pub(PalpationAction)
     goal = Pub(SweepGoal)
@@ -285,6 +287,11 @@ class Experiment(Node):
             self.state.asked = [action]
             self._advance()
 
+    @on(policy_change)
+    def _note_policy(self, change: PolicyChange) -> None:
+        """Know who chooses from a palpation on; the one before it may not be written yet."""
+        self.state.policy_changes.append(change)
+
     @on(taken)
     def _note_taken(self, action: PalpationAction) -> None:
         """See how the stage sweeps this goal; what it refuses is swept as the launch file says."""
@@ -340,6 +347,7 @@ class Experiment(Node):
 
     def _write_row(self, palpation: Palpation, belief: Belief | None) -> None:
         state, params = self.state, self.params
+        take_up_changes(state, palpation)
         row = row_of(state, palpation, belief, policy=params.policy, seed=params.seed)
         self.record.append(row, palpation.torque_n_m, palpation.rate_hz)
         state.ring_landed, state.last_ring_m = False, palpation.ring_m

@@ -6,6 +6,7 @@ import msgspec
 
 from msgs.action import PalpationAction
 from msgs.estimation import Belief, Palpation
+from msgs.experiment import PolicyChange
 from palp_core import Params, ReadOnly, State
 from palp_core.palpation.perception.belief.trial_filter import DepthCount
 from palp_core.palpation.perception.strategy.trained_rings import PUBLISHED
@@ -124,5 +125,6 @@ class ExperimentState(State):
     home_again: bool = False
     policy: str = ""
     next_policy: str = ""
+    policy_changes: list[PolicyChange] = []
     asked: list[PalpationAction] = []
     taken: list[PalpationAction] = []

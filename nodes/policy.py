@@ -10,7 +10,7 @@ from msgs.action import ActionPromise, ActionQuestion, PalpationAction
 from msgs.actuator import RingCommand
 from msgs.emg import CoContraction
 from msgs.estimation import Belief, PrimitivesLearnt
-from msgs.experiment import Trial
+from msgs.experiment import PolicyChange, Trial
 from palp_core import Params, Pub, Sub, on
 from palp_core.errors import PerceptionError
 from palp_core.graph.messages.builtin import MethodUse
@@ -26,6 +26,7 @@ from palp_core.palpation.perception.strategy.trained_rings import (
 from palp_core.palpation.perception.trace.actions import SweepAction
 from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
 from palp_core.palpation.session.methods.used import policy_use
+from palp_core.palpation.session.plan import policy_name
 from palp_core.units import Float64Array
 
 RingMillimetres = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_MM, extra_json_schema={"x-unit": "mm"})]
@@ -49,6 +50,7 @@ class PolicyNodeState(MethodTellerState):
     person's latest burst, -1 before any. ``chosen`` are the palpations of this trial that were chosen as a
     whole, by number, as indentation, speed, and ends of the path; ``asked`` are the palpations that are asked
     about, ring first, until the answer comes; ``posterior`` is what was known last, empty before the first.
+    ``chooser`` is the name of the policy that chose last, or that was there first.
     """
 
     trial: int = 0
@@ -65,6 +67,7 @@ class PolicyNodeState(MethodTellerState):
     chosen: dict[int, tuple[float, float, float, float]] = {}
     asked: list[tuple[float, float, float, float, float]] = []
     posterior: list[float] = []
+    chooser: str = ""
 
     @classmethod
     def adopt(cls, old: Any) -> Self:
@@ -91,6 +94,7 @@ class PolicyNode(MethodTeller):
     command = Pub(RingCommand)
     question = Pub(ActionQuestion)
     action = Pub(PalpationAction)
+    change = Pub(PolicyChange)
 
     @classmethod
     def examine(cls, params: Any) -> dict[str, str]:
@@ -118,6 +122,25 @@ class PolicyNode(MethodTeller):
     def on_configure(self) -> None:
         self.policy = self.choose()
         self.weighed: tuple[type[policies.StiffnessPolicy], Params, MethodUse] | None = None
+
+    def on_activate(self) -> None:
+        super().on_activate()
+        self.state.chooser = self.state.chooser or self._name()
+
+    def _name(self) -> str:
+        """Return the name under which the policy stands in the record."""
+        return policy_name(f":{type(self).__name__}")
+
+    def _tell_change(self) -> None:
+        """Say so if another policy has chosen until now; called as this one has chosen a palpation."""
+        state, name = self.state, self._name()
+        if state.chooser not in ("", name):
+            self.change.publish(
+                PolicyChange(
+                    stamp_ns=self.now_ns(), trial=state.trial, iteration=state.iteration, policy=name
+                )
+            )
+        state.chooser = name
 
     def _tell_policy(self) -> None:
         """Say which policy chooses from this command on; parameters and what was learnt may change that."""
@@ -199,7 +222,7 @@ class PolicyNode(MethodTeller):
         self.state.primitives = {name: np.ravel(getattr(learnt, name)).tolist() for name in names}
 
     @on(cocontraction)
-    def hear(self, cocontraction: CoContraction) -> None:
+    def _hear(self, cocontraction: CoContraction) -> None:
         if cocontraction.level_defined:
             self.state.heard = cocontraction.level
 
@@ -224,6 +247,7 @@ class PolicyNode(MethodTeller):
     def _command(self, chosen: policies.RingChoice) -> None:
         state, anew = self.state, bool(chosen.renew)
         state.iteration += 1
+        self._tell_change()
         state.level, state.mean_level = int(chosen.level), float(chosen.mean_level)
         state.ring_m = self._reachable(self.policy.rings_m[state.level])
         state.landed.append(anew or not state.tried_m or state.tried_m[-1] != state.ring_m)

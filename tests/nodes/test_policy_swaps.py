@@ -87,3 +87,25 @@ def test_any_sequence_of_policies_keeps_count(sequence: list[type[PolicyNode]]) 
         bench = replace(bench, policy)
         bench.feed(PolicyNode.belief, _belief(7, iteration))
         assert bench.node.state.iteration == iteration + 1
+
+
+def test_who_takes_over_says_from_which_palpation_on_it_chooses_and_says_it_once(successor: Any) -> None:
+    first = _begun(Fixed)
+    assert first.sent(Fixed.change) == []
+    second = successor(first, Uniform)
+    assert second.sent(Uniform.change) == []  # it has chosen nothing yet
+    for iteration in (1, 2):
+        second.feed(PolicyNode.belief, _belief(7, iteration))
+    (said,) = second.sent(Uniform.change)
+    assert (said.trial, said.iteration, said.policy) == (7, 2, "uniform")
+    same = successor(second)
+    same.feed(PolicyNode.belief, _belief(7, 3))
+    assert same.sent(Uniform.change) == []
+
+
+def test_who_takes_over_before_the_first_trial_says_so_at_its_first_palpation(successor: Any) -> None:
+    bench = successor(Bench(Fixed, {}, seed=3), Uniform)
+    bench.feed(PolicyNode.primitives, LEARNT)
+    bench.feed(PolicyNode.trial, _trial(7))
+    (said,) = bench.sent(Uniform.change)
+    assert (said.trial, said.iteration, said.policy) == (7, 1, "uniform")

@@ -15,7 +15,7 @@ from tests.support.palp import SIM
 POLICIES = """
 from msgs.action import ActionQuestion, PalpationAction
 from msgs.actuator import RingCommand
-from msgs.experiment import Trial
+from msgs.experiment import PolicyChange, Trial
 from nodes.policy_fixed import Fixed
 from palp_core import Node, Params, Pub, Sub, on
 
@@ -23,6 +23,7 @@ class Mute(Node):
     trial = Sub(Trial)
     action = Pub(PalpationAction)
     question = Pub(ActionQuestion)
+    change = Pub(PolicyChange)
     @on(trial)
     def hear(self, message): ...
 
@@ -38,6 +39,7 @@ class Blind(Node):
     command = Pub(RingCommand)
     action = Pub(PalpationAction)
     question = Pub(ActionQuestion)
+    change = Pub(PolicyChange)
     @on(trial)
     def choose(self, message): ...
 
@@ -65,7 +67,8 @@ def policies(tmp_path: Path) -> Path:
 
 def test_a_class_that_does_not_fit_is_refused_in_the_words_of_the_swap_once(policies: Path) -> None:
     assert mistakes(f"3={policies}:Other", f"5={policies}:Mute", f"9={policies}:Mute") == [
-        f"{policies}:Mute: it has no output 'command', which /actuator reads; there are: action, question",
+        f"{policies}:Mute: it has no output 'command', which /actuator reads; there are: action, change, "
+        "question",
         f"{policies}:Other: input 'torque' is not wired in the launch file; there are: belief, "
         "cocontraction, primitives, promise, trial",
         f"{policies}:Other: output 'command': /policy/command carries Trial, not RingCommand",

@@ -28,13 +28,14 @@ from palp_core.palpation.session.plan import policy_name
 from palp_core.palpation.session.roles import GUARD, NoSession, Roles, roles_of
 from palp_core.palpation.session.session_folder import RUN, cannot_write, refuse_input, refuse_occupied
 from palp_core.palpation.session.trials_csv import Row, SessionWriter, primitives_json, row_of
+from palp_core.palpation.session.who_chose import take_up_changes
 from palp_core.whole_file import write_json
 
 HEALTH = topic(LAUNCHER, "health")
 _NAMED_BY = "--out"
 _HEARD = (
     *("Belief", "Palpation", "PrimitivesLearnt", "RingState", "RingTruth", "PhantomTruth", "SweepStatus"),
-    "PalpationAction",
+    *("PalpationAction", "PolicyChange"),
     GUARD,
 )
 _SAID = ("Trial", "SweepGoal", "Mount", "Progress", "Swap")
@@ -252,6 +253,7 @@ class _Facts:
     last_ring_m: float = -1.0
     policy: str = ""
     next_policy: str = ""
+    policy_changes: list[Any] = dataclasses.field(default_factory=list)
     touch_changed: bool = False
     enter_ns: int | None = None
     leave_ns: int | None = None
@@ -297,6 +299,8 @@ class _Retold:
                 facts.guards = list(value.words)
             case "Swap":
                 facts.next_policy = policy_name(value.run)
+            case "PolicyChange":
+                facts.policy_changes.append(value)
             case "Palpation":
                 self._palpation = value
             case "Belief":
@@ -314,6 +318,7 @@ class _Retold:
             return None
         if of in self._written:  # a message that is in the bag twice
             return None
+        take_up_changes(facts, palpation)
         row = row_of(facts, palpation, belief, policy=self._policy, seed=self._seed)
         self._written.add(of)
         facts.row += 1

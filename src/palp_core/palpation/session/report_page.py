@@ -10,7 +10,7 @@ from palp_core.palpation.reporting.html_page import Picture, percent, write_page
 from palp_core.palpation.session.methods.text import paragraphs
 from palp_core.palpation.session.published import FIXED, HUMAN_STRATEGY_TEXT
 from palp_core.palpation.session.recorded_session import RecordedTrial, mm
-from palp_core.palpation.session.result_json import policy_label, unfinished_words
+from palp_core.palpation.session.result_json import planned_swaps, policy_label, unfinished_words
 from palp_core.palpation.session.sheet.of_run import sheet_lines
 from palp_core.palpation.session.sheet.sheet import SessionSheet
 
@@ -72,6 +72,8 @@ def write_report(
         pictures=pictures,
         sheet=sheet_lines(sheet) if sheet is not None else [],
         command=command(result, args or {}),
+        by_hand=_by_hand(result),
+        nearest=_nearest(result),
         trials=[_trial_row(trial) for trial in trials],
         methods=paragraphs([*result["methods"], *result["deliveries"]]),
         published=FIXED,
@@ -98,6 +100,26 @@ def command(result: dict[str, Any], args: Mapping[str, Any]) -> str:
     ]
     composed = ["--compose"] if result["composed"] else []
     return shlex.join(["palp", "launch", result["launch_file"], *composed, *given])
+
+
+def _by_hand(result: dict[str, Any]) -> list[list[str]]:
+    """Return the policies that took over by hand: which, from where on, and when."""
+    return [
+        [one["policy"], str(one["trial"]), str(one["palpation"]), f"{one['at_s']:,.1f} s"]
+        for one in result.get("swapped_by_hand", ())
+    ]
+
+
+def _nearest(result: dict[str, Any]) -> str:
+    """Return the argument that plans what comes nearest to the swaps by hand, in words; "" if none does.
+
+    A planned policy goes on with its trial after the first palpation, and one trial has but one of them.
+    """
+    swaps = result.get("swapped_by_hand", ())
+    numbers = [*planned_swaps(result), *(one["trial"] for one in swaps)]
+    if not swaps or result["clock"] != "sim" or len({*numbers}) < len(numbers):
+        return ""
+    return ",".join(f"{one['trial']}=MODULE:CLASS of {one['policy']}" for one in swaps)
 
 
 def _trial_row(trial: RecordedTrial) -> list[str]:

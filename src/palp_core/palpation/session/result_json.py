@@ -36,6 +36,7 @@ from palp_core.palpation.session.recorded_session import RecordedSession, Record
 from palp_core.palpation.session.roles import Roles, roles_of
 from palp_core.palpation.session.sheet.of_run import sheet_of
 from palp_core.palpation.session.sheet.sheet import SessionSheet
+from palp_core.palpation.session.who_chose import swapped_by_hand
 from palp_core.palpation.world.model import basis as world_basis
 from palp_core.palpation.world.model import units as world_units
 from palp_core.whole_file import read_whole, write_json
@@ -79,8 +80,10 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
     experiment = {**roles.params("experiment"), **summary.args}
     sweep_s = sum(row.end_ns - row.start_ns for row in session.rows) / 1e9
     trials = session.trials
+    by_hand = swapped_by_hand(session.rows, experiment.get("swaps") or "")
     return {
         "policy": experiment.get("policy", ""),
+        **({"swapped_by_hand": by_hand} if by_hand else {}),
         "seed": summary.seed,
         "trials": experiment.get("trials"),
         "training": experiment.get("training"),
@@ -112,7 +115,7 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
         "deliveries": deliveries_of(summary, session.rows),
         "methods_unsaid": unsaid(summary, session.rows),
         "roles": dict(roles.node),
-        "protocol": _protocol(summary.params, roles),
+        "protocol": _protocol(summary.params, roles, by_hand=bool(by_hand)),
         "clock": summary.clock,
         "sim_time_s": summary.clock_s,
         "palpations": len(session.rows),
@@ -182,12 +185,21 @@ def policy_label(result: dict[str, Any]) -> str:
     """
     ring = _of_role(result, "policy").get("ring_mm")
     label = str(result["policy"] or "unnamed") + (f", {ring['value']:g} mm" if ring else "")
-    swaps = _of_role(result, "experiment").get("swaps", {}).get("value", "")
     begun = result["trials_done"] + len(result.get("trials_dropped", ())) + result["trials_unfinished"]
-    for trial, run in planned(swaps).items():
-        if 1 <= trial <= begun:
-            label += f", from trial {trial} on {policy_name(run)}"
+    took_over = [
+        (trial, 2, policy_name(run)) for trial, run in planned_swaps(result).items() if 1 <= trial <= begun
+    ]
+    took_over += [
+        (one["trial"], one["palpation"], one["policy"]) for one in result.get("swapped_by_hand", ())
+    ]
+    for trial, _, policy in sorted(took_over, key=lambda one: one[:2]):
+        label += f", from trial {trial} on {policy}"
     return label
+
+
+def planned_swaps(result: dict[str, Any]) -> dict[int, str]:
+    """Return the class by the number of the trial in which it was to take over."""
+    return planned(_of_role(result, "experiment").get("swaps", {}).get("value", ""))
 
 
 def _of_role(result: dict[str, Any], role: str) -> dict[str, dict[str, Any]]:
@@ -397,9 +409,9 @@ def _based(values: dict[str, float], file: str = "") -> dict[str, dict[str, Any]
     return {name: {"value": value, "basis": basis[name]} for name, value in values.items()}
 
 
-def _protocol(params: dict[str, dict[str, Any]], roles: Roles) -> dict[str, dict[str, Any]]:
+def _protocol(params: dict[str, dict[str, Any]], roles: Roles, *, by_hand: bool) -> dict[str, dict[str, Any]]:
     """Return every node's parameters, each with what it rests on; where to record is no part of it."""
-    return {
+    found = {
         node: {
             name: {"value": value, "basis": basis_of(roles.of.get(node, ""), name)}
             for name, value in values.items()
@@ -407,6 +419,12 @@ def _protocol(params: dict[str, dict[str, Any]], roles: Roles) -> dict[str, dict
         }
         for node, values in params.items()
     }
+    if by_hand:
+        entry = found[roles.node["experiment"]].setdefault("swaps", {"value": "", "basis": ""})
+        entry["basis"] = "; ".join(
+            filter(None, [entry["basis"], "others took over by hand (swapped_by_hand)"])
+        )
+    return found
 
 
 def _versions() -> dict[str, str]:

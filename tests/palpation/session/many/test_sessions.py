@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import msgspec
 import numpy as np
@@ -68,7 +69,8 @@ def session(
     write_json(out / "run.json", note)
     # sessions differ in a digit of their record, as real ones do; a copy is one whose record is the same
     table = (out / "trials.csv").read_text(encoding="utf-8")
-    (out / "trials.csv").write_text(table.replace("markov-3", f"{policy}-{name}"), encoding="utf-8")
+    table = table.replace(",markov,", f",{policy},").replace("markov-3", f"{policy}-{crc32(name.encode())}")
+    (out / "trials.csv").write_text(table, encoding="utf-8")
     return out
 
 

@@ -23,6 +23,7 @@ from palp_core.palpation.session.session_folder import REPLACED, RUN, SWEEPS, TA
 from palp_core.palpation.session.sheet.of_run import sheet_of
 from palp_core.palpation.session.sheet.sheet import NONE, SessionSheet
 from palp_core.palpation.session.trials_csv import read_rows
+from palp_core.palpation.session.who_chose import swapped_by_hand
 
 PUBLISHED = "naive"
 """The filter that goes without saying."""
@@ -158,6 +159,8 @@ def _design(session: RecordedSession, roles: Roles) -> str:
         f" at {ring_mm:g} mm" if ring_mm is not None else ""
     )
     swaps = f", then {experiment['swaps']}" if experiment.get("swaps") else ""
+    for one in swapped_by_hand(session.rows, experiment.get("swaps") or ""):
+        swaps += f", by hand {one['policy']} from trial {one['trial']}, palpation {one['palpation']}"
     depths = ", ".join(f"{1e3 * one:g}" for one in session.depths_m)
     estimator = roles.params("estimator")
     reading = estimator.get("reading", "feature")

@@ -1,0 +1,50 @@
+"""Which policy chose each palpation, as others take its place: by plan, or by hand meanwhile."""
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from palp_core.palpation.session.plan import planned, policy_name
+from palp_core.palpation.session.trials_csv import Row
+
+
+class ChangingFacts(Protocol):
+    """Who chooses: ``policy_changes``, each from a palpation on, are those that no row has come to yet."""
+
+    policy: str
+    policy_changes: list[Any]
+
+
+def take_up_changes(facts: ChangingFacts, palpation: Any) -> None:
+    """Let ``policy`` be the one that chose a palpation, before its row is made."""
+    of = (palpation.trial, palpation.iteration)
+    while facts.policy_changes:
+        first = facts.policy_changes[0]
+        if (first.trial, first.iteration) > of:
+            return
+        facts.policy = first.policy
+        del facts.policy_changes[0]
+
+
+def swapped_by_hand(rows: Sequence[Row], swaps: str) -> list[dict[str, Any]]:
+    """Return the policies that took over and chose palpations though no plan said so, in time's order.
+
+    Args:
+        rows: Every palpation of the session.
+        swaps: What was planned: the experiment's parameter.
+
+    Returns:
+        Of each ``policy``, the number of its first ``trial`` among those of estimation, from 1, the number of
+        its first ``palpation`` there, and when that one's sweep began, ``at_s``, on the graph's clock.
+    """
+    found: list[dict[str, Any]] = []
+    by_plan, due, numbers = planned(swaps), "", dict[int, int]()
+    before = rows[0].session.rpartition("-")[0] if rows else ""  # the policy with which the session began
+    for row in sorted((row for row in rows if row.phase == "estimation"), key=lambda row: row.row):
+        number = numbers.setdefault(row.trial, len(numbers) + 1)
+        if row.policy not in (before, due):
+            at_s = round(row.start_ns / 1e9, 3)
+            found.append({"policy": row.policy, "trial": number, "palpation": row.iteration, "at_s": at_s})
+        before, due = row.policy, ""
+        if row.iteration == 1 and number in by_plan:  # it goes on with the trial that the other one began
+            due = policy_name(by_plan[number])
+    return found

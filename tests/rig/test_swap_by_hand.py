@@ -1,0 +1,98 @@
+"""A policy that takes over by hand while a session runs stands in its results as one that was planned."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from palp_core.graph.launch.graph import Graph
+from palp_core.graph.messages.frame import parse
+from palp_core.graph.messages.message import decode
+from palp_core.graph.swap.swap import SwapRequest
+from palp_core.palpation.session.bag_record import write_record
+from palp_core.palpation.session.many.overview import find_sessions
+from palp_core.palpation.session.report import write
+from tests.support.palp import SIM
+from tests.support.rig_session import ComposedGraph
+
+SMALL = ("trials:=2", "training:=2", "seed:=4", "policy:=fixed", "stop:=fixed_number")
+
+
+def run(out: Path, *, bag: Path | None = None, compose: bool = True) -> None:
+    """Run a session into which a policy comes after the second palpation of its second trial."""
+    from msgs.estimation import Belief
+
+    told: list[tuple[int, int]] = []
+
+    def take(now_ns: int, frame: bytes) -> None:
+        if frame.startswith(b"/estimator/belief\0"):
+            belief = decode(Belief, parse(frame).payload)
+            told.append((belief.trial, belief.iteration))
+            if belief.iteration == 2 and len({trial for trial, _ in told}) == 2:
+                graph.swaps.plan(now_ns + 1, SwapRequest(node="policy", run="nodes.policy_uniform:Uniform"))
+
+    path, kind = list(sys.path), ComposedGraph if compose else Graph
+    swaps = "swaps:=4=nodes.policy_markov:Markov"
+    with kind(SIM, overrides=[*SMALL, swaps, f"out:={out}"], record=bag, observe=take) as graph:
+        assert graph.run().exit_code == 0
+    sys.path[:] = path
+
+
+def policies(out: Path) -> list[tuple[int, str, str]]:
+    """Return number of the trial, palpation and policy of each row of estimation."""
+    with (out / "trials.csv").open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["phase"] == "estimation"]
+    numbers = {trial: number for number, trial in enumerate(dict.fromkeys(row["trial"] for row in rows), 1)}
+    return [(numbers[row["trial"]], row["iteration"], row["policy"]) for row in rows]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("by_hand")
+    run(folder / "out", bag=folder / "bag")
+    return folder
+
+
+def test_each_row_names_who_chose_it(folder: Path) -> None:
+    found = policies(folder / "out")
+    by_hand = next(index for index, one in enumerate(found) if one[2] == "uniform")
+    planned = next(index for index, one in enumerate(found) if one[2] == "markov")
+    assert found[by_hand][:2] == (2, "4")  # the third was chosen before
+    assert found[planned][:2] == (4, "2")
+    assert [name for _, _, name in found] == [
+        *["fixed"] * by_hand,
+        *["uniform"] * (planned - by_hand),
+        *["markov"] * (len(found) - planned),
+    ]
+
+
+def test_result_page_and_overview_name_all_who_decided_and_the_page_what_no_command_gives(
+    folder: Path,
+) -> None:
+    result = json.loads((folder / "out" / "result.json").read_text())
+    (one,) = result["swapped_by_hand"]
+    assert (one["policy"], one["trial"], one["palpation"]) == ("uniform", 2, 4)
+    page = " ".join((folder / "out" / "report.html").read_text().split())
+    assert "from trial 2 on uniform, from trial 4 on markov" in page.partition("</h1>")[0]
+    assert "from trial 2 on uniform, from trial 4 on markov” found the right depth" in page
+    assert f"<td>uniform</td><td>2</td><td>4</td><td>{one['at_s']:,.1f} s</td>" in page
+    assert "no command gives those moments again" in page
+    assert "swaps:=2=MODULE:CLASS of uniform" in page
+    (entry,) = find_sessions(folder / "out")
+    assert "by hand uniform from trial 2, palpation 4" in entry.design
+
+
+def test_the_bag_gives_the_same_rows(folder: Path) -> None:
+    write(folder / "again", write_record(folder / "bag", folder / "again"))
+    ours, theirs = (folder / name / "trials.csv" for name in ("again", "out"))
+    assert ours.read_bytes() == theirs.read_bytes()
+
+
+@pytest.mark.slow
+def test_between_processes_it_is_the_same(folder: Path, tmp_path: Path) -> None:
+    run(tmp_path, compose=False)
+    assert policies(tmp_path) == policies(folder / "out")
