@@ -14,13 +14,13 @@ import pytest
 
 from palp_core.graph.messages.topic import Topic
 from palp_core.view.source.operator import READ_ONLY, Refused
-from palp_core.view.source.overview import NodeState, Overview, Trouble, WireState
+from palp_core.view.source.overview import NodeState, Overview, Trouble, WireState, shared_processes
 from palp_core.view.source.protocol import Heard
 
 pytest.importorskip("nicegui")
 user_simulation = pytest.importorskip("nicegui.testing.user_simulation").user_simulation
 
-from palp_core.view.pages.graph import GraphDrawing, pairs_of, wire_line, wire_words  # noqa: E402
+from palp_core.view.pages.graph import GraphDrawing, graph_page, pairs_of, shared_words, wire_line, wire_words  # noqa: E402
 from palp_core.view.pages.layout import HEIGHT, WIDTH, layout  # noqa: E402
 from palp_core.view.pages.viewer import OwnPage, Viewer  # noqa: E402
 
@@ -175,6 +175,22 @@ def test_a_wire_says_rate_latency_and_loss() -> None:
     assert wire_line(wire) == "sample 1000 Hz 0.40 ms 2 lost"
     assert wire_words(wire) == "/source/sample -> /sink: 5 received, 2 lost, 1 late, p99 1.00 ms"
     assert list(pairs_of([wire, wire])) == [("source", "sink")]
+
+
+def test_what_nodes_in_one_process_take_is_said_once() -> None:
+    composed = [NodeState(name=name, pid=7, cpu_percent=85.0, memory_bytes=120_000_000) for name in "abc"]
+    assert shared_words(composed, shared_processes(composed)) == "all in one process: 85.0 % CPU, 120 MB"
+    alone = [*composed, NodeState(name="d", pid=8, cpu_percent=1.0)]
+    assert shared_words(alone, shared_processes(alone)) == "3 in one process: 85.0 % CPU, 120 MB"
+    assert shared_words(alone[2:], shared_processes(alone[2:])) == ""
+    told = Told()
+    told.now = msgspec.structs.replace(told.now, nodes=alone)
+
+    async def look(user: Any) -> None:
+        await user.should_see("3 in one process: 85.0 % CPU, 120 MB")
+        await user.should_see("rates here are on the machine's clock")
+
+    simulated(lambda: graph_page(Viewer(source=told)), look)
 
 
 def test_nodes_stand_right_of_those_they_read_and_apart() -> None:

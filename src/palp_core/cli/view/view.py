@@ -143,7 +143,9 @@ def _show_live(
     viewer = Viewer(source=shown, operator=operator, own_page=own)
     try:
         pages = lambda: put_up(viewer, recordings if harmless is None else None)  # noqa: E731
-        serve(listening, token, pages, gives_way=running.record.clock == "sim")
+        simulated = running.record.clock == "sim"
+        serve(listening, token, pages, gives_way=simulated, over=lambda: not running.alive)
+        note(f"graph '{running.record.graph}' has ended, and nobody looks: the page is closed")
     finally:
         recordings.close()
         source.close()

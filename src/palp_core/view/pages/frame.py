@@ -21,6 +21,7 @@ STATES = {"ok": "all is well", "warn": "something is wrong", "error": "something
 def frame(viewer: Viewer, title: str = "") -> Iterator[None]:
     """Put up a page: the strip, what is wrong, and whatever is put up within."""
     first = viewer.source.overview()
+    body = ui.query("body")
     ui.page_title(f"{title} - {first.title}" if title else f"{first.title} - palp view")
     with ui.element("header").classes("strip"):
         said("span", first.title, "title").props('data-what="graph"')
@@ -48,7 +49,8 @@ def frame(viewer: Viewer, title: str = "") -> Iterator[None]:
         labels["elapsed"].text = (
             f"for {duration(overview.elapsed_s)}" if overview.elapsed_s is not None else ""
         )
-        labels["may"].text = viewer.refusal()
+        labels["may"].text = why = viewer.refusal()
+        body.classes(add="refused" if why else "", remove="" if why else "refused")
         troubles.show(overview.troubles)
 
     refresh()

@@ -15,11 +15,12 @@ from palp_core.view.pages.layout import HEIGHT, WIDTH, Layout, layout
 from palp_core.view.pages.live_table import Cell, LiveTable
 from palp_core.view.pages.parts import figure, node_way, said, topic_way
 from palp_core.view.pages.viewer import Viewer
-from palp_core.view.source.overview import NodeState, Overview, WireState
+from palp_core.view.source.overview import NodeState, Overview, WireState, shared_processes
 
 REFRESH_S = 1.0
 NODE_TITLES = ("Node", "State", "Class", "Rate", "CPU", "Memory", "What is wrong")
 WIRE_TITLES = ("Topic", "Reader", "Rate", "Received", "Lost", "Late", "p50", "p99")
+RATES = "rates here are on the machine's clock; a topic's page has them on the graph's"
 MOST_LINES = 2
 """Topics that a wire between two nodes names; its hover names all of them."""
 
@@ -122,8 +123,11 @@ def graph_page(viewer: Viewer) -> None:
     with frame(viewer):
         drawing = GraphDrawing()
         said("h2", "Nodes")
+        shared = said("div", "", "quiet").props('data-what="shared"')
         nodes = LiveTable(NODE_TITLES)
         said("h2", "Wires")
+        if viewer.source.overview().clock == "sim":
+            said("div", RATES, "quiet")
         wires = LiveTable(WIRE_TITLES)
         if viewer.operator is not None:
             EndPanel(viewer)
@@ -131,21 +135,41 @@ def graph_page(viewer: Viewer) -> None:
         def refresh() -> None:
             overview = viewer.source.overview()
             drawing.show(overview)
-            nodes.show(_node_row(node) for node in overview.nodes)
+            one_process = shared_processes(overview.nodes)
+            shared.text = shared_words(overview.nodes, one_process)
+            nodes.show(_node_row(node, alone=node.pid not in one_process) for node in overview.nodes)
             wires.show(_wire_row(wire) for wire in overview.wires)
 
         refresh()
         ui.timer(REFRESH_S, refresh)
 
 
-def _node_row(node: NodeState) -> tuple[Cell, ...]:
+def shared_words(nodes: list[NodeState], processes: dict[int, int]) -> str:
+    """Return what processes that several nodes share take, each once."""
+    first = {node.pid: node for node in reversed(nodes)}
+    return "; ".join(
+        f"{'all' if number == len(nodes) else number} in one process: {used}"
+        for pid, number in processes.items()
+        if (used := ", ".join(part for part in (_cpu(first[pid]), _memory(first[pid])) if part))
+    )
+
+
+def _cpu(node: NodeState) -> str:
+    return figure(node.cpu_percent, "% CPU")
+
+
+def _memory(node: NodeState) -> str:
+    return f"{node.memory_bytes / 1e6:.0f} MB" if node.memory_bytes else ""
+
+
+def _node_row(node: NodeState, *, alone: bool) -> tuple[Cell, ...]:
     return (
         node_way(node.name),
         node.lifecycle,
         node.run,
         figure(node.rate_hz, "Hz"),
-        figure(node.cpu_percent, "%"),
-        f"{node.memory_bytes / 1e6:.0f} MB" if node.memory_bytes else "",
+        figure(node.cpu_percent, "%") if alone else "shared",
+        _memory(node) if alone else "shared",
         node.why,
     )
 

@@ -33,6 +33,8 @@ export function thinned(points, span) {
   return found;
 }
 
+export const tidy = (value) => String(Number(value.toPrecision(10))); // of 0.9999999999998999
+
 export default {
   template: `<div class="live-plot" role="img" :aria-label="'plot of ' + names.join(', ')"></div>`,
   props: { names: Array, span: Number, paused: Boolean, elements: Boolean, file: String, slim: Boolean, even: Boolean },
@@ -79,7 +81,7 @@ export default {
         grid: { left: 70, right: 30, top: this.slim ? 30 : 40, bottom: this.slim ? 24 : 80 },
         tooltip: { trigger: "axis", renderMode: "richText" },
         xAxis: { ...axis, axisLabel: this.elements ? axis.axisLabel : label, type: "value", name: this.elements ? "element" : "s" },
-        yAxis: { ...axis, type: "value" },
+        yAxis: { ...axis, axisLabel: { color: ink, formatter: tidy }, type: "value" },
         dataZoom: this.slim ? [] : [{ type: "inside" }, { type: "slider" }],
         series: this.names.map((name, i) => ({ name, type: "line", symbol: "none", sampling: "minmax", data: this.points[i] || [] })),
       }, true);

@@ -9,12 +9,12 @@ from nicegui import run, ui
 from palp_core.errors import LifecycleError
 from palp_core.graph.node.lifecycle import Lifecycle, Transition, successor
 from palp_core.view.pages.frame import frame
-from palp_core.view.pages.parts import Outcome, figure, labelled, said, table, topic_link
+from palp_core.view.pages.parts import CHANGES, Outcome, figure, labelled, said, table, topic_link
 from palp_core.view.pages.swap import swap_panel, swap_words
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.message_lines import value_text
 from palp_core.view.source.node_log import NodeLog
-from palp_core.view.source.overview import NodeState
+from palp_core.view.source.overview import NodeState, shared_processes
 
 STATE_S, LOG_S = 1.0, 0.25
 MOST_LOG_LINES = 400
@@ -66,7 +66,7 @@ def _state_line(viewer: Viewer, name: str) -> None:
         figures = (
             f"process {state.pid}" if state.pid else "",
             figure(state.rate_hz, "Hz"),
-            figure(state.cpu_percent, "% CPU"),
+            figure(state.cpu_percent, f"% CPU{_shared(viewer, state)}"),
         )
         told.text = ", ".join(part for part in (state.run, *figures) if part)
         why.text = state.why
@@ -74,6 +74,11 @@ def _state_line(viewer: Viewer, name: str) -> None:
 
     refresh()
     ui.timer(STATE_S, refresh)
+
+
+def _shared(viewer: Viewer, state: NodeState) -> str:
+    number = shared_processes(viewer.source.overview().nodes).get(state.pid, 0)
+    return f" of the one process of {number} nodes" if number else ""
 
 
 def _lifecycle(viewer: Viewer, name: str, outcome: Outcome) -> None:
@@ -104,10 +109,9 @@ def _lifecycle(viewer: Viewer, name: str, outcome: Outcome) -> None:
         box.clear()
         with box:
             for transition in wanted:
-                ui.button(transition, on_click=lambda _, word=transition: go(word)).props(
-                    "outline dense no-caps"
-                )
-            button = ui.button("restart", on_click=renew).props("outline dense no-caps")
+                press = ui.button(transition, on_click=lambda _, word=transition: go(word))
+                press.props("outline dense no-caps").classes(CHANGES)
+            button = ui.button("restart", on_click=renew).props("outline dense no-caps").classes(CHANGES)
             button.tooltip("a new process of the same class, from its file as it is now; it keeps its state")
 
     refresh()
@@ -170,7 +174,8 @@ def _parameters(viewer: Viewer, name: str) -> None:
 
         def button() -> None:
             if not one["read_only"] and viewer.operator is not None:
-                labelled(ui.button("set", on_click=put).props("outline dense no-caps"), f"set {one['name']}")
+                press = ui.button("set", on_click=put).props("outline dense no-caps").classes(CHANGES)
+                labelled(press, f"set {one['name']}")
 
         return one["name"], value, bounds(one), typed(one["default"]), button
 

@@ -16,6 +16,9 @@ from palp_core.view.source.overview import Trouble, worst
 CSS = (Path(__file__).parent / "look.css").read_text(encoding="utf-8")
 
 
+CHANGES = "changes"
+"""Class of a button that changes the graph: refused, it looks dead, and says why when it is pressed."""
+
 Cell = str | Callable[[], Any]
 """What a cell of a table holds: a text, or what puts something into it."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from nicegui import ui
 
 from palp_core.view.pages.frame import frame
-from palp_core.view.pages.parts import Outcome, said
+from palp_core.view.pages.parts import CHANGES, Outcome, said
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.recordings import Recordings, StartedRecorder
 
@@ -32,8 +32,8 @@ def record_page(viewer: Viewer, recordings: Recordings) -> None:
             )
             topics.props("dense outlined use-chips").style("min-width: 16rem")
             seconds = ui.number(label="keep only the last, s", value=0, min=0).props("dense outlined")
-            start = ui.button("record").props("dense no-caps")
-            save = ui.button("write snapshot").props("outline dense no-caps")
+            start = ui.button("record").props("dense no-caps").classes(CHANGES)
+            save = ui.button("write snapshot").props("outline dense no-caps").classes(CHANGES)
         running = ui.element("div").props('data-what="recordings"')
 
         async def begin() -> None:

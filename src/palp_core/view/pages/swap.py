@@ -13,7 +13,7 @@ from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.swap.swap import STEPS, TIMEOUT_S
 from palp_core.graph.workspaces.modules import module_file, short_name
 from palp_core.graph.workspaces.underlays import Underlay, underlays
-from palp_core.view.pages.parts import Outcome, said
+from palp_core.view.pages.parts import CHANGES, Outcome, said
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.live import LiveSource
 from palp_core.view.source.swap_choices import fitting
@@ -40,7 +40,7 @@ def swap_panel(viewer: Viewer, name: str) -> None:
         timeout.style("width: 7rem")
         dry = ui.checkbox("dry run")
         dry.tooltip("try every step, or the shadow, and change nothing")
-        button = ui.button("swap").props("dense no-caps")
+        button = ui.button("swap").props("dense no-caps").classes(CHANGES)
     fit = said("div", "looking for classes that fit its wires", "quiet")
     steps = _Steps()
     outcome = Outcome()

@@ -8,7 +8,7 @@ from nicegui import ui
 
 from palp_core.errors import PalpError
 from palp_core.view.pages.frame import frame
-from palp_core.view.pages.parts import Outcome, figure, node_link, said, table, topic_link
+from palp_core.view.pages.parts import CHANGES, Outcome, figure, node_link, said, table, topic_link
 from palp_core.view.pages.plot import plot_panel
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.message_lines import tree_text
@@ -52,7 +52,8 @@ def topic_page(viewer: Viewer, name: str) -> None:
         with ui.element("div").classes("columns wide-right"):
             with ui.element("section"):
                 said("h2", "Last message")
-                _last(watch, rate)
+                simulated = viewer.source.overview().clock == "sim"
+                _last(watch, rate, "Hz on the graph's clock" if simulated else "Hz")
             with ui.element("section"):
                 said("h2", "Plot")
                 plot_panel(watch, fast=viewer.live is not None and viewer.source.overview().clock == "sim")
@@ -60,14 +61,14 @@ def topic_page(viewer: Viewer, name: str) -> None:
             _publish(viewer, watch)
 
 
-def _last(watch: Watch, rate: ui.element) -> None:
+def _last(watch: Watch, rate: ui.element, on: str) -> None:
     when = said("div", "none yet", "quiet").props('data-what="stamp"')
     text = said("pre", "", "text").props('data-what="message"')
     shown = [-1]
 
     def refresh() -> None:
         heard = watch.latest()
-        rate.text = figure(watch.rate_hz, "Hz")
+        rate.text = figure(watch.rate_hz, on)
         if heard is None or heard.sequence == shown[0]:
             return
         shown[0] = heard.sequence
@@ -93,7 +94,7 @@ def _publish(viewer: Viewer, watch: Watch) -> None:
         with box:
             said("h2", "Publish")
             field = ui.textarea(value="{}").props('outlined autogrow aria-label="message"')
-            ui.button("publish", on_click=lambda: send(field)).props("outline dense no-caps")
+            ui.button("publish", on_click=lambda: send(field)).props("outline dense no-caps").classes(CHANGES)
 
     async def send(field: ui.textarea) -> None:
         sequence = await outcome.of(operator.publish, node, port, str(field.value))

@@ -80,6 +80,11 @@ class PageGate:
             self._sockets -= socket
             self._requests -= not socket
 
+    @property
+    def connected_count(self) -> int:
+        """How many browsers are connected: a page of each has a socket."""
+        return self._sockets
+
     def _judge(self, scope: Scope) -> tuple[int, str]:
         """Return the status and the words with which somebody is sent away; 0 who is let in."""
         headers = {name: value.decode("latin-1") for name, value in scope["headers"]}

@@ -14,6 +14,7 @@ from palp_core.extras import install_line
 from palp_core.view.server.apart import Apart
 from palp_core.view.server.gate import PageGate
 from palp_core.view.server.presses import Presses
+from palp_core.view.server.unwatched import end_unwatched
 
 if TYPE_CHECKING:
     import uvicorn
@@ -64,7 +65,12 @@ def address(listening: socket.socket, token: str) -> str:
 
 
 def serve(
-    listening: socket.socket, token: str, put_up: Callable[[], None], *, gives_way: bool = False
+    listening: socket.socket,
+    token: str,
+    put_up: Callable[[], None],
+    *,
+    gives_way: bool = False,
+    over: Callable[[], bool] | None = None,
 ) -> None:
     """Serve pages until SIGINT or SIGTERM.
 
@@ -73,10 +79,15 @@ def serve(
         token: By which one gets in.
         put_up: Declares the pages.
         gives_way: As of :class:`.Apart`.
+        over: Tells whether what is shown has ended: a minute after that without a browser this returns.
     """
     sys.setswitchinterval(TURN_S)
     running = server(token, put_up, gives_way=gives_way)
     gc.freeze()  # what is imported by now stays: it need not be looked through again and again
+    if over is not None:
+        gate = running.config.app
+        assert isinstance(gate, PageGate)
+        end_unwatched(running, over, lambda: gate.connected_count)
     running.run(sockets=[listening])
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
+
 import msgspec
 
 OK, WARN, ERROR, UNKNOWN = "ok", "warn", "error", "unknown"
@@ -38,6 +41,12 @@ class NodeState(msgspec.Struct, frozen=True, kw_only=True):
     memory_bytes: int = 0
     rate_hz: float | None = None
     moves: bool = False
+
+
+def shared_processes(nodes: Sequence[NodeState]) -> dict[int, int]:
+    """Return how many nodes work in each process that several of them share, by its number."""
+    count = Counter(node.pid for node in nodes if node.pid)
+    return {pid: number for pid, number in count.items() if number > 1}
 
 
 class WireState(msgspec.Struct, frozen=True, kw_only=True):
