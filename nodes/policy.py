@@ -35,6 +35,9 @@ RingMillimetres = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST_MM, extra_jso
 ASKED_AGAIN = 3
 """How often a policy that asks for an untrained ring position is asked anew before its trial is dropped."""
 
+FIRST_CHOICES = 3
+"""So many have to be of trained positions, or the node fails: at a swap while the old policy stands by."""
+
 
 class PolicyParams(Params):
     """What every policy of palp is told: ``trained_mm``, the experiment's ring positions of training."""
@@ -84,6 +87,7 @@ class PolicyNode(MethodTeller):
     """
 
     on_probation = True
+    choice_count = 0
     params: Params
     state: PolicyNodeState
     trial = Sub(Trial)
@@ -126,6 +130,10 @@ class PolicyNode(MethodTeller):
     def on_activate(self) -> None:
         super().on_activate()
         self.state.chooser = self.state.chooser or self._name()
+
+    def on_resume(self) -> None:
+        super().on_resume()
+        self.choice_count = 0  # what it chose when it was tried on the last messages does not count
 
     def _name(self) -> str:
         """Return the name under which the policy stands in the record."""
@@ -217,7 +225,7 @@ class PolicyNode(MethodTeller):
         self._next()
 
     @on(primitives)
-    def remember(self, learnt: PrimitivesLearnt) -> None:
+    def _remember(self, learnt: PrimitivesLearnt) -> None:
         names = ("depths_m", "rings_m", "mean_n_m", "sd_n_m", "count", "floor_n_m")
         self.state.primitives = {name: np.ravel(getattr(learnt, name)).tolist() for name in names}
 
@@ -234,15 +242,28 @@ class PolicyNode(MethodTeller):
         return policies.RingChoice.at(_nearest(self.policy.rings_m, ring_m), mean_level=mean_level)
 
     def _ask(self, choose: Callable[[], policies.RingChoice]) -> None:
-        """Command what the policy chooses; an untrained position only if it insists, which ends the trial."""
-        chosen, trained_m = choose(), self.state.primitives.get("rings_m")
-        for _ in range(ASKED_AGAIN if trained_m else 0):
-            text = untrained([self.policy.rings_m[int(chosen.level)]], trained_m or ())
+        """Command what the policy chooses; an untrained position only if it insists, which ends the trial.
+
+        Raises:
+            ValueError: It insists on one in its first choices: it does not fit what was trained.
+        """
+        chosen = choose()
+        for _ in range(ASKED_AGAIN):
+            text = self._untrained(chosen)
             if not text:
                 break
             self.log.warning("%s; the policy is asked again", text)
             chosen = choose()
+        if self.choice_count < FIRST_CHOICES and (text := self._untrained(chosen)):
+            words = f"{text}, and {type(self).__name__} insists on it"
+            raise ValueError(f"{words}; let it choose among those, or train with its own by rings_mm:=...")
+        self.choice_count += 1
         self._command(chosen)
+
+    def _untrained(self, chosen: policies.RingChoice) -> str:
+        """Return what is wrong with a choice, as far as training is known; "" if nothing is."""
+        trained_m = self.state.primitives.get("rings_m")
+        return untrained([self.policy.rings_m[int(chosen.level)]], trained_m) if trained_m else ""
 
     def _command(self, chosen: policies.RingChoice) -> None:
         state, anew = self.state, bool(chosen.renew)

@@ -11,14 +11,14 @@ import pytest
 
 from msgs.estimation import Belief, PrimitivesLearnt
 from msgs.experiment import Trial
-from nodes.policy import ASKED_AGAIN, PolicyNode
+from nodes.policy import ASKED_AGAIN, FIRST_CHOICES, PolicyNode
 from nodes.policy_emg import Emg, EmgPolicyParams
 from nodes.policy_fixed import Fixed, FixedParams
 from nodes.policy_information import Information, InformationParams
 from nodes.policy_markov import Markov, MarkovParams
 from nodes.policy_uniform import Uniform, UniformParams
 from palp_core import Bench
-from palp_core.errors import GraphError
+from palp_core.errors import GraphError, NodeError
 from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.perception.strategy.policies import RingChoice, StiffnessPolicy, everywhere
 
@@ -191,11 +191,28 @@ def test_a_policy_that_asks_for_an_untrained_position_is_asked_again(
 @pytest.mark.parametrize(
     ("asked_m", "sent_m"), [(0.013, 0.013), (0.9, 0.049), (-1.0, 0.0), (math.nan, 0.049)]
 )
-def test_one_that_insists_gets_a_position_in_reach_that_ends_its_trial(
+def test_one_that_later_insists_gets_a_position_in_reach_that_ends_its_trial(
     asked_m: float, sent_m: float, caplog: pytest.LogCaptureFixture
 ) -> None:
-    assert rings_m(scripted(asked_m)) == [sent_m]
+    bench = scripted(*[0.008] * FIRST_CHOICES, asked_m)
+    bench.feed(PolicyNode.belief, *(belief(0, number + 1) for number in range(FIRST_CHOICES)))
+    assert rings_m(bench) == [*[0.008] * FIRST_CHOICES, sent_m]
     assert len(caplog.records) == ASKED_AGAIN
+
+
+@pytest.mark.parametrize("good", range(FIRST_CHOICES))
+def test_one_that_insists_in_its_first_choices_fails_by_name(good: int) -> None:
+    bench: Bench[Any] = Bench(type("Odd", (Scripted,), {"rings_m": (*[0.008] * good, 0.017)}))
+    bench.feed(PolicyNode.primitives, LEARNT)
+
+    def palpate() -> None:
+        bench.feed(PolicyNode.trial, trial(0))
+        bench.feed(PolicyNode.belief, *(belief(0, number + 1) for number in range(good)))
+
+    words = "17 mm is not trained; trained are 0, 4, 8, 12, 16 mm, and Odd insists on it; let it choose"
+    with pytest.raises(NodeError, match=words):
+        palpate()
+    assert rings_m(bench) == [0.008] * good
 
 
 def test_a_parameter_that_is_not_trained_is_refused_and_nothing_changes() -> None:

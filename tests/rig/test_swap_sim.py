@@ -216,10 +216,19 @@ def test_a_policy_that_asks_for_what_was_not_trained_costs_its_trials_and_not_th
         "from palp_core.palpation.perception.strategy.policies import FixedRing\n"
         "class Odd(PolicyNode):\n"
         "    def choose(self):\n"
-        "        return FixedRing(float('nan'))\n"
+        "        return FixedRing(0.016)\n"
+        "    def refreshed(self):\n"
+        "        return FixedRing(float('nan') if self.state.iteration > 3 else 0.016)\n"
     )
-    swaps = f"2={odd}:Odd,3=nodes.policy_fixed:Fixed"
-    small = ("trials:=2", "training:=3", "seed:=4", "policy:=fixed", f"out:={tmp_path / 'out'}")
+    swaps = f"1={odd}:Odd,3=nodes.policy_fixed:Fixed"
+    small = (
+        "trials:=2",
+        "training:=3",
+        "seed:=4",
+        "policy:=fixed",
+        "stop:=fixed_number",
+        f"out:={tmp_path / 'out'}",
+    )
     done = palp.run("launch", SIM, "--compose", f"swaps:={swaps}", *small)
     assert done.returncode == 0, done.stderr
     result = json.loads((tmp_path / "out" / "result.json").read_text())
@@ -235,11 +244,25 @@ def test_a_policy_that_asks_for_what_was_not_trained_costs_its_trials_and_not_th
 
 BAD_POLICIES = """
 from nodes.policy_fixed import Fixed
+from palp_core.palpation.perception.strategy.policies import FixedRing
 
 
 class Silent(Fixed):
     def choose(self):
         return None
+
+
+class Late(Fixed):
+    def refreshed(self):
+        self.asked = getattr(self, "asked", 0) + 1
+        if self.asked > 2:  # once it is tried, then late: many seconds after it took over
+            raise IndexError("late")
+        return self.policy
+
+
+class Untrained(Fixed):
+    def refreshed(self):
+        return FixedRing(0.017)
 
 
 class Tired(Fixed):
@@ -259,9 +282,12 @@ def test_a_bad_policy_costs_the_session_nothing(tmp_path: Path) -> None:
     def take(now_ns: int, frame: bytes) -> None:
         if frame.startswith(b"/estimator/belief\0"):
             beliefs.append(now_ns)
-            name = {2: "Silent", 3: "Tired"}.get(len(beliefs))
+            name = {2: "Silent", 3: "Tired", 6: "Late", 9: "Untrained"}.get(len(beliefs))
             if name:
-                request = SwapRequest(node="policy", run=f"{bad}:{name}", probation=Probation(10, 60.0))
+                wanted = (
+                    Probation(10, 60.0) if name == "Tired" else Probation()
+                )  # what policies have by default
+                request = SwapRequest(node="policy", run=f"{bad}:{name}", probation=wanted)
                 graph.swaps.plan(now_ns, request)
 
     path, small = (
@@ -272,10 +298,14 @@ def test_a_bad_policy_costs_the_session_nothing(tmp_path: Path) -> None:
         failures = _forgiving(graph)
         assert graph.run().exit_code == 0
     sys.path[:] = path
-    assert [(failure.step, failure.text.split(":")[-1]) for failure in failures] == [
+    assert [(failure.step, failure.text.split(":")[-1]) for failure in failures[:3]] == [
         ("state", " 'NoneType' object has no attribute 'start'"),
         ("probation", " tired"),
+        ("probation", " late"),
     ]
+    (asked,) = failures[3:]
+    assert asked.step == "probation"
+    assert "ring position 17 mm is not trained; trained are 0, 4, 8, 12, 16 mm" in asked.text
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert (result["trials_done"], result["trials_unfinished"], result["trials_dropped"]) == (3, 0, [])
 

@@ -230,6 +230,16 @@ def test_a_label_names_the_policies_that_took_over() -> None:
     assert result.policy_label(found | {"trials_done": 12}) == "fixed"
 
 
+def test_a_session_whose_trials_were_all_dropped_says_why(record: Writer, summary: Summariser) -> None:
+    found = built(out := record(), summary(out))
+    assert headline(found).endswith("no trial of estimation came to an end.")
+    dropped = [{"trial": number, "reason": "ring position 16 mm was not trained"} for number in (7, 8)]
+    words = (
+        "came to an end: 2 trials were dropped (ring position 16 mm was not trained); train it by rings_mm"
+    )
+    assert words in headline(found | {"trials_dropped": dropped})
+
+
 def test_the_world_stands_in_result_and_page_unless_it_is_the_papers(
     record: Writer, summary: Summariser
 ) -> None:

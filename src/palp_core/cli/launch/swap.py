@@ -51,14 +51,18 @@ def swap(
             "--probation",
             metavar="N|Ss",
             help="Let the old node stand by until so many handlers of the new one, as in 5, or so many "
-            "seconds on the graph's clock, as in 2.5s, have gone well; 0: not at all. Policies: 3 or 3s.",
+            "seconds on the graph's clock, as in 2.5s, have gone well; 0: not at all. Policies: 3.",
             show_default=False,
         ),
     ] = None,
     timeout: Annotated[
         float,
         typer.Option(
-            "--timeout", metavar="S", min=0.1, max=3600.0, help="Seconds for all but shadow and probation."
+            "--timeout",
+            metavar="S",
+            min=0.1,
+            max=3600.0,
+            help="Seconds for all but the shadow, and as many for the handlers of a probation.",
         ),
     ] = 10.0,
     graph: GraphOption = None,
@@ -73,7 +77,7 @@ def swap(
     from palp_core.cli.text.words import assignments, value_of
     from palp_core.graph.discovery.choice import addressed
     from palp_core.graph.node.loading import class_from_here
-    from palp_core.graph.swap.swap import MOST_RUNS, STEPS
+    from palp_core.graph.swap.swap import MOST_RUNS, STEPS, Probation
 
     given = list(params or [])
     if target is not None and ":=" in target:
@@ -87,7 +91,7 @@ def swap(
         raise GraphError(f"'{target}' is no class; write MODULE:CLASS or FILE.py:CLASS")
     options: dict[str, Any] = {"params": {k: value_of(v) for k, v in assignments("parameter", given).items()}}
     if probation is not None:
-        options["probation"] = _probation(probation, timeout)
+        options["probation"] = _probation(probation)
     running = find_graph(graph, changes=True)
     run = class_from_here(target, running.record.workspace) if target is not None else ""
     try:
@@ -103,17 +107,19 @@ def swap(
         note(f"/{failed['node']} goes on as it was: {failed['step']}: {failed['text']}")
         sys.exit(FIRST_STEP + STEPS.index(failed["step"]))
     few = answer["report"]["proven"]
-    wanted = options.get("probation", {}).get("run_count", 0)
+    wanted = options.get("probation", {}).get("run_count", Probation().run_count)
     if few == 0 or 0 < few < wanted < MOST_RUNS:
+        ran = "no handler" if few == 0 else "1 handler" if few == 1 else f"only {few} handlers"
         note(
-            f"{few or 'no'} handlers of the new node ran while the old one stood by: it is proven so far only"
+            f"{ran} of the new node ran while the old one stood by, which is gone: what fails from now on "
+            "is a failure of the node; a longer --timeout, or --probation Ss, lets it stand by for longer"
         )
     if not as_json:
         _print(answer["report"])
 
 
-def _probation(text: str, timeout_s: float) -> dict[str, Any]:
-    """Return how many handlers, and how long at the most: so many, but within the time-out; or so long.
+def _probation(text: str) -> dict[str, Any]:
+    """Return how many handlers, or how long.
 
     Raises:
         GraphError: It is neither a number of handlers nor of seconds.
@@ -122,7 +128,7 @@ def _probation(text: str, timeout_s: float) -> dict[str, Any]:
 
     given = re.fullmatch(r"([0-9]{1,7})|([0-9]{1,5}(?:\.[0-9]{1,9})?)s", text)
     if given and given[1] and int(given[1]) <= MOST_RUNS:
-        return {"run_count": int(given[1]), "longest_s": timeout_s}
+        return {"run_count": int(given[1])}
     if given and given[2] and (longest_s := float(given[2])) <= LONGEST_S:
         return {"run_count": MOST_RUNS if longest_s else 0, "longest_s": longest_s}
     raise GraphError(f"--probation {text}: write a number of handlers, as in 5, or of seconds, as in 2.5s")
@@ -140,5 +146,9 @@ def _print(report: dict[str, Any]) -> None:
         f"/{report['node']}: {report['before']} -> {report['after']} at {report['at_s']:.3f} s; "
         f"gap {report['gap_s'] * 1e3:.2f} ms, {report['held']} messages waited, "
         f"{report['duration_s'] * 1e3:.0f} ms in all"
-        + (f"; {report['proven']} handlers ran well on probation" if report["proven"] >= 0 else "")
+        + (f"; {_proven(report['proven'])} while the old one stood by" if report["proven"] > 0 else "")
     )
+
+
+def _proven(count: int) -> str:
+    return "its first handler ran well" if count == 1 else f"its first {count} handlers ran well"

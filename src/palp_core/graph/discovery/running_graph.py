@@ -12,7 +12,7 @@ from palp_core.errors import GraphError
 from palp_core.graph.discovery.choice import choose
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, locked
 from palp_core.graph.messages.topic import Topic, topic_of
-from palp_core.graph.node.spec import COMPOSITION, HUNG_S, LAUNCHER, MERGED_LOG, PROBATION_S
+from palp_core.graph.node.spec import COMPOSITION, HUNG_S, LAUNCHER, MERGED_LOG
 from palp_core.graph.problems import hint
 
 REPLY_TIMEOUT_S = 5.0
@@ -210,7 +210,8 @@ class RunningGraph:
         """
         probation = options.get("probation") or {}
         wait_s = timeout_s + float(options.get("shadow_s", 0.0)) + SWAP_MARGIN_S
-        wait_s += float(probation.get("longest_s", PROBATION_S)) + HUNG_S[self.record.clock]
+        longest_s = probation.get("longest_s")
+        wait_s += float(timeout_s if longest_s is None else longest_s) + HUNG_S[self.record.clock]
         wanted = {"node": node, "run": run, "timeout_s": timeout_s, **options}
         request = {"op": "swap", "node": LAUNCHER, "id": uuid.uuid4().hex, "request": wanted}
         reply = None

@@ -13,9 +13,6 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}")
 LONGEST_BACKOFF_S = 3600
 """What a node waits at most before it is started again, however often that was in vain."""
 
-PROBATION_S = 3.0
-"""How long a node's predecessor stands by at most where nobody says, on the graph's clock."""
-
 HUNG_S = {"wall": 5.0, "sim": 60.0}
 """A handler on probation that takes longer does not return, by the graph's clock; of the machine's time.
 

@@ -121,7 +121,7 @@ class ComposedSwaps:
         try:
             first = probation.begin(frames, taken)
             composition.publish(first.frames)
-            self._time.pass_probation(probation, first, round(wanted.longest_s * 1e9))
+            self._time.pass_probation(probation, first, wanted.longest_s, swap.request.timeout_s)
         finally:
             composition.probation = None
         if probation.failure:

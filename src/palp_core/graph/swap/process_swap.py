@@ -296,7 +296,7 @@ class _ProcessSwap:
         """
         supervisor, new, probation = self._supervisor, self._new, self._swap.probation
         assert new is not None
-        end_ns = monotonic_ns() + round(probation.longest_s * 1e9)
+        end_ns = monotonic_ns() + round(self._swap.standby_s * 1e9)
         enough = probation.run_count if self._way_back else 1
         while (
             self._proven < enough
@@ -354,7 +354,7 @@ class _ProcessSwap:
         supervisor.probation = probation
         try:
             first = probation.begin(handed.frames, Done(taken.frames, taken.next_due_ns, None))
-            self._time.pass_probation(probation, first, round(wanted.longest_s * 1e9))
+            self._time.pass_probation(probation, first, wanted.longest_s, self._swap.request.timeout_s)
         finally:
             supervisor.probation = None
         self._proven = probation.run_count

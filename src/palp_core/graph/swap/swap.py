@@ -19,7 +19,7 @@ from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.schema_reader import array_fields
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.loading import source_of
-from palp_core.graph.node.spec import PROBATION_S, NodeSpec
+from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.problems import hint
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.process.shadow import ShadowComparison
@@ -38,11 +38,12 @@ class Probation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         run_count: Handlers that have to run well; 0: there is no probation.
-        longest_s: The longest it lasts, on the graph's clock.
+        longest_s: The longest it lasts, on the graph's clock; None: however long the handlers take there, but
+            no longer than the swap's ``timeout_s`` of the machine's time.
     """
 
     run_count: Annotated[int, msgspec.Meta(ge=0, le=MOST_RUNS)] = 3
-    longest_s: Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_S)] = PROBATION_S
+    longest_s: Annotated[float, msgspec.Meta(ge=0.0, le=LONGEST_S)] | None = None
 
 
 NO_PROBATION = Probation(0, 0.0)
@@ -55,7 +56,7 @@ class SwapRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         node: Whose place is taken.
         run: ``module:Class`` or ``path.py:Class``; "": the class that runs, from its source as it is now.
         params: Parameters of the new node; of the same class, those that are to change.
-        timeout_s: How long all of it may take, the shadow not counted.
+        timeout_s: How long all of it may take, shadow and probation not counted.
         shadow_s: So long, on the graph's clock, both work and only the old one is heard.
         dry_run: Change nothing in the end.
         probation: How long the old node stands by; None: as the new class says.
@@ -128,6 +129,12 @@ class CheckedSwap(msgspec.Struct, frozen=True, kw_only=True):
     old: NodeSpec
     new: NodeSpec
     checked: CheckedGraph
+
+    @property
+    def standby_s(self) -> float:
+        """How long the former stands by at the most, of the machine's time where nobody says."""
+        longest_s = self.probation.longest_s
+        return self.request.timeout_s if longest_s is None else longest_s
 
     def report(self, *, at_ns: int, **found: Any) -> SwapReport:
         """Return what came of it, which was at that time on the graph's clock."""

@@ -25,7 +25,8 @@ def headline(result: dict[str, Any]) -> str:
 def _in_a_sentence(result: dict[str, Any]) -> str:
     overall = result["accuracy"]["overall"]
     if not overall["of"]:
-        return f"{result['palpations']} palpations were recorded and no trial of estimation came to an end."
+        none = f"{result['palpations']} palpations were recorded and no trial of estimation came to an end"
+        return f"{none}{_why_dropped(result)}."
     low, high = (100.0 * bound for bound in overall["ci"])
     return (
         f"The policy “{policy_label(result)}” found the right depth in {overall['right']} of {overall['of']} "
@@ -33,6 +34,16 @@ def _in_a_sentence(result: dict[str, Any]) -> str:
         f"only), with {result['probes_mean']:.1f} palpations a trial; "
         f"chance is {100.0 * result['chance']:.1f} %.{_in_world(result)}"
     )
+
+
+def _why_dropped(result: dict[str, Any]) -> str:
+    """Return why trials were dropped, each reason once, and what to do; "" if none was."""
+    dropped = result.get("trials_dropped", ())
+    if not dropped:
+        return ""
+    trials = "1 trial was" if len(dropped) == 1 else f"{len(dropped)} trials were"
+    reasons = "; ".join(dict.fromkeys(one["reason"] for one in dropped))
+    return f": {trials} dropped ({reasons}); train it by rings_mm, or let the policy choose what was trained"
 
 
 def _in_world(result: dict[str, Any]) -> str:
