@@ -148,6 +148,7 @@ class Bitrate(PolicyNode):
         """Have the experiment move the ring and sweep as chosen."""
         state = self.state
         state.iteration += 1
+        self._tell_change()
         state.level = int(np.argmin(np.abs(np.asarray(self.policy.rings_m) - action.ring_m)))
         state.ring_m = action.ring_m
         state.landed.append(not state.tried_m or state.tried_m[-1] != action.ring_m)

@@ -61,6 +61,17 @@ def test_it_asks_about_every_combination_once_and_takes_the_most_bits_a_second()
     assert not bench.sent(Bitrate.command)  # the experiment moves the ring, so that it knows of both
 
 
+def test_who_takes_over_says_from_which_palpation_on_it_chooses(successor: Any) -> None:
+    first = Bench(Fixed, {})
+    first.feed(Fixed.primitives, learnt())
+    first.feed(Fixed.trial, trial(0))
+    bench = successor(first, Bitrate, **PATH)
+    bench.feed(Bitrate.belief, belief(0, 1))
+    bench.feed(Bitrate.promise, promise(question(bench), 1.0))
+    (said,) = bench.sent(Bitrate.change)
+    assert (said.trial, said.iteration, said.policy) == (0, 2, "bitrate")
+
+
 def test_a_sweep_back_saves_the_way_back() -> None:
     bench = begun(vary="direction")
     bench.feed(Bitrate.promise, promise(question(bench), 1.0))

@@ -179,12 +179,12 @@ def unfinished_words(result: dict[str, Any]) -> str:
 
 
 def policy_label(result: dict[str, Any]) -> str:
-    """Return the policy's name, with its ring position where it has one, and those that took over from it.
+    """Return the policy's name and those that took over from it; the last with its ring position, if any.
 
     One that was to take over in a trial that was never begun did not.
     """
     ring = _of_role(result, "policy").get("ring_mm")
-    label = str(result["policy"] or "unnamed") + (f", {ring['value']:g} mm" if ring else "")
+    label = str(result["policy"] or "unnamed")
     begun = result["trials_done"] + len(result.get("trials_dropped", ())) + result["trials_unfinished"]
     took_over = [
         (trial, 2, policy_name(run)) for trial, run in planned_swaps(result).items() if 1 <= trial <= begun
@@ -194,7 +194,7 @@ def policy_label(result: dict[str, Any]) -> str:
     ]
     for trial, _, policy in sorted(took_over, key=lambda one: one[:2]):
         label += f", from trial {trial} on {policy}"
-    return label
+    return label + (f", {ring['value']:g} mm" if ring else "")  # parameters are those of the last
 
 
 def planned_swaps(result: dict[str, Any]) -> dict[int, str]:

@@ -155,9 +155,8 @@ def _read(
 def _design(session: RecordedSession, roles: Roles) -> str:
     """Return what sessions of one group have in common: policy, depths, what was touched and read."""
     experiment, ring_mm = roles.params("experiment"), roles.params("policy").get("ring_mm")
-    policy = str(experiment.get("policy") or "unnamed") + (
-        f" at {ring_mm:g} mm" if ring_mm is not None else ""
-    )
+    policy = str(experiment.get("policy") or "unnamed")
+    ring = f" at {ring_mm:g} mm" if ring_mm is not None else ""  # of the policy that was there last
     swaps = f", then {experiment['swaps']}" if experiment.get("swaps") else ""
     for one in swapped_by_hand(session.rows, experiment.get("swaps") or ""):
         swaps += f", by hand {one['policy']} from trial {one['trial']}, palpation {one['palpation']}"
@@ -169,7 +168,7 @@ def _design(session: RecordedSession, roles: Roles) -> str:
     if estimator.get("height_stays", "trial") != "trial":
         reading += f", height stays a {estimator['height_stays']}"
     touch = f"world {roles.params('phantom').get('world', 'paper')}" if roles.touch_simulated else "the rig"
-    return f"{policy}{swaps}; {reading}; {depths} mm; {touch}"
+    return f"{policy}{swaps}{ring}; {reading}; {depths} mm; {touch}"
 
 
 def _settings(summary: RunSummary, roles: Roles) -> dict[str, Any]:
