@@ -228,7 +228,9 @@ def test_a_label_names_the_policies_that_took_over() -> None:
     assert result.policy_label(found) == "fixed, from trial 30 on markov, from trial 60 on mine"
     assert result.policy_label(found | {"trials_dropped": []}) == "fixed, from trial 30 on markov"
     assert result.policy_label(found | {"trials_done": 12}) == "fixed"
-    last = {"protocol": {**found["protocol"], "policy": {"ring_mm": {"value": 8.0}}}}  # of who was there last
+    last = {
+        "protocol": {"experiment": {"swaps": swaps}, "policy": {"ring_mm": {"value": 8.0}}}
+    }  # of the last
     assert result.policy_label(found | last).endswith(", from trial 60 on mine, 8 mm")
 
 
