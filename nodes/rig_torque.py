@@ -76,6 +76,7 @@ class RigTorque(Node):
 
     def on_configure(self) -> None:
         p = self.params
+        self.opened = False
         self.device = open_device("torque", p.device, **p.driver_options())
         for late in (
             late_blocks("torque", p.block_samples / p.rate_hz, wall_clock=True),
@@ -98,14 +99,18 @@ class RigTorque(Node):
     def on_activate(self) -> None:
         self.state.tared = self.state.tared or self.params.tare == "never"
         self.device.open(self.now_ns(), self.memory, self.rng)
+        self.opened = True
 
     def on_resume(self) -> None:
         self.on_activate()
 
     def on_deactivate(self) -> None:
+        if not self.opened:  # what could not be opened has nothing to drain or to close
+            return
         self.drain()  # what has come since the last tick, and the block that is not full yet
         if self.times_ns:
             self._publish()
+        self.opened = False
         self.device.close()
 
     @on(tick)

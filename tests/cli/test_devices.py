@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
+import numpy as np
 import pytest
 import serial
 from typer.testing import CliRunner
@@ -14,7 +17,9 @@ from palp_core.cli.rig.devices import app
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator import EmulatedRig
 from palp_core.palpation.devices.link.serial_link import SerialLink
+from palp_core.palpation.devices.protocols import TorqueSamples
 from palp_core.palpation.devices.torque import ati_session, netft, socketcand
+from tests.support import made_up_stage
 
 runner = CliRunner()
 # Deadlines that a busy host does not pass: what is there is found.
@@ -228,3 +233,26 @@ def test_an_emulated_rig_begins_raised_so_that_the_sensor_is_tared_free() -> Non
     done = runner.invoke(app, ["emulate", "aerotech"], input="axes\nquit\n")
     assert done.exit_code == 0, done.output
     assert json.loads(done.output.splitlines()[-1])["z"]["position_m"] == 0.020
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_sensor_of_one_axis_has_a_torque_and_no_forces() -> None:
+    block = TorqueSamples(
+        np.array([1, 2]), np.array([0.01, 0.03]), 0, gap=np.zeros(2, bool), faulty=np.zeros(2, bool)
+    )
+    row = device_discovery._row(block, "ok", 1.0, 1000.0)
+    assert row["torque_n_m"] == pytest.approx(0.02)
+    assert "fx_n" not in row
+
+
+def test_a_driver_is_found_by_its_module_in_the_workspace_one_is_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    (tmp_path / "nodes").mkdir()
+    (tmp_path / "own_drivers").mkdir()
+    source = Path(made_up_stage.__file__).read_text(encoding="utf-8")
+    (tmp_path / "own_drivers" / "found_here.py").write_text(source, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    done = runner.invoke(app, ["list", "own_drivers.found_here:MadeUpStage"])
+    assert done.exit_code == 0, done.output + str(done.exception)

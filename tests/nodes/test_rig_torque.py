@@ -11,6 +11,7 @@ import pytest
 from nodes import rig_torque
 from nodes.rig_torque import RigTorque
 from palp_core import Bench
+from palp_core.errors import DeviceError, NodeError
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.palpation.devices.health import HEALTHY, DeviceHealth
 from palp_core.palpation.devices.protocols import TorqueSamples
@@ -182,3 +183,19 @@ def test_blocks_and_loads_that_come_late_are_said_at_the_start(
     with caplog.at_level(logging.WARNING):
         Bench(RigTorque, params)
     assert [said in record.getMessage() for record in caplog.records] == ([True] if said else [])
+
+
+def test_a_sensor_that_cannot_be_opened_is_not_drained(
+    sensor: ScriptedSensor, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def refuse(*_: Any) -> None:
+        raise DeviceError("no such port")
+
+    def never(*_: Any) -> None:
+        raise AssertionError("drained, and it is not open")
+
+    monkeypatch.setattr(sensor, "open", refuse)
+    monkeypatch.setattr(sensor, "drain", never)
+    with pytest.raises(NodeError, match="no such port"):
+        Bench(RigTorque)
+    assert "a hook failed" not in caplog.text

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from itertools import product
+from typing import Any
 
 import msgspec
 import pytest
@@ -79,3 +81,18 @@ def test_nobody_waits_for_a_best_effort_reader() -> None:
     reason = incompatibility(Qos(reliability="best_effort", history="keep_all"), Qos())
     assert reason is not None
     assert "best_effort" in reason
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        ({"reliability": "relible"}, "reliability = 'relible': give one of best_effort, reliable"),
+        ({"depth": 0}, "depth = 0: give 1 to 1000000"),
+        ({"depth": 1.5}, "depth = 1.5: give a whole number"),
+        ({"deadline_ms": -1.0}, "deadline_ms = -1.0: give 0 to"),
+        ({"lease_ms": float("nan")}, "lease_ms = nan: give 0 to"),
+    ],
+)
+def test_what_is_no_policy_is_refused_where_it_is_written(stated: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(said)):
+        Qos(**stated)

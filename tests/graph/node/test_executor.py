@@ -193,6 +193,7 @@ def test_bad_frames_are_counted_and_logged_but_harm_nothing(caplog: pytest.LogCa
     assert drive.executor.events.rejected_count == len(bad)
     assert drive.node.state.log == []
     assert len(caplog.records) == 4
+    assert any("topic /p/word, input " in one.message for one in caplog.records)
     drive.consume("/p/word", Word(n=5))
     assert drive.node.state.log == ["word 5 of x"]
 

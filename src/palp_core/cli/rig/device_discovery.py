@@ -120,7 +120,10 @@ def _row(
     }
     if isinstance(block, TorqueSamples):
         names = ("fx_n", "fy_n", "fz_n", "tx_n_m", "ty_n_m", "tz_n_m")
-        columns = dict(zip(names, block.wrench.T, strict=True))
+        if count and not len(block.wrench):  # a sensor of one axis has no forces
+            columns = {"torque_n_m": block.torque_n_m}
+        else:
+            columns = dict(zip(names, block.wrench.T, strict=True))
         row["faulty"] = int(np.count_nonzero(block.faulty))
     else:
         columns = {"fds_v": block.fds_v, "edc_v": block.edc_v}

@@ -178,9 +178,16 @@ def contract(
 
 
 def _with_path(device: str) -> str:
-    """Return a driver whose file is named with the file's whole path."""
+    """Return a driver with its file's whole path; a module is looked for in the workspace one is in."""
     module, _, name = device.rpartition(":")
-    return f"{Path(module).resolve()}:{name}" if module.endswith(".py") else device
+    if module.endswith(".py"):
+        return f"{Path(module).resolve()}:{name}"
+    if module:
+        from palp_core.graph.description.launch_file import find_workspace
+        from palp_core.graph.node.loading import enter_workspace
+
+        enter_workspace(find_workspace(Path("x")))
+    return device
 
 
 def _options(words: list[str] | None) -> dict[str, Any]:

@@ -6,7 +6,7 @@ watched (``transport/edge_monitor``).
 """
 
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -49,6 +49,23 @@ class Qos(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     lifespan_ms: float = 0.0
     liveliness: Literal["automatic", "manual_by_topic"] = "automatic"
     lease_ms: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what is no policy where it is written, not where it is used.
+
+        Raises:
+            ValueError: A word that is none of a policy's, or a number beyond its bounds.
+        """
+        for name, policy in POLICIES.items():
+            value, words = getattr(self, name), _WORDS.get(name)
+            if words is not None:
+                if value not in words:
+                    raise ValueError(f"qos {name} = {value!r}: give one of {', '.join(words)}")
+            elif isinstance(value, bool) or not isinstance(value, int if name == "depth" else int | float):
+                kind = "a whole number" if name == "depth" else "a number"
+                raise ValueError(f"qos {name} = {value!r}: give {kind}")
+            elif not policy.least <= value <= policy.most:
+                raise ValueError(f"qos {name} = {value!r}: give {policy.least} to {policy.most}")
 
     @property
     def latched_depth(self) -> int:
@@ -122,6 +139,8 @@ POLICIES: dict[str, Policy] = {
     "liveliness": Policy(_needs("manual_by_topic", " liveliness")),
 }
 """By field of :class:`Qos`."""
+
+_WORDS = {name: get_args(form) for name, form in get_type_hints(Qos).items() if get_origin(form) is Literal}
 
 
 def incompatibility(requested: Qos, offered: Qos) -> str | None:

@@ -223,7 +223,8 @@ class Executor:
         try:
             message = subscription.accept(kind, epoch, sequence, stamp_ns, type_hash, payload, rest, now_ns)
         except SchemaMismatch as error:
-            self.events.reject(error)
+            place = f"topic {subscription.topic}, input '{subscription.port}'"
+            self.events.reject(SchemaMismatch(f"{place}: {error}; mend what its publisher sends"))
             return False
         if message is not None:
             journal.note_index(subscription.index, epoch, sequence, now_ns)
