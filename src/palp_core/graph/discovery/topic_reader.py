@@ -76,7 +76,7 @@ class TopicReader:
         qos = Qos(
             reliability="reliable" if reliable or history_depth else "best_effort",
             durability="transient_local" if history_depth else "volatile",
-            depth=history_depth,
+            depth=max(1, history_depth),
         )
         self._buffers = {
             name: ReorderBuffer(
