@@ -206,7 +206,7 @@ def test_whoever_lacks_a_module_is_told_an_extra_that_brings_it() -> None:
         brought = [re.match(r"[\w-]+", one)[0] for one in PROJECT["optional-dependencies"][extra]]  # type: ignore[index]
         assert of_module.get(module, module) in brought
         line = extras.advice(ModuleNotFoundError(name=f"{module}.inner"))
-        assert line == f"{module} is not installed; type: pip install 'palp-core[{extra}]'"
+        assert line == f"{module} is not installed; type: {extras.install_line(extra)}"
     assert set(extras._EXTRA_OF.values()) == set(PROJECT["optional-dependencies"]) - {"all", "docs", "dev"}
     assert extras.advice(ModuleNotFoundError(name="numpy_of_the_lab")) == ""
     assert PROJECT["name"] == extras.DISTRIBUTION

@@ -1,5 +1,6 @@
 import csv
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from palp_core.errors import BagError
+from palp_core.extras import install_line
 from palp_core.graph.bag.convert import BagForm, convert
 from palp_core.graph.bag.forms.json import json_form
 from palp_core.graph.bag.forms.ros2 import message_texts
@@ -147,7 +149,7 @@ def test_tables_read_back_as_they_were(bag: Path, rich: Path, tmp_path: Path, ki
 
 def test_parquet_says_what_it_needs(bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(BagError, match=r"palp-core\[parquet\]"):
+    with pytest.raises(BagError, match=re.escape(install_line("parquet"))):
         convert(bag, tmp_path / "parquet", BagForm.PARQUET)
 
 

@@ -1,6 +1,7 @@
 import csv
 import itertools
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from palp_core.errors import PalpError
+from palp_core.extras import install_line
 from palp_core.palpation.studies.catalogue import study
 from palp_core.palpation.studies.paper import study as paper_study
 from palp_core.palpation.studies.paper import words
@@ -236,7 +238,7 @@ def test_a_dask_cluster_gives_the_same_json(jobs: list[SessionJob]) -> None:
 
 def test_without_dask_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(PalpError, match=r"pip install 'palp-core\[dask\]'"):
+    with pytest.raises(PalpError, match=re.escape(install_line("dask"))):
         run_jobs(len, ["job"], label="jobs", dask="tcp://127.0.0.1:1")
 
 
