@@ -11,12 +11,12 @@ A package publishes in its ``pyproject.toml``; what it names is imported when it
     [project.entry-points."palp.studies"]         # name -> function of a folder, as palp's own studies
     grip = "softlab.grip:run"
 
-Methods (``palp.methods``, ``palp.measures``) and workspaces (``palp.workspaces``) have groups of their own.
+Methods (``palp.methods``, ``palp.measures``), workspaces (``palp.workspaces``) and maps to ROS 2
+(``palp.ros2_maps``) have groups of their own.
 Nodes, messages, policies and pages of ``palp view`` are named where they are used: ``package.module:Name``.
 """
 
 from functools import cache
-from importlib.metadata import entry_points
 
 DEVICES, EMG_READERS, STUDIES = "palp.devices", "palp.emg_readers", "palp.studies"
 
@@ -27,5 +27,7 @@ def published(group: str) -> dict[str, str]:
 
     Of two packages with the same name, that whose place sorts first is taken: the same one every time.
     """
+    from importlib.metadata import entry_points  # it brings email and zipfile, which no node needs
+
     points = sorted(entry_points(group=group), key=lambda point: (point.name, point.value), reverse=True)
     return dict(sorted({point.name: point.value for point in points}.items()))

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from palp_core.graph.workspaces import underlays
+from palp_core.published import published
 
 
 def install(site: Path, name: str, files: Mapping[str, str], points: Mapping[str, Mapping[str, str]]) -> None:
@@ -38,7 +39,7 @@ def forgetting() -> Iterator[pytest.MonkeyPatch]:
     kept = {name: module for name, module in sys.modules.items() if _is_of_workspace(name)}
     for name in kept:
         del sys.modules[name]
-    underlays.underlays.cache_clear()
+    _forget()
     try:
         with pytest.MonkeyPatch.context() as patch:
             yield patch
@@ -47,7 +48,12 @@ def forgetting() -> Iterator[pytest.MonkeyPatch]:
             del sys.modules[name]
         sys.modules.update(kept)
         sys.meta_path[:], sys.path[:] = finders, path
-        underlays.underlays.cache_clear()
+        _forget()
+
+
+def _forget() -> None:
+    underlays.underlays.cache_clear()
+    published.cache_clear()
 
 
 def _is_of_workspace(name: str) -> bool:

@@ -174,7 +174,7 @@ def load(
     as_json: JsonOption = False,
 ) -> None:
     """Set a node's parameters from a ROS 2 parameter file, all or none."""
-    from palp_core.cli.node.param_file import read_parameter_file
+    from palp_core.graph.description.parameter_file import read_parameter_file
 
     running = find_graph(graph, changes=True)
     name = running.node(node).name

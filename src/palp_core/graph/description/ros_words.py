@@ -16,12 +16,11 @@ from typing import Any, NamedTuple
 import msgspec
 
 from palp_core.graph.description.launch_file import GraphNode, InputEntry
-from palp_core.graph.description.yaml_tree import Entry, Mapping, parse_tree, plain_tree, read_tree
+from palp_core.graph.description.parameter_file import EVERY_NODE, HEADING, section_entries
+from palp_core.graph.description.yaml_tree import Mapping, parse_tree, plain_tree, read_tree
 from palp_core.graph.problems import GraphProblems, Mark, Problems, hint
 
 PARAMS_FILE, REMAP = "--params-file=", "--remap="
-HEADING = "ros__parameters"
-EVERY_NODE = "/**"
 _PARAMETER = re.compile(r"(?P<node>/?[A-Za-z]\w*):(?P<name>[A-Za-z_][\w.]*):=(?P<value>.*)", re.S)
 _REMAP = re.compile(
     r"(?:(?P<reader>[A-Za-z]\w*):)?/?(?P<node>[A-Za-z]\w*)/(?P<port>[A-Za-z]\w*)"
@@ -128,7 +127,7 @@ def _with_file(nodes: Nodes, path: Path, caller: Mark, problems: Problems) -> No
     sections = sorted(tree.items.items(), key=lambda item: "*" not in item[0])  # a node's own go last
     sections.sort(key=lambda item: item[0] != EVERY_NODE)
     for pattern, entry in sections:
-        for parameter, value in _section(pattern, entry, problems).items():
+        for parameter, value in section_entries(pattern, entry, problems).items():
             found = [name for name in nodes if _fits(pattern, name, parameter, nodes[name])]
             for name in found:
                 nodes = _with_parameter(nodes, name, parameter, plain_tree(value.value), value.mark)
@@ -148,15 +147,6 @@ def _fits(pattern: str, name: str, parameter: str, node: list[GraphNode]) -> boo
         return pattern.removeprefix("/") == name
     stated = any(parameter in one.spec.params for one in node if one.present)
     return stated and fnmatchcase(name, pattern.removeprefix("/").replace("**", "*"))
-
-
-def _section(name: str, entry: Entry, problems: Problems) -> dict[str, Entry]:
-    if isinstance(entry.value, Mapping) and list(entry.value.items) == [HEADING]:
-        inner = entry.value.items[HEADING].value
-        if isinstance(inner, Mapping):
-            return inner.items
-    problems.add(entry.mark, f"'{name}' must hold one key, {HEADING}, and that a mapping of parameters")
-    return {}
 
 
 def _remapped(nodes: Nodes, word: str, caller: Mark, problems: Problems) -> Nodes:

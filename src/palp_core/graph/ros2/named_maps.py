@@ -1,11 +1,11 @@
 """Maps that come with an installed package, by name: entry points of the group ``palp.ros2_maps``."""
 
 from importlib import import_module
-from importlib.metadata import entry_points
 from pathlib import Path
 
 from palp_core.errors import GraphError
 from palp_core.graph.problems import hint
+from palp_core.published import published
 
 GROUP = "palp.ros2_maps"
 """Each leads to a file in its package: ``std = "my_package.folder:maps.yaml"``."""
@@ -22,10 +22,10 @@ def find_map(word: str) -> tuple[Path, bool]:
     """
     if Path(word).is_file() or "/" in word or word.endswith((".yaml", ".yml")):
         return Path(word), False
-    points = {point.name: point for point in entry_points(group=GROUP)}
-    if word not in points:
-        raise GraphError(f"no map '{word}'{hint(word, points)}; or give a file, as in map.yaml")
-    package, _, file = points[word].value.partition(":")
+    maps = published(GROUP)
+    if word not in maps:
+        raise GraphError(f"no map '{word}'{hint(word, maps)}; or give a file, as in map.yaml")
+    package, _, file = maps[word].partition(":")
     try:
         folder = Path(str(import_module(package).__file__)).parent
     except ImportError as error:

@@ -14,12 +14,12 @@ import re
 from collections.abc import Sequence
 from functools import cache
 from importlib.machinery import ModuleSpec, PathFinder
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import NamedTuple
 
 from palp_core.errors import GraphError
 from palp_core.graph.problems import hint, nearest
+from palp_core.published import published
 
 GROUP = "palp.workspaces"
 SHARED = ("nodes", "msgs")
@@ -55,9 +55,9 @@ def underlays() -> tuple[Underlay, ...]:
     That is by name, palp's own last: everybody's lies over it. What has no folder is left out.
     """
     found = {
-        Underlay(point.name, point.value, folder)
-        for point in entry_points(group=GROUP)
-        if (folder := _folder(point.value)) is not None
+        Underlay(name, package, folder)
+        for name, package in published(GROUP).items()
+        if (folder := _folder(package)) is not None
     }
     return tuple(sorted(found, key=lambda one: (one.package.startswith(_OWN), one.name)))
 

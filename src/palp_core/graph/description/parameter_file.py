@@ -36,7 +36,7 @@ def read_parameter_file(
     tree = parse_tree(text, str(path), problems)
     if not isinstance(tree, Mapping):
         raise GraphProblems([Problem(str(path), 1, 1, f"is no parameter file; it begins with /{node}:")])
-    sections = {name: _section(name, entry, problems) for name, entry in tree.items.items()}
+    sections = {name: section_entries(name, entry, problems) for name, entry in tree.items.items()}
     found: dict[str, Any] = {}
     for name in sorted(sections, key=lambda name: name != EVERY_NODE):
         names_node = name.removeprefix("/") == node or (name == EVERY_NODE and wildcard)
@@ -51,7 +51,8 @@ def read_parameter_file(
     return found
 
 
-def _section(name: str, entry: Entry, problems: Problems) -> dict[str, Entry]:
+def section_entries(name: str, entry: Entry, problems: Problems) -> dict[str, Entry]:
+    """Return the parameters below one node's name, each with its place; problems takes what is none."""
     if isinstance(entry.value, Mapping) and list(entry.value.items) == [HEADING]:
         inner = entry.value.items[HEADING].value
         if isinstance(inner, Mapping):

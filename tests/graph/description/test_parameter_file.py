@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.cli.node.param_file import read_parameter_file
+from palp_core.graph.description.parameter_file import read_parameter_file
 from palp_core.graph.problems import GraphProblems
 
 KNOWN = {"gain": 1.0, "fail_at": -1, "mode": "on"}
