@@ -6,6 +6,7 @@ import os
 import re
 import signal
 import subprocess
+import sys
 from pathlib import Path
 
 import psutil
@@ -202,7 +203,10 @@ def test_the_fork_server_imports_what_is_heavy_only_for_nodes_that_need_it_and_n
         assert light.error is None
         assert not loaded(server, "/scipy/")
         only_looked_at = [NodeClassRequest("nodes.heavy:Talk")]
-        assert server.inspect_classes(only_looked_at, tmp_path, tmp_path, to_run=False)[0].error is None
+        assert server.inspect_classes(only_looked_at, tmp_path, tmp_path, to_run="nowhere")[0].error is None
+        assert not loaded(server, "/scipy/")
+        to_compose = [NodeClassRequest("nodes.heavy:Talk")]
+        assert server.inspect_classes(to_compose, tmp_path, tmp_path, to_run="composed")[0].error is None
         assert not loaded(server, "/scipy/")
         (heavy,) = server.inspect_classes([NodeClassRequest("nodes.heavy:Talk")], tmp_path, tmp_path)
         assert heavy.error is None
@@ -211,6 +215,28 @@ def test_the_fork_server_imports_what_is_heavy_only_for_nodes_that_need_it_and_n
         assert not loaded(server, "zmq")
     finally:
         server.close()
+
+
+def test_the_launcher_imports_what_is_heavy_for_nodes_that_it_is_to_compose(
+    talkers: Hostile, tmp_path: Path
+) -> None:
+    talkers.write("nodes/heavy.py", "import scipy.special\n" + TALK)
+    look = """
+import sys
+from pathlib import Path
+from palp_core.graph.description.node_class import NodeClassRequest
+from palp_core.graph.supervision.fork_server import ForkServer
+
+server, folder = ForkServer(), Path(sys.argv[1])
+for where in "nowhere", "composed":
+    server.inspect_classes([NodeClassRequest("nodes.heavy:Talk")], folder, folder, to_run=where)
+    print("scipy.special" in sys.modules)
+server.close()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", look, str(tmp_path)], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["False", "True"]
 
 
 def test_a_run_lives_as_long_as_it_holds_its_folder() -> None:

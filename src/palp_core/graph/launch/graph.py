@@ -35,7 +35,7 @@ from palp_core.graph.node.spec import MERGED_LOG, NodeSpec
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.recording.provenance import launch_provenance
 from palp_core.graph.recording.recorders import Recorders
-from palp_core.graph.supervision.fork_server import ForkServer
+from palp_core.graph.supervision.fork_server import ForkServer, ToRun
 from palp_core.graph.supervision.fork_start import ServerProcess
 from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
 from palp_core.graph.supervision.launcher_node import LauncherNode
@@ -55,7 +55,7 @@ POLL_INSTANTS = 32  # asking a socket costs as much as a message; tools wait a f
 
 
 def _checked(
-    path: Path, overrides: Sequence[str], server: ForkServer, folder: RunDirectory, *, to_run: bool
+    path: Path, overrides: Sequence[str], server: ForkServer, folder: RunDirectory, *, to_run: ToRun
 ) -> CheckedGraph:
     inspect = partial(server.inspect_classes, folder=folder.path, to_run=to_run)
     return load(path, overrides, inspect, succeed)
@@ -76,7 +76,7 @@ def check_file(path: str | Path, overrides: Sequence[str] = ()) -> CheckedGraph:
     folder = RunDirectory(launch_path(path).stem)
     server = ForkServer()
     try:
-        return _checked(Path(path), overrides, server, folder, to_run=False)
+        return _checked(Path(path), overrides, server, folder, to_run="nowhere")
     finally:
         server.close()
         folder.remove()
@@ -186,9 +186,8 @@ class Graph:
             server = ForkServer(self._interrupt, self._started)
             stack.callback(server.close)
             try:
-                self.checked = _checked(
-                    self.path, self._overrides, server, self.directory, to_run=not self._compose
-                )
+                to_run: ToRun = "composed" if self._compose else "forked"
+                self.checked = _checked(self.path, self._overrides, server, self.directory, to_run=to_run)
                 if self._name is not None:
                     self.checked = msgspec.structs.replace(self.checked, graph=self._name)
                 if self._compose and self.checked.clock != "sim":
@@ -202,7 +201,7 @@ class Graph:
                 stack.callback(self.checkpoints.close)
                 _tell(self.checked, "prepare", self._summary())
                 self.checked = self.checkpoints.with_successors(
-                    partial(server.inspect_classes, folder=self.directory.path, to_run=not self._compose)
+                    partial(server.inspect_classes, folder=self.directory.path, to_run=to_run)
                 )
                 kept = self.checkpoints.attached or _tell(self.checked, "attach", self._summary()) or {}
                 self.checked = msgspec.structs.replace(self.checked, attached=kept)

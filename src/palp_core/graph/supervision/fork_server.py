@@ -22,6 +22,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 
@@ -36,7 +37,7 @@ from palp_core.graph.supervision.fork_child import apply_scheduling, run_child
 from palp_core.graph.supervision.fork_start import ServerProcess, start_fork_server
 from palp_core.graph.supervision.interrupt import Interrupt
 from palp_core.graph.supervision.logs import LogWriter
-from palp_core.graph.supervision.preload import ImportAnnouncer, import_announced, preload
+from palp_core.graph.supervision.preload import ImportAnnouncer, import_heavy, preload, read_announced
 from palp_core.user_folders import room_mistake
 from palp_core.whole_file import PRIVATE, open_private
 
@@ -54,16 +55,20 @@ INSPECTING = ""
 """Name of an inspecting child."""
 
 
+ToRun = Literal["forked", "composed", "nowhere"]
+"""Where nodes of inspected classes are to run: forked by the server, within the launcher, or nowhere."""
+
+
 class InspectClasses(ChannelMessage, frozen=True):
     """Fork a child that inspects node classes and writes the answer to a file.
 
-    If their nodes are to run, the server imports what is heavy beside the child; else it need not.
+    What is heavy is imported beside it where the nodes are to run: by the server, or by the launcher.
     """
 
     requests: list[NodeClassRequest]
     workspace: str
     answer: str
-    to_run: bool = True
+    to_run: ToRun = "forked"
 
 
 class Signal(ChannelMessage, frozen=True):
@@ -88,6 +93,12 @@ class Exited(ChannelMessage, frozen=True):
     status: int
 
 
+class Announced(ChannelMessage, frozen=True):
+    """An inspecting child imports what is heavy, and the launcher is to run its nodes."""
+
+    modules: list[str]
+
+
 Request = Spawn | InspectClasses | Signal
 ChildEvent = Started | Exited
 
@@ -103,7 +114,7 @@ class ForkServer:
     def __init__(self, interrupt: Interrupt | None = None, started: ServerProcess | None = None) -> None:
         self._interrupt = interrupt
         self._process, connection = started or start_fork_server()
-        self._channel = MessageChannel(connection, msgspec.msgpack.Decoder(ChildEvent))
+        self._channel = MessageChannel(connection, msgspec.msgpack.Decoder(ChildEvent | Announced))
 
     @property
     def descriptor(self) -> int:
@@ -131,7 +142,7 @@ class ForkServer:
         self.send(Signal(pid, int(number)))
 
     def read_events(self) -> list[ChildEvent]:
-        """Wait for events of children and return what there is.
+        """Wait for events of children and return what there is; import what is announced.
 
         Raises:
             GraphError: The fork server is gone.
@@ -144,11 +155,15 @@ class ForkServer:
             ) from error
         found = []
         while self._channel.buffered():
-            found.append(self._channel.receive())
+            item = self._channel.receive()
+            if isinstance(item, Announced):
+                import_heavy(item.modules)
+            else:
+                found.append(item)
         return found
 
     def inspect_classes(
-        self, requests: Sequence[NodeClassRequest], workspace: Path, folder: Path, *, to_run: bool = True
+        self, requests: Sequence[NodeClassRequest], workspace: Path, folder: Path, *, to_run: ToRun = "forked"
     ) -> list[NodeClass]:
         """Let a forked child import node classes and say what they are.
 
@@ -159,7 +174,7 @@ class ForkServer:
             requests: What to look at.
             workspace: First on the module path.
             folder: Where the answer is written.
-            to_run: Nodes of these classes are to be forked here, which then find loaded what is heavy.
+            to_run: Where nodes of these classes are to run, which then find loaded there what is heavy.
 
         Raises:
             GraphError: The fork server is gone.
@@ -300,6 +315,7 @@ class _Server:
         self._channel = MessageChannel(connection, msgspec.msgpack.Decoder(Request))
         self._wake, self._wake_write = _quiet_pipe()
         self._announced, self._announce = _quiet_pipe()
+        self._composed = False
         self._children: dict[int, str] = {}
         self._prints: dict[int, int] = {}
         self._logs = LogWriter()
@@ -321,11 +337,11 @@ class _Server:
                 ready = {descriptor for descriptor, _ in self._poll.poll()}
                 for descriptor in ready - {channel, self._wake}:
                     if descriptor == self._announced:
-                        import_announced(descriptor)
+                        self._load_announced()
                     elif not self._logs.read(descriptor):
                         self._poll.unregister(descriptor)  # closed by a node that lives on: nothing will come
                 if self._wake in ready:
-                    import_announced(self._announced)  # before an inspecting child's end is told
+                    self._load_announced()  # before an inspecting child's end is told
                     self._reap()
                 if channel in ready:
                     self._channel.fill()
@@ -344,6 +360,7 @@ class _Server:
             os.close(write_end)
             self._poll.register(read_end, select.POLLIN)
         else:
+            self._composed = request.to_run == "composed"
             said = os.open(f"{request.answer}.log", os.O_WRONLY | os.O_CREAT | os.O_APPEND, PRIVATE)
             self._fork(INSPECTING, said, lambda: self._inspect(request))
             os.close(said)
@@ -364,16 +381,24 @@ class _Server:
             os.close(descriptor)
         self._logs.release()
 
+    def _load_announced(self) -> None:
+        modules = read_announced(self._announced)
+        if not self._composed:
+            import_heavy(modules)
+        elif modules:
+            self._send_event(Announced(modules))
+
     def _inspect(self, request: InspectClasses) -> int:
         with open(request.answer, "wb", buffering=0, opener=open_private) as file:
-            announce = self._announce if request.to_run else os.open(os.devnull, os.O_WRONLY)
+            loads = request.to_run != "nowhere"
+            announce = self._announce if loads else os.open(os.devnull, os.O_WRONLY)
             ImportAnnouncer(announce, lambda: os.utime(request.answer)).install()
             for answer in inspected(request.requests, Path(request.workspace)):
                 data = encode_any(answer)
                 file.write(len(data).to_bytes(_LENGTH_BYTES) + data)
         return 0
 
-    def _send_event(self, event: ChildEvent) -> None:
+    def _send_event(self, event: ChildEvent | Announced) -> None:
         with contextlib.suppress(ChannelClosed):  # the launcher is gone: the loop sees the channel's end next
             self._channel.send(event)
 

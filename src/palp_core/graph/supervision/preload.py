@@ -1,8 +1,9 @@
 """What the fork server imports for all nodes: the light things at once, a heavy one when a node wants it.
 
-The describing child says which heavy module it is about to import, and the server imports the same beside
-it. So a graph that needs none of them waits for none, and one that does waits once. No zmq is imported (a
-child may use an inherited socket without error) and nothing of the workspace (a swap could not load it anew).
+The describing child says which heavy module it is about to import, and the same is imported beside it where
+its nodes are to run: in the server that forks them, or in the launcher that they are composed in. So a graph
+that needs none of them waits for none, and one that does waits once. No zmq is imported by the server (a child
+may use an inherited socket without error) and nothing of the workspace (a swap could not load it anew).
 """
 
 import contextlib
@@ -58,13 +59,17 @@ def preload() -> None:
         importlib.import_module(name)
 
 
-def import_announced(descriptor: int) -> None:
-    """Import what children have announced, without waiting for more."""
+def read_announced(descriptor: int) -> list[str]:
+    """Return the heavy modules that children have announced, without waiting for more."""
     try:
-        announced = os.read(descriptor, _CHUNK).decode().split()
+        return os.read(descriptor, _CHUNK).decode().split()
     except BlockingIOError:
-        return
-    for name in announced:
+        return []
+
+
+def import_heavy(names: Sequence[str]) -> None:
+    """Import what was announced, of what is heavy."""
+    for name in names:
         if name in HEAVY:
             with contextlib.suppress(ImportError):  # the child has met it too, and says so
                 importlib.import_module(name)
