@@ -2,8 +2,8 @@
 
 The describing child says which heavy module it is about to import, and the same is imported beside it where
 its nodes are to run: in the server that forks them, or in the launcher that they are composed in. So a graph
-that needs none of them waits for none, and one that does waits once. No zmq is imported by the server (a child
-may use an inherited socket without error) and nothing of the workspace (a swap could not load it anew).
+that needs none of them waits for none, and one that does waits once. The server imports no zmq (a child may
+use an inherited socket without error) and nothing of the workspace (a swap could not load it anew).
 """
 
 import contextlib
