@@ -174,7 +174,7 @@ def read_checkpoint(path: Path) -> KeptRun:
     except FileNotFoundError:
         raise GraphError(
             f"nothing to resume: there is no checkpoint {path}: the run that was there came to its end, or "
-            "ended before its first checkpoint; without --resume it begins"
+            "ended before its first checkpoint; without --resume one begins, or says what is in its way"
         ) from None
     except OSError as error:
         raise GraphError(f"{path} cannot be read: {error.strerror or error}") from error

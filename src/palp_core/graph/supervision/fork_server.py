@@ -93,7 +93,7 @@ class Exited(ChannelMessage, frozen=True):
     status: int
 
 
-class Announced(ChannelMessage, frozen=True):
+class HeavyImports(ChannelMessage, frozen=True):
     """An inspecting child imports what is heavy, and the launcher is to run its nodes."""
 
     modules: list[str]
@@ -114,7 +114,7 @@ class ForkServer:
     def __init__(self, interrupt: Interrupt | None = None, started: ServerProcess | None = None) -> None:
         self._interrupt = interrupt
         self._process, connection = started or start_fork_server()
-        self._channel = MessageChannel(connection, msgspec.msgpack.Decoder(ChildEvent | Announced))
+        self._channel = MessageChannel(connection, msgspec.msgpack.Decoder(ChildEvent | HeavyImports))
 
     @property
     def descriptor(self) -> int:
@@ -156,7 +156,7 @@ class ForkServer:
         found = []
         while self._channel.buffered():
             item = self._channel.receive()
-            if isinstance(item, Announced):
+            if isinstance(item, HeavyImports):
                 import_heavy(item.modules)
             else:
                 found.append(item)
@@ -386,7 +386,7 @@ class _Server:
         if not self._composed:
             import_heavy(modules)
         elif modules:
-            self._send_event(Announced(modules))
+            self._send_event(HeavyImports(modules))
 
     def _inspect(self, request: InspectClasses) -> int:
         with open(request.answer, "wb", buffering=0, opener=open_private) as file:
@@ -398,7 +398,7 @@ class _Server:
                 file.write(len(data).to_bytes(_LENGTH_BYTES) + data)
         return 0
 
-    def _send_event(self, event: ChildEvent | Announced) -> None:
+    def _send_event(self, event: ChildEvent | HeavyImports) -> None:
         with contextlib.suppress(ChannelClosed):  # the launcher is gone: the loop sees the channel's end next
             self._channel.send(event)
 
