@@ -112,4 +112,7 @@ def _ways(plan: BridgePlan) -> str:
         "calls": len(plan.calls),
         "nodes' parameters": len(plan.parameters),
     }
-    return ", ".join(f"{count} {what}" for what, count in counts.items() if count)
+    ways = [f"{count} {what}" for what, count in counts.items() if count]
+    if plan.awaited is not None and (names := plan.awaited.names):
+        ways.append(f"what is said of nodes that have yet to join: {', '.join(names)}")
+    return ", ".join(ways)

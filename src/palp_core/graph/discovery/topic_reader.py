@@ -65,27 +65,38 @@ class TopicReader:
         reliable: bool = False,
     ) -> None:
         self._graph = graph
-        self._nodes = {topic.name: topic.node for topic in topics}
-        self._accounts = {topic.name: SequenceAccount() for topic in topics}
+        self._nodes: dict[str, str] = {}
+        self._accounts: dict[str, SequenceAccount] = {}
         self._next_look_ns = 0
         self.last_sequence: dict[str, int] = {}
         self.ended = False
-        self._subscriber = SubscriberSocket({topic.name: topic.publish for topic in topics})
+        self._subscriber = SubscriberSocket({})
         self._in_order: deque[Frame] = deque()
         self._gaps: deque[tuple[str, int, int]] = deque()
-        qos = Qos(
+        self._qos = Qos(
             reliability="reliable" if reliable or history_depth else "best_effort",
             durability="transient_local" if history_depth else "volatile",
             depth=max(1, history_depth),
         )
-        self._buffers = {
-            name: ReorderBuffer(
-                name, qos, account, self._in_order.append, self._note_gap, patience_ns=PATIENCE_NS
+        self._buffers: dict[str, ReorderBuffer] = {}
+        self._migration = Migration(self._subscriber, {}, self._buffers)
+        self.follow(topics)
+
+    def follow(self, topics: Sequence[Topic]) -> None:
+        """Follow more topics; those that are followed already stay as they are."""
+        new = {topic.name: topic for topic in topics if topic.name not in self._nodes}
+        for name, topic in new.items():
+            self._nodes[name], self._accounts[name] = topic.node, SequenceAccount()
+            self._buffers[name] = ReorderBuffer(
+                name,
+                self._qos,
+                self._accounts[name],
+                self._in_order.append,
+                self._note_gap,
+                patience_ns=PATIENCE_NS,
             )
-            for name, account in self._accounts.items()
-        }
-        places = {topic.name: (topic.publish, "") for topic in topics}
-        self._migration = Migration(self._subscriber, places, self._buffers)
+            self._migration.add(name, topic.publish, "")
+        self._subscriber.subscribe({name: topic.publish for name, topic in new.items()})
 
     def __enter__(self) -> Self:
         return self

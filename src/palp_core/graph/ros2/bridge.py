@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Self
 
 import msgspec
@@ -10,15 +11,17 @@ import msgspec
 from palp_core.errors import BagError, GraphError
 from palp_core.graph.bag.ros2.values import reader, writer
 from palp_core.graph.clock import monotonic_ns, unix_ns
+from palp_core.graph.discovery.run_directory import read_record
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.discovery.topic_reader import TopicReader
 from palp_core.graph.messages.frame import Frame, parse
 from palp_core.graph.messages.qos import Qos
+from palp_core.graph.problems import Problems
 from palp_core.graph.ros2.account import Account
 from palp_core.graph.ros2.field_map import Times
 from palp_core.graph.ros2.middleware import Middleware
 from palp_core.graph.ros2.parameters import ParameterServices
-from palp_core.graph.ros2.plan import BridgePlan, TopicToPalp, TopicToRos2
+from palp_core.graph.ros2.plan import BridgePlan, TopicToPalp, TopicToRos2, make_plan
 from palp_core.graph.ros2.services import Services
 from palp_core.graph.ros2.to_palp import Ports
 
@@ -26,6 +29,7 @@ CLOCK = "rosgraph_msgs/msg/Clock"
 CLOCK_NS = 10_000_000
 MOST_PUBLISHERS = 1000
 LAST = 2**62
+LOOK_NS = 500_000_000
 NS = 1_000_000_000
 
 
@@ -67,33 +71,61 @@ class Ros2Bridge:
         clock: bool,
         say: Callable[[str], None],
     ) -> None:
-        self._graph, self._plan, self._times, self._say = graph, plan, times, say
+        self._graph, self._times, self._say, self._name = graph, times, say, name
+        self._definitions, self._awaited = plan.definitions, plan.awaited
         self.ended = False
         self._accounts: list[Account] = []
         self._senders: dict[str, list[_Sender]] = {}
+        self._latched: dict[str, tuple[int, int]] = {}
         self._latest_ns, self._clock_told_ns, self._clock_due_ns = 0, 0, 0
-        topics = {entry.topic.name: entry.topic for entry in plan.to_ros2}
-        asked = {call.topic.name: call.topic for call in plan.calls}
-        self._reader = TopicReader(graph, list({**topics, **asked}.values()), reliable=True)
+        self._look_ns, self._known = 0, set(graph.node_names)
+        self._reader = TopicReader(graph, [], reliable=True)
         self._ports = Ports(graph)
+        self._parameters = ParameterServices(graph)
+        self._services = Services(graph, plan.definitions, times, self._account)
         self._ros = Middleware(name, plan.definitions)
         try:
             self._tell_clock = self._clock_publisher() if clock else None
-            for entry in plan.to_ros2:
-                self._senders.setdefault(entry.topic.name, []).append(self._sender(entry))
-            for way in plan.to_palp:
-                self._subscribe(way)
-            serving = self._ros.node(f"{name}_services") if plan.services or plan.calls else None
-            self._services = Services(graph, plan, serving, times, self._account)
-            parameters = ParameterServices(graph, plan.parameters, self._ros.node)
-            self._latched = self._say_what_stands()
-            self._ros.serve([self._ros.topics], self._ports.turn)
-            if serving is not None or parameters.nodes:
-                self._ros.serve([*([serving] if serving is not None else []), *parameters.nodes])
+            self._ros.serve("topics", self._ros.topics, self._ports.turn)
+            self._add(plan)
         except BaseException:
             self._ros.close()
             self._reader.__exit__()
             raise
+
+    def _add(self, plan: BridgePlan) -> None:
+        """Let what a plan says cross from now on."""
+        for entry in plan.to_ros2:
+            self._senders.setdefault(entry.topic.name, []).append(self._sender(entry))
+        self._reader.follow([*(entry.topic for entry in plan.to_ros2), *(call.topic for call in plan.calls)])
+        for way in plan.to_palp:
+            self._subscribe(way)
+        if plan.services or plan.calls:
+            self._services.add(plan, self._ros.served("services", f"{self._name}_services"))
+        for name in plan.parameters:
+            self._parameters.serve(name, self._ros.served("services", name))
+        self._say_what_stands(plan)
+
+    def _look_who_joined(self) -> None:
+        """Let what the map says of nodes that have joined since cross, too."""
+        now_ns = monotonic_ns()
+        if self._awaited is None or now_ns < self._look_ns:
+            return
+        self._look_ns = now_ns + LOOK_NS
+        record = read_record(self._graph.folder)
+        if record is None or not {node.name for node in record.nodes} - self._known:
+            return
+        self._graph.record = record
+        problems = Problems()
+        plan = make_plan(self._awaited, self._graph, self._times, problems, self._definitions)
+        fresh = [name for name in plan.parameters if name not in self._known]
+        for problem in problems.listed():
+            self._say(str(problem))
+        self._awaited, self._known = plan.awaited, {*self._known, *self._graph.node_names}
+        try:
+            self._add(replace(plan, parameters=fresh))
+        except GraphError as error:
+            self._say(str(error))
 
     def __enter__(self) -> Self:
         return self
@@ -115,6 +147,7 @@ class Ros2Bridge:
         for received in self._reader.messages():
             if received is None:
                 self.tell()
+                self._look_who_joined()
                 continue
             frame = received.frame
             for sender in self._senders.get(frame.topic, ()):
@@ -142,27 +175,24 @@ class Ros2Bridge:
     def _sender(self, entry: TopicToRos2) -> _Sender:
         way = entry.crossing.way
         publish = self._ros.publisher(way.ros, entry.crossing.type, entry.qos)
-        encode = writer(self._plan.definitions, entry.crossing.type)
+        encode = writer(self._definitions, entry.crossing.type)
         return _Sender(entry, encode, publish, self._account(f"{way.palp} -> {way.ros}"))
 
-    def _say_what_stands(self) -> dict[str, tuple[int, int]]:
-        """Publish what the graph's latched topics hold; return up to where that was."""
-        told = {}
-        for entry in self._plan.to_ros2:
-            if entry.qos.durability != "transient_local":
-                continue
-            asked: dict[str, Any] = {"topic": entry.topic.name, "first": 1, "last": LAST}
-            reply = self._graph.ask(entry.topic.node, "history", **asked)
+    def _say_what_stands(self, plan: BridgePlan) -> None:
+        """Publish what the graph's latched topics hold; what comes up to there is said then."""
+        latched = {e.topic.name: e.topic for e in plan.to_ros2 if e.qos.durability == "transient_local"}
+        for topic in latched.values():
+            asked: dict[str, Any] = {"topic": topic.name, "first": 1, "last": LAST}
+            reply = self._graph.ask(topic.node, "history", **asked)
             frames = [parse(raw) for raw in reply["frames"]]
             for frame in frames:
                 self._carry(frame)
-                told[frame.topic] = (frame.epoch, frame.sequence)
-        return told
+                self._latched[frame.topic] = (frame.epoch, frame.sequence)
 
     def _subscribe(self, entry: TopicToPalp) -> None:
         way, convert = entry.crossing.way, entry.crossing.convert
         account = self._account(f"{way.ros} -> {way.palp}")
-        decode = reader(self._plan.definitions, entry.crossing.type)
+        decode = reader(self._definitions, entry.crossing.type)
         numbers: dict[Any, int] = {}
 
         def arrived(data: bytes, publisher: Any, number: int) -> None:
@@ -180,7 +210,7 @@ class Ros2Bridge:
         self._ros.subscribe(way.ros, entry.crossing.type, entry.qos, arrived)
 
     def _clock_publisher(self) -> Callable[[int], None]:
-        encode = writer(self._plan.definitions, CLOCK)
+        encode = writer(self._definitions, CLOCK)
         publish = self._ros.publisher("/clock", CLOCK, Qos(reliability="best_effort", depth=1))
 
         def tell(ns: int) -> None:

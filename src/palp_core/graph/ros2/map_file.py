@@ -110,6 +110,12 @@ class MapFile:
     interfaces: list[Path] = field(default_factory=list)
     node: str = "palp_bridge"
 
+    @property
+    def names(self) -> list[str]:
+        """Return what it names in the graph: topics, ports, services, and nodes for their parameters."""
+        ways = (*self.to_ros2, *self.to_palp, *self.services, *self.calls)
+        return [*(way.palp for way in ways), *(f"/{node}" for node in self.parameters or ())]
+
 
 def read_map(path: Path, problems: Problems) -> MapFile:
     """Read a map file; mistakes go to ``problems``.

@@ -95,7 +95,7 @@ class Middleware:
         self._ending = False
         self._threads: list[threading.Thread] = []
         self._nodes: list[Any] = []
-        self._executors: list[Any] = []
+        self._executors: dict[str, Any] = {}
         try:
             rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
             self.topics = self.node(name)
@@ -130,14 +130,21 @@ class Middleware:
         self.topics.create_subscription(kind, topic, take, profile(qos), raw=True)
         forget_error()
 
-    def serve(self, nodes: list[Any], each_turn: Callable[[], None] = lambda: None) -> None:
-        """Serve nodes from now on, in a thread of their own."""
+    def served(self, group: str, name: str) -> Any:
+        """Return a new node that is served from now on, by the thread of its group."""
+        node = self.node(name)
+        if group in self._executors:
+            self._executors[group].add_node(node)
+        else:
+            self.serve(group, node)
+        return node
+
+    def serve(self, group: str, node: Any, each_turn: Callable[[], None] = lambda: None) -> None:
+        """Serve a node from now on, the first of its group, in a thread of the group's own."""
         from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 
-        executor = SingleThreadedExecutor(context=self._context)
-        self._executors.append(executor)
-        for node in nodes:
-            executor.add_node(node)
+        executor = self._executors[group] = SingleThreadedExecutor(context=self._context)
+        executor.add_node(node)
 
         def turn() -> None:
             while not self._ending:
@@ -147,7 +154,7 @@ class Middleware:
                     return
                 each_turn()
 
-        thread = threading.Thread(target=turn, name="ros2", daemon=True)
+        thread = threading.Thread(target=turn, name=f"ros2 {group}", daemon=True)
         self._threads.append(thread)
         thread.start()
 
@@ -158,7 +165,7 @@ class Middleware:
         self._ending = True
         for thread in self._threads:
             thread.join(JOIN_S)
-        for executor in self._executors:
+        for executor in self._executors.values():
             executor.shutdown(JOIN_S)
         for node in self._nodes:
             node.destroy_node()

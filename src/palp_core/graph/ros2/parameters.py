@@ -18,18 +18,13 @@ class ParameterServices:
 
     Args:
         graph: The graph.
-        names: Of its nodes.
-        make_node: Makes a node of ROS 2's.
-
-    Attributes:
-        nodes: ROS 2's, one for each.
     """
 
-    def __init__(self, graph: RunningGraph, names: list[str], make_node: Callable[[str], Any]) -> None:
+    def __init__(self, graph: RunningGraph) -> None:
         self._graph = graph
-        self.nodes = [self._serve(name, make_node(name)) for name in names]
 
-    def _serve(self, name: str, node: Any) -> Any:
+    def serve(self, name: str, node: Any) -> None:
+        """Offer those of a node of the graph at one of ROS 2's."""
         from rcl_interfaces import srv
 
         offered = {
@@ -42,7 +37,6 @@ class ParameterServices:
         }
         for service, (kind, answer) in offered.items():
             node.create_service(kind, f"~/{service}", _bound(answer, name))
-        return node
 
     def _described(self, name: str) -> dict[str, Any]:
         """Return the parameters of a node, described, with their values; none if it does not answer."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,6 +14,7 @@ from palp_core.graph.bag.ros2.definitions import Definitions, json_schema, stand
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.topic import Topic
+from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.problems import Mark, Problems, hint
 from palp_core.graph.ros2.crossing import (
     Crossing,
@@ -76,6 +77,7 @@ class BridgePlan:
     Attributes:
         definitions: ROS 2's message types.
         parameters: Nodes whose parameters ROS 2 sees.
+        awaited: What of the map names nodes that may yet join the graph.
     """
 
     definitions: Definitions
@@ -84,11 +86,20 @@ class BridgePlan:
     services: list[ServiceCrossing] = field(default_factory=list)
     calls: list[ServiceCall] = field(default_factory=list)
     parameters: list[str] = field(default_factory=list)
+    awaited: MapFile | None = None
 
     @property
     def changes(self) -> bool:
         """Whether ROS 2 may change something in the graph."""
-        return bool(self.to_palp or self.services or self.parameters or any(call.node for call in self.calls))
+        awaited = self.awaited
+        later = awaited and (
+            awaited.to_palp
+            or awaited.services
+            or awaited.parameters != {}
+            or any(c.to for c in awaited.calls)
+        )
+        answered = any(call.node for call in self.calls)
+        return bool(self.to_palp or self.services or self.parameters or answered or later)
 
 
 class _Ports(NamedTuple):
@@ -104,32 +115,74 @@ class _Ports(NamedTuple):
         return [f"/{node}/{port}" for node, info in self.infos.items() for port in info.get("services", {})]
 
 
-def make_plan(described: MapFile, graph: RunningGraph, times: Times, problems: Problems) -> BridgePlan:
+def make_plan(
+    described: MapFile,
+    graph: RunningGraph,
+    times: Times,
+    problems: Problems,
+    definitions: Definitions | None = None,
+) -> BridgePlan:
     """Return what crosses between a running graph and ROS 2; mistakes go to ``problems``.
+
+    Where nodes of other hosts may join the graph, a node that is not there is none: it is awaited.
+
+    Args:
+        described: What is to cross.
+        graph: The graph.
+        times: What becomes of times.
+        problems: Takes the mistakes.
+        definitions: Of message types that are known already; those that are needed are added.
 
     Raises:
         BagError: rosbags is not installed.
     """
     answers = [graph.ask_all(what, timeout_s=ASK_S).replies for what in ("info", "schemas")]
     ports = _Ports(answers[0], {node: reply["ports"] for node, reply in answers[1].items()})
-    plan = _Planner(described, graph, ports, times, problems)
+    now, awaited = _divided(described, graph)
+    plan = _Planner(now, graph, ports, times, problems, definitions or standard())
     return BridgePlan(
         plan.definitions,
-        plan.each(described.to_ros2, plan.to_ros2),
-        plan.each(described.to_palp, plan.to_palp),
-        plan.each(described.services, plan.service),
-        plan.each(described.calls, plan.call),
+        plan.each(now.to_ros2, plan.to_ros2),
+        plan.each(now.to_palp, plan.to_palp),
+        plan.each(now.services, plan.service),
+        plan.each(now.calls, plan.call),
         plan.parameters(),
+        awaited,
     )
+
+
+def _divided(described: MapFile, graph: RunningGraph) -> tuple[MapFile, MapFile | None]:
+    """Return what a map says of nodes that are there or never will be, and of those that may yet join."""
+    if not graph.record.listen:
+        return described, None
+    there = {*graph.node_names, LAUNCHER}
+
+    def lacks(way: MapEntry) -> bool:
+        return any(name and name.split("/")[1] not in there for name in (way.palp, way.to))
+
+    now, later = dict[str, Any](), dict[str, Any]()
+    for key in ("to_ros2", "to_palp", "services", "calls"):
+        ways = getattr(described, key)
+        now[key], later[key] = [w for w in ways if not lacks(w)], [w for w in ways if lacks(w)]
+    if (wanted := described.parameters) is not None:
+        now["parameters"] = {name: mark for name, mark in wanted.items() if name in there}
+        later["parameters"] = {name: mark for name, mark in wanted.items() if name not in there}
+    awaited = replace(described, **later)
+    return replace(described, **now), awaited if awaited.parameters is None or any(later.values()) else None
 
 
 class _Planner:
     def __init__(
-        self, described: MapFile, graph: RunningGraph, ports: _Ports, times: Times, problems: Problems
+        self,
+        described: MapFile,
+        graph: RunningGraph,
+        ports: _Ports,
+        times: Times,
+        problems: Problems,
+        definitions: Definitions,
     ) -> None:
         self.described, self.graph, self.ports = described, graph, ports
-        self.times, self.problems = times, problems
-        self.definitions = standard()
+        self.times, self.problems, self.definitions = times, problems, definitions
 
     @staticmethod
     def each(ways: list[MapEntry], plan: Callable[[MapEntry], Any]) -> list[Any]:

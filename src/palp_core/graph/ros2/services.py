@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import BagError, GraphError
+from palp_core.graph.bag.ros2.definitions import Definitions
 from palp_core.graph.bag.ros2.values import ToCdr, ToMap, reader, writer
 from palp_core.graph.clock import unix_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
@@ -23,34 +24,37 @@ ASK_S = 5.0
 
 
 class Services:
-    """The services of a plan.
+    """The services of a bridge.
 
     Args:
         graph: The graph.
-        plan: What crosses.
-        node: ROS 2's node for them; None if there are none.
+        definitions: Of message types.
         times: What becomes of times.
         account: Makes an account.
-
-    Raises:
-        GraphError: A service's type is not installed for Python.
     """
 
     def __init__(
-        self,
-        graph: RunningGraph,
-        plan: BridgePlan,
-        node: Any,
-        times: Times,
-        account: Callable[[str], Account],
+        self, graph: RunningGraph, definitions: Definitions, times: Times, account: Callable[[str], Account]
     ) -> None:
-        self._graph, self._plan, self._times = graph, plan, times
+        self._graph, self._definitions, self._times = graph, definitions, times
+        self._account = account
         self._decode = msgspec.msgpack.Decoder().decode
         self._asking: dict[str, list[Callable[[Frame], None]]] = {}
+
+    def add(self, plan: BridgePlan, node: Any) -> None:
+        """Let the services of a plan cross.
+
+        Args:
+            plan: What crosses.
+            node: ROS 2's node for them.
+
+        Raises:
+            GraphError: A service's type is not installed for Python.
+        """
         for service in plan.services:
-            self._offer(node, service, account(f"{service.way.ros} calls {service.way.palp}"))
+            self._offer(node, service, self._account(f"{service.way.ros} calls {service.way.palp}"))
         for call in plan.calls:
-            ask = self._caller(node, call, account(f"{call.way.palp} calls {call.way.ros}"))
+            ask = self._caller(node, call, self._account(f"{call.way.palp} calls {call.way.ros}"))
             self._asking.setdefault(call.topic.name, []).append(ask)
 
     def ask_of(self, frame: Frame) -> None:
@@ -117,8 +121,10 @@ class Services:
         return ask
 
     def _bytes(self, name: str, read: str, write: str) -> tuple[ToMap, ToCdr]:
-        definitions = self._plan.definitions
-        return reader(definitions, part_of(name, read)), writer(definitions, part_of(name, write))
+        return (
+            reader(self._definitions, part_of(name, read)),
+            writer(self._definitions, part_of(name, write)),
+        )
 
 
 def _service_type(name: str) -> Any:
