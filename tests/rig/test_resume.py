@@ -170,7 +170,7 @@ def test_killed_before_its_first_checkpoint_it_has_lost_nothing_and_begins_witho
     launch_and_kill(palp, SIM, "/experiment/trial", 1, *words, compose=compose)
     refused = palp.run("launch", SIM, *words, "--resume", *more)
     assert refused.returncode == 2
-    assert "without --resume it begins" in refused.stderr
+    assert "without --resume one begins" in refused.stderr
     done = palp.run("launch", SIM, *words, *more)
     assert done.returncode == 0, done.stderr
     assert_equal(out, rig_session.out)
