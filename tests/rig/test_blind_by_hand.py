@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import shutil
 import struct
@@ -51,6 +52,16 @@ def test_estimation_has_codes_in_table_files_and_messages_and_training_depths(ou
     assert [one.depth_m for one in begun[3:]] == [0.0] * 3
     assert told.count(struct.pack(">d", DEPTHS_M["A"])) == 1  # of training
     assert json.loads((out / "human.json").read_text())["accuracy"] is None
+
+
+def test_an_export_has_codes_and_no_depth_of_estimation_either(out: Path, tmp_path: Path) -> None:
+    done = CliRunner().invoke(palp, ["export", str(out), "--to", "csv", "--out", str(tmp_path / "csv")])
+    assert done.exit_code == 0, done.output
+    with (tmp_path / "csv" / "human_trials.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["phantom"]: float(row["depth_m"]) for row in rows[:3]} == DEPTHS_M
+    assert {row["phantom"] for row in rows[3:]} == set(standing(out / "key.sealed"))
+    assert {row["depth_m"] for row in rows[3:]} == {""}
 
 
 def test_unsealed_it_has_the_depths_and_what_was_written_before_is_kept(out: Path, tmp_path: Path) -> None:
