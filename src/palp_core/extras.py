@@ -19,7 +19,7 @@ _EXTRA_OF = {
     "jinja2": "rig",
     "statsmodels": "studies",
     "pandas": "studies",
-    "rosbags": "ros2",
+    "rosbags": "rosbag",
     "rclpy": "ros2",
     "pyarrow": "parquet",
     "pylsl": "lsl",

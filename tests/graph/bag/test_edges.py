@@ -21,6 +21,7 @@ from palp_core.graph.bag.mcap.salvage import salvage
 from palp_core.graph.bag.reader import Bag, read
 from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.bag.recover import recover
+from palp_core.graph.bag.ros2.import_bag import import_bag
 from palp_core.graph.bag.values import plain, type_from_schema
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.topic import Topic
@@ -181,8 +182,10 @@ def test_ros_2_says_what_it_needs(bag: Path, tmp_path: Path, monkeypatch: pytest
     with pytest.raises(BagError, match="exists already"):
         convert(bag, tmp_path, BagForm.ROS2)
     monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
-    with pytest.raises(BagError, match=re.escape(install_line("ros2"))):
+    with pytest.raises(BagError, match=re.escape(install_line("rosbag"))):
         convert(bag, tmp_path / "ros", BagForm.ROS2)
+    with pytest.raises(BagError, match=re.escape(install_line("rosbag"))):
+        import_bag(tmp_path / "rosbag", tmp_path / "palp.mcap")
 
 
 def test_a_bag_flushed_by_hand_and_closed_twice_is_whole(tmp_path: Path, kit: Any) -> None:

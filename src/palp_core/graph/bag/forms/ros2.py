@@ -104,7 +104,7 @@ def write(bag: str | Path, out: str | Path, outlets: OutletsOf | None = None) ->
     try:
         from rosbags.rosbag2 import StoragePlugin, Writer
     except ImportError as error:
-        raise BagError(f"ROS 2's bags need rosbags: {install_line('ros2')}") from error
+        raise BagError(f"ROS 2's bags need rosbags: {install_line('rosbag')}") from error
     if Path(out).exists():
         raise BagError(f"{out} exists already: choose another name")
     try:

@@ -147,7 +147,7 @@ def _store(which: str) -> Any:
     try:
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
-        raise BagError(f"ROS 2's messages need rosbags: {install_line('ros2')}") from error
+        raise BagError(f"ROS 2's messages need rosbags: {install_line('rosbag')}") from error
     return get_typestore(Stores[which])
 
 

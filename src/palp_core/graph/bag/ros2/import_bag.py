@@ -193,7 +193,7 @@ def _opened(bag: Path) -> Iterator[Any]:
     try:
         from rosbags.rosbag2 import Reader
     except ImportError as error:
-        raise BagError(f"ROS 2's bags need rosbags: {install_line('ros2')}") from error
+        raise BagError(f"ROS 2's bags need rosbags: {install_line('rosbag')}") from error
     if not bag.exists():
         raise BagError(f"{bag}: no such bag; give a rosbag2's folder, an .mcap or a .db3 file")
     if bag.is_dir() and not (bag / "metadata.yaml").exists():
