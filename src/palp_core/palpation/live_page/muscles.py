@@ -7,6 +7,8 @@ from typing import Any
 LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5)
 """Of the level's index: the paper's five."""
 
+FLOWING = ("ok", "streaming")
+"""Conditions of a source whose blocks come."""
 
 SILENT_S = 2.0
 """Blocks come many times a second."""
@@ -24,6 +26,8 @@ def muscle_words(
 
     >>> muscle_words({"level": 2, "level_defined": True, "burst_count": 7, "value": [0.25]}, None)
     'co-contraction 0.25; level 0.3 (third of five); 7 bursts'
+    >>> muscle_words(None, {"condition": "ok", "text": ""})
+    'EMG comes; no co-contraction yet'
     """
     parts = []
     if cocontraction is not None:
@@ -38,6 +42,8 @@ def muscle_words(
         parts.append(f"{count} burst{'s' if count != 1 else ''}")
         if now_s is not None and now_s - cocontraction["stamp_ns"] / 1e9 > SILENT_S:
             parts.append(f"silent since {cocontraction['stamp_ns'] / 1e9:.0f} s")
-    if report is not None and report["condition"] not in ("ok", "streaming"):
+    elif report is not None and report["condition"] in FLOWING:
+        parts.append("EMG comes; no co-contraction yet")
+    if report is not None and report["condition"] not in FLOWING:
         parts.append(": ".join(part for part in (report["condition"], report["text"]) if part))
     return "; ".join(parts) or "nothing heard yet"
