@@ -13,6 +13,7 @@ from palp_core.palpation.devices.blocks import block_mistakes, late_blocks
 from palp_core.palpation.devices.protocols import EmgSamples as Samples
 from palp_core.palpation.devices.protocols import restored
 from palp_core.palpation.devices.registry import device_mistakes, open_device
+from palp_core.palpation.devices.seen_rate import SeenRate
 from palp_core.palpation.devices.sim.emg import SimEmg
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.mechanics.scene.sealed import own_codes
@@ -100,6 +101,7 @@ class Emg(Node):
         return too_long | device_mistakes("emg", params.device, shown.driver_options())
 
     def on_configure(self) -> None:
+        self.opened = False
         self.device = open_device("emg", self.params.device, **self.params.driver_options())
         real = not isinstance(self.device, SimEmg)
         if late := late_blocks("emg", 1.0 / self.params.block_hz, wall_clock=real):
@@ -113,23 +115,33 @@ class Emg(Node):
 
     def on_activate(self) -> None:
         self.state.begin_ns = self.now_ns()
-        self.device.open(self.now_ns(), self.memory, self.rng)
+        self._open()
         if isinstance(self.device, SimEmg) and not self.params.cued:
             begin_ns = self.device.palpation_ns(self.memory)
             self.end.set(begin_ns + round(self.params.palpation_s * 1e9))
 
     def on_resume(self) -> None:
+        self._open()
+
+    def _open(self) -> None:
         self.device.open(self.now_ns(), self.memory, self.rng)
+        self.opened = True
+        self.seen_rate = SeenRate(self.params.rate_hz)
 
     def on_deactivate(self) -> None:
+        if not self.opened:  # what could not be opened has nothing to drain or to close
+            return
         if not isinstance(self.device, SimEmg):
             self.drain()  # what has come since the last tick
+        self.opened = False
         self.device.close()
 
     @on(tick)
     def drain(self) -> None:
         block = self.device.drain(self.now_ns(), self.memory, self.rng)
         if not isinstance(self.device, SimEmg):
+            if words := self.seen_rate.note(self.now_ns(), len(block.times_ns)):
+                self.log.warning("%s", words)
             self._publish_report(block)
         # a block has equal steps of time, and one phase: a gap ends one, and so does a cue
         breaks = {*(np.flatnonzero(block.gap[1:]) + 1).tolist()}

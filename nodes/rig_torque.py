@@ -12,6 +12,7 @@ from palp_core.palpation.devices.blocks import block_mistakes, late_blocks
 from palp_core.palpation.devices.protocols import TorqueSamples as Samples
 from palp_core.palpation.devices.protocols import restored
 from palp_core.palpation.devices.registry import device_mistakes, open_device
+from palp_core.palpation.devices.seen_rate import SeenRate
 from palp_core.palpation.nano17 import RANGE_N_M
 from palp_core.units import (
     CountPositive,
@@ -100,6 +101,7 @@ class RigTorque(Node):
         self.state.tared = self.state.tared or self.params.tare == "never"
         self.device.open(self.now_ns(), self.memory, self.rng)
         self.opened = True
+        self.seen_rate = SeenRate(self.params.rate_hz)
 
     def on_resume(self) -> None:
         self.on_activate()
@@ -116,6 +118,8 @@ class RigTorque(Node):
     @on(tick)
     def drain(self) -> None:
         samples = self.device.drain(self.now_ns(), self.memory, self.rng)
+        if words := self.seen_rate.note(self.now_ns(), len(samples.times_ns)):
+            self.log.warning("%s", words)
         if not self.state.tared:
             self._tare(samples)
             return

@@ -12,7 +12,7 @@ from msgs.human import MuscleCue
 from nodes import emg
 from nodes.emg import Emg
 from palp_core import Bench
-from palp_core.errors import GraphError, NodeError
+from palp_core.errors import DeviceError, GraphError, NodeError
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.palpation.devices.emg.emg_source import EmgSourceState
 from palp_core.palpation.devices.health import Condition, DeviceHealth
@@ -151,6 +151,22 @@ def test_a_real_source_has_a_report_of_its_state_and_its_gaps(monkeypatch: pytes
     assert {report.sample_count for report in reports} == {2}
     assert (reports[0].condition, reports[0].text) == ("ok", "")
     assert (reports[-1].condition, reports[-1].text) == ("link lost", "a cause")
+
+
+def test_a_source_that_cannot_be_opened_is_not_drained(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    source = ScriptedSource()
+
+    def refuse(*_: object) -> None:
+        raise DeviceError("no such stream")
+
+    monkeypatch.setattr(source, "open", refuse)
+    monkeypatch.setattr(emg, "open_device", lambda *_, **__: source)
+    with pytest.raises(NodeError, match="no such stream"):
+        Bench(Emg, {"device": "noraxon"})
+    assert source.drained == 0
+    assert "a hook failed" not in caplog.text
 
 
 def test_a_simulated_source_has_no_report() -> None:

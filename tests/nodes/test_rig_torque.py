@@ -96,6 +96,19 @@ def streaming(**params: Any) -> Bench[RigTorque]:
     return Bench(RigTorque, {"tare": "never", **params})
 
 
+@pytest.mark.parametrize(("sent_hz", "told"), [(200, 1), (950, 0), (1000, 0)])
+def test_a_sensor_of_another_rate_than_its_samples_are_timed_by_is_told_once(
+    sent_hz: int, told: int, sensor: ScriptedSensor, caplog: pytest.LogCaptureFixture
+) -> None:
+    bench = streaming(load_hz=50.0)
+    sensor.waiting = [samples(list(range(sent_hz // 50)), [0.0] * (sent_hz // 50)) for _ in range(300)]
+    with caplog.at_level(logging.WARNING):
+        bench.advance(5.0)
+    words = f"about {sent_hz} samples come a second, and rate_hz is 1000"
+    assert sum(words in line for line in caplog.messages) == told
+    assert sum("samples come a second" in line for line in caplog.messages) == told
+
+
 def test_every_load_is_reported_at_once_with_its_largest_values(sensor: ScriptedSensor) -> None:
     bench = streaming()
     sensor.waiting = [samples([0.2, 0.7], [0.01, -0.05])]
