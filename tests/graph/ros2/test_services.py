@@ -1,0 +1,120 @@
+"""Services of ROS 2 that a topic of the graph asks and what is latched, under a running bridge."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import signal
+import subprocess
+import sys
+import zlib
+from collections.abc import Iterator
+
+import pytest
+
+from tests.support.hosts import Host, own_host
+from tests.support.palp import PATIENCE_S, ROOT
+
+pytestmark = [
+    pytest.mark.nightly,
+    pytest.mark.skipif(
+        importlib.util.find_spec("rclpy") is None, reason="needs rclpy: pip install --editable '.[dev,ros2]'"
+    ),
+]
+
+SERVES = ROOT / "tests/graph/ros2/serves.py"
+NODES = '''
+from palp_core import Message, Node, Params, Pub, Qos, State, Sub, every, on
+
+
+class Ask(Message):
+    wanted: bool
+
+
+class Rate(Params):
+    rate_hz: float = 10.0
+
+
+class Answer(Message):
+    success: bool
+    message: str
+
+
+class Asked(State):
+    answered: bool = False
+
+
+class First(Node):
+    """Ask for a switch until it is answered, and say once what the answer was."""
+
+    params: Rate
+    state: Asked
+    ask = Pub(Ask)
+    answer = Sub(Answer)
+    told = Pub(Answer, qos=Qos(durability="transient_local", depth=1))
+
+    @every("rate_hz")
+    def again(self):
+        if not self.state.answered:
+            self.ask.publish(Ask(wanted=True))
+
+    @on(answer)
+    def take(self, answer):
+        if not self.state.answered:
+            self.state.answered = True
+            self.told.publish(Answer(success=answer.success, message="First " + answer.message))
+'''
+LAUNCH = """\
+graph: asks
+clock: wall
+nodes:
+  asker: {run: "nodes.asks:First", inputs: {answer: {external: true}}}
+"""
+MAP = """\
+to_ros2:
+  - {palp: /asker/told, ros: /told, type: std_msgs/msg/String, fields: {data: message}}
+calls:
+  - {palp: /asker/ask, ros: /switch, type: std_srvs/srv/SetBool, request: {data: wanted}, to: /asker/answer}
+"""
+
+
+@pytest.fixture
+def home() -> Iterator[Host]:
+    domain = 1 + zlib.crc32(os.environ.get("PYTEST_XDIST_WORKER", str(os.getpid())).encode()) % 100
+    with own_host() as host:
+        host.environment |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        for name, text in (("nodes/asks.py", NODES), ("launch/asks.yaml", LAUNCH), ("map.yaml", MAP)):
+            (host.folder / name).write_text(text, encoding="utf-8")
+        yield host
+
+
+def answered(host: Host, who: str) -> None:
+    """Have ROS 2 serve the switch until who asked says so, to a reader that came late."""
+    done = subprocess.run(
+        [sys.executable, SERVES, who],
+        env=host.environment,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (0, f"{who} switched\n"), done.stderr
+
+
+def test_a_topic_asks_ros_2_and_what_is_latched_reaches_those_who_come_late(
+    home: Host,
+) -> None:
+    graph = home.start("launch", "launch/asks.yaml")
+    while not list(home.runtime_dir.glob("palp/*/graph.json")):
+        assert graph.poll() is None, graph.communicate()
+    bridge = home.start("ros2", "bridge", home.folder / "map.yaml")
+    assert bridge.stdout is not None
+    begun = bridge.stdout.readline()
+    assert "(1 topics to ROS 2, 1 calls)" in begun, bridge.communicate()
+    answered(home, "First")
+    bridge.send_signal(signal.SIGINT)
+    out, err = bridge.communicate(timeout=PATIENCE_S)
+    assert bridge.returncode == 130
+    assert "/asker/told -> /told: 1 crossed, 0 lost" in out
+    assert "nobody in ROS 2 serves /switch" in err
+    assert graph.poll() is None
