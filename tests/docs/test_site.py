@@ -17,6 +17,7 @@ from palp_core import units
 from palp_core.cli.lazy import LazyGroup, load
 from palp_core.cli.main import app
 from palp_core.graph.description.keys import SECTIONS
+from palp_core.palpation.devices.contract.promises import PROMISES
 from tests.support.palp import ROOT
 
 DOCS = ROOT / "docs"
@@ -172,6 +173,12 @@ def test_every_public_name_has_an_entry(site: Path) -> None:
     examples = {name for name in imported_in_docs() if not name.startswith("palp_core.workspace.")}
     missing = [name for name in sorted((public | examples) - told) if home_of(name) not in entries | words]
     assert missing == []
+
+
+def test_every_promise_of_a_driver_has_an_entry(site: Path) -> None:
+    text = text_of(site, "reference/device_promises.html")
+    assert len(PROMISES) > 10
+    assert [one.text for one in PROMISES if one.text not in text] == []
 
 
 def test_every_unit_has_an_entry(site: Path) -> None:

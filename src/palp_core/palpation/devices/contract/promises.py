@@ -52,7 +52,7 @@ def _near(value: Any, wanted: Any, within: float, what: str) -> None:
 
 @promise("stage", "ring", "torque", "emg")
 def an_open_device_is_well_and_closing_it_twice_is_harmless(subject: Subject) -> None:
-    """Its health is OK when it is open."""
+    """Its health is OK when it is open, and CLOSED when it is closed, but for a simulated one."""
     device = subject.open()
     must(device.health(subject.now()).ok, f"open, it is not well: {device.health(subject.now())}")
     device.close()
@@ -214,7 +214,7 @@ def a_ring_holds_where_it_was_stopped(subject: Subject) -> None:
 
 @promise("torque")
 def torque_samples_are_numbered_and_in_order(subject: Subject) -> None:
-    """A number is missing only where a gap is said."""
+    """Their times and numbers rise; a number is missing only where a gap is said. None is NaN or faulty."""
     subject.open()
     blocks = subject.collect(150)
     _in_order(blocks)
@@ -248,7 +248,7 @@ def taring_makes_the_present_load_the_zero(subject: Subject) -> None:
 
 @promise("emg")
 def emg_samples_are_numbered_and_evenly_spaced(subject: Subject) -> None:
-    """At the rate it states, within a quarter over a block."""
+    """In order as those of torque, at the rate it states, within a quarter over a block."""
     source = subject.open()
     blocks = subject.collect(max(300, round(source.rate_hz)))
     _in_order(blocks)
