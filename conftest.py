@@ -22,8 +22,8 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """Take one worker more than there are cores: tests of processes wait more than they compute."""
-    return len(os.sched_getaffinity(0)) + 1
+    """Take two workers more than there are cores: tests of processes wait more than they compute."""
+    return len(os.sched_getaffinity(0)) + 2
 
 
 def pytest_configure() -> None:
