@@ -62,7 +62,15 @@ class First(Node):
     def take(self, answer):
         if not self.state.answered:
             self.state.answered = True
-            self.told.publish(Answer(success=answer.success, message="First " + answer.message))
+            name = type(self).__name__
+            self.told.publish(Answer(success=answer.success, message=name + " " + answer.message))
+
+
+class Second(First):
+    """Take its place, and ask anew."""
+
+    def on_resume(self):
+        self.state.answered = False
 '''
 LAUNCH = """\
 graph: asks
@@ -101,7 +109,7 @@ def answered(host: Host, who: str) -> None:
     assert (done.returncode, done.stdout) == (0, f"{who} switched\n"), done.stderr
 
 
-def test_a_topic_asks_ros_2_and_what_is_latched_reaches_those_who_come_late(
+def test_a_topic_asks_ros_2_and_what_is_latched_reaches_those_who_come_late_across_a_swap(
     home: Host,
 ) -> None:
     graph = home.start("launch", "launch/asks.yaml")
@@ -112,9 +120,12 @@ def test_a_topic_asks_ros_2_and_what_is_latched_reaches_those_who_come_late(
     begun = bridge.stdout.readline()
     assert "(1 topics to ROS 2, 1 calls)" in begun, bridge.communicate()
     answered(home, "First")
+    swap = home.start("swap", "asker", "nodes.asks:Second")
+    assert swap.wait(PATIENCE_S) == 0, swap.communicate()
+    answered(home, "Second")
     bridge.send_signal(signal.SIGINT)
     out, err = bridge.communicate(timeout=PATIENCE_S)
     assert bridge.returncode == 130
-    assert "/asker/told -> /told: 1 crossed, 0 lost" in out
+    assert "/asker/told -> /told: 2 crossed, 0 lost" in out
     assert "nobody in ROS 2 serves /switch" in err
     assert graph.poll() is None
