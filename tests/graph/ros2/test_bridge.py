@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import os
 import signal
 import subprocess
-import sys
-import zlib
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.graph.ros2.beside import NEEDS_RCLPY, own_domain, run_node
 from tests.support.palp import PATIENCE_S, ROOT, Palp
 
-pytestmark = [
-    pytest.mark.nightly,
-    pytest.mark.skipif(
-        importlib.util.find_spec("rclpy") is None, reason="needs rclpy: pip install --editable '.[dev,ros2]'"
-    ),
-]
+pytestmark = NEEDS_RCLPY
 
 GRAPH = ROOT / "examples/interop/launch/interop.yaml"
-PEER = ROOT / "tests/graph/ros2/peer.py"
 MAP = """\
 to_ros2:
   - palp: /sensor/torque
@@ -49,9 +40,8 @@ parameters: [sensor]
 
 @pytest.fixture
 def beside(palp: Palp, tmp_path: Path) -> Palp:
-    """The command line, on this host only, in a domain that no other test's worker has."""
-    domain = 1 + zlib.crc32(os.environ.get("PYTEST_XDIST_WORKER", str(os.getpid())).encode()) % 100
-    palp.environment |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    """The command line beside ROS 2."""
+    palp.environment |= own_domain()
     (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
     return palp
 
@@ -71,16 +61,7 @@ def start(palp: Palp, tmp_path: Path) -> tuple[subprocess.Popen[str], subprocess
 
 
 def peer(palp: Palp) -> dict[str, Any]:
-    done = subprocess.run(
-        [sys.executable, PEER],
-        env=palp.environment,
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    found: dict[str, Any] = json.loads(done.stdout)
+    found: dict[str, Any] = json.loads(run_node("peer.py", palp.environment))
     return found
 
 

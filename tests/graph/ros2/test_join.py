@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
-import os
 import signal
-import subprocess
-import sys
-import zlib
 from collections.abc import Iterator
 
 import pytest
 
+from tests.graph.ros2.beside import NEEDS_RCLPY, own_domain, run_node
 from tests.support.hosts import Host, joining, own_host, trusting
-from tests.support.palp import PATIENCE_S, ROOT
+from tests.support.palp import PATIENCE_S
 
-pytestmark = [
-    pytest.mark.nightly,
-    pytest.mark.skipif(
-        importlib.util.find_spec("rclpy") is None, reason="needs rclpy: pip install --editable '.[dev,ros2]'"
-    ),
-]
+pytestmark = NEEDS_RCLPY
 
-HEARS = ROOT / "tests/graph/ros2/hears.py"
 MAP = """\
 to_ros2:
   - {palp: /ticker/tick, ros: /at_home, type: std_msgs/msg/Int64, fields: {data: index}}
@@ -33,9 +23,8 @@ parameters: all
 
 @pytest.fixture
 def home() -> Iterator[Host]:
-    domain = 1 + zlib.crc32(os.environ.get("PYTEST_XDIST_WORKER", str(os.getpid())).encode()) % 100
     with own_host() as host:
-        host.environment |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        host.environment |= own_domain()
         (host.folder / "map.yaml").write_text(MAP, encoding="utf-8")
         yield host
 
@@ -49,16 +38,7 @@ def away(home: Host) -> Iterator[Host]:
 
 def hear(host: Host, topic: str, node: str) -> str:
     """Have a node of ROS 2's own hear a topic and ask for a node's parameters."""
-    done = subprocess.run(
-        [sys.executable, HEARS, topic, node],
-        env=host.environment,
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout.strip()
+    return run_node("hears.py", host.environment, topic, node).strip()
 
 
 def test_what_a_map_says_of_a_node_crosses_once_it_has_joined(home: Host, away: Host) -> None:

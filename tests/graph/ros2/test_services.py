@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
-import os
 import signal
-import subprocess
-import sys
-import zlib
 from collections.abc import Iterator
 
 import pytest
 
+from tests.graph.ros2.beside import NEEDS_RCLPY, own_domain, run_node
 from tests.support.hosts import Host, own_host
-from tests.support.palp import PATIENCE_S, ROOT
+from tests.support.palp import PATIENCE_S
 
-pytestmark = [
-    pytest.mark.nightly,
-    pytest.mark.skipif(
-        importlib.util.find_spec("rclpy") is None, reason="needs rclpy: pip install --editable '.[dev,ros2]'"
-    ),
-]
+pytestmark = NEEDS_RCLPY
 
-SERVES = ROOT / "tests/graph/ros2/serves.py"
 NODES = '''
 from palp_core import Message, Node, Params, Pub, Qos, State, Sub, every, on
 
@@ -88,9 +78,8 @@ calls:
 
 @pytest.fixture
 def home() -> Iterator[Host]:
-    domain = 1 + zlib.crc32(os.environ.get("PYTEST_XDIST_WORKER", str(os.getpid())).encode()) % 100
     with own_host() as host:
-        host.environment |= {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        host.environment |= own_domain()
         for name, text in (("nodes/asks.py", NODES), ("launch/asks.yaml", LAUNCH), ("map.yaml", MAP)):
             (host.folder / name).write_text(text, encoding="utf-8")
         yield host
@@ -98,15 +87,7 @@ def home() -> Iterator[Host]:
 
 def answered(host: Host, who: str) -> None:
     """Have ROS 2 serve the switch until who asked says so, to a reader that came late."""
-    done = subprocess.run(
-        [sys.executable, SERVES, who],
-        env=host.environment,
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=False,
-    )
-    assert (done.returncode, done.stdout) == (0, f"{who} switched\n"), done.stderr
+    assert run_node("serves.py", host.environment, who) == f"{who} switched\n"
 
 
 def test_a_topic_asks_ros_2_and_what_is_latched_reaches_those_who_come_late_across_a_swap(
