@@ -96,6 +96,7 @@ class Middleware:
         self._threads: list[threading.Thread] = []
         self._nodes: list[Any] = []
         self._executors: dict[str, Any] = {}
+        self._served: dict[str, Any] = {}
         try:
             rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
             self.topics = self.node(name)
@@ -131,8 +132,10 @@ class Middleware:
         forget_error()
 
     def served(self, group: str, name: str) -> Any:
-        """Return a new node that is served from now on, by the thread of its group."""
-        node = self.node(name)
+        """Return the node of a name, new when it is first asked for, which the thread of its group serves."""
+        if name in self._served:
+            return self._served[name]
+        node = self._served[name] = self.node(name)
         if group in self._executors:
             self._executors[group].add_node(node)
         else:
