@@ -43,10 +43,10 @@ class SeenRate:
         if watched_ns < WATCHED_NS:
             return None
         self._told = True
-        seen_hz = self._count / (watched_ns * 1e-9)
+        seen_hz = float(f"{self._count / (watched_ns * 1e-9):.3g}")
         if abs(seen_hz - self._rate_hz) <= TOLERANCE * self._rate_hz:
             return None
         return (
-            f"about {seen_hz:.3g} samples come a second, and rate_hz is {self._rate_hz:g}, by which they are "
-            f"timed: set rate_hz: {seen_hz:.3g}"
+            f"about {seen_hz:g} samples come a second, and rate_hz is {self._rate_hz:g}, by which they are "
+            f"timed: set rate_hz: {seen_hz:g}"
         )

@@ -42,8 +42,9 @@ def muscle_words(
         parts.append(f"{count} burst{'s' if count != 1 else ''}")
         if now_s is not None and now_s - cocontraction["stamp_ns"] / 1e9 > SILENT_S:
             parts.append(f"silent since {cocontraction['stamp_ns'] / 1e9:.0f} s")
-    elif report is not None and report["condition"] in FLOWING:
-        parts.append("EMG comes; no co-contraction yet")
-    if report is not None and report["condition"] not in FLOWING:
-        parts.append(": ".join(part for part in (report["condition"], report["text"]) if part))
+    if report is not None:
+        if report["condition"] not in FLOWING:
+            parts.append(": ".join(part for part in (report["condition"], report["text"]) if part))
+        elif cocontraction is None:
+            parts.append("EMG comes; no co-contraction yet")
     return "; ".join(parts) or "nothing heard yet"
