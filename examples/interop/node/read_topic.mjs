@@ -13,10 +13,15 @@ let left = Number(count);
 for await (const parts of socket) {
   const frame = Buffer.concat(parts);
   const header = Buffer.byteLength(topic) + 1;
-  if (frame[header] !== 1 || frame[header + 1] !== 0) continue; // another version, or a heartbeat
-  const fields = Object.entries(decode(frame.subarray(header + 32)));
-  const message = Object.fromEntries(fields.map(([name, value]) => [name, value instanceof Uint8Array ? floats(value) : value]));
-  console.log(`${frame.readBigUInt64LE(header + 8)} ${JSON.stringify(message)}`);
-  if (--left <= 0) break;
+  const [version, kind] = frame.subarray(header);
+  if (version !== 2 || (kind !== 0 && kind !== 4)) continue; // another version, or a heartbeat
+  const found = decode(frame.subarray(header + 32)); // one message, or a run of them
+  let sequence = frame.readBigUInt64LE(header + 8);
+  for (const fields of (kind === 4 ? found : [found]).slice(0, left)) {
+    const message = Object.entries(fields).map(([name, value]) => [name, value instanceof Uint8Array ? floats(value) : value]);
+    console.log(`${sequence++} ${JSON.stringify(Object.fromEntries(message))}`);
+    left--;
+  }
+  if (left <= 0) break;
 }
 socket.close();

@@ -10,7 +10,7 @@ from palp_core.units import HertzPositive
 
 
 class SensorParams(Params):
-    """Six samples a block."""
+    """Two blocks of six samples at a time."""
 
     block_hz: HertzPositive = 50.0
 
@@ -38,7 +38,8 @@ class Sensor(Node):
     @every("block_hz")
     def read(self) -> None:
         torque_n_m = np.full(6, self.state.load_n_m - self.state.offset_n_m)
-        self.torque.publish(TorqueBlock(stamp_ns=self.now_ns(), torque_n_m=torque_n_m))
+        block = TorqueBlock(stamp_ns=self.now_ns(), torque_n_m=torque_n_m)
+        self.torque.publish_all([block, block])  # one frame, as a driver's buffer may be read
 
     @serve(tare)
     def zero(self, request: TareRequest) -> TareReply:

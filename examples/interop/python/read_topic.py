@@ -15,8 +15,9 @@ socket.subscribe(topic + b"\0")
 while count > 0:
     frame, body = b"".join(socket.recv_multipart()), len(topic) + 33
     version, kind, _, epoch, sequence, stamp_ns, type_hash = struct.unpack_from("<BBHIQqQ", frame, body - 32)
-    if version == 1 and kind == 0:  # the others are heartbeats
-        fields = msgpack.unpackb(frame[body:]).items()
-        message = {k: memoryview(v).cast("d").tolist() if isinstance(v, bytes) else v for k, v in fields}
-        print(sequence, json.dumps(message), flush=True)
-        count -= 1
+    if version == 2 and kind in (0, 4):  # the others are heartbeats
+        found = msgpack.unpackb(frame[body:])  # of kind 4, several messages
+        for number, fields in list(enumerate(found if kind == 4 else [found], sequence))[:count]:
+            arrays = {k: memoryview(v).cast("d").tolist() for k, v in fields.items() if isinstance(v, bytes)}
+            print(number, json.dumps(fields | arrays), flush=True)
+            count -= 1

@@ -3,10 +3,8 @@
 import time
 from typing import Protocol
 
-
-def monotonic_ns() -> int:
-    """Return the machine's monotonic time, in ns; common to all processes of a host."""
-    return time.monotonic_ns()
+monotonic_ns = time.monotonic_ns
+"""Return the machine's monotonic time, in ns; common to all processes of a host."""
 
 
 def unix_ns() -> int:

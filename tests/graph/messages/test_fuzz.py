@@ -233,4 +233,4 @@ def test_a_message_of_another_type_or_of_a_later_wire_version_is_named(
         later[len(b"/p/word") + 1] = 9
         target.feed(bytes(later))
     assert "carries another type than Word" in caplog.text
-    assert "wire version 9; this end speaks 1" in caplog.text
+    assert "wire version 9; this end speaks 2" in caplog.text

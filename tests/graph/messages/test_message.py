@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.messages.message import Message, decode, encode, encode_any
-from palp_core.graph.messages.schema import json_schema, schema_of
+from palp_core.graph.messages.schema import _within, json_schema, schema_of
 from palp_core.graph.messages.schema_reader import ros_text
 from palp_core.units import Count, Metres, MetresArray, NewtonMetres, Newtons, Probability, ProbabilityArray
 
@@ -385,3 +385,20 @@ def test_every_rule_of_a_unit_alias_is_checked_at_decode_not_at_construction() -
     with pytest.raises(SchemaMismatch, match=r"\$\.p"):
         decode(Chance, encode_any(Chance(p=2.0)))
     assert msgspec.msgpack.decode(encode(Chance(p=1))) == {"p": 1.0}
+
+
+any_float = st.one_of(
+    st.floats(allow_nan=True, allow_infinity=True), st.floats(-1.0, 1.0), st.sampled_from([1.0, -1.0, 1e200])
+)
+
+
+@settings(deadline=None, max_examples=200)
+@given(
+    st.lists(any_float, max_size=40),
+    st.sampled_from([(-1.0, 1.0), (0.0, 1.0), (-1e3, 0.5), (0.2, 0.9), (-np.inf, np.inf), (-1e300, 1e300)]),
+)
+def test_an_array_is_within_bounds_exactly_if_each_element_is(
+    values: list[float], bounds: tuple[float, float]
+) -> None:
+    low, high = bounds
+    assert _within(np.array(values), low, high) == all(low <= value <= high for value in values)

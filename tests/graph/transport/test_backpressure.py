@@ -160,7 +160,7 @@ def test_publish_waits_for_a_reader_that_holds_it_and_then_fails_by_name_and_sen
 def test_what_is_kept_for_a_reader_is_as_much_as_it_may_be_behind(pair: Pair) -> None:
     pair.reader(qos=Qos(history="keep_all", depth=50, max_blocking_ms=20.0))
     pair.publish(50)
-    assert len(pair.out.remembered()) == 50
+    assert len(pair.out.history) == 50
     with pytest.raises(PublishTimeout):
         pair.publish(1)
 

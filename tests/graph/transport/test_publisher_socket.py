@@ -205,7 +205,7 @@ def test_messages_of_any_size_arrive_whole_and_equal(publisher: Publisher, size:
     for message in sent:
         outlet.publish(message)
     frames = publisher.receive(reader, lambda frames: len(data_of(frames)) >= 3)
-    assert data_of(frames) == outlet.remembered()
+    assert data_of(frames) == outlet.history.frames()
     assert [decode(Block, parse(frame).payload) for frame in data_of(frames)] == sent
 
 

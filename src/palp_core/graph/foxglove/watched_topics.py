@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import IN_PIECES, Frame, Kind, parse
+from palp_core.graph.messages.runs import one_by_one
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.transport.migration import Migration, Unordered
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
@@ -40,6 +41,7 @@ class WatchedTopics:
         self._period_ns = round(1e9 / fastest_hz) if fastest_hz else 0
         self._watched: dict[bytes, _Watched] = {}
         self._ready: list[bytes] = []
+        self._take = one_by_one(self._arrive)
         self._subscriber = SubscriberSocket({})
         self._migration = Migration(self._subscriber, {}, defaultdict(Unordered))
 
@@ -70,7 +72,7 @@ class WatchedTopics:
 
     def receive(self, wait_ms: int) -> list[Frame]:
         """Return the messages that have arrived and are due, after waiting for some so long."""
-        self._subscriber.dispatch(self._arrive, SLICE_NS, wait_ms)
+        self._subscriber.dispatch(self._take, SLICE_NS, wait_ms)
         now_ns = monotonic_ns()
         self._migration.tick(now_ns)
         for watched in self._watched.values():

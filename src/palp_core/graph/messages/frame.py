@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from palp_core.errors import SchemaMismatch
 
-VERSION = 1
+VERSION = 2
 _HEADER = struct.Struct("<BBHIQqQ")
 _QUICK = struct.Struct("<IIQqQ")
 _SEQUENCE = struct.Struct("<Q")
@@ -39,10 +39,14 @@ class Kind(IntEnum):
     HEARTBEAT = 1  # sequence is the last one published; payload: see former_of
     MOVED = 2  # payload is the new endpoint; sequence is the last one published here
     IDLE = 3  # a heartbeat that says: nothing is due until the next message
+    RUN = 4  # several messages, see runs; sequence is that of the first
 
 
 PLAIN_DATA = VERSION
-"""The header's first four bytes as one number, of a message in one frame: version 1, kind DATA, no flags."""
+"""The header's first four bytes as one number, of a message in one frame: kind DATA, no flags."""
+
+PLAIN_RUN = VERSION | Kind.RUN << 8
+"""The same of a run of messages."""
 
 quick_pack = _QUICK.pack
 """Return a header of (first four bytes, epoch, sequence, stamp, type hash)."""
@@ -126,11 +130,11 @@ def sequence_of(frame: bytes, topic_bytes: int) -> int:
 
 
 def parse(frame: bytes) -> Frame:
-    """Split a frame into its parts.
+    """Split a frame of one message into its parts.
 
     Raises:
         SchemaMismatch: Not a frame of this version: no topic, truncated header, unknown version or kind, a
-            sequence that cannot be.
+            sequence that cannot be, or a run, which :func:`palp_core.graph.messages.runs.singles` splits.
     """
     end = frame.find(0, 0, MAX_TOPIC_BYTES + 1)
     if end < 1:
@@ -142,7 +146,9 @@ def parse(frame: bytes) -> Frame:
         raise SchemaMismatch(
             f"frame of wire version {version}; this end speaks {VERSION}: upgrade the older one"
         )
-    if kind > Kind.IDLE:
+    if kind == Kind.RUN:
+        raise SchemaMismatch("a run of messages that is none: no array of at least two")
+    if kind > Kind.RUN:
         raise SchemaMismatch(f"frame of unknown kind {kind}")
     if kind == Kind.DATA and sequence == 0:
         raise SchemaMismatch("frame without a sequence: the first message of a topic has 1")

@@ -124,6 +124,23 @@ def decoder_of(cls: type[M]) -> Callable[[bytes | memoryview], M]:
     return decode_checked
 
 
+def run_decoder_of(cls: type[M]) -> Callable[[bytes | memoryview], list[M]]:
+    """Return what decodes and validates the messages of a run, all of them or none."""
+    decode_all = _decoder(list[cls], writable=False).decode  # type: ignore[valid-type]
+    check_all = schema_of(cls).check_all
+
+    def decode_run(data: bytes | memoryview) -> list[M]:
+        try:
+            messages: list[M] = decode_all(data)
+        except _NOT_DECODED as error:
+            raise SchemaMismatch(f"not a run of {cls.__name__}: {error}") from error
+        if check_all is not None:
+            check_all(messages)
+        return messages
+
+    return decode_run
+
+
 def decode(cls: type[M], data: bytes | memoryview) -> M:
     """Decode and validate a message.
 

@@ -7,15 +7,15 @@ the same code runs a node in its own process, in composition and on a test bench
 import logging
 import operator
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from palp_core.errors import NodeError, SchemaMismatch, in_words
-from palp_core.graph.clock import Clock
+from palp_core.graph.clock import Clock, monotonic_ns
 from palp_core.graph.log_format import ENDING
 from palp_core.graph.messages.builtin import NodeEvent, Order
 from palp_core.graph.messages.frame import Frame, parse
-from palp_core.graph.messages.message import encode_any
+from palp_core.graph.messages.message import Message, encode_any
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.bindings import Bindings
 from palp_core.graph.node.event_publisher import EVENTS_PORT, EventPublisher
@@ -85,7 +85,7 @@ class Executor:
         )
         for subscriptions in self.ends.subscriptions.values():
             for subscription in subscriptions:
-                subscription.index = self.journal.index_of(subscription.source)
+                subscription.index = self.journal.index[subscription.source]
 
     def now_ns(self) -> int:
         """Return the time of the present handler."""
@@ -234,6 +234,49 @@ class Executor:
             except (Exception, SystemExit) as error:
                 raise self.failing.failed(subscription.port, subscription.handler.__name__, error) from error
         return True
+
+    def deliver_run(
+        self,
+        subscription: Subscription,
+        now_ns: int,
+        epoch: int,
+        first: int,
+        messages: Sequence[Message],
+        until_ns: int,
+        noted: Callable[[int, int], None] | None,
+    ) -> int:
+        """Hand on messages that came in one frame, each as :meth:`deliver` would; return the last sequence.
+
+        Args:
+            subscription: Has them from :meth:`.Subscription.next_run`.
+            now_ns: When they came, on the graph's clock.
+            epoch: Theirs.
+            first: Sequence of the first.
+            messages: In their order, at least one.
+            until_ns: When it is so late on the host's monotonic clock, or the node is done, the rest is left.
+            noted: Takes epoch and sequence of each that has been handled.
+
+        Raises:
+            NodeError: The handler failed.
+        """
+        self._now_ns = now_ns
+        self.journal.snapshot_if_due(now_ns)
+        handler, node, sequence = subscription.handler, self.node, first - 1
+        try:
+            try:
+                for message in messages:
+                    sequence += 1
+                    handler(node, message)
+                    if noted is not None:
+                        noted(epoch, sequence)
+                    if self.exit_code is not None or monotonic_ns() >= until_ns:
+                        break
+            finally:  # between two messages nobody else looks at what is taken up
+                subscription.note_run(sequence, messages[sequence - first], now_ns)
+                self.journal.note_run(subscription.index, epoch, first, sequence, now_ns)
+        except (Exception, SystemExit) as error:
+            raise self.failing.failed(subscription.port, handler.__name__, error) from error
+        return sequence
 
     def begin_command(self) -> None:
         """Give a command from outside, between two handlers, the present time and a place in the order."""

@@ -37,6 +37,7 @@ class Journal:
         snapshot: Returns the node's encoded hand-over, without inbox and histories.
 
     Attributes:
+        index: The number of each source, for :meth:`note_index`.
         next_snapshot_ns: When the next snapshot is due.
     """
 
@@ -46,7 +47,7 @@ class Journal:
         self._publisher = publisher
         ends = Transition.SHUTDOWN.value
         self._sources = [*(transition.value for transition in TRANSITIONS), ends, PARAMETERS, *sources]
-        self._index = {source: i for i, source in enumerate(self._sources)}
+        self.index = {source: i for i, source in enumerate(self._sources)}
         self._begun = self._followed = False
         self._greeted_count = 0
         self._snapshot = snapshot
@@ -111,19 +112,21 @@ class Journal:
     def _follow(self) -> None:
         self._followed, self._greeted_count = True, self._publisher.greeted_count
 
-    def index_of(self, source: str) -> int:
-        """Return the number of a source, for :meth:`note_index`."""
-        return self._index[source]
-
     def note(self, source: str, epoch: int, sequence: int, now_ns: int) -> None:
         """Add an entry, before the node handles what it names."""
-        self.note_index(self._index[source], epoch, sequence, now_ns)
+        self.note_index(self.index[source], epoch, sequence, now_ns)
 
     def note_index(self, index: int, epoch: int, sequence: int, now_ns: int) -> None:
         """Add an entry, of a source by its number."""
         entries = self._entries
         entries.append((index, epoch, sequence, now_ns))
         if len(entries) >= BATCH:
+            self.flush(now_ns)
+
+    def note_run(self, index: int, epoch: int, first: int, last: int, now_ns: int) -> None:
+        """Add an entry for each message of a run that was handed on."""
+        self._entries.extend((index, epoch, sequence, now_ns) for sequence in range(first, last + 1))
+        if len(self._entries) >= BATCH:
             self.flush(now_ns)
 
     def note_transition(self, transition: Transition, now_ns: int) -> bool:

@@ -1,18 +1,29 @@
 """The live end of an output: counts, stamps, frames, remembers."""
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Generic, TypeVar
 
 from palp_core.errors import LifecycleError
 from palp_core.graph.messages.fragments import cut, give_away
-from palp_core.graph.messages.frame import IN_PIECES, LAST_SEQUENCE, PLAIN_DATA, Kind, pack, parse, quick_pack
+from palp_core.graph.messages.frame import (
+    IN_PIECES,
+    LAST_SEQUENCE,
+    PLAIN_DATA,
+    PLAIN_RUN,
+    Kind,
+    pack,
+    parse,
+    quick_pack,
+)
 from palp_core.graph.messages.message import Message, encode_any
 from palp_core.graph.messages.qos import Qos
+from palp_core.graph.messages.runs import RUN_BYTES, RUN_MESSAGES, payloads_of
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.owner import Owner
 
 M = TypeVar("M", bound=Message)
+Kept = bytes | tuple[bytes, memoryview, bytes]
 
 
 class PublisherEnd(Generic[M]):
@@ -20,8 +31,9 @@ class PublisherEnd(Generic[M]):
 
     Attributes:
         send: Takes each frame.
+        send_run: Takes a frame of several messages; None: each message has a frame of its own.
         sequence: Of the last message published; 0 before the first.
-        history: The last ``depth`` frames, large ones in pieces.
+        history: The last ``depth`` messages.
         listened: Somebody reads the topic; where nobody knows, it counts as read.
         greeted_count: How many have begun to read it.
         idle_until_next: Nothing is due until the next message, as the node has declared.
@@ -56,13 +68,14 @@ class PublisherEnd(Generic[M]):
         self.lost_count = 0
         self.tell_lost: Callable[[int], None] = lambda _: None
         self.qos = qos
-        self.history: deque[bytes | tuple[bytes, memoryview, bytes]] = deque(maxlen=qos.depth)
+        self.history = History(maxlen=qos.depth)
         self._bytes = topic.encode()
         self._prefix = self._bytes + b"\0"
         self._type_hash = schema_of(message).type_hash
         self._canonical = schema_of(message).canonical
         self._owner = owner
         self.send = send
+        self.send_run: Callable[[bytes], None] | None = None
 
     def publish(self, message: M, *, owned: bool = False) -> None:
         """Send a message to every reader; its stamp is the node's time.
@@ -83,6 +96,50 @@ class PublisherEnd(Generic[M]):
         if owned:
             give_away(message)
         self.put(message)
+
+    def publish_all(self, messages: Iterable[M]) -> None:
+        """Send messages, one after the other, in as few frames as may be.
+
+        Readers get the same as if each were published on its own.
+
+        Args:
+            messages: What to send.
+
+        Raises:
+            LifecycleError: As :meth:`publish`.
+            PublishTimeout: As :meth:`publish`; those before the one that found no room are sent.
+        """
+        left = list(messages)
+        for begin in range(0, len(left), RUN_MESSAGES):
+            run = left[begin : begin + RUN_MESSAGES]
+            whole_run = self.send_run is not None and len(run) > 1 and self.sequence + len(run) <= self.room
+            if not (whole_run and self._owner.publishing and self._put_run(run)):
+                for message in run:
+                    self.publish(message)
+
+    def _put_run(self, run: list[M]) -> bool:
+        """Send messages in one frame; return False, with nothing done, if they are too large for it."""
+        for message in run:
+            if type(message) is not self.message:
+                return False  # told of the one that is wrong, after those before it
+        canonical = self._canonical
+        payload = encode_any(run if canonical is None else [canonical(message) for message in run])
+        if len(payload) > RUN_BYTES:
+            return False
+        now_ns, first = self._owner.now_ns(), self.sequence + 1
+        self.sequence += len(run)
+        self.idle_until_next = False
+        if self.note is not None:
+            self.note(self.epoch, self.sequence)
+        if self.listened:
+            assert self.send_run is not None
+            header = quick_pack(PLAIN_RUN, self.epoch, first, now_ns, self._type_hash)
+            self.send_run(b"".join((self._prefix, header, payload)))
+        kept = payloads_of(payload)[-self.qos.depth :]
+        for sequence, one in enumerate(kept, self.sequence - len(kept) + 1):
+            header = quick_pack(PLAIN_DATA, self.epoch, sequence, now_ns, self._type_hash)
+            self.history.append(b"".join((self._prefix, header, one)))
+        return True
 
     def put(self, message: M) -> None:
         """Send a message whatever the node's state is."""
@@ -179,10 +236,6 @@ class PublisherEnd(Generic[M]):
             if first <= head.sequence <= last and not (lifespan_ns and now_ns - head.stamp_ns > lifespan_ns):
                 yield whole(kept)
 
-    def remembered(self) -> list[bytes]:
-        """Return all that is remembered, the oldest first."""
-        return [whole(kept) for kept in self.history]
-
     def resume(self, epoch: int, sequence: int, history: list[bytes]) -> None:
         """Continue a predecessor's epoch and sequence."""
         self.epoch, self.sequence = epoch, sequence
@@ -192,6 +245,14 @@ class PublisherEnd(Generic[M]):
         self.history.extend(history)
 
 
-def whole(kept: bytes | tuple[bytes, memoryview, bytes]) -> bytes:
+class History(deque[Kept]):
+    """The last ``maxlen`` messages, the oldest first."""
+
+    def frames(self) -> list[bytes]:
+        """Return each message as one frame."""
+        return [whole(kept) for kept in self]
+
+
+def whole(kept: Kept) -> bytes:
     """Return what is remembered of a message as one frame."""
     return b"".join(kept) if isinstance(kept, tuple) else kept

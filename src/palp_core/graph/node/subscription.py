@@ -6,7 +6,7 @@ from typing import Any
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.messages.fragments import decode_pieces
 from palp_core.graph.messages.frame import Frame, Kind
-from palp_core.graph.messages.message import Message, decoder_of
+from palp_core.graph.messages.message import Message, decoder_of, run_decoder_of
 from palp_core.graph.messages.qos import EventKind, Qos
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.publisher import PublisherEnd
@@ -64,6 +64,7 @@ class Subscription:
         self.attach({})
         self._type_hash = schema_of(message).type_hash
         self._decode = decoder_of(message)
+        self._decode_run = run_decoder_of(message)
         self._deadline_ns = round(qos.deadline_ms * 1e6)
         self._lifespan_ns = round(qos.lifespan_ms * 1e6)
         self.is_prompt = not self._lifespan_ns and not self._deadline_ns
@@ -117,6 +118,27 @@ class Subscription:
         if account.lost > lost_before and self._message_lost is not None:
             self._message_lost.count(account.lost - lost_before, now_ns)
         return taken
+
+    def next_run(self, epoch: int, first: int, type_hash: int, payload: memoryview) -> list[Message]:
+        """Return the messages of a run that are next in their sequence; none, if each is to be looked at.
+
+        Nothing is accounted for.
+        """
+        account = self.account
+        if first != account.sequence + 1 or epoch != account.epoch:
+            return []
+        if type_hash != self._type_hash or not self.is_plain:
+            return []
+        try:
+            return self._decode_run(payload)
+        except SchemaMismatch:
+            return []  # one of them: it is told of that one
+
+    def note_run(self, last: int, message: Message, now_ns: int) -> None:
+        """Account for the messages of a run that were handed on, the last of them being this one."""
+        self.account.received += last - self.account.sequence
+        self.account.sequence = last
+        self.last = (now_ns, message)
 
     def decode(self, payload: bytes | memoryview) -> Message:
         """Decode a message of this input; nothing is accounted for.

@@ -16,6 +16,7 @@ from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import IN_PIECES, Frame, Kind, parse
+from palp_core.graph.messages.runs import one_by_one
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.transport.migration import Migration, Unordered
 from palp_core.graph.transport.requester_socket import RequesterSocket
@@ -74,6 +75,7 @@ class LiveFeed:
         self._from_start = from_start
         self._topics: dict[str, Topic] = {}
         self._new: set[str] = set()
+        self._take = one_by_one(self._arrive)
         self._subscriber = SubscriberSocket({}, queue=QUEUE, name=f"recorder {os.getpid()}")
         self._migration = Migration(self._subscriber, {}, defaultdict(Unordered))
         self._requester = RequesterSocket(self._subscriber.context)
@@ -135,7 +137,7 @@ class LiveFeed:
 
     def receive(self, wait_ms: int) -> bool:
         """Take what has arrived, for a slice of time, after waiting for it; tell if there may be more."""
-        more, _ = self._subscriber.dispatch(self._arrive, SLICE_NS, wait_ms)
+        more, _ = self._subscriber.dispatch(self._take, SLICE_NS, wait_ms)
         self._migration.tick(monotonic_ns())
         if self._questions:
             self._take_answers()

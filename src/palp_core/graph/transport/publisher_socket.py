@@ -77,7 +77,7 @@ class PublisherSocket:
             self.backpressure.offer(publisher)
             publisher.wait_for_room = functools.partial(self._wait_for_room, publisher)
             if direct:
-                publisher.send = self._transmit
+                publisher.send = publisher.send_run = self._transmit
                 publisher.listened = name in self._subscribed
                 self._direct.add(publisher.topic)
 
@@ -111,12 +111,16 @@ class PublisherSocket:
         for name, publisher in self._publishers.items():
             if publisher.topic in self._direct:
                 publisher.listened = instead is not None or name in self._subscribed
+                publisher.send_run = None  # what is kept back, or given away, are frames of one message each
 
     def release(self) -> None:
         """Publish what was kept back."""
         held, self._held = self._held or [], None
         self.backpressure.go_on_here()
         self._send_frame = self._plain_send
+        for publisher in self._publishers.values():
+            if publisher.topic in self._direct:
+                publisher.send_run = self._transmit
         for frame in held:
             self.send(frame)
 

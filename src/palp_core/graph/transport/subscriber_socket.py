@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 import zmq
 
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.messages.runs import singles
 from palp_core.graph.transport.matched_readers import READER
 from palp_core.graph.transport.requester_socket import RECONNECT_MS, readable
 from palp_core.graph.transport.wakeup import RING
@@ -112,11 +113,11 @@ class SubscriberSocket:
             self._socket.disconnect(endpoint)
 
     def receive(self) -> list[bytes]:
-        """Return the frames that have arrived, each whole, without waiting."""
-        frames = []
+        """Return the frames that have arrived, each whole and of one message, without waiting."""
+        frames = list[bytes]()
         while self.pending():
             parts = self._socket.recv_multipart()
-            frames.append(parts[0] if len(parts) == 1 else b"".join(parts))
+            frames.extend(singles(parts[0] if len(parts) == 1 else b"".join(parts)))
         return frames
 
     def wake_on(self, endpoint: str) -> None:
@@ -130,7 +131,8 @@ class SubscriberSocket:
         """Hand on what has arrived; return whether there may be more, and whether the wakeup has rung.
 
         Args:
-            arrive: Takes a frame and the time; asks :meth:`pieces` if its header says that pieces follow.
+            arrive: Takes a frame, a run perhaps, and the time; asks :meth:`pieces` if its header says that
+                pieces follow.
             slice_ns: After so long, leave the rest to the next call.
             wait_ms: How long to wait if nothing has arrived; :data:`UNTIL_RUNG`: also for what comes next, as
                 long as :attr:`at_leisure` says so, and until the wakeup rings.
