@@ -69,27 +69,27 @@ def test_what_is_written_is_typed(at: Path, palp: Palp, monkeypatch: pytest.Monk
 
 @pytest.fixture
 def swapping(at: Path, palp: Palp, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Write a policy of one's own; return the words by which it takes over in the installed rig."""
+    """Write a policy of one's own; return the words by which it decides in the installed rig."""
     palp.here("init", "lab")
     monkeypatch.chdir(at / "lab")
     new(palp, "policy", "in_turn")
-    return ["launch", "rig:sim.yaml", "trials:=1", "training:=1", "swaps:=1=nodes.policy_in_turn:InTurn"]
+    return ["launch", "rig:sim.yaml", "trials:=1", "training:=1", "policy:=nodes.policy_in_turn:InTurn"]
 
 
 def test_a_policy_of_ones_own_fits_the_installed_rig(palp: Palp, swapping: list[str]) -> None:
     done = palp.here(*swapping, "--check")
     assert (done.returncode, done.stderr) == (0, "")
-    wrong = palp.here(*swapping[:-1], "swaps:=1=nodes.policy_in_tune:InTurn", "--check")
+    wrong = palp.here(*swapping[:-1], "policy:=nodes.policy_in_tune:InTurn", "--check")
     assert "did you mean 'nodes.policy_in_turn'?" in wrong.stderr
 
 
 @pytest.mark.nightly
-def test_a_policy_of_ones_own_takes_over_in_the_installed_rig(
+def test_a_policy_of_ones_own_decides_in_the_installed_rig(
     at: Path, palp: Palp, swapping: list[str]
 ) -> None:
     done = palp.run(*swapping, "--compose")
     assert done.returncode == 0, done.stderr
-    assert "from trial 1 on inturn" in done.stdout
+    assert "The policy “inturn (nodes.policy_in_turn:InTurn)” found" in done.stdout
     assert (at / "lab/results/latest/report.html").is_file()
 
 

@@ -260,10 +260,10 @@ def _say_beside(graph: Graph) -> None:
 
 
 def _say_without_effect(file: Path, checked: CheckedGraph) -> None:
-    """Say what the launch file asks for in vain."""
-    from palp_core.graph.description.checked import without_effect
+    """Say what the launch file asks for in vain: of simulated time, or of a class of the caller's own."""
+    from palp_core.graph.description.checked import unpublished_words, without_effect
 
-    if text := without_effect(checked):
+    for text in filter(None, (without_effect(checked), unpublished_words(checked.unpublished))):
         note(f"{file}: note: {text}")
 
 

@@ -55,8 +55,8 @@ def policy(name: NameArgument) -> None:
     module = f"policy_{new.module}"
     _write({f"nodes/{module}.py": "policy.py", f"tests/test_{module}.py": "policy_test.py"}, new)
     print_text(
-        "it takes over in trial 1, from its second palpation on: "
-        f"palp launch rig:sim.yaml swaps:=1=nodes.{module}:{new.class_name} --compose\n"
+        f"from the first palpation on: palp launch rig:sim.yaml policy:=nodes.{module}:{new.class_name} "
+        "trials:=2 training:=3 --compose\n"
         f"in a run: palp swap policy nodes.{module}:{new.class_name}"
     )
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from palp_core.graph.description.keys import ARGUMENT
+from palp_core.graph.description.keys import ARGUMENT, RUN
 from palp_core.graph.description.substitution import Scope, evaluate
 from palp_core.graph.description.yaml_tree import (
     UNKNOWN,
@@ -36,6 +36,7 @@ class Argument:
         help: What it means.
         sound: Its declaration has no mistake.
         sets: By its value, the defaults that it gives to other arguments of its file.
+        or_class: A class will do as well as a choice.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Argument:
     help: str = ""
     sound: bool = True
     sets: "Lookup[str, Lookup[str, Given]]" = field(default_factory=dict)
+    or_class: bool = False
 
     @property
     def targets(self) -> set[str]:
@@ -56,6 +58,10 @@ class Argument:
         """Type of its values, or None when neither default nor choices tell."""
         example = self.default if self.default is not UNKNOWN else next(iter(self.choices), UNKNOWN)
         return None if example is UNKNOWN else type(example)
+
+    def names_class(self, value: object) -> bool:
+        """Tell whether a value is a class of the caller's own, in place of a choice."""
+        return self.or_class and isinstance(value, str) and RUN.fullmatch(value) is not None
 
     def clash(self, inner: "Argument") -> str:
         """Return what is wrong when an included file declares the argument, too; "" for nothing."""
@@ -169,6 +175,7 @@ def _declare(name: str, entry: Entry, scope: Scope, problems: Problems) -> Argum
             default = UNKNOWN
     unread = "default" in fields and default is UNKNOWN
     choices = _choices(name, default, fields.get("choices"), scope, problems)
+    or_class = _or_class(name, choices, fields["or_class"], problems) if "or_class" in fields else False
     text = ""
     if "help" in fields:
         tree = fields["help"].value
@@ -176,7 +183,18 @@ def _declare(name: str, entry: Entry, scope: Scope, problems: Problems) -> Argum
     if default is not UNKNOWN and choices and default not in choices:
         message = f"the default {show(default)} of argument '{name}' is not one of its choices"
         problems.add(fields["default"].value.mark, message + hint(str(default), map(str, choices)))
-    return Argument(name, entry.mark, default, choices, text, sound=len(problems) == before and not unread)
+    sound = len(problems) == before and not unread
+    return Argument(name, entry.mark, default, choices, text, sound=sound, or_class=or_class)
+
+
+def _or_class(name: str, choices: tuple[Any, ...], entry: Entry, problems: Problems) -> bool:
+    value = entry.value.value if isinstance(entry.value, Scalar) else None
+    if not isinstance(value, bool):
+        problems.add(entry.value.mark, f"or_class of argument '{name}' must be true or false")
+    elif value and not (choices and isinstance(choices[0], str)):
+        message = f"argument '{name}' has or_class, but no words to choose from; give it choices"
+        problems.add(entry.mark, message)
+    return value is True
 
 
 def _choices(
@@ -283,8 +301,9 @@ def _fit(argument: Argument, given: Given, problems: Problems) -> Any:
             where, f"argument '{argument.name}' is given as {shown}{is_text}; it must be {wanted}{choices}"
         )
         return UNKNOWN
-    if argument.choices and value not in argument.choices:
+    if argument.choices and value not in argument.choices and not argument.names_class(value):
         choices = ", ".join(map(show, argument.choices))
+        choices += ", or a class, as in my_file.py:Mine" if argument.or_class else ""
         match = hint(str(value), map(str, argument.choices))
         match = match if "did you mean" in match else ""
         problems.add(

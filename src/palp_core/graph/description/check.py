@@ -16,6 +16,7 @@ from palp_core.graph.description.checked import (
 )
 from palp_core.graph.description.checkpoint_entry import check_checkpoint
 from palp_core.graph.description.file_reader import read
+from palp_core.graph.description.fitting import fitted
 from palp_core.graph.description.launch_file import GraphNode, InputEntry, LaunchFile
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, NodePort
 from palp_core.graph.description.wire_check import misfits, type_misfit
@@ -69,7 +70,7 @@ def check(
     """
     problems = Problems(description.problems)
     requests = [
-        NodeClassRequest(node.spec.run, node.spec.params, name=node.spec.name)
+        NodeClassRequest(node.spec.run, node.spec.params, name=node.spec.name, offered=tuple(node.offered))
         for assigned in description.nodes.values()
         for node in assigned
     ]
@@ -81,6 +82,7 @@ def check(
         name: [replace(node, answer=next(answers)) for node in assigned]
         for name, assigned in description.nodes.items()
     }
+    nodes, unpublished = fitted(nodes)
     said: set[str] = set()
     wrong = _ParamMistakes()
     for assigned in nodes.values():
@@ -92,7 +94,7 @@ def check(
             problems.add(located.mark, f"{key}: {error}")
     later = _look_at_later(description.workspace, nodes, inspect, problems)
     problems.raise_any()
-    checked = recorders_apart(_build(description, nodes))
+    checked = msgspec.structs.replace(recorders_apart(_build(description, nodes)), unpublished=unpublished)
     checked = _with_checkpoint(checked, description, problems)
     if succeed is not None:
         _check_later(later, checked, succeed, problems)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -106,6 +107,8 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
         attached: Texts that the report wants kept with all that is recorded of the run, by name.
         blind: ``palp view`` shows nothing but what that page names as harmless.
         checkpoint: Where and when the run is written down; None: it is not.
+        unpublished: Topics that optional inputs of others would read and the node's class does not have,
+            with those inputs.
     """
 
     graph: str
@@ -127,6 +130,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     attached: dict[str, str] = {}
     blind: bool = False
     checkpoint: CheckpointEntry | None = None
+    unpublished: dict[str, list[str]] = {}
 
     @property
     def readers(self) -> dict[str, list[int]]:
@@ -195,6 +199,12 @@ def without_effect(graph: CheckedGraph) -> str:
         f"{' and '.join(asked)} {'have' if len(asked) > 1 else 'has'} no effect in simulated time: "
         "events are published and recorded, and a node's crash ends the run"
     )
+
+
+def unpublished_words(unpublished: Mapping[str, list[str]]) -> str:
+    """Return which outputs nobody publishes, and whose optional inputs stay without; "" if all are there."""
+    told = (f"{name} (for {', '.join(inputs)})" for name, inputs in unpublished.items())
+    return f"nobody publishes {', '.join(told)}: no input needs it" if unpublished else ""
 
 
 def resolved_yaml(graph: CheckedGraph) -> str:

@@ -72,6 +72,12 @@ ARGUMENT: Table = {
         form="list",
         example="[fixed, markov]",
     ),
+    "or_class": Key(
+        says="Whether `MODULE:CLASS` or `FILE.py:CLASS` will do as well as a choice. A selection by the "
+        "argument has a branch `else` for it: of its parameters and inputs the class is given what it has.",
+        form="flag",
+        default="false",
+    ),
     "help": Key(says="What it means, for `--show-args` and for mistakes.", example="trials per phantom"),
     "sets": Key(
         says="By its value, defaults of other arguments of this file. What is given wins over them.",

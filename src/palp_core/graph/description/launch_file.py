@@ -71,6 +71,8 @@ class GraphNode:
         param_marks: Where each parameter is given.
         defaulted: Parameters whose value is an argument's default.
         arguments: Parameters whose value is an argument's, as it is called on the command line.
+        own: Its class is the caller's, named in place of a choice.
+        offered: Parameters that the file has for such a class, if it declares them.
         inputs: Wires by port.
         complete: Its description has no mistake of its own.
         answer: What its class declares; None until the class has been asked.
@@ -85,6 +87,8 @@ class GraphNode:
     inputs: dict[str, InputEntry]
     defaulted: frozenset[str] = frozenset()
     arguments: dict[str, str] = field(default_factory=dict)
+    own: bool = False
+    offered: frozenset[str] = frozenset()
     complete: bool = True
     answer: NodeClass | None = None
 
@@ -196,6 +200,7 @@ def arguments_text(description: LaunchFile) -> str:
         text = argument.help or "no description given"
         if argument.choices:
             text = f"{text.rstrip('.')}. Valid choices are: [{', '.join(map(show, argument.choices))}]"
+            text += ", or a class of yours: MODULE:CLASS or FILE.py:CLASS" if argument.or_class else ""
         lines.append(f"        {text}")
         if argument.default is not UNKNOWN:
             lines.append(f"        (default: {show(argument.default)})")

@@ -44,12 +44,14 @@ class NodeClassRequest(msgspec.Struct, frozen=True):
         params: Parameters to try.
         kind: ``function`` asks only whether a function exists.
         name: Under which the node runs; some classes' ports depend on it and on the parameters.
+        offered: Those of the parameters that count only if the class declares them.
     """
 
     run: str
     params: dict[str, Any] = {}
     kind: Literal["node", "function"] = "node"
     name: str = ""
+    offered: tuple[str, ...] = ()
 
 
 class NodePort(msgspec.Struct, frozen=True):
@@ -147,9 +149,13 @@ def _inspect(request: NodeClassRequest, workspace: Path) -> NodeClass:
 
 def _node(cls: type[Node], request: NodeClassRequest) -> NodeClass:
     declared = declaration_of(cls)
-    errors = param_errors(declared, request.params)
+    known = describe_params(declared.params)
+    given = {
+        key: value for key, value in request.params.items() if key in known or key not in request.offered
+    }
+    errors = param_errors(declared, given)
     if examined := not errors:
-        errors = cls.examine(load_params(declared, request.params, declared.params.__name__))
+        errors = cls.examine(load_params(declared, given, declared.params.__name__))
     ports = [
         *declared.subs.values(),
         *declared.pubs.values(),
@@ -162,9 +168,9 @@ def _node(cls: type[Node], request: NodeClassRequest) -> NodeClass:
         run=request.run,
         doc=(cls.__doc__ or "").strip().partition("\n")[0],
         ports={port.name: _port(port) for port in ports},
-        params=describe_params(declared.params),
+        params=known,
         param_errors=errors,
-        successors=_successors_named(declared.params, request.params) if not errors else {},
+        successors=_successors_named(declared.params, given) if not errors else {},
         examined=examined,
         moves=cls.moves,
         simulates=cls.simulates,
@@ -239,6 +245,8 @@ def _module_at(path: Path, workspace: Path) -> ModuleType:
 
 
 def _near_module(name: str, workspace: Path) -> str:
+    if name.isidentifier() and Path(f"{name}.py").is_file():
+        return f"; write {name}.py:CLASS for the file that is where you are"
     folders = [workspace, *(one.folder for one in underlays())]
     files = [path for folder in folders for path in (folder / "nodes").glob("*.py")]
     known = [f"nodes.{path.stem}" for path in files if path.stem != "__init__"]

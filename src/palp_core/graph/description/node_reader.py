@@ -22,7 +22,7 @@ from palp_core.graph.node.spec import LONGEST_BACKOFF_S, NodeSpec, name_mistake
 from palp_core.graph.problems import Mark, Problems, hint, nearest
 from palp_core.moved import present_name
 
-SELECT = "select"
+SELECT, ELSE = "select", "else"
 Part = TypeVar("Part")
 
 
@@ -41,10 +41,16 @@ class Selection(Generic[Part]):
     Attributes:
         choice: Who selects; None when the part is fixed.
         branches: Part per branch; a fixed part is the branch "".
+        own: The branch of a class that is named in place of a choice; "" if none is.
     """
 
     choice: Choice | None
     branches: dict[str, Part]
+    own: str = ""
+
+    def is_own(self, assignment: dict[str, str]) -> bool:
+        """Tell whether an assignment picks the branch of a class that is no choice."""
+        return bool(self.own and self.choice and assignment[self.choice.argument] == self.own)
 
     def under(self, assignment: dict[str, str]) -> Part | None:
         """Return the part that an assignment of the selecting arguments picks, or None if there is none."""
@@ -100,6 +106,11 @@ def read_selection(
     present = None if value is UNKNOWN else branch_name(value)
     sound = arguments[variable].sound
     names = [branch_name(choice) for choice in arguments[variable].choices] if sound else []
+    own = present if arguments[variable].names_class(value) and present not in names else None
+    if sound and arguments[variable].or_class:
+        names.append(own or ELSE)
+        if ELSE in branches and own is not None:
+            branches[own] = branches.pop(ELSE)
     required = names or ([present] if present is not None and sound else [])
     missing = [name for name in required if name not in branches]
     spare = [name for name in branches if name not in names] if names else []
@@ -112,8 +123,16 @@ def read_selection(
         )
         del branches[name]
     for name in missing:
-        problems.add(selector.mark, f"{what} has no branch for {variable}={name}; add a key '{name}'")
-    return Selection(Choice(scope.origins[variable], present), branches)
+        key = ELSE if name == own else name
+        problems.add(selector.mark, f"{what} has no branch for {variable}={name}; add a key '{key}'")
+    if own is None and sound and arguments[variable].or_class and ELSE in branches:
+        _read_for_mistakes(branches.pop(ELSE), scope, problems)
+    return Selection(Choice(scope.origins[variable], present), branches, own or "")
+
+
+def _read_for_mistakes(unused: Tree, scope: Scope, problems: Problems) -> None:
+    """Evaluate a branch that nothing takes, so that what is wrong in it is met before somebody does."""
+    evaluate(unused, scope, problems)
 
 
 MOST_VARIANTS = 1000
@@ -199,6 +218,7 @@ class NodeReader:
             if target is None:
                 continue
             given = Selection(params.choice, values).under(assignment) or {}
+            own = run.is_own(assignment)
             node = GraphNode(
                 spec=msgspec.structs.replace(
                     spec, run=target.value, params={key: item.value for key, item in given.items()}
@@ -211,6 +231,8 @@ class NodeReader:
                 defaulted=frozenset(key for key, item in given.items() if item.defaulted),
                 arguments={key: item.argument for key, item in given.items() if item.argument},
                 inputs=Selection(inputs.choice, wires).under(assignment) or {},
+                own=own,
+                offered=frozenset(given if own else ()),
             )
             nodes.append(node)
         return nodes

@@ -108,6 +108,7 @@ def _with_parameter(nodes: Nodes, name: str, parameter: str, value: Any, mark: M
             spec=msgspec.structs.replace(node.spec, params={**node.spec.params, parameter: value}),
             param_marks={**node.param_marks, parameter: mark},
             defaulted=node.defaulted - {parameter},
+            offered=node.offered - {parameter},
             arguments={key: text for key, text in node.arguments.items() if key != parameter},
         )
 

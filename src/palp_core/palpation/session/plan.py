@@ -314,5 +314,7 @@ def policy_name(run: str) -> str:
 
     >>> policy_name("nodes.policy_markov:Markov")
     'markov'
+
+    One that a launch file names in another way keeps that name.
     """
-    return run.rpartition(":")[2].lower()
+    return run.rpartition(":")[2].lower() if ":" in run else run

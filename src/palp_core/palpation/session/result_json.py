@@ -82,7 +82,7 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
     trials = session.trials
     by_hand = swapped_by_hand(session.rows, experiment.get("swaps") or "")
     return {
-        "policy": experiment.get("policy", ""),
+        **_policy(experiment.get("policy", "")),
         **({"swapped_by_hand": by_hand} if by_hand else {}),
         "seed": summary.seed,
         "trials": experiment.get("trials"),
@@ -135,6 +135,11 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
     }
 
 
+def _policy(asked: str) -> dict[str, str]:
+    """Return what the first policy is called in the record, and its class if that was asked for."""
+    return {"policy": policy_name(asked), **({"policy_class": asked} if ":" in asked else {})}
+
+
 def _session(sheet: SessionSheet | None) -> dict[str, Any] | None:
     """Return what the session's sheet says, but for when it began; None of a run that has none."""
     if sheet is None:
@@ -185,6 +190,7 @@ def policy_label(result: dict[str, Any]) -> str:
     """
     ring = _of_role(result, "policy").get("ring_mm")
     label = str(result["policy"] or "unnamed")
+    label += f" ({result['policy_class']})" if "policy_class" in result else ""
     begun = result["trials_done"] + len(result.get("trials_dropped", ())) + result["trials_unfinished"]
     took_over = [
         (trial, 2, policy_name(run)) for trial, run in planned_swaps(result).items() if 1 <= trial <= begun

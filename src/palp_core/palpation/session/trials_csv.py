@@ -27,6 +27,7 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import PalpError, in_words
+from palp_core.palpation.session.plan import policy_name
 from palp_core.palpation.session.session_folder import (
     SWEEPS,
     TABLE,
@@ -120,9 +121,10 @@ def row_of(facts: RowFacts, palpation: Any, belief: Any, *, policy: str, seed: i
         facts: What is known.
         palpation: The message.
         belief: The message; None in training.
-        policy: With which the session began.
+        policy: With which the session began, by name or by its class.
         seed: Of the session.
     """
+    policy = policy_name(policy)
     action = facts.taken[-1] if facts.taken else None
     return Row(
         row=facts.row,
