@@ -87,6 +87,7 @@ class PolicyNode(MethodTeller):
     """
 
     on_probation = True
+    proven_by = "choice_count"
     choice_count = 0
     params: Params
     state: PolicyNodeState

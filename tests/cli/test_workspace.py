@@ -84,9 +84,7 @@ def test_a_policy_of_ones_own_fits_the_installed_rig(palp: Palp, swapping: list[
 
 
 @pytest.mark.nightly
-def test_a_policy_of_ones_own_decides_in_the_installed_rig(
-    at: Path, palp: Palp, swapping: list[str]
-) -> None:
+def test_a_policy_of_ones_own_decides_in_the_installed_rig(at: Path, palp: Palp, swapping: list[str]) -> None:
     done = palp.run(*swapping, "--compose")
     assert done.returncode == 0, done.stderr
     assert "The policy “inturn (nodes.policy_in_turn:InTurn)” found" in done.stdout

@@ -274,6 +274,29 @@ class Tired(Fixed):
 """
 
 
+BEGINNERS = """
+import dataclasses
+
+from nodes.policy_fixed import Fixed
+from palp_core.palpation.perception.strategy.policies import FixedRing
+
+
+class Beginner(Fixed):
+    pass
+
+
+@dataclasses.dataclass(frozen=True)
+class Lost(FixedRing):
+    def start(self, uniform, trial_count=None):
+        raise LookupError("does not know where to begin")
+
+
+class Astray(Fixed):
+    def choose(self):
+        return Lost(0.016)
+"""
+
+
 def test_a_bad_policy_costs_the_session_nothing(tmp_path: Path) -> None:
     bad = tmp_path / "bad.py"
     bad.write_text(BAD_POLICIES)
@@ -308,6 +331,38 @@ def test_a_bad_policy_costs_the_session_nothing(tmp_path: Path) -> None:
     assert "ring position 17 mm is not trained; trained are 0, 4, 8, 12, 16 mm" in asked.text
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert (result["trials_done"], result["trials_unfinished"], result["trials_dropped"]) == (3, 0, [])
+
+
+@pytest.mark.parametrize("name", ["Beginner", "Astray"])
+def test_a_policy_that_comes_in_training_has_proven_nothing_before_it_has_chosen(
+    tmp_path: Path, name: str
+) -> None:
+    bad = tmp_path / "beginner.py"
+    bad.write_text(BEGINNERS)
+    felt: list[int] = []
+
+    def take(now_ns: int, frame: bytes) -> None:
+        if frame.startswith(b"/estimator/palpation\0"):
+            felt.append(now_ns)
+            if len(felt) == 2:
+                request = SwapRequest(
+                    node="policy", run=f"{bad}:{name}", probation=Probation(), timeout_s=600.0
+                )
+                graph.swaps.plan(now_ns, request)
+
+    path, small = list(sys.path), ("trials:=1", "training:=2", "seed:=4", "policy:=fixed")
+    with ComposedGraph(SIM, overrides=[*small, f"out:={tmp_path / 'out'}"], observe=take) as graph:
+        failures, reports = _forgiving(graph), _reported(graph)
+        assert graph.run().exit_code == 0
+    sys.path[:] = path
+    assert len(felt) > 30  # training, and then the trials of the old one
+    if name == "Astray":
+        (failure,) = failures
+        assert (failure.step, "does not know where to begin" in failure.text) == ("probation", True)
+    else:
+        assert failures == []
+        (report,) = reports
+        assert (report.proven, report.proven_by) == (3, "choice")
 
 
 @pytest.mark.slow  # by default the README's swap is in the middle of a trial

@@ -281,6 +281,24 @@ class Trainee(Novice):
     strict = False
 
 
+class Seldom(Trainee):
+    """Proves itself by every fiftieth number; its deed is done at the first of these."""
+
+    proven_by = "feat_count"
+
+    def on_resume(self):
+        self.feat_count = 0
+        self.count = 0
+
+    @on(Relay.num)
+    def pass_on(self, num):
+        self.count += 1
+        if self.count % 50 == 0:
+            do(self.params)
+            self.feat_count += 1
+        Relay.pass_on(self, num)
+
+
 class LonerState(State):
     index: int = 0
 

@@ -79,6 +79,23 @@ def test_a_class_is_tried_on_the_last_message_before_it_takes_over(stage: Stage)
     _nothing_was_lost_or_repeated(stage)
 
 
+def test_what_proves_a_class_is_what_it_says_and_not_any_handler(stage: Stage) -> None:
+    failed = stage.swap("Seldom", deed="raise")["failed"]
+    assert (failed["step"], "as asked" in failed["text"]) == ("probation", True)
+    report = stage.swap("Seldom")["report"]
+    assert (report["proven"], report["proven_by"]) == (3, "feat")
+    stage.passes(20)
+    _nothing_was_lost_or_repeated(stage)
+
+
+def test_the_command_says_what_nothing_has_proven(palp: Palp, stage: Stage) -> None:
+    done = palp.run("swap", "relay", "swap_toys:Seldom", "--probation", "1000", "--timeout", "0.5")
+    assert re.search(r"only \d+ feats of the new node", done.stderr), done.stderr
+    assert re.search(r"its first \d+ feats went well while the old one stood by", done.stdout)
+    stage.passes(20)
+    _nothing_was_lost_or_repeated(stage)
+
+
 def test_the_old_nodes_death_ends_the_probation_and_the_new_one_goes_on(stage: Stage) -> None:
     old = stage.process_of("relay")
     assert "report" in _swap(stage, "Novice", deed="kill_other", pid=old, after=5)

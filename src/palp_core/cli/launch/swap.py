@@ -77,7 +77,7 @@ def swap(
     from palp_core.cli.text.words import assignments, value_of
     from palp_core.graph.discovery.choice import addressed
     from palp_core.graph.node.loading import class_from_here
-    from palp_core.graph.swap.swap import MOST_RUNS, STEPS, Probation
+    from palp_core.graph.swap.swap import HANDLER, MOST_RUNS, STEPS, Probation
 
     given = list(params or [])
     if target is not None and ":=" in target:
@@ -106,13 +106,14 @@ def swap(
     if failed:
         note(f"/{failed['node']} goes on as it was: {failed['step']}: {failed['text']}")
         sys.exit(FIRST_STEP + STEPS.index(failed["step"]))
-    few = answer["report"]["proven"]
+    few, what = answer["report"]["proven"], answer["report"]["proven_by"]
     wanted = options.get("probation", {}).get("run_count", Probation().run_count)
     if few == 0 or 0 < few < wanted < MOST_RUNS:
-        ran = "no handler" if few == 0 else "1 handler" if few == 1 else f"only {few} handlers"
+        ran = f"no {what}" if few == 0 else f"1 {what}" if few == 1 else f"only {few} {what}s"
         note(
-            f"{ran} of the new node ran while the old one stood by, which is gone: what fails from now on "
-            "is a failure of the node; a longer --timeout, or --probation Ss, lets it stand by for longer"
+            f"{ran} of the new node {'ran' if what == HANDLER else 'was asked for'} while the old one stood "
+            "by, which is gone: what fails from now on is a failure of the node; a longer --timeout, or "
+            "--probation Ss, lets it stand by for longer"
         )
     if not as_json:
         _print(answer["report"])
@@ -146,9 +147,13 @@ def _print(report: dict[str, Any]) -> None:
         f"/{report['node']}: {report['before']} -> {report['after']} at {report['at_s']:.3f} s; "
         f"gap {report['gap_s'] * 1e3:.2f} ms, {report['held']} messages waited, "
         f"{report['duration_s'] * 1e3:.0f} ms in all"
-        + (f"; {_proven(report['proven'])} while the old one stood by" if report["proven"] > 0 else "")
+        + (f"; {_proven(report)} while the old one stood by" if report["proven"] > 0 else "")
     )
 
 
-def _proven(count: int) -> str:
-    return "its first handler ran well" if count == 1 else f"its first {count} handlers ran well"
+def _proven(report: dict[str, Any]) -> str:
+    from palp_core.graph.swap.swap import HANDLER
+
+    count, what = report["proven"], report["proven_by"]
+    went = "ran well" if what == HANDLER else "went well"
+    return f"its first {what} {went}" if count == 1 else f"its first {count} {what}s {went}"

@@ -85,12 +85,15 @@ class Node(LifecycleHooks):
         records: The node is the experiment's record and may read ports named ``truth``.
         on_probation: At a swap the handlers are tried on the last messages first, which the predecessor has
             had already; and the old node stands by until the first of them have run well.
+        proven_by: What proves the node then, if not every handler does: the name of an attribute that counts
+            it from the moment at which the node takes over, as in ``choice_count``.
     """
 
     moves: ClassVar[bool] = False
     simulates: ClassVar[bool] = False
     records: ClassVar[bool] = False
     on_probation: ClassVar[bool] = False
+    proven_by: ClassVar[str] = ""
     params: Params
     state: State
 

@@ -9,7 +9,7 @@ from palp_core.graph.messages.frame import topic_of
 from palp_core.graph.messages.message import encode_any
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.process.control_messages import Done, Round
-from palp_core.graph.process.swap_messages import Commit
+from palp_core.graph.process.swap_messages import HANDLER, Commit
 
 
 class FirstWork:
@@ -48,10 +48,13 @@ class FirstWork:
         self.frames.clear()
         # whoever passes the frames on remembers them; in lockstep nobody does
         written = executor.succession.snapshot() if self.reports else executor.succession.copy()
+        run_count, counter = self._reported - self._begun_at, executor.node.proven_by
         return Commit(
             encode_any(written),
             frames,
-            self._reported - self._begun_at,
+            run_count,
+            getattr(executor.node, counter) if counter else run_count,
+            counter.removesuffix("_count") or HANDLER,
             last,
             list(executor.ends.timers),
             executor.exit_code is not None,
@@ -64,12 +67,13 @@ class LockstepProbation(ABC):
     Args:
         index: Number of the node.
         inputs: Topics that the successor reads; what else comes waits for the predecessor.
-        enough: How many handlers have to run well.
+        enough: How many handlers, or what else proves the node, have to go well.
         way_back: The predecessor can take the successor's state; else one round has to go well.
 
     Attributes:
         failure: Why the predecessor goes on; "" if it need not.
-        run_count: How many handlers have run well.
+        proof_count: How much of what proves the node went well.
+        proof: What that is.
         proven: Enough have: whatever fails now is a failure of the node.
         fell_back: The predecessor works again.
     """
@@ -77,7 +81,7 @@ class LockstepProbation(ABC):
     def __init__(self, index: int, inputs: Collection[str], enough: int, *, way_back: bool) -> None:
         self.index = index
         self.failure = ""
-        self.run_count = 0
+        self.proof_count, self.proof = 0, HANDLER
         self.proven = False
         self._inputs = {name.encode() for name in inputs}
         self._enough, self._way_back = enough, way_back
@@ -126,8 +130,9 @@ class LockstepProbation(ABC):
         commit = self._report() if done is not None else None
         if done is None or commit is None:
             return None
-        self._commit, self.run_count = commit, commit.run_count
-        self.proven = self.run_count >= self._enough or not self._way_back
+        self._commit = commit
+        self.proof_count, self.proof = commit.proof_count, commit.proof
+        self.proven = self.proof_count >= self._enough or not self._way_back
         held, self._held = self._held, []
         return msgspec.structs.replace(done, frames=[*held, *done.frames, *commit.frames])
 

@@ -123,6 +123,10 @@ class TakeOver(ChannelMessage, frozen=True):
     on_probation: bool = False
 
 
+HANDLER = "handler"
+"""What proves a node whose class says nothing else."""
+
+
 class Commit(ChannelMessage, frozen=True):
     """From a successor on probation, to its predecessor: so far all is well.
 
@@ -132,6 +136,8 @@ class Commit(ChannelMessage, frozen=True):
         hand_over: The node as it is now, without what waits in its inbox.
         frames: What it has published since the last commit.
         run_count: How many handlers have run.
+        proof_count: How much is done of what proves the node: its handlers, if its class says nothing else.
+        proof: What that is, a word: handler, choice.
         last: The probation is over: what it publishes now it keeps back.
         ends: Names of its timers, alarms, events and clients.
         finished: Its work is done.
@@ -140,6 +146,8 @@ class Commit(ChannelMessage, frozen=True):
     hand_over: bytes
     frames: list[bytes]
     run_count: int
+    proof_count: int
+    proof: str
     last: bool = False
     ends: list[str] = []
     finished: bool = False

@@ -86,11 +86,13 @@ class ComposedSwaps:
         held = len(new.inbox)
         if on_probation:
             composition.promote(swap.index, new)
-            proven, done = self._prove(swap, old, handed_frames, sent, way_back=way_back), None
+            probation = self._prove(swap, old, handed_frames, sent, way_back=way_back)
+            proof: dict[str, Any] = {"proven": probation.proof_count, "proven_by": probation.proof}
+            done = None
         else:
-            proven, done = -1, composition.promote(swap.index, new, [*handed_frames, *sent])
+            proof, done = {}, composition.promote(swap.index, new, [*handed_frames, *sent])
         old.succession.leave()
-        return swap.report(at_ns=now_ns, **_AT_ONCE, held=held, shadow=found, proven=proven), done
+        return swap.report(at_ns=now_ns, **_AT_ONCE, held=held, shadow=found, **proof), done
 
     @staticmethod
     def _rehearse(old: Executor, new: Executor, running: HandOver, params: Mapping[str, Any]) -> bool:
@@ -104,8 +106,8 @@ class ComposedSwaps:
 
     def _prove(
         self, swap: CheckedSwap, old: Executor, frames: list[bytes], sent: list[bytes], *, way_back: bool
-    ) -> int:
-        """Let simulated time go by while the old node stands by; return how many handlers ran well.
+    ) -> ComposedProbation:
+        """Let simulated time go by while the old node stands by; return how that went.
 
         Raises:
             SwapFailed: The new node failed; the old one goes on.
@@ -126,7 +128,7 @@ class ComposedSwaps:
             composition.probation = None
         if probation.failure:
             raise SwapFailed(swap.request.node, "probation", probation.failure)
-        return probation.run_count
+        return probation
 
     def _shadow(
         self, swap: CheckedSwap, new: Executor, sent: list[bytes], running: HandOver

@@ -111,7 +111,7 @@ class _ProcessSwap:
         self._new: Standby | None = None
         self._announced = self._paused = self._changed = False
         self._on_probation = self._way_back = False
-        self._proven, self._finished = -1, False
+        self._proven, self._ran, self._proof, self._finished = -1, 0, swap_messages.HANDLER, False
         self._commits: list[swap_messages.Commit] = []
         self._comparison: dict[str, Any] = {}
 
@@ -297,9 +297,8 @@ class _ProcessSwap:
         supervisor, new, probation = self._supervisor, self._new, self._swap.probation
         assert new is not None
         end_ns = monotonic_ns() + round(self._swap.standby_s * 1e9)
-        enough = probation.run_count if self._way_back else 1
         while (
-            self._proven < enough
+            (self._proven < probation.run_count if self._way_back else self._ran < 1)
             and monotonic_ns() < end_ns
             and not (self._cannot_return() or self._finished or supervisor.exit_code is not None)
         ):
@@ -331,7 +330,8 @@ class _ProcessSwap:
             if isinstance(commit, swap_messages.Commit):
                 if commit.last and (new.failure or new.process.has_died()):
                     self._fail(new.failure or "its process has died")
-                self._proven, self._finished = commit.run_count, commit.finished
+                self._proven, self._proof = commit.proof_count, commit.proof
+                self._ran, self._finished = commit.run_count, commit.finished
                 self._commits.append(commit)
                 if self._way_back or commit.last:
                     for waiting in self._commits:
@@ -357,7 +357,7 @@ class _ProcessSwap:
             self._time.pass_probation(probation, first, wanted.longest_s, self._swap.request.timeout_s)
         finally:
             supervisor.probation = None
-        self._proven = probation.run_count
+        self._proven, self._proof = probation.proof_count, probation.proof
         if probation.failure:
             self._new, self._changed = former, False
             self._fail(probation.failure)
@@ -372,6 +372,7 @@ class _ProcessSwap:
             duration_s=0.0 if lockstep else (monotonic_ns() - self._begun_ns) / 1e9,
             shadow=self._comparison,
             proven=self._proven,
+            proven_by=self._proof,
         )
 
     def _working(self) -> swap_messages.Working | None:

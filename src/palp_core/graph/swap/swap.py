@@ -23,6 +23,7 @@ from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.problems import hint
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.process.shadow import ShadowComparison
+from palp_core.graph.process.swap_messages import HANDLER
 from palp_core.graph.swap.compatibility import objections, replaced
 from palp_core.graph.transport.request_server import NodeRequest
 
@@ -37,7 +38,8 @@ class Probation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How long the old node stands by, and goes on if the new one fails: whatever is over first.
 
     Attributes:
-        run_count: Handlers that have to run well; 0: there is no probation.
+        run_count: Handlers that have to run well, or whatever else the class says that it is proven by; 0:
+            there is no probation.
         longest_s: The longest it lasts, on the graph's clock; None: however long the handlers take there, but
             no longer than the swap's ``timeout_s`` of the machine's time.
     """
@@ -88,6 +90,7 @@ class SwapReport(msgspec.Struct, frozen=True, kw_only=True):
         shadow: How the outputs of both compare, if they worked side by side.
         switched: False after a dry run.
         proven: Handlers of the new node that ran well while the old one stood by; -1: it did not stand by.
+        proven_by: What was counted, if its class says that something else proves it: choice.
     """
 
     node: str
@@ -100,6 +103,7 @@ class SwapReport(msgspec.Struct, frozen=True, kw_only=True):
     shadow: dict[str, Any] = {}
     switched: bool = True
     proven: int = -1
+    proven_by: str = HANDLER
 
 
 class SwapFailed(NodeError):
