@@ -77,7 +77,8 @@ def swap(
     from palp_core.cli.text.words import assignments, value_of
     from palp_core.graph.discovery.choice import addressed
     from palp_core.graph.node.loading import class_from_here
-    from palp_core.graph.swap.swap import HANDLER, MOST_RUNS, STEPS, Probation
+    from palp_core.graph.process.swap_messages import HANDLER
+    from palp_core.graph.swap.swap import MOST_RUNS, STEPS, Probation
 
     given = list(params or [])
     if target is not None and ":=" in target:
@@ -152,7 +153,7 @@ def _print(report: dict[str, Any]) -> None:
 
 
 def _proven(report: dict[str, Any]) -> str:
-    from palp_core.graph.swap.swap import HANDLER
+    from palp_core.graph.process.swap_messages import HANDLER
 
     count, what = report["proven"], report["proven_by"]
     went = "ran well" if what == HANDLER else "went well"

@@ -28,7 +28,6 @@ from palp_core.graph.transport.offsets import ReceivedOffsets
 
 Answer = TypeVar("Answer", bound=swap_messages.FromSwapped)
 
-
 FAREWELL_NS = 1_000_000_000
 LINGER_NS = 60_000_000_000
 """How long an old process stays for a reader that is stopped or slow (assumed)."""
