@@ -6,11 +6,22 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from benchmarks.view_bench.running import Launched, browser, emulated, simulated, spread, two_viewers, wait
+from benchmarks.view_bench.running import (
+    Launched,
+    browser,
+    browsers_cpu_s,
+    cpu_s,
+    emulated,
+    simulated,
+    spread,
+    two_viewers,
+    wait,
+)
 from palp_core.graph.clock import monotonic_ns
 
 TORQUE = "/torque/block"
 READER = "estimator"
+WHO = ("graph", "viewers", "browsers")
 
 
 def speed(rounds: int, window_s: float, *, compose: bool, beside: bool) -> dict[str, Any]:
@@ -22,31 +33,44 @@ def speed(rounds: int, window_s: float, *, compose: bool, beside: bool) -> dict[
         compose: The graph in one process.
         beside: The browsers have the priority of the graph.
     """
-    found: dict[bool, list[float]] = {False: [], True: []}
+    found: dict[bool, list[dict[str, float]]] = {False: [], True: []}
     with tempfile.TemporaryDirectory() as name, simulated(compose=compose) as run:
         with browser(Path(name), beside=beside) as chrome:
             for number in range(rounds):
                 for viewed in (False, True) if number % 2 == 0 else (True, False):
                     if viewed:
-                        with two_viewers(run, chrome):
-                            found[viewed].append(_rate_hz(run, window_s))
+                        with two_viewers(run, chrome) as viewers:
+                            found[viewed].append(_window(run, window_s, [one.process.pid for one in viewers]))
                     else:
-                        found[viewed].append(_rate_hz(run, window_s))
+                        found[viewed].append(_window(run, window_s, []))
         edge = run.edge(READER, TORQUE)
-    ratios = [viewed / alone for viewed, alone in zip(found[True], found[False], strict=True)]
+    both = list(zip(found[True], found[False], strict=True))
     return {
-        "ratio": spread(ratios),
-        "blocks_per_wall_s_alone": spread(found[False], 1),
-        "blocks_per_wall_s_viewed": spread(found[True], 1),
+        "ratio": spread([viewed["blocks"] / alone["blocks"] for viewed, alone in both]),
+        "blocks_per_wall_s_alone": spread([alone["blocks"] for _, alone in both], 1),
+        "blocks_per_wall_s_viewed": spread([viewed["blocks"] for viewed, _ in both], 1),
+        "graph_cpu_s_per_block_ratio": spread(
+            [
+                viewed["graph"] / viewed["blocks"] / (alone["graph"] / alone["blocks"])
+                for viewed, alone in both
+            ]
+        ),
+        **{f"{who}_cpu_percent": spread([100 * row[who] for row in found[True]], 1) for who in WHO},
         "lost": int(edge["lost"]),
     }
 
 
-def _rate_hz(run: Launched, window_s: float) -> float:
-    before, begun_ns = run.published(TORQUE), monotonic_ns()
+def _window(run: Launched, window_s: float, viewers: list[int]) -> dict[str, float]:
+    """Return blocks of torque, and CPU seconds of graph, viewers and browsers, each of a wall second."""
+
+    def now() -> dict[str, float]:
+        used = (cpu_s(run.process.pid), sum(cpu_s(pid) for pid in viewers), browsers_cpu_s())
+        return {"blocks": run.published(TORQUE), **dict(zip(WHO, used, strict=True))}
+
+    before, begun_ns = now(), monotonic_ns()
     wait(window_s)
-    after, ended_ns = run.published(TORQUE), monotonic_ns()
-    return (after - before) * 1e9 / (ended_ns - begun_ns)
+    after, ended_ns = now(), monotonic_ns()
+    return {name: (after[name] - before[name]) * 1e9 / (ended_ns - begun_ns) for name in before}
 
 
 def latency(rounds: int, window_s: float, *, beside: bool) -> dict[str, Any]:

@@ -170,6 +170,30 @@ def memory_mib(pid: int) -> float:
     return float(psutil.Process(pid).memory_info().rss) / 2**20
 
 
+def cpu_s(pid: int) -> float:
+    """Return the CPU seconds of a process and of those below it."""
+    return sum(_used_s(one) for one in [psutil.Process(pid), *psutil.Process(pid).children(recursive=True)])
+
+
+def browsers_cpu_s() -> float:
+    """Return the CPU seconds of the browsers that this process has started."""
+    below = psutil.Process().children(recursive=True)
+    return sum(_used_s(one) for one in below if any("chrom" in word for word in _command(one)[:1]))
+
+
+def _used_s(process: psutil.Process) -> float:
+    with contextlib.suppress(psutil.Error):
+        times = process.cpu_times()
+        return float(times.user + times.system)
+    return 0.0
+
+
+def _command(process: psutil.Process) -> list[str]:
+    with contextlib.suppress(psutil.Error):
+        return list(process.cmdline())
+    return []
+
+
 def spread(values: Sequence[float], digits: int = 3) -> dict[str, Any]:
     """Return median, least and largest, and how many.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import re
 import signal
 from pathlib import Path
@@ -116,7 +117,7 @@ def test_a_topic_shows_its_messages_and_plots_them(viewing: Viewing) -> None:
 THIN = """async () => {
   const loaded = performance.getEntriesByType("resource").map(one => one.name);
   const address = loaded.find(name => name.includes("live_plot.js"));
-  const { thinned, tidy } = await import(address);
+  const { aligned, thinned, tidy } = await import(address);
   const points = Array.from({ length: 20000 }, (_, i) => [100 + i / 2000, Math.sin(i * i)]);
   points[12345][1] = 7;
   points[777][1] = -7;
@@ -126,6 +127,8 @@ THIN = """async () => {
     ordered: kept.every((point, i) => !i || kept[i - 1][0] <= point[0]),
     tidy: [0.9999999999998999, -0.25, 1e-7, 0].map(tidy).join(" "),
     few: thinned(points.slice(0, 9), 10).length,
+    gaps: thinned(points.toSpliced(9999, 0, [104.9, null]), 10).filter(one => one[1] === null).length,
+    columns: JSON.stringify(aligned([[[1, 2], [1.5, null], [2, 3]], [[1.2, 5], [2, 6]]])),
   };
 }"""
 """What a plot draws of more points than it has columns of pixels."""
@@ -136,6 +139,8 @@ def test_a_plot_draws_every_peak_and_no_more_points_than_a_screen_shows(viewing:
     page.wait_for_selector(".live-plot")
     found = page.evaluate(THIN)
     assert (found["peaks"], found["ordered"], found["few"]) == (True, True, 9)
+    assert found["gaps"] == 1
+    assert json.loads(found["columns"]) == [[1, 1.2, 1.5, 2], [2, None, None, 3], [None, 5, None, 6]]
     assert found["tidy"] == "1 -0.25 1e-7 0"
     assert 1000 < found["count"] <= 1202
 

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 from palp_core.graph.messages.topic import Topic
@@ -237,7 +238,7 @@ def test_a_slow_browser_is_sent_no_more_than_it_takes() -> None:
         plot = plots[-1]
         for _ in range(MOST_UNDER_WAY):
             assert not plot.busy
-            plot.add([[(0.0, 1.0)]])
+            plot.add([np.array([(0.0, 1.0)])])
         assert plot.busy
         for lie in ("3", None, -1, [2]):
             plot._take(SimpleNamespace(args=lie))
@@ -246,7 +247,7 @@ def test_a_slow_browser_is_sent_no_more_than_it_takes() -> None:
         assert not plot.busy
         plot._take(SimpleNamespace(args=10**9))  # whatever it says, no more are under way than may be
         for _ in range(MOST_UNDER_WAY):
-            plot.add([[(0.0, 1.0)]])
+            plot.add([np.array([(0.0, 1.0)])])
         assert plot.busy
 
     simulated(lambda: plots.append(LivePlot("a")), look)

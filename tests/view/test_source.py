@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from palp_core.errors import GraphError
@@ -52,13 +53,41 @@ def test_the_samples_of_a_block_stand_each_at_its_own_time() -> None:
     series = FieldSeries("torque_n_m", BLOCK)
     assert series.label == "torque_n_m [N m]"
     points = series.add(heard(9.0, start_ns=1_000_000_000, rate_hz=1000.0, torque_n_m=[0.5, 0.25]))
-    assert points == [(1.0, 0.5), (1.001, 0.25)]
+    assert points.tolist() == [[1.0, 0.5], [1.001, 0.25]]
+
+
+def test_a_block_that_does_not_go_on_from_the_one_before_begins_with_a_gap() -> None:
+    series = FieldSeries("torque_n_m", BLOCK)
+
+    def times_s(start_ms: int, sequence: int) -> list[float]:
+        start_ns = start_ms * 1_000_000
+        message = {"start_ns": start_ns, "rate_hz": 1000.0, "torque_n_m": [0.5, 0.25]}
+        found = series.add(Heard(start_ns, sequence, message))
+        return [time_s for time_s, value in found.tolist() if math.isnan(value)]
+
+    assert times_s(1000, 1) == []
+    assert times_s(1002, 2) == []
+    assert times_s(1500, 3) == [1.5]
+    assert times_s(1502, 5) == [1.502]  # message 4 is missing
+    assert times_s(1504, 1) == []  # another takes over
+    assert not np.isnan(series.points).any()
+    assert len(series.points) == 10
+
+
+def test_a_number_goes_on_until_messages_are_missing() -> None:
+    series = FieldSeries("inner.peak", BLOCK)
+    found = [series.add(Heard(round(at * 1e9), number, {"inner": {"peak": at}})) for at, number in RARE]
+    assert [len(points) for points in found] == [1, 1, 2]
+
+
+RARE = ((1.0, 1), (60.0, 2), (61.0, 4))
+"""When messages came, s, and their numbers."""
 
 
 def test_an_array_without_times_is_spread_since_the_message_before() -> None:
     series = FieldSeries("torque_n_m", BLOCK)
     series.add(heard(1.0, torque_n_m=[0.0]))
-    assert series.add(heard(2.0, torque_n_m=[1.0, 2.0])) == [(1.5, 1.0), (2.0, 2.0)]
+    assert series.add(heard(2.0, torque_n_m=[1.0, 2.0])).tolist() == [[1.5, 1.0], [2.0, 2.0]]
     assert series.last == [1.0, 2.0]
 
 
@@ -66,17 +95,18 @@ def test_an_array_without_times_is_spread_since_the_message_before() -> None:
     "message", [{}, {"inner": {}}, {"inner": {"peak": math.nan}}, {"(not shown)": "too large"}]
 )
 def test_a_message_without_the_number_adds_no_point(message: dict[str, Any]) -> None:
-    assert FieldSeries("inner.peak", BLOCK).add(heard(1.0, **message)) == []
+    assert not len(FieldSeries("inner.peak", BLOCK).add(heard(1.0, **message)))
 
 
 def test_thinning_keeps_every_peak_and_the_order() -> None:
-    points = [(float(i), 0.0) for i in range(10_000)]
-    points[4321] = (4321.0, 7.0)
-    points[8765] = (8765.0, -7.0)
+    points = np.column_stack((np.arange(10_000.0), np.zeros(10_000)))
+    points[4321, 1], points[8765, 1] = 7.0, -7.0
+    points[[5000, 5001], 1] = np.nan
     kept = thinned(points, 100)
-    assert len(kept) <= 100
-    assert {points[4321], points[8765]} <= set(kept)
-    assert kept == sorted(kept)
+    assert len(kept) <= 101
+    assert {4321.0, 5000.0, 8765.0} <= set(kept[:, 0])
+    assert np.isnan(kept[:, 1]).sum() == 1
+    assert (np.diff(kept[:, 0]) > 0).all()
 
 
 def test_a_plot_is_saved_with_all_its_points() -> None:

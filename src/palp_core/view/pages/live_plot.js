@@ -1,32 +1,41 @@
 // A plot that is given points as they come: it keeps those of its window and draws at most once a frame.
-import { echarts } from "nicegui-echart";
+import uPlot from "palp-uplot";
 
 const MOST = 8000; // points of a series in the browser
 const COLUMNS = 600; // of the window: of each the lowest and the highest point are drawn
 const STILL_MS = 300; // after the last points the time axis goes on for so long
 const FRAME_MS = 30; // between two drawings for the sake of the time axis alone
 const SLOW_MS = 12; // a browser that takes longer to draw draws new points only
+const UNSEEN_MS = 1000; // a page that nobody sees takes points so often
 const COLOURS = ["--plot-0", "--plot-1", "--plot-2", "--plot-3", "--plot-4", "--plot-5"];
 
-// Of each column the lowest and the highest, as they came. Columns stand still while the window moves on.
+// Of each column the lowest and the highest, as they came, and a gap, a point without a value, if there is one.
+// Columns stand still while the window moves on.
 export function thinned(points, span) {
   if (points.length <= 2 * COLUMNS || !span) return points;
   const found = [];
   const width = span / COLUMNS;
-  let low, high, column = NaN;
+  let low, high, gap, column = NaN;
   const put = () => {
     if (low === undefined) return;
     if (low === high) found.push(low);
     else if (low[0] <= high[0]) found.push(low, high);
     else found.push(high, low);
+    low = high = undefined;
   };
   for (const point of points) {
     const at = Math.floor(point[0] / width);
     if (at !== column) {
       put();
       column = at;
-      low = high = point;
-    } else if (point[1] < low[1]) low = point;
+      gap = false;
+    }
+    if (point[1] === null) {
+      put();
+      if (!gap) found.push(point);
+      gap = true;
+    } else if (low === undefined) low = high = point;
+    else if (point[1] < low[1]) low = point;
     else if (point[1] > high[1]) high = point;
   }
   put();
@@ -35,15 +44,19 @@ export function thinned(points, span) {
 
 export const tidy = (value) => String(Number(value.toPrecision(10))); // of 0.9999999999998999
 
+// Columns for uPlot: all times, and of each series its values at them. Null ends a line, undefined does not.
+export function aligned(lists) {
+  const columns = lists.map((list) => [list.map((point) => point[0]), list.map((point) => point[1])]);
+  return columns.length > 1 ? uPlot.join(columns) : columns[0] || [[]];
+}
+
 export default {
   template: `<div class="live-plot" role="img" :aria-label="'plot of ' + names.join(', ')"></div>`,
   props: { names: Array, span: Number, paused: Boolean, elements: Boolean, file: String, slim: Boolean, even: Boolean },
   mounted() {
     this.clear();
-    this.chart = echarts.init(this.$el);
-    this.chart.on("datazoom", () => this.zoomed());
     document.addEventListener("visibilitychange", this.unseen);
-    this.resizer = new ResizeObserver(() => this.chart.resize());
+    this.resizer = new ResizeObserver(() => this.fit());
     this.resizer.observe(this.$el);
     this.looks = new MutationObserver(() => this.restart()); // light and dark
     this.looks.observe(document.body, { attributes: true, attributeFilter: ["class"] });
@@ -53,12 +66,13 @@ export default {
     document.removeEventListener("visibilitychange", this.unseen);
     this.resizer.disconnect();
     this.looks.disconnect();
-    this.chart.dispose();
+    this.plot.destroy();
+    this.plot = null;
   },
   watch: {
     names() { this.clear(); this.restart(); },
     elements() { this.clear(); this.restart(); },
-    span() { this.wanted(); },
+    span() { this.zoomed = false; this.wanted(); },
     paused() { this.wanted(); },
   },
   methods: {
@@ -67,36 +81,61 @@ export default {
       this.wanted();
     },
     restart() {
-      if (!this.chart) return;
-      this.whole = true;
+      if (this.plot) this.plot.destroy();
+      this.zoomed = false;
       this.edge = -Infinity;
-      const look = getComputedStyle(document.body), ink = look.color;
-      const label = { color: ink, showMinLabel: false, showMaxLabel: false };
-      const splitLine = { lineStyle: { color: look.getPropertyValue("--line").trim(), opacity: 0.5 } };
-      const axis = { scale: true, axisLabel: { color: ink }, nameTextStyle: { color: ink }, splitLine };
-      this.chart.setOption({
-        animation: false,
-        color: COLOURS.map((name) => look.getPropertyValue(name).trim()),
-        legend: { data: this.names, top: 0, textStyle: { color: ink } },
-        grid: { left: 70, right: 30, top: this.slim ? 30 : 40, bottom: this.slim ? 24 : 80 },
-        tooltip: { trigger: "axis", renderMode: "richText" },
-        xAxis: { ...axis, axisLabel: this.elements ? axis.axisLabel : label, type: "value", name: this.elements ? "element" : "s" },
-        yAxis: { ...axis, axisLabel: { color: ink, formatter: tidy }, type: "value" },
-        dataZoom: this.slim ? [] : [{ type: "inside" }, { type: "slider" }],
-        series: this.names.map((name, i) => ({ name, type: "line", symbol: "none", sampling: "minmax", data: this.points[i] || [] })),
-      }, true);
-    },
-    zoomed() { // what is looked at closely is drawn point by point
-      const { start, end } = this.chart.getOption().dataZoom[0];
-      this.whole = end - start > 99;
+      const look = getComputedStyle(document.body), colour = (name) => look.getPropertyValue(name).trim();
+      const line = { stroke: colour("--line"), width: 1 }, font = "12px system-ui, sans-serif";
+      const axis = { stroke: look.color, font, grid: line, ticks: line };
+      const value = (_, one) => (one === null || one === undefined ? "" : tidy(one));
+      const series = this.names.map((name, i) => {
+        const stroke = colour(COLOURS[i % COLOURS.length]);
+        return { label: name, stroke, value, width: 1.5, points: { show: (plot, at, from, to) => to - from < 60 } };
+      });
+      const options = {
+        ...this.room(),
+        scales: { x: { time: false } },
+        legend: { live: !this.slim },
+        cursor: { drag: { x: true, y: false }, bind: { dblclick: () => () => this.unzoom() } },
+        axes: [{ ...axis, size: 34 }, { ...axis, size: 70, values: (_, ticks) => ticks.map(tidy) }],
+        series: [{ label: this.elements ? "element" : "s", value }, ...series],
+        hooks: { setSelect: [(plot) => { this.zoomed = this.zoomed || plot.select.width > 0; }] },
+      };
+      this.plot = new uPlot(options, [[], ...series.map(() => [])], this.$el);
+      this.touched(this.plot.over);
+      this.fit();
       this.wanted();
+    },
+    room() {
+      const legend = this.$el.querySelector(".u-legend");
+      return { width: this.$el.clientWidth || 300, height: Math.max(this.$el.clientHeight - (legend ? legend.offsetHeight : 30), 60) };
+    },
+    fit() {
+      const { width, height } = this.room();
+      if (this.plot && (width !== this.plot.width || height !== this.plot.height)) this.plot.setSize({ width, height });
+    },
+    touched(over) { // a finger zooms as the mouse does; across a plot it scrolls the page
+      const words = { pointerdown: "mousedown", pointermove: "mousemove", pointerup: "mouseup" };
+      for (const [name, word] of Object.entries(words)) {
+        over.addEventListener(name, (event) => {
+          if (event.pointerType === "mouse") return;
+          const { clientX, clientY } = event, tell = (what) =>
+            over.dispatchEvent(new MouseEvent(what, { clientX, clientY, button: 0, bubbles: true }));
+          if (name === "pointerdown") tell("mousemove");
+          tell(word);
+        });
+      }
+    },
+    unzoom() {
+      this.zoomed = false;
+      this.show();
     },
     tell() { // so the server sends what comes next, and never more than what can be drawn
       if (this.given !== undefined) this.$emit("taken", this.given);
       this.given = undefined;
     },
     unseen() { // what nobody sees is kept, and drawn when it is looked at again
-      if (document.hidden) this.tell();
+      if (document.hidden && !this.waits) this.waits = setTimeout(() => { this.waits = 0; this.tell(); }, UNSEEN_MS);
     },
     add(batches, number) {
       this.given = number;
@@ -129,19 +168,23 @@ export default {
       requestAnimationFrame(() => {
         this.asked = false;
         this.tell();
-        if (!this.chart || this.paused) return;
-        const drawn = (list) => this.whole && !this.elements ? thinned(list, this.span) : list;
-        this.draw({ series: this.points.map((list) => ({ data: drawn(list) })) });
+        if (!this.plot || this.paused) return;
+        this.show();
         this.go_on();
       });
     },
-    // Draw, and now rather than in the next frame: ECharts would wait for that.
-    draw(option) {
-      const newest = Math.max(...this.points.map((list) => list.length ? list[list.length - 1][0] : -Infinity));
+    show() {
+      const whole = !this.zoomed && !this.elements; // what is looked at closely is drawn point by point
+      this.draw(aligned(this.points.map((list) => (whole ? thinned(list, this.span) : list))));
+    },
+    // Draw, and now rather than in the next frame: then it is known how long that takes.
+    draw(data) {
+      const newest = Math.max(...this.points.map((list) => (list.length ? list[list.length - 1][0] : -Infinity)));
       this.drawn = performance.now();
-      if (!this.elements && Number.isFinite(newest)) option.xAxis = this.window_at(newest);
-      this.chart.setOption(option);
-      this.chart.getZr().flush();
+      this.plot.batch(() => {
+        if (data) this.plot.setData(data, false);
+        this.plot.setScale("x", this.zoomed ? this.plot.scales.x : this.window_at(newest));
+      });
       this.took_ms = performance.now() - this.drawn;
       this.$el.dataset.newest = newest;
       this.$el.dataset.points = this.points.reduce((sum, list) => sum + list.length, 0);
@@ -149,24 +192,40 @@ export default {
     },
     // The window ends at the newest point and moves on evenly until the next comes.
     window_at(newest) {
+      if (!Number.isFinite(newest)) return { min: 0, max: 1 };
+      if (this.elements) return { min: 0, max: Math.max(newest, 1) };
       const since_s = !this.even ? 0 : Math.min(this.drawn - this.came, STILL_MS) / 1000;
       this.edge = Math.max(this.edge, newest + since_s);
-      const oldest = Math.min(...this.points.map((list) => list.length ? list[0][0] : Infinity));
-      return { min: Math.max(oldest, this.edge - this.span), max: this.edge };
+      const oldest = Math.min(...this.points.map((list) => (list.length ? list[0][0] : Infinity)));
+      const min = Math.max(oldest, this.edge - this.span);
+      return { min, max: Math.max(this.edge, min + 1e-3) };
     },
     go_on() {
       if (this.moving || !this.even || this.elements || this.took_ms > SLOW_MS) return;
       this.moving = true;
       requestAnimationFrame((now) => {
         this.moving = false;
-        if (!this.chart || this.paused || this.asked || !this.whole || now - this.came > STILL_MS) return;
-        if (now - this.drawn >= FRAME_MS) this.draw({});
+        if (!this.plot || this.paused || this.asked || this.zoomed || now - this.came > STILL_MS) return;
+        if (now - this.drawn >= FRAME_MS) this.draw();
         this.go_on();
       });
     },
-    save() {
+    save() { // what is drawn, with the names of the series above it
+      const from = this.plot.ctx.canvas, head = 24 * devicePixelRatio, look = getComputedStyle(document.body);
+      const whole = Object.assign(document.createElement("canvas"), { width: from.width, height: from.height + head });
+      const ink = whole.getContext("2d");
+      ink.fillStyle = look.backgroundColor;
+      ink.fillRect(0, 0, whole.width, whole.height);
+      ink.drawImage(from, 0, head);
+      ink.font = `${13 * devicePixelRatio}px system-ui, sans-serif`;
+      let x = 70 * devicePixelRatio;
+      this.names.forEach((name, i) => {
+        ink.fillStyle = look.getPropertyValue(COLOURS[i % COLOURS.length]).trim();
+        ink.fillText(name, x, 0.75 * head);
+        x += ink.measureText(name).width + head;
+      });
       const link = document.createElement("a");
-      link.href = this.chart.getDataURL({ type: "png", pixelRatio: 2, backgroundColor: getComputedStyle(document.body).backgroundColor });
+      link.href = whole.toDataURL("image/png");
       link.download = this.file;
       link.click();
     },

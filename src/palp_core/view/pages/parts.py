@@ -13,7 +13,8 @@ from nicegui.elements.mixins.text_element import TextElement
 from palp_core.errors import PalpError
 from palp_core.view.source.overview import Trouble, worst
 
-CSS = (Path(__file__).parent / "look.css").read_text(encoding="utf-8")
+HERE = Path(__file__).parent
+CSS = "".join((HERE / name).read_text(encoding="utf-8") for name in ("uplot/uPlot.min.css", "look.css"))
 
 
 CHANGES = "changes"

@@ -2,32 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from nicegui import ui
 from nicegui.element import Element
-from nicegui.elements.echart import EChart  # its import is what makes ECharts known to the page
 
 from palp_core.errors import GraphError
+from palp_core.units import Float64Array
 from palp_core.view.pages.parts import Outcome
 from palp_core.view.source.protocol import Watch
-from palp_core.view.source.series import FieldSeries, Point, as_csv, number_fields, thinned
+from palp_core.view.source.series import NO_POINTS, FieldSeries, as_csv, number_fields, thinned
 
 FRAME_S = 1 / 40
 """Between two looks at what has come: with what they take themselves there are some 30 a second."""
-FAST = 4
-"""A graph that goes faster than anybody looks is looked at so many times more rarely."""
+FAST_FRAME_S = 1 / 5
+"""Of a graph that goes faster than anybody looks: each frame is another part of it."""
 MOST_POINTS = 200
 """Of a series between two frames: more than the columns of pixels that a frame adds."""
 MOST_UNDER_WAY = 2
 """Frames that a browser has not drawn yet: until it has, more is kept for the next, however slow it is."""
+DIGITS = 9
+"""Of what a browser is sent: times to 1 ns."""
 SPANS_S = {2: "2 s", 10: "10 s", 60: "1 min", 600: "10 min"}
 
-__all__ = ["EChart", "LivePlot", "plot_panel"]
 
-
-class LivePlot(Element, component="live_plot.js"):  # type: ignore[misc, call-arg]
-    """A plot in the browser, which is given points as they come."""
+class LivePlot(Element, component="live_plot.js", esm={"palp-uplot": "uplot"}):  # type: ignore[misc, call-arg]
+    """A plot in the browser, drawn by uPlot, which is given points as they come."""
 
     def __init__(self, file: str) -> None:
         super().__init__()
@@ -52,10 +54,10 @@ class LivePlot(Element, component="live_plot.js"):  # type: ignore[misc, call-ar
         """Whether the browser has yet to take what it was given before."""
         return self._sent - self._taken >= MOST_UNDER_WAY
 
-    def add(self, batches: list[list[Point]]) -> None:
-        """Add points, a list for each series."""
+    def add(self, batches: Sequence[Float64Array]) -> None:
+        """Add points, for each series an array of shape (n, 2): time in s, value; nan is a gap."""
         self._sent += 1
-        self.run_method("add", batches, self._sent)
+        self.run_method("add", [points.round(DIGITS) for points in batches], self._sent)
 
     def put(self, lists: list[list[float]]) -> None:
         """Show these values by their number."""
@@ -73,20 +75,24 @@ class _Plotted:
 
     def __init__(self) -> None:
         self.series: list[FieldSeries] = []
-        self.waiting: list[list[Point]] = []
+        self.waiting: list[Float64Array] = []
         self.last_sequence = -1
 
     def choose(self, fields: list[str], schema: dict[str, Any]) -> None:
         self.series = [FieldSeries(field, schema) for field in fields]
-        self.waiting = [[] for _ in fields]
+        self.let_go()
+
+    def let_go(self) -> None:
+        """Note that the browser has been given all that waited."""
+        self.waiting = [NO_POINTS] * len(self.series)
 
     def take(self, watch: Watch) -> bool:
         """Take what has come; tell whether anything has."""
         heard = watch.drain()
-        for message in heard:
-            for series, waiting in zip(self.series, self.waiting, strict=True):
-                waiting.extend(series.add(message))
-        self.waiting = [thinned(points, MOST_POINTS) for points in self.waiting]
+        self.waiting = [
+            thinned(np.concatenate([waiting, *(series.add(message) for message in heard)]), MOST_POINTS)
+            for series, waiting in zip(self.series, self.waiting, strict=True)
+        ]
         return bool(heard)
 
 
@@ -139,13 +145,13 @@ def plot_panel(watch: Watch, *, fast: bool = False) -> None:
         if not plotted.series:
             return
         came = plotted.take(watch)
-        if plot.busy or state["paused"] or not (came or any(plotted.waiting)):
+        if plot.busy or state["paused"] or not (came or any(len(points) for points in plotted.waiting)):
             return
         if elements.value:
             plot.put([series.last for series in plotted.series])
         else:
             plot.add(plotted.waiting)
-        plotted.waiting = [[] for _ in plotted.series]
+        plotted.let_go()
 
     chosen.on_value_change(choose)
     span.on_value_change(lambda: plot.shape(span=span.value))
@@ -154,4 +160,4 @@ def plot_panel(watch: Watch, *, fast: bool = False) -> None:
     save.on_click(lambda: plot.run_method("save"))
     name = f"{watch.topic.name.strip('/').replace('/', '_')}.csv"
     table.on_click(lambda: ui.download.content(as_csv(plotted.series), name))
-    ui.timer(FAST * FRAME_S if fast else FRAME_S, tick)
+    ui.timer(FAST_FRAME_S if fast else FRAME_S, tick)

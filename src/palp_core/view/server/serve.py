@@ -106,6 +106,6 @@ def server(token: str, put_up: Callable[[], None], *, gives_way: bool) -> uvicor
     gate: Any = PageGate(Presses(Apart(app, gives_way=gives_way)), token)
     config = uvicorn.Config(
         gate, log_level="warning", access_log=False, ws_max_size=LONGEST_WORD, ws_max_queue=8,
-        timeout_graceful_shutdown=1, server_header=False, proxy_headers=False,
+        timeout_graceful_shutdown=1, server_header=False, proxy_headers=False, ws_per_message_deflate=False,
     )  # fmt: skip
     return uvicorn.Server(config)

@@ -24,8 +24,8 @@ from palp_core.view.source.protocol import Heard
 MOST_BYTES = 8 << 20
 MOST_MESSAGES = 2_000
 """Of one topic between two looks of a page: a screen shows no more, and decoding them takes some 20 ms."""
-BATCH_S = 0.01
-"""Messages are taken off the wire so often at most: of a topic that comes faster than that, many at once."""
+BATCH_S = {"wall": 0.01, "sim": 0.1}
+"""By the graph's clock: messages are taken off the wire so often at most, many at once if need be."""
 LONGEST_MESSAGE = 1 << 20
 """Bytes; of a longer one it is only said that it came: a page would be as large."""
 ASK_S = 1.0
@@ -47,14 +47,16 @@ class _Feed:
         self._stop.set()
 
     def _work(self) -> None:
-        with TopicReader(self._graph(), [self.topic]) as reader:
+        graph = self._graph()
+        batch_s = BATCH_S[graph.record.clock]
+        with TopicReader(graph, [self.topic]) as reader:
             self._ask_last()
             begun_ns = monotonic_ns()
             for heard in reader.messages():
                 if self._stop.is_set():
                     return
                 if heard is None:  # all that was there has been taken
-                    self._stop.wait(BATCH_S - (monotonic_ns() - begun_ns) / 1e9)
+                    self._stop.wait(batch_s - (monotonic_ns() - begun_ns) / 1e9)
                     begun_ns = monotonic_ns()
                 elif heard.is_message:
                     self._take(heard.frame)

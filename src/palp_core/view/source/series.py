@@ -1,23 +1,31 @@
-"""A field of a topic over time, as a plot draws it: points, thinned to what a screen shows."""
+"""A field of a topic over time, as a plot draws it: points, thinned to what a screen shows.
+
+Points are an array of shape (n, 2): time in s, value. Where something is missing between two points, so that
+no line joins them, a point without a value (nan) stands between them: a gap.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
-import math
 from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
+
 from palp_core.errors import GraphError
 from palp_core.graph.messages.message_text import parse_path, pick
 from palp_core.graph.messages.schema_reader import FieldKind, fields_of, items_of, kind_of, unit_of
+from palp_core.units import Float64Array
 from palp_core.view.source.protocol import Heard
 
 KEPT_POINTS = 60_000
 """Of a series: a minute at 1 kHz; what is saved as CSV."""
 NUMBERS = (FieldKind.FLOAT, FieldKind.INT, FieldKind.BOOL)
-Point = tuple[float, float]
+NO_POINTS: Float64Array = np.empty((0, 2))
+LATE_SAMPLES = 1.5
+"""A block that begins later after the one before, in its own samples, does not go on from it."""
 
 
 def number_fields(schema: dict[str, Any], prefix: str = "") -> Iterator[str]:
@@ -38,8 +46,6 @@ class FieldSeries:
 
     Attributes:
         label: Field and unit.
-        points: Time in s and value; of an array those of its elements, of a block each at its own time,
-            else spread evenly since the message before.
         last: Elements of the last message, if the field is an array; else its value.
 
     Raises:
@@ -56,53 +62,85 @@ class FieldSeries:
             raise GraphError(f"field '{field}' holds no numbers")
         unit = unit_of(at)
         self.label = field + (f" [{unit}]" if unit and unit != "1" else "")
-        self.points: deque[Point] = deque(maxlen=KEPT_POINTS)
         self.last: list[float] = []
-        self._before_s: float | None = None
+        self._kept: deque[Float64Array] = deque()
+        self._kept_count = 0
+        self._before: Heard | None = None
+        self._end_s: float | None = None
 
-    def add(self, heard: Heard) -> list[Point]:
-        """Take a message; return its points."""
+    @property
+    def points(self) -> Float64Array:
+        """The latest of its points, without gaps."""
+        return np.concatenate([NO_POINTS, *self._kept])[-KEPT_POINTS:]
+
+    def add(self, heard: Heard) -> Float64Array:
+        """Take a message; return its points: of an array those of its elements.
+
+        Elements of a block stand each at its own time, others spread evenly since the message before. A gap
+        comes first where messages are missing, or a block does not go on from the one before.
+        """
+        before, self._before = self._before, heard
         try:
             value = pick(heard.message, self._path)
         except (GraphError, KeyError, TypeError):  # a shorter array, a message that cannot be shown
-            return []
+            return NO_POINTS
+        values = np.atleast_1d(np.asarray(value, dtype=float))
+        self.last = values.tolist()
+        times_s, follows = self._times(heard, len(values), before)
+        found = np.column_stack((times_s, values))
+        finite = np.isfinite(values)
+        if not finite.all():
+            found = found[finite]
+        if not len(found):
+            return NO_POINTS
+        self._keep(found)
+        if follows or before is None:
+            return found
+        return np.concatenate(([[found[0, 0], np.nan]], found))
+
+    def _times(self, heard: Heard, count: int, before: Heard | None) -> tuple[Float64Array, bool]:
+        """Return the times of a message's elements, and whether they go on from those before."""
+        start_ns, rate_hz = heard.message.get("start_ns"), heard.message.get("rate_hz")
+        follows = before is None or heard.sequence <= before.sequence + 1
+        if isinstance(start_ns, int) and isinstance(rate_hz, int | float) and rate_hz > 0:
+            times_s = start_ns / 1e9 + np.arange(count) / rate_hz
+            end_s, self._end_s = self._end_s, start_ns / 1e9 + count / rate_hz
+            late = end_s is not None and start_ns / 1e9 - end_s > (LATE_SAMPLES - 1) / rate_hz
+            return times_s, follows and not late
         stamp_s = heard.stamp_ns / 1e9
-        before_s, self._before_s = self._before_s, stamp_s
-        if not isinstance(value, list):
-            found = [(stamp_s, float(value))]
-            self.last = [float(value)]
-        else:
-            self.last = [float(one) for one in value]
-            found = list(zip(_times(heard.message, len(value), before_s, stamp_s), self.last, strict=True))
-        found = [point for point in found if math.isfinite(point[1])]
-        self.points.extend(found)
-        return found
+        if before is None or heard.stamp_ns <= before.stamp_ns:
+            return np.full(count, stamp_s), follows
+        return np.linspace(before.stamp_ns / 1e9, stamp_s, count + 1)[1:], follows
+
+    def _keep(self, found: Float64Array) -> None:
+        self._kept.append(found)
+        self._kept_count += len(found)
+        while self._kept_count - len(self._kept[0]) >= KEPT_POINTS:
+            self._kept_count -= len(self._kept.popleft())
 
 
-def _times(message: dict[str, Any], count: int, before_s: float | None, stamp_s: float) -> list[float]:
-    start_ns, rate_hz = message.get("start_ns"), message.get("rate_hz")
-    if isinstance(start_ns, int) and isinstance(rate_hz, int | float) and rate_hz > 0:
-        return [start_ns / 1e9 + place / rate_hz for place in range(count)]
-    if before_s is None or stamp_s <= before_s:
-        return [stamp_s] * count
-    step_s = (stamp_s - before_s) / max(count, 1)
-    return [before_s + (place + 1) * step_s for place in range(count)]
-
-
-def thinned(points: Sequence[Point], most: int) -> list[Point]:
+def thinned(points: Float64Array, most: int) -> Float64Array:
     """Return at most so many points with every peak among them: of each run the lowest and the highest.
 
-    >>> thinned([(0.0, 0.0), (1.0, 5.0), (2.0, 1.0), (3.0, 1.0)], 2)
-    [(0.0, 0.0), (1.0, 5.0)]
+    Of a run with gaps one stays, besides.
+
+    >>> thinned(np.array([(0.0, 0.0), (1.0, 5.0), (2.0, 1.0), (3.0, 1.0)]), 2).tolist()
+    [[0.0, 0.0], [1.0, 5.0]]
     """
     if len(points) <= most:
-        return list(points)
-    runs = max(most // 2, 1)
-    found: list[Point] = []
-    for run in range(runs):
-        part = points[run * len(points) // runs : (run + 1) * len(points) // runs]
-        ends = {min(part, key=lambda point: point[1]), max(part, key=lambda point: point[1])}
-        found += sorted(ends)
+        return points
+    edges = np.linspace(0, len(points), max(most // 2, 1) + 1).astype(int)
+    values, starts = points[:, 1], edges[:-1]
+    gaps = np.isnan(values)
+    run = np.repeat(np.arange(len(starts)), np.diff(edges))
+    kept = np.zeros(len(points), dtype=bool)
+    for sign in (1.0, -1.0):  # of each run the first that is its extreme
+        signed = np.where(gaps, -np.inf, sign * values)
+        at = np.flatnonzero((signed == np.maximum.reduceat(signed, starts)[run]) & ~gaps)
+        kept[at[np.unique(run[at], return_index=True)[1]]] = True
+    at = np.flatnonzero(gaps)
+    kept[at[np.unique(run[at], return_index=True)[1]]] = True
+    found: Float64Array = points[kept]
     return found
 
 
@@ -112,5 +150,5 @@ def as_csv(series: Sequence[FieldSeries]) -> str:
     table = csv.writer(text, lineterminator="\n")
     table.writerow(("time_s", "field", "value"))
     for one in series:
-        table.writerows((f"{time_s:.9f}", one.label, repr(value)) for time_s, value in one.points)
+        table.writerows((f"{time_s:.9f}", one.label, repr(value)) for time_s, value in one.points.tolist())
     return text.getvalue()

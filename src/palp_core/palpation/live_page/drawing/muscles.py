@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 
+import numpy as np
 from nicegui import ui
 
 from palp_core.errors import PalpError
@@ -12,7 +13,7 @@ from palp_core.palpation.live_page.muscles import muscle_words
 from palp_core.view.pages.parts import said
 from palp_core.view.pages.plot import MOST_POINTS, LivePlot
 from palp_core.view.source.protocol import Heard, ViewSource, Watch
-from palp_core.view.source.series import FieldSeries, Point, thinned
+from palp_core.view.source.series import NO_POINTS, FieldSeries, thinned
 
 TICK_S = 0.1
 PLOTS = (
@@ -58,17 +59,17 @@ def _plot(source: ViewSource, topic: str, fields: dict[str, str], file: str, *, 
         plot = LivePlot(file)
         plot.classes(replace="live-plot rig-small")
         plot.shape(names=list(fields.values()), slim=True)
-        waiting: list[list[Point]] = [[] for _ in series]
-
+        waiting = [NO_POINTS for _ in series]
         shown = [-1]
 
         def tick() -> None:
-            for heard in _new(watch, shown) if last_only else watch.drain():
-                for place, one in enumerate(series):
-                    waiting[place] = thinned([*waiting[place], *one.add(heard)], MOST_POINTS)
-            if any(waiting) and not plot.busy:
-                plot.add([*waiting])  # it is sent later, when this list is empty again
-                waiting[:] = [[] for _ in series]
+            heard = _new(watch, shown) if last_only else watch.drain()
+            for place, one in enumerate(series):
+                points = np.concatenate([waiting[place], *(one.add(message) for message in heard)])
+                waiting[place] = thinned(points, MOST_POINTS)
+            if any(len(points) for points in waiting) and not plot.busy:
+                plot.add(waiting)
+                waiting[:] = [NO_POINTS for _ in series]
 
         ui.timer(TICK_S, tick)
 

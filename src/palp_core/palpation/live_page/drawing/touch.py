@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 from nicegui import ui
 from nicegui.elements.echart import EChart  # its import is what makes ECharts known to the page
 
@@ -13,6 +14,7 @@ from palp_core.palpation.live_page.geometry import lean_rad, lengths_mm
 from palp_core.palpation.live_page.monitor import RigMonitor
 from palp_core.palpation.live_page.sweep import Point
 from palp_core.palpation.live_page.taught import Band
+from palp_core.units import Float64Array
 from palp_core.view.pages.parts import said
 from palp_core.view.source.series import thinned
 
@@ -54,11 +56,11 @@ class SweepChart(Paced, component="sweep_chart.js"):  # type: ignore[call-arg]
 
     def begin(self, points: list[Point]) -> None:
         """Begin another sweep with these points."""
-        self.send("begin", _rounded(thinned(points, MOST_POINTS)))
+        self.send("begin", _drawn(points, MOST_POINTS))
 
     def add(self, points: list[Point]) -> None:
         """Go on with these."""
-        self.send("add", _rounded(thinned(points, FEW_POINTS)))
+        self.send("add", _drawn(points, FEW_POINTS))
 
 
 class RigScene(Paced, component="rig_scene.js"):  # type: ignore[call-arg]
@@ -166,5 +168,7 @@ def rig_words(monitor: RigMonitor) -> str:
     return "; ".join(parts)
 
 
-def _rounded(points: list[Point]) -> list[list[float]]:
-    return [[round(place, 3), round(torque, 4)] for place, torque in points]
+def _drawn(points: list[Point], most: int) -> Float64Array:
+    """Return what is drawn of points: position in mm, torque in N mm, shape (n, 2)."""
+    found: Float64Array = thinned(np.array(points, dtype=float).reshape(-1, 2), most).round(4)
+    return found
