@@ -15,6 +15,7 @@ from palp_core.view.pages.layout import HEIGHT, WIDTH, Layout, layout
 from palp_core.view.pages.live_table import Cell, LiveTable
 from palp_core.view.pages.parts import figure, node_way, said, topic_way
 from palp_core.view.pages.viewer import Viewer
+from palp_core.view.source.action_wires import ACTION
 from palp_core.view.source.overview import NodeState, Overview, WireState, shared_processes
 
 REFRESH_S = 1.0
@@ -115,6 +116,8 @@ def wire_words(wire: WireState) -> str:
     """Return all that a reader's account says of a topic."""
     late = wire.latency_p99_s
     said = f"{wire.topic} -> /{wire.reader}: {wire.received} received, {wire.lost} lost, {wire.late} late"
+    if wire.type == ACTION:
+        said = f"{wire.topic}, an action for /{wire.source}: {said.partition(': ')[2]}"
     return said + (f", p99 {late * 1e3:.2f} ms" if late is not None else "")
 
 
@@ -175,8 +178,9 @@ def _node_row(node: NodeState, *, alone: bool) -> tuple[Cell, ...]:
 
 
 def _wire_row(wire: WireState) -> tuple[Cell, ...]:
+    action = f"{wire.topic}, an action for /{wire.source}", node_way(wire.reader)[1]
     return (
-        topic_way(wire.topic),
+        action if wire.type == ACTION else topic_way(wire.topic),
         node_way(wire.reader),
         figure(wire.rate_hz, "Hz"),
         str(wire.received),

@@ -15,6 +15,7 @@ from palp_core.graph.workspaces.modules import module_file, short_name
 from palp_core.graph.workspaces.underlays import Underlay, underlays
 from palp_core.view.pages.parts import CHANGES, Outcome, said
 from palp_core.view.pages.viewer import Viewer
+from palp_core.view.source.action_wires import ACTION
 from palp_core.view.source.live import LiveSource
 from palp_core.view.source.swap_choices import fitting
 
@@ -135,9 +136,9 @@ def choices(live: LiveSource, name: str) -> list[str]:
         GraphError: The node does not answer in time.
     """
     workspace, overview = live.graph.record.workspace, live.overview()
-    told = [
-        wire for wire in overview.wires if wire.source == name != wire.reader
-    ]  # not what comes from outside
+    told = [  # not what comes from outside, nor actions: whether those fit the launcher says
+        wire for wire in overview.wires if wire.source == name != wire.reader and wire.type != ACTION
+    ]
     read = {wire.topic.rpartition("/")[2] for wire in told}
     node = live.graph.ask(name, "info", timeout_s=2.0)  # it knows what runs sooner than the record
     wired = {str(one["port"]) for one in node["inputs"].values()}

@@ -21,6 +21,7 @@ from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.spec import LAUNCHER
+from palp_core.view.source.action_wires import actions_as_one
 from palp_core.view.source.feed import Feeds, heard, kept
 from palp_core.view.source.overview import ERROR, OK, WARN, NodeState, Overview, Trouble, WireState
 from palp_core.view.source.protocol import Heard, Watch
@@ -204,7 +205,7 @@ class LiveSource:
             now_s=self._clock[0] / 1e9 if self._clock else None,
             elapsed_s=max(unix_ns() - record.start_unix_ns, 0) / 1e9,
             nodes=[node_state(row, runs, troubles, moving) for row in nodes],
-            wires=[wire_state(row, types) for row in edges],
+            wires=actions_as_one([wire_state(row, types) for row in edges]),
             troubles=troubles,
         )
 

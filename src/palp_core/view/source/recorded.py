@@ -17,6 +17,7 @@ from palp_core.graph.messages.message_text import decoded
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.problems import hint
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
+from palp_core.view.source.action_wires import actions_as_one
 from palp_core.view.source.overview import ERROR, WARN, NodeState, Overview, Trouble, WireState
 from palp_core.view.source.protocol import Heard, Watch
 
@@ -135,7 +136,7 @@ class RecordedSource:
             now_s=self.at_s,
             alive=False,
             nodes=[NodeState(name=name) for name in names],
-            wires=wires,
+            wires=actions_as_one(wires),
             troubles=troubles,
         )
 

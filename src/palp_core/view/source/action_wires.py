@@ -1,0 +1,64 @@
+"""An action as one wire from its client to its server, though its parts are services and topics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import msgspec
+
+from palp_core.graph.node.spec import action_of
+from palp_core.view.source.overview import WireState
+
+ACTION = "action"
+"""In place of a message's type."""
+COUNTS = ("received", "lost", "late", "dropped")
+
+
+def actions_as_one(wires: Sequence[WireState]) -> list[WireState]:
+    """Return wires in which all parts of an action between two nodes are one, where the first of them was.
+
+    Counts are summed, latencies are the worst.
+
+    Args:
+        wires: ``/arm/move/_action/status`` to ``carrier``, and the others.
+    """
+    servers = dict(_called(wire.topic for wire in wires))
+    found: dict[tuple[str, str, str], WireState] = {}
+    for wire in wires:
+        whole = _whole(wire, servers)
+        known = found.get(key := (whole.source, whole.reader, whole.topic))
+        found[key] = whole if known is None else _both(known, whole)
+    return list(found.values())
+
+
+def _called(topics: Iterable[str]) -> Iterable[tuple[str, str]]:
+    """Yield what clients name their ends of actions, ``/carrier/move``, and the servers theirs.
+
+    Both stand in the name of a reply: ``/arm/move/_action/send_goal/carrier/move/_action/send_goal``.
+    """
+    for topic in topics:
+        server = action_of(topic)
+        _, _, client = topic.removeprefix(f"{server}/_action/").partition("/")
+        if server and (asks := action_of(f"/{client}")):
+            yield asks, server
+
+
+def _whole(wire: WireState, servers: dict[str, str]) -> WireState:
+    action = action_of(wire.topic)
+    if not action:
+        return wire
+    if action in servers:  # a call, as its server hears it
+        return msgspec.structs.replace(wire, topic=servers[action], type=ACTION)
+    return msgspec.structs.replace(wire, topic=action, source=wire.reader, reader=wire.source, type=ACTION)
+
+
+def _both(one: WireState, other: WireState) -> WireState:
+    counts = {name: getattr(one, name) + getattr(other, name) for name in COUNTS}
+    rates = [wire.rate_hz for wire in (one, other) if wire.rate_hz is not None]
+    latest = {
+        name: max(
+            (value for wire in (one, other) if (value := getattr(wire, name)) is not None), default=None
+        )
+        for name in ("latency_p50_s", "latency_p99_s")
+    }
+    return msgspec.structs.replace(one, rate_hz=sum(rates) if rates else None, **counts, **latest)
