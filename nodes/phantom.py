@@ -11,6 +11,7 @@ from palp_core.graph.messages.builtin import MethodUse
 from palp_core.methods import at_work
 from palp_core.palpation.devices.sim.mount import MountVariation
 from palp_core.palpation.mechanics.contact.model import ContactModel
+from palp_core.palpation.mechanics.equilibrium.grid_moments import GridMoments
 from palp_core.palpation.mechanics.equilibrium.sweep_table import SweepTable, solve
 from palp_core.palpation.mechanics.scene.rig import rig
 from palp_core.palpation.perception.belief.rig_noise import read_noise
@@ -112,6 +113,7 @@ class Phantom(MethodTeller):
         self.table: SweepTable | WorldTrace | None = None
         self.asked: PalpationAction | None = None
         self.solved: dict[tuple[bool, float], SweepTable] = {}
+        self.moments = GridMoments()
         self.sweeps: LiveSweeps | None = None
         self.world = read_world(params.world)
         self._live: LiveWorld | None = None
@@ -234,6 +236,7 @@ class Phantom(MethodTeller):
                 state.ring_m,
                 pressed_m + state.height_offset_m,
                 *(ends_m[::-1] if turned else ends_m),
+                moments=self.moments,
             )
         return self.solved[turned, pressed_m]
 

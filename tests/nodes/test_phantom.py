@@ -273,7 +273,7 @@ def test_what_a_blinded_world_is_off_by_is_not_told(tmp_path: Path) -> None:
 def test_a_blinded_phantom_that_cannot_be_touched_does_not_say_why(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fails(*_: Any) -> None:
+    def fails(*_: Any, **__: Any) -> None:
         raise MechanicsError("the gel over the bead folds before 0.0031 m of indentation")
 
     monkeypatch.setattr("nodes.phantom.solve", fails)

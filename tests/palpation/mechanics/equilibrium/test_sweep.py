@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.palpation.mechanics import Bead, LayeredHertz, Phantom, Probe, Sweep, solve, sweep
+from palp_core.palpation.mechanics.equilibrium.grid_moments import GridMoments
 from palp_core.units import Float64Array
 
 STAGE_M = np.linspace(-0.03, 0.05, 161)
@@ -198,3 +199,42 @@ def test_a_table_does_not_extrapolate(stage_m: float) -> None:
 def test_a_grid_of_too_few_steps_is_refused(step_m: float) -> None:
     with pytest.raises(OutOfRange, match="step_m"):
         solve(gel(None), Probe(), 0.008, 0.004, -0.03, 0.05, step_m)
+
+
+class Counted:
+    """A contact model that notes how many states it is asked for at once."""
+
+    def __init__(self, model: LayeredHertz) -> None:
+        self._model, self.asked = model, list[int]()
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._model, name)
+
+    def force(self, offset_m: Float64Array, indentation_m: Float64Array) -> tuple[Float64Array, Float64Array]:
+        self.asked.append(np.broadcast(offset_m, indentation_m).size)
+        return self._model.force(offset_m, indentation_m)
+
+
+@pytest.mark.parametrize("ends_m", [(-0.03, 0.05), (0.05, -0.03)])
+def test_what_is_kept_for_further_rings_changes_no_bit(ends_m: tuple[float, float]) -> None:
+    """Of a snapping, a steep and a smooth sweep, at more heights than are kept."""
+    moments, probe = GridMoments(), Probe()
+    models = [gel(0.002, 8e3), gel(0.0015, 30e3), gel(0.008)]
+    for ring_m in (0.0, 0.004, 0.0123):
+        for model in models:
+            for indentation_m in (0.004, 0.0041, 0.0039, 0.004):
+                kept = solve(model, probe, ring_m, indentation_m, *ends_m, moments=moments)
+                alone = solve(model, probe, ring_m, indentation_m, *ends_m)
+                for name in (field.name for field in dataclasses.fields(Sweep)):
+                    assert np.array_equal(getattr(kept.solved, name), getattr(alone.solved, name)), name
+
+
+def test_a_further_ring_asks_the_contact_for_no_grid() -> None:
+    moments, probe, model = GridMoments(), Probe(), Counted(gel(0.004))
+    most = []
+    for ring_m in (0.008, 0.0085):
+        model.asked.clear()
+        solve(model, probe, ring_m, 0.004, -0.03, 0.05, moments=moments)  # type: ignore[arg-type]
+        most.append(max(model.asked))
+    assert most[0] > 5_000
+    assert most[1] < 500

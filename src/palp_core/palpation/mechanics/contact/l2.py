@@ -130,6 +130,11 @@ class LayeredHertz:
         count, forms = self._terms.shape
         return np.asarray(1.5 + 0.5 * np.arange(count)[:, None] + np.arange(forms))
 
+    @cached_property
+    def _force_and_slope(self) -> Float64Array:
+        """The terms, and those of their derivative by l: Newton wants both at once."""
+        return np.stack([self._terms, self._terms * self._powers])
+
     @property
     def _plane(self) -> float:
         """Hertz's force over sqrt(R) l^1.5."""
@@ -171,7 +176,7 @@ class LayeredHertz:
 
     def _checked(self, indentation_m: Float64Array) -> Float64Array:
         indentation_m = np.asarray(indentation_m, dtype=np.float64)
-        if not np.all(indentation_m <= self.indentation_max_m):
+        if not (indentation_m <= self.indentation_max_m).all():
             raise OutOfRange(
                 "indentation_m",
                 f"{np.max(indentation_m):g} is not below {self.indentation_max_m:g}, the ball's radius; "
@@ -211,7 +216,7 @@ class LayeredHertz:
         if by_inverse:
             terms = (terms * np.arange(len(terms))[:, None])[1:]
         root = np.sqrt(self.tip_radius_m * layer_m)
-        total = _sum(terms, root * inverse, layer_m / self.tip_radius_m)
+        total = _sums(terms[None], root * inverse, layer_m / self.tip_radius_m)[0]
         total *= self._plane * root * layer_m
         if by_inverse:
             total *= root
@@ -222,11 +227,11 @@ class LayeredHertz:
     ) -> Float64Array:
         """Solve l + c N_layer(l) = delta. It is convex and rises with l: Newton descends from l = delta."""
         layer_m = indentation_m + np.zeros_like(inverse)
-        stiffness, by_layer = yielding * self._plane, self._terms * self._powers
+        stiffness = yielding * self._plane
         for _ in range(_ITERATIONS):
             root = np.sqrt(self.tip_radius_m * layer_m)
             chi, share = root * inverse, layer_m / self.tip_radius_m
-            value, slope = _sum(self._terms, chi, share), _sum(by_layer, chi, share)
+            value, slope = _sums(self._force_and_slope, chi, share)
             root *= stiffness
             value *= root
             value += 1.0
@@ -234,24 +239,23 @@ class LayeredHertz:
             slope += 1.0
             step = (layer_m * value - indentation_m) / slope
             layer_m = np.maximum(layer_m - step, 0.0)
-            if np.all(np.abs(step) <= _LAST_STEP * indentation_m):
+            if (np.abs(step) <= _LAST_STEP * indentation_m).all():
                 return layer_m
         raise MechanicsError(
             "the layer under the ball has no equilibrium: its series does not reach this thin a layer; use l4"
         )
 
 
-def _sum(terms: Float64Array, x: Float64Array, y: Float64Array) -> Float64Array:
-    """Return the sum of terms[k, j] x^k y^j, of the shape of x."""
-    total = None
-    for column in terms.T[::-1]:
-        part = column[-1] * x
-        for term in column[-2:0:-1]:
-            part += term
-            part *= x
-        part += column[0]
-        if total is not None:
-            total *= y
-            part += total
-        total = part
+def _sums(terms: Float64Array, x: Float64Array, y: Float64Array) -> Float64Array:
+    """Return the sums of terms[i, k, j] x^k y^j, shape (i, ...) of x: all columns at once, by Horner."""
+    columns = terms.reshape(*terms.shape, *(1,) * x.ndim)
+    part = columns[:, -1] * x
+    for k in range(terms.shape[1] - 2, 0, -1):
+        part += columns[:, k]
+        part *= x
+    part += columns[:, 0]
+    total = part[:, -1]
+    for j in range(terms.shape[2] - 2, -1, -1):
+        total *= y
+        total += part[:, j]
     return np.asarray(total)

@@ -83,6 +83,13 @@ class Joint:
         self, stage_m: Float64Array, angle_rad: Float64Array
     ) -> tuple[Float64Array, Float64Array, Float64Array]:
         """Return the moment that pushes q back, in N m, with N and U_s, in N; arrays broadcast."""
+        sine, pushing, normal_n, lateral_n = self.contact_moment(stage_m, angle_rad)
+        return self.restoring_n_m * sine - pushing, normal_n, lateral_n
+
+    def contact_moment(
+        self, stage_m: Float64Array, angle_rad: Float64Array
+    ) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array]:
+        """Return sin q, the contact's moment in N m, N and U_s, in N: the same for every ring."""
         lever_m, tip_m = self.probe.lever_m, self.probe.tip_radius_m
         half = np.sin(0.5 * angle_rad)
         sine, cosine = np.sin(angle_rad), 1.0 - 2.0 * half * half
@@ -93,7 +100,7 @@ class Joint:
         arm_m = lever_m * cosine
         pushing = self.probe.friction * normal_n * (arm_m + tip_m)
         pushing += arm_m * lateral_n + lever_m * normal_n * sine
-        return self.restoring_n_m * sine - pushing, normal_n, lateral_n
+        return sine, pushing, normal_n, lateral_n
 
     def torque(
         self, angle_rad: Float64Array, normal_n: Float64Array, lateral_n: Float64Array

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.palpation.mechanics.contact.model import ContactModel
+from palp_core.palpation.mechanics.equilibrium.grid_moments import GridMoments
 from palp_core.palpation.mechanics.equilibrium.joint import Joint, joint_at
 from palp_core.palpation.mechanics.equilibrium.roots import bracketed_newton, inverse_guess, polish
 from palp_core.palpation.mechanics.probe import Probe
@@ -65,7 +66,12 @@ class Sweep:
 
 
 def sweep(
-    model: ContactModel, probe: Probe, ring_m: float, indentation_m: float, stage_m: ArrayLike
+    model: ContactModel,
+    probe: Probe,
+    ring_m: float,
+    indentation_m: float,
+    stage_m: ArrayLike,
+    moments: GridMoments | None = None,
 ) -> Sweep:
     """Solve the joint's equilibrium along a sweep, following the stable branch from its first position.
 
@@ -76,6 +82,7 @@ def sweep(
         indentation_m: Nominal indentation delta0, that of the upright probe. Not positive: no contact. It may
             be beyond the model's range if the joint yields enough for the tip to stay within.
         stage_m: Stage positions Y, shape (n,), rising or falling in sweep order; 0 is over the bead.
+        moments: What is kept for further rings at this height; None: nothing.
 
     Returns:
         The sweep. A joint that neither springs back nor has weight lifts off, and all forces are zero.
@@ -95,7 +102,7 @@ def sweep(
     if joint.restoring_n_m == 0.0 or indentation_m <= 0.0 or positions.size == 0:
         return _lifted(joint, positions)
     forward_m = direction * positions
-    angle_rad, root_count, snap_at, guards = _angles(joint, forward_m)
+    angle_rad, root_count, snap_at, guards = _angles(joint, forward_m, moments or GridMoments())
     normal_n, lateral_n = joint.contact(forward_m, angle_rad)
     offset_m, depth_m = joint.place(forward_m, angle_rad)
     if joint.restoring_n_m * math.sin(joint.lift_off_rad) < _BALANCED_N_M:
@@ -124,17 +131,17 @@ def sweep(
 
 
 def _angles(
-    joint: Joint, forward_m: Float64Array
+    joint: Joint, forward_m: Float64Array, moments: GridMoments
 ) -> tuple[Float64Array, NDArray[np.int64], tuple[int, ...], tuple[str, ...]]:
     """Return the followed angles, the number of roots, the positions reached by a jump, the guards."""
     grid = np.linspace(joint.least_rad, joint.lift_off_rad, _ANGLES)
     spacing = grid[1] - grid[0]
     sampled = _anchors(forward_m)
-    residual = _sample(joint, forward_m[sampled], grid)
+    residual = _sample(moments, joint, forward_m[sampled], grid)
     dense = _dense(joint, forward_m, sampled, residual, grid)
     if dense.size:
         more = np.setdiff1d(dense, sampled)
-        sampled, residual = _merged(sampled, residual, more, _sample(joint, forward_m[more], grid))
+        sampled, residual = _merged(sampled, residual, more, _sample(moments, joint, forward_m[more], grid))
     cells, snaps = _follow(joint, residual, joint.direction * forward_m[sampled])
     guess = grid[0] + inverse_guess(residual, cells, spacing)
     rows = np.arange(len(sampled))
@@ -179,8 +186,8 @@ def _anchors(forward_m: Float64Array) -> NDArray[np.int64]:
     return chosen if len(chosen) > 3 else np.arange(count)
 
 
-def _sample(joint: Joint, forward_m: Float64Array, grid: Float64Array) -> Float64Array:
-    residual = joint.residual(forward_m[:, None], grid)
+def _sample(moments: GridMoments, joint: Joint, forward_m: Float64Array, grid: Float64Array) -> Float64Array:
+    residual = moments.residual(joint, forward_m, grid)
     residual[:, -1] = joint.restoring_n_m * math.sin(grid[-1])  # no contact at lift-off, free of round-off
     if not np.isfinite(residual).all():
         raise MechanicsError("the joint's angle did not converge; is the contact force a number everywhere?")
@@ -230,7 +237,7 @@ def _rescued(
     known[sampled] = cells
     unknown = lost[known[lost] < 0]
     if unknown.size:  # between two samples with one root each: there is one here, or the nearest is meant
-        residual = _sample(joint, forward_m[unknown], grid)
+        residual = _sample(GridMoments(), joint, forward_m[unknown], grid)
         rising = (residual[:, :-1] < 0.0) & (residual[:, 1:] >= 0.0)
         expected = np.interp(unknown, sampled, cells)
         distance = np.abs(np.arange(len(grid) - 1) - expected[:, None])

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from palp_core.errors import OutOfRange
 from palp_core.palpation.mechanics.contact.model import ContactModel
+from palp_core.palpation.mechanics.equilibrium.grid_moments import GridMoments
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep, sweep
 from palp_core.palpation.mechanics.limits import stage_step
 from palp_core.palpation.mechanics.probe import Probe
@@ -96,6 +97,7 @@ def solve(
     from_m: float,
     to_m: float,
     step_m: float = 0.0005,
+    moments: GridMoments | None = None,
 ) -> SweepTable:
     """Solve a sweep once so that it can be read at any stage position.
 
@@ -108,6 +110,7 @@ def solve(
         to_m: Stage position at which it ends; smaller than ``from_m`` for a sweep towards -Y.
         step_m: Spacing of the grid; a jump is placed within 1/32 of it. One that would miss the peak is
             replaced by 1 mm, which ``solved.guards`` says.
+        moments: What is kept for further rings at this height; None: nothing beyond this sweep.
 
     Raises:
         OutOfRange: The stretch is shorter than four steps.
@@ -118,8 +121,9 @@ def solve(
             "step_m", f"{step_m:g} does not divide [{from_m:g}, {to_m:g}] in four; use a smaller step"
         )
     step_m, coarse = stage_step(step_m)
+    moments = moments or GridMoments()
     count = int(np.ceil(abs(to_m - from_m) / step_m - 1e-9)) + 1
-    solved = sweep(model, probe, ring_m, indentation_m, np.linspace(from_m, to_m, count))
+    solved = sweep(model, probe, ring_m, indentation_m, np.linspace(from_m, to_m, count), moments)
     if solved.snapped:
         parts = np.arange(1, _SNAP_PARTS) / _SNAP_PARTS
         between = [
@@ -127,10 +131,10 @@ def solve(
             for a, b in ((solved.stage_m[i - 1], solved.stage_m[i]) for i in solved.snap_at)
         ]
         finer = np.unique(np.concatenate([solved.stage_m, *between]))
-        solved = sweep(model, probe, ring_m, indentation_m, finer if to_m > from_m else finer[::-1])
+        solved = sweep(model, probe, ring_m, indentation_m, finer if to_m > from_m else finer[::-1], moments)
     elif (halves := _steep_halves(solved)).size:
         finer = np.unique(np.concatenate([solved.stage_m, halves]))
-        solved = sweep(model, probe, ring_m, indentation_m, finer if to_m > from_m else finer[::-1])
+        solved = sweep(model, probe, ring_m, indentation_m, finer if to_m > from_m else finer[::-1], moments)
     if coarse:
         solved = replace(solved, guards=(*solved.guards, coarse))
     return SweepTable(solved, _curve(solved))
