@@ -358,7 +358,8 @@ class Graph:
         """
         until_ns = None if until_s is None else round(until_s * 1e9)
         self._begin_ns = monotonic_ns()
-        _tell(self.checked, "begin", self._summary())
+        if (begun := _tell(self.checked, "begin", self._summary())) is not None:
+            self._stack.callback(begun.close)
         self.checkpoints.begin()
         self._begun = True
         if self.checked.clock == "sim":

@@ -56,6 +56,13 @@ def picture(chart: Chart, folder: Path) -> Picture:
     return Picture(chart.name, chart.title, chart.caption, chart.alt, save(chart, folder))
 
 
+def drawn(chart: Chart, folder: Path) -> Picture:
+    """Return a chart for a page that another process has saved."""
+    return Picture(
+        chart.name, chart.title, chart.caption, chart.alt, (folder / f"{chart.name}.png").read_bytes()
+    )
+
+
 def write_page(path: Path, template: str, **values: Any) -> Path:
     """Write a page; it appears under its name only when complete.
 

@@ -6,13 +6,13 @@ is needed: the launcher asks for this module before the run begins.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
+import itertools
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from palp_core.errors import PalpError
 from palp_core.palpation.session import run_note
+from palp_core.palpation.session.charts.beside import ChartsBeside, worth_it
 from palp_core.palpation.session.roles import roles_of
 from palp_core.palpation.session.session_folder import RESULT, SWEEPS, TABLE
 from palp_core.palpation.session.sheet.of_run import (
@@ -25,12 +25,15 @@ from palp_core.palpation.session.sheet.of_run import (
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
-    from palp_core.palpation.reporting.charts import Chart
+    from palp_core.palpation.reporting.html_page import Picture
     from palp_core.palpation.session.recorded_session import RecordedSession
 
 
 class SessionReport:
     """What a launch file's ``report`` does before, at the beginning and after the end of a run."""
+
+    def __init__(self) -> None:
+        self._beside: dict[str, ChartsBeside] = {}
 
     def prepare(self, summary: RunSummary) -> None:
         """Refuse a run whose session would go where one is already.
@@ -52,13 +55,17 @@ class SessionReport:
 
         return advice(summary)
 
-    def begin(self, summary: RunSummary) -> None:
-        """Note which run the session is of.
+    def begin(self, summary: RunSummary) -> ChartsBeside | None:
+        """Note which run the session is of; return the process that is to draw beside, if one is worth it.
 
         Raises:
             PalpError: The folder cannot be written.
         """
         run_note.note_begin(summary)
+        if not worth_it(summary):
+            return None
+        beside = self._beside[summary.run] = ChartsBeside()
+        return beside
 
     def complete(self, folder: Path) -> bool:
         """Tell whether a folder holds a session that came to its end; one that lacks its report gets it."""
@@ -100,18 +107,19 @@ class SessionReport:
                 return f"Nothing is kept: the session in '{folder}' had not begun."
         except OSError as error:
             raise _cannot_report(folder, error) from error
-        return write(folder, summary)
+        return write(folder, summary, self._beside.pop(summary.run, None))
 
 
 session = SessionReport()
 
 
-def write(folder: Path, summary: RunSummary) -> str:
+def write(folder: Path, summary: RunSummary, beside: ChartsBeside | None = None) -> str:
     """Write the result, the charts and the page of the session in a folder.
 
     Args:
         folder: Where the record is now.
         summary: How its run went.
+        beside: Draws some of the charts.
 
     Returns:
         The result in words, what is kept, and where.
@@ -144,7 +152,7 @@ def write(folder: Path, summary: RunSummary) -> str:
         )
     try:
         write_copy(summary, folder)
-        said = _write(found, summary)
+        said = _write(found, summary, beside)
     except OSError as error:
         raise _cannot_report(folder, error) from error
     page = f". Report: {folder / 'report.html'}" if (folder / "report.html").exists() else ""
@@ -160,8 +168,7 @@ def _cannot_report(folder: Path, error: OSError) -> PalpError:
     )
 
 
-def _write(found: RecordedSession, summary: RunSummary) -> str:
-    from palp_core.palpation.reporting.html_page import picture
+def _write(found: RecordedSession, summary: RunSummary, beside: ChartsBeside | None) -> str:
     from palp_core.palpation.session.plan_repeatability import is_repeatability
     from palp_core.palpation.session.report_page import headline, write_report
     from palp_core.palpation.session.result_json import build, unfinished_words, write_result
@@ -170,7 +177,7 @@ def _write(found: RecordedSession, summary: RunSummary) -> str:
     write_result(result, found.folder)
     if is_repeatability([row.phase for row in found.rows]):
         return _repeatability(found, summary, unfinished_words(result))
-    pictures = [picture(one, found.folder / "charts") for one in _charts(found, summary, result)]
+    pictures = _pictures(found, summary, result, beside)
     page = found.folder / "report.html"
     sheet = sheet_of(summary)
     write_report(page, result, pictures, trials=found.trials, args=summary.args, sheet=sheet)
@@ -199,59 +206,20 @@ def _repeatability(found: RecordedSession, summary: RunSummary, unfinished: str)
     return f"{unfinished.capitalize()}. {said}" if unfinished else said
 
 
-def _charts(found: RecordedSession, summary: RunSummary, result: dict[str, Any]) -> Iterator[Chart]:
-    """Yield the charts that the record has numbers for, in the order of the page."""
-    from palp_core.palpation.session.charts.estimation import (
-        accuracy_chart,
-        belief_chart,
-        calibration_chart,
-        rings_chart,
-    )
-    from palp_core.palpation.session.charts.steps import steps_chart
-    from palp_core.palpation.session.charts.training import primitives_chart, sweeps_chart
+def _pictures(
+    found: RecordedSession, summary: RunSummary, result: dict[str, Any], beside: ChartsBeside | None
+) -> list[Picture]:
+    """Return the charts as drawn: here, and every other one beside, if that has come to its end."""
+    from palp_core.palpation.reporting.html_page import drawn, picture
+    from palp_core.palpation.session.charts.of_session import charts
 
-    roles = roles_of(summary)
-    sweeps = {
-        "estimator": _as_read(summary, roles.params("estimator")),
-        "from_m": roles.params("experiment").get("from_m"),
-        "speed_m_s": roles.params("stage").get("sweep_speed_m_s", 0.020),
-    }
-    for chart in (
-        accuracy_chart(found),
-        _drawing(found, summary, result),
-        steps_chart(found, **sweeps),
-        belief_chart(found),
-        calibration_chart(found),
-        rings_chart(found),
-        primitives_chart(found),
-        sweeps_chart(found, **sweeps),
-    ):
-        if chart is not None:
-            yield chart
-
-
-def _drawing(found: RecordedSession, summary: RunSummary, result: dict[str, Any]) -> Chart | None:
-    """Return the drawing of what was simulated; None of a rig with devices, whose sizes nobody told."""
-    from palp_core.palpation.session.charts.rig import rig_chart
-
-    if result["mechanics"] is None or not found.rows:
-        return None
-    return rig_chart(
-        result["mechanics"]["scene"],
-        rings_m=sorted({row.ring_m for row in found.rows}),
-        indentation_m=_indentation_m(summary),
-    )
-
-
-def _indentation_m(summary: RunSummary) -> float:
-    """Return how deep the tip was pressed, as the phantom told; of older runs, as was asked."""
-    scenes = [json.loads(one.use.scene) for one in summary.methods if one.use.task == "contact"]
-    asked_mm = roles_of(summary).params("phantom").get("indentation_mm", 4.0)
-    told = (float(scene["indentation_m"]) for scene in scenes if "indentation_m" in scene)
-    return next(told, asked_mm * 1e-3)
-
-
-def _as_read(summary: RunSummary, estimator: dict[str, Any]) -> dict[str, Any]:
-    """Return the estimator's parameters with the smoother that the register chose for it."""
-    chosen = [one.use.name for one in summary.methods if one.use.task == "denoise" and not one.use.asked]
-    return estimator | {"denoise": chosen[0]} if chosen else estimator
+    folder = found.folder / "charts"
+    if beside is not None:
+        beside.begin(found.folder)
+    all_charts = charts(found, summary, result)
+    own = [picture(chart, folder) for chart in (all_charts if beside is None else all_charts[::2])]
+    if beside is None:
+        return own
+    done = beside.finished()
+    others = [drawn(chart, folder) if done else picture(chart, folder) for chart in all_charts[1::2]]
+    return [picture for pair in itertools.zip_longest(own, others) for picture in pair if picture is not None]

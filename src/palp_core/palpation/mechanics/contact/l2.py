@@ -216,7 +216,7 @@ class LayeredHertz:
         if by_inverse:
             terms = (terms * np.arange(len(terms))[:, None])[1:]
         root = np.sqrt(self.tip_radius_m * layer_m)
-        total = _sums(terms[None], root * inverse, layer_m / self.tip_radius_m)[0]
+        total: Float64Array = _sums(terms[None], root * inverse, layer_m / self.tip_radius_m)[0]
         total *= self._plane * root * layer_m
         if by_inverse:
             total *= root
@@ -226,7 +226,7 @@ class LayeredHertz:
         self, indentation_m: Float64Array, inverse: Float64Array, yielding: Float64Array
     ) -> Float64Array:
         """Solve l + c N_layer(l) = delta. It is convex and rises with l: Newton descends from l = delta."""
-        layer_m = indentation_m + np.zeros_like(inverse)
+        layer_m: Float64Array = indentation_m + np.zeros_like(inverse)
         stiffness = yielding * self._plane
         for _ in range(_ITERATIONS):
             root = np.sqrt(self.tip_radius_m * layer_m)
