@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.discovery.topic_reader import ReceivedFrame, TopicReader
-from palp_core.graph.messages.frame import Kind, pack, parse
+from palp_core.graph.messages.frame import Kind, pack
 from tests.cli.test_remote import record
 
 TOPIC = "/relay/amplified"
@@ -42,7 +42,7 @@ def follow(
     """Return epoch and sequence of what is handed over, and how many were said to be lost."""
     graph = RunningGraph(record(tmp_path), history)
     with TopicReader(graph, [graph.topic(TOPIC)], **options) as listener:
-        heard: list[ReceivedFrame] = [h for raw in frames for h in listener._take(parse(raw), 0)]
+        heard: list[ReceivedFrame] = [h for raw in frames for h in listener._hear(raw, 0)]
     messages = [(h.frame.epoch, h.frame.sequence) for h in heard if h.is_message]
     return messages, sum(h.lost for h in heard)
 
