@@ -14,6 +14,7 @@ from palp_core.graph.bag.ros2.definitions import (
     Definitions,
     FieldType,
 )
+from palp_core.graph.bag.ros2.short_way import OTHERWISE, quick_reader, quick_writer
 
 FLOAT64 = np.dtype("<f8")
 _DTYPES: dict[str, Any] = {
@@ -35,6 +36,20 @@ def reader(definitions: Definitions, name: str) -> ToMap:
 
     It raises BagError if the bytes are not such a message.
     """
+    quick, at_length = quick_reader(definitions, name), _long_reader(definitions, name)
+    if quick is None:
+        return at_length
+
+    def read(data: bytes) -> dict[str, Any]:
+        try:
+            return quick(data)
+        except OTHERWISE:
+            return at_length(data)
+
+    return read
+
+
+def _long_reader(definitions: Definitions, name: str) -> ToMap:
     from rosbags.serde import SerdeError
 
     decode, convert = definitions.store.deserialize_cdr, _message_out(definitions, name)
@@ -53,6 +68,20 @@ def writer(definitions: Definitions, name: str) -> ToCdr:
 
     It raises BagError if a value does not fit its field, which is named.
     """
+    quick, at_length = quick_writer(definitions, name), _long_writer(definitions, name)
+    if quick is None:
+        return at_length
+
+    def write(value: Mapping[str, Any]) -> bytes:
+        try:
+            return quick(value)
+        except OTHERWISE:
+            return at_length(value)
+
+    return write
+
+
+def _long_writer(definitions: Definitions, name: str) -> ToCdr:
     encode, build = definitions.store.serialize_cdr, _message_in(definitions, name, "")
 
     def write(value: Mapping[str, Any]) -> bytes:
