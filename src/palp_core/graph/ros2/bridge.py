@@ -83,10 +83,10 @@ class Ros2Bridge:
         self._ports = Ports(graph)
         self._parameters = ParameterServices(graph)
         self._services = Services(graph, plan.definitions, times, self._account)
-        self._ros = Middleware(name, plan.definitions)
+        self._ros = Middleware(name, plan.definitions, self._ports.turn)
         try:
             self._tell_clock = self._clock_publisher() if clock else None
-            self._ros.serve("topics", self._ros.topics, self._ports.turn)
+            self._ros.serve("topics", self._ros.topics)
             self._add(plan)
         except BaseException:
             self._ros.close()
