@@ -30,7 +30,10 @@ from palp_core.graph.transport.wakeup import ENDPOINT, Wakeup
 EARLY_NS = 25_000_000
 """How much sooner a beat may be where the node is awake for something else, and need not wake for it."""
 BUSY = 5
-"""Messages between two beats from which on the wakeup keeps the time: a ring costs as much as two limits."""
+"""Messages between two beats from which on the wakeup keeps the time: a ring costs as much as two limits.
+
+So many questions from which on it does not, and the loop waits for them itself.
+"""
 SLICE_NS = 500_000
 
 
@@ -84,6 +87,8 @@ class WallLoop:
             self.sockets.publisher.offer([publisher], direct=not shown)
             if shown:
                 publisher.send = partial(self._send_shown, passing=publisher.message is Progress)
+        for port in order.spec.external:
+            self.receiver.own.watch(self.executor.ends.publishers[order.spec.inputs[port]])
         self.sockets.requests.add(
             order.spec.name,
             NodeServices(self.executor, self.receiver.monitor.account).operations(),
@@ -93,8 +98,8 @@ class WallLoop:
         self._reads = bool(self.executor.ends.subscriptions)
         self._wakeup = Wakeup(self.sockets.context, self._others)
         self.receiver.wake_on(ENDPOINT, self._at_leisure)
-        self._heard_count = 0
-        self._rung_at_beats = self._unanswered = False
+        self._heard_count = self._asked_count = 0
+        self._rung_at_beats = self._unanswered = self._asked = False
         self._health = HealthProbe(order.spec.name)
         self._next_beat_ns = monotonic_ns()
         self._announced = False
@@ -163,6 +168,7 @@ class WallLoop:
                 self.sockets.poll()
                 if not self.executor.succession.paused:
                     self.sockets.requests.perform()
+                    self.receiver.own.take()
             if self.executor.exit_code is not None and not finished and not self.participant.silent:
                 finished = True
                 self.channel.send(control_messages.Relay(b"", self.executor.exit_code))
@@ -183,7 +189,7 @@ class WallLoop:
             self._choose_timekeeper()
             if now_ns >= self._health.due_ns and self._heard():
                 self._pulse(now_ns)
-        if self._unanswered:  # after the beat, which has set the wakeup's next time
+        if self._unanswered and not self._asked:  # after the beat, which has set the wakeup's next time
             self._unanswered = False
             self._wakeup.rearm()
         timeout_s = (self._next_beat_ns - now_ns) / 1e9
@@ -193,7 +199,7 @@ class WallLoop:
         if timeout_s < 0.0 or self.receiver.more or self.sockets.due() or self._backlog():
             timeout_s = 0.0
         wait_ms = int(timeout_s * 1e3)
-        if wait_ms and self._reads and not self.receiver.asking:
+        if wait_ms and self._reads and not self.receiver.asking and not self._asked:
             if self._rung_at_beats and not self.participant.engaged and self._at_leisure():
                 rung = self.receiver.receive(self._next_beat_ns - now_ns, UNTIL_RUNG)
             else:
@@ -211,11 +217,17 @@ class WallLoop:
         return self.channel.buffered() or bool(select.select((self._others[0],), (), (), 0.0)[0])
 
     def _choose_timekeeper(self) -> None:
-        """Let the wakeup end the waits of a node that hears much; the others' have a limit of their own."""
+        """Let the wakeup end the waits of a node that hears much; the others' have a limit of their own.
+
+        One that is asked much waits for its descriptors itself: a question that has to be rung for costs the
+        way through another thread. Until that is over the wakeup has no answer, and rings no more.
+        """
         heard_count = self.receiver.heard_count
         busy = heard_count - self._heard_count >= BUSY
-        self._heard_count = heard_count
-        self._rung_at_beats = busy and self._keeping is None
+        asked_count = self.sockets.requests.asked_count
+        self._asked = asked_count - self._asked_count >= BUSY
+        self._heard_count, self._asked_count = heard_count, asked_count
+        self._rung_at_beats = busy and self._keeping is None and not self._asked
         self._wakeup.ring_at(self._next_beat_ns if self._rung_at_beats else None)
 
     def _at_leisure(self) -> bool:

@@ -252,11 +252,9 @@ def _group_apart() -> Any:
     """Return the callback group of what no executor looks after."""
     from rclpy.callback_groups import ReentrantCallbackGroup
 
-    class Apart(ReentrantCallbackGroup):
-        def can_execute(self, entity: Any) -> Any:
-            return False
-
-    return Apart()
+    group = ReentrantCallbackGroup()
+    group.can_execute = lambda _entity: False
+    return group
 
 
 def _nothing(_data: bytes) -> None:

@@ -30,6 +30,7 @@ from palp_core.graph.node.subscription import Subscription
 from palp_core.graph.transport.edge_monitor import EdgeMonitor
 from palp_core.graph.transport.migration import Migration
 from palp_core.graph.transport.offsets import Offsets, ReceivedOffsets
+from palp_core.graph.transport.own_messages import OwnMessages
 from palp_core.graph.transport.reader_words import ReaderWords, holds_of
 from palp_core.graph.transport.reorder_buffer import ReorderBuffer
 from palp_core.graph.transport.requester_socket import RequesterSocket
@@ -55,6 +56,7 @@ class TopicReceiver:
         more: The last :meth:`receive` left something in the socket.
         buffers: Puts each input topic in order.
         monitor: Looks how the edges do.
+        own: Hands on what the process publishes on the node's own inputs.
     """
 
     def __init__(
@@ -87,6 +89,7 @@ class TopicReceiver:
         self.monitor = EdgeMonitor(executor, self.buffers)
         self._was_active = False
         self._quick: dict[bytes, tuple[ReorderBuffer, Subscription]] = {}
+        self.own = OwnMessages(self._quick, self._arrive)
         self._start_ns = 0
 
     def _buffer_of(self, name: str, subscriptions: list[Subscription]) -> ReorderBuffer:
@@ -148,7 +151,7 @@ class TopicReceiver:
         several = itertools.chain.from_iterable(inputs.values())
         if any(subscription.qos.reliability == "best_effort" for subscription in several):
             return  # such a reader must see all that has arrived before it knows what to skip
-        self._quick = {
+        self._quick |= {
             name.encode(): (self.buffers[name], subscriptions[0])
             for name, subscriptions in inputs.items()
             if len(subscriptions) == 1 and subscriptions[0].is_prompt
@@ -270,7 +273,8 @@ class TopicReceiver:
         except SchemaMismatch as error:
             self._executor.events.reject(error)
             return
-        buffer.arrive(frame, now_ns)
+        if not self.own.had(frame):
+            buffer.arrive(frame, now_ns)
 
     def _ask(self, topic: str, first: int, last: int) -> None:
         node = topic.split("/")[1]

@@ -97,9 +97,11 @@ class RequestServer:
     Attributes:
         file_descriptor: Becomes readable when :meth:`poll` has something to do.
         stirred: :meth:`poll` may have something to do all the same: sending swallows the descriptor's signal.
+        asked_count: How many requests have come.
     """
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: str) -> None:
+        self.asked_count = 0
         self._socket = context.socket(zmq.ROUTER)
         self._socket.setsockopt(zmq.LINGER, 200)
         self._socket.setsockopt(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
@@ -141,6 +143,7 @@ class RequestServer:
             if not readable(self._socket):
                 return
             parts = self._socket.recv_multipart()
+            self.asked_count += 1
             reply = self.reply_to(parts[:-1], parts[-1] if len(parts) > 1 else b"")
             if reply is not None:
                 self._send(parts[:-1], reply)
