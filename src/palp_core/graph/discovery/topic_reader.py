@@ -10,6 +10,7 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import HEADER_BYTES, PLAIN_DATA, Frame, Kind, parse, quick_header
 from palp_core.graph.messages.qos import Qos
+from palp_core.graph.messages.runs import one_by_one
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.transport.migration import PATIENCE_NS, Migration
@@ -115,8 +116,9 @@ class TopicReader:
             pieces = self._subscriber.pieces()
             raws.append((b"".join((raw, *pieces)) if pieces else raw, arrived_ns))
 
+        take = one_by_one(arrive)
         while not self.ended:
-            self._subscriber.dispatch(arrive, SLICE_NS, TICK_MS)
+            self._subscriber.dispatch(take, SLICE_NS, TICK_MS)
             for raw, arrived_ns in raws:
                 yield from self._hear(raw, arrived_ns)
             raws.clear()
