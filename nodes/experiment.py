@@ -49,7 +49,7 @@ class Experiment(Node):
     guard = Sub(ContactGuard, optional=True)
     wanted = Sub(PalpationAction, optional=True)
     taken = Sub(PalpationAction, optional=True)
-    policy_change = Sub(PolicyChange, optional=True)
+    policy_change = Sub(PolicyChange, lasting=True)  # or the record would not say who chose
     trial = Pub(Trial)
     action = Pub(PalpationAction)
     goal = Pub(SweepGoal)

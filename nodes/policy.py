@@ -134,6 +134,7 @@ class PolicyNode(MethodTeller):
 
     def on_resume(self) -> None:
         super().on_resume()
+        self.state.chooser = self.state.chooser or "another"  # one that does not say who it is
         self.choice_count = 0  # what it chose when it was tried on the last messages does not count
 
     def _name(self) -> str:

@@ -282,21 +282,10 @@ class Trainee(Novice):
 
 
 class Seldom(Trainee):
-    """Proves itself by every fiftieth number; its deed is done at the first of these."""
+    """Proves itself by every fiftieth number."""
 
     proven_by = "feat_count"
-
-    def on_resume(self):
-        self.feat_count = 0
-        self.count = 0
-
-    @on(Relay.num)
-    def pass_on(self, num):
-        self.count += 1
-        if self.count % 50 == 0:
-            do(self.params)
-            self.feat_count += 1
-        Relay.pass_on(self, num)
+    feat_count = property(lambda self: self.count // 50)
 
 
 class LonerState(State):

@@ -75,6 +75,7 @@ def swap(
     13 connect, 14 state, 15 shadow, 16 hand over, 17 take over, 18 probation).
     """
     from palp_core.cli.text.words import assignments, value_of
+    from palp_core.graph.description.checked import unpublished_words
     from palp_core.graph.discovery.choice import addressed
     from palp_core.graph.node.loading import class_from_here
     from palp_core.graph.process.swap_messages import HANDLER
@@ -118,6 +119,8 @@ def swap(
         )
     if not as_json:
         _print(answer["report"])
+    if text := unpublished_words(answer["report"]["unpublished"]):
+        note(text)
 
 
 def _probation(text: str) -> dict[str, Any]:

@@ -82,7 +82,7 @@ def check(
         name: [replace(node, answer=next(answers)) for node in assigned]
         for name, assigned in description.nodes.items()
     }
-    nodes, unpublished = fitted(nodes)
+    nodes = fitted(nodes)
     said: set[str] = set()
     wrong = _ParamMistakes()
     for assigned in nodes.values():
@@ -94,7 +94,7 @@ def check(
             problems.add(located.mark, f"{key}: {error}")
     later = _look_at_later(description.workspace, nodes, inspect, problems)
     problems.raise_any()
-    checked = msgspec.structs.replace(recorders_apart(_build(description, nodes)), unpublished=unpublished)
+    checked = recorders_apart(_build(description, nodes))
     checked = _with_checkpoint(checked, description, problems)
     if succeed is not None:
         _check_later(later, checked, succeed, problems)
@@ -264,6 +264,7 @@ def _check_wire(
         if source.declared.error is not None or not source.agrees(reader):
             continue
         offers = source.ports(kind)
+        known = [name for name, offer in offers.items() if not offer.vacant]
         if wire.port in offers:
             _check_edge(reader, port, source, offers[wire.port], wire, problems)
         elif wire.port in source.declared.ports:
@@ -275,7 +276,7 @@ def _check_wire(
         else:
             problems.add(
                 wire.source_mark,
-                f"{reader}: {source} has no {_PLACES[kind]} '{wire.port}'{hint(wire.port, offers)}",
+                f"{reader}: {source} has no {_PLACES[kind]} '{wire.port}'{hint(wire.port, known)}",
             )
 
 
@@ -332,6 +333,7 @@ def _build(description: LaunchFile, nodes: _Nodes) -> CheckedGraph:
                 stated=wire.stated,
                 action=wire.action,
                 external=wire.external,
+                dispensable=port.optional and not port.lasting,
             )
             if wire.external:
                 topics[source] = TopicInfo.of(name, port)
@@ -387,4 +389,9 @@ def _spec(
         qos={port: on_edge(r.qos, topics[r.topic].qos) for port, r in subs.items()},
         actions={port: reading.action for port, reading in readings.items() if reading.action != "warn"},
         external=[port for port, reading in readings.items() if reading.external],
+        vacant={
+            name: (topics[name].type_hash, topics[name].qos)
+            for port in node.declared.ports.values()
+            if port.vacant and (name := topic(node.spec.name, port.name))
+        },
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import msgspec
@@ -13,7 +13,7 @@ from palp_core.graph.description.node_class import NodePort
 from palp_core.graph.messages.message_type import MessageType
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.node.spec import NodeSpec, action_of
+from palp_core.graph.node.spec import NodeSpec, action_of, topic
 
 RECORDER = "palp_core.graph.recording.recorder_node:Recorder"
 
@@ -74,6 +74,7 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
         stated: The part of ``qos`` that the launch file states.
         action: What the supervisor does when the edge breaks its promise.
         external: The messages come from outside the graph, on a topic of the reader's.
+        dispensable: The topic's publisher may be replaced by a class that does not publish it.
     """
 
     topic: str
@@ -81,6 +82,7 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
     stated: dict[str, Any] = {}
     action: str = "warn"
     external: bool = False
+    dispensable: bool = False
 
 
 class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
@@ -107,8 +109,6 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
         attached: Texts that the report wants kept with all that is recorded of the run, by name.
         blind: ``palp view`` shows nothing but what that page names as harmless.
         checkpoint: Where and when the run is written down; None: it is not.
-        unpublished: Topics that optional inputs of others would read and the node's class does not have,
-            with those inputs.
     """
 
     graph: str
@@ -130,7 +130,6 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     attached: dict[str, str] = {}
     blind: bool = False
     checkpoint: CheckpointEntry | None = None
-    unpublished: dict[str, list[str]] = {}
 
     @property
     def readers(self) -> dict[str, list[int]]:
@@ -142,9 +141,9 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     def publishes(self) -> dict[str, dict[str, str]]:
         """Message type of each topic that a node publishes, by node."""
         found: dict[str, dict[str, str]] = {spec.name: {} for spec in self.nodes}
-        for name, topic in self.topics.items():
-            if topic.node in found:
-                found[topic.node][name] = topic.type
+        for name, info in self.topics.items():
+            if info.node in found:
+                found[info.node][name] = info.type
         return found
 
     @property
@@ -163,6 +162,12 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
             for port, reading in wires.items():
                 found.setdefault(alike or reading.qos.reliability, []).append(f"/{node}/{port}")
         return found
+
+    @property
+    def unpublished(self) -> dict[str, list[str]]:
+        """Topics that nobody publishes, with the optional inputs that are wired to them."""
+        vacant = (name for spec in self.nodes for name in spec.vacant)
+        return {name: [topic(node, port) for node, port in self.edges[name]] for name in vacant}
 
     @property
     def spawned(self) -> list[NodeSpec]:
@@ -201,6 +206,23 @@ def without_effect(graph: CheckedGraph) -> str:
     )
 
 
+def vacancies(
+    name: str,
+    declared: Collection[str],
+    topics: Mapping[str, TopicInfo],
+    edges: Mapping[str, list[list[str]]],
+) -> dict[str, tuple[str, Qos]]:
+    """Return the topics of a node that others are wired to and its class, with these outputs, has not."""
+    return {
+        key: (info.type_hash, info.qos)
+        for key, info in topics.items()
+        if info.node == name
+        and key == topic(name, info.port)
+        and edges.get(key)
+        and info.port not in declared
+    }
+
+
 def unpublished_words(unpublished: Mapping[str, list[str]]) -> str:
     """Return which outputs nobody publishes, and whose optional inputs stay without; "" if all are there."""
     told = (f"{name} (for {', '.join(inputs)})" for name, inputs in unpublished.items())
@@ -219,7 +241,7 @@ def resolved_yaml(graph: CheckedGraph) -> str:
         if spec.params:
             node["params"] = spec.params
         if spec.inputs:
-            node["inputs"] = _wires(graph.readings[spec.name])
+            node["inputs"] = _wires(graph.readings[spec.name], graph.unpublished)
         if spec.restart != "never":
             rule = {"when": spec.restart, "max_restarts": spec.max_restarts, "backoff_s": spec.backoff_s}
             node["restart"] = rule
@@ -252,10 +274,12 @@ def resolved_yaml(graph: CheckedGraph) -> str:
     return f"# {graph.file}{given}\n{text}"
 
 
-def _wires(readings: dict[str, Reading]) -> dict[str, Any]:
-    """Return the wires of a node; those of an action are one."""
+def _wires(readings: dict[str, Reading], unpublished: Collection[str]) -> dict[str, Any]:
+    """Return the wires of a node, but those that bring nothing; those of an action are one."""
     found = {}
     for port, reading in readings.items():
+        if reading.topic in unpublished:
+            continue
         if action := action_of(port):
             found[action] = action_of(reading.topic).removeprefix("/")
         else:

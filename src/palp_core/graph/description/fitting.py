@@ -1,4 +1,4 @@
-"""What a launch file has for a class that its caller names, cut down to what that class has."""
+"""What a launch file has for a class that its caller names, fitted to what that class has."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -6,46 +6,38 @@ from dataclasses import replace
 import msgspec
 
 from palp_core.graph.description.launch_file import GraphNode
-from palp_core.graph.node.spec import topic
+from palp_core.graph.description.node_class import NodePort
 
 
-def fitted(
-    nodes: Mapping[str, list[GraphNode]],
-) -> tuple[dict[str, list[GraphNode]], dict[str, list[str]]]:
-    """Leave away what the caller's own classes lack: parameters, inputs, and outputs that nobody needs.
+def fitted(nodes: Mapping[str, list[GraphNode]]) -> dict[str, list[GraphNode]]:
+    """Leave away what the callers' own classes lack: parameters, inputs, and outputs that nobody needs.
+
+    An output that only optional inputs are wired to stays, vacant, for a class that comes later.
 
     Args:
         nodes: By name, asked what they declare.
-
-    Returns:
-        The nodes, and the topics that optional inputs would read and nobody publishes, with these inputs.
     """
-    found = {name: [_with_what_it_has(node) for node in assigned] for name, assigned in nodes.items()}
-    own = {
-        name: node.declared.ports
-        for name, assigned in found.items()
-        for node in assigned
-        if node.own and node.declared.error is None
+    readers = [node for assigned in nodes.values() for node in assigned if node.declared.error is None]
+    return {
+        name: [
+            _fitted(node, readers) if node.own and node.declared.error is None else node for node in assigned
+        ]
+        for name, assigned in nodes.items()
     }
-    unpublished: dict[str, list[str]] = {}
-    for name, assigned in found.items():
-        for place, node in enumerate(assigned):
-            missing = {
-                port: wire
-                for port, wire in node.inputs.items()
-                if wire.node in own and wire.port not in own[wire.node] and _is_optional(node, port)
-            }
-            kept = {port: wire for port, wire in node.inputs.items() if port not in missing}
-            assigned[place] = replace(node, inputs=kept)
-            for port, wire in missing.items() if node.present else ():
-                unpublished.setdefault(topic(wire.node, wire.port), []).append(topic(name, port))
-    return found, unpublished
 
 
-def _with_what_it_has(node: GraphNode) -> GraphNode:
-    if not node.own or node.declared.error is not None:
-        return node
-    declared = node.declared
+def _fitted(node: GraphNode, readers: list[GraphNode]) -> GraphNode:
+    declared, vacant, needed = node.declared, dict[str, NodePort](), set[str]()
+    for reader in readers:
+        for name, wire in reader.inputs.items():
+            port = reader.declared.ports.get(name)
+            if wire.node == node.spec.name and wire.port not in declared.ports and port is not None:
+                if not port.optional:
+                    needed.add(wire.port)
+                vacant[wire.port] = NodePort(
+                    wire.port, "pub", port.types, wire.requested(port.qos), vacant=True
+                )
+    ports = {name: port for name, port in vacant.items() if name not in needed}
     params = {
         key: value
         for key, value in node.spec.params.items()
@@ -55,9 +47,5 @@ def _with_what_it_has(node: GraphNode) -> GraphNode:
         node,
         spec=msgspec.structs.replace(node.spec, params=params),
         inputs={port: wire for port, wire in node.inputs.items() if port in declared.ports},
+        answer=msgspec.structs.replace(declared, ports={**declared.ports, **ports}),
     )
-
-
-def _is_optional(node: GraphNode, name: str) -> bool:
-    port = node.declared.ports.get(name)
-    return port is not None and port.optional

@@ -63,6 +63,8 @@ class NodePort(msgspec.Struct, frozen=True):
             goal, feedback and result. What these are made of is there as ports, too.
         qos: What it offers or requests; that of a service is the default.
         optional: An input that may stay unwired.
+        lasting: An input, optional as long as it is not wired.
+        vacant: An output that the class does not have: optional inputs of others are wired to it.
     """
 
     name: str
@@ -70,6 +72,8 @@ class NodePort(msgspec.Struct, frozen=True):
     types: list[MessageType]
     qos: Qos
     optional: bool = False
+    lasting: bool = False
+    vacant: bool = False
 
 
 class Successors(msgspec.Struct, frozen=True):
@@ -195,7 +199,8 @@ def _successors_named(params: type, given: Mapping[str, Any]) -> dict[str, Succe
 def _port(port: Port) -> NodePort:
     match port:
         case Sub():
-            return NodePort(port.name, "sub", [MessageType.of(port.message)], port.qos, port.optional)
+            kinds = [MessageType.of(port.message)]
+            return NodePort(port.name, "sub", kinds, port.qos, port.optional, port.lasting)
         case Pub():
             return NodePort(port.name, "pub", [MessageType.of(port.message)], port.qos)
         case Srv():

@@ -65,9 +65,13 @@ class Bindings:
         self._bind_services(declared)
         self._bind_actions(declared)
 
-    def publisher(self, name: str, message: type[Message], qos: Qos) -> PublisherEnd[Any]:
-        """Add an output."""
-        made: PublisherEnd[Any] = PublisherEnd(name, message, qos, self._spec.epoch, self._owner, self._send)
+    def publisher(
+        self, name: str, message: type[Message], qos: Qos, type_hash: int | None = None
+    ) -> PublisherEnd[Any]:
+        """Add an output; its type is the message's, unless another one is given."""
+        made: PublisherEnd[Any] = PublisherEnd(
+            name, message, qos, self._spec.epoch, self._owner, self._send, type_hash
+        )
         self.publishers[name] = made
         return made
 
@@ -92,6 +96,8 @@ class Bindings:
         for name, pub in declared.pubs.items():
             ends[name] = made = self.publisher(topic(spec.name, name), pub.message, pub.qos)
             made.tell_lost = self._overrun(name, made, declared)
+        for name, (type_hash, qos) in spec.vacant.items():
+            self.publisher(name, _Unsaid, qos, int(type_hash, 16))
         for name, sub in declared.subs.items():
             if name not in spec.inputs:
                 continue
@@ -310,6 +316,10 @@ class Bindings:
         for name, out in self.publishers.items():
             out.resume(hand_over.epoch, hand_over.published.get(name, 0), hand_over.history.get(name, []))
             out.idle_until_next = name in hand_over.idle
+
+
+class _Unsaid(Message):
+    """What the class does not publish: only where the topic's sequence stands is known of it."""
 
 
 def _ring(server: ActionServerEnd, _node: Node) -> None:

@@ -37,12 +37,22 @@ class Port:
 
 
 class Sub(Port, Generic[M]):
-    """An input. Every message is handed to the method marked ``@on(port)``."""
+    """An input. Every message is handed to the method marked ``@on(port)``.
 
-    def __init__(self, message: type[M], *, qos: Qos | None = None, optional: bool = False) -> None:
+    Args:
+        message: What it takes.
+        qos: What it requests.
+        optional: It may stay unwired, and its publisher may be replaced by a class that does not publish it.
+        lasting: It may stay unwired; where it is wired, its publisher's successors must publish it, too.
+    """
+
+    def __init__(
+        self, message: type[M], *, qos: Qos | None = None, optional: bool = False, lasting: bool = False
+    ) -> None:
         self.message = message
         self.qos = qos or Qos()
-        self.optional = optional
+        self.optional = optional or lasting
+        self.lasting = lasting
 
 
 class Publisher(Protocol[Sent]):

@@ -53,6 +53,7 @@ class PublisherEnd(Generic[M]):
         epoch: int,
         owner: Owner,
         send: Callable[[bytes], None],
+        type_hash: int | None = None,
     ) -> None:
         self.topic = topic
         self.message = message
@@ -71,7 +72,7 @@ class PublisherEnd(Generic[M]):
         self.history = History(maxlen=qos.depth)
         self._bytes = topic.encode()
         self._prefix = self._bytes + b"\0"
-        self._type_hash = schema_of(message).type_hash
+        self._type_hash = schema_of(message).type_hash if type_hash is None else type_hash
         self._canonical = schema_of(message).canonical
         self._owner = owner
         self.send = send

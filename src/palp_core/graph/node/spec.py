@@ -84,6 +84,8 @@ class NodeSpec(msgspec.Struct, frozen=True, kw_only=True):
         output: ``screen``: all that it prints is shown where the graph was launched; ``log``: only warnings
             and errors are.
         joined: Its process is on another host, from where it joins with ``palp run --join``.
+        vacant: Topics that its class does not publish and optional inputs of others read, with type hash and
+            quality of service: their sequence goes on when a class comes that does.
         keeps_at: Wall clock: the topic with each message of which the node is written down; "": it never is.
     """
 
@@ -106,4 +108,5 @@ class NodeSpec(msgspec.Struct, frozen=True, kw_only=True):
     realtime_priority: int = 0
     output: str = "log"
     joined: bool = False
+    vacant: dict[str, tuple[str, Qos]] = {}
     keeps_at: str = ""

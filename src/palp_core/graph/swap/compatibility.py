@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from palp_core.graph.description.checked import CheckedGraph, Reading, TopicInfo
+from palp_core.graph.description.checked import CheckedGraph, Reading, TopicInfo, vacancies
 from palp_core.graph.description.node_class import NodeClass, NodePort
 from palp_core.graph.description.wire_check import misfit, type_misfit
 from palp_core.graph.messages.qos import on_edge
@@ -71,6 +71,7 @@ def _output(checked: CheckedGraph, info: TopicInfo, new_class: NodeClass) -> lis
     readers = checked.edges.get(name, [])
     port = new_class.ports.get(info.port)
     if port is None or port.kind != "pub":
+        readers = [end for end in readers if not checked.readings[end[0]][end[1]].dispensable]
         if not readers:
             return []
         known = [other.name for other in new_class.ports.values() if other.kind == "pub"]
@@ -167,7 +168,10 @@ def replaced(
         external=[port for port in spec.external if port in readings],
         moves=new_class.moves,
     )
-    gone = {topic(name, info.port) for info in _published(checked, name)}
+    pubs = [port.name for port in new_class.ports.values() if port.kind == "pub"]
+    vacant = vacancies(name, pubs, {topic(name, i.port): i for i in _published(checked, name)}, checked.edges)
+    new = msgspec.structs.replace(new, vacant=vacant)
+    gone = {topic(name, info.port) for info in _published(checked, name)} - vacant.keys()
     topics = {key: info for key, info in checked.topics.items() if key not in gone}
     for port in new_class.ports.values():
         if port.kind == "pub":

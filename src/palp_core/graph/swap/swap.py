@@ -90,6 +90,7 @@ class SwapReport(msgspec.Struct, frozen=True, kw_only=True):
         shadow: How the outputs of both compare, if they worked side by side.
         switched: False after a dry run.
         proven: Handlers of the new node that ran well while the old one stood by; -1: it did not stand by.
+        unpublished: Topics that the new class does not publish, with the optional inputs wired to them.
         proven_by: What was counted, if its class says that something else proves it: choice.
     """
 
@@ -103,6 +104,7 @@ class SwapReport(msgspec.Struct, frozen=True, kw_only=True):
     shadow: dict[str, Any] = {}
     switched: bool = True
     proven: int = -1
+    unpublished: dict[str, list[str]] = {}
     proven_by: str = HANDLER
 
 
@@ -148,6 +150,9 @@ class CheckedSwap(msgspec.Struct, frozen=True, kw_only=True):
             after=self.new.run,
             at_s=at_ns / 1e9,
             switched=not self.request.dry_run,
+            unpublished={
+                name: ends for name, ends in self.checked.unpublished.items() if name in self.new.vacant
+            },
             **found,
         )
 
