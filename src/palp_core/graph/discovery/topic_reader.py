@@ -2,7 +2,7 @@
 
 import contextlib
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, Self
 
 from palp_core.errors import GraphError, SchemaMismatch
@@ -110,26 +110,29 @@ class TopicReader:
 
     def messages(self) -> Iterator[ReceivedFrame | None]:
         """Yield messages as they come, and None every tenth of a second; end when the graph has."""
-        raws: list[tuple[bytes, int]] = []
+        heard: list[ReceivedFrame] = []
+        while not self.ended:
+            self.turn(heard.append)
+            yield from heard
+            heard.clear()
+            yield None
+
+    def turn(self, take: Callable[[ReceivedFrame], object]) -> None:
+        """Hand over what comes, as it comes, for a tenth of a second at most."""
 
         def arrive(raw: bytes, arrived_ns: int) -> None:
-            pieces = self._subscriber.pieces()
-            raws.append((b"".join((raw, *pieces)) if pieces else raw, arrived_ns))
+            for received in self._hear(raw, arrived_ns):
+                take(received)
 
-        take = one_by_one(arrive)
-        while not self.ended:
-            self._subscriber.dispatch(take, SLICE_NS, TICK_MS)
-            for raw, arrived_ns in raws:
-                yield from self._hear(raw, arrived_ns)
-            raws.clear()
-            now_ns = monotonic_ns()
-            for buffer in self._buffers.values():
-                buffer.expire(now_ns)
-            yield from self._complete(now_ns)
-            yield None
-            if now_ns >= self._next_look_ns:
-                self._next_look_ns = now_ns + LOOK_AT_LAUNCHER_NS
-                self.ended = not self._graph.alive
+        self._subscriber.dispatch(one_by_one(arrive), SLICE_NS, TICK_MS)
+        now_ns = monotonic_ns()
+        for buffer in self._buffers.values():
+            buffer.expire(now_ns)
+        for received in self._complete(now_ns):
+            take(received)
+        if now_ns >= self._next_look_ns:
+            self._next_look_ns = now_ns + LOOK_AT_LAUNCHER_NS
+            self.ended = not self._graph.alive
 
     def _hear(self, raw: bytes, arrived_ns: int) -> Iterator[ReceivedFrame]:
         """Take a frame, and yield what comes of it."""
@@ -137,7 +140,7 @@ class TopicReader:
             yield received
             return
         try:
-            frame = parse(raw)
+            frame = parse(b"".join((raw, *self._subscriber.pieces())))
         except SchemaMismatch:
             return  # not ours; the readers count such frames
         yield from self._take(frame, arrived_ns)

@@ -13,7 +13,7 @@ from palp_core.graph.bag.ros2.values import reader, writer
 from palp_core.graph.clock import monotonic_ns, unix_ns
 from palp_core.graph.discovery.run_directory import read_record
 from palp_core.graph.discovery.running_graph import RunningGraph
-from palp_core.graph.discovery.topic_reader import TopicReader
+from palp_core.graph.discovery.topic_reader import ReceivedFrame, TopicReader
 from palp_core.graph.messages.frame import Frame, parse
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.problems import Problems
@@ -29,6 +29,7 @@ CLOCK = "rosgraph_msgs/msg/Clock"
 CLOCK_NS = 10_000_000
 MOST_PUBLISHERS = 1000
 LAST = 2**62
+_BEFORE = (-1, 0)
 LOOK_NS = 500_000_000
 NS = 1_000_000_000
 
@@ -144,19 +145,21 @@ class Ros2Bridge:
 
     def run(self) -> None:
         """Carry messages over until the graph ends."""
-        for received in self._reader.messages():
-            if received is None:
-                self.tell()
-                self._look_who_joined()
-                continue
-            frame = received.frame
+        while not self._reader.ended:
+            self._reader.turn(self._take)
+            self.tell()
+            self._look_who_joined()
+        self.ended = True
+
+    def _take(self, received: ReceivedFrame) -> None:
+        frame = received.frame
+        if received.lost:
             for sender in self._senders.get(frame.topic, ()):
                 sender.account.lose(received.lost)
-            if received.is_message:
-                self._tell_time(frame.stamp_ns)
-                if (frame.epoch, frame.sequence) > self._latched.get(frame.topic, (-1, 0)):
-                    self._carry(frame)
-        self.ended = True
+        if received.is_message:
+            self._tell_time(frame.stamp_ns)
+            if (frame.epoch, frame.sequence) > self._latched.get(frame.topic, _BEFORE):
+                self._carry(frame)
 
     def tell(self, *, at_once: bool = False) -> None:
         """Say what has been lost or refused since."""

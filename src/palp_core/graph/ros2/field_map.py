@@ -3,6 +3,9 @@
 On the left is a field of what the message becomes, on the right where its value comes from: a field of the
 message, ``$stamp`` (when it was published), a number or true or false, ``{value: anything}`` for what stands
 for itself, ``{from: field, times: 1000.0, plus: 0.0}`` for another unit, or a list of those.
+
+All of a map's fields become one Python expression: a function for each would take most of a message's time on
+its way through the bridge.
 """
 
 from __future__ import annotations
@@ -29,10 +32,11 @@ from palp_core.graph.messages.schema_reader import (
 from palp_core.graph.problems import Mark, Problems
 from palp_core.graph.ros2.paths import (
     FLOAT64,
-    getter,
+    UNPACK,
     is_number,
     is_time,
     misfit,
+    reading,
     schema_at,
     steps,
     words,
@@ -68,6 +72,21 @@ class Side(NamedTuple):
     times: Times
 
 
+class _Side(NamedTuple):
+    """A :class:`Side`, and what the expression that is being written knows by name."""
+
+    source: JsonSchema
+    target: JsonSchema
+    times: Times
+    known: dict[str, Any]
+
+    def named(self, value: Any) -> str:
+        """Return a name by which the expression has a value."""
+        name = f"known_{len(self.known)}"
+        self.known[name] = value
+        return name
+
+
 def compile_fields(tree: TreeMapping | None, mark: Mark, side: Side, problems: Problems) -> Value:
     """Return the function that makes the target's map of the source's; mistakes go to ``problems``.
 
@@ -77,13 +96,14 @@ def compile_fields(tree: TreeMapping | None, mark: Mark, side: Side, problems: P
         side: What it is between.
         problems: Takes the mistakes.
     """
-    if tree is None:
-        return _by_name(mark, side, problems)
-    return _object(tree, side, problems)
+    ends = _Side(*side, {UNPACK: _unpacked})
+    text = _by_name(mark, ends, problems) if tree is None else _object(tree, ends, problems)
+    made: Value = eval(compile(f"lambda message, stamp_ns: {text}", "<fields>", "eval"), ends.known)
+    return made
 
 
-def _by_name(mark: Mark, side: Side, problems: Problems) -> Value:
-    known, found = fields_of(side.source), dict[str, Value]()
+def _by_name(mark: Mark, side: _Side, problems: Problems) -> str:
+    known, found = fields_of(side.source), dict[str, str]()
     for name, wanted in fields_of(side.target).items():
         if name not in known:
             continue
@@ -92,23 +112,18 @@ def _by_name(mark: Mark, side: Side, problems: Problems) -> Value:
                 mark, f"field '{name}' is not the same on both sides: {why}; say what it becomes: fields"
             )
         else:
-            found[name] = _converted(getter(name, side.source), known[name], wanted, side.times)
+            found[name] = _converted(reading(name, side.source), known[name], wanted, side)
     if not found:
         ours, theirs = side.source.get("title"), side.target.get("title")
         problems.add(mark, f"{ours} and {theirs} have no field in common; say what becomes of what: fields")
     return _made(found)
 
 
-def _made(found: Mapping[str, Value]) -> Value:
-    items = list(found.items())
-
-    def make(message: Mapping[str, Any], stamp_ns: int) -> dict[str, Any]:
-        return {name: value(message, stamp_ns) for name, value in items}
-
-    return make
+def _made(found: Mapping[str, str]) -> str:
+    return "{" + ", ".join(f"{name!r}: {text}" for name, text in found.items()) + "}"
 
 
-def _object(tree: TreeMapping, side: Side, problems: Problems) -> Value:
+def _object(tree: TreeMapping, side: _Side, problems: Problems) -> str:
     """Return what makes a message of the paths on the left."""
     branches: dict[str, Any] = {}
     for path, entry in tree.items.items():
@@ -130,9 +145,7 @@ def _object(tree: TreeMapping, side: Side, problems: Problems) -> Value:
     return _grown(branches, tree.mark, problems)
 
 
-def _put(
-    branches: dict[str, Any], way: list[str | int], value: Value, mark: Mark, problems: Problems
-) -> None:
+def _put(branches: dict[str, Any], way: list[str | int], value: str, mark: Mark, problems: Problems) -> None:
     here: dict[Any, Any] = branches
     for part in way[:-1]:
         here = here.setdefault(part, {})
@@ -144,7 +157,7 @@ def _put(
     here[way[-1]] = value
 
 
-def _grown(branches: dict[Any, Any], mark: Mark, problems: Problems) -> Value:
+def _grown(branches: dict[Any, Any], mark: Mark, problems: Problems) -> str:
     made = {
         name: _grown(inner, mark, problems) if isinstance(inner, dict) else inner
         for name, inner in branches.items()
@@ -156,12 +169,12 @@ def _grown(branches: dict[Any, Any], mark: Mark, problems: Problems) -> Value:
     return _listed([made[index] for index in sorted(made)])
 
 
-def _listed(parts: list[Value]) -> Value:
-    return lambda message, stamp_ns: [part(message, stamp_ns) for part in parts]
+def _listed(parts: list[str]) -> str:
+    return f"[{', '.join(parts)}]"
 
 
-def _value(tree: Tree, side: Side, path: str, problems: Problems) -> Value | None:
-    """Return what gives a field its value, or None after reporting a mistake."""
+def _value(tree: Tree, side: _Side, path: str, problems: Problems) -> str | None:
+    """Return the text of what gives a field its value, or None after reporting a mistake."""
     if isinstance(tree, TreeSequence):
         return _list(tree, side, path, problems)
     if isinstance(tree, TreeMapping):
@@ -178,7 +191,7 @@ def _value(tree: Tree, side: Side, path: str, problems: Problems) -> Value | Non
     return _constant(tree.value, tree.mark, side, path, problems)
 
 
-def _list(tree: TreeSequence, side: Side, path: str, problems: Problems) -> Value | None:
+def _list(tree: TreeSequence, side: _Side, path: str, problems: Problems) -> str | None:
     if not has_elements(side.target):
         problems.add(tree.mark, f"'{path}' is {words(side.target)}, not a list")
         return None
@@ -187,10 +200,10 @@ def _list(tree: TreeSequence, side: Side, path: str, problems: Problems) -> Valu
     listed = _listed([part for part in parts if part is not None])
     if not is_array(side.target):
         return listed
-    return lambda message, stamp_ns: np.array(listed(message, stamp_ns), FLOAT64).tobytes()
+    return f"{side.named(_packed)}({listed})"
 
 
-def _stated(tree: TreeMapping, side: Side, path: str, problems: Problems) -> Value | None:
+def _stated(tree: TreeMapping, side: _Side, path: str, problems: Problems) -> str | None:
     """Read ``{value: ...}`` or ``{from: ..., times: ..., plus: ...}``."""
     fields = unknown_keys(tree, _SOURCE_KEYS, f"what '{path}' comes from", problems)
     if "value" in fields:
@@ -215,8 +228,8 @@ def _stated(tree: TreeMapping, side: Side, path: str, problems: Problems) -> Val
 
 
 def _scaled(
-    origin: Scalar, times: float, plus: float, side: Side, path: str, problems: Problems
-) -> Value | None:
+    origin: Scalar, times: float, plus: float, side: _Side, path: str, problems: Problems
+) -> str | None:
     text, number = str(origin.value), {"type": "number"}
     if (given := _source(text, origin.mark, side, problems)) is None:
         return None
@@ -229,35 +242,38 @@ def _scaled(
         if why := misfit(number, side.target):
             problems.add(origin.mark, f"'{path}': {why}")
             return None
-        return lambda message, stamp_ns: value(message, stamp_ns) * times + plus
+        return f"({value} * {side.named(times)} + {side.named(plus)})"
     if why := misfit({"type": "array", "items": number}, side.target):
         problems.add(origin.mark, f"'{path}': {why}")
         return None
     packed = is_array(side.target)
 
-    def scaled(message: Mapping[str, Any], stamp_ns: int) -> Any:
-        array = _array(value(message, stamp_ns)) * times + plus
+    def scaled(several: Any) -> Any:
+        array = _unpacked(several) * times + plus
         return array.tobytes() if packed else array.tolist()
 
-    return scaled
+    return f"{side.named(scaled)}({value})"
 
 
-def _array(value: Any) -> Any:
+def _packed(values: Any) -> bytes:
+    return np.asarray(values, FLOAT64).tobytes()
+
+
+def _unpacked(value: Any) -> Any:
     return np.frombuffer(value, FLOAT64) if isinstance(value, bytes) else np.asarray(value, FLOAT64)
 
 
-def _source(text: str, mark: Mark, side: Side, problems: Problems) -> tuple[Value, JsonSchema] | None:
+def _source(text: str, mark: Mark, side: _Side, problems: Problems) -> tuple[str, JsonSchema] | None:
     if text == STAMP:
-        return (lambda _message, stamp_ns: stamp_ns), _STAMP_SCHEMA
+        return "stamp_ns", _STAMP_SCHEMA
     try:
-        get, schema = getter(text, side.source), schema_at(text, side.source)
+        return reading(text, side.source), schema_at(text, side.source)
     except GraphError as error:
         problems.add(mark, f"{error} (a text that stands for itself is {{value: {text}}})")
         return None
-    return (lambda message, _stamp_ns: get(message)), schema
 
 
-def _from(text: str, mark: Mark, side: Side, path: str, problems: Problems) -> Value | None:
+def _from(text: str, mark: Mark, side: _Side, path: str, problems: Problems) -> str | None:
     if (given := _source(text, mark, side, problems)) is None:
         return None
     value, schema = given
@@ -268,15 +284,12 @@ def _from(text: str, mark: Mark, side: Side, path: str, problems: Problems) -> V
     if why:
         problems.add(mark, f"'{path}' cannot be '{text}': {why}")
         return None
-    way = _conversion(schema, side.target, side.times)
-    return value if way is None else (lambda message, stamp_ns: way(value(message, stamp_ns)))
+    return _converted(value, schema, side.target, side)
 
 
-def _converted(get: Callable[[Any], Any], source: JsonSchema, target: JsonSchema, times: Times) -> Value:
-    way = _conversion(source, target, times)
-    if way is None:
-        return lambda message, _stamp_ns: get(message)
-    return lambda message, _stamp_ns: way(get(message))
+def _converted(text: str, source: JsonSchema, target: JsonSchema, side: _Side) -> str:
+    way = _conversion(source, target, side.times)
+    return text if way is None else f"{side.named(way)}({text})"
 
 
 def _conversion(source: JsonSchema, target: JsonSchema, times: Times) -> Callable[[Any], Any] | None:
@@ -284,13 +297,13 @@ def _conversion(source: JsonSchema, target: JsonSchema, times: Times) -> Callabl
     if is_time(target) and is_time(source):
         return None
     if is_time(target):
-        return lambda ns: dict(zip(("sec", "nanosec"), divmod(times.to_ros(ns), _BILLION), strict=True))
+        return lambda ns: _time(times.to_ros(ns))
     if is_time(source):
         return lambda time: times.to_palp(time["sec"] * _BILLION + time["nanosec"])
     if is_array(source) and not is_array(target):
-        return lambda data: np.frombuffer(data, FLOAT64).tolist()
+        return lambda data: _unpacked(data).tolist()
     if is_array(target) and not is_array(source):
-        return lambda values: np.asarray(values, FLOAT64).tobytes()
+        return _packed
     if has_elements(source) and not is_array(source):
         inner = _conversion(items_of(source), items_of(target), times)
         return inner and (lambda values: [inner(value) for value in values])
@@ -301,7 +314,12 @@ def _conversion(source: JsonSchema, target: JsonSchema, times: Times) -> Callabl
     return None
 
 
-def _constant(value: Any, mark: Mark, side: Side, path: str, problems: Problems) -> Value | None:
+def _time(ns: int) -> dict[str, int]:
+    sec, nanosec = divmod(ns, _BILLION)
+    return {"sec": sec, "nanosec": nanosec}
+
+
+def _constant(value: Any, mark: Mark, side: _Side, path: str, problems: Problems) -> str | None:
     """Return a value that is always the same, in the form in which messages travel."""
     from palp_core.graph.discovery.message_yaml import packed
 
@@ -310,4 +328,4 @@ def _constant(value: Any, mark: Mark, side: Side, path: str, problems: Problems)
     except SchemaMismatch as error:
         problems.add(mark, str(error))
         return None
-    return lambda _message, _stamp_ns: constant
+    return side.named(constant)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,6 +21,9 @@ from palp_core.graph.messages.schema_reader import (
 from palp_core.graph.problems import hint
 
 FLOAT64 = np.dtype(FLOAT64_DTYPE)
+UNPACK = "unpacked"
+"""By this name an expression has the function from bytes to an array."""
+
 _PART = re.compile(r"([A-Za-z_]\w*)(?:\[(-?\d+)\])?")
 _NUMBERS = (FieldKind.INT, FieldKind.FLOAT)
 
@@ -71,34 +73,27 @@ def schema_at(path: str, schema: JsonSchema) -> JsonSchema:
     return here
 
 
-def getter(path: str, schema: JsonSchema) -> Callable[[Mapping[str, Any]], Any]:
-    """Return the function from a message, as a map, to what is there; LookupError if it has no such element.
+def reading(path: str, schema: JsonSchema) -> str:
+    """Return the Python expression of what a path leads to in ``message``, a map; it knows :data:`UNPACK`.
+
+    Evaluated, it raises LookupError if there is no such element.
 
     Raises:
         GraphError: It leads nowhere.
+
+    >>> schema = {"properties": {"a": {"properties": {"b": {"type": "array", "items": {"type": "integer"}}}}}}
+    >>> reading("a.b[-1]", schema)
+    "message['a']['b'][-1]"
     """
     schema_at(path, schema)
-    found: Callable[[Any], Any] | None = None
-    here: JsonSchema = schema
+    found, here = "message", schema
     for field, index in steps(path):
         here = fields_of(here)[field]
-        found = _then(found, _step(field, index, is_array(here)))
+        found = f"{found}[{field!r}]"
         if index is not None:
+            found = f"float({UNPACK}({found})[{index}])" if is_array(here) else f"{found}[{index}]"
             here = items_of(here)
-    assert found is not None
     return found
-
-
-def _step(field: str, index: int | None, packed: bool) -> Callable[[Any], Any]:
-    if index is None:
-        return lambda value: value[field]
-    if packed:
-        return lambda value: float(np.frombuffer(value[field], FLOAT64)[index])
-    return lambda value: value[field][index]
-
-
-def _then(first: Callable[[Any], Any] | None, second: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    return second if first is None else lambda value: second(first(value))
 
 
 def is_time(schema: JsonSchema) -> bool:
