@@ -167,8 +167,7 @@ class WallLoop:
             if self.sockets.due():
                 self.sockets.poll()
                 if not self.executor.succession.paused:
-                    self.sockets.requests.perform()
-                    self.receiver.own.take()
+                    self.sockets.requests.perform(then=self.receiver.own.take)
             if self.executor.exit_code is not None and not finished and not self.participant.silent:
                 finished = True
                 self.channel.send(control_messages.Relay(b"", self.executor.exit_code))

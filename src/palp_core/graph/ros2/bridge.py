@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, Self
 
 import msgspec
@@ -11,17 +10,16 @@ import msgspec
 from palp_core.errors import BagError, GraphError
 from palp_core.graph.bag.ros2.values import reader, writer
 from palp_core.graph.clock import monotonic_ns, unix_ns
-from palp_core.graph.discovery.run_directory import read_record
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.discovery.topic_reader import ReceivedFrame, TopicReader
 from palp_core.graph.messages.frame import Frame, parse
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.problems import Problems
 from palp_core.graph.ros2.account import Account
 from palp_core.graph.ros2.field_map import Times
+from palp_core.graph.ros2.joining import Joining
 from palp_core.graph.ros2.middleware import Middleware
 from palp_core.graph.ros2.parameters import ParameterServices
-from palp_core.graph.ros2.plan import BridgePlan, TopicToPalp, TopicToRos2, make_plan
+from palp_core.graph.ros2.plan import BridgePlan, TopicToPalp, TopicToRos2
 from palp_core.graph.ros2.services import Services
 from palp_core.graph.ros2.to_palp import Ports
 
@@ -30,7 +28,6 @@ CLOCK_NS = 10_000_000
 MOST_PUBLISHERS = 1000
 LAST = 2**62
 _BEFORE = (-1, 0)
-LOOK_NS = 500_000_000
 NS = 1_000_000_000
 
 
@@ -73,13 +70,13 @@ class Ros2Bridge:
         say: Callable[[str], None],
     ) -> None:
         self._graph, self._times, self._say, self._name = graph, times, say, name
-        self._definitions, self._awaited = plan.definitions, plan.awaited
+        self._definitions = plan.definitions
+        self._joining = Joining(graph, plan.awaited, plan.definitions, times, say)
         self.ended = False
         self._accounts: list[Account] = []
         self._senders: dict[str, list[_Sender]] = {}
         self._latched: dict[str, tuple[int, int]] = {}
         self._latest_ns, self._clock_told_ns, self._clock_due_ns = 0, 0, 0
-        self._look_ns, self._known = 0, set(graph.node_names)
         self._reader = TopicReader(graph, [], reliable=True)
         self._ports = Ports(graph)
         self._parameters = ParameterServices(graph)
@@ -107,24 +104,13 @@ class Ros2Bridge:
             self._parameters.serve(name, self._ros.served("services", name))
         self._say_what_stands(plan)
 
-    def _look_who_joined(self) -> None:
+    def _let_join(self) -> None:
         """Let what the map says of nodes that have joined since cross, too."""
-        now_ns = monotonic_ns()
-        if self._awaited is None or now_ns < self._look_ns:
+        plan = self._joining.plan()
+        if plan is None:
             return
-        self._look_ns = now_ns + LOOK_NS
-        record = read_record(self._graph.folder)
-        if record is None or not {node.name for node in record.nodes} - self._known:
-            return
-        self._graph.record = record
-        problems = Problems()
-        plan = make_plan(self._awaited, self._graph, self._times, problems, self._definitions)
-        fresh = [name for name in plan.parameters if name not in self._known]
-        for problem in problems.listed():
-            self._say(str(problem))
-        self._awaited, self._known = plan.awaited, {*self._known, *self._graph.node_names}
         try:
-            self._add(replace(plan, parameters=fresh))
+            self._add(plan)
         except GraphError as error:
             self._say(str(error))
 
@@ -148,7 +134,7 @@ class Ros2Bridge:
         while not self._reader.ended:
             self._reader.turn(self._take)
             self.tell()
-            self._look_who_joined()
+            self._let_join()
         self.ended = True
 
     def _take(self, received: ReceivedFrame) -> None:

@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Container
 from collections.abc import Mapping as Lookup
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +85,10 @@ class MapEntry:
     to: str = ""
     qos: Lookup[str, Any] = field(default_factory=dict)
 
+    def nodes_are(self, there: Container[str]) -> bool:
+        """Tell whether the nodes that it names are there; what is no name was told, and names none."""
+        return all(node in there for name in (self.palp, self.to) for node in name.split("/")[1:2])
+
 
 @dataclass(frozen=True)
 class MapFile:
@@ -111,10 +117,31 @@ class MapFile:
     node: str = "palp_bridge"
 
     @property
+    def ways(self) -> dict[str, list[MapEntry]]:
+        """Every topic and service, by the attribute that has them."""
+        return {
+            "to_ros2": self.to_ros2,
+            "to_palp": self.to_palp,
+            "services": self.services,
+            "calls": self.calls,
+        }
+
+    @property
     def names(self) -> list[str]:
-        """Return what it names in the graph: topics, ports, services, and nodes for their parameters."""
-        ways = (*self.to_ros2, *self.to_palp, *self.services, *self.calls)
+        """What it names in the graph: topics, ports, services, and nodes for their parameters."""
+        ways = chain.from_iterable(self.ways.values())
         return [*(way.palp for way in ways), *(f"/{node}" for node in self.parameters or ())]
+
+    def divided(self, there: Container[str]) -> tuple[MapFile, MapFile]:
+        """Return what it says of nodes that are there, and of all others."""
+        now, later = dict[str, Any](), dict[str, Any]()
+        for key, ways in self.ways.items():
+            now[key] = [way for way in ways if way.nodes_are(there)]
+            later[key] = [way for way in ways if not way.nodes_are(there)]
+        if (wanted := self.parameters) is not None:
+            now["parameters"] = {name: mark for name, mark in wanted.items() if name in there}
+            later["parameters"] = {name: mark for name, mark in wanted.items() if name not in there}
+        return replace(self, **now), replace(self, **later)
 
 
 def read_map(path: Path, problems: Problems) -> MapFile:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -102,7 +102,7 @@ class BridgePlan:
         return bool(self.to_palp or self.services or self.parameters or answered or later)
 
 
-class _Ports(NamedTuple):
+class Ports(NamedTuple):
     """What the nodes of a graph say of themselves, by node and port."""
 
     infos: dict[str, dict[str, Any]]
@@ -121,6 +121,7 @@ def make_plan(
     times: Times,
     problems: Problems,
     definitions: Definitions | None = None,
+    ports: Ports | None = None,
 ) -> BridgePlan:
     """Return what crosses between a running graph and ROS 2; mistakes go to ``problems``.
 
@@ -132,12 +133,12 @@ def make_plan(
         times: What becomes of times.
         problems: Takes the mistakes.
         definitions: Of message types that are known already; those that are needed are added.
+        ports: What the nodes have said of themselves; None: they are asked.
 
     Raises:
         BagError: rosbags is not installed.
     """
-    answers = [graph.ask_all(what, timeout_s=ASK_S).replies for what in ("info", "schemas")]
-    ports = _Ports(answers[0], {node: reply["ports"] for node, reply in answers[1].items()})
+    ports = ports or ask_ports(graph)
     now, awaited = _divided(described, graph)
     plan = _Planner(now, graph, ports, times, problems, definitions or standard())
     return BridgePlan(
@@ -151,24 +152,18 @@ def make_plan(
     )
 
 
+def ask_ports(graph: RunningGraph) -> Ports:
+    """Ask the nodes of a graph what they have; one that does not answer within some seconds has nothing."""
+    infos, schemas = (graph.ask_all(what, timeout_s=ASK_S).replies for what in ("info", "schemas"))
+    return Ports(infos, {node: reply["ports"] for node, reply in schemas.items()})
+
+
 def _divided(described: MapFile, graph: RunningGraph) -> tuple[MapFile, MapFile | None]:
     """Return what a map says of nodes that are there or never will be, and of those that may yet join."""
     if not graph.record.listen:
         return described, None
-    there = {*graph.node_names, LAUNCHER}
-
-    def lacks(way: MapEntry) -> bool:
-        return any(name and name.split("/")[1] not in there for name in (way.palp, way.to))
-
-    now, later = dict[str, Any](), dict[str, Any]()
-    for key in ("to_ros2", "to_palp", "services", "calls"):
-        ways = getattr(described, key)
-        now[key], later[key] = [w for w in ways if not lacks(w)], [w for w in ways if lacks(w)]
-    if (wanted := described.parameters) is not None:
-        now["parameters"] = {name: mark for name, mark in wanted.items() if name in there}
-        later["parameters"] = {name: mark for name, mark in wanted.items() if name not in there}
-    awaited = replace(described, **later)
-    return replace(described, **now), awaited if awaited.parameters is None or any(later.values()) else None
+    now, later = described.divided({*graph.node_names, LAUNCHER})
+    return now, later if later.parameters is None or later.names else None
 
 
 class _Planner:
@@ -176,7 +171,7 @@ class _Planner:
         self,
         described: MapFile,
         graph: RunningGraph,
-        ports: _Ports,
+        ports: Ports,
         times: Times,
         problems: Problems,
         definitions: Definitions,
@@ -296,13 +291,14 @@ def check_alone(described: MapFile, problems: Problems) -> None:
         BagError: rosbags is not installed.
     """
     definitions = standard()
-    for way in (*described.to_ros2, *described.to_palp, *described.services, *described.calls):
-        find = find_service if way in (*described.services, *described.calls) else find_definitions
-        try:
-            if way.type:
-                find(definitions, way.type, described.interfaces)
-        except (BagError, GraphError) as error:
-            problems.add(way.type_mark, str(error))
+    for key, ways in described.ways.items():
+        find = find_service if key in ("services", "calls") else find_definitions
+        for way in ways:
+            try:
+                if way.type:
+                    find(definitions, way.type, described.interfaces)
+            except (BagError, GraphError) as error:
+                problems.add(way.type_mark, str(error))
 
 
 def _nothing(_message: Mapping[str, Any], _stamp_ns: int) -> dict[str, Any]:

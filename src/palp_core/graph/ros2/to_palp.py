@@ -52,7 +52,6 @@ class Ports:
         self._sockets[node].ask(
             self._graph.node(node).serve, {**request, "id": f"{self._token}{self._count}"}
         )
-        self._take_answers(node)
 
     def turn(self) -> None:
         """See what nodes have confirmed, refused, or not answered."""
