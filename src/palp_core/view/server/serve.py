@@ -15,6 +15,7 @@ from palp_core.view.server.apart import Apart
 from palp_core.view.server.gate import PageGate
 from palp_core.view.server.presses import Presses
 from palp_core.view.server.unwatched import end_unwatched
+from palp_core.view.server.words import unhurried_words
 
 if TYPE_CHECKING:
     import uvicorn
@@ -82,13 +83,14 @@ def serve(
         over: Tells whether what is shown has ended: a minute after that without a browser this returns.
     """
     sys.setswitchinterval(TURN_S)
-    running = server(token, put_up, gives_way=gives_way)
-    gc.freeze()  # what is imported by now stays: it need not be looked through again and again
-    if over is not None:
-        gate = running.config.app
-        assert isinstance(gate, PageGate)
-        end_unwatched(running, over, lambda: gate.connected_count)
-    running.run(sockets=[listening])
+    with unhurried_words():
+        running = server(token, put_up, gives_way=gives_way)
+        gc.freeze()  # what is imported by now stays: it need not be looked through again and again
+        if over is not None:
+            gate = running.config.app
+            assert isinstance(gate, PageGate)
+            end_unwatched(running, over, lambda: gate.connected_count)
+        running.run(sockets=[listening])
 
 
 def server(token: str, put_up: Callable[[], None], *, gives_way: bool) -> uvicorn.Server:
