@@ -72,6 +72,8 @@ def memory(minutes: float, every_s: float, *, beside: bool) -> dict[str, Any]:
             heaps = [float(one.page.evaluate("performance.memory.usedJSHeapSize")) for one in viewers]
             sizes = [memory_mib(one.process.pid) for one in viewers]
             rows.append([at_s, *sizes, *(size / 2**20 for size in heaps)])
+            said = " ".join(f"{size:.1f}" for size in rows[-1][1:])
+            print(f"memory: {at_s / 60:.1f} min: {said} MiB", file=sys.stderr, flush=True)
             wait(every_s)
     table = np.array(rows)
     table = table[len(table) // 5 :]  # after it has filled what it keeps

@@ -121,7 +121,7 @@ def simulated(*, compose: bool) -> Iterator[Launched]:
 def emulated(*arguments: str) -> Iterator[Launched]:
     """The emulated rig on the machine's clock: torque at 1 kHz, EMG at 1.5 kHz."""
     host = f"127.{os.getpid() >> 8 & 255}.{os.getpid() & 255}.11"
-    with launched(EMULATED, f"host:={host}", "trials:=20", "training:=1", *LENIENT, *arguments) as found:
+    with launched(EMULATED, f"host:={host}", "trials:=400", "training:=1", *LENIENT, *arguments) as found:
         yield found
 
 
