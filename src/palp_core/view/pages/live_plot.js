@@ -107,8 +107,8 @@ export default {
       this.wanted();
     },
     room() {
-      const legend = this.$el.querySelector(".u-legend");
-      return { width: this.$el.clientWidth || 300, height: Math.max(this.$el.clientHeight - (legend ? legend.offsetHeight : 30), 60) };
+      const below = this.slim ? 28 : 54; // for the legend, two lines of it at most
+      return { width: this.$el.clientWidth || 300, height: Math.max(this.$el.clientHeight - below, 60) };
     },
     fit() {
       const { width, height } = this.room();

@@ -9,9 +9,10 @@ from nicegui import run, ui
 from palp_core.errors import LifecycleError
 from palp_core.graph.node.lifecycle import Lifecycle, Transition, successor
 from palp_core.view.pages.frame import frame
-from palp_core.view.pages.parts import CHANGES, Outcome, figure, labelled, said, table, topic_link
+from palp_core.view.pages.parts import CHANGES, Outcome, figure, labelled, node_link, said, table, topic_link
 from palp_core.view.pages.swap import swap_panel, swap_words
 from palp_core.view.pages.viewer import Viewer
+from palp_core.view.source.action_wires import ACTION
 from palp_core.view.source.message_lines import value_text
 from palp_core.view.source.node_log import NodeLog
 from palp_core.view.source.overview import NodeState, shared_processes
@@ -148,7 +149,7 @@ def _parameters(viewer: Viewer, name: str) -> None:
         if declared is not None:
             box.clear()
             with box:
-                table(("Name", "Value", "Bounds", "Default", ""), (_row(one) for one in declared.values()))
+                table(("Name", "Value", "", "Bounds", "Default"), (_row(one) for one in declared.values()))
                 if not declared:
                     ui.label("it has none")
 
@@ -177,7 +178,7 @@ def _parameters(viewer: Viewer, name: str) -> None:
                 press = ui.button("set", on_click=put).props("outline dense no-caps").classes(CHANGES)
                 labelled(press, f"set {one['name']}")
 
-        return one["name"], value, bounds(one), typed(one["default"]), button
+        return one["name"], value, button, bounds(one), typed(one["default"])
 
     ui.timer(0.0, ask, once=True)
 
@@ -214,13 +215,20 @@ def bounds(one: dict[str, Any]) -> str:
 
 def _ports(viewer: Viewer, name: str) -> None:
     overview = viewer.source.overview()
-    reads = sorted({wire.topic for wire in overview.wires if wire.reader == name})
+    heard = [wire for wire in overview.wires if wire.type != ACTION]
+    reads = sorted({wire.topic for wire in heard if wire.reader == name})
     says = [topic.name for topic in viewer.source.topics() if topic.node == name]
     for word, topics in (("reads", reads), ("publishes", says)):
         for topic in topics:
             with ui.element("div").classes("row-of"):
                 said("span", word, "quiet port-word")
                 topic_link(topic)
+    for wire in overview.wires:
+        if wire.type == ACTION and name in (wire.source, wire.reader):
+            with ui.element("div").classes("row-of"):
+                said("span", "asks" if wire.source == name else "acts", "quiet port-word")
+                said("span", wire.topic)
+                node_link(wire.reader if wire.source == name else wire.source)
 
 
 def _log(log: NodeLog) -> None:

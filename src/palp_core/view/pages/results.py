@@ -24,7 +24,8 @@ def results_page(viewer: Viewer, source: ResultsSource) -> None:
         files = source.files()
         said("h2", "Files" if files else "there is nothing in it to show")
         rows = ((partial(_link, one.name), f"{one.size_bytes / 1e3:.1f} kB") for one in files)
-        table(("File", "Size"), rows)
+        with ui.element("div").classes("files"):
+            table(("File", "Size"), rows)
 
 
 def _link(name: str) -> None:

@@ -25,13 +25,13 @@ def topics_page(viewer: Viewer) -> None:
         rows = (
             (
                 partial(topic_link, topic.name),
+                rates.get(topic.name, ""),
                 topic.type,
                 partial(node_link, topic.node) if topic.node else "",
-                rates.get(topic.name, ""),
             )
             for topic in viewer.source.topics()
         )
-        table(("Topic", "Type", "Publisher", "Rate"), rows)
+        table(("Topic", "Rate", "Type", "Publisher"), rows)
 
 
 def topic_page(viewer: Viewer, name: str) -> None:
