@@ -1,8 +1,8 @@
 """A histogram of latencies that costs a list index per message and holds any number of them."""
 
-import bisect
 import math
 from array import array
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ RECENT = 10_000
 LONGEST_NS = 2**63 - 1
 """What a longer duration counts as: a stamp is what a stranger wrote."""
 
+_FEW = 32  # of which each is sorted in by itself: an array of them costs more
 _SHIFT = SUB_BUCKETS.bit_length() - 1
 
 
@@ -50,11 +51,18 @@ class Latency:
             return
         if min(new) < 0 or max(new) > LONGEST_NS:
             new = [min(max(duration_ns, 0), LONGEST_NS) for duration_ns in new]
-        durations_ns = np.array(new, dtype=np.int64)
         self._count += len(new)
-        self._max_ns = max(self._max_ns, int(durations_ns.max()))
-        self._counts += np.bincount(_buckets(durations_ns), minlength=BUCKETS)
-        self._recent.frombytes(durations_ns.tobytes())
+        if len(new) <= _FEW:
+            for duration_ns in new:
+                octave = max(duration_ns.bit_length() - _SHIFT - 1, 0)
+                self._counts[(octave << _SHIFT) + (duration_ns >> octave)] += 1
+            self._max_ns = max(self._max_ns, *new)
+            self._recent.extend(new)
+        else:
+            durations_ns = np.array(new, dtype=np.int64)
+            self._counts += np.bincount(_buckets(durations_ns), minlength=BUCKETS)
+            self._max_ns = max(self._max_ns, int(durations_ns.max()))
+            self._recent.frombytes(durations_ns.tobytes())
         if len(self._recent) > 2 * RECENT:
             del self._recent[:-RECENT]
 
@@ -71,23 +79,24 @@ class Latency:
 
     def percentile_s(self, percent: float) -> float:
         """Return the duration in s that so many per cent do not exceed; 0 when none was added."""
-        self._sort()
-        return self._percentile_s(np.cumsum(self._counts).tolist(), percent)
+        return self._percentiles_s([percent])[0]
 
-    def _percentile_s(self, up_to: list[int], percent: float) -> float:
+    def _percentiles_s(self, percents: Sequence[float]) -> list[float]:
+        self._sort()
         if not self.count:
-            return 0.0
-        bucket = bisect.bisect_left(up_to, max(self.count * percent / 100.0, 1.0))
-        octave = max((bucket >> _SHIFT) - 1, 0)
-        upper_ns = (bucket - (octave << _SHIFT) + 1) << octave
-        return min(upper_ns, self.max_ns) / 1e9
+            return [0.0] * len(percents)
+        ranks = [max(self.count * percent / 100.0, 1.0) for percent in percents]
+        found = []
+        for bucket in np.cumsum(self._counts).searchsorted(ranks).tolist():
+            octave = max((bucket >> _SHIFT) - 1, 0)
+            upper_ns = (bucket - (octave << _SHIFT) + 1) << octave
+            found.append(min(upper_ns, self._max_ns) / 1e9)
+        return found
 
     def summary_s(self) -> dict[str, float]:
         """Return p50, p90, p99 and the maximum, in s."""
-        self._sort()
-        up_to = np.cumsum(self._counts).tolist()
-        percentiles = {f"p{percent}": self._percentile_s(up_to, percent) for percent in (50, 90, 99)}
-        return percentiles | {"max": self.max_ns / 1e9}
+        p50, p90, p99 = self._percentiles_s((50, 90, 99))
+        return {"p50": p50, "p90": p90, "p99": p99, "max": self._max_ns / 1e9}
 
     def recent_s(self, window: int) -> dict[str, float]:
         """Return percentiles, extremes, mean and standard deviation of the last ``window``, in s.

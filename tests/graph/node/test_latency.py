@@ -66,3 +66,15 @@ def test_a_duration_that_no_clock_can_show_is_counted_as_the_longest() -> None:
         latency.add(duration_ns)
     assert latency.count == 3
     assert latency.max_ns == 2**63 - 1
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.lists(st.integers(-5, 2**63), min_size=1, max_size=200))
+def test_looking_after_each_one_or_once_at_the_end_is_the_same(durations: list[int]) -> None:
+    often, once = Latency(), Latency()
+    for duration_ns in durations:
+        often.add(duration_ns)
+        often.summary_s()
+        once.add(duration_ns)
+    assert often.summary_s() == once.summary_s()
+    assert often.recent_s(RECENT) == once.recent_s(RECENT)
