@@ -1,14 +1,16 @@
 """What a graph costs against the number of its nodes: start, CPU, memory, descriptors, wake-ups, end.
 
-Each node says something ten times a second and hears its neighbour, in a ring. Of each size, in interleaved
-rounds: from the command to the first message at every node (``start_s``); then, over a window, the CPU of the
-launcher (with its fork server) and of a node in per cent of a core, how often a node's process woke up a
-second, the memory that belongs to a node alone (PSS, so that what processes share is counted once), open
-descriptors; messages lost; and from Ctrl-C to the last process's end (``end_s``). The slope is that of the
-launcher's CPU against the number of nodes, by least squares.
+Each node says something ``--rate`` times a second and hears its neighbour, in a ring: with 10, twenty
+messages a second. Of each size, in interleaved rounds: from the command to the first message at every node
+(``start_s``); then, over a window, the CPU of the launcher (with its fork server) and of a node in per cent
+of a core, how often a node's process woke up a second, all its threads, and for each message (two is the
+least with ZeroMQ: its own thread sends and receives, and the node works), the memory that belongs to a node
+alone (PSS, so that what processes share is counted once), open descriptors; messages lost; and from Ctrl-C to
+the last process's end (``end_s``). The slope is that of the launcher's CPU against the number of nodes, by
+least squares.
 
-Run: .venv/bin/python benchmarks/scale.py [--sizes 10,30,100,300] [--rounds N] [--window S] [--json]
-         [--chart FILE.png] [--quick]
+Run: .venv/bin/python benchmarks/scale.py [--sizes 10,30,100,300] [--rounds N] [--window S] [--rate R]
+         [--json] [--chart FILE.png] [--quick]
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ from typing import Any
 import numpy as np
 import psutil
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import Progress as Bar
 from rich.table import Table
 
@@ -42,6 +45,7 @@ COLUMNS = {
     "launcher_cpu": "launcher [% of a core]",
     "node_cpu": "node [% of a core]",
     "wakeups_per_s": "wake-ups of a node [1/s]",
+    "wakeups_per_message": "wake-ups for each message",
     "memory_mib": "all memory [MiB]",
     "descriptors": "descriptors of a node",
     "launcher_descriptors": "of the launcher",
@@ -50,10 +54,12 @@ COLUMNS = {
 }
 
 
-def launch_file(folder: Path, size: int) -> Path:
+def launch_file(folder: Path, size: int, rate_hz: float) -> Path:
     """Write a launch file of a ring of nodes, and return it."""
     nodes = "".join(
-        f'  n{at}: {{run: "{NODE}:Beater", inputs: {{beat: n{(at - 1) % size}/out}}}}\n' for at in range(size)
+        f'  n{at}: {{run: "{NODE}:Beater", params: {{rate_hz: {rate_hz}}}, '
+        f"inputs: {{beat: n{(at - 1) % size}/out}}}}\n"
+        for at in range(size)
     )
     file = folder / "launch" / f"ring{size}.yaml"
     file.parent.mkdir(exist_ok=True)
@@ -93,10 +99,10 @@ def pss_mib(process: psutil.Process) -> float:
     return float("nan")
 
 
-def measure(size: int, window_s: float, folder: Path) -> dict[str, float]:
+def measure(size: int, window_s: float, rate_hz: float, folder: Path) -> dict[str, float]:
     """Run a graph of that size for a window; return its figures."""
     begun_s = time.monotonic()
-    command = [sys.executable, "-m", "palp_core", "launch", str(launch_file(folder, size))]
+    command = [sys.executable, "-m", "palp_core", "launch", str(launch_file(folder, size, rate_hz))]
     with (folder / "said.txt").open("wb") as said:
         process = subprocess.Popen(command, stdout=said, stderr=said)
     try:
@@ -109,6 +115,7 @@ def measure(size: int, window_s: float, folder: Path) -> dict[str, float]:
                 raise SystemExit((folder / "said.txt").read_text(encoding="utf-8"))
         start_s = time.monotonic() - begun_s
         figures = window(graph, process, window_s)
+        figures["wakeups_per_message"] = figures["wakeups_per_s"] / (2.0 * rate_hz)
         lost = sum(
             edge["lost"]
             for name in names
@@ -195,6 +202,7 @@ def main() -> None:
     parser.add_argument("--sizes", default="10,30,100,300", help="numbers of nodes")
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--window", type=float, default=10.0, help="seconds of each look")
+    parser.add_argument("--rate", type=float, default=10.0, help="messages a second that each node says")
     parser.add_argument("--quick", action="store_true", help="one round of 4 and 8 nodes, two seconds each")
     parser.add_argument("--json", action="store_true", help="one object for machines")
     parser.add_argument("--chart", type=Path, help="write the picture here")
@@ -211,7 +219,7 @@ def main() -> None:
         task = bar.add_task("graphs", total=len(sizes) * options.rounds)
         for _ in range(options.rounds):
             for size in sizes:
-                rows[size].append(measure(size, options.window, Path(name)))
+                rows[size].append(measure(size, options.window, options.rate, Path(name)))
                 bar.advance(task)
     found: dict[str, Any] = {
         "rounds": options.rounds,
@@ -240,7 +248,7 @@ def main() -> None:
     for key, title in COLUMNS.items():
         figures = [found["sizes"][str(size)][key] for size in sizes]
         table.add_row(
-            title, *(f"{row['median']:.3g} ({row['min']:.3g} to {row['max']:.3g})" for row in figures)
+            escape(title), *(f"{row['median']:.3g} ({row['min']:.3g} to {row['max']:.3g})" for row in figures)
         )
     Console(width=40 + 30 * len(sizes)).print(table)
     print(f"the launcher: {start:.2f} % of a core, and {slope:.4f} % for each node")

@@ -4,9 +4,10 @@ Seconds of sweep per wall second (leaps over idle time do not count), composed a
 interleaved rounds; the limit they are measured against is the nodes' own work with no graph around it: what
 the profile finds in nodes, devices, mechanics, perception and the record.
 
-With ``--blocks`` instead: CPU time of a palpation against the length of the blocks in which torque travels.
+With ``--blocks`` instead: CPU time of a palpation against the length of the blocks in which torque travels,
+seven rounds of some 160 palpations of each length.
 
-Run: .venv/bin/python benchmarks/sim_speed.py [--quick] [--json] [--blocks [--chart FILE.png]]
+Run: .venv/bin/python benchmarks/sim_speed.py [--quick] [--rounds N] [--json] [--blocks [--chart FILE.png]]
 """
 
 from __future__ import annotations
@@ -127,6 +128,7 @@ def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="one round of a short session")
+    parser.add_argument("--rounds", type=int, help="3; of --blocks 7")
     parser.add_argument("--json", action="store_true", help="one object for machines")
     parser.add_argument(
         "--blocks", action="store_true", help="CPU of a palpation against the length of blocks"
@@ -135,13 +137,19 @@ def main() -> None:
     options = parser.parse_args()
     if options.blocks:
         count, few = (
-            (1, {"trials": 2, "training": 2}) if options.quick else (3, {"trials": 10, "training": 10})
+            (1, {"trials": 2, "training": 2})
+            if options.quick
+            else (options.rounds or 7, {"trials": 6, "training": 6})
         )
         with tempfile.TemporaryDirectory() as folder:
             table = by_block(Path(folder), count, few)
         print(json.dumps(table)) if options.json else print_blocks(table, options.chart)
         return
-    rounds, size = (1, {"trials": 5, "training": 3}) if options.quick else (3, {"trials": 20, "training": 10})
+    rounds, size = (
+        (1, {"trials": 5, "training": 3})
+        if options.quick
+        else (options.rounds or 3, {"trials": 20, "training": 10})
+    )
     found: dict[str, list[dict[str, Any]]] = {"composed": [], "processes": []}
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(rounds):
