@@ -48,11 +48,11 @@ def named_in(nav: Any) -> set[str]:
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add the pages that are made, the schema of launch files and the diagrams' library."""
+    """Add the pages that are made, the schemas of files and the diagrams' library."""
     for place, make in MADE.items():
         files.append(File.generated(config, place, content=make()))
-    schema = ROOT / "launch" / "launch.schema.json"
-    files.append(File.generated(config, "reference/launch.schema.json", abs_src_path=str(schema)))
+    for schema in sorted((ROOT / "launch").glob("*.schema.json")):
+        files.append(File.generated(config, f"reference/{schema.name}", abs_src_path=str(schema)))
     for script in sorted(mermaid_folder().glob("*.js")):
         files.append(File.generated(config, f"site/mermaid/{script.name}", abs_src_path=str(script)))
     return files

@@ -2,27 +2,12 @@
 
 from __future__ import annotations
 
-import ast
 import dataclasses
 import inspect
-import re
-import textwrap
 from collections.abc import Iterator
 from typing import Any
 
-from palp_core.palpation.mechanics.phantom import Bead, Phantom
-from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.mechanics.scene.scene import OUTPUTS, STRAINS, Scene, StagePath, Tolerance
-
-SECTIONS: dict[str, tuple[str, type]] = {
-    "": ("The file", Scene),
-    "phantom": ("The phantom", Phantom),
-    "phantom.bead": ("The bead", Bead),
-    "probe": ("The probe", Probe),
-    "path": ("The path", StagePath),
-    "tolerance": ("The tolerance", Tolerance),
-}
-"""Title and class by the place in a scene file."""
+from palp_core.palpation.mechanics.scene.schema import SECTIONS, WORDS, limits_of, sentences
 
 _HEAD = """# Scene and phantom files: every key
 
@@ -30,6 +15,9 @@ A scene says what is swept over what, and how right which output must be. What i
 rig.
 `palp scene explain FILE` tells which contact model it gets and why; `palp launch launch/sim.yaml
 scene:=FILE` runs in it.
+For editors there is the JSON Schema of both files, made from the same keys: `palp scene schema`
+and `palp scene schema --phantoms` print them; they are kept as `launch/scene.schema.json` and
+`launch/phantoms.schema.json`.
 A mistake is told with file, line, column and the nearest key. Lengths are in metres, all else in SI units.
 
 ```yaml
@@ -62,8 +50,6 @@ What real phantoms have beside that (texture, wear, spread) is the world's: [the
 world](../world.md).
 """
 
-_WORDS = {"output": OUTPUTS, "strain": STRAINS}
-
 
 def scene_page() -> str:
     """Return the page as Markdown."""
@@ -79,37 +65,15 @@ def _section(place: str, title: str, kind: type) -> Iterator[str]:
     yield "|---|---|---|---|"
     said, bounds = sentences(kind), bounds_of(kind)
     for field in dataclasses.fields(kind):
-        words = " or ".join(f"`{word}`" for word in _WORDS.get(field.name, ()))
+        words = " or ".join(f"`{word}`" for word in WORDS.get(field.name, ()))
         bound = words or bounds.get(field.name, "")
         yield f"| `{field.name}` | {_default(field)} | {bound} | {said[field.name]} |"
     yield ""
 
 
-def sentences(kind: type) -> dict[str, str]:
-    """Return what a class's docstring says of each attribute."""
-    text = (inspect.getdoc(kind) or "").partition("Attributes:\n")[2].partition("\n\n")[0]
-    found = re.findall(r"^    (\w+): (.*(?:\n {8,}.*)*)", text, flags=re.MULTILINE)
-    plain = {name: re.sub(r":\w+:`~?([\w.]+)`", r"`\1`", " ".join(words.split())) for name, words in found}
-    return {name: words.replace("``", "`").replace(" None", " `none`") for name, words in plain.items()}
-
-
 def bounds_of(kind: type) -> dict[str, str]:
-    """Return the bounds that a class's constructor requires of each attribute."""
-    checked = getattr(kind, "__post_init__", None)
-    if checked is None:
-        return {}
-    found = {}
-    for call in ast.walk(ast.parse(textwrap.dedent(inspect.getsource(checked)))):
-        if not isinstance(call, ast.Call) or ast.unparse(call.func) != "require":
-            continue
-        name, _, least, most, *_ = call.args
-        if isinstance(name, ast.Constant):
-            found[str(name.value)] = f"{_number(least)} to {_number(most)}"
-    return found
-
-
-def _number(node: ast.expr) -> str:
-    return f"{ast.literal_eval(node):g}"
+    """Return the bounds that a class's constructor requires of each attribute, in words."""
+    return {name: f"{least:g} to {most:g}" for name, (least, most) in limits_of(kind).items()}
 
 
 def _default(field: dataclasses.Field[Any]) -> str:

@@ -11,13 +11,13 @@ from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 
-from docs.site.scene_page import SECTIONS as SCENE_SECTIONS
 from docs.site.units_page import quantities
 from palp_core import units
 from palp_core.cli.lazy import LazyGroup, load
 from palp_core.cli.main import app
 from palp_core.graph.description.keys import SECTIONS
 from palp_core.palpation.devices.contract.promises import PROMISES
+from palp_core.palpation.mechanics.scene.schema import SECTIONS as SCENE_SECTIONS
 from tests.support.palp import ROOT
 
 DOCS = ROOT / "docs"

@@ -100,3 +100,22 @@ def test_a_function_is_found_or_its_like_is_named(workspace: Any) -> None:
     assert found.error is None
     assert missed.error is not None
     assert "did you mean 'report'?" in missed.error
+
+
+def test_a_mistake_in_a_quality_of_service_names_its_port(workspace: Any) -> None:
+    text = """
+    from msgs.touch import Belief
+    from palp_core import Node, Pub, Qos
+
+    class Loud(Node):
+        belief = Pub(
+            Belief,
+            qos=Qos(reliability="relible"),
+        )
+    """
+    workspace.write("nodes/loud.py", text)
+    error = ask(workspace, "nodes.loud:Loud").error
+    assert error == (
+        "nodes/loud.py:7: port Loud.belief: ValueError: qos reliability = 'relible': "
+        "give one of best_effort, reliable"
+    )

@@ -4,6 +4,7 @@ The launcher never imports a workspace's modules: a child runs :func:`inspect_cl
 answer. What is wrong with a module is part of that, with the line of its source, and never an exception.
 """
 
+import ast
 import contextlib
 import importlib
 import importlib.util
@@ -21,7 +22,7 @@ import msgspec
 from palp_core.errors import BagError, GraphError
 from palp_core.extras import advice
 from palp_core.graph.messages.message_type import MessageType
-from palp_core.graph.messages.qos import Qos
+from palp_core.graph.messages.qos import QOS_MISTAKE, Qos
 from palp_core.graph.node.action_ports import Act, ActionClient
 from palp_core.graph.node.loading import enter_workspace, load_module
 from palp_core.graph.node.node import Declaration, Node, declaration_of
@@ -302,7 +303,22 @@ def _located(error: BaseException, workspace: Path) -> str:
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if _is_within(frame.filename, workspace)]
     place = (own or frames)[-1]
+    if str(error).startswith(QOS_MISTAKE) and (port := _port_at(place.filename, place.lineno or 0)):
+        text = f"port {port}: {text}"
     return f"{_short(place.filename, workspace)}:{place.lineno}: {text}"
+
+
+def _port_at(file: str, line: int) -> str:
+    """Return the Class.port whose value a line of a class's body is part of; "" if there is none."""
+    try:
+        tree = ast.parse(Path(file).read_bytes())
+    except (OSError, SyntaxError, ValueError):
+        return ""
+    for body in (node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)):
+        for entry in body.body:
+            if entry.lineno <= line <= (entry.end_lineno or 0) and isinstance(entry, ast.Assign):
+                return f"{body.name}.{ast.unparse(entry.targets[0])}"
+    return ""
 
 
 def _is_within(file: str, workspace: Path) -> bool:
