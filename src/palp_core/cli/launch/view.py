@@ -88,7 +88,7 @@ class LaunchView:
         if self._lockstep:
             notes.append(f"{now_ns / 1e9 / wall_s:.0f} x real time")
         if progress.busy_s and self._lockstep:
-            notes.append(f"{progress.busy_s / wall_s:.0f} s of work per s")
+            notes.append(f"{progress.busy_s / wall_s:.0f} s of its work done each second")
         return ", ".join(notes)
 
     def _show(self, progress: Progress, note: str) -> None:
