@@ -3,9 +3,10 @@
 ``bare`` is rclpy to rclpy over Fast DDS, one process per end; ``out`` a node of a graph, the bridge, an
 rclpy reader; ``in`` an rclpy writer, the bridge, an external port of a graph. All carry a WrenchStamped,
 reliably, on this host's loopback, and stamp it just before it is published and as soon as the reader's
-handler has it, on the host's monotonic clock. The order turns from round to round; stated are p50 and p99
-of each, median over rounds with the least and the largest, the ratio to ``bare`` within a round, and what
-was lost. The machine should be otherwise idle. Needs ``pip install 'palp-core[ros2]'``.
+handler has it, on the host's monotonic clock; each goes one way, and nothing else is sent then. The order
+turns from round to round; stated are p50 and p99 of each, median over rounds with the least and the largest,
+the ratio to ``bare`` within a round, and what was lost. The machine should be otherwise idle. Needs
+``pip install 'palp-core[ros2]'``.
 
 Run: .venv/bin/python benchmarks/ros2_bridge.py [--rounds 7] [--seconds 10] [--rate 1000] [--json]
 """
@@ -29,6 +30,7 @@ HERE = Path(__file__).resolve().parent / "ros2_bench"
 SOURCE = HERE.parents[1] / "src"
 DOMAIN = "87"
 PATIENCE_S = 120.0
+SILENT_HZ = 0.1
 WARM = 0.1
 """Of the messages, the first that are left out of the latencies (not of the losses)."""
 
@@ -74,6 +76,11 @@ class Ends:
     def ros(self, role: str, topic: str, count: int, last: object) -> subprocess.Popen[str]:
         return self.start(HERE / "ends.py", role, topic, count, last)
 
+    def have_source_send(self, rate_hz: float) -> None:
+        """Set how fast the graph's source sends to ROS 2."""
+        rate = ["-m", "palp_core", "param", "set", "/source", "rate_hz", rate_hz]
+        self.start(*rate, stdout=subprocess.DEVNULL).wait(PATIENCE_S)
+
     def bridged(self, file: Path, between: Callable[[], None]) -> None:
         """Run a graph and the bridge beside it, and something between."""
         quiet = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
@@ -110,9 +117,7 @@ def out(count: int, rate_hz: float, ends: Ends) -> Outcome:
     file = ends.folder / "out.npy"
 
     def between() -> None:
-        name = "palp_core"
-        rate = ["-m", name, "param", "set", "/source", "rate_hz", rate_hz]
-        ends.start(*rate, stdout=subprocess.DEVNULL).wait(PATIENCE_S)
+        ends.have_source_send(rate_hz)
         ends.ros("read", "/torque_out", count, file).wait(PATIENCE_S)
 
     ends.bridged(ends.folder / "unused.npy", between)
@@ -120,14 +125,15 @@ def out(count: int, rate_hz: float, ends: Ends) -> Outcome:
 
 
 def into(count: int, rate_hz: float, ends: Ends) -> Outcome:
-    """Measure rclpy to graph."""
+    """Measure rclpy to graph, whose own source is silent meanwhile: ``bare`` goes one way at a time, too."""
     file = ends.folder / "in.npy"
-    ends.bridged(file, lambda: _ended(ends.ros("write", "/torque_in", count, rate_hz)))
+
+    def between() -> None:
+        ends.have_source_send(SILENT_HZ)
+        ends.ros("write", "/torque_in", count, rate_hz).wait(PATIENCE_S)
+
+    ends.bridged(file, between)
     return outcome(file, count)
-
-
-def _ended(process: subprocess.Popen[str]) -> None:
-    process.wait(PATIENCE_S)
 
 
 WAYS: dict[str, Callable[[int, float, Ends], Outcome]] = {"bare": bare, "out": out, "in": into}

@@ -165,12 +165,16 @@ class WallLoop:
             if self.participant.waiting:
                 self.participant.turn()
             if self.sockets.due():
-                self.sockets.poll()
-                if not self.executor.succession.paused:
-                    self.sockets.requests.perform(then=self.receiver.own.take)
+                self.sockets.poll(put_off=self._perform)
+                self._perform()
             if self.executor.exit_code is not None and not finished and not self.participant.silent:
                 finished = True
                 self.channel.send(control_messages.Relay(b"", self.executor.exit_code))
+
+    def _perform(self) -> None:
+        """Do what has been asked, and at once what comes of it, unless the node may change hands."""
+        if not self.executor.succession.paused:
+            self.sockets.requests.perform(then=self.receiver.own.take)
 
     def _wait(self) -> bool:
         """Wait until there is something to do and take in what arrives; tell if the supervisor spoke."""
@@ -197,7 +201,7 @@ class WallLoop:
             timeout_s = min(timeout_s, (due_ns - self.now_ns()) / 1e9)
         if timeout_s < 0.0 or self.receiver.more or self.sockets.due() or self._backlog():
             timeout_s = 0.0
-        wait_ms = int(timeout_s * 1e3)
+        wait_ms, ready = int(timeout_s * 1e3), None
         if wait_ms and self._reads and not self.receiver.asking and not self._asked:
             if self._rung_at_beats and not self.participant.engaged and self._at_leisure():
                 rung = self.receiver.receive(self._next_beat_ns - now_ns, UNTIL_RUNG)
@@ -213,7 +217,9 @@ class WallLoop:
             return self.channel.buffered()
         self.sockets.note_signal()
         self._unanswered = True
-        return self.channel.buffered() or bool(select.select((self._others[0],), (), (), 0.0)[0])
+        if ready is None:
+            ready = select.select((self._others[0],), (), (), 0.0)[0]
+        return self.channel.buffered() or self._others[0] in ready
 
     def _choose_timekeeper(self) -> None:
         """Let the wakeup end the waits of a node that hears much; the others' have a limit of their own.

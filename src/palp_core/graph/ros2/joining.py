@@ -14,7 +14,7 @@ from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.problems import Problems
 from palp_core.graph.ros2.field_map import Times
 from palp_core.graph.ros2.map_file import MapFile
-from palp_core.graph.ros2.plan import BridgePlan, Ports, ask_ports, make_plan
+from palp_core.graph.ros2.plan import BridgePlan, AnsweredPorts, ask_ports, make_plan
 
 LOOK_NS = 500_000_000
 
@@ -42,7 +42,7 @@ class Joining:
         self._definitions, self._times = definitions, times
         self._known = set(graph.node_names)
         self._look_ns = 0
-        self._asked: Future[Ports] | None = None
+        self._asked: Future[AnsweredPorts] | None = None
 
     def plan(self) -> BridgePlan | None:
         """Return what crosses besides from now on, if anything does; never wait for a node."""
@@ -57,7 +57,7 @@ class Joining:
                 self._asked = _asked_apart(self._graph)
         return None
 
-    def _planned(self, ports: Ports) -> BridgePlan:
+    def _planned(self, ports: AnsweredPorts) -> BridgePlan:
         assert self._awaited is not None
         problems = Problems()
         plan = make_plan(self._awaited, self._graph, self._times, problems, self._definitions, ports)
@@ -69,9 +69,9 @@ class Joining:
         return replace(plan, parameters=fresh)
 
 
-def _asked_apart(graph: RunningGraph) -> Future[Ports]:
+def _asked_apart(graph: RunningGraph) -> Future[AnsweredPorts]:
     """Ask in a thread: a node that hangs is waited for, for some seconds."""
-    future = Future[Ports]()
+    future = Future[AnsweredPorts]()
 
     def ask() -> None:
         try:

@@ -128,8 +128,9 @@ class Middleware:
     def publisher(self, topic: str, type_name: str, qos: Qos) -> Callable[[bytes], None]:
         """Return the function that publishes a message's bytes."""
         kind = message_type(self._definitions, type_name)
-        publish: Callable[[bytes], None] = self.topics.create_publisher(kind, topic, profile(qos)).publish
+        made = self.topics.create_publisher(kind, topic, profile(qos))
         forget_error()
+        publish: Callable[[bytes], None] = made.handle.publish_raw
         return publish
 
     def subscribe(self, topic: str, type_name: str, qos: Qos, arrived: Arrived) -> None:

@@ -102,7 +102,7 @@ class BridgePlan:
         return bool(self.to_palp or self.services or self.parameters or answered or later)
 
 
-class Ports(NamedTuple):
+class AnsweredPorts(NamedTuple):
     """What the nodes of a graph say of themselves, by node and port."""
 
     infos: dict[str, dict[str, Any]]
@@ -121,7 +121,7 @@ def make_plan(
     times: Times,
     problems: Problems,
     definitions: Definitions | None = None,
-    ports: Ports | None = None,
+    ports: AnsweredPorts | None = None,
 ) -> BridgePlan:
     """Return what crosses between a running graph and ROS 2; mistakes go to ``problems``.
 
@@ -152,10 +152,10 @@ def make_plan(
     )
 
 
-def ask_ports(graph: RunningGraph) -> Ports:
+def ask_ports(graph: RunningGraph) -> AnsweredPorts:
     """Ask the nodes of a graph what they have; one that does not answer within some seconds has nothing."""
     infos, schemas = (graph.ask_all(what, timeout_s=ASK_S).replies for what in ("info", "schemas"))
-    return Ports(infos, {node: reply["ports"] for node, reply in schemas.items()})
+    return AnsweredPorts(infos, {node: reply["ports"] for node, reply in schemas.items()})
 
 
 def _divided(described: MapFile, graph: RunningGraph) -> tuple[MapFile, MapFile | None]:
@@ -171,7 +171,7 @@ class _Planner:
         self,
         described: MapFile,
         graph: RunningGraph,
-        ports: Ports,
+        ports: AnsweredPorts,
         times: Times,
         problems: Problems,
         definitions: Definitions,

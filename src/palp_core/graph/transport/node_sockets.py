@@ -1,6 +1,7 @@
 """The sending side of one process: where its nodes publish, and where they answer requests."""
 
 import select
+from collections.abc import Callable
 
 import zmq
 
@@ -52,12 +53,17 @@ class NodeSockets:
         stirred = self.publisher.stirred and (self._signalled or monotonic_ns() >= self._look_ns)
         return stirred or self.requests.stirred
 
-    def poll(self, most: int = MOST_AT_ONCE) -> None:
-        """Greet new subscribers and answer requests, without waiting; what is beyond so many is pending."""
+    def poll(self, most: int = MOST_AT_ONCE, put_off: Callable[[], None] = lambda: None) -> None:
+        """Answer requests and greet new subscribers, without waiting; what is beyond so many is pending.
+
+        Args:
+            most: How many requests at once.
+            put_off: As :meth:`RequestServer.poll` has it.
+        """
         self.publisher.stirred = self.requests.stirred = self._signalled = False
         self._look_ns = monotonic_ns() + LOOK_NS
+        self.requests.poll(most, put_off)
         self.publisher.poll()
-        self.requests.poll(most)
 
     def wait_until_unread(self, patience_ns: int, ends: int) -> None:
         """Wait until nobody listens any more, and turn requests away meanwhile.

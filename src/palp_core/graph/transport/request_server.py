@@ -20,6 +20,7 @@ from palp_core.graph.transport.private_endpoint import bind_private
 from palp_core.graph.transport.requester_socket import readable
 
 LONGEST_ID = 128
+_RCVMORE = int(zmq.RCVMORE)  # an enum costs a microsecond a call
 MAX_REQUEST_BYTES = 1 << 20
 MOST_AT_ONCE = 100
 """Requests after which a loop does its other work."""
@@ -134,19 +135,29 @@ class RequestServer:
         """Nodes for which a deferred request waits."""
         return {entry.node for entry in self._waiting} if self._waiting else ()
 
-    def poll(self, most: int = MOST_AT_ONCE) -> None:
-        """Answer requests, or put them off, without waiting; what is beyond so many leaves it stirred."""
+    def poll(self, most: int = MOST_AT_ONCE, put_off: Callable[[], None] = lambda: None) -> None:
+        """Answer requests, or put them off, without waiting; what is beyond so many leaves it stirred.
+
+        Args:
+            most: How many at once.
+            put_off: Called whenever one has been put off; may :meth:`perform` it.
+        """
         if self._performs:
             while (entry := self._next(None)) is not None:
                 self._perform(entry)
         for _ in range(most):
             if not readable(self._socket):
                 return
-            parts = self._socket.recv_multipart()
+            parts = [self._socket.recv()]
+            while self._socket.getsockopt(_RCVMORE):
+                parts.append(self._socket.recv())
             self.asked_count += 1
-            reply = self.reply_to(parts[:-1], parts[-1] if len(parts) > 1 else b"")
+            payload = parts.pop() if len(parts) > 1 else b""
+            reply = self.reply_to(parts, payload)
             if reply is not None:
-                self._send(parts[:-1], reply)
+                self._send(parts, reply)
+            else:
+                put_off()
         self.stirred = True
 
     def _send(self, envelope: list[bytes], reply: bytes) -> None:
@@ -184,14 +195,17 @@ class RequestServer:
         if not deferred or self._performs:
             return self._answer(answer)[0]
         # Whose it is by then answers it: another class may have the node's place, or its predecessor again.
-        answer = partial(self._answered_by_now, node, request.op, payload)
+        answer = partial(self._answered_by_now, node, request.op, payload, known, answer)
         self._put_off(
             _Waiting(node, request.id, answer, len(payload), deque([_checked(envelope)], MOST_ASKERS))
         )
         return None
 
-    def _answered_by_now(self, node: str, op: str, payload: bytes) -> dict[str, Any]:
-        return self._operations[node][op].read(payload)()
+    def _answered_by_now(
+        self, node: str, op: str, payload: bytes, known: NodeOperations, answer: Callable[[], dict[str, Any]]
+    ) -> dict[str, Any]:
+        by_now = self._operations[node]
+        return answer() if by_now is known else by_now[op].read(payload)()
 
     def _put_off(self, entry: _Waiting) -> None:
         if len(self._waiting) >= MOST_WAITING or self._waiting_bytes + entry.size > MOST_WAITING_BYTES:

@@ -8,7 +8,11 @@ import msgpack
 import zmq
 
 RECONNECT_MS = 10
-_EVENTS, _POLLIN = int(zmq.EVENTS), int(zmq.POLLIN)  # an enum costs a microsecond a call
+_EVENTS, _POLLIN, _NOBLOCK = (
+    int(zmq.EVENTS),
+    int(zmq.POLLIN),
+    int(zmq.NOBLOCK),
+)  # an enum costs a microsecond a call
 
 
 class RequesterSocket:
@@ -46,7 +50,7 @@ class RequesterSocket:
             self._descriptors[endpoint] = int(socket.getsockopt(zmq.FD))
             self.file_descriptors = tuple(self._descriptors.values())
         with contextlib.suppress(zmq.Again):  # whoever asks asks again, or gives up
-            self._sockets[endpoint].send(msgpack.packb(request), zmq.NOBLOCK)
+            self._sockets[endpoint].send(msgpack.packb(request), _NOBLOCK)
 
     def replies(self) -> list[dict[str, Any]]:
         """Return the replies that have arrived."""
