@@ -14,7 +14,7 @@ from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.problems import Problems
 from palp_core.graph.ros2.field_map import Times
 from palp_core.graph.ros2.map_file import MapFile
-from palp_core.graph.ros2.plan import BridgePlan, AnsweredPorts, ask_ports, make_plan
+from palp_core.graph.ros2.plan import AnsweredPorts, BridgePlan, ask_ports, make_plan
 
 LOOK_NS = 500_000_000
 
