@@ -90,14 +90,15 @@ export default {
       const value = (_, one) => (one === null || one === undefined ? "" : tidy(one));
       const series = this.names.map((name, i) => {
         const stroke = colour(COLOURS[i % COLOURS.length]);
-        return { label: name, stroke, value, width: 1.5, points: { show: (plot, at, from, to) => to - from < 60 } };
+        return { label: name, stroke, value, width: 1.5, points: { show: (plot, at, from, to) => to - from < 12 } };
       });
       const options = {
         ...this.room(),
         scales: { x: { time: false } },
         legend: { live: !this.slim },
         cursor: { drag: { x: true, y: false }, bind: { dblclick: () => () => this.unzoom() } },
-        axes: [{ ...axis, size: 34 }, { ...axis, size: 70, values: (_, ticks) => ticks.map(tidy) }],
+        axes: [{ ...axis, size: 34, values: (_, ticks) => ticks.map(this.points.some((list) => list.length) ? tidy : () => "") },
+          { ...axis, size: 70, values: (_, ticks) => ticks.map(tidy) }],
         series: [{ label: this.elements ? "element" : "s", value }, ...series],
         hooks: { setSelect: [(plot) => { this.zoomed = this.zoomed || plot.select.width > 0; }] },
       };

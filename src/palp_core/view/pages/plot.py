@@ -13,18 +13,17 @@ from palp_core.errors import GraphError
 from palp_core.units import Float64Array
 from palp_core.view.pages.parts import Outcome
 from palp_core.view.source.protocol import Watch
-from palp_core.view.source.series import NO_POINTS, FieldSeries, as_csv, number_fields, thinned
+from palp_core.view.source.series import NO_POINTS, FieldSeries, as_csv, number_fields, shown
 
 FRAME_S = 1 / 40
 """Between two looks at what has come: with what they take themselves there are some 30 a second."""
 FAST_FRAME_S = 1 / 5
 """Of a graph that goes faster than anybody looks: each frame is another part of it."""
-MOST_POINTS = 200
-"""Of a series between two frames: more than the columns of pixels that a frame adds."""
 MOST_UNDER_WAY = 2
 """Frames that a browser has not drawn yet: until it has, more is kept for the next, however slow it is."""
 DIGITS = 9
 """Of what a browser is sent: times to 1 ns."""
+SPAN_S = 10
 SPANS_S = {2: "2 s", 10: "10 s", 60: "1 min", 600: "10 min"}
 
 
@@ -36,7 +35,7 @@ class LivePlot(Element, component="live_plot.js", esm={"palp-uplot": "uplot"}): 
         self._sent = self._taken = 0
         self.on("taken", self._take)
         self._props.update(elements=False, slim=False, even=False)
-        self.shape(names=[], span=10, paused=False, file=f"{file}.png")
+        self.shape(names=[], span=SPAN_S, paused=False, file=f"{file}.png")
 
     def shape(self, **props: Any) -> None:
         """Change what is shown, and how.
@@ -86,11 +85,11 @@ class _Plotted:
         """Note that the browser has been given all that waited."""
         self.waiting = [NO_POINTS] * len(self.series)
 
-    def take(self, watch: Watch) -> bool:
+    def take(self, watch: Watch, span_s: float) -> bool:
         """Take what has come; tell whether anything has."""
         heard = watch.drain()
         self.waiting = [
-            thinned(np.concatenate([waiting, *(series.add(message) for message in heard)]), MOST_POINTS)
+            shown(np.concatenate([waiting, *(series.add(message) for message in heard)]), span_s)
             for series, waiting in zip(self.series, self.waiting, strict=True)
         ]
         return bool(heard)
@@ -115,7 +114,9 @@ def plot_panel(watch: Watch, *, fast: bool = False) -> None:
         chosen.props("dense outlined use-chips").style("min-width: 16rem").tooltip(
             "as in posterior or posterior[3]"
         )
-        span = ui.select(SPANS_S, value=10, label="window").props("dense outlined").style("min-width: 7rem")
+        span = (
+            ui.select(SPANS_S, value=SPAN_S, label="window").props("dense outlined").style("min-width: 7rem")
+        )
         elements = ui.checkbox("by element")
         elements.tooltip("the elements of an array by their number, of the last message")
         pause = ui.button("pause").props("outline dense no-caps")
@@ -144,7 +145,7 @@ def plot_panel(watch: Watch, *, fast: bool = False) -> None:
     def tick() -> None:
         if not plotted.series:
             return
-        came = plotted.take(watch)
+        came = plotted.take(watch, float(span.value))
         if plot.busy or state["paused"] or not (came or any(len(points) for points in plotted.waiting)):
             return
         if elements.value:

@@ -24,6 +24,10 @@ KEPT_POINTS = 60_000
 """Of a series: a minute at 1 kHz; what is saved as CSV."""
 NUMBERS = (FieldKind.FLOAT, FieldKind.INT, FieldKind.BOOL)
 NO_POINTS: Float64Array = np.empty((0, 2))
+WINDOW_POINTS = 1200
+"""Of a series in the whole of a plot: two for each column that it has."""
+FEWEST_POINTS = 200
+"""A plot is given these, however short a part of it they are."""
 LATE_SAMPLES = 1.5
 """A block that begins later after the one before, in its own samples, does not go on from it."""
 
@@ -142,6 +146,24 @@ def thinned(points: Float64Array, most: int) -> Float64Array:
     kept[at[np.unique(run[at], return_index=True)[1]]] = True
     found: Float64Array = points[kept]
     return found
+
+
+def shown(points: Float64Array, span_s: float) -> Float64Array:
+    """Return what a plot of the last seconds shows of points.
+
+    Args:
+        points: In the order of their times.
+        span_s: So long a time it shows.
+
+    >>> many = np.column_stack((np.arange(100_000) / 1e3, np.zeros(100_000)))
+    >>> len(shown(many, 10.0)), len(shown(many[-50:], 10.0)), shown(many, 10.0)[0, 0] >= 89.9
+    (1200, 50, True)
+    """
+    if len(points) <= FEWEST_POINTS:
+        return points
+    points = points[points[:, 0] >= points[-1, 0] - span_s]
+    share = (points[-1, 0] - points[0, 0]) / span_s
+    return thinned(points, max(FEWEST_POINTS, round(share * WINDOW_POINTS)))
 
 
 def as_csv(series: Sequence[FieldSeries]) -> str:

@@ -11,9 +11,9 @@ from palp_core.errors import PalpError
 from palp_core.palpation.live_page.monitor import RigMonitor
 from palp_core.palpation.live_page.muscles import muscle_words
 from palp_core.view.pages.parts import said
-from palp_core.view.pages.plot import MOST_POINTS, LivePlot
+from palp_core.view.pages.plot import SPAN_S, LivePlot
 from palp_core.view.source.protocol import Heard, ViewSource, Watch
-from palp_core.view.source.series import NO_POINTS, FieldSeries, thinned
+from palp_core.view.source.series import NO_POINTS, FieldSeries, shown
 
 TICK_S = 0.1
 PLOTS = (
@@ -60,13 +60,13 @@ def _plot(source: ViewSource, topic: str, fields: dict[str, str], file: str, *, 
         plot.classes(replace="live-plot rig-small")
         plot.shape(names=list(fields.values()), slim=True)
         waiting = [NO_POINTS for _ in series]
-        shown = [-1]
+        seen = [-1]
 
         def tick() -> None:
-            heard = _new(watch, shown) if last_only else watch.drain()
+            heard = _new(watch, seen) if last_only else watch.drain()
             for place, one in enumerate(series):
                 points = np.concatenate([waiting[place], *(one.add(message) for message in heard)])
-                waiting[place] = thinned(points, MOST_POINTS)
+                waiting[place] = shown(points, SPAN_S)
             if any(len(points) for points in waiting) and not plot.busy:
                 plot.add(waiting)
                 waiting[:] = [NO_POINTS for _ in series]
@@ -74,10 +74,10 @@ def _plot(source: ViewSource, topic: str, fields: dict[str, str], file: str, *, 
         ui.timer(TICK_S, tick)
 
 
-def _new(watch: Watch, shown: list[int]) -> list[Heard]:
+def _new(watch: Watch, seen: list[int]) -> list[Heard]:
     """Return the last message, if it is not shown already."""
     last = watch.latest()
-    if last is None or last.sequence == shown[0]:
+    if last is None or last.sequence == seen[0]:
         return []
-    shown[0] = last.sequence
+    seen[0] = last.sequence
     return [last]
