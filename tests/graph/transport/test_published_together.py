@@ -21,6 +21,8 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.process import checkpoint
+from palp_core.graph.process.keeping import Keeping
 from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.transport import receiver as receiver_module
 from palp_core.graph.transport.node_sockets import NodeSockets
@@ -230,6 +232,22 @@ def test_of_a_run_with_a_bad_message_the_others_are_taken_and_it_is_named(
     assert words_of(receiver) == [1, 1]
     assert "topic /p/word, input 'word'" in caplog.text
     assert receiver._executor.events.rejected_count == 1
+
+
+def test_a_reader_writes_itself_down_before_each_message_of_a_run(pair: Pair) -> None:
+    receiver = pair.reader()
+    executor = receiver._executor
+    kept: list[tuple[int, int, list[int]]] = []
+
+    def keep(sequence: int, node: bytes) -> None:
+        hand_over = checkpoint._decoded(node).hand_over
+        account = hand_over.consumed["/p/word"]
+        kept.append((sequence, account.sequence, words_of(receiver).copy()))
+
+    Keeping(executor, "/p/word", keep)
+    pair.publish(*range(1, 5))
+    pair.take(receiver, 4)
+    assert kept == [(n, n, list(range(1, n))) for n in range(1, 5)]
 
 
 def test_a_publisher_that_must_wait_for_room_sends_what_there_is_room_for(pair: Pair) -> None:

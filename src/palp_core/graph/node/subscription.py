@@ -36,6 +36,7 @@ class Subscription:
         last: When a message was last handled, and the message.
         is_prompt: No time limit holds on the edge: a message that is next is handed over as it arrives.
         is_plain: Besides, its messages are neither requests nor replies.
+        takes_runs: Messages of one frame may be handed on in a row, and accounted for when that is done.
         tell_repeats: Is told how many in a row have been dropped as repeats, when they are not few.
     """
 
@@ -68,7 +69,7 @@ class Subscription:
         self._deadline_ns = round(qos.deadline_ms * 1e6)
         self._lifespan_ns = round(qos.lifespan_ms * 1e6)
         self.is_prompt = not self._lifespan_ns and not self._deadline_ns
-        self.is_plain = self.is_prompt and type(self) is Subscription
+        self.takes_runs = self.is_plain = self.is_prompt and type(self) is Subscription
 
     def attach(self, events: Mapping[EventKind, EventEnd]) -> None:
         """Raise these events when what they are about is not kept."""
@@ -127,7 +128,7 @@ class Subscription:
         account = self.account
         if first != account.sequence + 1 or epoch != account.epoch:
             return []
-        if type_hash != self._type_hash or not self.is_plain:
+        if type_hash != self._type_hash or not self.takes_runs:
             return []
         try:
             return self._decode_run(payload)
