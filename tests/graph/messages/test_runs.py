@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import msgspec
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from palp_core.graph.messages.frame import Kind, pack, parse
 from palp_core.graph.messages.message import run_decoder_of
 from palp_core.graph.messages.runs import RUN_BYTES, RUN_MESSAGES, singles
 from palp_core.graph.messages.schema import schema_of
-from palp_core.graph.node.publisher import PublisherEnd
+from palp_core.graph.node.publisher import History, PublisherEnd
 from palp_core.units import MetresNonNegative, NewtonMetresArray
 
 
@@ -90,6 +92,88 @@ def test_of_a_message_of_another_type_those_before_it_are_sent_and_it_is_named()
     assert [parse(frame).sequence for frame in frames] == [1, 2]
 
 
+class Sent:
+    """An end with what it has sent."""
+
+    def __init__(self) -> None:
+        self.frames = list[bytes]()
+        self.end = PublisherEnd("/p/sample", Sample, Qos(), 0, Owner(), self.frames.append)
+        self.end.send_run = self.frames.append
+
+    @property
+    def sequences(self) -> list[int]:
+        return [parse(one).sequence for frame in self.frames for one in singles(frame)]
+
+
+def sample(value: float = 0.0) -> Sample:
+    return Sample(depth_m=0.0, torque_n_m=np.array([value]))
+
+
+def test_of_a_message_that_cannot_travel_those_before_it_are_sent_and_none_is_missed() -> None:
+    sent = Sent()
+    flat = Sample(depth_m=0.0, torque_n_m=np.zeros((2, 2)))
+    with pytest.raises(SchemaMismatch, match=r"an array of shape \(2, 2\) cannot travel"):
+        sent.end.publish_all([sample(), sample(), flat, sample()])
+    assert sent.sequences == [1, 2]
+    sent.end.publish_all([sample(), sample()])
+    assert sent.sequences == [1, 2, 3, 4]
+
+
+def test_of_a_generator_that_fails_the_messages_before_are_sent() -> None:
+    def made() -> Iterator[Sample]:
+        yield sample()
+        yield sample()
+        raise OSError("the driver is gone")
+
+    sent = Sent()
+    with pytest.raises(OSError, match="driver"):
+        sent.end.publish_all(made())
+    assert sent.sequences == [1, 2]
+
+
+def test_a_message_goes_as_it_was_when_the_next_was_made_of_the_same_array() -> None:
+    buffer = np.zeros(1)
+
+    def made() -> Iterator[Sample]:
+        for n in range(1, 4):
+            buffer[0] = n
+            yield Sample(depth_m=0.0, torque_n_m=buffer)
+
+    sent = Sent()
+    sent.end.publish_all(made())
+    (frame,) = sent.frames
+    found = run_decoder_of(Sample)(memoryview(frame)[len("/p/sample") + 33 :])
+    assert [one.torque_n_m[0] for one in found] == [1.0, 2.0, 3.0]
+
+
+def test_of_a_long_generator_no_more_is_held_than_a_run() -> None:
+    sent, held = Sent(), list[int]()
+
+    def made() -> Iterator[Sample]:
+        for n in range(3 * RUN_MESSAGES):
+            held.append(n - len(sent.sequences))
+            yield sample()
+
+    sent.end.publish_all(made())
+    assert sent.sequences == list(range(1, 3 * RUN_MESSAGES + 1))
+    assert max(held) <= RUN_MESSAGES
+
+
+def test_a_large_message_among_small_ones_keeps_its_place() -> None:
+    sent = Sent()
+    large = Sample(depth_m=0.0, torque_n_m=np.zeros(RUN_BYTES // 8))
+    sent.end.publish_all([sample(), sample(), large, sample(), sample()])
+    assert [len(singles(frame)) for frame in sent.frames] == [2, 1, 2]
+    assert sent.sequences == [1, 2, 3, 4, 5]
+
+
+def test_as_many_messages_of_a_run_are_remembered_as_a_reader_may_be_behind() -> None:
+    sent = Sent()
+    sent.end.history = History(maxlen=500)  # as for a reader with which history: keep_all holds
+    sent.end.publish_all([sample() for _ in range(30)])
+    assert [parse(frame).sequence for frame in sent.end.history.frames()] == list(range(1, 31))
+
+
 def test_a_node_that_may_not_publish_yet_publishes_no_run_either() -> None:
     owner, frames = Owner(), list[bytes]()
     owner.publishing = False
@@ -124,6 +208,7 @@ ONE = msgspec.msgpack.encode({"depth_m": 0.0, "torque_n_m": b""})
         pytest.param(0, b"\x92" + ONE + ONE, id="sequence 0"),
         pytest.param(2**53, b"\x92" + ONE + ONE, id="sequences that no topic has"),
         pytest.param(1, b"\xdd\xff\xff\xff\xff" + ONE, id="four thousand million messages"),
+        pytest.param(1, b"\x92" + ONE + b"\x91" * 100_000 + b"\xc0", id="a message of lists in lists"),
     ],
 )
 def test_what_is_no_run_is_left_as_it_is_and_refused(first: int, payload: bytes) -> None:
@@ -131,6 +216,16 @@ def test_what_is_no_run_is_left_as_it_is_and_refused(first: int, payload: bytes)
     assert singles(frame) == [frame]
     with pytest.raises(SchemaMismatch, match="a run of messages that is none"):
         parse(frame)
+
+
+def test_a_run_of_no_messages_decodes_to_none_which_is_no_error_of_the_reader() -> None:
+    assert run_decoder_of(Sample)(b"\x90") == []
+
+
+def test_flags_that_nobody_knows_are_passed_over_in_a_run_as_in_a_message() -> None:
+    payload = b"\x92" + ONE + ONE
+    frame = pack(b"/p/sample", Kind.RUN, 0, 1, 0, HASH, payload, flags=2)
+    assert singles(frame) == singles(pack(b"/p/sample", Kind.RUN, 0, 1, 0, HASH, payload))
 
 
 @settings(deadline=None, max_examples=300)

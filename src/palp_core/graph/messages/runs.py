@@ -5,6 +5,7 @@ the next one; they share stamp, epoch and type. Only who reads a socket ever mee
 handed over, recorded or sent to another host are frames of one message each.
 """
 
+import struct
 from collections.abc import Callable
 
 import msgspec
@@ -26,14 +27,21 @@ for long."""
 RUN_BYTES = 32 * 1024
 """Bytes of a run at most; larger messages travel each in its own frame, whose cost does not count there."""
 
+_VERSION_AND_KIND = 0xFFFF  # of a header's first four bytes; flags are passed over
+_ARRAY_OF = struct.Struct(">BH")  # as msgpack begins an array of up to 65535
 _RAW_MESSAGES = msgspec.msgpack.Decoder(list[msgspec.Raw])
+
+
+def run_of(payloads: list[bytes]) -> bytes:
+    """Return the payload of a run of encoded messages, :data:`RUN_MESSAGES` at most."""
+    return b"".join((_ARRAY_OF.pack(0xDC, len(payloads)), *payloads))
 
 
 def payloads_of(payload: bytes | memoryview) -> list[bytes]:
     """Return the bytes of each message of a run.
 
     Raises:
-        msgspec.DecodeError: It is no msgpack array.
+        msgspec.DecodeError, RecursionError: It is no msgpack array.
     """
     return [bytes(one) for one in _RAW_MESSAGES.decode(payload)]
 
@@ -47,11 +55,11 @@ def singles(raw: bytes) -> list[bytes]:
     if end < 1 or len(raw) < end + 1 + HEADER_BYTES:
         return [raw]
     head, epoch, first, stamp_ns, type_hash = quick_header(raw, end + 1)
-    if head != PLAIN_RUN:
+    if head & _VERSION_AND_KIND != PLAIN_RUN:
         return [raw]
     try:
         payloads = payloads_of(memoryview(raw)[end + 1 + HEADER_BYTES :])
-    except msgspec.DecodeError:
+    except (msgspec.DecodeError, RecursionError):
         return [raw]
     if len(payloads) < 2 or not 1 <= first <= LAST_SEQUENCE - len(payloads):
         return [raw]

@@ -138,6 +138,8 @@ def _check_all(
     check: Callable[[Any], None], bounded: dict[str, tuple[float, float]], nested: dict[str, Schema]
 ) -> Callable[[Sequence[Any]], None]:
     def check_all(messages: Sequence[Any]) -> None:
+        if not messages:
+            return  # nothing to join
         arrays = {name: [getattr(message, name) for message in messages] for name in bounded}
         if nested or not all(_within(np.concatenate(arrays[name]), *bounded[name]) for name in bounded):
             for message in messages:  # which tells the one that is wrong

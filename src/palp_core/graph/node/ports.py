@@ -78,7 +78,8 @@ class Publisher(Protocol[Sent]):
         that.
 
         Args:
-            messages: What to send.
+            messages: What to send. Of a generator, up to 64 wait until as many are there, or it ends; if it
+                fails, those before are sent.
 
         Raises:
             PublishTimeout: As :meth:`publish`; those before the one that found no room are sent.

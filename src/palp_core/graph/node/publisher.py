@@ -18,7 +18,7 @@ from palp_core.graph.messages.frame import (
 )
 from palp_core.graph.messages.message import Message, encode_any
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.messages.runs import RUN_BYTES, RUN_MESSAGES, payloads_of
+from palp_core.graph.messages.runs import RUN_BYTES, RUN_MESSAGES, run_of
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.owner import Owner
 
@@ -104,43 +104,63 @@ class PublisherEnd(Generic[M]):
         Readers get the same as if each were published on its own.
 
         Args:
-            messages: What to send.
+            messages: As :meth:`palp_core.graph.node.ports.Publisher.publish_all`.
 
         Raises:
             LifecycleError: As :meth:`publish`.
             PublishTimeout: As :meth:`publish`; those before the one that found no room are sent.
         """
-        left = list(messages)
-        for begin in range(0, len(left), RUN_MESSAGES):
-            run = left[begin : begin + RUN_MESSAGES]
-            whole_run = self.send_run is not None and len(run) > 1 and self.sequence + len(run) <= self.room
-            if not (whole_run and self._owner.publishing and self._put_run(run)):
-                for message in run:
+        if self.send_run is None or not self._owner.publishing:
+            for message in messages:
+                self.publish(message)
+            return
+        run, size = list[bytes](), 0
+        try:
+            for message in messages:
+                payload = self._payload(message)
+                size += len(payload)
+                if run and (size > RUN_BYTES or len(run) == RUN_MESSAGES):
+                    full, run, size = run, [], len(payload)
+                    self._put_run(full)
+                if size > RUN_BYTES:
+                    size = 0
                     self.publish(message)
+                else:
+                    run.append(payload)
+        finally:  # what comes before one that cannot be had, or cannot travel, is sent as if it were alone
+            self._put_run(run)
 
-    def _put_run(self, run: list[M]) -> bool:
-        """Send messages in one frame; return False, with nothing done, if they are too large for it."""
-        for message in run:
-            if type(message) is not self.message:
-                return False  # told of the one that is wrong, after those before it
-        canonical = self._canonical
-        payload = encode_any(run if canonical is None else [canonical(message) for message in run])
-        if len(payload) > RUN_BYTES:
-            return False
+    def _put_run(self, payloads: list[bytes]) -> None:
+        """Send encoded messages, in one frame if there is room for all of them."""
+        count = len(payloads)
+        if count < 2 or self.sequence + count > self.room:
+            for payload in payloads:
+                if self.sequence >= self.room:
+                    self.wait_for_room()
+                self.forward(payload)
+            return
         now_ns, first = self._owner.now_ns(), self.sequence + 1
-        self.sequence += len(run)
+        self.sequence += count
         self.idle_until_next = False
         if self.note is not None:
             self.note(self.epoch, self.sequence)
         if self.listened:
             assert self.send_run is not None
             header = quick_pack(PLAIN_RUN, self.epoch, first, now_ns, self._type_hash)
-            self.send_run(b"".join((self._prefix, header, payload)))
-        kept = payloads_of(payload)[-self.qos.depth :]
+            self.send_run(b"".join((self._prefix, header, run_of(payloads))))
+        kept = payloads[-(self.history.maxlen or count) :]
         for sequence, one in enumerate(kept, self.sequence - len(kept) + 1):
             header = quick_pack(PLAIN_DATA, self.epoch, sequence, now_ns, self._type_hash)
             self.history.append(b"".join((self._prefix, header, one)))
-        return True
+
+    def _payload(self, message: M) -> bytes:
+        if type(message) is not self.message:
+            raise self._other_type(message)
+        canonical = self._canonical
+        return encode_any(message if canonical is None else canonical(message))
+
+    def _other_type(self, message: object) -> TypeError:
+        return TypeError(f"{self.topic} carries {self.message.__name__}, not {type(message).__name__}")
 
     def put(self, message: M) -> None:
         """Send a message whatever the node's state is."""
@@ -193,7 +213,7 @@ class PublisherEnd(Generic[M]):
 
     def _put(self, message: M, epoch: int, sequence: int) -> None:
         if type(message) is not self.message:
-            raise TypeError(f"{self.topic} carries {self.message.__name__}, not {type(message).__name__}")
+            raise self._other_type(message)
         owner, canonical = self._owner, self._canonical
         now_ns = owner.now_ns()
         send_pieces = owner.send_pieces
