@@ -22,8 +22,8 @@ class Chain(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         depth_m: Nodule's depth in the trials it was learnt from; None: pooled over all trials.
-        matrix: M[next][current], columns sum to 1.
-        counts: Transitions [next][current] behind it.
+        matrix: M[next, current], columns sum to 1.
+        counts: Transitions behind it, by next and current level.
         mean_level: Mean co-contraction of the bursts, dimensionless: the mean of P_{S,1}.
         sd_level: Their standard deviation: sigma_S.
     """
