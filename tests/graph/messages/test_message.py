@@ -402,3 +402,8 @@ def test_an_array_is_within_bounds_exactly_if_each_element_is(
 ) -> None:
     low, high = bounds
     assert _within(np.array(values), low, high) == all(low <= value <= high for value in values)
+
+
+def test_bounds_whose_squares_are_no_numbers_are_kept_too() -> None:
+    assert not _within(np.full(20, 1e-170), -1e-180, 1e-180)
+    assert _within(np.full(20, 1e-190), -1e-180, 1e-180)

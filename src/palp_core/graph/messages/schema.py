@@ -97,7 +97,7 @@ FEW = 16
 
 _ROUNDED = 1.0 - 1e-6  # far more than the rounding of a sum of squares, which are all of one sign
 
-_SQUARED_AT_MOST = 1e150  # beyond, a square is infinite
+_SQUARED_AT_LEAST, _SQUARED_AT_MOST = 1e-140, 1e150  # beyond, a square is 0 or not exact, or infinite
 
 
 def _within(array: Any, low: float, high: float) -> bool:
@@ -108,7 +108,7 @@ def _within(array: Any, low: float, high: float) -> bool:
     """
     if array.size > FEW:
         least = min(-low, high)
-        if 0.0 < least < _SQUARED_AT_MOST and np.vdot(array, array) <= least * least * _ROUNDED:
+        if _SQUARED_AT_LEAST < least < _SQUARED_AT_MOST and np.vdot(array, array) <= least * least * _ROUNDED:
             return True
         return bool(_LEAST(array) >= low and _GREATEST(array) <= high)
     for value in array.tolist():  # noqa: SIM110 - a generator costs as much again
