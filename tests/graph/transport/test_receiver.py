@@ -264,3 +264,26 @@ def test_what_waits_in_the_inbox_comes_before_what_is_given_from_outside(
     wired.executor.succession.resume()
     assert wired.work() == ["word 1", "word 2", "word 3"]
     wired.receiver.close()
+
+
+def test_what_a_node_is_given_from_outside_waits_at_the_socket_while_too_much_is_unread(
+    tmp_path: Path, context: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(receiver_module, "MOST_UNREAD", 2)
+    wired = Wired(tmp_path, context, Qos())
+    out, sent = own(wired)
+    wired.arrive(1, 0)
+    wired.executor.succession.pause()
+    out.sequence = 1
+    for n in range(2, 6):
+        out.put(Word(n=n))
+    wired.receiver.own.take()
+    assert len(wired.executor.inbox) == 2
+    wired.executor.succession.resume()
+    assert wired.work() == ["word 1", "word 2"]
+    for raw in sent:
+        wired.receiver._arrive(raw, 1)
+    assert wired.work() == [f"word {n}" for n in range(1, 6)]
+    account = wired.executor.ends.subscriptions["/p/word"][0].account
+    assert (account.received, account.repeated, account.lost) == (5, 0, 0)
+    wired.receiver.close()

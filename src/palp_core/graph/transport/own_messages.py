@@ -23,14 +23,16 @@ class OwnMessages:
     Args:
         edges: By topic, what takes a message that is next in its order the short way.
         arrive: Takes a frame, and when it came.
+        is_full: Tells whether so much waits for the node that nothing more is to be taken in.
     """
 
     def __init__(
         self,
         edges: Mapping[bytes, tuple[ReorderBuffer, Subscription]],
         arrive: Callable[[bytes, int], None],
+        is_full: Callable[[], bool],
     ) -> None:
-        self._edges, self._arrive = edges, arrive
+        self._edges, self._arrive, self._is_full = edges, arrive, is_full
         self._published: deque[bytes] = deque()
         self._had: dict[str, tuple[int, int]] = {}
 
@@ -52,7 +54,8 @@ class OwnMessages:
                 continue
             buffer = edge[0]
             head, epoch, sequence, _, _ = quick_header(raw, end + 1)
-            if head == PLAIN_DATA and sequence == buffer.next and epoch == buffer.epoch:
+            is_next = head == PLAIN_DATA and sequence == buffer.next and epoch == buffer.epoch
+            if is_next and not self._is_full():
                 self._arrive(raw, monotonic_ns())
                 self._had[buffer.topic] = epoch, sequence
 

@@ -89,7 +89,7 @@ class TopicReceiver:
         self.monitor = EdgeMonitor(executor, self.buffers)
         self._was_active = False
         self._quick: dict[bytes, tuple[ReorderBuffer, Subscription]] = {}
-        self.own = OwnMessages(self._quick, self._arrive)
+        self.own = OwnMessages(self._quick, self._arrive, self._inbox_is_full)
         self._start_ns = 0
 
     def _buffer_of(self, name: str, subscriptions: list[Subscription]) -> ReorderBuffer:
