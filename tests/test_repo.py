@@ -225,8 +225,14 @@ def is_module_or_in_one(name: str) -> bool:
 
 
 def files_written_by(text: str) -> set[str]:
-    """Return the path of each file that a text has its reader write: a block, or what ``palp new`` makes."""
+    """Return the path of each file that a text has its reader write: a block, or what palp makes for him."""
     new = {f"/drivers/{word}.py" for word in re.findall(r"\bpalp new driver (\w+)", text)}
+    made = ROOT / "src/palp_core/cli/workspace/templates/default"
+    new |= {
+        f"/{folder}/{file.relative_to(made)}".removesuffix(".txt")
+        for folder in re.findall(r"\bpalp init (\w+)", text)
+        for file in made.rglob("*.*")
+    }
     return new | {f"/{block.file}" for block in blocks(text) if block.file}
 
 
