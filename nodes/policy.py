@@ -89,7 +89,7 @@ class PolicyNode(MethodTeller):
     on_probation = True
     proven_by = "choice_count"
     choice_count = 0
-    params: Params
+    params: PolicyParams
     state: PolicyNodeState
     trial = Sub(Trial)
     belief = Sub(Belief)
@@ -121,7 +121,11 @@ class PolicyNode(MethodTeller):
 
     @staticmethod
     def asks(params: Any) -> dict[str, Sequence[float]]:  # noqa: ARG004 - for subclasses
-        """Return the ring positions, m, that may be asked for, by the parameter that decides; "": none."""
+        """Return the ring positions, m, that may be asked for, by the parameter that decides.
+
+        The key "" is for positions that no single parameter decides. What is not said here is known only when
+        the policy asks for it, in a trial.
+        """
         return {}
 
     def on_configure(self) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from palp_core.errors import GraphError
 from palp_core.palpation.session.bag_record import write_record
 from palp_core.palpation.session.many.overview import find_sessions
 from palp_core.palpation.session.report import write
@@ -43,6 +44,14 @@ class Mine(PolicyNode):
 
     def choose(self):
         return InTurn()
+
+
+class Between(Mine):
+    """At a position that training does not cover unasked."""
+
+    @staticmethod
+    def asks(params):
+        return {"": (0.010, 0.016)}
 
 
 class Further(Fixed):
@@ -149,3 +158,15 @@ def test_every_launch_file_of_the_rig_takes_one_with_what_it_has_for_the_class(
     policy = next(spec for spec in checked.nodes if spec.name == "policy")
     assert policy.params == {"ring_mm": 8.0, "trained_mm": "0, 4, 8, 12, 16"}
     assert checked.unpublished == {}
+
+
+def test_a_class_without_a_line_params_is_refused_a_position_that_training_does_not_cover(
+    here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(here)
+    own = "policy:=my_policy.py:Between"
+    with pytest.raises(
+        GraphError, match="ring position 10 mm is not trained; trained are 0, 4, 8, 12, 16 mm"
+    ):
+        check_here(SIM, [own])
+    check_here(SIM, [own, "rings_mm:=0, 10, 16"])
