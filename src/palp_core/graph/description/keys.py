@@ -132,13 +132,15 @@ _UNSTATED = NodeSpec(name="", run="")
 
 RESTART: Table = {
     "when": Key(
-        says="Whether the node is started again after its process failed.",
+        says="Whether the node is started again after its process failed. A mapping without it means "
+        "`on_failure`.",
         form="word",
         words=_RESTARTS,
         default="on_failure",
     ),
     "max_restarts": Key(
-        says="How often at most in a run.",
+        says="How often at most; 30 s of work without a failure, and the count begins anew. The failure after "
+        "the last restart ends the run, as one without `restart` does.",
         form="whole",
         most=MOST_RESTARTS,
         default=str(_UNSTATED.max_restarts),
@@ -231,7 +233,10 @@ NODE: Table = {
         selects=True,
     ),
     "restart": Key(
-        says="What happens when its process fails. On the wall clock.",
+        says="What happens when its process fails once it was at work: a handler raises, the process dies or "
+        "answers no more. A node that finishes has not failed. The next process begins with a new state; its "
+        "inputs go on where the last one was, as far as their publishers keep what came meanwhile (`depth`). "
+        "On the wall clock.",
         form="mapping",
         example="{when: on_failure, max_restarts: 5}",
         keys=RESTART,
