@@ -139,8 +139,8 @@ RESTART: Table = {
         default="on_failure",
     ),
     "max_restarts": Key(
-        says="How often at most; 30 s of work without a failure, and the count begins anew. The failure after "
-        "the last restart ends the run, as one without `restart` does.",
+        says="How often at most; 30 s of work without a failure, and the count begins anew. The failure "
+        "after the last restart ends the run, as one without `restart` does.",
         form="whole",
         most=MOST_RESTARTS,
         default=str(_UNSTATED.max_restarts),

@@ -244,7 +244,7 @@ def taring_makes_the_present_load_the_zero(subject: Subject) -> None:
     sensor.drain(subject.now(), subject.state, subject.rng)
     torque_n_m = np.concatenate([block.torque_n_m for block in subject.collect(100)])
     still = "; was the sensor's load still meanwhile, from 50 samples before taring to 100 after?"
-    # means of 50 and of 100 samples, noisy by a step of the rig's sensor, differ by 3 uN m: the rest is drift's
+    # means of 50 and of 100 samples, noisy by a step of the rig's sensor, differ by 3 uN m; the rest is drift
     _near(torque_n_m.mean(), 0.0, 20e-6, "mean torque after taring, N m", still)
 
 
