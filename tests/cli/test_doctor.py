@@ -87,6 +87,12 @@ def test_a_healthy_graph_has_nothing_to_find(tmp_path: Path) -> None:
             f"{TOPIC} -> /sink",
             "3 messages lost",
         ),
+        (
+            {"relay": relay(published={TOPIC: 5000}), "sink": sink({"sequence": 400, "rate_hz": 96.0})},
+            "warning",
+            f"{TOPIC} -> /sink",
+            "4600 messages wait to be read",
+        ),
         ({"relay": relay(), "sink": sink({"late": 2})}, "warning", f"{TOPIC} -> /sink", "2 messages late"),
         (
             {"relay": relay(), "sink": sink({"dropped": 2})},
@@ -126,6 +132,16 @@ def test_a_fault_is_said_with_place_and_advice(
     assert [(f.level, f.where) for f in bad] == [(level, where)]
     assert what in bad[0].what
     assert bad[0].advice or level == "note"
+
+
+@pytest.mark.parametrize(
+    "account", [{"sequence": 4500, "rate_hz": 1000.0}, {"epoch": -1, "sequence": 0}], ids=["asked", "joined"]
+)
+def test_who_was_asked_a_moment_earlier_or_has_just_joined_is_not_behind(
+    tmp_path: Path, account: dict[str, Any]
+) -> None:
+    found = findings(tmp_path, relay=relay(published={TOPIC: 5000}), sink=sink(account))
+    assert not [finding for finding in found if finding.level != "ok"]
 
 
 def test_what_the_launcher_had_to_say_is_found(tmp_path: Path) -> None:

@@ -23,6 +23,8 @@ ASK_S = 2.0
 HEALTH_S = 1.6
 LONGEST_PAUSE_S = 0.005
 MANY_UNREAD = 100
+BEHIND_S = 1.0
+"""Of its own rate, by which a reader has to be behind: nodes are not asked at the same instant."""
 OVERRUNS_PART = 1e-4
 GRAPH_TROUBLE = ("failed", "restarting", "unresponsive", "refused")
 EVENTS = "/graph/events"
@@ -86,11 +88,17 @@ def _edges(graph: RunningGraph, answers: Answers) -> Iterator[Diagnostic]:
         for info in answers.replies.values()
         for topic, output in info.get("outputs", {}).items()
     }
+    published: dict[str, int] = {}
+    for info in answers.replies.values():
+        published |= info.get("published", {})
     healthy = 0
     for edge in answers.edges():
         where, account = f"{edge.topic} -> /{edge.node}", edge.account
         requested = account.get("qos", {})
-        findings = list(_losses(where, account, requested))
+        findings = [
+            *_losses(where, account, requested),
+            *_backlog(where, published.get(edge.topic, 0), account),
+        ]
         if requested and offered.get(edge.topic):
             reason = incompatibility(
                 msgspec.convert(requested, Qos), msgspec.convert(offered[edge.topic], Qos)
@@ -101,6 +109,18 @@ def _edges(graph: RunningGraph, answers: Answers) -> Iterator[Diagnostic]:
         healthy += not findings
     if healthy:
         yield fine(f"graph {graph.record.graph}", f"{healthy} edges with nothing lost, late or dropped")
+
+
+def _backlog(where: str, published: int, account: dict[str, Any]) -> Iterator[Diagnostic]:
+    """Say how many messages are on their way or wait, most of them in sockets, which no node can count."""
+    behind = published - account.get("sequence", published)
+    has_heard = account.get("epoch", 0) >= 0
+    if has_heard and behind > max(MANY_UNREAD, BEHIND_S * account.get("rate_hz", 0.0)):
+        yield warning(
+            where,
+            f"{behind} messages wait to be read",
+            "the reader's handlers are too slow for it; history: keep_all makes the publisher wait",
+        )
 
 
 def _losses(where: str, account: dict[str, Any], requested: dict[str, Any]) -> Iterator[Diagnostic]:
