@@ -116,7 +116,9 @@ def end(
     running = find_graph(name, changes=True)
     with ask_to_end(running) as ending:
         if not ending.wait(timeout):
-            note(f"graph '{running.record.graph}' has been asked to end, and has not within {timeout:g} s")
+            named = running.record.graph
+            note(f"graph '{named}' is still ending, {timeout:g} s after it was asked to; it goes on by itself")
+            note("palp graph list tells when it is gone, palp logs what its nodes say meanwhile")
             sys.exit(1)
     print_text(f"graph '{running.record.graph}' (id {running.record.id}) has ended")
 
