@@ -116,8 +116,8 @@ def end(
     running = find_graph(name, changes=True)
     with ask_to_end(running) as ending:
         if not ending.wait(timeout):
-            named = running.record.graph
-            note(f"graph '{named}' is still ending, {timeout:g} s after it was asked to; it goes on by itself")
+            who = running.record.graph
+            note(f"graph '{who}' is still ending, {timeout:g} s after it was asked to; it goes on by itself")
             note("palp graph list tells when it is gone, palp logs what its nodes say meanwhile")
             sys.exit(1)
     print_text(f"graph '{running.record.graph}' (id {running.record.id}) has ended")
