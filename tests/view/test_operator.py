@@ -199,3 +199,19 @@ def test_a_recorder_is_ended_as_ctrl_c_ends_it_and_its_words_are_kept(tmp_path: 
     assert (recording.running, recording.complete) == (False, False)
     assert recording.words == ["recording", "3 messages, 1 missing"]
     said.close()
+
+
+def test_in_simulated_time_nothing_is_recorded_from_a_page_and_it_says_what_to_do(tmp_path: Path) -> None:
+    recordings = Recordings(Stage(tmp_path, clock="sim").operator(), tmp_path)
+    with pytest.raises(BagError, match="palp launch FILE --record DIR"):
+        recordings.start("bag", [])
+    assert recordings.all == []
+    assert Recordings(Stage(tmp_path).operator(), tmp_path).cannot == ""
+
+
+def test_a_name_that_is_taken_is_refused_before_a_recorder_starts(tmp_path: Path) -> None:
+    recordings = Recordings(Stage(tmp_path).operator(operate=True), tmp_path)
+    (tmp_path / "bag").mkdir()
+    with pytest.raises(BagError, match="exists already"):
+        recordings.start("bag", [])
+    assert recordings.all == []

@@ -34,6 +34,10 @@ def record_page(viewer: Viewer, recordings: Recordings) -> None:
             seconds = ui.number(label="keep only the last, s", value=0, min=0).props("dense outlined")
             start = ui.button("record").props("dense no-caps").classes(CHANGES)
             save = ui.button("write snapshot").props("outline dense no-caps").classes(CHANGES)
+        if recordings.cannot:
+            start.disable()
+            save.disable()
+            said("div", recordings.cannot, "warn")
         running = ui.element("div").props('data-what="recordings"')
 
         async def begin() -> None:
@@ -43,7 +47,7 @@ def record_page(viewer: Viewer, recordings: Recordings) -> None:
                 float(seconds.value or 0.0),
             )
             if await outcome.of(recordings.start, *given) is not None:
-                outcome.tell("the recorder starts")
+                outcome.tell("")  # how it goes stands beside its name
 
         async def snapshot() -> None:
             lines = await outcome.of(recordings.snapshot)
@@ -65,7 +69,7 @@ def _list(box: ui.element, recordings: Recordings, outcome: Outcome) -> None:
         outcome.tell(f"{recording.out.name} has ended")
 
     def refresh() -> None:
-        now = [(one.out, one.running, one.complete, one.words) for one in recordings.all]
+        now = [(one.out, state_of(one), one.words) for one in recordings.all]
         if now == shown:
             return
         shown[:] = now
@@ -88,5 +92,7 @@ def _list(box: ui.element, recordings: Recordings, outcome: Outcome) -> None:
 def state_of(recording: StartedRecorder) -> tuple[str, str]:
     """Return how a recording stands, in words, and how good that is."""
     if recording.running:
-        return "under way", "ok"
-    return ("whole: nothing is missing", "ok") if recording.complete else ("something is missing", "error")
+        return ("under way" if recording.made or recording.snapshot_s else "it starts"), "ok"
+    if recording.complete:
+        return "whole: nothing is missing", "ok"
+    return ("something is missing" if recording.made else "refused: there is no bag of it"), "error"

@@ -45,6 +45,11 @@ class GraphOperator:
         self._read_only, self._operate = read_only, operate
         self._only = only
 
+    @property
+    def simulated(self) -> bool:
+        """Whether the graph's time is simulated."""
+        return self._source.overview().clock == "sim"
+
     def refusal(self, *, stops: bool = False, over: bool = False, service: str = "") -> str:
         """Return why nothing may be pressed just now, in words; "" if it may.
 

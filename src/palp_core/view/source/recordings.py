@@ -20,6 +20,9 @@ from palp_core.graph.clock import unix_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.view.source.operator import GraphOperator
 
+IN_SIMULATED_TIME = (
+    "a graph in simulated time cannot be recorded from here: launch it anew, with palp launch FILE --record DIR"
+)
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,100}")
 MOST = 8
 """Recorders of one viewer at a time."""
@@ -60,6 +63,11 @@ class StartedRecorder:
         return None if self.running else self._process.returncode == 0
 
     @property
+    def made(self) -> bool:
+        """Whether there is a bag: a recorder that refuses makes none."""
+        return self.out.exists()
+
+    @property
     def words(self) -> list[str]:
         """What it has said: that it records, what it lacks, what became of it."""
         begin = max(os.fstat(self._said.fileno()).st_size - MOST_BYTES, 0)
@@ -92,6 +100,11 @@ class Recordings:
             os.getpid
         ).result()  # its thread is there before pages give way to the graph's nodes
 
+    @property
+    def cannot(self) -> str:
+        """Why nobody can record this graph from here, in words; "" if one can."""
+        return IN_SIMULATED_TIME if self._operator.simulated else ""
+
     def start(self, name: str, topics: list[str], snapshot_s: float = 0.0) -> StartedRecorder:
         """Start a recorder.
 
@@ -102,15 +115,20 @@ class Recordings:
 
         Raises:
             GraphError: It may not be pressed.
-            BagError: The name is none, or leads elsewhere; or there are many already.
+            BagError: The name is none, leads elsewhere, or is taken; there are many already; or the graph's
+                time is simulated.
         """
         graph = self._operator.allow()
+        if self.cannot:
+            raise BagError(self.cannot)
         name = name or f"{graph.record.graph}-{unix_ns() // 10**9}"
         if NAME.fullmatch(name) is None:
             raise BagError(f"'{name}' is no name of a bag in {self.folder}; use letters, digits, _, - and .")
         if len([one for one in self.all if one.running]) >= MOST:
             raise BagError(f"{MOST} recorders are running; stop one")
         out = self.folder / name
+        if out.exists():
+            raise BagError(f"{out} exists already: choose another name")
         words = [*topics] if topics else ["--all"]
         options = ["--snapshot", str(snapshot_s)] if snapshot_s > 0 else []
         command = [

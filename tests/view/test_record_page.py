@@ -1,0 +1,48 @@
+"""The page of recordings without a browser."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+pytest.importorskip("nicegui")
+pytest.importorskip("nicegui.testing.user_simulation")
+
+from nicegui import ui  # noqa: E402
+
+from palp_core.view.pages.record import record_page, state_of  # noqa: E402
+from palp_core.view.pages.viewer import Viewer  # noqa: E402
+from palp_core.view.source.recordings import IN_SIMULATED_TIME  # noqa: E402
+from tests.view.test_pages import Told, simulated  # noqa: E402
+
+
+def test_in_simulated_time_the_buttons_are_dead_and_it_says_why() -> None:
+    recordings: Any = SimpleNamespace(folder=Path("bags"), cannot=IN_SIMULATED_TIME, all=[])
+
+    async def look(user: Any) -> None:
+        await user.should_see(IN_SIMULATED_TIME)
+        for word in ("record", "write snapshot"):
+            (button,) = user.find(kind=ui.button, content=word).elements
+            assert not button.enabled
+
+    simulated(lambda: record_page(Viewer(source=Told()), recordings), look)
+
+
+@pytest.mark.parametrize(
+    ("running", "made", "complete", "words"),
+    [
+        (True, False, None, "it starts"),
+        (True, True, None, "under way"),
+        (False, True, True, "whole: nothing is missing"),
+        (False, True, False, "something is missing"),
+        (False, False, False, "refused: there is no bag of it"),
+    ],
+)
+def test_a_refusal_is_not_told_as_something_missing(
+    running: bool, made: bool, complete: bool | None, words: str
+) -> None:
+    one: Any = SimpleNamespace(running=running, made=made, complete=complete, snapshot_s=0.0)
+    assert state_of(one)[0] == words
