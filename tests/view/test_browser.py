@@ -151,7 +151,7 @@ def test_a_parameter_is_set_and_one_out_of_its_bounds_is_refused_in_words(
     page = viewing.go("/node/source")
     page.get_by_label("rare_hz", exact=True).fill("-3")
     page.get_by_label("set rare_hz").click()
-    viewing.says("Expected `float` >")
+    viewing.says("rare_hz: -3 is refused: expected float >")
     page.get_by_label("name", exact=True).fill(MARKUP)
     page.get_by_label("set name").click()
     viewing.says("name is <img")
@@ -192,7 +192,7 @@ def test_a_swap_is_seen_step_by_step_and_what_it_prints_is_text(viewing: Viewing
     viewing.says("rolled back at step 'configure'")
     viewing.says("no scale is there")
     viewing.swap("nodes.loud:Loud")
-    viewing.says("nodes.talk:Scale -> nodes.loud:Loud")
+    viewing.says("swapped: nodes.loud:Loud is at work in place of nodes.talk:Scale")
     viewing.until("() => document.querySelectorAll('[data-what=steps] .ok').length === 9")
     viewing.until("words => document.querySelector('[data-what=log]').innerText.includes(words)", MARKUP)
     assert page.evaluate("window.hacked") is None

@@ -11,12 +11,12 @@ import pytest
 pytest.importorskip("nicegui")
 pytest.importorskip("nicegui.testing.user_simulation")
 
-from nicegui import ui  # noqa: E402
+from nicegui import ui
 
-from palp_core.view.pages.record import record_page, state_of  # noqa: E402
-from palp_core.view.pages.viewer import Viewer  # noqa: E402
-from palp_core.view.source.recordings import IN_SIMULATED_TIME  # noqa: E402
-from tests.view.test_pages import Told, simulated  # noqa: E402
+from palp_core.view.pages.record import record_page, state_of
+from palp_core.view.pages.viewer import Viewer
+from palp_core.view.source.recordings import IN_SIMULATED_TIME
+from tests.view.test_pages import Told, simulated
 
 
 def test_in_simulated_time_the_buttons_are_dead_and_it_says_why() -> None:

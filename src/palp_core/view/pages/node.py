@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from nicegui import run, ui
 
 from palp_core.errors import LifecycleError
+from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.lifecycle import Lifecycle, Transition, successor
 from palp_core.view.pages.frame import frame
-from palp_core.view.pages.parts import CHANGES, Outcome, figure, labelled, node_link, said, table, topic_link
+from palp_core.view.pages.parameters import parameters_panel
+from palp_core.view.pages.parts import CHANGES, Outcome, figure, node_link, said, topic_link
 from palp_core.view.pages.swap import swap_panel, swap_words
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.action_wires import ACTION
-from palp_core.view.source.message_lines import value_text
 from palp_core.view.source.node_log import NodeLog
-from palp_core.view.source.overview import NodeState, shared_processes
+from palp_core.view.source.overview import NodeState, Overview, shared_processes
 
 STATE_S, LOG_S = 1.0, 0.25
 MOST_LOG_LINES = 400
@@ -38,11 +40,11 @@ def node_page(viewer: Viewer, name: str) -> None:
         with ui.element("div").classes("columns wide-left"):
             with ui.element("section"):
                 said("h2", "Parameters")
-                _parameters(viewer, name)
+                ask = parameters_panel(viewer, name)
             with ui.element("section"):
                 said("h2", "Reads and publishes")
                 _ports(viewer, name)
-        swap_panel(viewer, name)
+        swap_panel(viewer, name, ask)
         said("h2", "Log")
         _log(NodeLog(live.graph.folder, name))
 
@@ -139,96 +141,48 @@ def allowed(lifecycle: str) -> list[str]:
     return found
 
 
-def _parameters(viewer: Viewer, name: str) -> None:
-    live = viewer.live
-    assert live is not None
-    box, outcome = ui.element("div"), Outcome()
-
-    async def ask() -> None:
-        declared = await outcome.of(lambda: live.graph.ask(name, "describe_parameters")["parameters"])
-        if declared is not None:
-            box.clear()
-            with box:
-                table(("Name", "Value", "", "Bounds", "Default"), (_row(one) for one in declared.values()))
-                if not declared:
-                    ui.label("it has none")
-
-    def _row(one: dict[str, Any]) -> tuple[Any, ...]:
-        fields: list[Any] = []
-
-        def value() -> None:
-            if one["read_only"] or viewer.operator is None:
-                ui.label(typed(one["value"])).tooltip("looked at when the node is configured")
-                return
-            field = labelled(ui.input(value=typed(one["value"])).props("dense outlined"), one["name"])
-            field.on("keydown.enter", put)
-            fields.append(field)
-
-        async def put() -> None:
-            assert viewer.operator is not None
-            after = await outcome.of(
-                viewer.operator.set_parameters, name, {one["name"]: str(fields[0].value)}
-            )
-            if after is not None:
-                fields[0].value = typed(after[one["name"]])
-                outcome.tell(f"{one['name']} is {fields[0].value} now")
-
-        def button() -> None:
-            if not one["read_only"] and viewer.operator is not None:
-                press = ui.button("set", on_click=put).props("outline dense no-caps").classes(CHANGES)
-                labelled(press, f"set {one['name']}")
-
-        return one["name"], value, button, bounds(one), typed(one["default"])
-
-    ui.timer(0.0, ask, once=True)
-
-
-def typed(value: Any) -> str:
-    """Return a value as one types it.
-
-    >>> typed(0.1), typed("a"), typed([1, 2]), typed(True), typed(None)
-    ('0.1', 'a', '[1, 2]', 'true', '')
-    """
-    import json
-
-    if value is None:
-        return ""
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
-
-
-def bounds(one: dict[str, Any]) -> str:
-    """Return what a parameter may be, with its unit.
-
-    >>> bounds({"type": "float", "unit": "Hz", "minimum": 0.0, "maximum": None, "choices": []})
-    'float, at least 0, Hz'
-    """
-    parts = [one["type"]]
-    if one["choices"]:
-        parts = ["one of " + ", ".join(value_text(choice) for choice in one["choices"])]
-    if one["minimum"] is not None:
-        parts.append(f"at least {one['minimum']:g}")
-    if one["maximum"] is not None:
-        parts.append(f"at most {one['maximum']:g}")
-    unit = one["unit"]
-    return ", ".join([*parts, *([unit] if unit and unit != "1" else [])])
-
-
 def _ports(viewer: Viewer, name: str) -> None:
-    overview = viewer.source.overview()
-    heard = [wire for wire in overview.wires if wire.type != ACTION]
-    reads = sorted({wire.topic for wire in heard if wire.reader == name})
-    says = [topic.name for topic in viewer.source.topics() if topic.node == name]
-    for word, topics in (("reads", reads), ("publishes", says)):
-        for topic in topics:
-            with ui.element("div").classes("row-of"):
-                said("span", word, "quiet port-word")
-                topic_link(topic)
+    """Show what a node reads and publishes; one too busy to be asked keeps what was known."""
+    box = ui.element("div").props('data-what="ports"')
+    shown: list[Any] = []
+
+    def refresh() -> None:
+        now = ports(viewer.source.overview(), viewer.source.topics(), name)
+        if shown and (now == shown[0] or (len(now) < len(shown[0]) and _is_silent(viewer, name))):
+            return
+        shown[:] = [now]
+        box.clear()
+        with box:
+            for word, topic, other in now:
+                with ui.element("div").classes("row-of"):
+                    said("span", word, "quiet port-word")
+                    if other:
+                        said("span", topic)
+                        node_link(other)
+                    else:
+                        topic_link(topic)
+            if not any(word == "reads" for word, _, _ in now):
+                said("div", "nothing that it reads is known", "quiet")
+
+    refresh()
+    ui.timer(STATE_S, refresh)
+
+
+def _is_silent(viewer: Viewer, name: str) -> bool:
+    state = _state(viewer, name)
+    return state is None or state.lifecycle in ("", "silent")
+
+
+def ports(overview: Overview, topics: Sequence[Topic], name: str) -> list[tuple[str, str, str]]:
+    """Return what a node reads and publishes: a word, its name, of an action the other node."""
+    heard = sorted({wire.topic for wire in overview.wires if wire.type != ACTION and wire.reader == name})
+    found = [("reads", topic, "") for topic in heard]
+    found += [("publishes", topic.name, "") for topic in topics if topic.node == name]
     for wire in overview.wires:
         if wire.type == ACTION and name in (wire.source, wire.reader):
-            with ui.element("div").classes("row-of"):
-                said("span", "asks" if wire.source == name else "acts", "quiet port-word")
-                said("span", wire.topic)
-                node_link(wire.reader if wire.source == name else wire.source)
+            asks = wire.source == name
+            found.append(("asks" if asks else "acts", wire.topic, wire.reader if asks else wire.source))
+    return found
 
 
 def _log(log: NodeLog) -> None:

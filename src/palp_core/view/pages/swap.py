@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,8 @@ ASK_AGAIN_S = 1.0
 """After a node that was too busy to answer."""
 
 
-def swap_panel(viewer: Viewer, name: str) -> None:
-    """Put up the panel of a node."""
+def swap_panel(viewer: Viewer, name: str, changed: Callable[[], Awaitable[None]]) -> None:
+    """Put up the panel of a node; after a swap it calls what tells the rest of the page."""
     live, operator = viewer.live, viewer.operator
     if live is None or operator is None:
         return
@@ -84,6 +85,7 @@ def swap_panel(viewer: Viewer, name: str) -> None:
         if answer is not None:
             steps.end(answer)
             outcome.tell(*swap_words(answer))
+            await changed()
             await find()  # the class that went is a choice now
 
     button.on_click(go)
@@ -190,4 +192,5 @@ def swap_words(answer: dict[str, Any]) -> tuple[str, str]:
     if not report["switched"]:
         return f"{shadow}{report['after']} could take over from {report['before']}; nothing was changed", "ok"
     took = f"gap {report['gap_s'] * 1e3:.2f} ms, {report['held']} messages waited"
-    return f"{shadow}{report['before']} -> {report['after']} at {report['at_s']:.3f} s; {took}", "ok"
+    after = f"{report['after']} is at work in place of {report['before']} since {report['at_s']:.3f} s"
+    return f"swapped: {after}; {took}{shadow and f'. {shadow.strip()}'}", "ok"

@@ -21,7 +21,8 @@ from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.view.source.operator import GraphOperator
 
 IN_SIMULATED_TIME = (
-    "a graph in simulated time cannot be recorded from here: launch it anew, with palp launch FILE --record DIR"
+    "a graph in simulated time cannot be recorded from here; "
+    "launch it anew, with: palp launch FILE --record DIR"
 )
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,100}")
 MOST = 8

@@ -1,0 +1,148 @@
+"""The parameters of the class at work in a node, each with its value in force and a field for another."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from nicegui import ui
+
+from palp_core.errors import GraphError
+from palp_core.view.pages.parts import CHANGES, Outcome, labelled, said, table
+from palp_core.view.pages.viewer import Viewer
+from palp_core.view.source.message_lines import value_text
+
+FOLLOW_S = 1.0
+TITLES = ("Name", "In force", "Another value", "Type and bounds", "Default")
+
+
+def parameters_panel(viewer: Viewer, name: str) -> Callable[[], Awaitable[None]]:
+    """Put up a node's parameters; they are asked for anew when another class, or process, has its place.
+
+    Returns:
+        What asks for them anew.
+    """
+    live = viewer.live
+    assert live is not None
+    box, outcome = ui.element("div").props('data-what="parameters"'), Outcome()
+    shown: list[object] = []
+
+    async def ask() -> None:
+        of = _at_work(viewer, name)
+        declared = await outcome.of(lambda: live.graph.ask(name, "describe_parameters")["parameters"])
+        if declared is None:
+            return
+        shown[:] = [of]
+        outcome.tell("")
+        box.clear()
+        with box:
+            table(TITLES, _rows(viewer, name, declared))
+            if not declared:
+                ui.label("it has none")
+
+    async def follow() -> None:
+        if shown != [_at_work(viewer, name)]:
+            await ask()
+
+    ui.timer(FOLLOW_S, follow)
+    return ask
+
+
+def _at_work(viewer: Viewer, name: str) -> object:
+    """Return what tells the class at work, and its process, from those before."""
+    return next(((one.run, one.pid) for one in viewer.source.overview().nodes if one.name == name), None)
+
+
+def _rows(viewer: Viewer, node: str, declared: dict[str, Any]) -> list[tuple[Any, ...]]:
+    in_force: dict[str, Any] = {}
+    return [_row(viewer, node, one, in_force) for one in declared.values()]
+
+
+def _row(viewer: Viewer, node: str, one: dict[str, Any], in_force: dict[str, Any]) -> tuple[Any, ...]:
+    operator, name = viewer.operator, one["name"]
+
+    def value() -> None:
+        in_force[name] = said("span", typed(one["value"]))
+
+    def field() -> None:
+        if one["read_only"] or operator is None:
+            said("span", "looked at when the node is configured" if one["read_only"] else "", "quiet")
+            return
+        with ui.element("div").classes("row-of"):
+            entry = labelled(_entry(one), name).on("keydown.enter", lambda: put())
+            press = ui.button("set", on_click=lambda: put()).props("outline dense no-caps").classes(CHANGES)
+            labelled(press, f"set {name}")
+        outcome = Outcome()
+
+        def change() -> dict[str, Any]:
+            text = str(entry.value or "")
+            try:
+                return operator.set_parameters(node, {name: text})
+            except GraphError as error:
+                raise GraphError(refused(one, text, str(error))) from error
+
+        async def put() -> None:
+            after = await outcome.of(change)
+            if after is None:
+                return
+            for other, label in in_force.items():
+                label.text = typed(after.get(other))
+            entry.value = typed(after[name])
+            outcome.tell(f"{name} is {entry.value} now")
+
+    return name, value, field, bounds(one), typed(one["default"])
+
+
+def _entry(one: dict[str, Any]) -> Any:
+    """Return the field for a value: a list where there are choices."""
+    now = typed(one["value"])
+    if one["choices"]:
+        options = list(dict.fromkeys([*map(typed, one["choices"]), now]))
+        return ui.select(options, value=now).props("dense outlined").style("min-width: 8rem")
+    return ui.input(value=now).props("dense outlined").style("max-width: 11rem")
+
+
+def refused(one: dict[str, Any], text: str, why: str) -> str:
+    """Return why a value was refused, in words: of one that does not fit its bounds, which those are.
+
+    >>> level = {"name": "level", "type": "float", "unit": "1", "minimum": 0.0, "maximum": 1.0, "choices": []}
+    >>> refused(level, "5", "parameters: Expected `float` <= 1.0 - at `$.level`")
+    'level: 5 is refused: expected float <= 1.0; it takes float, at least 0, at most 1'
+    >>> refused(level, "5", "/a refuses the parameters: too loud")
+    '/a refuses the parameters: too loud'
+    """
+    expected, at, _ = why.removeprefix("parameters: ").partition(" - at `$.")
+    if not at:
+        return why
+    expected = expected.replace("`", "").replace("Expected", "expected")
+    return f"{one['name']}: {text[:60]} is refused: {expected}; it takes {bounds(one)}"
+
+
+def typed(value: Any) -> str:
+    """Return a value as one types it.
+
+    >>> typed(0.1), typed("a"), typed([1, 2]), typed(True), typed(None)
+    ('0.1', 'a', '[1, 2]', 'true', '')
+    """
+    import json
+
+    if value is None:
+        return ""
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+def bounds(one: dict[str, Any]) -> str:
+    """Return what a parameter may be, with its unit.
+
+    >>> bounds({"type": "float", "unit": "Hz", "minimum": 0.0, "maximum": None, "choices": []})
+    'float, at least 0, Hz'
+    """
+    parts = [one["type"]]
+    if one["choices"]:
+        parts = ["one of " + ", ".join(value_text(choice) for choice in one["choices"])]
+    if one["minimum"] is not None:
+        parts.append(f"at least {one['minimum']:g}")
+    if one["maximum"] is not None:
+        parts.append(f"at most {one['maximum']:g}")
+    unit = one["unit"]
+    return ", ".join([*parts, *([unit] if unit and unit != "1" else [])])

@@ -1,0 +1,110 @@
+"""The page of a node without a browser: its parameters, what it reads, what is said of a swap."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import pytest
+
+pytest.importorskip("nicegui")
+pytest.importorskip("nicegui.testing.user_simulation")
+
+from nicegui import ui
+
+from palp_core.errors import GraphError
+from palp_core.view.pages.node import ports
+from palp_core.view.pages.parameters import parameters_panel
+from palp_core.view.pages.swap import swap_words
+from tests.view.test_pages import SAMPLE, Told, simulated
+
+LEVEL = {
+    "name": "level", "type": "float", "unit": "1", "minimum": 0.0, "maximum": 1.0, "choices": [],
+    "default": 0.5, "value": 0.25, "read_only": False,
+}  # fmt: skip
+MODE = {
+    **LEVEL,
+    "name": "mode",
+    "minimum": None,
+    "maximum": None,
+    "choices": ["slow", "fast"],
+    "value": "slow",
+}
+
+
+class Node:
+    """Stands for a viewer of a node with parameters, which takes what is at most 1."""
+
+    def __init__(self) -> None:
+        self.source = Told()
+        self.live = self.operator = self
+        self.graph = SimpleNamespace(ask=lambda *_: {"parameters": self.declared})
+        self.declared: dict[str, Any] = {"level": LEVEL, "mode": MODE}
+
+    def set_parameters(self, _: str, texts: dict[str, str]) -> dict[str, Any]:
+        if texts.get("level") == "5":
+            raise GraphError("parameters: Expected `float` <= 1.0 - at `$.level`")
+        return {name: one["value"] for name, one in self.declared.items()} | texts
+
+
+def panel(node: Any) -> Any:
+    return lambda: parameters_panel(node, "sink")
+
+
+def test_a_refused_value_is_told_at_its_field_and_the_one_in_force_stands_beside_it() -> None:
+    async def look(user: Any) -> None:
+        await user.should_see("0.25", retries=100)
+        await user.should_see("Type and bounds")
+        (field,) = user.find(ui.input).elements
+        (choice,) = user.find(ui.select).elements
+        assert choice.options == ["slow", "fast"]
+        field.value = "5"
+        user.find(ui.input).trigger("keydown.enter")
+        await user.should_see(
+            "level: 5 is refused: expected float <= 1.0; it takes float, at least 0, at most 1", retries=100
+        )
+        await user.should_see("0.25")
+        field.value = "0.75"
+        user.find(ui.input).trigger("keydown.enter")
+        await user.should_see("level is 0.75 now", retries=100)
+        await user.should_not_see("0.25")
+
+    simulated(panel(Node()), look)
+
+
+def test_the_parameters_are_those_of_the_class_at_work() -> None:
+    node = Node()
+
+    async def look(user: Any) -> None:
+        await user.should_see("level", retries=100)
+        node.declared = {"gain": {**LEVEL, "name": "gain"}}
+        first, sink = node.source.now.nodes
+        swapped = [first, msgspec.structs.replace(sink, run="nodes.loud:Loud")]
+        node.source.now = msgspec.structs.replace(node.source.now, nodes=swapped)
+        await user.should_see("gain", retries=100)
+        await user.should_not_see("level")
+
+    simulated(panel(node), look)
+
+
+def test_what_a_node_reads_and_publishes_is_told() -> None:
+    told = Told()
+    assert ports(told.now, [SAMPLE], "sink") == [("reads", "/source/sample", "")]
+    assert ports(told.now, [SAMPLE], "source") == [("publishes", "/source/sample", "")]
+
+
+def test_what_came_of_a_swap_begins_with_that_it_was_done() -> None:
+    report = {
+        "before": "a:A",
+        "after": "b:B",
+        "switched": True,
+        "at_s": 1.0,
+        "gap_s": 2e-3,
+        "held": 3,
+        "shadow": None,
+    }
+    words, level = swap_words({"report": report})
+    assert (words.partition(":")[0], level) == ("swapped", "ok")
+    assert "b:B is at work in place of a:A" in words
+    assert swap_words({"report": {**report, "switched": False}})[0].endswith("nothing was changed")
