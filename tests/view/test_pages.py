@@ -115,6 +115,23 @@ def test_what_is_wrong_is_on_the_page_as_text() -> None:
     simulated(lambda: graph_page(Viewer(source=told)), look)
 
 
+def test_a_page_of_ones_own_may_head_all_pages_with_its_own_word() -> None:
+    from palp_core.view.pages.graph import graph_page
+
+    def own(_: Viewer) -> None: ...
+
+    own.heading = lambda wrong: ("at rest", [one for one in wrong if one.text != "resting"])  # type: ignore[attr-defined]
+    told = Told()
+    told.now = msgspec.structs.replace(told.now, troubles=[Trouble("/sink", "error", "resting")])
+
+    async def look(user: Any) -> None:
+        await user.should_see("at rest")
+        await user.should_not_see("something is badly wrong")
+        await user.should_not_see("error: /sink")
+
+    simulated(lambda: graph_page(Viewer(source=told, own_page=OwnPage(own))), look)
+
+
 def test_a_node_that_joins_is_drawn_and_listed_as_it_happens() -> None:
     from palp_core.view.pages.graph import graph_page
 

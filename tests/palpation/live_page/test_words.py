@@ -11,9 +11,9 @@ from palp_core.graph.messages.topic import Topic
 from palp_core.palpation.live_page.beside import BESIDE, POLICIES_COMMAND, other_protocol
 from palp_core.palpation.live_page.geometry import lean_rad, lengths_mm, path_of
 from palp_core.palpation.live_page.roles import safety_node, topics_by_type
-from palp_core.palpation.live_page.safety import standing
+from palp_core.palpation.live_page.safety import heading, standing
 from palp_core.palpation.mechanics.probe import Probe
-from palp_core.view.source.overview import WireState
+from palp_core.view.source.overview import Trouble, WireState
 
 RESULTS = Path(__file__).resolve().parents[3] / "docs/explanation/results.md"
 BEAT = {"state": "ready", "permits": True, "cause": "", "text": "", "warning": ""}
@@ -24,6 +24,16 @@ def test_a_tripped_safety_node_says_why_and_what_to_do() -> None:
     assert (now.word, now.level, now.tripped) == ("STOPPED", "error", True)
     assert now.why == "torque: 105 N mm"
     assert "palp safety ack" in now.advice
+
+
+def test_a_stop_that_somebody_asked_for_is_told_once_and_not_as_something_wrong() -> None:
+    now = standing({**BEAT, "state": "latched", "cause": "operator", "text": "palp view"}, 0.0)
+    assert now.why == "nothing moves, all nodes go on; somebody asked for it: palp view"
+    assert "palp safety ack" in now.advice
+    other = Trouble("/stage", "error", "it is broken")
+    stopped = Trouble("/safety", "error", "tripped: operator: palp view", "palp safety ack")
+    assert heading([stopped, other]) == ("stopped on purpose", [other])
+    assert heading([Trouble("/safety", "error", "tripped: torque: 105 N mm")]) is None
 
 
 @pytest.mark.parametrize(

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
+
+from palp_core.view.source.overview import Trouble
 
 SILENT_S = 1.0
 """A safety node beats a hundred times a second: one that is silent for so long is not to be relied on."""
@@ -20,6 +23,10 @@ class SafetyWord(msgspec.Struct, frozen=True):
     tripped: bool = False
 
 
+OPERATOR = "operator"
+"""Cause of a stop that somebody wanted."""
+BY_OPERATOR = "nothing moves, all nodes go on; somebody asked for it"
+STOPPED_ON_PURPOSE = "stopped on purpose"
 NOTHING_HEARD = SafetyWord("safety not heard yet", "unknown")
 
 
@@ -39,10 +46,18 @@ def standing(beat: dict[str, Any] | None, silent_s: float) -> SafetyWord:
     if state in ("stopping", "latched"):
         word = "stopping" if state == "stopping" else "STOPPED"
         advice = "when all is well, acknowledge (palp safety ack)"
-        return SafetyWord(
-            word, "error", ": ".join(part for part in (cause, text) if part), advice, tripped=True
-        )
+        why = ": ".join(part for part in (BY_OPERATOR if cause == OPERATOR else cause, text) if part)
+        return SafetyWord(word, "error", why, advice, tripped=True)
     if state == "starting":
         return SafetyWord("nothing may move yet", "warn", "all that is watched has to be heard first")
     word = "moving" if state == "moving" else "ready"
     return SafetyWord(word, "warn" if beat.get("warning", "") else "ok", beat.get("warning", ""))
+
+
+def heading(troubles: Sequence[Trouble]) -> tuple[str, list[Trouble]] | None:
+    """Return what heads a page while somebody's stop holds, and what else is wrong; None while none does.
+
+    Who stopped it, and what to do, stands beside the button.
+    """
+    rest = [one for one in troubles if not one.text.startswith(f"tripped: {OPERATOR}")]
+    return (STOPPED_ON_PURPOSE, rest) if len(rest) < len(troubles) else None

@@ -10,7 +10,7 @@ from nicegui import ui
 from palp_core.view.pages.parts import TroubleBox, duration, said
 from palp_core.view.pages.time_bar import time_bar
 from palp_core.view.pages.viewer import Viewer
-from palp_core.view.source.overview import Overview, worst
+from palp_core.view.source.overview import Overview, Trouble, worst
 
 REFRESH_S = 0.5
 BLINDED = "what would tell the outcome is not shown, and not sent"
@@ -41,8 +41,8 @@ def frame(viewer: Viewer, title: str = "") -> Iterator[None]:
 
     def refresh() -> None:
         overview = viewer.source.overview()
-        state.text = _state(overview)
-        state.classes(replace=f"pill {worst(overview.troubles) if overview.alive else 'unknown'}")
+        state.text, level, wrong = _heading(viewer, overview)
+        state.classes(replace=f"pill {level}")
         labels["run"].text = f"run {overview.run}" if overview.run else ""
         labels["clock"].text = f"clock: {overview.clock}" if overview.clock else ""
         labels["now"].text = "" if overview.now_s is None else f"at {overview.now_s:.1f} s"
@@ -51,17 +51,24 @@ def frame(viewer: Viewer, title: str = "") -> Iterator[None]:
         )
         labels["may"].text = why = viewer.refusal()
         body.classes(add="refused" if why else "", remove="" if why else "refused")
-        troubles.show(overview.troubles)
+        troubles.show(wrong)
 
     refresh()
     ui.timer(REFRESH_S, refresh)
     yield
 
 
-def _state(overview: Overview) -> str:
+def _heading(viewer: Viewer, overview: Overview) -> tuple[str, str, list[Trouble]]:
+    """Return the word that heads a page, how good it is, and what is wrong besides what it says."""
+    wrong = overview.troubles
     if not overview.alive:
-        return "ended" if overview.kind == "graph" else "over"
-    return STATES[worst(overview.troubles)]
+        return "ended" if overview.kind == "graph" else "over", "unknown", wrong
+    own = viewer.own_page.heading(wrong) if viewer.own_page is not None else None
+    if own is None:
+        return STATES[worst(wrong)], worst(wrong), wrong
+    word, rest = own
+    bad = worst(rest)
+    return (f"{word}, and {STATES[bad]}", bad, rest) if bad == "error" else (word, "warn", rest)
 
 
 def _ways(viewer: Viewer) -> Iterator[tuple[str, str]]:

@@ -20,12 +20,13 @@ class UrgentButton(Element, component="urgent_button.js"):  # type: ignore[misc,
         name: By which the server knows it; the buttons of one name on several pages are one.
         label: What stands on it.
         press: What it does, on a thread of its own; returns what came of it, in words.
+        done: How good it is that it was done: ``ok``, ``warn``.
     """
 
-    def __init__(self, name: str, label: str, press: Callable[[], str]) -> None:
+    def __init__(self, name: str, label: str, press: Callable[[], str], done: str = "ok") -> None:
         super().__init__()
         answer(name, press)
-        self._props.update(name=name, label=label)
+        self._props.update(name=name, label=label, done=done)
 
     def allow(self, refusal: str) -> None:
         """Let it be pressed if there is no refusal; else it says why not."""

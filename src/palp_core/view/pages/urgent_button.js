@@ -11,7 +11,7 @@ export default {
         :aria-label="label + ' (space bar)'" :title="refusal || 'one click, or the space bar'">{{ label }}</button>
       <span role="alert" :class="level">{{ words }}</span>
     </span>`,
-  props: { name: String, label: String, refusal: { type: String, default: "" } },
+  props: { name: String, label: String, refusal: { type: String, default: "" }, done: { type: String, default: "ok" } },
   data: () => ({ words: "", level: "" }),
   mounted() {
     document.addEventListener("keydown", this.down, true);
@@ -45,7 +45,7 @@ export default {
         const late = setTimeout(() => this.tell(this.label + " is sent and not answered: use the emergency stop", "error"), LATE_MS);
         try {
           const answer = await fetch(address, { method: "POST", keepalive: true, cache: "no-store" });
-          this.tell(await answer.text(), answer.ok ? "ok" : "error");
+          this.tell(await answer.text(), answer.ok ? this.done : "error");
           return;
         } catch {
           this.tell(this.label + " has not arrived, it is sent again: use the emergency stop", "error");

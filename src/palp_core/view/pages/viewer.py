@@ -11,6 +11,7 @@ from palp_core.errors import in_words
 from palp_core.view.source.blind import BlindSource, Harmless
 from palp_core.view.source.live import LiveSource
 from palp_core.view.source.operator import GraphOperator
+from palp_core.view.source.overview import Trouble
 from palp_core.view.source.protocol import ViewSource
 
 if TYPE_CHECKING:
@@ -26,7 +27,8 @@ class OwnPage:
             function ``strip``, called likewise for the strip on top of every page: for what must always be in
             sight. Either may fail: that is said where it would have been, and nothing else is. Further, a
             ``title``; ``harmless``, a :class:`Harmless`, which says what may be seen of a blinded session
-            (else nothing may); and ``over_bags``: whether it is to be shown over a recording, too.
+            (else nothing may); ``over_bags``: whether it is to be shown over a recording, too; and ``heading``,
+            called with what is wrong: the word that heads every page and what is wrong besides, or None.
     """
 
     def __init__(self, function: Callable[[Viewer], None]) -> None:
@@ -51,6 +53,17 @@ class OwnPage:
     def put_up(self, viewer: Viewer) -> None:
         """Fill the page."""
         _try(self._function, viewer)
+
+    def heading(self, troubles: list[Trouble]) -> tuple[str, list[Trouble]] | None:
+        """Return the word that heads every page, and what is wrong besides; None where it has none."""
+        find: Callable[[list[Trouble]], tuple[str, list[Trouble]] | None] | None
+        find = getattr(self._function, "heading", None)
+        if find is None:
+            return None
+        try:
+            return find(troubles)
+        except Exception:  # noqa: BLE001 - one of somebody's own may raise anything: then all is told
+            return None
 
     def put_strip(self, viewer: Viewer) -> None:
         """Fill its part of the strip, if it has one."""

@@ -59,7 +59,7 @@ def _stop(viewer: Viewer, node: str) -> UrgentButton:
         reply = operator.call(node, "stop", {"reason": REASON}, stops=True)
         return f"{reply['state']}: {reply['cause']}"
 
-    return UrgentButton("stop", "STOP", press)
+    return UrgentButton("stop", "STOP", press, done="warn")
 
 
 def _watch(viewer: Viewer, kind: str) -> Watch | None:
@@ -98,6 +98,7 @@ class _Acknowledge:
                 said("span", "The cause is gone, and nobody's hand is at the rig? It may move then.")
                 ui.button("yes, leave the stop behind", on_click=self._do).props("outline dense no-caps")
                 ui.button("no", on_click=lambda: self._ask(asked=False)).props("outline dense no-caps")
+            self._why = said("span", "", "quiet")
         self._outcome = Outcome()
         self._box.set_visibility(False)
         self._ask(asked=False)
@@ -108,6 +109,11 @@ class _Acknowledge:
             self._box.set_visibility(now.tripped)
             self._ask(asked=False)
             self._outcome.tell("")
+        why = self._viewer.refusal(service="acknowledge") if now.tripped else ""
+        self._first.set_enabled(not why)
+        self._why.text = why
+        if why:
+            self._ask(asked=False)
 
     def _ask(self, *, asked: bool = True) -> None:
         self._first.set_visibility(not asked)
