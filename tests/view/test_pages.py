@@ -272,7 +272,9 @@ def test_a_slow_browser_is_sent_no_more_than_it_takes() -> None:
 
 @pytest.mark.parametrize("fast", [False, True])
 def test_the_time_axis_moves_on_between_messages_unless_the_graph_outruns_the_clock(fast: bool) -> None:
-    from palp_core.view.pages.plot import LivePlot, plot_panel
+    from nicegui import ui
+
+    from palp_core.view.pages.plot import CHOOSE, LivePlot, plot_panel
 
     told = Told()
     told.topic = msgspec.structs.replace(SAMPLE, json_schema=NUMBER)
@@ -280,8 +282,13 @@ def test_the_time_axis_moves_on_between_messages_unless_the_graph_outruns_the_cl
     async def look(user: Any) -> None:
         (plot,) = user.find(LivePlot).elements
         assert plot._props["even"] is not fast
+        assert plot._props["title"] == "/source/sample, over simulated time in s"
+        await user.should_see(CHOOSE)
+        (choice,) = [one for one in user.find(ui.select).elements if "fields" in one.props["label"]]
+        choice.value = ["x"]
+        await user.should_not_see(CHOOSE)
 
-    simulated(lambda: plot_panel(told, fast=fast), look)
+    simulated(lambda: plot_panel(told, fast=fast, clock="sim"), look)
 
 
 def test_a_live_table_is_one_element_that_is_sent_only_what_is_new() -> None:

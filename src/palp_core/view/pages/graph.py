@@ -13,7 +13,7 @@ from palp_core.view.pages.ending import EndPanel
 from palp_core.view.pages.frame import frame
 from palp_core.view.pages.layout import HEIGHT, WIDTH, Layout, layout
 from palp_core.view.pages.live_table import Cell, LiveTable
-from palp_core.view.pages.parts import figure, node_way, said, topic_way
+from palp_core.view.pages.parts import figure, node_way, rate_words, said, topic_way
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.action_wires import ACTION
 from palp_core.view.source.overview import NodeState, Overview, WireState, shared_processes
@@ -104,7 +104,10 @@ def _wire(source: str, reader: str, wires: list[WireState], where: Layout) -> di
 
 def wire_line(wire: WireState) -> str:
     """Return a topic's port with its rate and latency, and what is lost."""
-    parts = [wire.topic.rpartition("/")[2], figure(wire.rate_hz, "Hz", 0 if (wire.rate_hz or 0) >= 10 else 1)]
+    parts = [
+        wire.topic.rpartition("/")[2],
+        figure(wire.rate_hz, "Hz", 0) if (wire.rate_hz or 0) >= 10 else rate_words(wire.rate_hz),
+    ]
     if wire.latency_p50_s is not None:
         parts.append(figure(wire.latency_p50_s * 1e3, "ms", 2))
     if wire.lost:
@@ -182,7 +185,7 @@ def _wire_row(wire: WireState) -> tuple[Cell, ...]:
     return (
         action if wire.type == ACTION else topic_way(wire.topic),
         node_way(wire.reader),
-        figure(wire.rate_hz, "Hz"),
+        rate_words(wire.rate_hz),
         str(wire.received),
         str(wire.lost),
         str(wire.late),

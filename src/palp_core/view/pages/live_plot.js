@@ -52,7 +52,7 @@ export function aligned(lists) {
 
 export default {
   template: `<div class="live-plot" role="img" :aria-label="'plot of ' + names.join(', ')"></div>`,
-  props: { names: Array, span: Number, paused: Boolean, elements: Boolean, file: String, slim: Boolean, even: Boolean },
+  props: { names: Array, span: Number, paused: Boolean, elements: Boolean, file: String, slim: Boolean, even: Boolean, title: String },
   mounted() {
     this.clear();
     document.addEventListener("visibilitychange", this.unseen);
@@ -86,8 +86,8 @@ export default {
       this.edge = -Infinity;
       const look = getComputedStyle(document.body), colour = (name) => look.getPropertyValue(name).trim();
       const line = { stroke: colour("--line"), width: 1 }, font = "12px system-ui, sans-serif";
-      const axis = { stroke: look.color, font, grid: line, ticks: line };
-      const value = (_, one) => (one === null || one === undefined ? "" : tidy(one));
+      const axis = { show: this.names.length > 0, stroke: look.color, font, grid: line, ticks: line };
+      const value = (_, one) => (one === null || one === undefined ? "\u2013" : tidy(one));
       const series = this.names.map((name, i) => {
         const stroke = colour(COLOURS[i % COLOURS.length]);
         return { label: name, stroke, value, width: 1.5, points: { show: (plot, at, from, to) => to - from < 12 } };
@@ -95,7 +95,7 @@ export default {
       const options = {
         ...this.room(),
         scales: { x: { time: false } },
-        legend: { live: !this.slim },
+        legend: { show: this.names.length > 0, live: !this.slim },
         cursor: { drag: { x: true, y: false }, bind: { dblclick: () => () => this.unzoom() } },
         axes: [{ ...axis, size: 34, values: (_, ticks) => ticks.map(this.points.some((list) => list.length) ? tidy : () => "") },
           { ...axis, size: 70, values: (_, ticks) => ticks.map(tidy) }],
@@ -211,8 +211,8 @@ export default {
         this.go_on();
       });
     },
-    save() { // what is drawn, with the names of the series above it
-      const from = this.plot.ctx.canvas, head = 24 * devicePixelRatio, look = getComputedStyle(document.body);
+    save() { // what is drawn, with what it is of and the names of the series above it
+      const from = this.plot.ctx.canvas, line = 24 * devicePixelRatio, head = (this.title ? 2 : 1) * line, look = getComputedStyle(document.body);
       const whole = Object.assign(document.createElement("canvas"), { width: from.width, height: from.height + head });
       const ink = whole.getContext("2d");
       ink.fillStyle = look.backgroundColor;
@@ -220,10 +220,14 @@ export default {
       ink.drawImage(from, 0, head);
       ink.font = `${13 * devicePixelRatio}px system-ui, sans-serif`;
       let x = 70 * devicePixelRatio;
+      if (this.title) {
+        ink.fillStyle = look.color;
+        ink.fillText(this.elements ? `${this.title.split(",")[0]}, by element` : this.title, x, 0.75 * line);
+      }
       this.names.forEach((name, i) => {
         ink.fillStyle = look.getPropertyValue(COLOURS[i % COLOURS.length]).trim();
-        ink.fillText(name, x, 0.75 * head);
-        x += ink.measureText(name).width + head;
+        ink.fillText(name, x, head - 0.25 * line);
+        x += ink.measureText(name).width + line;
       });
       const link = document.createElement("a");
       link.href = whole.toDataURL("image/png");

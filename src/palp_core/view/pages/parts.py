@@ -20,6 +20,8 @@ CSS = "".join((HERE / name).read_text(encoding="utf-8") for name in ("uplot/uPlo
 CHANGES = "changes"
 """Class of a button that changes the graph: refused, it looks dead, and says why when it is pressed."""
 
+RARE_HZ = 0.05
+"""What would be written as 0.0 Hz."""
 Cell = str | Callable[[], Any]
 """What a cell of a table holds: a text, or what puts something into it."""
 
@@ -133,6 +135,15 @@ def figure(value: float | None, unit: str, digits: int = 1) -> str:
     ('12.3 Hz', '')
     """
     return "" if value is None else f"{value:.{digits}f} {unit}"
+
+
+def rate_words(value: float | None, unit: str = "Hz") -> str:
+    """Return messages a second; what speaks so rarely that none came while somebody looked has no number.
+
+    >>> rate_words(12.34), rate_words(0.0), rate_words(0.01), rate_words(None)
+    ('12.3 Hz', 'rarely', 'rarely', '')
+    """
+    return "rarely" if value is not None and value < RARE_HZ else figure(value, unit)
 
 
 def duration(seconds: float | None) -> str:

@@ -11,7 +11,7 @@ from nicegui.element import Element
 
 from palp_core.errors import GraphError
 from palp_core.units import Float64Array
-from palp_core.view.pages.parts import Outcome
+from palp_core.view.pages.parts import Outcome, said
 from palp_core.view.source.protocol import Watch
 from palp_core.view.source.series import NO_POINTS, FieldSeries, as_csv, number_fields, shown
 
@@ -35,7 +35,7 @@ class LivePlot(Element, component="live_plot.js", esm={"palp-uplot": "uplot"}): 
         self._sent = self._taken = 0
         self.on("taken", self._take)
         self._props.update(elements=False, slim=False, even=False)
-        self.shape(names=[], span=SPAN_S, paused=False, file=f"{file}.png")
+        self.shape(names=[], span=SPAN_S, paused=False, file=f"{file}.png", title="")
 
     def shape(self, **props: Any) -> None:
         """Change what is shown, and how.
@@ -43,7 +43,7 @@ class LivePlot(Element, component="live_plot.js", esm={"palp-uplot": "uplot"}): 
         Args:
             props: ``names`` of the series, ``span`` in s, ``paused``; ``elements``: values by their number
                 instead of time; ``slim``: no slider; ``even``: between messages the time axis moves on, as
-                the machine's clock does.
+                the machine's clock does; ``title``: of a saved picture.
         """
         self._props.update(props)
         self.update()
@@ -95,12 +95,16 @@ class _Plotted:
         return bool(heard)
 
 
-def plot_panel(watch: Watch, *, fast: bool = False) -> None:
+CHOOSE = "choose a field to plot"
+
+
+def plot_panel(watch: Watch, *, fast: bool = False, clock: str = "") -> None:
     """Put up a plot of a topic's numbers.
 
     Args:
         watch: The topic.
         fast: The graph goes faster than anybody looks.
+        clock: The graph's, ``sim`` or ``wall``.
     """
     schema, plotted, outcome = watch.topic.json_schema, _Plotted(), Outcome()
     known = list(number_fields(schema))
@@ -122,8 +126,9 @@ def plot_panel(watch: Watch, *, fast: bool = False) -> None:
         pause = ui.button("pause").props("outline dense no-caps")
         save = ui.button("PNG").props("outline dense no-caps")
         table = ui.button("CSV").props("outline dense no-caps")
+    nothing = said("div", CHOOSE, "quiet")
     plot = LivePlot(watch.topic.name.strip("/").replace("/", "_"))
-    plot.shape(even=not fast)
+    plot.shape(even=not fast, title=titled(watch.topic.name, clock))
     state = {"paused": False}
 
     def choose() -> None:
@@ -135,6 +140,7 @@ def plot_panel(watch: Watch, *, fast: bool = False) -> None:
             chosen.value = [series.field for series in plotted.series]
             return
         outcome.tell("")
+        nothing.set_visibility(not plotted.series)
         plot.shape(names=[series.label for series in plotted.series])
 
     def toggle() -> None:
@@ -162,3 +168,12 @@ def plot_panel(watch: Watch, *, fast: bool = False) -> None:
     name = f"{watch.topic.name.strip('/').replace('/', '_')}.csv"
     table.on_click(lambda: ui.download.content(as_csv(plotted.series), name))
     ui.timer(FAST_FRAME_S if fast else FRAME_S, tick)
+
+
+def titled(topic: str, clock: str) -> str:
+    """Return what a saved picture of a topic is headed with.
+
+    >>> titled("/torque/block", "sim"), titled("/torque/block", "")
+    ('/torque/block, over simulated time in s', '/torque/block, over time in s')
+    """
+    return f"{topic}, over {'simulated ' if clock == 'sim' else ''}time in s"

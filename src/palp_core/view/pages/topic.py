@@ -8,12 +8,14 @@ from nicegui import ui
 
 from palp_core.errors import PalpError
 from palp_core.view.pages.frame import frame
-from palp_core.view.pages.parts import CHANGES, Outcome, figure, node_link, said, table, topic_link
+from palp_core.view.pages.parts import CHANGES, Outcome, node_link, rate_words, said, table, topic_link
 from palp_core.view.pages.plot import plot_panel
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.message_lines import tree_text
 from palp_core.view.source.protocol import Watch
 
+UNREAD = "no node reads it"
+"""In place of a rate: readers count, and here is none."""
 REFRESH_S = 0.25
 """Of the last message in words: more often nobody reads it."""
 
@@ -21,11 +23,13 @@ REFRESH_S = 0.25
 def topics_page(viewer: Viewer) -> None:
     """Put up the list of all topics."""
     with frame(viewer, "Topics"):
-        rates = {wire.topic: figure(wire.rate_hz, "Hz") for wire in viewer.source.overview().wires}
+        overview = viewer.source.overview()
+        unread = UNREAD if viewer.live is not None and overview.wires else ""
+        rates = {wire.topic: rate_words(wire.rate_hz) for wire in overview.wires}
         rows = (
             (
                 partial(topic_link, topic.name),
-                rates.get(topic.name, ""),
+                rates.get(topic.name, unread),
                 topic.type,
                 partial(node_link, topic.node) if topic.node else "",
             )
@@ -56,7 +60,8 @@ def topic_page(viewer: Viewer, name: str) -> None:
                 _last(watch, rate, "Hz on the graph's clock" if simulated else "Hz")
             with ui.element("section"):
                 said("h2", "Plot")
-                plot_panel(watch, fast=viewer.live is not None and viewer.source.overview().clock == "sim")
+                clock = viewer.source.overview().clock
+                plot_panel(watch, fast=viewer.live is not None and simulated, clock=clock)
         if viewer.operator is not None and viewer.live is not None:
             _publish(viewer, watch)
 
@@ -68,7 +73,7 @@ def _last(watch: Watch, rate: ui.element, on: str) -> None:
 
     def refresh() -> None:
         heard = watch.latest()
-        rate.text = figure(watch.rate_hz, on)
+        rate.text = rate_words(watch.rate_hz, on)
         if heard is None or heard.sequence == shown[0]:
             return
         shown[0] = heard.sequence

@@ -27,7 +27,7 @@ class OwnPage:
             function ``strip``, called likewise for the strip on top of every page: for what must always be in
             sight. Either may fail: that is said where it would have been, and nothing else is. Further, a
             ``title``; ``harmless``, a :class:`Harmless`, which says what may be seen of a blinded session
-            (else nothing may); ``over_bags``: whether it is to be shown over a recording, too; and ``heading``,
+            (else nothing); ``over_bags``: whether it is to be shown over a recording, too; and ``heading``,
             called with what is wrong: the word that heads every page and what is wrong besides, or None.
     """
 
@@ -61,9 +61,10 @@ class OwnPage:
         if find is None:
             return None
         try:
-            return find(troubles)
+            found: tuple[str, list[Trouble]] | None = find(troubles)
         except Exception:  # noqa: BLE001 - one of somebody's own may raise anything: then all is told
             return None
+        return found
 
     def put_strip(self, viewer: Viewer) -> None:
         """Fill its part of the strip, if it has one."""
