@@ -67,7 +67,8 @@ def choose(name: str | None = None, *, sole: bool = True) -> ChosenGraph:
         names = {word for record in known for word in (record.graph, record.id)}
         raise GraphError(f"no graph named '{name}' is running{hint(name, names)}; see: palp graph list")
     if not found:
-        raise WhichGraph(f"no graph of this folder ({present_folder()}) is running, but elsewhere", known)
+        here = f"no graph of this folder ({present_folder()}; one may still be starting)"
+        raise WhichGraph(f"{here} is running, but elsewhere", known)
     if len(found) > 1 and sole:
         what = f"graphs named '{name}'" if name else "graphs"
         raise WhichGraph(f"{len(found)} {what} are running, so nothing was done", found)
