@@ -7,6 +7,7 @@ are the slow test; set ``PALP_PICKER`` to a folder of the study to go on with wh
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
@@ -31,6 +32,14 @@ LIVE = [one for one in RECORDS if one.rung == "l2" or one.index == LIVE_L4]
 def test_the_scenes_on_record_are_those_that_are_drawn() -> None:
     assert len(RECORDS) == len(LINES) >= 10
     assert {one.scene.tolerance.output for one in RECORDS} == {"peak", "contrast", "separation", "decision"}
+
+
+def test_a_scene_whose_last_digit_another_machine_rounds_otherwise_is_the_same() -> None:
+    kept = json.loads(LINES[0])
+    depth_m = kept["phantom"]["bead"]["depth_m"]
+    for change, found in ((1.0 + 1e-15, True), (1.0 + 1e-9, False)):
+        kept["phantom"]["bead"]["depth_m"] = depth_m * change
+        assert (Judged.of_line(json.dumps(kept), any_code=True) is not None) == found
 
 
 @pytest.mark.parametrize("one", RECORDS, ids=lambda one: str(one.index))

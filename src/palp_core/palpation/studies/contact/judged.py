@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -200,7 +201,7 @@ class Judged:
             kept = json.loads(text)
             scene = scene_of(kept["index"])
             known = kept["code"] if any_code else code().hex()
-            if kept["code"] != known or any(kept[k] != v for k, v in scene_keys(scene).items()):
+            if kept["code"] != known or not all(_same(kept[k], v) for k, v in scene_keys(scene).items()):
                 return None
             names = ("index", "errors", "setup_s", "cost_s", "truth", "skipped")
             return cls(scene=scene, **{name: kept[name] for name in names})
@@ -280,3 +281,17 @@ def _normal_errors(
             continue
         errors[name] = float(f"{off:.{_DIGITS}g}")
     return errors
+
+
+def _same(kept: Any, drawn: Any) -> bool:
+    """Tell whether what was kept of a scene is what is drawn here, but for the last digit.
+
+    Another machine's mathematical functions may round that otherwise.
+    """
+    if isinstance(kept, dict) and isinstance(drawn, dict):
+        return kept.keys() == drawn.keys() and all(_same(kept[key], value) for key, value in drawn.items())
+    if isinstance(kept, list) and isinstance(drawn, list):
+        return len(kept) == len(drawn) and all(map(_same, kept, drawn))
+    if isinstance(kept, float) and isinstance(drawn, float):
+        return math.isclose(kept, drawn, rel_tol=1e-12)
+    return bool(kept == drawn)
