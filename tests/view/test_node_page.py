@@ -44,7 +44,7 @@ class Node:
 
     def set_parameters(self, _: str, texts: dict[str, str]) -> dict[str, Any]:
         if texts.get("level") == "5":
-            raise GraphError("parameters: Expected `float` <= 1.0 - at `$.level`")
+            raise GraphError("/sink: parameters: Expected `float` <= 1.0 - at `$.level`")
         return {name: one["value"] for name, one in self.declared.items()} | texts
 
 

@@ -106,12 +106,12 @@ def refused(one: dict[str, Any], text: str, why: str) -> str:
     """Return why a value was refused, in words: of one that does not fit its bounds, which those are.
 
     >>> level = {"name": "level", "type": "float", "unit": "1", "minimum": 0.0, "maximum": 1.0, "choices": []}
-    >>> refused(level, "5", "parameters: Expected `float` <= 1.0 - at `$.level`")
+    >>> refused(level, "5", "/a: parameters: Expected `float` <= 1.0 - at `$.level`")
     'level: 5 is refused: expected float <= 1.0; it takes float, at least 0, at most 1'
     >>> refused(level, "5", "/a refuses the parameters: too loud")
     '/a refuses the parameters: too loud'
     """
-    expected, at, _ = why.removeprefix("parameters: ").partition(" - at `$.")
+    expected, at, _ = why.rpartition("parameters: ")[2].partition(" - at `$.")
     if not at:
         return why
     expected = expected.replace("`", "").replace("Expected", "expected")
