@@ -41,7 +41,7 @@ from palp_core.graph.network.remote_nodes import RemoteNodes
 from palp_core.graph.node.spec import RESERVED_NAMES, name_mistake
 
 NS = st.integers(0, 10**9)
-MESSAGES = (3, "3c95834c87d73767")
+MESSAGES = (4, "3c95834c87d73767")
 
 
 def without_prose(schema: Any) -> Any:

@@ -12,7 +12,7 @@ from palp_core.errors import SchemaMismatch
 from palp_core.graph.description.checked import TopicInfo
 from palp_core.graph.node.spec import NodeSpec
 
-PROTOCOL = 3
+PROTOCOL = 4
 """Grows when a message here does: hosts with other versions of palp refuse each other by it."""
 BEAT_NS = 500_000_000
 SILENCE_NS = 3_000_000_000  # six beats
