@@ -91,6 +91,7 @@ def _run(running: RunningGraph, described: MapFile, plan: BridgePlan, times: Any
     clock = running.record.clock == "sim" if described.clock is None else described.clock
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
     made = Ros2Bridge(running, plan, times, name=described.node, clock=clock, say=note)
+    signal.signal(signal.SIGINT, made.interrupt)
     try:
         with made:
             print_text(f"graph '{running.record.graph}' beside ROS 2, as /{described.node} ({_ways(plan)})")

@@ -54,6 +54,7 @@ class Ros2Bridge:
 
     Attributes:
         ended: The graph has ended.
+        interrupted: Somebody wants the bridge to end.
 
     Raises:
         GraphError: ROS 2 cannot be begun, or a type is not to be had.
@@ -72,7 +73,7 @@ class Ros2Bridge:
         self._graph, self._times, self._say, self._name = graph, times, say, name
         self._definitions = plan.definitions
         self._joining = Joining(graph, plan.awaited, plan.definitions, times, say)
-        self.ended = False
+        self.ended = self.interrupted = False
         self._accounts: list[Account] = []
         self._senders: dict[str, list[_Sender]] = {}
         self._latched: dict[str, tuple[int, int]] = {}
@@ -130,12 +131,23 @@ class Ros2Bridge:
         """Of every way."""
         return self._accounts
 
+    def interrupt(self, *_: object) -> None:
+        """End :meth:`run`: what a signal calls."""
+        self.interrupted = True
+        raise KeyboardInterrupt
+
     def run(self) -> None:
-        """Carry messages over until the graph ends."""
+        """Carry messages over until the graph ends.
+
+        Raises:
+            KeyboardInterrupt: :attr:`interrupted` was set; what raised it may have been swallowed on the way.
+        """
         while not self._reader.ended:
             self._reader.turn(self._take)
             self.tell()
             self._let_join()
+            if self.interrupted:
+                raise KeyboardInterrupt
         self.ended = True
 
     def _take(self, received: ReceivedFrame) -> None:
