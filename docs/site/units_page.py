@@ -26,22 +26,27 @@ class Press(Message):
     held_s: Seconds
 ```
 
-A unit that is missing is one line, `Annotated` with msgspec's `Meta`; bounds belong to it:
+A unit that is missing is one line, with its bounds:
 
 ```python
 # own_unit.py
 from typing import Annotated
 
-from msgspec import Meta
-
 from palp_core import Message
+from palp_core.units import quantity
 
-Celsius = Annotated[float, Meta(ge=-273.15, le=1e4, extra_json_schema={"x-unit": "degC"})]
+Moles = Annotated[float, quantity("mol", 0.0, 1e3)]
 
 
-class Temperature(Message):
-    gel_c: Celsius
+class Dose(Message):
+    salt_mol: Moles
 ```
+
+::: palp_core.units.quantity
+
+::: palp_core.units.array_of
+
+## All
 
 | name | of | unit | from | to |
 |---|---|---|---|---|

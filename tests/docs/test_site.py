@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import importlib.util
 import inspect
 import re
 import zlib
@@ -159,7 +160,10 @@ def imported_in_docs() -> set[str]:
 def home_of(name: str) -> str:
     """Return the name under which a class or function was made, as entries have it; of a value its word."""
     module, _, word = name.rpartition(".")
-    found = getattr(importlib.import_module(module), word)
+    home = importlib.import_module(module)
+    if hasattr(home, "__path__") and importlib.util.find_spec(name):
+        return word  # a module of a package
+    found = getattr(home, word)
     made = inspect.isclass(found) or inspect.isfunction(found)
     return f"{found.__module__}.{found.__qualname__}" if made else word
 

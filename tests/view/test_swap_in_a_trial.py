@@ -15,7 +15,7 @@ from tests.support.view.browser import Viewing, browser
 
 __all__ = ["browser"]
 POLICIES = ("nodes.policy_uniform:Uniform", "nodes.policy_markov:Markov")
-SWAPPED = re.compile(r" at ([\d.]+) s; gap")
+SWAPPED = re.compile(r" since ([\d.]+) s; gap")
 ENDLESS = ("stop:=fixed_number", "stop_value:=100000", "max_probes:=100000", "trials:=1", "training:=1")
 """A trial that goes on for as long as anybody looks."""
 
@@ -34,7 +34,7 @@ def test_the_policy_is_swapped_in_the_middle_of_a_trial(
     at_s = []
     for policy in POLICIES:
         viewing.swap(policy)
-        viewing.says(f"-> {policy} at ")
+        viewing.says(f"swapped: {policy} is at work in place of ")
         found = SWAPPED.search(viewing.page.inner_text("body"))
         assert found is not None
         at_s.append(float(found[1]))

@@ -115,7 +115,7 @@ def _backlog(where: str, published: int, account: dict[str, Any]) -> Iterator[Di
     """Say how many messages are on their way or wait, most of them in sockets, which no node can count."""
     behind = published - account.get("sequence", published)
     has_heard = account.get("epoch", 0) >= 0
-    if has_heard and behind > max(MANY_UNREAD, BEHIND_S * account.get("rate_hz", 0.0)):
+    if has_heard and behind > max(MANY_UNREAD, BEHIND_S * (account.get("rate_hz") or 0.0)):
         yield warning(
             where,
             f"{behind} messages wait to be read",
