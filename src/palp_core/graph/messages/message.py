@@ -110,35 +110,28 @@ def decode_any(cls: type[T], data: bytes | memoryview, *, writable: bool = False
 
 def decoder_of(cls: type[M]) -> Callable[[bytes | memoryview], M]:
     """Return :func:`decode` for one type of message, where many of them come."""
-    decode_plain, check = _decoder(cls, writable=False).decode, schema_of(cls).check
-
-    def decode_checked(data: bytes | memoryview) -> M:
-        try:
-            message = decode_plain(data)
-        except _NOT_DECODED as error:
-            raise SchemaMismatch(f"not a {cls.__name__}: {error}") from error
-        if check is not None:
-            check(message)
-        return message
-
-    return decode_checked
+    return _checked(_decoder(cls, writable=False).decode, cls.__name__, schema_of(cls).check)
 
 
 def run_decoder_of(cls: type[M]) -> Callable[[bytes | memoryview], list[M]]:
     """Return what decodes and validates the messages of a run, all of them or none."""
     decode_all = _decoder(list[cls], writable=False).decode  # type: ignore[valid-type]
-    check_all = schema_of(cls).check_all
+    return _checked(decode_all, f"run of {cls.__name__}", schema_of(cls).check_all)
 
-    def decode_run(data: bytes | memoryview) -> list[M]:
+
+def _checked(
+    decode_plain: Callable[[bytes | memoryview], T], what: str, check: Callable[[Any], None] | None
+) -> Callable[[bytes | memoryview], T]:
+    def decode_checked(data: bytes | memoryview) -> T:
         try:
-            messages: list[M] = decode_all(data)
+            found = decode_plain(data)
         except _NOT_DECODED as error:
-            raise SchemaMismatch(f"not a run of {cls.__name__}: {error}") from error
-        if check_all is not None:
-            check_all(messages)
-        return messages
+            raise SchemaMismatch(f"not a {what}: {error}") from error
+        if check is not None:
+            check(found)
+        return found
 
-    return decode_run
+    return decode_checked
 
 
 def decode(cls: type[M], data: bytes | memoryview) -> M:
