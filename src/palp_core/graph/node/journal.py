@@ -95,7 +95,7 @@ class Journal:
     def serve_follower(self, now_ns: int, *, active: bool) -> None:
         """Let whoever follows the record have what is new, and a new follower a place to start.
 
-        To be called ten times a second on the wall clock, between two handlers. With no follower it does
+        To be called some ten times a second on the wall clock, between two handlers. With no follower it does
         nothing.
         """
         publisher = self._publisher

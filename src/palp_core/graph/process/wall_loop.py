@@ -27,8 +27,11 @@ from palp_core.graph.transport.receiver import TopicReceiver
 from palp_core.graph.transport.subscriber_socket import UNTIL_RUNG
 from palp_core.graph.transport.wakeup import ENDPOINT, Wakeup
 
-EARLY_NS = 25_000_000
-"""How much sooner a beat may be where the node is awake for something else, and need not wake for it."""
+EARLY_NS = 50_000_000
+"""How much sooner a beat may be where the node is awake for something else, and need not wake for it.
+
+So one that is woken ten times a second, give or take a quarter, never wakes for a beat alone.
+"""
 BUSY = 5
 """Messages between two beats from which on the wakeup keeps the time: a ring costs as much as two limits.
 
@@ -165,7 +168,7 @@ class WallLoop:
             if self.participant.waiting:
                 self.participant.turn()
             if self.sockets.due():
-                self.sockets.poll(put_off=self._perform)
+                self.sockets.poll_due(put_off=self._perform)
                 self._perform()
             if self.executor.exit_code is not None and not finished and not self.participant.silent:
                 finished = True

@@ -65,6 +65,15 @@ class NodeSockets:
         self.requests.poll(most, put_off)
         self.publisher.poll()
 
+    def poll_due(self, put_off: Callable[[], None]) -> None:
+        """Do what :meth:`due` has found: after sending alone, nothing but a subscriber can be overlooked."""
+        if self._signalled or self.requests.stirred:
+            self.poll(put_off=put_off)
+            return
+        self.publisher.stirred = False
+        self._look_ns = monotonic_ns() + LOOK_NS
+        self.publisher.poll()
+
     def wait_until_unread(self, patience_ns: int, ends: int) -> None:
         """Wait until nobody listens any more, and turn requests away meanwhile.
 

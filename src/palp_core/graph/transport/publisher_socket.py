@@ -23,7 +23,7 @@ from palp_core.graph.transport.requester_socket import readable
 
 SEND_QUEUE = 100_000  # messages per reader: what is beyond is a gap to it, filled from what is remembered
 QUEUE_BYTES = 256 << 20  # of large messages: ZeroMQ's own marks count messages, whatever their size
-HEARTBEAT_NS = 100_000_000  # in which a process says that it lives
+HEARTBEAT_NS = 125_000_000  # in which a process says that it lives
 PLACE_BYTES = 1 << 20  # of a message that takes one place in the queue of a reader
 
 
@@ -38,7 +38,7 @@ class PublisherSocket:
         file_descriptor: Becomes readable when :meth:`poll` has something to do.
         stirred: :meth:`poll` may have something to do all the same: sending swallows the descriptor's signal.
         backpressure: Whom its topics' publishers wait for, and what readers have lost.
-        greeting: What a new reader of a topic is told, and every reader ten times a second.
+        greeting: What a new reader of a topic is told, and every reader some ten times a second.
     """
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: str) -> None:
@@ -184,7 +184,6 @@ class PublisherSocket:
             frames = self.greeting(publisher)
             if to_all or not spoke or len(frames) > 1:  # more than a heartbeat: the topic is moving
                 self.send_past_hold(frames)
-        self.stirred = True
 
     def poll(self) -> None:
         """Take note of who has come and gone, and greet new subscribers, without waiting."""

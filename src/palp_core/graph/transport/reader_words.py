@@ -165,7 +165,7 @@ class ReaderWords:
             self.tell(buffer)
 
     def look(self, *, absent: bool) -> None:
-        """Say what is new; to be called ten times a second."""
+        """Say what is new; to be called some ten times a second."""
         for buffer in self._buffers.values():
             self.tell(buffer, absent=absent)
 
