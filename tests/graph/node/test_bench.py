@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import pytest
 
 from palp_core.errors import NodeError
@@ -131,3 +133,29 @@ class Restless(Node):
 def test_an_alarm_that_sets_itself_to_now_is_an_error_not_a_hang() -> None:
     with pytest.raises(NodeError, match="1000 times at one instant"):
         Bench(Restless).feed(Restless.word, Word(n=1))
+
+
+class Careful(Node):
+    """Tries to say what no message can carry, and goes on."""
+
+    word = Sub(Word)
+    out = Pub(Word)
+
+    @on(word)
+    def take(self, word: Word) -> None:
+        with contextlib.suppress(OverflowError):
+            self.out.publish(Word(n=word.n << 64))
+        with contextlib.suppress(TypeError):
+            self.out.publish(Other())
+        self.out.publish(word)
+
+
+class Other(Message):
+    text: str = ""
+
+
+def test_what_cannot_be_said_leaves_no_gap() -> None:
+    bench = Bench(Careful)
+    bench.feed(Careful.word, Word(n=1), Word(n=2))
+    assert bench.sent(Careful.out) == [Word(n=1), Word(n=2)]
+    assert bench.executor.ends.publishers["/node/out"].sequence == 2

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import Generic, TypeVar
 
 from palp_core.errors import LifecycleError
-from palp_core.graph.messages.fragments import cut, give_away
+from palp_core.graph.messages.fragments import Pieces, cut, give_away
 from palp_core.graph.messages.frame import (
     IN_PIECES,
     LAST_SEQUENCE,
@@ -96,7 +96,7 @@ class PublisherEnd(Generic[M]):
             )
         if owned:
             give_away(message)
-        self.put(message)
+        self._say(self._body(message))
 
     def publish_all(self, messages: Iterable[M]) -> None:
         """Send messages, one after the other, in as few frames as may be.
@@ -117,16 +117,16 @@ class PublisherEnd(Generic[M]):
         run, size = list[bytes](), 0
         try:
             for message in messages:
-                payload = self._payload(message)
-                size += len(payload)
-                if run and (size > RUN_BYTES or len(run) == RUN_MESSAGES):
-                    full, run, size = run, [], len(payload)
+                body = self._body(message)
+                small = isinstance(body, bytes) and len(body) <= RUN_BYTES
+                if not small or size + len(body) > RUN_BYTES or len(run) == RUN_MESSAGES:
+                    full, run, size = run, [], 0
                     self._put_run(full)
-                if size > RUN_BYTES:
-                    size = 0
-                    self.publish(message)
+                if isinstance(body, bytes) and small:
+                    run.append(body)
+                    size += len(body)
                 else:
-                    run.append(payload)
+                    self._say(body)
         finally:  # what comes before one that cannot be had, or cannot travel, is sent as if it were alone
             self._put_run(run)
 
@@ -153,24 +153,32 @@ class PublisherEnd(Generic[M]):
             header = quick_pack(PLAIN_DATA, self.epoch, sequence, now_ns, self._type_hash)
             self.history.append(b"".join((self._prefix, header, one)))
 
-    def _payload(self, message: M) -> bytes:
+    def _body(self, message: M) -> bytes | Pieces:
+        """Encode a message; before it is counted, so that one that cannot be encoded leaves no gap.
+
+        Raises:
+            TypeError: It is of another type.
+        """
         if type(message) is not self.message:
-            raise self._other_type(message)
+            raise TypeError(f"{self.topic} carries {self.message.__name__}, not {type(message).__name__}")
+        if self._owner.send_pieces is not None and (pieces := cut(message)) is not None:
+            return pieces
         canonical = self._canonical
         return encode_any(message if canonical is None else canonical(message))
 
-    def _other_type(self, message: object) -> TypeError:
-        return TypeError(f"{self.topic} carries {self.message.__name__}, not {type(message).__name__}")
-
     def put(self, message: M) -> None:
         """Send a message whatever the node's state is."""
+        self._say(self._body(message))
+
+    def _say(self, body: bytes | Pieces) -> None:
+        """Send what is encoded, as soon as there is room for it."""
         if self.sequence >= self.room:
             self.wait_for_room()
         self.sequence += 1
         self.idle_until_next = False
         if self.note is not None:
             self.note(self.epoch, self.sequence)
-        self._put(message, self.epoch, self.sequence)
+        self._send(body, self.epoch, self.sequence)
 
     def forward(self, payload: bytes) -> None:
         """Send a message that is encoded already, its bytes as they are, whatever the node's state is."""
@@ -186,8 +194,9 @@ class PublisherEnd(Generic[M]):
 
     def reply(self, message: M, epoch: int, sequence: int) -> None:
         """Send a reply, which carries its request's epoch and sequence."""
+        body = self._body(message)
         self.sequence = sequence
-        self._put(message, epoch, sequence)
+        self._send(body, epoch, sequence)
 
     def pass_on(self, raw: bytes) -> None:
         """Send a frame of this topic that a successor has made, as if it were this end's own."""
@@ -211,25 +220,20 @@ class PublisherEnd(Generic[M]):
                 return True
         return False
 
-    def _put(self, message: M, epoch: int, sequence: int) -> None:
-        if type(message) is not self.message:
-            raise self._other_type(message)
-        owner, canonical = self._owner, self._canonical
-        now_ns = owner.now_ns()
-        send_pieces = owner.send_pieces
-        if send_pieces is not None and (pieces := cut(message)) is not None:
-            head = pack(
-                self._bytes, Kind.DATA, epoch, sequence, now_ns, self._type_hash, pieces.head, IN_PIECES
+    def _send(self, body: bytes | Pieces, epoch: int, sequence: int) -> None:
+        now_ns = self._owner.now_ns()
+        if isinstance(body, bytes):
+            frame = b"".join(
+                (self._prefix, quick_pack(PLAIN_DATA, epoch, sequence, now_ns, self._type_hash), body)
             )
-            self.history.append((head, pieces.body, pieces.tail))
-            send_pieces(self._bytes, head, pieces.body, pieces.tail)
+            if self.listened:
+                self.send(frame)
+            self.history.append(frame)
             return
-        payload = encode_any(message if canonical is None else canonical(message))
-        header = quick_pack(PLAIN_DATA, epoch, sequence, now_ns, self._type_hash)
-        frame = b"".join((self._prefix, header, payload))
-        if self.listened:
-            self.send(frame)
-        self.history.append(frame)
+        head = pack(self._bytes, Kind.DATA, epoch, sequence, now_ns, self._type_hash, body.head, IN_PIECES)
+        self.history.append((head, body.body, body.tail))
+        assert self._owner.send_pieces is not None
+        self._owner.send_pieces(self._bytes, head, body.body, body.tail)
 
     def idle(self) -> None:
         """Declare that nothing is due until the next message."""
