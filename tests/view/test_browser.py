@@ -114,6 +114,49 @@ def test_a_topic_shows_its_messages_and_plots_them(viewing: Viewing) -> None:
     assert Path(download.value.path()).read_bytes().startswith(b"\x89PNG")
 
 
+INKED = """() => {
+  const canvas = document.querySelector(".live-plot canvas"), look = document.createElement("div");
+  look.style.color = getComputedStyle(document.body).getPropertyValue("--plot-0");
+  document.body.append(look);
+  const [red, green, blue] = getComputedStyle(look).color.match(/[0-9.]+/g).map(Number);
+  look.remove();
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  let count = 0;
+  for (let i = 0; i < data.length; i += 4) {
+    const off = Math.abs(data[i] - red) + Math.abs(data[i + 1] - green) + Math.abs(data[i + 2] - blue);
+    if (data[i + 3] > 128 && off < 30) count++;
+  }
+  return count;
+}"""
+"""How many pixels of the plot have the colour of its first series."""
+
+
+def test_a_paused_plot_stays_as_it_is_and_is_what_is_saved(viewing: Viewing) -> None:
+    page = viewing.go("/topic/source/sample")
+    viewing.plot("torque_n_m")
+    viewing.until(f"() => ({INKED})() > 100")
+
+    def saved() -> str:
+        with page.expect_download() as download:
+            page.get_by_role("button", name="CSV").click()
+        return Path(download.value.path()).read_text(encoding="utf-8")
+
+    page.get_by_role("button", name="pause").click()
+    page.get_by_role("button", name="go on").wait_for()
+    before = saved()
+    viewing.text_changes("[data-what=message]")
+    page.get_by_label("window").click()
+    page.get_by_role("option", name="10 min").click()
+    viewing.text_changes("[data-what=message]")
+    assert page.evaluate(INKED) > 100
+    assert saved() == before
+    viewing.says(f"{len(before.splitlines()) - 1} points, from ")
+    page.get_by_role("button", name="go on").click()
+    frames = page.evaluate("() => Number(document.querySelector('.live-plot').dataset.frames)")
+    viewing.until(f"() => Number(document.querySelector('.live-plot').dataset.frames) > {frames}")
+    assert saved() != before
+
+
 THIN = """async () => {
   const loaded = performance.getEntriesByType("resource").map(one => one.name);
   const address = loaded.find(name => name.includes("live_plot.js"));

@@ -113,7 +113,7 @@ def test_a_plot_is_saved_with_all_its_points() -> None:
     series = FieldSeries("inner.peak", BLOCK)
     for i in range(3):
         series.add(heard(i, inner={"peak": i / 8}))
-    assert as_csv([series]).splitlines() == [
+    assert as_csv([(series.label, series.points)]).splitlines() == [
         "time_s,field,value",
         "0.000000000,inner.peak [N m],0.0",
         "1.000000000,inner.peak [N m],0.125",

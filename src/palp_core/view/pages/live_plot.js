@@ -70,7 +70,11 @@ export default {
     this.plot = null;
   },
   watch: {
-    names() { this.clear(); this.restart(); },
+    names(now, before) { // another list is given with every change of anything
+      if (String(now) === String(before)) return;
+      this.clear();
+      this.restart();
+    },
     elements() { this.clear(); this.restart(); },
     span() { this.zoomed = false; this.wanted(); },
     paused() { this.wanted(); },
@@ -105,7 +109,8 @@ export default {
       this.plot = new uPlot(options, [[], ...series.map(() => [])], this.$el);
       this.touched(this.plot.over);
       this.fit();
-      this.wanted();
+      if (this.paused) this.show();
+      else this.wanted();
     },
     room() {
       const below = this.slim ? 28 : 54; // for the legend, two lines of it at most

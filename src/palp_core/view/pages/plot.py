@@ -13,7 +13,14 @@ from palp_core.errors import GraphError
 from palp_core.units import Float64Array
 from palp_core.view.pages.parts import Outcome, said
 from palp_core.view.source.protocol import Watch
-from palp_core.view.source.series import NO_POINTS, FieldSeries, as_csv, number_fields, shown
+from palp_core.view.source.series import (
+    KEPT_POINTS,
+    NO_POINTS,
+    FieldSeries,
+    as_csv,
+    number_fields,
+    shown,
+)
 
 FRAME_S = 1 / 40
 """Between two looks at what has come: with what they take themselves there are some 30 a second."""
@@ -129,7 +136,7 @@ def plot_panel(watch: Watch, *, fast: bool = False, clock: str = "") -> None:
     nothing = said("div", CHOOSE, "quiet")
     plot = LivePlot(watch.topic.name.strip("/").replace("/", "_"))
     plot.shape(even=not fast, title=titled(watch.topic.name, clock))
-    state = {"paused": False}
+    paused: list[list[tuple[str, Float64Array]]] = []  # what there was when the plot was paused, if it is
 
     def choose() -> None:
         fields = [str(field) for field in chosen.value or ()]
@@ -142,17 +149,27 @@ def plot_panel(watch: Watch, *, fast: bool = False, clock: str = "") -> None:
         outcome.tell("")
         nothing.set_visibility(not plotted.series)
         plot.shape(names=[series.label for series in plotted.series])
+        if paused:  # of other fields nothing is held
+            toggle()
+
+    def kept() -> list[tuple[str, Float64Array]]:
+        return [(series.label, series.points) for series in plotted.series]
 
     def toggle() -> None:
-        state["paused"] = not state["paused"]
-        pause.text = "go on" if state["paused"] else "pause"
-        plot.shape(paused=state["paused"])
+        paused[:] = [] if paused else [kept()]
+        pause.text = "go on" if paused else "pause"
+        plot.shape(paused=bool(paused))
+
+    def download() -> None:
+        labelled = paused[0] if paused else kept()
+        outcome.tell(in_words(labelled))
+        ui.download.content(as_csv(labelled), name)
 
     def tick() -> None:
         if not plotted.series:
             return
         came = plotted.take(watch, float(span.value))
-        if plot.busy or state["paused"] or not (came or any(len(points) for points in plotted.waiting)):
+        if plot.busy or paused or not (came or any(len(points) for points in plotted.waiting)):
             return
         if elements.value:
             plot.put([series.last for series in plotted.series])
@@ -166,8 +183,24 @@ def plot_panel(watch: Watch, *, fast: bool = False, clock: str = "") -> None:
     pause.on_click(toggle)
     save.on_click(lambda: plot.run_method("save"))
     name = f"{watch.topic.name.strip('/').replace('/', '_')}.csv"
-    table.on_click(lambda: ui.download.content(as_csv(plotted.series), name))
+    table.on_click(download)
     ui.timer(FAST_FRAME_S if fast else FRAME_S, tick)
+
+
+def in_words(labelled: Sequence[tuple[str, Float64Array]]) -> str:
+    """Return what is said of points that are saved.
+
+    >>> in_words([("q", np.array([(1.0, 0.0), (3.5, 0.0)]))])
+    '2 points, from 1 s to 3.5 s'
+    """
+    points = [points for _, points in labelled if len(points)]
+    if not points:
+        return "no points yet"
+    begin_s = min(part[0, 0] for part in points)
+    end_s = max(part[-1, 0] for part in points)
+    cut = any(len(part) >= KEPT_POINTS for part in points)
+    more = f", the last {KEPT_POINTS} of a field: no more are kept" if cut else ""
+    return f"{sum(map(len, points))} points, from {begin_s:.10g} s to {end_s:.10g} s{more}"
 
 
 def titled(topic: str, clock: str) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -166,11 +166,11 @@ def shown(points: Float64Array, span_s: float) -> Float64Array:
     return thinned(points, max(FEWEST_POINTS, round(share * WINDOW_POINTS)))
 
 
-def as_csv(series: Sequence[FieldSeries]) -> str:
-    """Return all points as text: a row a point, with its field."""
+def as_csv(labelled: Iterable[tuple[str, Float64Array]]) -> str:
+    """Return points as text: a row a point, with its series' label."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(("time_s", "field", "value"))
-    for one in series:
-        table.writerows((f"{time_s:.9f}", one.label, repr(value)) for time_s, value in one.points.tolist())
+    for label, points in labelled:
+        table.writerows((f"{time_s:.9f}", label, repr(value)) for time_s, value in points.tolist())
     return text.getvalue()
