@@ -14,6 +14,7 @@ import pytest
 from palp_core.graph.messages.topic import Topic
 from palp_core.palpation.live_page.harmless import HARMLESS
 from palp_core.palpation.live_page.monitor import RigMonitor
+from palp_core.palpation.live_page.muscles import muscle_words
 from palp_core.palpation.live_page.page import rig
 from palp_core.palpation.session.trials_csv import Row, SessionWriter
 from palp_core.view.source.blind import BlindSource
@@ -223,6 +224,27 @@ def test_what_was_asked_for_and_what_came_meanwhile_counts_once() -> None:
     assert now.look() == []
     assert [row.right for row in now.board.rows] == [True, False]
     assert len(now.belief.probes) == 1
+
+
+def test_where_sweeps_are_shown_when_they_are_over_the_ring_is_shown_as_it_was_in_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(SAID, "Palpation", [(9, {"torque_n_m": [0.01, 0.02], "ring_m": 0.004})])
+    told = ToldRig("sim")
+    now = monitor(told, at_once=True)
+    assert now.ring_m == 0.016
+    assert len(now.look()) == 2
+    told.said["RingState"].append((10, {**SAID["RingState"][0][1], "target_m": 0.008}))
+    now.look()
+    assert now.ring is not None
+    assert now.ring_m == now.ring["measured_m"] == 0.004
+
+
+def test_muscles_that_have_fallen_silent_are_told_as_that() -> None:
+    last = {**SAID["CoContraction"][0][1], "stamp_ns": 69_000_000_000}
+    assert "silent since 69 s" in muscle_words(last, None, 72.0)
+    assert "silent" not in muscle_words(last, None, 120.0, fast=True)
+    assert "silent since 69 s" in muscle_words(last, None, 5541.0, fast=True)
 
 
 def test_over_a_bag_it_is_as_it_was_at_the_chosen_time() -> None:

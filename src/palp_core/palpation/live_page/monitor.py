@@ -47,7 +47,7 @@ class RigMonitor:
         sweep: The torque of the sweep under way.
         belief: The trial under way.
         board: The trials that are over.
-        ring: The last ``RingState``.
+        ring: The last ``RingState``; where a sweep is shown when it is over, as it was in that sweep.
         status: The last ``SweepStatus``.
         guards: What the simulated touch met, in words, the latest first, each once; None before it was told.
         path_m: Where sweeps begin and end.
@@ -195,7 +195,7 @@ class RigMonitor:
                 self.belief.believe(message)
             case "ContactGuard":
                 self._note_guards(message["words"])
-            case "RingState":
+            case "RingState" if self._last_whole < 0:
                 self.ring = message
             case "SweepStatus":
                 self.status = message
@@ -216,6 +216,10 @@ class RigMonitor:
         self._last_whole = heard.sequence
         self.sweep.number += 1
         self.sweep.points = whole_sweep(heard.message["torque_n_m"], *self.path_m)
+        ring_m = heard.message[
+            "ring_m"
+        ]  # where it was in that sweep, of which there are many between two looks
+        self.ring = {"target_m": ring_m, "measured_m": ring_m, "settled": True, "rehome": False}
         return self.sweep.points
 
     def _look_at_streams(self) -> list[Point]:

@@ -12,10 +12,16 @@ FLOWING = ("ok", "streaming")
 
 SILENT_S = 2.0
 """Blocks come many times a second."""
+SILENT_FAST_S = 60.0
+"""Of a graph that goes faster than anybody looks."""
 
 
 def muscle_words(
-    cocontraction: dict[str, Any] | None, report: dict[str, Any] | None, now_s: float | None = None
+    cocontraction: dict[str, Any] | None,
+    report: dict[str, Any] | None,
+    now_s: float | None = None,
+    *,
+    fast: bool = False,
 ) -> str:
     """Return the level of the latest peak, how many bursts there were, and what is wrong with the source.
 
@@ -23,6 +29,7 @@ def muscle_words(
         cocontraction: The last ``CoContraction``.
         report: The last ``EmgReport``.
         now_s: Time on the graph's clock, if it is known: silence is told.
+        fast: The graph goes faster than anybody looks.
 
     >>> muscle_words({"level": 2, "level_defined": True, "burst_count": 7, "value": [0.25]}, None)
     'co-contraction 0.25; level 0.3 (third of five); 7 bursts'
@@ -40,8 +47,9 @@ def muscle_words(
             parts.append("no peak yet, so no level")
         count = cocontraction["burst_count"]
         parts.append(f"{count} burst{'s' if count != 1 else ''}")
-        if now_s is not None and now_s - cocontraction["stamp_ns"] / 1e9 > SILENT_S:
-            parts.append(f"silent since {cocontraction['stamp_ns'] / 1e9:.0f} s")
+        heard_s = cocontraction["stamp_ns"] / 1e9
+        if now_s is not None and now_s - heard_s > (SILENT_FAST_S if fast else SILENT_S):
+            parts.append(f"silent since {heard_s:.0f} s")
     if report is not None:
         if report["condition"] not in FLOWING:
             parts.append(": ".join(part for part in (report["condition"], report["text"]) if part))

@@ -45,9 +45,10 @@ class MusclePanel:
     def show(self) -> None:
         """Show the level as it is."""
         if self._words is not None:
-            latest = self._monitor.latest
-            now_s = None if self._monitor.at_once else self._source.overview().now_s
-            self._words.text = muscle_words(latest("CoContraction"), latest("EmgReport"), now_s)
+            latest, fast = self._monitor.latest, self._monitor.at_once
+            now_s = self._source.overview().now_s
+            words = muscle_words(latest("CoContraction"), latest("EmgReport"), now_s, fast=fast)
+            self._words.text = words
 
 
 def _plot(source: ViewSource, topic: str, fields: dict[str, str], file: str, *, last_only: bool) -> None:
