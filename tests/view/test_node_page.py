@@ -108,3 +108,7 @@ def test_what_came_of_a_swap_begins_with_that_it_was_done() -> None:
     assert (words.partition(":")[0], level) == ("swapped", "ok")
     assert "b:B is at work in place of a:A" in words
     assert swap_words({"report": {**report, "switched": False}})[0].endswith("nothing was changed")
+    failed = {"failed": {"step": "check", "text": "it has no output 'out'"}}
+    assert swap_words(failed)[0] == "refused: it has no output 'out'; the old node goes on"
+    failed["failed"]["step"] = "configure"
+    assert swap_words(failed)[0].startswith("rolled back at step 'configure': ")

@@ -157,14 +157,25 @@ def test_what_is_no_bag_and_no_folder_is_refused(palp: Palp, tmp_path: Path) -> 
     assert (done.returncode, "no such folder" in done.stderr) == (2, True)
 
 
+def test_who_has_no_graph_is_told_of_one_to_look_at(palp: Palp) -> None:
+    done = palp.here("view", "--no-browser")
+    assert done.returncode == 2
+    assert done.stderr.endswith("to look around: palp launch rig:sim.yaml trials:=100000 --view\n")
+
+
+def test_a_launch_lets_no_page_be_pressed_that_it_does_not_show(palp: Palp) -> None:
+    done = palp.here("launch", CHAIN, "--operate")
+    assert (done.returncode, "give both" in done.stderr) == (2, True)
+
+
 @pytest.mark.parametrize(("ended_by", "status"), [(signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)])
 def test_a_launch_with_view_shows_the_graph_and_its_viewer_ends_with_it(
     ended_by: signal.Signals, status: int, palp: Palp
 ) -> None:
     palp.environment["BROWSER"] = "true"
-    process = palp.start("launch", CHAIN, "--view", "count:=100000")
+    process = palp.start("launch", CHAIN, "--view", "--operate", "count:=100000")
     wait_for_line(process, "http://127.0.0.1:")
-    assert palp.running("view")
+    assert any("--operate" in viewer.cmdline() for viewer in palp.running("--graph"))
     process.send_signal(ended_by)
     assert process.wait(PATIENCE_S) == status
     assert palp.all_gone()

@@ -86,6 +86,9 @@ def launch(
         str | None, typer.Option(metavar="tcp://HOST:PORT", help="Let nodes of other hosts join there.")
     ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show it in the browser: palp view.")] = False,
+    operate: Annotated[
+        bool, typer.Option("--operate", help="With --view: let more be pressed than stop, on a rig too.")
+    ] = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on where this run was interrupted (or resume:=true).")
     ] = False,
@@ -105,6 +108,8 @@ def launch(
     print_ = print_ and not ros_args
     levels = LogLevels(*log_levels(log_level))
     resume = resume or RESUMES in (arguments or [])
+    if operate and not view:
+        raise GraphError("--operate lets a page be pressed that --view shows: give both")
     if show_args:
         from palp_core.graph.description.file_reader import read
         from palp_core.graph.description.launch_file import arguments_text
@@ -141,7 +146,7 @@ def launch(
     sys.exit(
         _run(
             file, overrides, name=name, log_level=levels, compose=compose, digest=digest, record=record,
-            listen=listen, in_browser=view, resume=resume,
+            listen=listen, in_browser=view, operate=operate, resume=resume,
         )
     )  # fmt: skip
 
@@ -157,6 +162,7 @@ def _run(
     record: Path | None,
     listen: str | None,
     in_browser: bool,
+    operate: bool,
     resume: bool,
 ) -> int:
     """Run a graph and say how it went; return the exit status."""
@@ -207,7 +213,7 @@ def _run(
             if graph.gateway is not None:
                 graph.gateway.announce_to(note)
             with (
-                _shown(graph, wanted=in_browser),
+                _shown(graph, wanted=in_browser, operate=operate),
                 _digest_into(digest, observers),
                 view.showing(graph.checked),
                 stop_key(graph),
@@ -283,13 +289,13 @@ def _check_writable(digest: Path) -> None:
         raise GraphError(f"--digest {digest}: cannot be written: {error.strerror}") from error
 
 
-def _shown(graph: Graph, *, wanted: bool) -> contextlib.AbstractContextManager[None]:
+def _shown(graph: Graph, *, wanted: bool, operate: bool) -> contextlib.AbstractContextManager[None]:
     """Show a graph in the browser for as long as it runs, if that is wanted."""
     if not wanted:
         return contextlib.nullcontext()
     from palp_core.cli.view.beside import shown_beside
 
-    return shown_beside(graph.directory.path.name)
+    return shown_beside(graph.directory.path.name, operate=operate)
 
 
 @contextlib.contextmanager

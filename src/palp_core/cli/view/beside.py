@@ -25,14 +25,15 @@ def check_can_show() -> None:
 
 
 @contextlib.contextmanager
-def shown_beside(run: str) -> Iterator[None]:
+def shown_beside(run: str, *, operate: bool) -> Iterator[None]:
     """Show a running graph in the browser; the viewer ends with it.
 
     Args:
         run: Its id.
+        operate: As of ``palp view``.
     """
     process = subprocess.Popen(
-        [sys.executable, "-m", "palp_core", "view", "--graph", run],
+        [sys.executable, "-m", "palp_core", "view", "--graph", run, *(["--operate"] if operate else [])],
         stdin=subprocess.DEVNULL,
         env={**os.environ, "PYTHONHASHSEED": "random"},
         start_new_session=True,  # Ctrl-C is the launcher's

@@ -12,6 +12,7 @@ import typer
 from palp_core.cli.options import GraphOption
 from palp_core.cli.output import note
 from palp_core.cli.running import find_graph
+from palp_core.errors import GraphError
 
 if TYPE_CHECKING:
     import socket
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from palp_core.view.source.protocol import ViewSource
 
 OF_PALP = "palp_core."
+TRY = "palp launch rig:sim.yaml trials:=100000 --view"
 
 
 def view(
@@ -53,7 +55,7 @@ def view(
     from palp_core.view.server.serve import address, check_installed, listening_socket
 
     check_installed()
-    running = find_graph(graph) if what is None else None
+    running = _running(graph) if what is None else None
     source = None if what is None else _over(what)
     listening, token = listening_socket(port), new_token()
     where = address(listening, token)
@@ -67,6 +69,20 @@ def view(
                 _show_live(listening, token, running, read_only=read_only, operate=operate)
     except KeyboardInterrupt:
         note("the page is closed" + ("; the graph goes on" if running is not None else ""))
+
+
+def _running(name: str | None) -> RunningGraph:
+    """Return the graph to show; who has none is told of one to look at."""
+    from palp_core.graph.discovery.choice import WhichGraph
+
+    try:
+        return find_graph(name)
+    except WhichGraph:
+        raise
+    except GraphError as error:
+        if name is not None:
+            raise
+        raise GraphError(f"{error}; to look around: {TRY}") from error
 
 
 def _over(what: Path) -> ViewSource:

@@ -186,7 +186,8 @@ def assigned(text: str) -> dict[str, Any]:
 def swap_words(answer: dict[str, Any]) -> tuple[str, str]:
     """Return what came of a swap, in words, and how good that is."""
     if failed := answer.get("failed"):
-        return f"rolled back at step '{failed['step']}': {failed['text']}; the old node goes on", "error"
+        what = "refused" if failed["step"] == "check" else f"rolled back at step '{failed['step']}'"
+        return f"{what}: {failed['text']}; the old node goes on", "error"
     report = answer["report"]
     shadow = f"{report['shadow']['text']}. " if report["shadow"] else ""
     if not report["switched"]:

@@ -14,7 +14,10 @@ from palp_core.graph.problems import hint
 from palp_core.view.source.live import LiveSource
 
 READ_ONLY = "this page is read-only; start palp view without --read-only"
-NOT_OPERATED = "this graph moves something real, so only stop can be pressed; start palp view with --operate"
+NOT_OPERATED = (
+    "this graph drives devices, real or emulated ones, so only stop can be pressed;"
+    " start palp view with --operate"
+)
 ENDED = "the graph has ended"
 BLINDED = "the session is blinded, so its nodes cannot be asked or changed from here"
 
