@@ -238,6 +238,7 @@ class Safety(Node):
 
     def on_deactivate(self) -> None:
         self.again.close()
+        self.processes.close()
         if self.link is None:
             return
         try:

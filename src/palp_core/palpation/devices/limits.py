@@ -6,11 +6,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Self
 
-import numpy as np
-
 from palp_core.errors import DeviceError
 from palp_core.palpation.nano17 import RANGE_N, RANGE_N_M
-from palp_core.units import Float64Array
 
 CLEARANCE_M = 0.5e-3
 """Least gap between raised probe and gel; assumed: five standard deviations of a mounting's height."""
@@ -167,14 +164,15 @@ class WrenchLimits:
             check_range("limits", f"stop_{load}", stop, 0.0, ceiling)
             check_range("limits", f"warn_{load}", getattr(self, f"warn_{load}"), 0.0, stop)
 
-    def level(self, torque_n_m: Float64Array, force_n: Float64Array) -> Level:
-        """Return how serious the worst of some loads is, arrays of any shape; NaN is the worst."""
-        torque = float(np.max(np.abs(torque_n_m), initial=0.0))
-        force = float(np.max(np.abs(force_n), initial=0.0))
-        if not (torque < self.stop_torque_n_m and force < self.stop_force_n):
+    def level(self, torque_n_m: Iterable[float], force_n: Iterable[float]) -> Level:
+        """Return how serious the worst of some loads is; NaN is the worst."""
+        torques, forces = [abs(torque) for torque in torque_n_m], [abs(force) for force in force_n]
+        if not all(torque < self.stop_torque_n_m for torque in torques):
             return Level.STOP
-        over = torque >= self.warn_torque_n_m or force >= self.warn_force_n
-        return Level.WARN if over else Level.FINE
+        if not all(force < self.stop_force_n for force in forces):
+            return Level.STOP
+        over = any(torque >= self.warn_torque_n_m for torque in torques)
+        return Level.WARN if over or any(force >= self.warn_force_n for force in forces) else Level.FINE
 
 
 class DutyCycle:

@@ -5,10 +5,9 @@ stage to rest; on a busy host that takes its time. One that is stopped by a sign
 seconds. All nodes of a graph on one host have one parent, and that is the launcher's child.
 """
 
-import contextlib
 import os
 from collections import deque
-from pathlib import Path
+from contextlib import suppress
 from typing import NamedTuple
 
 from palp_core.palpation.devices.link.guard_process import NAME as GUARD
@@ -17,61 +16,7 @@ _STOPPED = ("T", "t")
 _ENDED = ("", "Z", "X")
 _MEMORY = 20
 _COUNTS = 10  # a node that changes hands has two processes for some of them
-_PROC = Path("/proc")
-
-
-class ProcessWatch:
-    """The other children of this process's parent, the guards of their links, that parent, and its own.
-
-    Args:
-        parent: Whose children to watch; this process's parent by default.
-        own: Which of them to leave out; this process by default.
-    """
-
-    def __init__(self, parent: int | None = None, own: int | None = None) -> None:
-        self._parent = os.getppid() if parent is None else parent
-        self._own = os.getpid() if own is None else own
-        self._elders = [pid for pid in (self._parent, _look_at(self._parent).parent) if pid > 1]
-        self._known: list[int] = []
-        self._guards: list[int] = []
-        self._counts: deque[int] = deque(maxlen=_COUNTS)
-
-    def refresh(self) -> int:
-        """Look for living siblings anew; return their number. It reads the whole process table."""
-        pids = [int(entry.name) for entry in _PROC.iterdir() if entry.name.isdigit()]
-        living = {pid: seen for pid in pids if (seen := _look_at(pid)).letter not in _ENDED}
-        guards = {pid: seen.parent for pid, seen in living.items() if seen.name == GUARD}
-        self._known = sorted(
-            pid
-            for pid, seen in living.items()
-            if seen.parent == self._parent and pid != self._own and pid not in guards  # an orphan is no node
-        )
-        self._guards = [pid for pid, owner in guards.items() if owner in (*self._known, self._own)]
-        self._counts.append(len(self._known))
-        return len(self._known)
-
-    def ended(self) -> list[int]:
-        """Return the siblings that have ended and left fewer behind than there were all the time.
-
-        One that hands over to another ends too, and leaves as many.
-        """
-        gone = [pid for pid in self._known if _look_at(pid).letter in _ENDED]
-        least = min(self._counts, default=0)
-        return gone if gone and self.refresh() < least else []
-
-    def stopped(self) -> list[int]:
-        """Return the known siblings, guards and elders that are stopped."""
-        known = (*self._known, *self._guards, *self._elders)
-        return [pid for pid in known if _look_at(pid).letter in _STOPPED]
-
-    def stopped_or_ended(self, *, moving: bool) -> dict[int, str]:
-        """Return who is stopped and, while something moves, who has ended, in words by process."""
-        found = dict.fromkeys(self.stopped(), "is stopped")
-        gone = [*self.ended(), *self._ended_elders()] if moving else []
-        return {**found, **dict.fromkeys(gone, "has ended")}
-
-    def _ended_elders(self) -> list[int]:
-        return [pid for pid in self._elders if _look_at(pid).letter in _ENDED]
+_LONGEST = 1024  # bytes; numbers of 20 digits would make one and a name of 15
 
 
 class _Seen(NamedTuple):
@@ -82,15 +27,105 @@ class _Seen(NamedTuple):
     name: str = ""
 
 
-def _look_at(pid: int) -> _Seen:
-    """Return what the kernel says of a process.
+class ProcessWatch:
+    """The other children of this process's parent, the guards of their links, that parent, and its own.
+
+    What is watched is held open: to look again is one read, and never of a stranger that got the number of
+    one that has ended.
+
+    Args:
+        parent: Whose children to watch; this process's parent by default.
+        own: Which of them to leave out; this process by default.
+    """
+
+    def __init__(self, parent: int | None = None, own: int | None = None) -> None:
+        self._parent = os.getppid() if parent is None else parent
+        self._own = os.getpid() if own is None else own
+        self._files: dict[int, int] = {}
+        self._elders = [pid for pid in (self._parent, self._look_at(self._parent).parent) if pid > 1]
+        self._known: list[int] = []
+        self._guards: list[int] = []
+        self._counts: deque[int] = deque(maxlen=_COUNTS)
+
+    def refresh(self) -> int:
+        """Look for living siblings anew; return their number. It reads the whole process table."""
+        pids = [int(name) for name in os.listdir("/proc") if name.isdigit()]
+        living = {pid: seen for pid in pids if (seen := _look_once(pid)).letter not in _ENDED}
+        guards = {pid: seen.parent for pid, seen in living.items() if seen.name == GUARD}
+        self._known = sorted(
+            pid
+            for pid, seen in living.items()
+            if seen.parent == self._parent and pid != self._own and pid not in guards  # an orphan is no node
+        )
+        self._guards = [pid for pid, owner in guards.items() if owner in (*self._known, self._own)]
+        self._counts.append(len(self._known))
+        self._hold(self._known + self._guards + self._elders)
+        return len(self._known)
+
+    def ended(self) -> list[int]:
+        """Return the siblings that have ended and left fewer behind than there were all the time.
+
+        One that hands over to another ends too, and leaves as many.
+        """
+        gone = [pid for pid in self._known if self._look_at(pid).letter in _ENDED]
+        least = min(self._counts, default=0)
+        return gone if gone and self.refresh() < least else []
+
+    def stopped(self) -> list[int]:
+        """Return the known siblings, guards and elders that are stopped."""
+        known = (*self._known, *self._guards, *self._elders)
+        return [pid for pid in known if self._look_at(pid).letter in _STOPPED]
+
+    def stopped_or_ended(self, *, moving: bool) -> dict[int, str]:
+        """Return who is stopped and, while something moves, who has ended, in words by process."""
+        found = dict.fromkeys(self.stopped(), "is stopped")
+        gone = [*self.ended(), *self._ended_elders()] if moving else []
+        return {**found, **dict.fromkeys(gone, "has ended")}
+
+    def _ended_elders(self) -> list[int]:
+        return [pid for pid in self._elders if self._look_at(pid).letter in _ENDED]
+
+    def _look_at(self, pid: int) -> _Seen:
+        """Return what the kernel says of a process that is held open from now on; nothing if it has ended."""
+        with suppress(OSError, ValueError, IndexError):
+            if (file := self._files.get(pid)) is None:
+                file = self._files[pid] = os.open(_stat_of(pid), os.O_RDONLY | os.O_CLOEXEC)
+            return _seen(os.pread(file, _LONGEST, 0))
+        return _Seen()
+
+    def _hold(self, pids: list[int]) -> None:
+        """Let go of who is not watched any more."""
+        for pid in self._files.keys() - set(pids):
+            os.close(self._files.pop(pid))
+
+    def close(self) -> None:
+        """Let go of all."""
+        self._hold([])
+
+
+def _stat_of(pid: int) -> str:
+    """Return where the kernel tells of a process's first thread: adding up the others' times costs more."""
+    return f"/proc/{pid}/task/{pid}/stat"
+
+
+def _look_once(pid: int) -> _Seen:
+    """Return what the kernel says of a process; nothing if it has ended."""
+    with suppress(OSError, ValueError, IndexError):
+        file = os.open(_stat_of(pid), os.O_RDONLY | os.O_CLOEXEC)
+        try:
+            return _seen(os.read(file, _LONGEST))
+        finally:
+            os.close(file)
+    return _Seen()
+
+
+def _seen(words: bytes) -> _Seen:
+    """Return what the words of a process say.
 
     See proc(5): the name in parentheses may contain anything, so fields are counted from the last one.
     """
-    with contextlib.suppress(OSError, ValueError, IndexError):
-        words = (_PROC / str(pid) / "stat").read_text(encoding="utf-8", errors="replace")
-        name_end = words.rindex(")")
-        fields = words[name_end + 2 :].split()
-        dying = fields[_MEMORY] == "0"  # it takes a while from there to its end, and it does nothing any more
-        return _Seen("" if dying else fields[0], int(fields[1]), words[words.index("(") + 1 : name_end])
-    return _Seen()
+    name_end = words.rindex(b")")
+    fields = words[name_end + 2 :].split(None, _MEMORY + 1)
+    dying = fields[_MEMORY] == b"0"  # it takes a while from there to its end, and it does nothing any more
+    name = words[words.index(b"(") + 1 : name_end].decode("utf-8", "replace")
+    return _Seen("" if dying else fields[0].decode("ascii"), int(fields[1]), name)

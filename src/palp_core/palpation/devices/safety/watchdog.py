@@ -4,11 +4,8 @@ import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-import numpy as np
-
 from palp_core.palpation.devices.limits import Level, TravelLimits, WrenchLimits, check_range
 from palp_core.palpation.devices.safety.state_machine import Cause
-from palp_core.units import Float64Array
 
 _GOOD = ("ok", "")
 _LINK = ("link lost", "stale", "garbled")
@@ -114,7 +111,7 @@ class Watchdog:
             found.append(LimitViolation(Cause.SENSOR_FAULT, f"the sensor says of its data: {load.condition}"))
         if not math.isfinite(load.torque_n_m) or not math.isfinite(load.force_n):
             found.append(LimitViolation(Cause.SENSOR_FAULT, "a load is not a number"))
-        elif limits.level(_one(load.torque_n_m), _one(load.force_n)) is Level.STOP:
+        elif limits.level((load.torque_n_m,), (load.force_n,)) is Level.STOP:
             torque = load.torque_n_m >= limits.stop_torque_n_m
             said = f"{load.torque_n_m * 1e3:.1f} N mm, {load.force_n:.2f} N"
             found.append(LimitViolation(Cause.TORQUE if torque else Cause.FORCE, said))
@@ -221,7 +218,3 @@ class Watchdog:
         if load.force_n >= limits.warn_force_n:
             return f"force of {load.force_n:.1f} N; the stop is at {limits.stop_force_n:g}"
         return ""
-
-
-def _one(value: float) -> Float64Array:
-    return np.array([value])
