@@ -126,7 +126,7 @@ class Polled:
         while self.bus.now_ns < end_ns:
             self.session.step(self._time)
             while self.samples:
-                number = struct.unpack(">H3h", self.samples.popleft()[3])[1]
+                number = self.samples.popleft()[4][0]
                 self.ages_ns[number] = self.bus.now_ns - self.bus.asked_ns[number]
 
 

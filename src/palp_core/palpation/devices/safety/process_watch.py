@@ -8,6 +8,7 @@ seconds. All nodes of a graph on one host have one parent, and that is the launc
 import os
 from collections import deque
 from contextlib import suppress
+from pathlib import Path
 from typing import NamedTuple
 
 from palp_core.palpation.devices.link.guard_process import NAME as GUARD
@@ -49,7 +50,7 @@ class ProcessWatch:
 
     def refresh(self) -> int:
         """Look for living siblings anew; return their number. It reads the whole process table."""
-        pids = [int(name) for name in os.listdir("/proc") if name.isdigit()]
+        pids = [int(entry.name) for entry in Path("/proc").iterdir() if entry.name.isdigit()]
         living = {pid: seen for pid in pids if (seen := _look_once(pid)).letter not in _ENDED}
         guards = {pid: seen.parent for pid, seen in living.items() if seen.name == GUARD}
         self._known = sorted(

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from operator import mul
 from typing import Any, ClassVar
 
 import numpy as np
@@ -19,6 +20,9 @@ from palp_core.palpation.devices.unverified import warn_unverified
 from palp_core.palpation.devices.wire import netcanoem as wire
 from palp_core.palpation.nano17 import RANGE_N_M
 from palp_core.units import Float64Array
+
+_BAD = int(wire.CRITICAL | wire.SensorStatus.ANY_ERROR)
+_LOW, _HIGH = wire.SATURATED
 
 
 @dataclass
@@ -121,11 +125,11 @@ class AtiTorque:
             DeviceError: The sensor was never open.
         """
         self._host.observe(now_ns)
-        per_count = self.sensor.per_count
+        per_count = self.sensor.per_count_rows
         raw = [self._samples.popleft() for _ in range(len(self._samples))]
-        status, counts = wire.gauges(b"".join(r[3] for r in raw), b"".join(r[4] for r in raw))
-        saturated = np.any((counts == wire.SATURATED[0]) | (counts == wire.SATURATED[1]), axis=1)
-        faulty = (status & (wire.CRITICAL | wire.SensorStatus.ANY_ERROR)) != 0
+        wrench = [[sum(map(mul, row, values)) for row in per_count] for *_, values in raw]
+        saturated = [_LOW in values or _HIGH in values for *_, values in raw]
+        faulty = [status & _BAD != 0 for *_, status, _ in raw]
         times_ns = np.array([r[0] for r in raw], dtype=np.int64)
         index = np.array([r[1] for r in raw], dtype=np.int64)
         gap = np.array([r[2] for r in raw], dtype=np.bool_)
@@ -137,7 +141,7 @@ class AtiTorque:
             times_ns,
             index,
             gap,
-            counts @ per_count.T,
+            wrench,
             saturated,
             faulty,
             EXACT,

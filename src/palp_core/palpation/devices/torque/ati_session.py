@@ -18,8 +18,8 @@ from palp_core.palpation.devices.torque.socketcand import open_socketcand
 from palp_core.palpation.devices.wire import netcanoem as wire
 from palp_core.units import Float64Array
 
-RawSample = tuple[int, int, bool, bytes, bytes]
-"""Host time, number, gap, and the data of both frames."""
+RawSample = tuple[int, int, bool, int, tuple[int, ...]]
+"""Host time, number, gap, status word and gauges."""
 
 _SET_UP_S = 0.5
 _QUIET_S = 0.008  # after a reply that did not come in time
@@ -27,7 +27,6 @@ _SILENT_S = 0.25  # after the second in a row; longer than any bus holds a frame
 _LOOK_S = 0.002
 _BAD = int(wire.CRITICAL | wire.SensorStatus.ANY_ERROR)
 _LOW, _HIGH = wire.SATURATED
-_FIRST, _SECOND = struct.Struct(">H3h").unpack, struct.Struct(">3h").unpack
 
 
 class SensorCalibration:
@@ -35,12 +34,14 @@ class SensorCalibration:
 
     Attributes:
         per_count: Forces in N and torques in N m per count of each gauge, shape (6, 6).
+        per_count_rows: The same as plain numbers.
         serial_number: Of the sensor.
         firmware: Major, minor, build.
     """
 
     def __init__(self, per_count: Float64Array, serial_number: str, firmware: tuple[int, int, int]) -> None:
         self.per_count, self.serial_number, self.firmware = per_count, serial_number, firmware
+        self.per_count_rows: list[list[float]] = per_count.tolist()
 
 
 class AtiSession:
@@ -120,8 +121,9 @@ class AtiSession:
             self._pair(ReplyTimeout(_QUIET_S, 2.0 * _LOOK_S))
         self._owed = self._missed = 0
         now_ns = self._now_ns()
-        self._keep((asked_ns + now_ns) // 2, *pair)
-        self._judge(*pair, now_ns)
+        status, values = wire.gauges(*pair)
+        self._keep((asked_ns + now_ns) // 2, status, values)
+        self._judge(status, values, now_ns)
 
     def _exchange(self) -> tuple[bytes, bytes] | None:
         """Ask, and return the data of both replies if they come in time."""
@@ -178,23 +180,21 @@ class AtiSession:
             raise DeviceError(f"ati: the bus is lost: {error}") from error
         return message
 
-    def _keep(self, stamp_ns: int, first: bytes, second: bytes) -> None:
+    def _keep(self, stamp_ns: int, status: int, values: tuple[int, ...]) -> None:
         late, gap = stamp_ns - self.last_ns > self._gap_ns, self._gap
         if late and self.last_ns:
             gap = True
             self.next += max(0, round((stamp_ns - self.last_ns) * 1e-9 * self._rate_hz) - 1)
-        self._samples.append((stamp_ns, self.next, gap, first, second))
+        self._samples.append((stamp_ns, self.next, gap, status, values))
         self.next += 1
         self.last_ns, self._gap = stamp_ns, False
 
-    def _judge(self, first: bytes, second: bytes, now_ns: int) -> None:
-        status, *left = _FIRST(first)
+    def _judge(self, status: int, values: tuple[int, ...], now_ns: int) -> None:
         if status & _BAD:
             self._monitor.note_contact(now_ns)
             words = wire.SensorStatus(status).words
             self._monitor.report(Condition.DEVICE_FAULT, now_ns, f"status: {words}")
             return
-        values = (*left, *_SECOND(second))
         if _HIGH in values or _LOW in values:
             self._monitor.note_contact(now_ns)
             self._monitor.report(Condition.SATURATED, now_ns, "a gauge is at the end of its range")

@@ -119,9 +119,9 @@ class NetFtTorque:
             stretch.times_ns,
             stretch.index + self._first,
             stretch.gap,
-            stretch.values[:, 1:] * self._scale,
-            saturated,
-            status != 0,
+            (stretch.values[:, 1:] * self._scale).tolist(),
+            saturated.tolist(),
+            (status != 0).tolist(),
             stretch.clock,
         )
 

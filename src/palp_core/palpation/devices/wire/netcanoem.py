@@ -1,11 +1,9 @@
 """ATI NETCANOEM on CAN: operation codes, status bits and the arithmetic from gauges to forces."""
 
+import struct
 from enum import IntEnum
 
-import numpy as np
-
 from palp_core.palpation.devices.wire.bits import Bits
-from palp_core.units import Float64Array
 
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 _POUND_N, _INCH_M = 4.4482216152605, 0.0254
@@ -18,6 +16,7 @@ TORQUE_UNIT_N_M = {
     5: 9.80665e-2,
     6: 1e3,
 }
+_FIRST, _SECOND = struct.Struct(">H3h").unpack, struct.Struct(">3h").unpack
 SATURATED = (-32768, 32767)
 """A gauge at either end of its range."""
 
@@ -57,15 +56,13 @@ CRITICAL = 0x18FE
 """Bits that make the data invalid: supply, ground, converter, calibration, memory, temperature."""
 
 
-def gauges(first: bytes, second: bytes) -> tuple[np.ndarray, Float64Array]:
-    """Return status words, shape (n,), and gauges 0 to 5 in order, shape (n, 6), of n pairs of frames.
+def gauges(first: bytes, second: bytes) -> tuple[int, tuple[int, ...]]:
+    """Return the status word and gauges 0 to 5 of a pair of frames.
 
     Args:
-        first: Data of the first frames, one after another: status, gauges 0, 2, 4.
-        second: Data of the second frames: gauges 1, 3, 5.
+        first: Data of the first frame: status, gauges 0, 2, 4.
+        second: Data of the second frame: gauges 1, 3, 5.
     """
-    left = np.frombuffer(first, dtype=">i2").reshape(-1, 4)
-    right = np.frombuffer(second, dtype=">i2").reshape(-1, 3)
-    values = np.empty((len(left), 6))
-    values[:, 0::2], values[:, 1::2] = left[:, 1:], right
-    return left[:, 0].astype(np.int64) & 0xFFFF, values
+    status, g0, g2, g4 = _FIRST(first)
+    g1, g3, g5 = _SECOND(second)
+    return status, (g0, g1, g2, g3, g4, g5)
