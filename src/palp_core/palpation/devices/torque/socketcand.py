@@ -1,30 +1,113 @@
 """A CAN bus behind a socketcand server that may be gone, mute, or something else."""
 
+import select
 import socket
+import time
+from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
+import can
 from can.interfaces.socketcand import SocketCanDaemonBus
+from can.interfaces.socketcand.socketcand import (
+    convert_ascii_message_to_can_message,
+    convert_can_message_to_ascii_message,
+)
 
 _GREETING_S = 1.0
 _LONGEST = 64
+_LONGEST_FRAME, _CHUNK = 200, 4096
 
 
 class PatientBus(SocketCanDaemonBus):
     """python-can's bus, which would wait for ever for a server that says nothing or takes nothing.
 
     It would also take one read for one answer, and refuse a bus on which others speak: their frames follow
-    the last answer at once.
+    the last answer at once. And it would make nine system calls of an exchange that takes four: here what is
+    there is read before it is waited for, and is acknowledged on its own only if more is waited for, as a
+    server may hold back its next frame until then.
     """
 
-    def _expect_msg(self, msg: str) -> None:
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)  # type: ignore[no-untyped-call]
+        self._frames: deque[can.Message] = deque()
+        self._rest = ""
+        self._tuned, self._unacknowledged = bool(options.get("tcp_tune")), False
+        self._connection.setblocking(False)
+        self._readable = select.poll()
+        self._readable.register(self._connection, select.POLLIN)
+
+    @property
+    def _connection(self) -> socket.socket:
         connection: socket.socket = getattr(self, "_SocketCanDaemonBus__socket")  # noqa: B009 - private there
+        return connection
+
+    def _expect_msg(self, msg: str) -> None:
+        connection = self._connection
         connection.settimeout(_GREETING_S)
         try:
             _expect(connection, msg.encode("ascii"))
         except BaseException:
             connection.close()
             raise
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Send a frame.
+
+        Raises:
+            OSError: The connection is lost, or the server takes nothing for a second.
+        """
+        connection, data = self._connection, convert_can_message_to_ascii_message(msg).encode("ascii")
+        self._unacknowledged = False  # it goes along
+        try:
+            sent = connection.send(data)
+        except BlockingIOError:
+            sent = 0
+        if sent < len(data):
+            connection.settimeout(_GREETING_S)
+            connection.sendall(data[sent:])
+            connection.setblocking(False)
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """Return the next frame; None if none comes in time.
+
+        Raises:
+            can.CanError: The connection is lost, or what comes is no socketcand's.
+            OSError: The former, too.
+        """
+        end_s = None if timeout is None else time.monotonic() + timeout
+        while not self._frames:
+            try:
+                data = self._connection.recv(_CHUNK)
+            except BlockingIOError:
+                left_s = None if end_s is None else max(0.0, end_s - time.monotonic())
+                if timeout == 0.0 or not self._wait(left_s):
+                    return None
+                continue
+            if not data:
+                raise can.CanOperationError("the server has closed the connection") from None
+            self._unacknowledged = self._tuned
+            self._take(data)
+        return self._frames.popleft()
+
+    def _wait(self, left_s: float | None) -> bool:
+        if self._unacknowledged:
+            self._unacknowledged = False
+            self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)
+        return bool(self._readable.poll(None if left_s is None else left_s * 1e3))
+
+    def _take(self, data: bytes) -> None:
+        """Keep the frames that are whole now, but for those that are filtered out."""
+        try:
+            *texts, self._rest = (self._rest + data.decode("ascii")).split(">")
+            for text in texts:
+                message = convert_ascii_message_to_can_message(text[text.find("<") :] + ">")
+                if message is not None and self._matches_filters(message):
+                    self._frames.append(message)
+        except (ValueError, IndexError) as error:
+            raise can.CanOperationError(f"no socketcand: {error}") from error
+        if len(self._rest) > _LONGEST_FRAME:
+            self._rest = ""
 
 
 def open_socketcand(options: Mapping[str, Any]) -> PatientBus:
