@@ -125,3 +125,15 @@ def test_an_interval_off_the_way_or_backwards_is_refused() -> None:
         profile.interval_ns(0.01, 0.06)
     with pytest.raises(DeviceError, match="swap the ends"):
         profile.interval_ns(0.03, 0.01)
+
+
+@few
+@given(places, places, speeds, accels, starts, st.floats(0.0, 1.0))
+def test_at_one_time_a_move_is_where_it_is_among_many(
+    start: float, end: float, speed: float, accel: float, t0: int, entry_share: float
+) -> None:
+    entry = entry_share * min(speed, (2.0 * accel * abs(end - start)) ** 0.5)
+    profile = MotionProfile(start, end, speed, accel, t0, entry)
+    times = sampled(profile, 101)
+    assert [profile.position_at(now_ns) for now_ns in times.tolist()] == profile.position(times).tolist()
+    assert [profile.velocity_at(now_ns) for now_ns in times.tolist()] == profile.velocity(times).tolist()

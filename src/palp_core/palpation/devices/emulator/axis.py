@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from palp_core.palpation.devices.motion_profile import MotionProfile
 from palp_core.palpation.devices.wire.aerotech import AxisStatus, Fault
 
@@ -57,15 +55,11 @@ class Axis:
 
     def position_m(self, now_ns: int) -> float:
         """Return the position at a time."""
-        if now_ns >= self.profile.end_ns:
-            return self.profile.end_m
-        return float(self.profile.position(np.array([now_ns]))[0])
+        return self.profile.position_at(now_ns)
 
     def velocity_m_per_s(self, now_ns: int) -> float:
         """Return the velocity at a time."""
-        if now_ns >= self.profile.end_ns:
-            return 0.0
-        return float(self.profile.velocity(np.array([now_ns]))[0])
+        return self.profile.velocity_at(now_ns)
 
     def moving(self, now_ns: int) -> bool:
         """Tell whether a move or homing is under way."""

@@ -26,12 +26,13 @@ class EmulatorLoop:
     """Call back when something is readable or due."""
 
     def __init__(self) -> None:
-        self._readers: dict[Readable, Callable[[], None]] = {}
+        self._readers: dict[int, Callable[[], None]] = {}
         self._timers: list[tuple[int, int, Callable[[], None]]] = []
         self._count = itertools.count()
         self._wake_in, self._wake_out = socket.socketpair()
         self._wake_in.setblocking(False)
         self._wake_out.setblocking(False)
+        self._waits_for = [self._wake_in.fileno()]
         self._posted: list[Callable[[], None]] = []
         self._posted_lock = threading.Lock()
         self._running = True
@@ -46,11 +47,13 @@ class EmulatorLoop:
 
     def add(self, readable: Readable, callback: Callable[[], None]) -> None:
         """Call ``callback`` whenever there is something to read. On the loop's thread only."""
-        self._readers[readable] = callback
+        self._readers[_number(readable)] = callback
+        self._waits_for = [self._wake_in.fileno(), *self._readers]
 
     def remove(self, readable: Readable) -> None:
         """Forget a readable. On the loop's thread only."""
-        self._readers.pop(readable, None)
+        self._readers.pop(_number(readable), None)
+        self._waits_for = [self._wake_in.fileno(), *self._readers]
 
     def at(self, due_ns: int, callback: Callable[[], None]) -> None:
         """Call once at a time, in the order of times and then of calls. On the loop's thread only."""
@@ -96,17 +99,17 @@ class EmulatorLoop:
             wait_s = 1.0
             if self._timers:
                 wait_s = min(1.0, max(0.0, (self._timers[0][0] - time.monotonic_ns()) * 1e-9))
-            ready, _, _ = select.select([self._wake_in, *self._readers], [], [], wait_s)
-            if self._wake_in in ready:
+            ready, _, _ = select.select(self._waits_for, [], [], wait_s)
+            called = [(number, self._readers.get(number)) for number in ready]
+            if self._wake_in.fileno() in ready:
                 with suppress(BlockingIOError):
                     self._wake_in.recv(4096)
                 with self._posted_lock:
                     posted, self._posted = self._posted, []
                 for function in posted:
                     self._guarded(function)
-            for readable in ready:
-                callback = self._readers.get(readable)
-                if callback is not None:
+            for number, callback in called:
+                if callback is not None and self._readers.get(number) is callback:  # not who got its number
                     self._guarded(callback)
             now_ns = time.monotonic_ns()
             while self._timers and self._timers[0][0] <= now_ns:
@@ -118,3 +121,7 @@ class EmulatorLoop:
             callback()
         except Exception as error:  # noqa: BLE001 -- raised at the end
             self.failures.append(error)
+
+
+def _number(readable: Readable) -> int:
+    return readable if isinstance(readable, int) else readable.fileno()

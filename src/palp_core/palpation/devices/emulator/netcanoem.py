@@ -1,6 +1,7 @@
 """An ATI NETCANOEM behind a socketcand server, with the bus's own pace."""
 
 import struct
+from operator import mul
 
 import numpy as np
 
@@ -41,11 +42,11 @@ class Netcanoem:
         bias: tuple[int, ...] = (37, -120, 64, 11, -85, 90),
         gauges: tuple[int, ...] | None = None,
     ) -> None:
-        self._world, self._base, self._bias, self._fixed = world, base_id << 4, np.array(bias), gauges
+        self._world, self._base, self._bias, self._fixed = world, base_id << 4, bias, gauges
         self.matrix: Float64Array = (NANO17_N_PER_V / _COUNTS_PER_VOLT * _COUNTS_PER_UNIT).astype(np.float32)
         per_count = NANO17_N_PER_V / _COUNTS_PER_VOLT
         per_count[3:] *= 1e-3
-        self._gauges_of = np.linalg.inv(per_count)
+        self._gauges_of: list[list[float]] = np.linalg.inv(per_count).tolist()
 
     def answer(self, identifier: int, data: bytes, now_ns: int) -> list[tuple[int, bytes]]:
         """Return the frames that answer a frame; none if it is not for this sensor."""
@@ -76,8 +77,11 @@ class Netcanoem:
         if self._fixed is not None:
             values = list(self._fixed)
         else:
-            counts = np.rint(self._gauges_of @ self._world.wrench(now_ns)) + self._bias
-            values = np.clip(counts, -32768, 32767).astype(int).tolist()
+            wrench = self._world.wrench(now_ns)
+            values = [
+                min(max(round(sum(map(mul, row, wrench))) + bias, -32768), 32767)
+                for row, bias in zip(self._gauges_of, self._bias, strict=True)
+            ]
         for gauge in self._world.saturated_gauges:
             values[gauge] = 32767
         first = struct.pack(">H3h", self._world.sensor_status, *values[0::2])

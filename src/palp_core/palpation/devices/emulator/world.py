@@ -28,6 +28,7 @@ from palp_core.units import Float64Array
 _STEP_M = 50e-6
 _LOWEST_RING_M = -0.6e-3  # twice the actuator's repeatability; the joint is unstable from -1 mm on
 _LOG_LENGTH = 100_000
+_NOISE_ROWS = 256
 SPEED_M_S = 0.02
 """Of the sweeps whose stick-slip is solved for: the published one."""
 _EQUAL = ((0.2, 0.2, 0.2, 0.2, 0.2),) * 5
@@ -132,6 +133,7 @@ class World:
         self._met_words: tuple[str, ...] = ()
         self._rng = np.random.default_rng(settings.seed)
         self._noise_rng = np.random.default_rng((settings.seed, 1))
+        self._noise: list[list[float]] = []
         self._zero_rng = np.random.default_rng((settings.seed, 2))
         self._zero_n_m, self._zero_ns = 0.0, 0
         self._way_m, self._last_m, self._mounting = 0.0, 0.0, 0
@@ -214,7 +216,11 @@ class World:
 
     def true_wrench(self, now_ns: int) -> Float64Array:
         """Return forces in N and torques in N m about x, y, z at the sensor, shape (6,)."""
-        wrench = np.zeros(6)
+        return np.array(self._touch(now_ns))
+
+    def _touch(self, now_ns: int) -> list[float]:
+        """Return the same as plain numbers: it is asked for at every sample."""
+        wrench = [0.0] * 6
         if self.to_come != self._prepared:
             self._next = self._solved(), self._pressed()
         above_m = self._indentation_m - self.axes["z"].position_m(now_ns)  # of the ball's lowest point
@@ -236,8 +242,11 @@ class World:
             contact = contact[0 if self._forward else -1]
             place = min(max(place, 0.0), len(contact) - 1.001)
             below, part = int(place), place % 1.0
-            wrench[1:4] = contact[below] * (1.0 - part) + contact[below + 1] * part
-            wrench *= min(share, 1.0) ** 1.5
+            faded = min(share, 1.0) ** 1.5
+            wrench[1:4] = [
+                (before * (1.0 - part) + after * part) * faded
+                for before, after in zip(contact[below].tolist(), contact[below + 1].tolist(), strict=True)
+            ]
         self._last_m = self.axes["y"].position_m(now_ns)
         return wrench
 
@@ -260,16 +269,22 @@ class World:
             "torque_n_m": float(self.true_wrench(now_ns)[3]),
         }
 
-    def wrench(self, now_ns: int) -> Float64Array:
-        """Return what the sensor feels, with its noise, shape (6,)."""
+    def wrench(self, now_ns: int) -> list[float]:
+        """Return what the sensor feels, with its noise: forces in N and torques in N m about x, y, z."""
         settings = self.settings
-        noise = self._noise_rng.standard_normal(6)
-        noise[:3] *= settings.force_noise_sd_n
-        noise[3:] *= settings.torque_noise_sd_n_m
-        noise[3] += self.load_n_m + self._zero(now_ns)
+        if not self._noise:
+            self._noise = self._noise_rng.standard_normal((_NOISE_ROWS, 6))[::-1].tolist()
+        noise = self._noise.pop()
+        beside = self.load_n_m + self._zero(now_ns)
         if self.load_n_m and not self.felt_ns:
             self.felt_ns, self.felt_y_m = now_ns, self.axes["y"].position_m(now_ns)
-        return self.true_wrench(now_ns) + noise
+        force_n, torque_n_m = settings.force_noise_sd_n, settings.torque_noise_sd_n_m
+        felt = [
+            load + draw * (force_n if i < 3 else torque_n_m)
+            for i, (load, draw) in enumerate(zip(self._touch(now_ns), noise, strict=True))
+        ]
+        felt[3] += beside
+        return felt
 
     def _zero(self, now_ns: int) -> float:
         """Return what the sensor tells of no torque, which walks in some worlds."""
