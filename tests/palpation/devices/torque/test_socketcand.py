@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import threading
 
+import can
 import pytest
 
 from palp_core.errors import DeviceError
@@ -84,4 +85,74 @@ def test_answers_that_come_in_pieces_and_frames_of_others_right_behind_them_are_
         finally:
             bus.shutdown()
             over.set()
+            thread.join()
+
+
+def test_frames_come_whole_however_they_are_cut_and_the_end_of_a_connection_is_an_error_at_once() -> None:
+    pieces = [b"< frame 321 1.5 0102 >< frame 3", b"22 1.5 03 >< frame 123 1.5 04 >"]
+    cut, sent = threading.Event(), b""
+
+    def serve_all() -> None:
+        nonlocal sent
+        for session in range(2):
+            connection, _ = server.accept()
+            with connection:
+                connection.sendall(b"< hi >")
+                connection.recv(256)
+                connection.sendall(b"< ok >")
+                if session:
+                    connection.recv(256)
+                    connection.sendall(b"< ok >" + pieces[0])
+                    cut.wait(60.0)
+                    connection.sendall(pieces[1])
+                    sent = connection.recv(256)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=serve_all, daemon=True)
+        thread.start()
+        options = {"interface": "socketcand", "channel": "can0", "host": "127.0.0.1", "tcp_tune": True}
+        filters = [{"can_id": 0x320, "can_mask": 0x7F0, "extended": False}]
+        bus = _open_bus({**options, "port": server.getsockname()[1], "can_filters": filters})
+        try:
+            first = bus.recv(60.0)
+            assert (first.arbitration_id, bytes(first.data)) == (0x321, b"\1\2")
+            assert bus.recv(0.0) is None
+            assert bus.recv(0.001) is None
+            cut.set()
+            second = bus.recv(60.0)
+            assert (second.arbitration_id, bytes(second.data)) == (0x322, b"\3")
+            assert bus.recv(0.0) is None
+            bus.send(can.Message(arbitration_id=0x200, is_extended_id=False, data=b"\5"))
+            with pytest.raises(can.CanError, match="closed"):
+                bus.recv(60.0)
+            assert sent == b"< send 200 1 5 >"
+        finally:
+            bus.shutdown()
+            cut.set()
+            thread.join()
+
+
+def test_what_is_no_socketcand_is_an_error_and_not_a_frame() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve_all() -> None:
+            for session in range(2):
+                connection, _ = server.accept()
+                with connection:
+                    connection.sendall(b"< hi >")
+                    connection.recv(256)
+                    connection.sendall(b"< ok >")
+                    if session:
+                        connection.recv(256)
+                        connection.sendall(b"< ok >\xff\xfe>")
+
+        thread = threading.Thread(target=serve_all, daemon=True)
+        thread.start()
+        options = {"interface": "socketcand", "channel": "can0", "host": "127.0.0.1"}
+        bus = _open_bus({**options, "port": server.getsockname()[1]})
+        try:
+            with pytest.raises(can.CanError, match="no socketcand"):
+                bus.recv(60.0)
+        finally:
+            bus.shutdown()
             thread.join()

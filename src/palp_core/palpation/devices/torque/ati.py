@@ -23,6 +23,7 @@ from palp_core.units import Float64Array
 
 _BAD = int(wire.CRITICAL | wire.SensorStatus.ANY_ERROR)
 _LOW, _HIGH = wire.SATURATED
+_NONE = TorqueSamples(np.empty(0, dtype=np.int64), np.empty(0), 0)
 
 
 @dataclass
@@ -127,6 +128,8 @@ class AtiTorque:
         self._host.observe(now_ns)
         per_count = self.sensor.per_count_rows
         raw = [self._samples.popleft() for _ in range(len(self._samples))]
+        if not raw:
+            return _NONE
         wrench = [[sum(map(mul, row, values)) for row in per_count] for *_, values in raw]
         saturated = [_LOW in values or _HIGH in values for *_, values in raw]
         faulty = [status & _BAD != 0 for *_, status, _ in raw]
