@@ -12,9 +12,10 @@ Of the whole rig, its nodes on devices that are emulated in a process of their o
 arrival, and how far a sweep goes on. ``deaths``: how long after kill -9 and SIGSTOP of each node and the
 launcher the stage rests. ``palpations``: launch/emulated.yaml from the sensor to the belief, and its sweeps
 beside those of the simulation. ``decisions``: trials decided within the sweep: how soon, how far the stage
-goes on, trips, and the times in which the machine itself stood still.
+goes on, trips, and the times in which the machine itself stood still. ``cpu``: what each process of
+launch/emulated.yaml takes, a share of a core; without real-time priorities, so that the machine has to be quiet.
 
-Run: .venv/bin/python benchmarks/devices.py [links|faults|trips|deaths|palpations|decisions] [--json] ...
+Run: .venv/bin/python benchmarks/devices.py [links|faults|trips|deaths|palpations|decisions|cpu] [--json] ...
      [--quick] [--burners N] [--no-collector] [--of NODE,NODE] [--single-line] [--stale-ms MS] [--beat-ms MS]
 """
 
@@ -33,6 +34,7 @@ from typing import Any
 import can
 import numpy as np
 import serial
+from rig_bench.cpu import cpu
 from rig_bench.decisions import decisions
 from rig_bench.emulator import EmulatorProcess, emulator
 from rig_bench.faults import FAULTS, KINDS, Fault
@@ -198,7 +200,7 @@ def main() -> None:
         "what",
         nargs="?",
         default="links",
-        choices=["links", "faults", "trips", "deaths", "palpations", "decisions"],
+        choices=["links", "faults", "trips", "deaths", "palpations", "decisions", "cpu"],
     )
     parser.add_argument("--quick", action="store_true", help="of links: within 40 s")
     parser.add_argument("--chart", type=Path, help="of links: PNG of the rates beside the bare libraries'")
@@ -207,12 +209,13 @@ def main() -> None:
         "--count",
         type=int,
         default=0,
-        help="trips (1000), repeats of a death (3), palpations (10), decisions (201)",
+        help="trips (1000), repeats of a death (3), palpations (10), decisions (201), rounds of cpu (7)",
     )
     parser.add_argument("--burners", type=int, default=0, help="processes that keep a core busy meanwhile")
     parser.add_argument("--of", default=",".join(NODES), help="of deaths: whose; A+B: of both at once")
     parser.add_argument("--single-line", action="store_true", help="of deaths: the stage on one RS-232")
     parser.add_argument("--no-collector", action="store_true", help="of trips: without Python's collector")
+    parser.add_argument("--against", type=Path, help="of cpu: another checkout, measured by turns")
     parser.add_argument("--stale-ms", type=float, default=0.0, help="of decisions: not the launch file's")
     parser.add_argument("--beat-ms", type=float, default=0.0, help="of decisions: not the launch file's")
     given = parser.parse_args()
@@ -227,6 +230,8 @@ def main() -> None:
         result = palpations(count or 10, burners=burners)
     elif given.what == "decisions":
         result = decisions(count or 201, stale_ms=given.stale_ms, beat_ms=given.beat_ms, burners=burners)
+    elif given.what == "cpu":
+        result = cpu(count or 7, 15.0, given.against)
     elif given.what == "faults":
         result = faults()
     else:

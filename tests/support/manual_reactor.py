@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 
-from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop, Readable
+from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 
 __all__ = ["ManualReactor"]
 
@@ -21,7 +21,7 @@ class ManualReactor(EmulatorLoop):
     def now_ns(self) -> int:  # type: ignore[override]  # the loop's own needs no instance
         return self._time_ns
 
-    def readers(self) -> dict[Readable, Callable[[], None]]:
+    def readers(self) -> dict[int, Callable[[], None]]:
         """Return what waits to be read, and who reads it."""
         return dict(self._readers)
 

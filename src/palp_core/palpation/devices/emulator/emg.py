@@ -11,6 +11,8 @@ from palp_core.palpation.devices.emulator.world import World
 from palp_core.palpation.devices.protocols import EmgSamples
 from palp_core.palpation.devices.sim.emg import SimEmgState
 
+_AHEAD_NS = 200_000_000
+
 
 class Muscles:
     """The simulated subject, sampled at a rate by a clock of the device's own.
@@ -27,13 +29,39 @@ class Muscles:
         self.source = replace(world.emg, rate_hz=rate_hz)
         self._state = SimEmgState()
         self._rng = np.random.default_rng((world.settings.seed, 2))
+        self._drawn_ns = -1
+        self._ahead = EmgSamples(np.empty(0, np.int64), np.empty(0), np.empty(0))
 
     def since(self, now_ns: int) -> EmgSamples:
-        """Return the samples since the last call, at times of the device's clock."""
+        """Return the samples since the last call, at times of the device's clock.
+
+        They are drawn ahead, which leaves them as they are: a filter costs as much for a hundred as for one.
+        """
         begin_ns = self._begin_ns = now_ns if self._begin_ns is None else self._begin_ns
         device_ns = begin_ns + round((now_ns - begin_ns) * self._speed)
         self.source.open(device_ns, self._state, self._rng)
-        return self.source.drain(device_ns, self._state, self._rng)
+        if self._drawn_ns < device_ns:
+            self._drawn_ns = device_ns + _AHEAD_NS
+            self._ahead = _joined(self._ahead, self.source.drain(self._drawn_ns, self._state, self._rng))
+        due = int(np.searchsorted(self._ahead.times_ns, device_ns, side="right"))
+        told, self._ahead = _part(self._ahead, slice(due)), _part(self._ahead, slice(due, None))
+        return told
+
+
+def _joined(first: EmgSamples, second: EmgSamples) -> EmgSamples:
+    return EmgSamples(
+        np.concatenate([first.times_ns, second.times_ns]),
+        np.concatenate([first.fds_v, second.fds_v]),
+        np.concatenate([first.edc_v, second.edc_v]),
+        np.concatenate([first.index, second.index]),
+        np.concatenate([first.gap, second.gap]),
+    )
+
+
+def _part(block: EmgSamples, part: slice) -> EmgSamples:
+    return EmgSamples(
+        block.times_ns[part], block.fds_v[part], block.edc_v[part], block.index[part], block.gap[part]
+    )
 
 
 class Noraxon:

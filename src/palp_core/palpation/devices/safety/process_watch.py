@@ -43,7 +43,7 @@ class ProcessWatch:
         self._parent = os.getppid() if parent is None else parent
         self._own = os.getpid() if own is None else own
         self._files: dict[int, int] = {}
-        self._elders = [pid for pid in (self._parent, self._look_at(self._parent).parent) if pid > 1]
+        self._elders = [pid for pid in (self._parent, _look_once(self._parent).parent) if pid > 1]
         self._known: list[int] = []
         self._guards: list[int] = []
         self._counts: deque[int] = deque(maxlen=_COUNTS)
@@ -68,14 +68,14 @@ class ProcessWatch:
 
         One that hands over to another ends too, and leaves as many.
         """
-        gone = [pid for pid in self._known if self._look_at(pid).letter in _ENDED]
+        gone = [pid for pid in self._known if self._letter(pid) in _ENDED]
         least = min(self._counts, default=0)
         return gone if gone and self.refresh() < least else []
 
     def stopped(self) -> list[int]:
         """Return the known siblings, guards and elders that are stopped."""
         known = (*self._known, *self._guards, *self._elders)
-        return [pid for pid in known if self._look_at(pid).letter in _STOPPED]
+        return [pid for pid in known if self._letter(pid) in _STOPPED]
 
     def stopped_or_ended(self, *, moving: bool) -> dict[int, str]:
         """Return who is stopped and, while something moves, who has ended, in words by process."""
@@ -84,15 +84,15 @@ class ProcessWatch:
         return {**found, **dict.fromkeys(gone, "has ended")}
 
     def _ended_elders(self) -> list[int]:
-        return [pid for pid in self._elders if self._look_at(pid).letter in _ENDED]
+        return [pid for pid in self._elders if self._letter(pid) in _ENDED]
 
-    def _look_at(self, pid: int) -> _Seen:
-        """Return what the kernel says of a process that is held open from now on; nothing if it has ended."""
+    def _letter(self, pid: int) -> str:
+        """Return the letter of a process that is held open from now on; nothing if it has ended."""
         with suppress(OSError, ValueError, IndexError):
             if (file := self._files.get(pid)) is None:
                 file = self._files[pid] = os.open(_stat_of(pid), os.O_RDONLY | os.O_CLOEXEC)
-            return _seen(os.pread(file, _LONGEST, 0))
-        return _Seen()
+            return _fields(os.pread(file, _LONGEST, 0))[0]
+        return ""
 
     def _hold(self, pids: list[int]) -> None:
         """Let go of who is not watched any more."""
@@ -121,12 +121,15 @@ def _look_once(pid: int) -> _Seen:
 
 
 def _seen(words: bytes) -> _Seen:
-    """Return what the words of a process say.
+    letter, parent = _fields(words)
+    return _Seen(letter, parent, words[words.index(b"(") + 1 : words.rindex(b")")].decode("utf-8", "replace"))
+
+
+def _fields(words: bytes) -> tuple[str, int]:
+    """Return the letter of a process's state, nothing if it does nothing any more, and its parent.
 
     See proc(5): the name in parentheses may contain anything, so fields are counted from the last one.
     """
-    name_end = words.rindex(b")")
-    fields = words[name_end + 2 :].split(None, _MEMORY + 1)
-    dying = fields[_MEMORY] == b"0"  # it takes a while from there to its end, and it does nothing any more
-    name = words[words.index(b"(") + 1 : name_end].decode("utf-8", "replace")
-    return _Seen("" if dying else fields[0].decode("ascii"), int(fields[1]), name)
+    fields = words[words.rindex(b")") + 2 :].split(None, _MEMORY + 1)
+    dying = fields[_MEMORY] == b"0"  # it takes a while from there to its end
+    return "" if dying else fields[0].decode("ascii"), int(fields[1])

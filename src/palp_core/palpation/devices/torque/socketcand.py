@@ -124,7 +124,7 @@ def open_socketcand(options: Mapping[str, Any]) -> PatientBus:
     """
     _greet(options["host"], int(options["port"]), options["channel"])
     rest = {name: value for name, value in options.items() if name != "interface"}
-    return PatientBus(**{**rest, "port": int(options["port"])})  # type: ignore[no-untyped-call]
+    return PatientBus(**{**rest, "port": int(options["port"])})
 
 
 def _greet(host: str, port: int, channel: str) -> None:
