@@ -13,10 +13,11 @@ arrival, and how far a sweep goes on. ``deaths``: how long after kill -9 and SIG
 launcher the stage rests. ``palpations``: launch/emulated.yaml from the sensor to the belief, and its sweeps
 beside those of the simulation. ``decisions``: trials decided within the sweep: how soon, how far the stage
 goes on, trips, and the times in which the machine itself stood still. ``cpu``: what each process of
-launch/emulated.yaml takes, a share of a core; without real-time priorities, so that the machine has to be quiet.
+launch/emulated.yaml takes, a share of a core, on a quiet machine; without real-time priorities.
 
 Run: .venv/bin/python benchmarks/devices.py [links|faults|trips|deaths|palpations|decisions|cpu] [--json] ...
-     [--quick] [--burners N] [--no-collector] [--of NODE,NODE] [--single-line] [--stale-ms MS] [--beat-ms MS]
+     [--quick] [--burners N] [--against CHECKOUT] [--no-collector] [--of NODE,NODE] [--single-line]
+     [--stale-ms MS] [--beat-ms MS]
 """
 
 from __future__ import annotations
