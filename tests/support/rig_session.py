@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import fcntl
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -108,6 +109,16 @@ class ComposedGraph(Graph):
             return super().__enter__()
 
     def run(self, until_s: float | None = None) -> RunSummary:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(html_page, "save", lambda *_: b"")
+        with _no_charts():
             return super().run(until_s)
+
+    def __exit__(self, *error: Any) -> None:
+        with _no_charts():  # a run that was cut short has its report made here
+            super().__exit__(*error)
+
+
+@contextlib.contextmanager
+def _no_charts() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(html_page, "save", lambda *_: b"")
+        yield
