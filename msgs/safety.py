@@ -124,7 +124,7 @@ class AcknowledgeRequest(Message):
 
 
 class AcknowledgeReply(Message):
-    """Whether the trip is left behind; if not, why."""
+    """Whether the trip is left behind: if so, ``text`` says what comes next; if not, why."""
 
     done: bool
     state: str

@@ -96,7 +96,7 @@ class RigActuator(Node):
     @on(watch)
     def check(self) -> None:
         if self.state.activity == "moving" and not self.permit.alive(self.now_ns()):
-            self._hold("no heartbeat of the safety node")
+            self._hold(self.permit.unheard_words)
         if self.closed:
             self._publish_report(self.last_m, Condition.LINK_LOST, self.closed)
             return

@@ -130,7 +130,7 @@ class RigStage(Stage):
     def check(self) -> None:
         now_ns, activity = self.now_ns(), self.state.activity
         if activity in ACTIVE and not self.permit.alive(now_ns):
-            self._halt("unheard", "no heartbeat of the safety node")
+            self._halt("unheard", self.permit.unheard_words)
         elif activity in ACTIVE and not (health := self.device.health(now_ns)).ok:
             self._halt(health.condition, health.cause)
         elif activity == "sweeping":

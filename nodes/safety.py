@@ -52,6 +52,11 @@ from palp_core.units import (
 SEARCH_NS = 1_000_000_000
 KEEP_NS = 1_000_000_000
 ADVICE = "motion is stopped; when all is well, type: palp safety ack"
+GOES_ON = (
+    "once all that is watched is heard again, the rig goes on by itself: the stage raises the probe slowly, "
+    "and a palpation that was cut is done again, in the same trial; nothing is to be pressed"
+)
+"""What follows an acknowledgement, by the rig's own stage and experiment."""
 ONE_LINK = (
     "one link only (stop_url is empty): a stop reaches the stage through its node alone, and homing is "
     "stopped by nothing but the emergency stop: keep a hand on it; give the stage segment_m: 0.002 and "
@@ -269,7 +274,8 @@ class Safety(Node):
         self.memory.add_stage(report)
         released = report.acknowledged_count == self.machine.acknowledged_count
         place = (report.stamp_ns, report.y_m, report.z_m, report.speed_m_s)
-        seen = WatchedStage(*place, report.moving, report.bring_up, released, report.condition)
+        words = report.condition, report.text
+        seen = WatchedStage(*place, report.moving, report.bring_up, released, *words)
         self._judge(self.watchdog.check_stage(seen), report.stamp_ns)
         self.moving = report.moving
         if report.stamp_ns <= self.stopped_ns:  # said before the stop was done
@@ -283,9 +289,8 @@ class Safety(Node):
     def note_ring(self, report: RingReport) -> None:
         self.memory.add_ring(report)
         released = report.acknowledged_count == self.machine.acknowledged_count
-        self._judge(
-            self.watchdog.check_ring(report.stamp_ns, report.condition, released=released), report.stamp_ns
-        )
+        seen = report.stamp_ns, report.condition, report.text
+        self._judge(self.watchdog.check_ring(*seen, released=released), report.stamp_ns)
 
     @every("tick_hz")
     def watch(self) -> None:
@@ -416,8 +421,8 @@ class Safety(Node):
             self.watchdog.arm()
             self._publish_beat()
             self._publish_status()
-            self.log.warning("acknowledged; motion is permitted once everything is heard again")
-        text = persisting[0].text if persisting else "" if done else "the stop is not confirmed yet"
+            self.log.warning("acknowledged; %s", GOES_ON)
+        text = persisting[0].text if persisting else GOES_ON if done else "the stop is not confirmed yet"
         return AcknowledgeReply(done=done, state=self.machine.state.value, text=text)
 
     @property

@@ -165,7 +165,7 @@ def test_a_trip_is_published_with_its_cause_and_the_last_second(watched: Watched
     watched.load(torque_n_m=0.101)
     (trip,) = watched.bench.sent(Safety.trip)
     assert trip.cause == "torque"
-    assert "101.0 N mm" in trip.text
+    assert trip.text == "101.0 N mm, 0.10 N, the limit is 100 N mm (stop_n_mm)"
     assert trip.torque_n_m[-1] == 0.101
     assert -1.01 <= trip.load_time_s[0] < -0.98
     assert len(trip.load_time_s) == pytest.approx(200, abs=3)
@@ -184,6 +184,8 @@ def test_who_falls_silent_trips(watched: Watched, missing: str, cause: str) -> N
     watched.run(0.07)
     assert watched.trips() == [cause]
     assert watched.link.calls[:2] == ["abort", "disable"]
+    limit = "25 ms (stale_ms)" if missing == "torque" else "50 ms (beat_ms)"
+    assert watched.status.text.endswith(f"the limit is {limit}")
 
 
 def test_a_sensor_that_is_silent_while_its_node_speaks_is_stale(watched: Watched) -> None:
@@ -294,6 +296,7 @@ def test_a_trip_is_left_by_an_acknowledgement_once_all_is_well(watched: Watched)
     watched.run(0.05)
     reply = watched.acknowledge()
     assert (reply.done, reply.state) == (True, "starting")
+    assert "goes on by itself" in reply.text
     watched.run(0.05)
     assert watched.status.permits
 

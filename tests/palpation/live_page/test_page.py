@@ -138,7 +138,7 @@ class Pressed:
         self, node: str, service: str, request: dict[str, Any], *, stops: bool = False
     ) -> dict[str, Any]:
         self.calls.append((node, service, stops))
-        return {"done": True, "state": "starting", "text": ""}
+        return {"done": True, "state": "starting", "text": "it goes on by itself"}
 
 
 def simulated(viewer: Viewer, look: Callable[[Any], Coroutine[Any, Any, None]]) -> None:
@@ -204,8 +204,11 @@ def test_a_trip_is_left_behind_only_when_asked_twice() -> None:
         await user.should_see("nobody's hand is at the rig?", retries=100)
         assert pressed.calls == []
         user.find("yes, leave the stop behind").click()
-        await user.should_see("starting", retries=100)
+        await user.should_see("starting: acknowledged: it goes on by itself", retries=100)
         assert pressed.calls == [("safety", "acknowledge", False)]
+        told.said["SafetyBeat"].append((92, {**BEAT, "state": "ready"}))
+        await user.should_see("ready", retries=100)
+        await user.should_see("it goes on by itself")  # and is not wiped away as the stop is left
 
     simulated(Viewer(source=told, operator=pressed), look)  # type: ignore[arg-type]
 

@@ -83,14 +83,14 @@ def acknowledge(
     as_json: JsonOption = False,
 ) -> None:
     """Leave a trip behind, once its cause is gone; the exit status is 1 if it is not."""
+    from palp_core.palpation.live_page.safety import acknowledged_words
+
     with until_ctrl_c():
         reply = call_safety(find_graph(graph, changes=True), "acknowledge", {}, timeout)
     if as_json:
         print_json(reply)
     else:
-        print_text(
-            reply["state"] if reply["done"] else f"{reply['state']}: not acknowledged: {reply['text']}"
-        )
+        print_text(acknowledged_words(reply))
     if not reply["done"]:
         sys.exit(1)
 

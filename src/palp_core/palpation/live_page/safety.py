@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -52,6 +52,16 @@ def standing(beat: dict[str, Any] | None, silent_s: float) -> SafetyWord:
         return SafetyWord("nothing may move yet", "warn", "all that is watched has to be heard first")
     word = "moving" if state == "moving" else "ready"
     return SafetyWord(word, "warn" if beat.get("warning", "") else "ok", beat.get("warning", ""))
+
+
+def acknowledged_words(reply: Mapping[str, Any]) -> str:
+    """Return what came of an acknowledgement, and what comes next.
+
+    >>> acknowledged_words({"done": False, "state": "latched", "text": "the stop is not confirmed yet"})
+    'latched: not acknowledged: the stop is not confirmed yet'
+    """
+    words = "acknowledged" if reply["done"] else "not acknowledged"
+    return ": ".join(part for part in (reply["state"], words, reply["text"]) if part)
 
 
 def heading(troubles: Sequence[Trouble]) -> tuple[str, list[Trouble]] | None:

@@ -136,6 +136,37 @@ def test_a_watch_later_than_a_heartbeat_is_a_reason_to_stop_by_its_own_name() ->
     assert "55 ms" in found[0].text
 
 
+def test_a_limit_that_is_passed_is_told_with_its_value_and_the_parameter_that_sets_it() -> None:
+    dog = Watchdog(WatchLimits(travel=WINDOW, stale_s=0.030, beat_s=0.060))
+    heard(dog, 100)
+    dog.check_load(replace(FINE, sample_ns=100 * MS, stamp_ns=170 * MS))
+    sample, stage, ring = (finding.text for finding in dog.overdue(170 * MS))
+    assert sample == "last torque sample: 70 ms ago, the limit is 30 ms (stale_ms)"
+    assert stage == "last report of the stage: 70 ms ago, the limit is 60 ms (beat_ms)"
+    assert ring == "last report of the ring: 70 ms ago, the limit is 60 ms (beat_ms)"
+    dog.check_itself(10 * MS, 0.010)
+    late = dog.check_itself(100 * MS, 0.010) or []
+    others = [
+        *dog.check_load(replace(FINE, torque_n_m=0.12)),
+        *dog.check_load(replace(FINE, force_n=11.0)),
+        *dog.check_stage(replace(PLACE, speed_m_per_s=0.063)),
+        *dog.check_axis("X", "", 0.6e-3),
+    ]
+    assert [finding.text.partition("the limit is ")[2] for finding in (*late, *others)] == [
+        "60 ms (beat_ms)", "100 N mm (stop_n_mm)", "10 N (stop_n)", "50 mm/s (speed_m_s)",
+        "0.5 mm (following_mm)",
+    ]  # fmt: skip
+
+
+def test_what_stage_and_ring_say_of_a_beat_that_is_late_is_passed_on_with_its_limit() -> None:
+    words = MotionPermit(0.080).unheard_words
+    assert words == "no heartbeat of the safety node, the limit is 80 ms (beat_ms)"
+    (stage,) = watchdog().check_stage(replace(PLACE, condition="unheard", text=words))
+    (ring,) = watchdog().check_ring(MS, "stalled", "1.2 mm short")
+    assert stage.text == f"the stage says: unheard: {words}"
+    assert ring.text == "the ring's driver says: stalled: 1.2 mm short"
+
+
 def test_a_stage_that_homes_may_be_silent_but_nothing_else_may() -> None:
     dog = watchdog()
     heard(dog, 100)

@@ -26,6 +26,11 @@ class MotionPermit:
         self._sent_ns, self._permits = sent_ns, permits
 
     @property
+    def unheard_words(self) -> str:
+        """What to say when it is not alive: the node's parameter ``beat_ms`` sets the limit."""
+        return f"no heartbeat of the safety node, the limit is {self._longest_ns / 1e6:g} ms (beat_ms)"
+
+    @property
     def heard(self) -> bool:
         """Whether there ever was a beat."""
         return self._sent_ns is not None

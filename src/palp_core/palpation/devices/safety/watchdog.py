@@ -22,6 +22,8 @@ class LimitViolation(NamedTuple):
 class WatchLimits:
     """Limits of the watch. The window and the speed stand for the scene and the stage; the rest is assumed.
 
+    What is said of a limit that is passed names the safety node's parameter that sets it, if one does.
+
     Attributes:
         wrench: Loads at which to warn and to stop.
         travel: Where the stage may be and how fast, as its driver has it.
@@ -79,6 +81,7 @@ class WatchedStage:
     bring_up: bool = False
     released: bool = True
     condition: str = "ok"
+    text: str = ""
 
 
 class Watchdog:
@@ -114,6 +117,12 @@ class Watchdog:
         elif limits.level((load.torque_n_m,), (load.force_n,)) is Level.STOP:
             torque = load.torque_n_m >= limits.stop_torque_n_m
             said = f"{load.torque_n_m * 1e3:.1f} N mm, {load.force_n:.2f} N"
+            stop = (
+                f"{limits.stop_torque_n_m * 1e3:g} N mm (stop_n_mm)"
+                if torque
+                else f"{limits.stop_force_n:g} N (stop_n)"
+            )
+            said += f", the limit is {stop}"
             found.append(LimitViolation(Cause.TORQUE if torque else Cause.FORCE, said))
         if fresh:
             self.warning = self._warning(load)
@@ -132,15 +141,18 @@ class Watchdog:
                 found.append(LimitViolation(Cause.TRAVEL, f"{axis} = {place * 1e3:.2f} mm, {window}"))
         fastest = travel.speed_m_per_s * self.limits.speed_share
         if not stage.bring_up and not abs(stage.speed_m_per_s) <= fastest:
-            said = f"{stage.speed_m_per_s * 1e3:.1f} mm/s, the limit is {travel.speed_m_per_s * 1e3:g}"
+            limit = f"the limit is {travel.speed_m_per_s * 1e3:g} mm/s (speed_m_s)"
+            said = f"{stage.speed_m_per_s * 1e3:.1f} mm/s, {limit}"
             found.append(LimitViolation(Cause.SPEED, said))
         if stage.released and stage.condition not in (*_GOOD, "closed"):
             cause = Cause.LINK_LOST if stage.condition in _LINK else Cause.AXIS_FAULT
             cause = Cause.HEARTBEAT if stage.condition == "unheard" else cause
-            found.append(LimitViolation(cause, f"the stage says: {stage.condition}"))
+            found.append(LimitViolation(cause, _words("the stage says", stage.condition, stage.text)))
         return found
 
-    def check_ring(self, stamp_ns: int, condition: str, *, released: bool = True) -> list[LimitViolation]:
+    def check_ring(
+        self, stamp_ns: int, condition: str, text: str = "", *, released: bool = True
+    ) -> list[LimitViolation]:
         """Take note of the ring's report; return what is wrong with it.
 
         One that has not taken note of the last release says what was before it, and may be busy leaving it.
@@ -151,13 +163,14 @@ class Watchdog:
         if condition in (*_GOOD, "closed"):
             return []
         cause = Cause.LINK_LOST if condition in _LINK else Cause.RING_FAULT
-        return [LimitViolation(cause, f"the ring's driver says: {condition}")]
+        return [LimitViolation(cause, _words("the ring's driver says", condition, text))]
 
     def check_axis(self, axis: str, fault: str, following_m: float) -> list[LimitViolation]:
         """Judge what an axis says on the safety process's own link."""
         found = [LimitViolation(Cause.AXIS_FAULT, f"axis {axis}: {fault}")] if fault else []
         if not abs(following_m) <= self.limits.following_m:
             said = f"axis {axis} is {following_m * 1e3:.2f} mm away from where it is sent"
+            said += f", the limit is {self.limits.following_m * 1e3:g} mm (following_mm)"
             found.append(LimitViolation(Cause.FOLLOWING, said))
         return found
 
@@ -176,7 +189,8 @@ class Watchdog:
         late_s = (now_ns - before_ns) * 1e-9 - period_s if before_ns else 0.0
         if late_s > self.limits.beat_s:
             said = f"the watch itself was kept from running for {late_s * 1e3:.0f} ms"
-            return [LimitViolation(Cause.LATE, f"{said}, the limit is {self.limits.beat_s * 1e3:g} ms")]
+            limit = f"the limit is {self.limits.beat_s * 1e3:g} ms (beat_ms)"
+            return [LimitViolation(Cause.LATE, f"{said}, {limit}")]
         if late_s > period_s and not self._hears_first:
             self._hears_first, self._judges_ns = True, now_ns + round(2e9 * period_s)
         if now_ns < self._judges_ns:
@@ -191,16 +205,17 @@ class Watchdog:
         heartbeat, whatever its device does.
         """
         limits = self.limits
-        stage_s = limits.bring_up_s if self._bring_up else limits.beat_s
+        stale, beat = (limits.stale_s, " (stale_ms)"), (limits.beat_s, " (beat_ms)")
+        stage = (limits.bring_up_s, " while it homes") if self._bring_up else beat
         return [
             LimitViolation(
-                cause, f"{name}: {self._age(now_ns, last_ns)}, the limit is {longest_s * 1e3:g} ms"
+                cause, f"{name}: {self._age(now_ns, last_ns)}, the limit is {longest_s * 1e3:g} ms{of}"
             )
-            for name, cause, last_ns, longest_s in (
-                ("last report of the sensor", Cause.HEARTBEAT, self._load_ns, limits.stale_s),
-                ("last torque sample", Cause.STALE, self._sample_ns, limits.stale_s),
-                ("last report of the stage", Cause.HEARTBEAT, self._stage_ns, stage_s),
-                ("last report of the ring", Cause.HEARTBEAT, self._ring_ns, limits.beat_s),
+            for name, cause, last_ns, (longest_s, of) in (
+                ("last report of the sensor", Cause.HEARTBEAT, self._load_ns, stale),
+                ("last torque sample", Cause.STALE, self._sample_ns, stale),
+                ("last report of the stage", Cause.HEARTBEAT, self._stage_ns, stage),
+                ("last report of the ring", Cause.HEARTBEAT, self._ring_ns, beat),
             )
             if not last_ns or abs(now_ns - last_ns) > longest_s * 1e9  # nor may a stamp lie ahead
         ]
@@ -218,3 +233,7 @@ class Watchdog:
         if load.force_n >= limits.warn_force_n:
             return f"force of {load.force_n:.1f} N; the stop is at {limits.stop_force_n:g}"
         return ""
+
+
+def _words(who: str, *said: str) -> str:
+    return ": ".join(part for part in (who, *said) if part)

@@ -10,13 +10,15 @@ from nicegui import ui
 from palp_core.errors import PalpError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.palpation.live_page.roles import SAFETY_TYPE, safety_node
-from palp_core.palpation.live_page.safety import SafetyWord, standing
+from palp_core.palpation.live_page.safety import SafetyWord, acknowledged_words, standing
 from palp_core.view.pages.parts import Outcome, said
 from palp_core.view.pages.urgent import UrgentButton
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.protocol import Watch
 
 REFRESH_S = 0.1
+TOLD_NS = 30_000_000_000
+"""For so long what comes after an acknowledgement stands there, or until the next stop."""
 REASON = "palp view"
 NOTHING_TO_STOP = "no safety node in this graph: nothing of it can be stopped alone; the page Graph ends it"
 
@@ -100,6 +102,7 @@ class _Acknowledge:
                 ui.button("no", on_click=lambda: self._ask(asked=False)).props("outline dense no-caps")
             self._why = said("span", "", "quiet")
         self._outcome = Outcome()
+        self._told_ns: int | None = None
         self._box.set_visibility(False)
         self._ask(asked=False)
 
@@ -108,7 +111,10 @@ class _Acknowledge:
         if self._box.visible != now.tripped:
             self._box.set_visibility(now.tripped)
             self._ask(asked=False)
+            self._told_ns = self._told_ns if not now.tripped else 0
+        if self._told_ns is not None and monotonic_ns() - self._told_ns > TOLD_NS:
             self._outcome.tell("")
+            self._told_ns = None
         why = self._viewer.refusal(service="acknowledge") if now.tripped else ""
         self._first.set_enabled(not why)
         self._why.text = why
@@ -125,6 +131,5 @@ class _Acknowledge:
         assert operator is not None
         reply: dict[str, Any] | None = await self._outcome.of(operator.call, self._node, "acknowledge", {})
         if reply is not None:
-            done, level = reply["done"], "ok" if reply["done"] else "error"
-            why = reply["state"] if done else f"{reply['state']}: not acknowledged: {reply['text']}"
-            self._outcome.tell(why, level)
+            self._outcome.tell(acknowledged_words(reply), "ok" if reply["done"] else "error")
+            self._told_ns = monotonic_ns() if reply["done"] else None
