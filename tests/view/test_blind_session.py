@@ -84,6 +84,39 @@ def test_a_session_in_the_open_beside_it_is_shown_by_itself(session: Blinded, tm
     assert ResultsSource(tmp_path).files() == []
 
 
+def test_a_table_that_was_copied_alone_is_shown_no_more_than_the_session(
+    session: Blinded, tmp_path: Path, shared_palp: Palp
+) -> None:
+    """Codes for depths and estimates stand side by side in it: they tell what was right."""
+    copied = tmp_path / "mine" / "S1.csv"
+    copied.parent.mkdir()
+    shutil.copy(session.out / "trials.csv", copied)
+    for folder in (tmp_path, copied.parent):
+        source = ResultsSource(folder)
+        assert (source.files(), source.path_of("S1.csv"), source.path_of("mine/S1.csv")) == ([], None, None)
+        assert "it is sealed" in source.overview().troubles[0].text
+    server = PageServer(address_of(shared_palp.start("view", copied.parent, "--no-browser")))
+    with closing(PageSocket(server)) as page:
+        page.says("it is sealed")
+        assert told([*page.received, server.ask(f"/{server.token}/").body.decode()], session) == []
+    assert server.ask(f"/{server.token}/files/S1.csv").status == 404
+
+
+TABLES = {
+    "depths": "trial,depth_m,estimate_m\n1,0.004,0.004\n",
+    "nobody told": "trial,depth_m\n1,\n2,deep\n",
+    "no such column": "trial,row\n1,100\n",
+    "no table": "\0\0\n",
+    "empty": "",
+}
+
+
+@pytest.mark.parametrize("text", TABLES.values(), ids=TABLES)
+def test_a_table_of_depths_or_of_anything_else_is_shown(text: str, tmp_path: Path) -> None:
+    (tmp_path / "trials.csv").write_text(text, encoding="utf-8")
+    assert [file.name for file in ResultsSource(tmp_path).files()] == ["trials.csv"]
+
+
 NOTES = {"no JSON": "{", "no run": "[1]", "no nodes": '{"params": 3}', "odd nodes": '{"params": {"a": 4}}'}
 
 

@@ -15,13 +15,12 @@ from typing import Any
 
 from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
-from palp_core.sealing import opened, sealed
+from palp_core.sealing import STANDS_FROM_M, opened, sealed
 from palp_core.whole_file import read_whole, whole_file
 
 SEAL = b"sealed by palp: which phantom is which; `palp session unseal` opens it\n"
 _LETTERS, _DIGITS = "CDFGHJKLMNPRTVWXY", "234679"
 _LARGEST_BYTES = 256 << 10
-_STANDS_FROM_M = 100.0
 
 
 def is_sealed(path: str | Path) -> bool:
@@ -117,9 +116,4 @@ def standing(path: str | Path) -> dict[str, float]:
 
     No phantom is that deep: such a number is told from a depth wherever it is met.
     """
-    return {code: _STANDS_FROM_M + place for place, code in enumerate(sorted(_content(path)["phantoms"]))}
-
-
-def stands_for_a_depth(depth_m: float) -> bool:
-    """Tell whether a number stands for a depth that is sealed."""
-    return depth_m >= _STANDS_FROM_M
+    return {code: STANDS_FROM_M + place for place, code in enumerate(sorted(_content(path)["phantoms"]))}

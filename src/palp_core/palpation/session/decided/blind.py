@@ -21,8 +21,8 @@ from palp_core.palpation.mechanics.scene.sealed import (
     seal,
     sealed_mistake,
     standing,
-    stands_for_a_depth,
 )
+from palp_core.sealing import stands_for_a_depth
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary

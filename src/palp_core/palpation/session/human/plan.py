@@ -14,7 +14,6 @@ from itertools import pairwise
 from typing import Literal
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.mechanics.scene.sealed import stands_for_a_depth
 from palp_core.palpation.session.human.orders import (
     TABLE_3_MM,
     TABLE_4_MM,
@@ -23,6 +22,7 @@ from palp_core.palpation.session.human.orders import (
     paper_order,
 )
 from palp_core.palpation.session.plan import ExperimentDesign, PlannedPhantom
+from palp_core.sealing import stands_for_a_depth
 
 Phase = Literal["training", "estimation"]
 PHASES: tuple[Phase, ...] = ("training", "estimation")
