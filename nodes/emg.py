@@ -9,6 +9,7 @@ import numpy as np
 from msgs.emg import EmgBlock, EmgReport
 from msgs.human import MuscleCue
 from palp_core import Alarm, Node, Params, Pub, ReadOnly, State, Sub, Timer, on
+from palp_core.counted import counted
 from palp_core.palpation.devices.blocks import block_mistakes, late_blocks
 from palp_core.palpation.devices.protocols import EmgSamples as Samples
 from palp_core.palpation.devices.protocols import restored
@@ -176,7 +177,7 @@ class Emg(Node):
         """Say how the source does; a gap is in the log, too."""
         health, gap_count = self.device.health(self.now_ns()), int(np.count_nonzero(block.gap))
         if gap_count:
-            self.log.warning("%d gaps in the EMG", gap_count)
+            self.log.warning("%s in the EMG", counted(gap_count, "gap"))
         self.report.publish(
             EmgReport(
                 stamp_ns=self.now_ns(),

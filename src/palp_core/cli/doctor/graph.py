@@ -8,6 +8,7 @@ from typing import Any, get_args
 import msgspec
 
 from palp_core.cli.doctor.diagnostic import Diagnostic, error, fine, remark, warning
+from palp_core.counted import counted
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.discovery.health import HealthReader
 from palp_core.graph.discovery.running_graph import Answers, RunningGraph
@@ -78,7 +79,9 @@ def _node(name: str, info: dict[str, Any]) -> Iterator[Diagnostic]:
         )
     if info.get("unread", 0) > MANY_UNREAD:
         yield warning(
-            name, f"{info['unread']} messages wait to be read", "its handlers are too slow for its inputs"
+            name,
+            f"{counted(info['unread'], 'message waits', 'messages wait')} to be read",
+            "its handlers are too slow for its inputs",
         )
 
 
@@ -118,7 +121,7 @@ def _backlog(where: str, published: int, account: dict[str, Any]) -> Iterator[Di
     if has_heard and behind > max(MANY_UNREAD, BEHIND_S * (account.get("rate_hz") or 0.0)):
         yield warning(
             where,
-            f"{behind} messages wait to be read",
+            f"{counted(behind, 'message waits', 'messages wait')} to be read",
             "the reader's handlers are too slow for it; history: keep_all makes the publisher wait",
         )
 
@@ -129,23 +132,25 @@ def _losses(where: str, account: dict[str, Any], requested: dict[str, Any]) -> I
         reliable = requested.get("reliability", "reliable") == "reliable"
         yield (error if reliable else warning)(
             where,
-            f"{lost} messages lost, {received} received",
+            f"{counted(lost, 'message')} lost, {received} received",
             "ask for history: keep_all, or give the publisher a larger depth"
             if reliable
             else "ask for reliable if every message counts",
         )
     if late := account.get("late", 0):
         yield warning(
-            where, f"{late} messages late, of {received}", "see palp topic delay, and the load of the cores"
+            where,
+            f"{counted(late, 'message')} late, of {received}",
+            "see palp topic delay, and the load of the cores",
         )
     if dropped := account.get("dropped", 0):
         yield warning(
             where,
-            f"{dropped} messages dropped unread: past their lifespan, or beyond the reader's depth",
+            f"{counted(dropped, 'message')} dropped unread: past the lifespan, or beyond the reader's depth",
             "the reader is too slow for this topic, or its depth too small",
         )
     if repeated := account.get("repeated", 0):
-        yield remark(where, f"{repeated} messages came more than once and were handed over once")
+        yield remark(where, f"{counted(repeated, 'message')} came more than once, handed over once")
 
 
 def _events(graph: RunningGraph, answers: Answers) -> Iterator[Diagnostic]:

@@ -9,6 +9,7 @@ import typer
 from palp_core.cli.options import INTERRUPTED, GraphOption, JsonOption, NodeArgument
 from palp_core.cli.output import note, print_json, print_text
 from palp_core.cli.running import find_graph
+from palp_core.counted import counted
 from palp_core.errors import GraphError
 
 FIRST_STEP = 10
@@ -149,7 +150,7 @@ def _print(report: dict[str, Any]) -> None:
         return
     print_text(
         f"/{report['node']}: {report['before']} -> {report['after']} at {report['at_s']:.3f} s; "
-        f"gap {report['gap_s'] * 1e3:.2f} ms, {report['held']} messages waited, "
+        f"gap {report['gap_s'] * 1e3:.2f} ms, {counted(report['held'], 'message')} waited, "
         f"{report['duration_s'] * 1e3:.0f} ms in all"
         + (f"; {_proven(report)} while the old one stood by" if report["proven"] > 0 else "")
     )

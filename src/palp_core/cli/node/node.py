@@ -7,6 +7,7 @@ import typer
 from palp_core.cli.options import GraphOption, HiddenOption, JsonOption, NodeArgument, TimeoutOption
 from palp_core.cli.output import print_json, print_text
 from palp_core.cli.running import find_graph
+from palp_core.counted import counted
 
 app = typer.Typer(help="Nodes of the running graph.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -75,7 +76,7 @@ def info(
         "Ports open to messages from outside", {f"/{entry.name}/{p}": "" for p in found.get("external", [])}
     )
     for swap in found.get("swaps", []):
-        how = f"gap {swap['gap_s'] * 1e3:.2f} ms, {swap['held']} messages waited"
+        how = f"gap {swap['gap_s'] * 1e3:.2f} ms, {counted(swap['held'], 'message')} waited"
         print_text(f"  Changed hands at {swap['at_s']:.3f} s: {swap['before']} -> {swap['after']}; {how}")
     print_text(f"  Overruns: {found.get('overruns', 0)} of {found.get('ticks', 0)} ticks")
     print_text(f"  Refused frames: {found.get('rejected', 0)}")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import msgspec
 
+from palp_core.counted import counted
 from palp_core.errors import BagError, SchemaMismatch
 from palp_core.graph.bag.account import EpochAccount, Gap, TopicAccount
 from palp_core.graph.bag.stream import Stream
@@ -58,19 +59,19 @@ class RecordingSummary(msgspec.Struct, frozen=True, kw_only=True):
     def text(self) -> str:
         """Say per topic what is missing."""
         count = sum(topic.count for topic in self.topics.values())
-        lines = [f"{count} messages on {len(self.topics)} topics"]
+        lines = [f"{counted(count, 'message')} on {counted(len(self.topics), 'topic')}"]
         for name, topic in self.topics.items():
             if topic.lost:
                 shown = ", ".join(
                     f"{gap.first}..{gap.last}" + (f" of epoch {gap.epoch}" if gap.epoch else "")
                     for gap in topic.gaps[:5]
                 )
-                more = f" and {len(topic.gaps) - 5} more gaps" if len(topic.gaps) > 5 else ""
+                more = f" and {counted(len(topic.gaps) - 5, 'more gap')}" if len(topic.gaps) > 5 else ""
                 lines.append(f"{name}: {topic.lost} missing of {topic.count + topic.lost}: {shown}{more}")
             if topic.refused:
                 lines.append(f"{name}: {topic.refused} stamped before the graph's start, not recorded")
         if self.unreadable:
-            lines.append(f"{self.unreadable} frames could not be read")
+            lines.append(f"{counted(self.unreadable, 'frame')} could not be read")
         return "\n".join(lines if not self.complete else [lines[0] + ", nothing missing"])
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from nicegui import run, ui
 
+from palp_core.counted import counted
 from palp_core.errors import GraphError
 from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.swap.swap import STEPS, TIMEOUT_S
@@ -192,6 +193,6 @@ def swap_words(answer: dict[str, Any]) -> tuple[str, str]:
     shadow = f"{report['shadow']['text']}. " if report["shadow"] else ""
     if not report["switched"]:
         return f"{shadow}{report['after']} could take over from {report['before']}; nothing was changed", "ok"
-    took = f"gap {report['gap_s'] * 1e3:.2f} ms, {report['held']} messages waited"
+    took = f"gap {report['gap_s'] * 1e3:.2f} ms, {counted(report['held'], 'message')} waited"
     after = f"{report['after']} is at work in place of {report['before']} since {report['at_s']:.3f} s"
     return f"swapped: {after}; {took}{shadow and f'. {shadow.strip()}'}", "ok"

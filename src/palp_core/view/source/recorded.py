@@ -10,6 +10,7 @@ from typing import Any
 
 import msgspec
 
+from palp_core.counted import counted
 from palp_core.errors import BagDamaged, BagError, GraphError, PalpError
 from palp_core.graph.bag.info import BagInfo, bag_info
 from palp_core.graph.bag.reader import Bag, RecordedMessage
@@ -219,11 +220,8 @@ def bag_troubles(info: BagInfo) -> list[Trouble]:
     for name, topic in info.topics.items():
         if topic.lost:
             gaps = ", ".join(f"{gap.first} to {gap.last}" for gap in topic.gaps[:5])
-            found.append(
-                Trouble(
-                    name, WARN, f"{topic.lost} messages are missing ({gaps})", f"palp bag info {info.path}"
-                )
-            )
+            missing = counted(topic.lost, "message is", "messages are")
+            found.append(Trouble(name, WARN, f"{missing} missing ({gaps})", f"palp bag info {info.path}"))
     return found
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 
+from palp_core.counted import counted
 from palp_core.graph.discovery.choice import addressed
 from palp_core.graph.discovery.health import EdgeRow, NodeRow
 from palp_core.graph.discovery.standing import Standing
@@ -39,7 +40,7 @@ def wire_troubles(rows: Iterable[EdgeRow]) -> Iterator[Trouble]:
     """Yield what readers have not had."""
     for row in rows:
         if row.lost:
-            text = f"{row.lost} messages lost, {row.received} received"
+            text = f"{counted(row.lost, 'message')} lost, {row.received} received"
             yield Trouble(f"{row.topic} -> {row.reader}", WARN, text, f"palp topic info {row.topic}")
 
 

@@ -78,7 +78,7 @@ def test_a_gap_is_lost_samples_at_their_place(tmp_path: Path) -> None:
     expected[600:1300] = np.nan
     assert fds.samples.size == N
     assert np.array_equal(fds.samples, expected, equal_nan=True)
-    assert "1 gaps, which count as lost samples" in file.notes[0]
+    assert "1 gap, which counts as lost samples" in file.notes[0]
 
 
 def test_two_streams_of_one_rate_stand_side_by_side_by_their_times(tmp_path: Path) -> None:

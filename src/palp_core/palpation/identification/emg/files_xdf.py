@@ -19,6 +19,7 @@ from xml.etree.ElementTree import ParseError
 
 import numpy as np
 
+from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.extras import install_line
 from palp_core.palpation.identification.emg.files import LARGEST_BYTES, Column, EmgFile
@@ -88,7 +89,8 @@ def read_xdf(path: Path) -> EmgFile:
         for place, (first, last) in zip(_places(one, begin_s), one.segments, strict=True):
             muscles[:, place : place + last - first] = one.samples[:, first:last]
         if len(one.segments) > 1:
-            notes.append(f"stream '{one.name}' has {len(one.segments) - 1} gaps, which count as lost samples")
+            gaps = counted(len(one.segments) - 1, "gap, which counts", "gaps, which count")
+            notes.append(f"stream '{one.name}' has {gaps} as lost samples")
         if abs(one.measured_hz / rate_hz - 1.0) > 1e-3:
             notes.append(f"stream '{one.name}' came at {one.measured_hz:.6g} Hz")
         before = f"{one.name}: " if len(chosen) > 1 else ""
