@@ -40,6 +40,8 @@ def test_it_shows_the_sweep_the_rig_and_what_came_of_it(rig: Viewing) -> None:
     ):  # fmt: skip
         rig.says(words)
     assert page.locator("[data-what=trials] tbody tr").count() == 2
+    assert page.locator("[data-what=trials]").is_visible()
+    assert not page.get_by_role("button", name="show", exact=True).is_visible()
     assert rig.failures == []
 
 
@@ -49,7 +51,14 @@ def test_it_is_no_wider_than_a_phone_and_stop_is_in_sight_there(rig: Viewing, wi
     page.set_viewport_size({"width": width, "height": 700})
     rig.go("/own")
     rig.says("ring: 16.1 mm")
-    rig.until("() => document.documentElement.scrollWidth <= innerWidth")
+    rig.until("() => document.scrollingElement.scrollWidth <= innerWidth")
+    trials = page.locator("[data-what=trials]")
+    assert not trials.is_visible()  # folded behind its heading
+    page.get_by_role("button", name="show", exact=True).click()
+    trials.locator("tbody tr").first.wait_for()
+    assert page.evaluate("() => document.scrollingElement.scrollWidth <= innerWidth")
+    page.get_by_role("button", name="hide", exact=True).click()
+    trials.wait_for(state="hidden")
     page.mouse.wheel(0, 10_000)
     assert page.get_by_role("button", name="STOP (space bar)").evaluate(
         "b => b.getBoundingClientRect().top >= 0 && b.getBoundingClientRect().right <= innerWidth"

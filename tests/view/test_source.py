@@ -11,8 +11,10 @@ import pytest
 
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.health import EdgeRow, NodeRow
+from palp_core.graph.discovery.log_lines import LineReader, LogLine
 from palp_core.graph.discovery.standing import Standing
 from palp_core.graph.messages.builtin import GraphEvent
+from palp_core.view.source.folded_log import MOST_LETTERS, FoldedLog
 from palp_core.view.source.live import node_state, wire_state
 from palp_core.view.source.message_lines import MOST_LINES, tree_text
 from palp_core.view.source.node_log import MOST_BYTES, NodeLog
@@ -249,3 +251,36 @@ def test_only_what_moves_on_the_wall_clock_is_a_real_rig() -> None:
     assert not Overview(
         kind="graph", title="a", clock="wall", nodes=[NodeState(name="a")]
     ).moves_something_real
+
+
+def said(node: str, *texts: str) -> list[LogLine]:
+    reader = LineReader()
+    return [reader.read(f"12:00:00 {node}: {text}") for text in texts]
+
+
+def test_warnings_of_one_kind_are_one_record_with_their_number_and_the_latest() -> None:
+    log = FoldedLog(100)
+    log.add(said("emg", "[WARNING] [emg]: 1 gap in the EMG", "[INFO] [emg]: begun", "[INFO] [emg]: begun"))
+    log.add(said("emg", "[WARNING] [emg]: 3 gaps in the EMG", "[WARNING] [emg]: a gap of 5.1 ms is bridged"))
+    log.add(said("emg", "[WARNING] [emg]: 2 gaps in the EMG", "[WARNING] [emg]: a gap of 7 ms is bridged"))
+    assert [(one.text.partition("]: ")[2], one.count) for one in log.records] == [
+        ("begun", 1), ("begun", 1), ("2 gaps in the EMG", 3), ("a gap of 7 ms is bridged", 2),
+    ]  # fmt: skip
+
+
+def test_a_traceback_is_part_of_its_error_and_errors_that_differ_are_not_folded() -> None:
+    log, error = FoldedLog(100), "[ERROR] [a]: failed"
+    log.add(said("a", error, "  File x, line 3", "[INFO] [a]: on", error, "  File x, line 4"))
+    log.add(said("a", error, "  File y, line 4"))
+    assert [(one.text, one.count) for one in log.records] == [
+        ("[INFO] [a]: on", 1), (f"{error}\n  File x, line 4", 2), (f"{error}\n  File y, line 4", 1),
+    ]  # fmt: skip
+
+
+def test_of_a_node_that_prints_without_end_the_last_records_are_kept_each_of_bounded_length() -> None:
+    log = FoldedLog(10)
+    for number in range(50):
+        log.add(said("a", "[WARNING] [a]: hot", *(f"line {number} {k}" for k in range(8)), "x" * 10**5))
+    assert len(log.records) == 10
+    assert max(len(one.text) for one in log.records) == MOST_LETTERS
+    assert [one.count for one in log.records if one.level == "warning"] == [50]

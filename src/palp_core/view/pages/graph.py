@@ -22,6 +22,8 @@ REFRESH_S = 1.0
 NODE_TITLES = ("Node", "State", "Class", "Rate", "CPU", "Memory", "What is wrong")
 WIRE_TITLES = ("Topic", "Reader", "Rate", "Received", "Lost", "Late", "p50", "p99")
 RATES = "rates here are on the machine's clock; a topic's page has them on the graph's"
+MOST_LETTERS = 18
+"""Of a name in its box; the whole name is in its hover and in the table below."""
 MOST_LINES = 2
 """Topics that a wire between two nodes names; its hover names all of them."""
 
@@ -71,6 +73,7 @@ def _node(node: NodeState, where: Layout) -> dict[str, Any]:
     place = where.places[node.name]
     return {
         "name": node.name,
+        "label": shortened(node.name, MOST_LETTERS),
         "x": place.x,
         "y": place.y,
         "width": WIDTH,
@@ -81,6 +84,15 @@ def _node(node: NodeState, where: Layout) -> dict[str, Any]:
         "figures": figure(node.rate_hz, "Hz"),
         "why": node.why or f"{node.run}: {node.lifecycle or 'not asked yet'}",
     }
+
+
+def shortened(name: str, most: int) -> str:
+    """Return a name of at most so many letters: its begin and its end, by which names differ.
+
+    >>> shortened("estimator", 18), shortened("estimator_of_the_second_probe", 18)
+    ('estimator', 'estimator\u2026nd_probe')
+    """
+    return name if len(name) <= most else f"{name[: most // 2]}\u2026{name[len(name) - most // 2 + 1 :]}"
 
 
 def _wire(source: str, reader: str, wires: list[WireState], where: Layout) -> dict[str, Any]:
@@ -105,7 +117,7 @@ def _wire(source: str, reader: str, wires: list[WireState], where: Layout) -> di
 def wire_line(wire: WireState) -> str:
     """Return a topic's port with its rate and latency, and what is lost."""
     parts = [
-        wire.topic.rpartition("/")[2],
+        shortened(wire.topic.rpartition("/")[2], MOST_LETTERS),
         figure(wire.rate_hz, "Hz", 0) if (wire.rate_hz or 0) >= 10 else rate_words(wire.rate_hz),
     ]
     if wire.latency_p50_s is not None:

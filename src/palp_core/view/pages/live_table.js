@@ -1,7 +1,7 @@
 // A table from plain data. Texts come as text: Vue escapes whatever stands between {{ and }}.
 export default {
   template: `
-    <div class="table-box"><table class="plain">
+    <div class="table-box" tabindex="0"><table class="plain">
       <thead><tr><th v-for="title in titles">{{ title }}</th></tr></thead>
       <tbody>
         <tr v-for="row in rows">

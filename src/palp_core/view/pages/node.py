@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from nicegui import run, ui
+from nicegui.element import Element
 
 from palp_core.errors import LifecycleError
 from palp_core.graph.messages.topic import Topic
@@ -16,10 +17,11 @@ from palp_core.view.pages.parts import CHANGES, Outcome, figure, node_link, said
 from palp_core.view.pages.swap import swap_panel, swap_words
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.action_wires import ACTION
+from palp_core.view.source.folded_log import FoldedLog, LogRecord
 from palp_core.view.source.node_log import NodeLog
 from palp_core.view.source.overview import NodeState, Overview, shared_processes
 
-STATE_S, LOG_S = 1.0, 0.25
+STATE_S, LOG_S = 1.0, 0.5
 MOST_LOG_LINES = 400
 
 
@@ -187,14 +189,31 @@ def ports(overview: Overview, topics: Sequence[Topic], name: str) -> list[tuple[
 
 def _log(log: NodeLog) -> None:
     """Show lines as they come; each is text, whatever is in it."""
-    shown = ui.log(max_lines=MOST_LOG_LINES).props('data-what="log"').style("height: 18rem")
+    shown, folded = LiveLog().props('data-what="log"'), FoldedLog(MOST_LOG_LINES)
 
     async def refresh() -> None:
         lines = await run.io_bound(log.new_lines) or []  # None: the viewer is ending
-        for line in lines[-MOST_LOG_LINES:]:
-            shown.push(f"{line.at} {line.text}", classes=log_class(line.level))
+        if lines:
+            folded.add(lines)
+            shown.show(folded.records)
 
     ui.timer(LOG_S, refresh)
+
+
+class LiveLog(Element, component="live_log.js"):  # type: ignore[misc, call-arg]
+    """A log: one element, whose records the browser is sent as plain data."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._props.update(records=[])
+
+    def show(self, records: Iterable[LogRecord]) -> None:
+        """Show these records; of a kind that came several times how often, and the latest."""
+        self._props["records"] = [
+            {"text": f"{one.at} {one.text}", "look": log_class(one.level), "count": one.count}
+            for one in records
+        ]
+        self.update()
 
 
 def log_class(level: str) -> str:

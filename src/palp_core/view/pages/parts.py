@@ -11,6 +11,7 @@ from nicegui import run, ui
 from nicegui.elements.mixins.text_element import TextElement
 
 from palp_core.errors import PalpError
+from palp_core.view.source.folded_log import kind_of
 from palp_core.view.source.overview import Trouble, worst
 
 HERE = Path(__file__).parent
@@ -61,9 +62,27 @@ def topic_link(name: str) -> None:
     ui.link(*topic_way(name))
 
 
+def folding(title: str) -> Any:
+    """Return a box below a heading; on a narrow screen it is folded behind that."""
+    with ui.element("div").classes("row-of"):
+        said("h2", title)
+        press = ui.button("show").props("outline dense no-caps aria-expanded=false").classes("fold-press")
+    box = ui.element("div").classes("fold")
+
+    def turn() -> None:
+        unfolded = press.text == "show"
+        press.set_text("hide" if unfolded else "show")
+        press.props(f"aria-expanded={str(unfolded).lower()}")
+        box.classes(toggle="unfolded")
+
+    press.on_click(turn)
+    return box
+
+
 def table(titles: Sequence[str], rows: Iterable[Sequence[Cell]], chosen: Collection[int] = ()) -> None:
     """Show a table; a cell is a text, or what puts something into it. The chosen rows stand out."""
-    with ui.element("div").classes("table-box"), ui.element("table").classes("plain"):
+    box = ui.element("div").classes("table-box").props('tabindex="0"')
+    with box, ui.element("table").classes("plain"):
         with ui.element("thead"), ui.element("tr"):
             for title in titles:
                 said("th", title)
@@ -76,6 +95,19 @@ def table(titles: Sequence[str], rows: Iterable[Sequence[Cell]], chosen: Collect
                         else:
                             with ui.element("td"):
                                 cell()
+
+
+def alike(troubles: Iterable[Trouble]) -> list[list[Trouble]]:
+    """Return troubles by their kind: those that say the same but for its numbers, wherever they are.
+
+    >>> lost = [Trouble("/a -> /b", "warn", f"{number} messages lost") for number in (2, 3)]
+    >>> [len(group) for group in alike([*lost, Trouble("/a", "warn", "hot")])]
+    [2, 1]
+    """
+    found: dict[tuple[str, str], list[Trouble]] = {}
+    for one in troubles:
+        found.setdefault((one.level, kind_of(one.text)), []).append(one)
+    return list(found.values())
 
 
 class TroubleBox:
@@ -95,15 +127,20 @@ class TroubleBox:
         self._box.clear()
         self._box.set_visibility(bool(troubles))
         self._box.classes(add="error-box" if worst(troubles) == "error" else "", remove="error-box")
+        groups = alike(sorted(troubles, key=lambda trouble: trouble.level != "error"))
         with self._box:
-            for one in sorted(troubles, key=lambda trouble: trouble.level != "error")[: self.MOST]:
+            for one, *others in groups[: self.MOST]:
                 with ui.element("div").classes("row-of"):
                     said("b", f"{one.level}: {one.where}", one.level)
                     said("span", one.text)
+                    if others:
+                        rest = said("span", f"and {len(others)} more like it", "quiet").props('tabindex="0"')
+                        with rest:
+                            ui.tooltip("; ".join(f"{other.where}: {other.text}" for other in others))
                     if one.advice:
                         said("code", one.advice)
-            if len(troubles) > self.MOST:
-                said("div", f"and {len(troubles) - self.MOST} more")
+            if left := sum(len(group) for group in groups[self.MOST :]):
+                said("div", f"and {left} more")
 
 
 class Outcome:

@@ -11,7 +11,7 @@ from palp_core.palpation.live_page.beside import BESIDE, SOURCES, other_protocol
 from palp_core.palpation.live_page.monitor import RigMonitor
 from palp_core.palpation.live_page.trials import TrialRow
 from palp_core.palpation.perception.statistics.statistics import Proportion
-from palp_core.view.pages.parts import Cell, said, table
+from palp_core.view.pages.parts import Cell, folding, said, table
 from palp_core.view.source.protocol import ViewSource
 
 MOST_ROWS = 30
@@ -32,11 +32,8 @@ class OutcomePanel:
         self._shown: list[TrialRow] | None = None
         self._guards: list[str] | None = []
         with ui.element("div").classes("rig-grid"):
-            with ui.element("section"):
-                said("h2", "Trials so far, the latest first")
-                self._trials = (
-                    ui.element("div").classes("rig-scroll").props('data-what="trials" tabindex="0"')
-                )
+            with ui.element("section"), folding("Trials so far, the latest first"):
+                self._trials = ui.element("div").classes("rig-scroll").props('data-what="trials"')
             if not blind:
                 with ui.element("section"):
                     said("h2", "Right so far")
