@@ -17,8 +17,8 @@ from palp_core.palpation.mechanics.scene.sealed import (
     own_codes,
     seal,
     standing,
-    stands_for_a_depth,
 )
+from palp_core.sealing import stands_for_a_depth
 
 PHANTOMS = {
     code: Phantom(bead=Bead(depth_m=d), modulus_pa=21e3) for code, d in (("A", 0.002137), ("B", 0.00419))
