@@ -8,6 +8,7 @@ import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -207,6 +208,22 @@ def test_in_simulated_time_nothing_is_recorded_from_a_page_and_it_says_what_to_d
         recordings.start("bag", [])
     assert recordings.all == []
     assert Recordings(Stage(tmp_path).operator(), tmp_path).cannot == ""
+
+
+def test_a_button_that_is_pressed_twice_starts_one_recorder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun = SimpleNamespace(out=tmp_path / "twice", running=True)  # its folder is not made yet
+    monkeypatch.setattr(Recordings, "_started", lambda *_: begun)
+    recordings = Recordings(Stage(tmp_path).operator(operate=True), tmp_path)
+    with ThreadPoolExecutor(2) as pool:
+        presses = [pool.submit(recordings.start, "twice", []) for _ in range(2)]
+        errors = [press.exception() for press in presses]
+    assert len(recordings.all) == 1
+    assert sorted(str(error) for error in errors) == [
+        f"{tmp_path / 'twice'} is being recorded already: choose another name",
+        "None",
+    ]
 
 
 def test_a_name_that_is_taken_is_refused_before_a_recorder_starts(tmp_path: Path) -> None:

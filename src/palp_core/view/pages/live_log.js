@@ -2,7 +2,7 @@
 export default {
   template: `
     <div class="log" role="log" tabindex="0" @scroll="follow">
-      <div v-for="record in records" :class="record.look"><span>{{ record.text }}</span
+      <div v-for="record in records" :class="record.look"><span>{{ record.text }} </span
         ><span v-if="record.count > 1" class="pill often">{{ record.count }} times, this is the latest</span></div>
     </div>`,
   props: { records: Array },

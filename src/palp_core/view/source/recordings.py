@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import IO
@@ -96,6 +97,7 @@ class Recordings:
     def __init__(self, operator: GraphOperator, folder: Path) -> None:
         self._operator, self.folder = operator, folder
         self.all: list[StartedRecorder] = []
+        self._one_at_a_time = threading.Lock()
         self._starter = ThreadPoolExecutor(1, "palp view: recorders")
         self._starter.submit(
             os.getpid
@@ -128,8 +130,18 @@ class Recordings:
         if len([one for one in self.all if one.running]) >= MOST:
             raise BagError(f"{MOST} recorders are running; stop one")
         out = self.folder / name
-        if out.exists():
-            raise BagError(f"{out} exists already: choose another name")
+        with self._one_at_a_time:  # a double press is two requests at once, and a bag is not there at once
+            if any(one.out == out and one.running for one in self.all):
+                raise BagError(f"{out} is being recorded already: choose another name")
+            if out.exists():
+                raise BagError(f"{out} exists already: choose another name")
+            found = self._started(graph, out, topics, snapshot_s)
+            self.all.append(found)
+        return found
+
+    def _started(
+        self, graph: RunningGraph, out: Path, topics: list[str], snapshot_s: float
+    ) -> StartedRecorder:
         words = [*topics] if topics else ["--all"]
         options = ["--snapshot", str(snapshot_s)] if snapshot_s > 0 else []
         command = [
@@ -152,9 +164,7 @@ class Recordings:
             stderr=subprocess.STDOUT,
             start_new_session=True,
         ).result()
-        found = StartedRecorder(process, said, out, snapshot_s)
-        self.all.append(found)
-        return found
+        return StartedRecorder(process, said, out, snapshot_s)
 
     def snapshot(self) -> list[str]:
         """Let every recorder that keeps the last seconds write them; return what they say.
