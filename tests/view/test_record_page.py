@@ -13,6 +13,7 @@ pytest.importorskip("nicegui.testing.user_simulation")
 
 from nicegui import ui
 
+from palp_core.errors import BagError
 from palp_core.view.pages.record import record_page, state_of
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.recordings import IN_SIMULATED_TIME
@@ -27,6 +28,22 @@ def test_in_simulated_time_the_buttons_are_dead_and_it_says_why() -> None:
         for word in ("record", "write snapshot"):
             (button,) = user.find(kind=ui.button, content=word).elements
             assert not button.enabled
+
+    simulated(lambda: record_page(Viewer(source=Told()), recordings), look)
+
+
+def test_of_a_recorder_that_does_not_end_nobody_says_that_it_has_ended() -> None:
+    def stop(_: object) -> None:
+        raise BagError("the recorder of bags/b does not end")
+
+    one = SimpleNamespace(out=Path("bags/b"), running=True, made=True, snapshot_s=0.0, words=[])
+    recordings: Any = SimpleNamespace(folder=Path("bags"), cannot="", all=[one], stop=stop)
+
+    async def look(user: Any) -> None:
+        await user.should_see("under way")
+        user.find(kind=ui.button, content="stop").click()
+        await user.should_see("the recorder of bags/b does not end", retries=100)
+        await user.should_not_see("has ended")
 
     simulated(lambda: record_page(Viewer(source=Told()), recordings), look)
 

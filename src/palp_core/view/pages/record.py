@@ -65,8 +65,8 @@ def _list(box: ui.element, recordings: Recordings, outcome: Outcome) -> None:
 
     async def end(recording: StartedRecorder) -> None:
         outcome.tell(f"{recording.out.name} ends")
-        await outcome.of(recordings.stop, recording)
-        outcome.tell(f"{recording.out.name} has ended")
+        if await outcome.of(recordings.stop, recording) is not None:
+            outcome.tell(f"{recording.out.name} has ended")
 
     def refresh() -> None:
         now = [(one.out, state_of(one), one.words) for one in recordings.all]

@@ -178,14 +178,16 @@ class Recordings:
         graph: RunningGraph = self._operator.allow()
         return save_snapshots(graph, signal.SIGUSR1)
 
-    def stop(self, recording: StartedRecorder) -> None:
-        """End one, and wait until its bag is whole.
+    def stop(self, recording: StartedRecorder) -> StartedRecorder:
+        """End one, and wait until its bag is whole; return it.
 
         Raises:
             GraphError: It may not be pressed.
+            BagError: It does not end.
         """
         self._operator.allow(over=True)
         recording.stop()
+        return recording
 
     def close(self) -> None:
         """End all of them: whoever closes the page leaves whole bags."""
