@@ -48,7 +48,7 @@ COLUMNS = {
     "wakeups_per_message": "wake-ups for each message",
     "memory_mib": "all memory [MiB]",
     "descriptors": "descriptors of a node",
-    "launcher_descriptors": "of the launcher",
+    "launcher_descriptors": "descriptors of the launcher",
     "lost": "lost",
     "end_s": "end [s]",
 }

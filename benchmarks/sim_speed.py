@@ -99,10 +99,16 @@ def print_blocks(found: dict[int, list[float]], chart: Path | None) -> None:
 
     figure = Figure(figsize=(6.0, 3.2), layout="constrained")
     axes = figure.subplots()
-    medians = [statistics.median(spent_ms) for spent_ms in found.values()]
-    axes.loglog(list(found), [SWEEP_S / ms * 1e3 for ms in medians], "o-", color="#0072b2")
-    axes.set_xlabel("block, ms")
-    axes.set_ylabel("sweep per CPU, s/s")
+    lengths = list(found)
+    axes.plot(
+        lengths, [SWEEP_S * 1e3 / statistics.median(ms) for ms in found.values()], "o-", color="#0072b2"
+    )
+    least, most = ([SWEEP_S * 1e3 / of(ms) for ms in found.values()] for of in (max, min))
+    axes.fill_between(lengths, least, most, color="#0072b2", alpha=0.2, lw=0)
+    axes.set_xscale("log")
+    axes.set_xticks(lengths, [f"{length}" for length in lengths])
+    axes.minorticks_off()
+    axes.set(xlabel="block, ms", ylabel="seconds of sweep per second of CPU", ylim=(0, None))
     axes.grid(True, alpha=0.3)
     figure.savefig(chart, dpi=110)
 

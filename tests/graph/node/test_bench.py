@@ -146,7 +146,7 @@ class Careful(Node):
         with contextlib.suppress(OverflowError):
             self.out.publish(Word(n=word.n << 64))
         with contextlib.suppress(TypeError):
-            self.out.publish(Other())
+            self.out.publish(Other())  # type: ignore[arg-type]
         self.out.publish(word)
 
 
