@@ -47,9 +47,10 @@ def muscle_words(
             parts.append("no peak yet, so no level")
         count = cocontraction["burst_count"]
         parts.append(f"{count} burst{'s' if count != 1 else ''}")
-        heard_s = cocontraction["stamp_ns"] / 1e9
-        if now_s is not None and now_s - heard_s > (SILENT_FAST_S if fast else SILENT_S):
-            parts.append(f"silent since {heard_s:.0f} s")
+        if now_s is not None:
+            heard_s = cocontraction["stamp_ns"] / 1e9
+            if now_s - heard_s > (SILENT_FAST_S if fast else SILENT_S):
+                parts.append(f"silent since {heard_s:.0f} s")
     if report is not None:
         if report["condition"] not in FLOWING:
             parts.append(": ".join(part for part in (report["condition"], report["text"]) if part))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Awaitable, Callable
+
 from nicegui import ui
 
 from palp_core.view.pages.frame import frame
@@ -60,8 +62,8 @@ def record_page(viewer: Viewer, recordings: Recordings) -> None:
 
 
 def _list(box: ui.element, recordings: Recordings, outcome: Outcome) -> None:
-    """Show all recordings, each with what it says."""
-    shown: list[object] = []
+    """Show all recordings, the latest first, each with what it says."""
+    rows: list[_Row] = []
 
     async def end(recording: StartedRecorder) -> None:
         outcome.tell(f"{recording.out.name} ends")
@@ -69,24 +71,36 @@ def _list(box: ui.element, recordings: Recordings, outcome: Outcome) -> None:
             outcome.tell(f"{recording.out.name} has ended")
 
     def refresh() -> None:
-        now = [(one.out, state_of(one), one.words) for one in recordings.all]
-        if now == shown:
-            return
-        shown[:] = now
-        box.clear()
-        with box:
-            for one in reversed(recordings.all):
-                with ui.element("div").classes("row-of"):
-                    said("b", one.out.name)
-                    said("span", *state_of(one))
-                    if one.running:
-                        ui.button("stop", on_click=lambda _, this=one: end(this)).props(
-                            "outline dense no-caps"
-                        )
-                said("pre", "\n".join(one.words[-20:]), "text")
+        rows.extend(_Row(box, one, end) for one in recordings.all[len(rows) :])
+        for row in rows:
+            row.show()
 
     refresh()
     ui.timer(REFRESH_S, refresh)
+
+
+class _Row:
+    """A recording: its elements stay, whatever it says, so that no press goes to a button that is no more."""
+
+    def __init__(
+        self, box: ui.element, recording: StartedRecorder, end: Callable[[StartedRecorder], Awaitable[None]]
+    ) -> None:
+        self._recording = recording
+        with box, ui.element("div") as row:
+            with ui.element("div").classes("row-of"):
+                said("b", recording.out.name)
+                self._state = said("span")
+                self._stop = ui.button("stop", on_click=lambda: end(recording)).props("outline dense no-caps")
+            self._words = said("pre", "", "text")
+        row.move(box, target_index=0)
+
+    def show(self) -> None:
+        """Show it as it stands now."""
+        recording = self._recording
+        self._state.text, level = state_of(recording)
+        self._state.classes(replace=level)
+        self._stop.set_visibility(recording.running)
+        self._words.text = "\n".join(recording.words[-20:])
 
 
 def state_of(recording: StartedRecorder) -> tuple[str, str]:
