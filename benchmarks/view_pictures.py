@@ -112,7 +112,7 @@ def swap(studio: Studio) -> Viewing:
     """The policy, after another has taken over."""
     studio.live.go("/node/policy")
     studio.live.swap(POLICY)
-    studio.live.says(f"-> {POLICY}")
+    studio.live.says(f"swapped: {POLICY} is at work in place of ")
     return studio.live
 
 
