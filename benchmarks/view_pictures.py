@@ -113,6 +113,7 @@ def swap(studio: Studio) -> Viewing:
     studio.live.go("/node/policy")
     studio.live.swap(POLICY)
     studio.live.says(f"swapped: {POLICY} is at work in place of ")
+    studio.live.says(f"{POLICY}, process ")
     return studio.live
 
 

@@ -3,7 +3,7 @@ export default {
   template: `
     <div class="drawing graph" @pointerdown="grasp" @pointermove="drag" @pointerup="held = null" @pointerleave="held = null"
       @click.capture="click">
-      <svg :viewBox="'0 0 ' + width + ' ' + height" :width="width" :style="{ minWidth: 0.7 * width + 'px' }" role="group" aria-label="graph">
+      <svg :viewBox="'0 0 ' + width + ' ' + height" :width="width" :style="{ minWidth: 0.8 * width + 'px' }" role="group" aria-label="graph">
         <defs><marker id="arrow" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="8" markerHeight="8" orient="auto">
           <path d="M0 0 L8 4 L0 8" /></marker></defs>
         <g v-for="wire in wires" :key="wire.key" :class="['wire', wire.health]">
