@@ -28,7 +28,6 @@ ROOT = Path(__file__).resolve().parents[2]
 HOST = "127.0.0.77"  # beside a rig that somebody else emulates
 PATIENCE_S = 60.0
 SETTLE_S = 2.0
-_TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
 PATIENT = {
     r"\n +realtime_priority: \d+": "",
     r"(stale_ms|beat_ms): {default: [\d.]+": r"\1: {default: 2000.0",
@@ -131,12 +130,10 @@ def _used_s(launcher: int, nodes: dict[int, str]) -> dict[int, tuple[str, dict[s
     """Return the name of each process of a graph and its user and system time in s."""
     found = {}
     for process in (psutil.Process(launcher), *psutil.Process(launcher).children(recursive=True)):
-        with suppress(OSError, psutil.Error):
-            words = Path(f"/proc/{process.pid}/stat").read_text(encoding="utf-8")
-            fields = words[words.rindex(")") + 2 :].split()
+        with suppress(psutil.Error):
+            times = process.cpu_times()
             name = "launcher" if process.pid == launcher else nodes.get(process.pid, "others")
-            times = {"user": int(fields[11]) * _TICK_S, "system": int(fields[12]) * _TICK_S}
-            found[process.pid] = name, times
+            found[process.pid] = name, {"user": times.user, "system": times.system}
     return found
 
 

@@ -21,8 +21,6 @@ from palp_core.palpation.devices.wire import netcanoem as wire
 from palp_core.palpation.nano17 import RANGE_N_M
 from palp_core.units import Float64Array
 
-_BAD = int(wire.CRITICAL | wire.SensorStatus.ANY_ERROR)
-_LOW, _HIGH = wire.SATURATED
 _NONE = TorqueSamples(np.empty(0, dtype=np.int64), np.empty(0), 0)
 
 
@@ -131,8 +129,8 @@ class AtiTorque:
         if not raw:
             return _NONE
         wrench = [[sum(map(mul, row, values)) for row in per_count] for *_, values in raw]
-        saturated = [_LOW in values or _HIGH in values for *_, values in raw]
-        faulty = [status & _BAD != 0 for *_, status, _ in raw]
+        saturated = [wire.is_saturated(values) for *_, values in raw]
+        faulty = [wire.is_bad(status) for *_, status, _ in raw]
         times_ns = np.array([r[0] for r in raw], dtype=np.int64)
         index = np.array([r[1] for r in raw], dtype=np.int64)
         gap = np.array([r[2] for r in raw], dtype=np.bool_)

@@ -25,8 +25,6 @@ _SET_UP_S = 0.5
 _QUIET_S = 0.008  # after a reply that did not come in time
 _SILENT_S = 0.25  # after the second in a row; longer than any bus holds a frame back
 _LOOK_S = 0.002
-_BAD = int(wire.CRITICAL | wire.SensorStatus.ANY_ERROR)
-_LOW, _HIGH = wire.SATURATED
 
 
 class SensorCalibration:
@@ -190,12 +188,12 @@ class AtiSession:
         self.last_ns, self._gap = stamp_ns, False
 
     def _judge(self, status: int, values: tuple[int, ...], now_ns: int) -> None:
-        if status & _BAD:
+        if wire.is_bad(status):
             self._monitor.note_contact(now_ns)
             words = wire.SensorStatus(status).words
             self._monitor.report(Condition.DEVICE_FAULT, now_ns, f"status: {words}")
             return
-        if _HIGH in values or _LOW in values:
+        if wire.is_saturated(values):
             self._monitor.note_contact(now_ns)
             self._monitor.report(Condition.SATURATED, now_ns, "a gauge is at the end of its range")
             return

@@ -56,6 +56,19 @@ CRITICAL = 0x18FE
 """Bits that make the data invalid: supply, ground, converter, calibration, memory, temperature."""
 
 
+_BAD = int(CRITICAL | SensorStatus.ANY_ERROR)
+
+
+def is_bad(status: int) -> bool:
+    """Tell whether a status word says that its data must not be used."""
+    return status & _BAD != 0
+
+
+def is_saturated(values: tuple[int, ...]) -> bool:
+    """Tell whether any gauge is at the end of its range."""
+    return SATURATED[0] in values or SATURATED[1] in values
+
+
 def gauges(first: bytes, second: bytes) -> tuple[int, tuple[int, ...]]:
     """Return the status word and gauges 0 to 5 of a pair of frames.
 
