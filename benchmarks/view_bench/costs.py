@@ -64,14 +64,20 @@ def first_page(rounds: int, *, beside: bool) -> dict[str, Any]:
 
 
 def memory(minutes: float, every_s: float, *, beside: bool) -> dict[str, Any]:
-    """Return how the memory of two viewers goes on while they show the emulated rig."""
+    """Return how the memory of two viewers goes on while they show the emulated rig.
+
+    Of a page: what is in use on its heap once its garbage is gone. A page that loads itself anew, as it does
+    when the viewer has forgotten it, begins again; how often that was is told.
+    """
     rows: list[list[float]] = []
+    loads: list[str] = []
     with shown_rig(beside=beside) as (run, chrome), two_viewers(run, chrome) as viewers:
+        for one in viewers:
+            one.page.on("load", lambda page: loads.append(str(page.url)))
         begun_ns = monotonic_ns()
         while (at_s := (monotonic_ns() - begun_ns) / 1e9) < minutes * 60 or len(rows) < 3:
-            heaps = [float(one.page.evaluate("performance.memory.usedJSHeapSize")) for one in viewers]
             sizes = [memory_mib(one.process.pid) for one in viewers]
-            rows.append([at_s, *sizes, *(size / 2**20 for size in heaps)])
+            rows.append([at_s, *sizes, *(_heap_mib(one.page) for one in viewers)])
             said = " ".join(f"{size:.1f}" for size in rows[-1][1:])
             print(f"memory: {at_s / 60:.1f} min: {said} MiB", file=sys.stderr, flush=True)
             wait(every_s)
@@ -80,6 +86,7 @@ def memory(minutes: float, every_s: float, *, beside: bool) -> dict[str, Any]:
     names = ("viewer of the graph", "viewer of torque", "page of the graph", "page of torque")
     return {
         "minutes": round(float(table[-1, 0]) / 60, 1),
+        "loaded_anew": len(loads),
         **{
             name: {
                 "mib": spread(table[:, column].tolist(), 1),
@@ -88,6 +95,16 @@ def memory(minutes: float, every_s: float, *, beside: bool) -> dict[str, Any]:
             for column, name in enumerate(names, 1)
         },
     }
+
+
+def _heap_mib(page: Any) -> float:
+    """Return what a page's heap holds after a collection."""
+    speaking = page.context.new_cdp_session(page)
+    try:
+        speaking.send("HeapProfiler.collectGarbage")
+        return float(speaking.send("Runtime.getHeapUsage")["usedSize"]) / 2**20
+    finally:
+        speaking.detach()
 
 
 def extra(rounds: int) -> dict[str, Any]:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +16,7 @@ from benchmarks.view_bench.running import (
     browsers_cpu_s,
     cpu_s,
     emulated,
+    end,
     simulated,
     spread,
     two_viewers,
@@ -22,18 +27,33 @@ from palp_core.graph.clock import monotonic_ns
 TORQUE = "/torque/block"
 READER = "estimator"
 WHO = ("graph", "viewers", "browsers")
+STRANGER = """
+import os, sys, time
+if sys.argv[2] == "idle":
+    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+while True:
+    end = time.monotonic() + 0.1 * float(sys.argv[1])
+    while time.monotonic() < end:
+        sum(range(2000))
+    time.sleep(0.1 * (1 - float(sys.argv[1])))
+"""
+"""Computes for a share of a core, and knows nothing of any graph."""
 
 
 def speed(rounds: int, window_s: float, *, compose: bool, beside: bool) -> dict[str, Any]:
     """Return how many blocks of torque, which come in sweeps only, a wall second has, viewed over alone.
 
+    And over that alone, too, beside a stranger that computes for as long as viewers and browsers did: what
+    the cores are short of, whoever takes it.
+
     Args:
-        rounds: Of two windows each.
+        rounds: Of three windows each.
         window_s: Wall seconds of one.
         compose: The graph in one process.
         beside: The browsers have the priority of the graph.
     """
     found: dict[bool, list[dict[str, float]]] = {False: [], True: []}
+    stranger: list[dict[str, float]] = []
     with tempfile.TemporaryDirectory() as name, simulated(compose=compose) as run:
         with browser(Path(name), beside=beside) as chrome:
             for number in range(rounds):
@@ -43,10 +63,16 @@ def speed(rounds: int, window_s: float, *, compose: bool, beside: bool) -> dict[
                             found[viewed].append(_window(run, window_s, [one.process.pid for one in viewers]))
                     else:
                         found[viewed].append(_window(run, window_s, []))
+                took = found[True][-1]
+                with _stranger(took["viewers"] + took["browsers"], idle=not beside):
+                    stranger.append(_window(run, window_s, []))
         edge = run.edge(READER, TORQUE)
     both = list(zip(found[True], found[False], strict=True))
     return {
         "ratio": spread([viewed["blocks"] / alone["blocks"] for viewed, alone in both]),
+        "ratio_beside_a_stranger": spread(
+            [one["blocks"] / alone["blocks"] for one, alone in zip(stranger, found[False], strict=True)]
+        ),
         "blocks_per_wall_s_alone": spread([alone["blocks"] for _, alone in both], 1),
         "blocks_per_wall_s_viewed": spread([viewed["blocks"] for viewed, _ in both], 1),
         "graph_cpu_s_per_block_ratio": spread(
@@ -58,6 +84,16 @@ def speed(rounds: int, window_s: float, *, compose: bool, beside: bool) -> dict[
         **{f"{who}_cpu_percent": spread([100 * row[who] for row in found[True]], 1) for who in WHO},
         "lost": int(edge["lost"]),
     }
+
+
+@contextmanager
+def _stranger(share: float, *, idle: bool) -> Iterator[None]:
+    words = [str(min(share, 1.0)), "idle" if idle else "beside"]
+    process = subprocess.Popen([sys.executable, "-c", STRANGER, *words], stdout=subprocess.PIPE, text=True)
+    try:
+        yield
+    finally:
+        end(process)
 
 
 def _window(run: Launched, window_s: float, viewers: list[int]) -> dict[str, float]:

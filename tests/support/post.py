@@ -156,8 +156,10 @@ class Freer(Node):
 
 
 class ClerkParams(Params):
+    """What a clerk goes by: ``desk`` is where it sits."""
+
     rate_hz: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] = 100.0
-    offset: Annotated[int, msgspec.Meta(ge=0, le=10)] = 0
+    offset: Annotated[int, msgspec.Meta(ge=0, le=10, description="what is added to a number")] = 0
     mood: Literal["kind", "stern"] = "kind"
     desk: ReadOnly[str] = "left"
     limit: int = 300

@@ -107,8 +107,18 @@ def test_a_topic_shows_its_messages_and_plots_them(viewing: Viewing) -> None:
     with page.expect_download() as download:
         page.get_by_role("button", name="CSV").click()
     lines = Path(download.value.path()).read_text(encoding="utf-8").splitlines()
+    page.reload()  # the address tells what is plotted
+    page.locator(".q-chip", has_text="index").wait_for()
+    viewing.until("() => Number(document.querySelector('.live-plot').dataset.points) > 20")
     assert lines[0] == "time_s,field,value"
     assert {line.split(",")[1] for line in lines[1:]} == {"torque_n_m [N m]", "index"}
+    viewing.go("/topic/source/sample?fields=index&window=nonsense")
+    page.locator(".q-chip", has_text="index").wait_for()
+    viewing.says("10 s")
+    viewing.go("/topic/source/sample?fields=index,no_such,torque_n_m[0]&window=60")
+    page.locator(".q-chip", has_text="torque_n_m[0]").wait_for()
+    assert page.locator(".q-chip").count() == 2
+    viewing.says("1 min")
     with page.expect_download() as download:
         page.get_by_role("button", name="PNG").click()
     assert Path(download.value.path()).read_bytes().startswith(b"\x89PNG")
@@ -429,3 +439,25 @@ def test_a_bag_is_shown_with_a_time_bar(browser: Any, shared_palp: Palp, bag: Pa
     viewing.until("() => !document.querySelector('[data-what=stamp]').innerText.startsWith('number 1,')")
     page.get_by_role("button", name="play", exact=True).click()
     viewing.says("number 200, at 0.199 s")
+    page.set_viewport_size({"width": 390, "height": 800})
+    for path in ("/", "/topic/torque/block", "/timeline"):
+        viewing.go(path)
+        page.locator(".q-slider").wait_for()
+        viewing.until(NOTHING_STANDS_OUT)
+
+
+def test_of_a_run_that_is_over_the_report_is_shown_in_place_and_runs_nothing(
+    browser: Any, shared_palp: Palp, tmp_path: Path
+) -> None:
+    (tmp_path / "charts").mkdir()
+    for name in ("charts/accuracy.csv", "charts/accuracy.png", "result.json", f"{'long_' * 20}.csv"):
+        (tmp_path / name).write_text("1", encoding="utf-8")
+    report = f"<h1>91 of 100 right</h1><p>{MARKUP}<script>parent.hacked=1;document.title='hacked'</script>"
+    (tmp_path / "report.html").write_text(report, encoding="utf-8")
+    viewing = Viewing(browser, shared_palp.start("view", tmp_path, "--no-browser"), 390)
+    page = viewing.page
+    page.frame_locator("iframe.report").get_by_role("heading", name="91 of 100 right").wait_for()
+    assert [page.evaluate("window.hacked"), *(frame.title() for frame in page.frames[1:])] == [None, ""]
+    assert page.locator("tr", has_text="charts/accuracy").locator("a").all_inner_texts() == ["csv", "png"]
+    viewing.until(NOTHING_STANDS_OUT)
+    assert viewing.elsewhere == []

@@ -20,9 +20,11 @@ from palp_core.view.pages.swap import swap_words
 from tests.view.test_pages import SAMPLE, Told, simulated
 
 LEVEL = {
-    "name": "level", "type": "float", "unit": "1", "minimum": 0.0, "maximum": 1.0, "choices": [],
+    "name": "level", "description": "of full scale",
+    "type": "float", "unit": "1", "minimum": 0.0, "maximum": 1.0, "choices": [],
     "default": 0.5, "value": 0.25, "read_only": False,
 }  # fmt: skip
+ABOUT = "``how_loud`` it may be."
 MODE = {
     **LEVEL,
     "name": "mode",
@@ -39,7 +41,7 @@ class Node:
     def __init__(self) -> None:
         self.source = Told()
         self.live = self.operator = self
-        self.graph = SimpleNamespace(ask=lambda *_: {"parameters": self.declared})
+        self.graph = SimpleNamespace(ask=lambda *_: {"parameters": self.declared, "about": ABOUT})
         self.declared: dict[str, Any] = {"level": LEVEL, "mode": MODE}
 
     def set_parameters(self, _: str, texts: dict[str, str]) -> dict[str, Any]:
@@ -56,14 +58,14 @@ def test_a_refused_value_is_told_at_its_field_and_the_one_in_force_stands_beside
     async def look(user: Any) -> None:
         await user.should_see("0.25", retries=100)
         await user.should_see("Type and bounds")
+        await user.should_see("how_loud it may be.")
+        await user.should_see("of full scale")
         (field,) = user.find(ui.input).elements
         (choice,) = user.find(ui.select).elements
         assert choice.options == ["slow", "fast"]
         field.value = "5"
         user.find(ui.input).trigger("keydown.enter")
-        await user.should_see(
-            "level: 5 is refused: expected float <= 1.0; it takes float, at least 0, at most 1", retries=100
-        )
+        await user.should_see("level: 5 is refused: expected float <= 1.0", retries=100)
         await user.should_see("0.25")
         field.value = "0.75"
         user.find(ui.input).trigger("keydown.enter")

@@ -282,7 +282,7 @@ def test_the_time_axis_moves_on_between_messages_unless_the_graph_outruns_the_cl
     async def look(user: Any) -> None:
         (plot,) = user.find(LivePlot).elements
         assert plot._props["even"] is not fast
-        assert plot._props["title"] == "/source/sample, over simulated time in s"
+        assert (plot._props["title"], plot._props["along"]) == ("/source/sample", "simulated time in s")
         await user.should_see(CHOOSE)
         (choice,) = [one for one in user.find(ui.select).elements if "fields" in one.props["label"]]
         choice.value = ["x"]

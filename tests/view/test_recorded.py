@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from palp_core.errors import BagError, PalpError
+from palp_core.view.source import results as results_module
 from palp_core.view.source.overview import Overview
 from palp_core.view.source.recorded import RecordedSource
 from palp_core.view.source.results import ResultsSource
@@ -129,6 +130,16 @@ def results(tmp_path: Path) -> ResultsSource:
 @pytest.mark.parametrize("name", OUTSIDE, ids=range(len(OUTSIDE)))
 def test_nothing_outside_the_folder_is_given(name: str, results: ResultsSource) -> None:
     assert results.path_of(name) is None
+
+
+def test_a_disk_is_no_folder_of_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(results_module, "MOST_BELOW", 3)
+    for name in ("a/b", "c"):
+        (tmp_path / name).mkdir(parents=True)
+    assert ResultsSource(tmp_path).files() == []
+    (tmp_path / "d").touch()
+    with pytest.raises(PalpError, match="more than 3 files are below it; give the folder of one run"):
+        ResultsSource(tmp_path)
 
 
 def test_the_files_of_the_folder_are_listed_reports_first(results: ResultsSource) -> None:

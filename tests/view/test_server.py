@@ -7,6 +7,8 @@ import importlib.util
 import queue
 import signal
 import socket
+import subprocess
+import sys
 import webbrowser
 from collections.abc import Iterator
 from pathlib import Path
@@ -117,6 +119,8 @@ def test_a_file_of_results_runs_nothing(server: Server) -> None:
     status, body, headers = server.get(f"/{server.token}/files/report.html")
     assert (status, body) == (200, b"<script>stolen = 1</script>")
     assert headers["content-security-policy"].startswith("sandbox; default-src 'none'")
+    assert headers["content-security-policy"].endswith("frame-ancestors 'self'")
+    assert headers["x-frame-options"] == "SAMEORIGIN"
 
 
 def test_a_hundred_sockets_that_say_nothing_and_one_that_says_much_keep_nobody_out(server: Server) -> None:
@@ -144,6 +148,23 @@ def test_without_the_extra_a_line_says_what_to_install(
     done = palp.here(*words)
     assert done.returncode == 2
     assert done.stderr == f"palp view needs NiceGUI, which is not installed; type: {install_line('view')}\n"
+
+
+ALONE = """
+import sys
+from palp_core.view.server.imports import FOR_CLIENTS, serving_alone
+with serving_alone():
+    from nicegui import ui
+print([name for name in FOR_CLIENTS if name in sys.modules])
+import requests
+import gc
+print(requests.__name__, gc.isenabled())
+"""
+
+
+def test_what_is_for_clients_is_not_imported_and_can_be_afterwards() -> None:
+    done = subprocess.run([sys.executable, "-c", ALONE], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["[]", "requests True"]
 
 
 def test_a_port_that_is_taken_is_said(palp: Palp, tmp_path: Path, server: Server) -> None:

@@ -76,6 +76,13 @@ def test_a_block_that_does_not_go_on_from_the_one_before_begins_with_a_gap() -> 
     assert len(series.points) == 10
 
 
+def test_a_block_that_has_come_a_little_late_goes_on_from_the_one_before() -> None:
+    series = FieldSeries("torque_n_m", BLOCK)
+    for number, (start_ms, gaps) in enumerate([(1000, 0), (1029, 0), (1060, 1)], 1):
+        message = {"start_ns": start_ms * 1_000_000, "rate_hz": 1000.0, "torque_n_m": [0.5] * 20}
+        assert np.isnan(series.add(Heard(0, number, message))).sum() == gaps
+
+
 def test_a_number_goes_on_until_messages_are_missing() -> None:
     series = FieldSeries("inner.peak", BLOCK)
     found = [series.add(Heard(round(at * 1e9), number, {"inner": {"peak": at}})) for at, number in RARE]

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import gc
+import sys
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,7 +17,8 @@ pytest.importorskip("nicegui")
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.view.pages.swap import choices
 from palp_core.view.source.overview import Overview, WireState
-from palp_core.view.source.swap_choices import fitting
+from palp_core.view.source.swap_choices import classes_of, fitting
+from tests.support.palp import PATIENCE_S
 
 NODES = """
 import os
@@ -62,6 +68,33 @@ def test_what_has_the_outputs_that_are_read_and_no_open_input_fits(workspace: Pa
         "nodes.ring:Quick",
         "nodes.ring:Careful",
     ]
+
+
+@pytest.fixture
+def turns() -> Iterator[None]:
+    """Threads take turns wherever Python code may run, in a collection of garbage, too."""
+    interval_s, look = sys.getswitchinterval(), lambda *_: None
+    sys.setswitchinterval(1e-5)
+    gc.callbacks.append(look)
+    yield
+    gc.callbacks.remove(look)
+    sys.setswitchinterval(interval_s)
+
+
+@pytest.mark.usefixtures("turns")
+def test_pages_that_look_at_once_find_the_same(workspace: Path) -> None:
+    for number in range(8):
+        (workspace / f"nodes/ring_{number}.py").write_text(NODES * 40, encoding="utf-8")
+    looking = threading.Barrier(8)
+
+    def look(_: int) -> list[str]:
+        looking.wait(PATIENCE_S)
+        return [one.run for one in classes_of(workspace)]
+
+    with ThreadPoolExecutor(8) as threads:
+        first, *others = threads.map(look, range(8))
+    assert len(first) == 8 * 40 * 7 + 7
+    assert others == [first] * 7
 
 
 def test_where_nobody_reads_it_need_not_speak(workspace: Path) -> None:

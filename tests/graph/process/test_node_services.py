@@ -72,7 +72,10 @@ def test_parameters_are_set_as_a_whole_or_not_at_all(office: Office) -> None:
 
 
 def test_parameters_describe_themselves(office: Office) -> None:
-    described = office.ask("describe_parameters")["parameters"]
+    reply = office.ask("describe_parameters")
+    described = reply["parameters"]
+    assert reply["about"] == "What a clerk goes by: ``desk`` is where it sits."
+    assert described["offset"]["description"] == "what is added to a number"
     assert (described["offset"]["minimum"], described["offset"]["maximum"]) == (0, 10)
     assert described["mood"]["choices"] == ["kind", "stern"]
     assert [name for name, param in described.items() if param["read_only"]] == ["desk"]

@@ -13,6 +13,8 @@ from palp_core.cli.output import note, print_json, print_table, print_text
 from palp_core.cli.running import find_graph
 
 _HERE = "palp_core.cli.launch.graph"
+SILENT_S = 2.0
+"""An end that takes longer is told to be under way."""
 
 app = lazy_app(
     "Draw a launch file's graph (palp graph FILE), list the running ones, or end one.",
@@ -115,12 +117,16 @@ def end(
 
     running = find_graph(name, changes=True)
     with ask_to_end(running) as ending:
-        if not ending.wait(timeout):
-            who = running.record.graph
+        who = running.record.graph
+        ended = ending.wait(min(timeout, SILENT_S))
+        if not ended and timeout > SILENT_S:
+            note(f"graph '{who}' is ending: nodes come to their safe state, files are written, charts drawn")
+            ended = ending.wait(timeout - SILENT_S)
+        if not ended:
             note(f"graph '{who}' is still ending, {timeout:g} s after it was asked to; it goes on by itself")
             note("palp graph list tells when it is gone, palp logs what its nodes say meanwhile")
             sys.exit(1)
-    print_text(f"graph '{running.record.graph}' (id {running.record.id}) has ended")
+    print_text(f"graph '{who}' (id {running.record.id}) has ended")
 
 
 def _duration(ns: int) -> str:

@@ -131,7 +131,8 @@ def describe(
     as_json: JsonOption = False,
 ) -> None:
     """Tell type, unit, bounds, default and value of a node's parameters."""
-    declared = find_graph(graph).ask(node, "describe_parameters", timeout_s=timeout)["parameters"]
+    reply = find_graph(graph).ask(node, "describe_parameters", timeout_s=timeout)
+    declared = reply["parameters"]
     found = {name: _declared(declared, node, name) for name in names or declared}
     if as_json:
         print_json(found)
@@ -141,6 +142,8 @@ def describe(
         for what, told in parameter.items():
             if what != "name" and told not in (None, "", [], False):
                 print_text(f"  {what.replace('_', ' ').capitalize()}: {_value_text(told)}")
+    if about := reply.get("about"):
+        print_text(f"\n{about.replace('``', '')}")
 
 
 @app.command("dump")

@@ -100,12 +100,15 @@ def _over(what: Path) -> ViewSource:
 
 
 def _show_over(listening: socket.socket, token: str, source: ViewSource) -> None:
-    from palp_core.view.pages.put_up import put_up
-    from palp_core.view.pages.viewer import Viewer
+    from palp_core.view.server.imports import serving_alone
     from palp_core.view.server.serve import serve
     from palp_core.view.source.blind import BlindSource, Harmless
     from palp_core.view.source.recorded import RecordedSource
     from palp_core.view.source.sealed import sealed_within
+
+    with serving_alone():
+        from palp_core.view.pages.put_up import put_up
+        from palp_core.view.pages.viewer import Viewer
 
     time = source if isinstance(source, RecordedSource) else None
     launch = source.launch()
@@ -141,13 +144,16 @@ def _page_over_bag(named: str) -> OwnPage | None:
 def _show_live(
     listening: socket.socket, token: str, running: RunningGraph, *, read_only: bool, operate: bool
 ) -> None:
-    from palp_core.view.pages.put_up import put_up
-    from palp_core.view.pages.viewer import Viewer
+    from palp_core.view.server.imports import serving_alone
     from palp_core.view.server.serve import serve
     from palp_core.view.source.blind import BlindSource, Harmless
     from palp_core.view.source.live import LiveSource
     from palp_core.view.source.operator import GraphOperator
     from palp_core.view.source.recordings import Recordings
+
+    with serving_alone():
+        from palp_core.view.pages.put_up import put_up
+        from palp_core.view.pages.viewer import Viewer
 
     own = _loaded(running.record.view, running.record.workspace)
     source = LiveSource(running)

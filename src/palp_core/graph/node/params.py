@@ -1,5 +1,6 @@
 """A node's parameters: what its class declares, and plain values made into them, validated as a whole."""
 
+import inspect
 from collections.abc import Mapping
 from typing import Any
 
@@ -51,6 +52,7 @@ class ParamDescription(msgspec.Struct, frozen=True, kw_only=True):
     """One parameter.
 
     Attributes:
+        description: What ``Annotated[float, Meta(description="...")]`` says of it; "" when nothing.
         type: As in Python: ``float``, ``list[str]``, ``Literal['sim', 'xeryon']``.
         unit: SI unit; "" when none is stated.
         required: It has no default.
@@ -63,6 +65,7 @@ class ParamDescription(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     name: str
+    description: str = ""
     type: str
     unit: str = ""
     required: bool = False
@@ -80,10 +83,17 @@ def describe_params(cls: type[Params]) -> dict[str, ParamDescription]:
     return {field.encode_name: _describe(field) for field in info.fields}
 
 
+def about_params(cls: type[Params]) -> str:
+    """Return what a parameter class says of its parameters, then those that it is made of; "" for nothing."""
+    own = (one for one in cls.__mro__ if issubclass(one, Params) and one is not Params)
+    said = (inspect.cleandoc(one.__dict__.get("__doc__") or "") for one in own)
+    return "\n\n".join(text for text in said if text)
+
+
 def _describe(field: msgspec.inspect.Field) -> ParamDescription:
-    kind, unit, extra = field.type, "", dict[str, Any]()
+    kind, schema, extra = field.type, dict[str, Any](), dict[str, Any]()
     if isinstance(kind, msgspec.inspect.Metadata):
-        unit = (kind.extra_json_schema or {}).get("x-unit", "")
+        schema = kind.extra_json_schema or {}
         extra = kind.extra or {}
         kind = kind.type
     choices = list(kind.values) if isinstance(kind, msgspec.inspect.LiteralType) else []
@@ -96,8 +106,9 @@ def _describe(field: msgspec.inspect.Field) -> ParamDescription:
         default = msgspec.to_builtins(field.default_factory())
     return ParamDescription(
         name=field.encode_name,
+        description=schema.get("description", ""),
         type=_type_text(kind),
-        unit=unit,
+        unit=schema.get("x-unit", ""),
         required=field.required,
         default=default,
         minimum=getattr(kind, "ge", None),

@@ -21,7 +21,7 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.external_calls import serve_outside, set_parameters
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.node import class_name
-from palp_core.graph.node.params import describe_params
+from palp_core.graph.node.params import about_params, describe_params
 from palp_core.graph.node.spec import action_of, part
 from palp_core.graph.node.timers import TimerEnd
 from palp_core.graph.transport.request_server import NodeOperation, NodeOperations, NodeRequest
@@ -218,14 +218,15 @@ class NodeServices:
         }
 
     def describe_parameters(self, _request: NodeRequest) -> dict[str, Any]:
-        """Return each parameter's type, default, value, unit, bounds and whether it can be changed."""
-        values = self._parameters()
-        described = describe_params(self._executor.declaration.params)
+        """Return what the class says of its parameters, and of each type, default, value, unit, bounds."""
+        values, declared = self._parameters(), self._executor.declaration.params
+        described = describe_params(declared)
         return {
             "parameters": {
                 name: msgspec.to_builtins(param) | {"value": values[name]}
                 for name, param in described.items()
-            }
+            },
+            "about": about_params(declared),
         }
 
     def set_parameters(self, request: SetParametersRequest) -> dict[str, Any]:

@@ -72,8 +72,10 @@ class ParameterServices:
             told = known.get(one, {})
             descriptor = ParameterDescriptor(name=one, type=parameter_value(told.get("value")).type)
             descriptor.read_only = bool(told.get("read_only"))
+            words = f"{told['description']}; " if told.get("description") else ""
             choices = f"; one of {told['choices']}" if told.get("choices") else ""
-            descriptor.description = f"{told.get('type', '')} {told.get('unit', '')}".strip() + choices
+            kind = f"{told.get('type', '')} {told.get('unit', '')}".strip()
+            descriptor.description = words + kind + choices
             low, high = told.get("minimum"), told.get("maximum")
             if low is not None and high is not None and told.get("type") == "float":
                 descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]

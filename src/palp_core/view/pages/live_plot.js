@@ -52,7 +52,7 @@ export function aligned(lists) {
 
 export default {
   template: `<div class="live-plot" role="img" :aria-label="'plot of ' + names.join(', ')"></div>`,
-  props: { names: Array, span: Number, paused: Boolean, elements: Boolean, file: String, slim: Boolean, even: Boolean, title: String },
+  props: { names: Array, span: Number, paused: Boolean, elements: Boolean, file: String, slim: Boolean, even: Boolean, title: String, along: String },
   mounted() {
     this.clear();
     document.addEventListener("visibilitychange", this.unseen);
@@ -90,7 +90,10 @@ export default {
       this.edge = -Infinity;
       const look = getComputedStyle(document.body), colour = (name) => look.getPropertyValue(name).trim();
       const line = { stroke: colour("--line"), width: 1 }, font = "12px system-ui, sans-serif";
-      const axis = { show: this.names.length > 0, stroke: look.color, font, grid: line, ticks: line };
+      const axis = { show: this.names.length > 0, stroke: look.color, font, labelFont: font, labelSize: 18, grid: line, ticks: line };
+      const across = this.elements ? "number of the element" : this.along;
+      const units = this.names.map((name) => (name.match(/ \[(.*)\]$/) || ["", ""])[1]);
+      const unit = units.every((one) => one === units[0]) ? units[0] : ""; // the legend has each
       const value = (_, one) => (one === null || one === undefined ? "\u2013" : tidy(one));
       const series = this.names.map((name, i) => {
         const stroke = colour(COLOURS[i % COLOURS.length]);
@@ -101,8 +104,8 @@ export default {
         scales: { x: { time: false } },
         legend: { show: this.names.length > 0, live: !this.slim },
         cursor: { drag: { x: true, y: false }, bind: { dblclick: () => () => this.unzoom() } },
-        axes: [{ ...axis, size: 34, values: (_, ticks) => ticks.map(this.points.some((list) => list.length) ? tidy : () => "") },
-          { ...axis, size: 70, values: (_, ticks) => ticks.map(tidy) }],
+        axes: [{ ...axis, ...this.titled(across), size: 34, values: (_, ticks) => ticks.map(this.points.some((list) => list.length) ? tidy : () => "") },
+          { ...axis, ...this.titled(unit), size: 70, values: (_, ticks) => ticks.map(tidy) }],
         series: [{ label: this.elements ? "element" : "s", value }, ...series],
         hooks: { setSelect: [(plot) => { this.zoomed = this.zoomed || plot.select.width > 0; }] },
       };
@@ -111,6 +114,9 @@ export default {
       this.fit();
       if (this.paused) this.show();
       else this.wanted();
+    },
+    titled(words) { // of an axis; a slim plot has no room for it
+      return words && !this.slim ? { label: words } : {};
     },
     room() {
       const below = this.slim ? 28 : 54; // for the legend, two lines of it at most
@@ -227,7 +233,7 @@ export default {
       let x = 70 * devicePixelRatio;
       if (this.title) {
         ink.fillStyle = look.color;
-        ink.fillText(this.elements ? `${this.title.split(",")[0]}, by element` : this.title, x, 0.75 * line);
+        ink.fillText(this.elements ? `${this.title}, by element` : `${this.title}, over ${this.along}`, x, 0.75 * line);
       }
       this.names.forEach((name, i) => {
         ink.fillStyle = look.getPropertyValue(COLOURS[i % COLOURS.length]).trim();

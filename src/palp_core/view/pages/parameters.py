@@ -29,9 +29,10 @@ def parameters_panel(viewer: Viewer, name: str) -> Callable[[], Awaitable[None]]
 
     async def ask() -> None:
         of = _at_work(viewer, name)
-        declared = await outcome.of(lambda: live.graph.ask(name, "describe_parameters")["parameters"])
-        if declared is None:
+        reply = await outcome.of(lambda: live.graph.ask(name, "describe_parameters"))
+        if reply is None:
             return
+        declared = reply["parameters"]
         shown[:] = [of]
         outcome.tell("")
         box.clear()
@@ -39,6 +40,8 @@ def parameters_panel(viewer: Viewer, name: str) -> Callable[[], Awaitable[None]]
             table(TITLES, _rows(viewer, name, declared))
             if not declared:
                 ui.label("it has none")
+            elif about := str(reply.get("about") or ""):  # what is written in its class
+                said("div", about.replace("``", ""), "quiet as-written").props('data-what="about"')
 
     async def follow() -> None:
         if shown != [_at_work(viewer, name)]:
@@ -61,6 +64,11 @@ def _rows(viewer: Viewer, node: str, declared: dict[str, Any]) -> list[tuple[Any
 def _row(viewer: Viewer, node: str, one: dict[str, Any], in_force: dict[str, Any]) -> tuple[Any, ...]:
     operator, name = viewer.operator, one["name"]
 
+    def named() -> None:
+        said("span", name)
+        if one.get("description"):
+            said("div", one["description"], "quiet")
+
     def value() -> None:
         in_force[name] = said("span", typed(one["value"]))
 
@@ -79,7 +87,7 @@ def _row(viewer: Viewer, node: str, one: dict[str, Any], in_force: dict[str, Any
             try:
                 return operator.set_parameters(node, {name: text})
             except GraphError as error:
-                raise GraphError(refused(one, text, str(error))) from error
+                raise GraphError(refused(name, text, str(error))) from error
 
         async def put() -> None:
             after = await outcome.of(change)
@@ -90,7 +98,7 @@ def _row(viewer: Viewer, node: str, one: dict[str, Any], in_force: dict[str, Any
             entry.value = typed(after[name])
             outcome.tell(f"{name} is {entry.value} now")
 
-    return name, value, field, bounds(one), typed(one["default"])
+    return named, value, field, bounds(one), typed(one["default"])
 
 
 def _entry(one: dict[str, Any]) -> Any:
@@ -102,20 +110,19 @@ def _entry(one: dict[str, Any]) -> Any:
     return ui.input(value=now).props("dense outlined").style("max-width: 11rem")
 
 
-def refused(one: dict[str, Any], text: str, why: str) -> str:
-    """Return why a value was refused, in words: of one that does not fit its bounds, which those are.
+def refused(name: str, text: str, why: str) -> str:
+    """Return why a value was refused, in words; of one that does not fit its bounds, what is expected.
 
-    >>> level = {"name": "level", "type": "float", "unit": "1", "minimum": 0.0, "maximum": 1.0, "choices": []}
-    >>> refused(level, "5", "/a: parameters: Expected `float` <= 1.0 - at `$.level`")
-    'level: 5 is refused: expected float <= 1.0; it takes float, at least 0, at most 1'
-    >>> refused(level, "5", "/a refuses the parameters: too loud")
+    >>> refused("level", "5", "/a: parameters: Expected `float` <= 1.0 - at `$.level`")
+    'level: 5 is refused: expected float <= 1.0'
+    >>> refused("level", "5", "/a refuses the parameters: too loud")
     '/a refuses the parameters: too loud'
     """
     expected, at, _ = why.rpartition("parameters: ")[2].partition(" - at `$.")
     if not at:
         return why
     expected = expected.replace("`", "").replace("Expected", "expected")
-    return f"{one['name']}: {text[:60]} is refused: {expected}; it takes {bounds(one)}"
+    return f"{name}: {text[:60]} is refused: {expected}"
 
 
 def typed(value: Any) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
+from urllib.parse import urlencode
 
 import numpy as np
 from nicegui import ui
@@ -42,7 +43,7 @@ class LivePlot(Element, component="live_plot.js", esm={"palp-uplot": "uplot"}): 
         self._sent = self._taken = 0
         self.on("taken", self._take)
         self._props.update(elements=False, slim=False, even=False)
-        self.shape(names=[], span=SPAN_S, paused=False, file=f"{file}.png", title="")
+        self.shape(names=[], span=SPAN_S, paused=False, file=f"{file}.png", title="", along="time in s")
 
     def shape(self, **props: Any) -> None:
         """Change what is shown, and how.
@@ -50,7 +51,7 @@ class LivePlot(Element, component="live_plot.js", esm={"palp-uplot": "uplot"}): 
         Args:
             props: ``names`` of the series, ``span`` in s, ``paused``; ``elements``: values by their number
                 instead of time; ``slim``: no slider; ``even``: between messages the time axis moves on, as
-                the machine's clock does; ``title``: of a saved picture.
+                the machine's clock does; ``title``: of a saved picture; ``along``: the time axis in words.
         """
         self._props.update(props)
         self.update()
@@ -105,29 +106,34 @@ class _Plotted:
 CHOOSE = "choose a field to plot"
 
 
-def plot_panel(watch: Watch, *, fast: bool = False, clock: str = "") -> None:
+def plot_panel(
+    watch: Watch, *, fast: bool = False, clock: str = "", fields: Sequence[str] = (), window_s: int = SPAN_S
+) -> None:
     """Put up a plot of a topic's numbers.
 
     Args:
         watch: The topic.
         fast: The graph goes faster than anybody looks.
         clock: The graph's, ``sim`` or ``wall``.
+        fields: Plotted from the start; what holds no numbers is left out.
+        window_s: What is shown from the start, one of :data:`SPANS_S`.
     """
     schema, plotted, outcome = watch.topic.json_schema, _Plotted(), Outcome()
     known = list(number_fields(schema))
+    first = [field for field in dict.fromkeys(fields) if _is_plottable(field, schema)]
     if not known:
         ui.label("no field of it is a number")
         return
     with ui.element("div").classes("row-of"):
         chosen = ui.select(
-            known, multiple=True, label="fields to plot", new_value_mode="add-unique", clearable=True
-        )
+            list(dict.fromkeys([*known, *first])),
+            value=first, multiple=True, label="fields to plot", new_value_mode="add-unique", clearable=True,
+        )  # fmt: skip
         chosen.props("dense outlined use-chips").style("min-width: 16rem").tooltip(
             "as in posterior or posterior[3]"
         )
-        span = (
-            ui.select(SPANS_S, value=SPAN_S, label="window").props("dense outlined").style("min-width: 7rem")
-        )
+        span = ui.select(SPANS_S, value=window_s, label="window")
+        span.props("dense outlined").style("min-width: 7rem")
         elements = ui.checkbox("by element")
         elements.tooltip("the elements of an array by their number, of the last message")
         pause = ui.button("pause").props("outline dense no-caps")
@@ -135,7 +141,11 @@ def plot_panel(watch: Watch, *, fast: bool = False, clock: str = "") -> None:
         table = ui.button("CSV").props("outline dense no-caps")
     nothing = said("div", CHOOSE, "quiet")
     plot = LivePlot(watch.topic.name.strip("/").replace("/", "_"))
-    plot.shape(even=not fast, title=titled(watch.topic.name, clock))
+    plot.shape(
+        even=not fast,
+        title=watch.topic.name,
+        along="simulated time in s" if clock == "sim" else "time in s",
+    )
     paused: list[list[tuple[str, Float64Array]]] = []  # what there was when the plot was paused, if it is
 
     def choose() -> None:
@@ -147,10 +157,20 @@ def plot_panel(watch: Watch, *, fast: bool = False, clock: str = "") -> None:
             chosen.value = [series.field for series in plotted.series]
             return
         outcome.tell("")
+        remember()
         nothing.set_visibility(not plotted.series)
         plot.shape(names=[series.label for series in plotted.series])
         if paused:  # of other fields nothing is held
             toggle()
+
+    def remember() -> None:
+        """Let the page's address tell what is plotted: a page that is loaded anew goes on with it."""
+        told = {"fields": ",".join(series.field for series in plotted.series), "window": span.value}
+        ui.navigate.history.replace(f"?{urlencode(told, safe=',[]')}")
+
+    def widen() -> None:
+        plot.shape(span=span.value)
+        remember()
 
     def kept() -> list[tuple[str, Float64Array]]:
         return [(series.label, series.points) for series in plotted.series]
@@ -178,13 +198,24 @@ def plot_panel(watch: Watch, *, fast: bool = False, clock: str = "") -> None:
         plotted.let_go()
 
     chosen.on_value_change(choose)
-    span.on_value_change(lambda: plot.shape(span=span.value))
+    span.on_value_change(widen)
     elements.on_value_change(lambda: plot.shape(elements=bool(elements.value)))
     pause.on_click(toggle)
     save.on_click(lambda: plot.run_method("save"))
     name = f"{watch.topic.name.strip('/').replace('/', '_')}.csv"
     table.on_click(download)
+    plot.shape(span=span.value)
+    if first:
+        choose()
     ui.timer(FAST_FRAME_S if fast else FRAME_S, tick)
+
+
+def _is_plottable(field: str, schema: dict[str, Any]) -> bool:
+    try:
+        FieldSeries(field, schema)
+    except GraphError:
+        return False
+    return True
 
 
 def in_words(labelled: Sequence[tuple[str, Float64Array]]) -> str:
@@ -201,12 +232,3 @@ def in_words(labelled: Sequence[tuple[str, Float64Array]]) -> str:
     cut = any(len(part) >= KEPT_POINTS for part in points)
     more = f", the last {KEPT_POINTS} of a field: no more are kept" if cut else ""
     return f"{sum(map(len, points))} points, from {begin_s:.10g} s to {end_s:.10g} s{more}"
-
-
-def titled(topic: str, clock: str) -> str:
-    """Return what a saved picture of a topic is headed with.
-
-    >>> titled("/torque/block", "sim"), titled("/torque/block", "")
-    ('/torque/block, over simulated time in s', '/torque/block, over time in s')
-    """
-    return f"{topic}, over {'simulated ' if clock == 'sim' else ''}time in s"

@@ -8,6 +8,7 @@ from palp_core.view.pages.frame import frame
 from palp_core.view.pages.graph import graph_page
 from palp_core.view.pages.node import node_page
 from palp_core.view.pages.parts import CSS
+from palp_core.view.pages.plot import SPAN_S, SPANS_S
 from palp_core.view.pages.record import record_page
 from palp_core.view.pages.results import results_page, serve_files
 from palp_core.view.pages.timeline import timeline_page
@@ -45,8 +46,9 @@ def put_up(viewer: Viewer, recordings: Recordings | None = None) -> None:
         topics_page(viewer)
 
     @ui.page("/topic/{name:path}")  # type: ignore[untyped-decorator]
-    def topic(name: str) -> None:
-        topic_page(viewer, f"/{name}")
+    def topic(name: str, fields: str = "", window: str = "") -> None:
+        window_s = int(window) if window in map(str, SPANS_S) else SPAN_S
+        topic_page(viewer, f"/{name}", [field for field in fields.split(",") if field], window_s)
 
     if recordings is not None:
 

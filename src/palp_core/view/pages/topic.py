@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from functools import partial
 
 from nicegui import ui
@@ -9,12 +11,12 @@ from nicegui import ui
 from palp_core.errors import PalpError
 from palp_core.view.pages.frame import frame
 from palp_core.view.pages.parts import CHANGES, Outcome, node_link, rate_words, said, table, topic_link
-from palp_core.view.pages.plot import plot_panel
+from palp_core.view.pages.plot import SPAN_S, plot_panel
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.message_lines import tree_text
 from palp_core.view.source.protocol import Watch
 
-UNREAD = "no node reads it"
+UNREAD = "not counted"
 """In place of a rate: readers count, and here is none."""
 REFRESH_S = 0.25
 """Of the last message in words: more often nobody reads it."""
@@ -24,22 +26,24 @@ def topics_page(viewer: Viewer) -> None:
     """Put up the list of all topics."""
     with frame(viewer, "Topics"):
         overview = viewer.source.overview()
-        unread = UNREAD if viewer.live is not None and overview.wires else ""
+        counted = viewer.live is not None and bool(overview.wires)
+        readers = Counter(wire.topic for wire in overview.wires)
         rates = {wire.topic: rate_words(wire.rate_hz) for wire in overview.wires}
         rows = (
             (
                 partial(topic_link, topic.name),
-                rates.get(topic.name, unread),
+                rates.get(topic.name, UNREAD if counted else ""),
+                *([str(readers[topic.name] or "none")] if counted else []),
                 topic.type,
                 partial(node_link, topic.node) if topic.node else "",
             )
             for topic in viewer.source.topics()
         )
-        table(("Topic", "Rate", "Type", "Publisher"), rows)
+        table(("Topic", "Rate", *(["Read by"] if counted else []), "Type", "Publisher"), rows)
 
 
-def topic_page(viewer: Viewer, name: str) -> None:
-    """Put up the page of a topic."""
+def topic_page(viewer: Viewer, name: str, fields: Sequence[str] = (), window_s: int = SPAN_S) -> None:
+    """Put up the page of a topic, with a plot of these fields."""
     with frame(viewer, name):
         try:
             watch = viewer.source.watch(name)
@@ -61,7 +65,8 @@ def topic_page(viewer: Viewer, name: str) -> None:
             with ui.element("section"):
                 said("h2", "Plot")
                 clock = viewer.source.overview().clock
-                plot_panel(watch, fast=viewer.live is not None and simulated, clock=clock)
+                fast = viewer.live is not None and simulated
+                plot_panel(watch, fast=fast, clock=clock, fields=fields, window_s=window_s)
         if viewer.operator is not None and viewer.live is not None:
             _publish(viewer, watch)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import os
 import shlex
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -22,6 +24,8 @@ KINDS = {
     **dict.fromkeys((".csv", ".json", ".txt", ".md", ".yaml", ".log"), "text/plain; charset=utf-8"),
 }
 MOST = 2000
+MOST_BELOW = 50_000
+"""Files and folders of a folder of results; one with more is a disk rather than a run."""
 
 
 class ResultFile(msgspec.Struct, frozen=True):
@@ -38,13 +42,18 @@ class ResultsSource:
         folder: It.
 
     Raises:
-        PalpError: There is none.
+        PalpError: There is none, or what is below it is too much to be looked at.
     """
 
     def __init__(self, folder: Path) -> None:
         if not folder.is_dir():
             raise PalpError(f"{folder}: no such folder; give a bag, or the folder of a run's results")
         self.folder = folder.resolve()
+        below = (len(folders) + len(files) for _, folders, files in os.walk(self.folder))
+        if any(count > MOST_BELOW for count in itertools.accumulate(below)):
+            raise PalpError(
+                f"{self.folder}: more than {MOST_BELOW} files are below it; give the folder of one run"
+            )
 
     def overview(self) -> Overview:
         """Return what it is."""

@@ -28,8 +28,11 @@ WINDOW_POINTS = 1200
 """Of a series in the whole of a plot: two for each column that it has."""
 FEWEST_POINTS = 200
 """A plot is given these, however short a part of it they are."""
-LATE_SAMPLES = 1.5
-"""A block that begins later after the one before, in its own samples, does not go on from it."""
+LATE_BLOCKS = 0.5
+"""A block that begins so much of its own length after the end of the one before does not go on from it.
+
+On the machine's clock a block begins when it has come, as much as its samples are apart sooner or later.
+"""
 
 
 def number_fields(schema: dict[str, Any], prefix: str = "") -> Iterator[str]:
@@ -109,7 +112,7 @@ class FieldSeries:
         if isinstance(start_ns, int) and isinstance(rate_hz, int | float) and rate_hz > 0:
             times_s = start_ns / 1e9 + np.arange(count) / rate_hz
             end_s, self._end_s = self._end_s, start_ns / 1e9 + count / rate_hz
-            late = end_s is not None and start_ns / 1e9 - end_s > (LATE_SAMPLES - 1) / rate_hz
+            late = end_s is not None and start_ns / 1e9 - end_s > LATE_BLOCKS * count / rate_hz
             return times_s, follows and not late
         stamp_s = heard.stamp_ns / 1e9
         if before is None or heard.stamp_ns <= before.stamp_ns:

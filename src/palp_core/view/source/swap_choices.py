@@ -10,6 +10,8 @@ asks it.
 from __future__ import annotations
 
 import ast
+import functools
+import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -17,6 +19,8 @@ import msgspec
 
 MOST_FILES = 500
 LONGEST_FILE = 1 << 20
+_READING = threading.Lock()
+"""Pages look on threads, and Python 3.11's parser fails where two of them make a tree (SystemError)."""
 
 
 class PortText(msgspec.Struct, frozen=True):
@@ -39,14 +43,24 @@ def classes_of(workspace: Path) -> Iterator[ClassText]:
     """Yield the classes in a workspace's ``nodes/``."""
     for path in sorted((workspace / "nodes").glob("*.py"))[:MOST_FILES]:
         try:
-            if path.stat().st_size > LONGEST_FILE:
+            entry = path.stat()
+            if entry.st_size > LONGEST_FILE:
                 continue
-            tree = ast.parse(path.read_text(encoding="utf-8"))
+            with _READING:
+                found = _classes_in(path, entry.st_mtime_ns, entry.st_size)
         except (OSError, ValueError, SyntaxError, RecursionError):
             continue  # a file that is being written, or is no Python: it is no choice
-        for defined in tree.body:
-            if isinstance(defined, ast.ClassDef):
-                yield ClassText(f"nodes.{path.stem}:{defined.name}", _bases(defined), _ports(defined))
+        yield from found
+
+
+@functools.lru_cache(maxsize=4 * MOST_FILES)
+def _classes_in(path: Path, _mtime_ns: int, _size: int) -> tuple[ClassText, ...]:
+    """Return the classes of a file, which is read again only when it has changed."""
+    return tuple(
+        ClassText(f"nodes.{path.stem}:{defined.name}", _bases(defined), _ports(defined))
+        for defined in ast.parse(path.read_text(encoding="utf-8")).body
+        if isinstance(defined, ast.ClassDef)
+    )
 
 
 def fitting(
