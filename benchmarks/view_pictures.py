@@ -141,9 +141,9 @@ def bag(studio: Studio) -> Viewing:
 
 
 def result(studio: Studio) -> Viewing:
-    """The files of a run that is over."""
+    """A run that is over: its report, and its files."""
     viewing = studio.over(studio.session)
-    viewing.says("report.html")
+    viewing.page.frame_locator("iframe.report").locator("h1").first.wait_for()
     return viewing
 
 

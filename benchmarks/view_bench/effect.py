@@ -110,30 +110,48 @@ def _window(run: Launched, window_s: float, viewers: list[int]) -> dict[str, flo
 
 
 def latency(rounds: int, window_s: float, *, beside: bool) -> dict[str, Any]:
-    """Return p50 and p99 of the torque edge on the machine's clock, viewed over alone, and what was lost."""
+    """Return p50 and p99 of the torque edge on the machine's clock, viewed over alone, and what was lost.
+
+    And beside a stranger over alone, as of :func:`speed`.
+    """
     found: dict[bool, list[dict[str, float]]] = {False: [], True: []}
+    stranger: list[dict[str, float]] = []
     with tempfile.TemporaryDirectory() as name, emulated() as run:
         with browser(Path(name), beside=beside) as chrome:
             for number in range(rounds):
                 for viewed in (False, True) if number % 2 == 0 else (True, False):
                     if viewed:
-                        with two_viewers(run, chrome):
-                            found[viewed].append(_latency_ms(run, window_s))
+                        with two_viewers(run, chrome) as viewers:
+                            pids = [one.process.pid for one in viewers]
+                            found[viewed].append(_latency_ms(run, window_s, pids))
                     else:
-                        found[viewed].append(_latency_ms(run, window_s))
+                        found[viewed].append(_latency_ms(run, window_s, []))
+                with _stranger(found[True][-1]["share"], idle=not beside):
+                    stranger.append(_latency_ms(run, window_s, []))
         lost = int(run.edge(READER, TORQUE)["lost"])
-    both = list(zip(found[True], found[False], strict=True))
+
+    def over_alone(rows: list[dict[str, float]], p: str) -> dict[str, Any]:
+        return spread([row[p] / alone[p] for row, alone in zip(rows, found[False], strict=True)])
+
     return {
         "lost": lost,
-        **{f"{p}_ratio": spread([viewed[p] / alone[p] for viewed, alone in both]) for p in ("p50", "p99")},
-        **{f"{p}_ms_alone": spread([alone[p] for _, alone in both]) for p in ("p50", "p99")},
-        **{f"{p}_ms_viewed": spread([viewed[p] for viewed, _ in both]) for p in ("p50", "p99")},
+        **{f"{p}_ratio": over_alone(found[True], p) for p in ("p50", "p99")},
+        **{f"{p}_ratio_beside_a_stranger": over_alone(stranger, p) for p in ("p50", "p99")},
+        **{f"{p}_ms_alone": spread([alone[p] for alone in found[False]]) for p in ("p50", "p99")},
+        **{f"{p}_ms_viewed": spread([viewed[p] for viewed in found[True]]) for p in ("p50", "p99")},
+        "viewers_and_browsers_cpu_percent": spread([100 * row["share"] for row in found[True]], 1),
     }
 
 
-def _latency_ms(run: Launched, window_s: float) -> dict[str, float]:
-    before = int(run.edge(READER, TORQUE)["received"])
+def _latency_ms(run: Launched, window_s: float, viewers: list[int]) -> dict[str, float]:
+    """Return p50 and p99 in ms, and the share of a core that viewers and browsers took."""
+
+    def used_s() -> float:
+        return sum(cpu_s(pid) for pid in viewers) + (browsers_cpu_s() if viewers else 0.0)
+
+    before, before_s, begun_ns = int(run.edge(READER, TORQUE)["received"]), used_s(), monotonic_ns()
     wait(window_s)
+    share = (used_s() - before_s) * 1e9 / (monotonic_ns() - begun_ns)
     count = int(run.edge(READER, TORQUE)["received"]) - before
     recent = run.edge(READER, TORQUE, window=max(count, 1))["recent_latency_s"]
-    return {name: 1e3 * float(recent[name]) for name in ("p50", "p99")}
+    return {"share": share, **{name: 1e3 * float(recent[name]) for name in ("p50", "p99")}}

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import msgspec
 
+from palp_core.counted import counted
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.network import join_protocol
 from palp_core.graph.network.curve_listener import Sent
@@ -74,13 +75,17 @@ class Peer:
     def _drop(self) -> None:
         self.dropped_count += 1
         if self.dropped_count & (self.dropped_count - 1) == 0:  # the 1st, 2nd, 4th, 8th ...
-            _LOG.warning("dropped %d frame(s) on the way to %s: it is too slow", self.dropped_count, self)
+            _LOG.warning(
+                "dropped %s on the way to %s: it is too slow", counted(self.dropped_count, "frame"), self
+            )
 
     def reject(self, why: str) -> None:
         """Count a message that cannot be accepted."""
         self.rejected_count += 1
         if self.rejected_count & (self.rejected_count - 1) == 0:
-            _LOG.warning("rejected %d message(s) of %s; the latest: %s", self.rejected_count, self, why)
+            _LOG.warning(
+                "rejected %s of %s; the latest: %s", counted(self.rejected_count, "message"), self, why
+            )
 
     def note_alive(self) -> None:
         """Note that it has just been heard."""

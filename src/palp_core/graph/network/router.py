@@ -9,6 +9,7 @@ from typing import Any
 
 import msgspec
 
+from palp_core.counted import counted
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.messages.frame import MAX_TOPIC_BYTES, Kind, pack, parse
 from palp_core.graph.network.event_loop import EventLoop
@@ -242,8 +243,8 @@ class Router:
             self.unfed_count += 1
             if self.unfed_count & (self.unfed_count - 1) == 0:
                 _LOG.warning(
-                    "%d message(s) for an external port refused; the latest: %s",
-                    self.unfed_count, reply["error"],
+                    "%s for an external port refused; the latest: %s",
+                    counted(self.unfed_count, "message"), reply["error"],
                 )  # fmt: skip
 
     def forget(self, peer: Peer) -> None:

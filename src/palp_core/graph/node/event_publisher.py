@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from palp_core.counted import counted
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.messages.builtin import NodeEvent
 from palp_core.graph.node.owner import Owner
@@ -52,4 +53,4 @@ class EventPublisher:
         """Count a frame that is not what an edge carries; say so the 1st, 2nd, 4th, 8th ... time."""
         self.rejected_count += 1
         if self.rejected_count & (self.rejected_count - 1) == 0:
-            self._log.warning("rejected %d frame(s); the latest: %s", self.rejected_count, error)
+            self._log.warning("rejected %s; the latest: %s", counted(self.rejected_count, "frame"), error)

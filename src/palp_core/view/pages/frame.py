@@ -73,7 +73,7 @@ def _heading(viewer: Viewer, overview: Overview) -> tuple[str, str, list[Trouble
 
 def _ways(viewer: Viewer) -> Iterator[tuple[str, str]]:
     results = viewer.source.overview().kind == "results"
-    yield "Files" if results else "Graph", "/"
+    yield "Results" if results else "Graph", "/"
     if not results:
         yield "Topics", "/topics"
     if viewer.live is not None:
