@@ -15,8 +15,9 @@ from palp_core.units import (
 
 
 class LoadReport(Message):
-    """Loads at the sensor since the last report: the largest of any axis; sent even if nothing came.
+    """Loads at the sensor since the last report: the largest of any axis; sent even if nothing came, then 0.
 
+    For who watches the sensor; torque over time, with its sign, is in ``TorqueBlock``.
     ``sample_ns`` is the time of the latest sample, 0 before the first. ``saturated_count`` and
     ``faulty_count`` count samples that must not be used. ``condition`` is the sensor's state in words.
     """

@@ -12,6 +12,10 @@ from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.safety.motion_permit import MotionPermit
 from palp_core.units import DeadlineMilliseconds, HertzPositive
 
+LONG_NS = 15_000_000_000
+"""A move that takes longer is told: nothing is seen to happen meanwhile."""
+REST = "its motor may run for a share of the time alone, and waits before it moves"
+
 
 class RigActuatorParams(Params):
     """Set in the launch file; ``beat_ms`` is how long it goes on without a word of the safety node."""
@@ -130,14 +134,16 @@ class RigActuator(Node):
         command = state.commands[0]
         try:
             if command.rehome:
-                self.device.rehome(now_ns, self.memory, self.rng)
+                rests_ns = self.device.rehome(now_ns, self.memory, self.rng)
             else:
-                self.device.command(command.ring_m, now_ns, self.memory, self.rng)
+                rests_ns = self.device.command(command.ring_m, now_ns, self.memory, self.rng)
         except DeviceError as error:
             if str(error) != self.refused:
                 self.log.warning("%s", error)
             self.refused = str(error)  # the safety node hears of it and decides
             return
+        if rests_ns - now_ns > LONG_NS:
+            self.log.warning("the ring rests in %.0f s only: %s", (rests_ns - now_ns) / 1e9, REST)
         state.activity, self.refused = "moving", ""
         self._publish(command, settled=False)
 

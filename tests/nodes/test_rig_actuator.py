@@ -28,6 +28,7 @@ class ScriptedRing:
         self.settled = True
         self.refuses = self.broken = self.gone = self.is_open = False
         self.target_m = 0.0
+        self.rests_ns = 0
         self.condition = Condition.OK
 
     def open(self, *_: Any) -> None:
@@ -48,7 +49,7 @@ class ScriptedRing:
             raise DeviceError("ring: stalled")
         self.calls.append(f"go {target_m * 1e3:g}")
         self.target_m, self.settled = target_m, False
-        return 0  # a prediction, which is not to be believed
+        return self.rests_ns  # a prediction, which is not to be believed
 
     def rehome(self, *_: Any) -> int:
         self.calls.append("rehome")
@@ -100,6 +101,18 @@ class Permitted:
 @pytest.fixture
 def permitted(monkeypatch: pytest.MonkeyPatch) -> Permitted:
     return Permitted(monkeypatch)
+
+
+def test_a_move_that_takes_long_is_told(permitted: Permitted, caplog: pytest.LogCaptureFixture) -> None:
+    permitted.run(0.1)
+    permitted.device.rests_ns = 10_000_000_000
+    permitted.send(1, 8.0)
+    assert "rests in" not in caplog.text
+    permitted.device.settled = True
+    permitted.run(0.1)
+    permitted.device.rests_ns = 150_000_000_000
+    permitted.send(2, 12.0)
+    assert "the ring rests in 150 s only: its motor may run for a share of the time alone" in caplog.text
 
 
 def test_a_command_waits_for_permission(permitted: Permitted) -> None:

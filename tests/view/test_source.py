@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from palp_core.graph.discovery.log_lines import LineReader, LogLine
 from palp_core.graph.discovery.standing import Standing
 from palp_core.graph.messages.builtin import GraphEvent
 from palp_core.view.source.folded_log import MOST_LETTERS, FoldedLog
-from palp_core.view.source.live import node_state, wire_state
+from palp_core.view.source.live import node_state, swaps_named, wire_state
 from palp_core.view.source.message_lines import MOST_LINES, tree_text
 from palp_core.view.source.node_log import MOST_BYTES, NodeLog
 from palp_core.view.source.overview import NodeState, Overview, worst
@@ -211,6 +212,20 @@ def test_a_node_that_is_well_is_told_so() -> None:
     assert (state.name, state.run, state.health, state.moves) == ("relay", "nodes.relay:Relay", "ok", True)
     assert list(node_troubles([node_row()], {}, [], "")) == []
     assert list(wire_troubles([edge_row()])) == []
+
+
+def test_of_a_node_that_changes_hands_it_is_not_said_that_it_rests() -> None:
+    asked = list[str]()
+
+    def ask(_: str, operation: str, **__: Any) -> dict[str, Any]:
+        asked.append(operation)
+        return {"node": "relay", "steps": []}
+
+    graph: Any = SimpleNamespace(ask=ask)
+    assert (swaps_named(graph, [node_row()]), asked) == ([node_row()], [])
+    rows = swaps_named(graph, [node_row(state="inactive"), node_row(name="/sink", state="inactive")])
+    assert ([row.state for row in rows], asked) == (["being swapped", "inactive"], ["swap_progress"])
+    assert [trouble.where for trouble in node_troubles(rows, {}, [], "")] == ["/sink"]
 
 
 def test_what_is_wrong_is_said_with_what_to_type() -> None:

@@ -90,7 +90,7 @@ class ToldRig:
 
     def __init__(self, clock: str = "wall") -> None:
         self.said = {kind: list(entries) for kind, entries in SAID.items()}
-        self.clock, self.now_s = clock, 1.0
+        self.clock, self.now_s, self.alive = clock, 1.0, True
         self.said_launch: dict[str, Any] = {"args": {"from_m": -0.03, "to_m": 0.05}}
         value = {"type": "array", "items": {"type": "number"}}
         schema = {"type": "object", "properties": {"value": value}}
@@ -105,7 +105,9 @@ class ToldRig:
 
     def overview(self) -> Overview:
         nodes = [NodeState(name="rig"), NodeState(name="safety")]
-        return Overview(kind="graph", title="rig", clock=self.clock, now_s=self.now_s, nodes=nodes)
+        return Overview(
+            kind="graph", title="rig", clock=self.clock, now_s=self.now_s, nodes=nodes, alive=self.alive
+        )
 
     def topics(self) -> list[Topic]:
         return self._topics
@@ -170,6 +172,21 @@ def test_it_shows_what_the_nodes_have_said() -> None:
             await user.should_see(words, retries=100)
 
     simulated(Viewer(source=ToldRig(), operator=Pressed()), look)  # type: ignore[arg-type]
+
+
+def test_a_ring_that_waits_is_told_and_once_the_graph_has_ended_nobody_calls_it_silent() -> None:
+    told = ToldRig()
+    told.now_s = 63.0
+    homing = {"target_m": 0.016, "measured_m": 0.016, "settled": False, "rehome": True, "stamp_ns": 1}
+    told.said["RingState"].append((4, homing))
+
+    async def look(user: Any) -> None:
+        await user.should_see("re-homing for 63 s now: the log of its node says", retries=100)
+        told.alive = False
+        await user.should_see("no safety node watches the rig any more", retries=100)
+        await user.should_not_see("is silent")
+
+    simulated(Viewer(source=told, operator=Pressed()), look)  # type: ignore[arg-type]
 
 
 def test_a_depth_is_a_bar_of_its_share_and_the_most_probable_one_is_marked() -> None:

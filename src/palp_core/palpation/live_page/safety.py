@@ -28,6 +28,7 @@ OPERATOR = "operator"
 BY_OPERATOR = "nothing moves, all nodes go on; somebody asked for it"
 STOPPED_ON_PURPOSE = "stopped on purpose"
 NOTHING_HEARD = SafetyWord("safety not heard yet", "unknown")
+OVER = SafetyWord("over", "unknown", "the graph has ended; no safety node watches the rig any more")
 
 
 def standing(beat: dict[str, Any] | None, silent_s: float) -> SafetyWord:

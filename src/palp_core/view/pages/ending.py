@@ -37,6 +37,8 @@ class EndPanel:
         why = self._viewer.refusal()
         self._why.text = why
         self._first.set_enabled(not why)
+        if not self._viewer.source.overview().alive:
+            self._outcome.tell("")  # the strip says that it has ended
         if why:
             self._ask(asked=False)
 

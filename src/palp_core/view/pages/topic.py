@@ -57,6 +57,8 @@ def topic_page(viewer: Viewer, name: str, fields: Sequence[str] = (), window_s: 
             said("span", "published by")
             node_link(watch.topic.node)
             rate = said("span", "").props('data-what="rate"')
+        if about := str(watch.topic.json_schema.get("description") or ""):  # what is written in its class
+            said("div", about.replace("``", ""), "quiet as-written").props('data-what="about"')
         with ui.element("div").classes("columns wide-right"):
             with ui.element("section"):
                 said("h2", "Last message")

@@ -23,7 +23,7 @@ from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.spec import LAUNCHER
 from palp_core.view.source.action_wires import actions_as_one
 from palp_core.view.source.feed import Feeds, heard, kept
-from palp_core.view.source.overview import ERROR, OK, WARN, NodeState, Overview, Trouble, WireState
+from palp_core.view.source.overview import ERROR, OK, SWAPPING, WARN, NodeState, Overview, Trouble, WireState
 from palp_core.view.source.protocol import Heard, Watch
 from palp_core.view.source.trouble import event_trouble, node_troubles, wire_troubles
 
@@ -149,6 +149,7 @@ class LiveSource:
         after = after or sample_health(graph)
         before = self._before
         node_rows, edge_rows = rows(before, after)
+        node_rows = swaps_named(graph, node_rows)
         self._before = after
         found = standing(graph, ASK_S)
         events = self._ask_events(graph)
@@ -210,6 +211,22 @@ class LiveSource:
         )
 
 
+def swaps_named(graph: RunningGraph, nodes: list[NodeRow]) -> list[NodeRow]:
+    """Return rows in which a node that changes hands is told as that; the launcher is asked if one rests."""
+    if all(row.state != "inactive" for row in nodes):
+        return nodes
+    try:
+        swapped = graph.ask(LAUNCHER, "swap_progress", timeout_s=ASK_S).get("node")
+    except GraphError:
+        return nodes
+    return [
+        msgspec.structs.replace(row, state=SWAPPING)
+        if row.name == f"/{swapped}" and row.state == "inactive"
+        else row
+        for row in nodes
+    ]
+
+
 def node_state(row: NodeRow, runs: dict[str, str], troubles: list[Trouble], moving: set[str]) -> NodeState:
     """Return how a node does, with what is wrong with it and with its inputs."""
     name = row.name.removeprefix("/")
@@ -258,4 +275,5 @@ def _ended(overview: Overview) -> Overview:
     if not overview.alive:
         return overview
     said = Trouble("the graph", WARN, HAS_ENDED, "palp launch FILE")
-    return msgspec.structs.replace(overview, alive=False, troubles=[said, *overview.troubles])
+    lost = [one for one in overview.troubles if " -> " in one.where]  # that nodes are gone is no trouble
+    return msgspec.structs.replace(overview, alive=False, troubles=[said, *lost])

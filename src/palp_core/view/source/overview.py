@@ -8,6 +8,8 @@ from collections.abc import Sequence
 import msgspec
 
 OK, WARN, ERROR, UNKNOWN = "ok", "warn", "error", "unknown"
+SWAPPING = "being swapped"
+"""In place of a lifecycle's state: of the two that have the node's name, the one that answers stands by."""
 
 
 class Trouble(msgspec.Struct, frozen=True):
@@ -25,7 +27,7 @@ class NodeState(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         name: Without the slash.
         run: Its class, ``module:Class``.
-        lifecycle: As ROS 2 has it; ``silent`` where the node does not answer.
+        lifecycle: As ROS 2 has it; ``silent`` where the node does not answer; :data:`SWAPPING`.
         health: ``ok``, ``warn`` or ``error``; ``unknown`` where nobody tells, as in a bag.
         why: What is wrong, in words; "" if nothing is.
         rate_hz: Ticks and messages handled a second; None where that is unknown.

@@ -9,7 +9,7 @@ from palp_core.graph.discovery.choice import addressed
 from palp_core.graph.discovery.health import EdgeRow, NodeRow
 from palp_core.graph.discovery.standing import Standing
 from palp_core.graph.messages.builtin import GraphEvent
-from palp_core.view.source.overview import ERROR, WARN, Trouble
+from palp_core.view.source.overview import ERROR, SWAPPING, WARN, Trouble
 
 GRAPH_TROUBLE = ("failed", "restarting", "unresponsive", "refused", "swap_failed")
 """Kinds of the launcher's events that are bad news."""
@@ -31,7 +31,7 @@ def node_troubles(
     for name, why in silent.items():
         yield Trouble(f"/{name}", ERROR, why, addressed(f"palp logs {name}", run))
     for row in rows:
-        if row.responsive and row.state not in ("active", "", "silent"):
+        if row.responsive and row.state not in ("active", "", "silent", SWAPPING):
             advice = addressed(f"palp lifecycle list {row.name}", run)
             yield Trouble(row.name, WARN, f"it is {row.state}: it handles nothing", advice)
 

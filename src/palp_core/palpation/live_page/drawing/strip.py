@@ -10,7 +10,7 @@ from nicegui import ui
 from palp_core.errors import PalpError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.palpation.live_page.roles import SAFETY_TYPE, safety_node
-from palp_core.palpation.live_page.safety import SafetyWord, acknowledged_words, standing
+from palp_core.palpation.live_page.safety import OVER, SafetyWord, acknowledged_words, standing
 from palp_core.view.pages.parts import Outcome, said
 from palp_core.view.pages.urgent import UrgentButton
 from palp_core.view.pages.viewer import Viewer
@@ -38,7 +38,10 @@ def put_up(viewer: Viewer) -> None:
     watch, beats, was = _watch(viewer, SAFETY_TYPE), _Beats(), [False]
 
     def refresh() -> None:
-        now = beats.standing(watch, alive=viewer.operator is not None)
+        live = viewer.operator is not None
+        now = beats.standing(watch, alive=live)
+        if live and not viewer.source.overview().alive:
+            now = OVER
         state.text, why.text = now.word, "; ".join(part for part in (now.why, now.advice) if part)
         state.classes(replace=f"pill {now.level}")
         if button is not None:

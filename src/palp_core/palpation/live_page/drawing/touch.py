@@ -145,6 +145,10 @@ class TouchPanel:
         self._facts.text = rig_words(monitor)
 
 
+LONG_S = 15.0
+"""A ring that is on its way for longer waits for something."""
+
+
 def taught_words(bands: list[Band], *, of_peaks: bool, ring_m: float | None) -> str:
     """Return what the bands are."""
     if not bands or ring_m is None:
@@ -162,6 +166,8 @@ def rig_words(monitor: RigMonitor) -> str:
     parts = [f"stage: {status['status']}" if status is not None else "stage: nothing heard yet"]
     if ring is not None:
         does = "settled" if ring["settled"] else "re-homing" if ring["rehome"] else "moving"
+        if (moves_s := monitor.ring_moves_s) > LONG_S:
+            does += f" for {moves_s:.0f} s now: the log of its node says what it waits for"
         parts.append(f"ring: {1e3 * ring['measured_m']:.1f} mm, {does}")
     if monitor.mounted is not None and monitor.mounted.get("code"):
         parts.append(f"phantom {monitor.mounted['code']}")
