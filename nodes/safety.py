@@ -214,7 +214,7 @@ class Safety(Node):
     ring = Sub(RingReport)
     beat = Pub(SafetyBeat)
     trip = Pub(Trip, qos=Qos(durability="transient_local", depth=20))
-    diagnostics = Pub(DiagnosticStatus, qos=Qos(durability="transient_local", depth=1))
+    diagnostics = Pub(DiagnosticStatus, qos=Qos(durability="transient_local", depth=100))
     stop = Srv(StopRequest, StatusReply)
     acknowledge = Srv(AcknowledgeRequest, AcknowledgeReply)
     status = Srv(StatusRequest, StatusReply)

@@ -41,7 +41,7 @@ class Happening(msgspec.Struct, frozen=True):
 def happenings(live: LiveSource) -> list[Happening]:
     """Return what has happened, the latest first. It asks every node: call it on a thread.
 
-    How nodes stand is remembered by the latest word of each alone: who looks keeps what was before.
+    How a node stands is remembered as far back as its own topic keeps it: of safety its last hundred words.
     """
     found = [of_graph(event) for event in live.events()]
     graph = live.graph
