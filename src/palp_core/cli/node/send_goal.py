@@ -65,14 +65,19 @@ def send_goal(
     topics = [running.topic(topic(found.node, part(name, found.port))) for name in ("feedback", "status")]
     with TopicReader(running, topics, reliable=True) as reader:
         following = _Following(running, found, caller, reader, topics)
-        try:
-            for said in following.goal(goal, deadline):
-                if feedback and as_json:
-                    print_json({"feedback": said})
-                elif feedback:
-                    _show("Feedback:", said)
-        except KeyboardInterrupt:
-            raise typer.Exit(INTERRUPTED) from None
+        while not following.ended:
+            try:
+                for said in following.goal(goal, deadline):
+                    if feedback and as_json:
+                        print_json({"feedback": said})
+                    elif feedback:
+                        _show("Feedback:", said)
+            except (
+                KeyboardInterrupt
+            ):  # wherever it came: a goal that is under way is cancelled, and followed on
+                if not following.sent:
+                    raise typer.Exit(INTERRUPTED) from None
+                following.cancel()
     ended = following.ended
     result = [readable(one, types[2]["json_schema"]) for one in ended.get("result", [])]
     if as_json:
@@ -97,6 +102,7 @@ class _Following:
     """One goal, from the first greeting of its server to its end.
 
     Attributes:
+        sent: It is on its way.
         ended: How it ended: ``status``, ``reason``, ``result``.
     """
 
@@ -110,34 +116,30 @@ class _Following:
     ) -> None:
         self._running, self._action, self._caller, self._reader = running, action, caller, reader
         self._schemas = {topic.name: topic.json_schema for topic in topics}
+        self.sent = False
         self.ended: dict[str, Any] = {}
 
     def goal(self, goal: dict[str, Any], deadline_s: float) -> Iterator[dict[str, Any]]:
-        """Send the goal and yield feedback of it until it has ended."""
+        """Send the goal, if it is not, and yield feedback of it until it has ended."""
         from palp_core.graph.clock import monotonic_ns
 
-        sent, asked_ns = False, monotonic_ns()
+        asked_ns = monotonic_ns()
         messages = self._reader.messages()
         while not self.ended:
-            try:
-                heard = next(messages, None) if not self._reader.ended else None
-                now_ns = monotonic_ns()
-                greeted = self._schemas.keys() <= self._reader.last_sequence.keys()
-                if not sent and (greeted or now_ns - asked_ns > GREETING_NS):
-                    sent, asked_ns = True, now_ns
-                    self._send(goal, deadline_s)
-                elif sent and heard is not None and heard.is_message:
-                    asked_ns = now_ns
-                    yield from self._take(heard.frame.topic, heard.frame.payload)
-                elif self._reader.ended:
-                    self._end("unknown", "the graph has ended")
-                elif sent and now_ns - asked_ns > ASK_NS:
-                    asked_ns = now_ns
-                    self._ask()
-            except KeyboardInterrupt:
-                if not sent or self.ended:
-                    raise
-                self._cancel()
+            heard = next(messages, None) if not self._reader.ended else None
+            now_ns = monotonic_ns()
+            greeted = self._schemas.keys() <= self._reader.last_sequence.keys()
+            if not self.sent and (greeted or now_ns - asked_ns > GREETING_NS):
+                self.sent, asked_ns = True, now_ns
+                self._send(goal, deadline_s)
+            elif self.sent and heard is not None and heard.is_message:
+                asked_ns = now_ns
+                yield from self._take(heard.frame.topic, heard.frame.payload)
+            elif self._reader.ended:
+                self._end("unknown", "the graph has ended")
+            elif self.sent and now_ns - asked_ns > ASK_NS:
+                asked_ns = now_ns
+                self._ask()
 
     def _send(self, goal: dict[str, Any], deadline_s: float) -> None:
         reply = self._caller.send_goal(goal, deadline_s)
@@ -170,7 +172,8 @@ class _Following:
         elif told["status"] not in ("accepted", "executing", "canceling"):
             self.ended = told
 
-    def _cancel(self) -> None:
+    def cancel(self) -> None:
+        """Ask for its end; it is followed until then."""
         reply = self._caller.cancel_goal(self._caller.goal_id)
         note(reply["reason"] or "canceling the goal; Ctrl-C again leaves it alone")
 

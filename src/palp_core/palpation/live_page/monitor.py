@@ -233,14 +233,6 @@ class RigMonitor:
     # What is shown of it
 
     @property
-    def ring_moves_s(self) -> float:
-        """For how long the ring has been on its way, s on the graph's clock; 0 while it rests."""
-        now_s = self._source.overview().now_s
-        if self.ring is None or self.ring["settled"] or now_s is None:
-            return 0.0
-        return max(now_s - float(self.ring["stamp_ns"]) / 1e9, 0.0)
-
-    @property
     def ring_m(self) -> float | None:
         """Where the ring is asked to be; None before anybody said."""
         return self.ring["target_m"] if self.ring is not None else None
