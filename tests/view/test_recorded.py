@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -130,6 +131,12 @@ def results(tmp_path: Path) -> ResultsSource:
 @pytest.mark.parametrize("name", OUTSIDE, ids=range(len(OUTSIDE)))
 def test_nothing_outside_the_folder_is_given(name: str, results: ResultsSource) -> None:
     assert results.path_of(name) is None
+
+
+def test_a_name_that_is_no_text_hides_only_itself(tmp_path: Path) -> None:
+    (tmp_path / "trials.csv").touch()
+    Path(os.fsdecode(bytes(tmp_path) + b"/a\xff.html")).touch()
+    assert [file.name for file in ResultsSource(tmp_path).files()] == ["trials.csv"]
 
 
 def test_a_disk_is_no_folder_of_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -31,6 +31,8 @@ MOST_UNDER_WAY = 2
 """Frames that a browser has not drawn yet: until it has, more is kept for the next, however slow it is."""
 DIGITS = 9
 """Of what a browser is sent: times to 1 ns."""
+MOST_FIELDS = 12
+"""Of those that an address names."""
 SPAN_S = 10
 SPANS_S = {2: "2 s", 10: "10 s", 60: "1 min", 600: "10 min"}
 
@@ -120,7 +122,7 @@ def plot_panel(
     """
     schema, plotted, outcome = watch.topic.json_schema, _Plotted(), Outcome()
     known = list(number_fields(schema))
-    first = [field for field in dict.fromkeys(fields) if _is_plottable(field, schema)]
+    first = [field for field in dict.fromkeys(fields[:MOST_FIELDS]) if _is_plottable(field, schema)]
     if not known:
         ui.label("no field of it is a number")
         return
@@ -213,7 +215,7 @@ def plot_panel(
 def _is_plottable(field: str, schema: dict[str, Any]) -> bool:
     try:
         FieldSeries(field, schema)
-    except GraphError:
+    except (GraphError, ValueError):  # a number of more digits than Python reads
         return False
     return True
 

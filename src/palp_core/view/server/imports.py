@@ -25,7 +25,8 @@ def serving_alone() -> Iterator[None]:
     try:
         yield
     finally:
-        for name in hidden:
-            del sys.modules[name]
         if collects:
             gc.enable()
+        for name in hidden:
+            if sys.modules.get(name) is None:
+                sys.modules.pop(name, None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 import shlex
@@ -93,8 +94,11 @@ class ResultsSource:
         if sealed_within(self.folder) is not None:
             return found
         for path in sorted(self.folder.rglob("*")):
-            if path.suffix in KINDS and path.is_file() and self._inside(path) is not None:
-                found.append(ResultFile(str(path.relative_to(self.folder)), path.stat().st_size))
+            with contextlib.suppress(OSError, UnicodeEncodeError):  # gone meanwhile; a name that is no text
+                if path.suffix in KINDS and path.is_file() and self._inside(path) is not None:
+                    name = str(path.relative_to(self.folder))
+                    name.encode()
+                    found.append(ResultFile(name, path.stat().st_size))
             if len(found) == MOST:
                 break
         return sorted(found, key=lambda one: (not one.name.endswith(".html"), one.name.count("/"), one.name))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import threading
 
@@ -156,3 +157,35 @@ def test_what_is_no_socketcand_is_an_error_and_not_a_frame() -> None:
         finally:
             bus.shutdown()
             thread.join()
+
+
+def test_a_flood_of_frames_of_others_keeps_nobody_longer_than_asked() -> None:
+    over = threading.Event()
+
+    def serve_all() -> None:
+        for session in range(2):
+            connection, _ = server.accept()
+            with connection:
+                connection.sendall(b"< hi >")
+                connection.recv(256)
+                connection.sendall(b"< ok >")
+                if session:
+                    connection.recv(256)
+                    connection.sendall(b"< ok >")
+                    with contextlib.suppress(OSError):  # the bus has been shut down
+                        while not over.is_set():
+                            connection.sendall(b"< frame 123 1.5 04 >" * 1000)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=serve_all, daemon=True)
+        thread.start()
+        options = {"interface": "socketcand", "channel": "can0", "host": "127.0.0.1"}
+        filters = [{"can_id": 0x320, "can_mask": 0x7F0, "extended": False}]
+        bus = _open_bus({**options, "port": server.getsockname()[1], "can_filters": filters})
+        try:
+            assert bus.recv(0.0) is None
+            assert bus.recv(0.01) is None
+        finally:
+            over.set()
+            bus.shutdown()
+            thread.join(60.0)

@@ -65,8 +65,10 @@ class PatientBus(SocketCanDaemonBus):
             sent = 0
         if sent < len(data):
             connection.settimeout(_GREETING_S)
-            connection.sendall(data[sent:])
-            connection.setblocking(False)
+            try:
+                connection.sendall(data[sent:])
+            finally:
+                connection.setblocking(False)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """Return the next frame; None if none comes in time.
@@ -88,6 +90,8 @@ class PatientBus(SocketCanDaemonBus):
                 raise can.CanOperationError("the server has closed the connection") from None
             self._unacknowledged = self._tuned
             self._take(data)
+            if not self._frames and end_s is not None and time.monotonic() >= end_s:
+                return None  # however much comes that is no frame of ours
         return self._frames.popleft()
 
     def _wait(self, left_s: float | None) -> bool:
@@ -142,8 +146,9 @@ def _expect(connection: socket.socket, expected: bytes) -> None:
         OSError: Nothing is said.
         ValueError: Something else is.
     """
-    answer = b""
+    answer, end_s = b"", time.monotonic() + _GREETING_S
     while not answer.endswith(b">") and len(answer) < _LONGEST:
+        connection.settimeout(max(end_s - time.monotonic(), 1e-3))
         if not (byte := connection.recv(1)):
             break
         answer += byte
