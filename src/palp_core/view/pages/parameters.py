@@ -8,7 +8,7 @@ from typing import Any
 from nicegui import ui
 
 from palp_core.errors import GraphError
-from palp_core.view.pages.parts import CHANGES, Outcome, labelled, said, table
+from palp_core.view.pages.parts import CHANGES, Outcome, as_written, labelled, said, table
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.message_lines import value_text
 
@@ -40,8 +40,8 @@ def parameters_panel(viewer: Viewer, name: str) -> Callable[[], Awaitable[None]]
             table(TITLES, _rows(viewer, name, declared))
             if not declared:
                 ui.label("it has none")
-            elif about := str(reply.get("about") or ""):  # what is written in its class
-                said("div", about.replace("``", ""), "quiet as-written").props('data-what="about"')
+            else:
+                as_written(reply.get("about"))
 
     async def follow() -> None:
         if shown != [_at_work(viewer, name)]:

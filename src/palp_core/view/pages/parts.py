@@ -32,6 +32,12 @@ def said(tag: str, text: str = "", classes: str = "") -> Any:
     return TextElement(tag=tag, text=text).classes(classes)
 
 
+def as_written(text: object) -> None:
+    """Show what is written in a class about what is shown; nothing if nothing is."""
+    if text:
+        said("div", str(text).replace("``", ""), "quiet as-written").props('data-what="about"')
+
+
 def labelled(element: Any, label: str) -> Any:
     """Return an element with the name by which it is read out, whatever that is: a node may choose it."""
     element.props["aria-label"] = label

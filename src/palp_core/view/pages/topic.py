@@ -10,7 +10,16 @@ from nicegui import ui
 
 from palp_core.errors import PalpError
 from palp_core.view.pages.frame import frame
-from palp_core.view.pages.parts import CHANGES, Outcome, node_link, rate_words, said, table, topic_link
+from palp_core.view.pages.parts import (
+    CHANGES,
+    Outcome,
+    as_written,
+    node_link,
+    rate_words,
+    said,
+    table,
+    topic_link,
+)
 from palp_core.view.pages.plot import SPAN_S, plot_panel
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.message_lines import tree_text
@@ -57,8 +66,7 @@ def topic_page(viewer: Viewer, name: str, fields: Sequence[str] = (), window_s: 
             said("span", "published by")
             node_link(watch.topic.node)
             rate = said("span", "").props('data-what="rate"')
-        if about := str(watch.topic.json_schema.get("description") or ""):  # what is written in its class
-            said("div", about.replace("``", ""), "quiet as-written").props('data-what="about"')
+        as_written(watch.topic.json_schema.get("description"))
         with ui.element("div").classes("columns wide-right"):
             with ui.element("section"):
                 said("h2", "Last message")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import socket
 import threading
+from collections.abc import Iterator
 
 import can
 import pytest
@@ -27,6 +28,20 @@ def serve(server: socket.socket, answers: list[list[bytes]], over: threading.Eve
     over.wait(60.0)
     for connection in held:
         connection.close()
+
+
+@contextlib.contextmanager
+def greeted(server: socket.socket) -> Iterator[socket.socket]:
+    """Greet who looks whether it is a socketcand, then who stays; that one waits for its last "< ok >"."""
+    for stays in (False, True):
+        connection, _ = server.accept()
+        with connection:
+            connection.sendall(b"< hi >")
+            connection.recv(256)
+            connection.sendall(b"< ok >")
+            if stays:
+                connection.recv(256)
+                yield connection
 
 
 @pytest.mark.parametrize("said", [[], [b"< hi >"], [b"< hi >", b"< ok >"], [b"< hello >"]])
@@ -95,18 +110,11 @@ def test_frames_come_whole_however_they_are_cut_and_the_end_of_a_connection_is_a
 
     def serve_all() -> None:
         nonlocal sent
-        for session in range(2):
-            connection, _ = server.accept()
-            with connection:
-                connection.sendall(b"< hi >")
-                connection.recv(256)
-                connection.sendall(b"< ok >")
-                if session:
-                    connection.recv(256)
-                    connection.sendall(b"< ok >" + pieces[0])
-                    cut.wait(60.0)
-                    connection.sendall(pieces[1])
-                    sent = connection.recv(256)
+        with greeted(server) as connection:
+            connection.sendall(b"< ok >" + pieces[0])
+            cut.wait(60.0)
+            connection.sendall(pieces[1])
+            sent = connection.recv(256)
 
     with socket.create_server(("127.0.0.1", 0)) as server:
         thread = threading.Thread(target=serve_all, daemon=True)
@@ -137,15 +145,8 @@ def test_what_is_no_socketcand_is_an_error_and_not_a_frame() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def serve_all() -> None:
-            for session in range(2):
-                connection, _ = server.accept()
-                with connection:
-                    connection.sendall(b"< hi >")
-                    connection.recv(256)
-                    connection.sendall(b"< ok >")
-                    if session:
-                        connection.recv(256)
-                        connection.sendall(b"< ok >\xff\xfe>")
+            with greeted(server) as connection:
+                connection.sendall(b"< ok >\xff\xfe>")
 
         thread = threading.Thread(target=serve_all, daemon=True)
         thread.start()
@@ -163,18 +164,10 @@ def test_a_flood_of_frames_of_others_keeps_nobody_longer_than_asked() -> None:
     over = threading.Event()
 
     def serve_all() -> None:
-        for session in range(2):
-            connection, _ = server.accept()
-            with connection:
-                connection.sendall(b"< hi >")
-                connection.recv(256)
-                connection.sendall(b"< ok >")
-                if session:
-                    connection.recv(256)
-                    connection.sendall(b"< ok >")
-                    with contextlib.suppress(OSError):  # the bus has been shut down
-                        while not over.is_set():
-                            connection.sendall(b"< frame 123 1.5 04 >" * 1000)
+        with greeted(server) as connection, contextlib.suppress(OSError):  # the bus has been shut down
+            connection.sendall(b"< ok >")
+            while not over.is_set():
+                connection.sendall(b"< frame 123 1.5 04 >" * 1000)
 
     with socket.create_server(("127.0.0.1", 0)) as server:
         thread = threading.Thread(target=serve_all, daemon=True)
