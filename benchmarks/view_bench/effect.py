@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -52,38 +52,54 @@ def speed(rounds: int, window_s: float, *, compose: bool, beside: bool) -> dict[
         compose: The graph in one process.
         beside: The browsers have the priority of the graph.
     """
-    found: dict[bool, list[dict[str, float]]] = {False: [], True: []}
-    stranger: list[dict[str, float]] = []
-    with tempfile.TemporaryDirectory() as name, simulated(compose=compose) as run:
-        with browser(Path(name), beside=beside) as chrome:
-            for number in range(rounds):
-                for viewed in (False, True) if number % 2 == 0 else (True, False):
-                    if viewed:
-                        with two_viewers(run, chrome) as viewers:
-                            found[viewed].append(_window(run, window_s, [one.process.pid for one in viewers]))
-                    else:
-                        found[viewed].append(_window(run, window_s, []))
-                took = found[True][-1]
-                with _stranger(took["viewers"] + took["browsers"], idle=not beside):
-                    stranger.append(_window(run, window_s, []))
+    with simulated(compose=compose) as run:
+        alone, viewed, stranger = _by_turns(
+            run, rounds, lambda viewers: _window(run, window_s, viewers), beside
+        )
         edge = run.edge(READER, TORQUE)
-    both = list(zip(found[True], found[False], strict=True))
+    both = list(zip(viewed, alone, strict=True))
     return {
-        "ratio": spread([viewed["blocks"] / alone["blocks"] for viewed, alone in both]),
+        "ratio": spread([one["blocks"] / other["blocks"] for one, other in both]),
         "ratio_beside_a_stranger": spread(
-            [one["blocks"] / alone["blocks"] for one, alone in zip(stranger, found[False], strict=True)]
+            [one["blocks"] / other["blocks"] for one, other in zip(stranger, alone, strict=True)]
         ),
-        "blocks_per_wall_s_alone": spread([alone["blocks"] for _, alone in both], 1),
-        "blocks_per_wall_s_viewed": spread([viewed["blocks"] for viewed, _ in both], 1),
+        "blocks_per_wall_s_alone": spread([one["blocks"] for one in alone], 1),
+        "blocks_per_wall_s_viewed": spread([one["blocks"] for one in viewed], 1),
         "graph_cpu_s_per_block_ratio": spread(
-            [
-                viewed["graph"] / viewed["blocks"] / (alone["graph"] / alone["blocks"])
-                for viewed, alone in both
-            ]
+            [one["graph"] / one["blocks"] / (other["graph"] / other["blocks"]) for one, other in both]
         ),
-        **{f"{who}_cpu_percent": spread([100 * row[who] for row in found[True]], 1) for who in WHO},
+        **{f"{who}_cpu_percent": spread([100 * row[who] for row in viewed], 1) for who in WHO},
         "lost": int(edge["lost"]),
     }
+
+
+Rows = list[dict[str, float]]
+
+
+def _by_turns(
+    run: Launched, rounds: int, look: Callable[[list[int]], dict[str, float]], beside: bool
+) -> tuple[Rows, Rows, Rows]:
+    """Return what is seen alone, viewed, and beside a stranger, window by window.
+
+    Args:
+        run: The graph.
+        rounds: Of three windows each.
+        look: Measures a window, given the viewers' processes; ``share`` is what viewers and browsers took.
+        beside: As of :func:`speed`.
+    """
+    found: dict[bool, Rows] = {False: [], True: []}
+    stranger: Rows = []
+    with tempfile.TemporaryDirectory() as name, browser(Path(name), beside=beside) as chrome:
+        for number in range(rounds):
+            for viewed in (False, True) if number % 2 == 0 else (True, False):
+                if viewed:
+                    with two_viewers(run, chrome) as viewers:
+                        found[viewed].append(look([one.process.pid for one in viewers]))
+                else:
+                    found[viewed].append(look([]))
+            with _stranger(found[True][-1]["share"], idle=not beside):
+                stranger.append(look([]))
+    return found[False], found[True], stranger
 
 
 @contextmanager
@@ -106,7 +122,8 @@ def _window(run: Launched, window_s: float, viewers: list[int]) -> dict[str, flo
     before, begun_ns = now(), monotonic_ns()
     wait(window_s)
     after, ended_ns = now(), monotonic_ns()
-    return {name: (after[name] - before[name]) * 1e9 / (ended_ns - begun_ns) for name in before}
+    found = {name: (after[name] - before[name]) * 1e9 / (ended_ns - begun_ns) for name in before}
+    return {**found, "share": found["viewers"] + found["browsers"]}
 
 
 def latency(rounds: int, window_s: float, *, beside: bool) -> dict[str, Any]:
@@ -114,32 +131,22 @@ def latency(rounds: int, window_s: float, *, beside: bool) -> dict[str, Any]:
 
     And beside a stranger over alone, as of :func:`speed`.
     """
-    found: dict[bool, list[dict[str, float]]] = {False: [], True: []}
-    stranger: list[dict[str, float]] = []
-    with tempfile.TemporaryDirectory() as name, emulated() as run:
-        with browser(Path(name), beside=beside) as chrome:
-            for number in range(rounds):
-                for viewed in (False, True) if number % 2 == 0 else (True, False):
-                    if viewed:
-                        with two_viewers(run, chrome) as viewers:
-                            pids = [one.process.pid for one in viewers]
-                            found[viewed].append(_latency_ms(run, window_s, pids))
-                    else:
-                        found[viewed].append(_latency_ms(run, window_s, []))
-                with _stranger(found[True][-1]["share"], idle=not beside):
-                    stranger.append(_latency_ms(run, window_s, []))
+    with emulated() as run:
+        alone, viewed, stranger = _by_turns(
+            run, rounds, lambda viewers: _latency_ms(run, window_s, viewers), beside
+        )
         lost = int(run.edge(READER, TORQUE)["lost"])
 
     def over_alone(rows: list[dict[str, float]], p: str) -> dict[str, Any]:
-        return spread([row[p] / alone[p] for row, alone in zip(rows, found[False], strict=True)])
+        return spread([row[p] / other[p] for row, other in zip(rows, alone, strict=True)])
 
     return {
         "lost": lost,
-        **{f"{p}_ratio": over_alone(found[True], p) for p in ("p50", "p99")},
+        **{f"{p}_ratio": over_alone(viewed, p) for p in ("p50", "p99")},
         **{f"{p}_ratio_beside_a_stranger": over_alone(stranger, p) for p in ("p50", "p99")},
-        **{f"{p}_ms_alone": spread([alone[p] for alone in found[False]]) for p in ("p50", "p99")},
-        **{f"{p}_ms_viewed": spread([viewed[p] for viewed in found[True]]) for p in ("p50", "p99")},
-        "viewers_and_browsers_cpu_percent": spread([100 * row["share"] for row in found[True]], 1),
+        **{f"{p}_ms_alone": spread([row[p] for row in alone]) for p in ("p50", "p99")},
+        **{f"{p}_ms_viewed": spread([row[p] for row in viewed]) for p in ("p50", "p99")},
+        "viewers_and_browsers_cpu_percent": spread([100 * row["share"] for row in viewed], 1),
     }
 
 
