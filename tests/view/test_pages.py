@@ -351,6 +351,32 @@ def test_the_end_of_the_graph_asks_twice_and_is_dead_where_it_may_not_be_pressed
     simulated(lambda: panels.append(EndPanel(viewer)), look)
 
 
+def test_a_bag_that_is_played_at_its_end_begins_anew_and_stops_there_again() -> None:
+    from palp_core.view.pages.time_bar import time_bar
+
+    class Recording:
+        start_s, end_s, at_s = 5.0, 5.2, 5.2
+
+        def __init__(self) -> None:
+            self.sought: list[float] = []
+
+        def seek(self, at_s: float) -> None:
+            self.sought.append(at_s)
+            self.at_s = min(max(at_s, self.start_s), self.end_s)
+
+    recording = Recording()
+
+    async def look(user: Any) -> None:
+        await user.should_see("5.200 s, of 5.000 to 5.200")
+        user.find("play").click()
+        await user.should_see("pause")
+        assert recording.sought[0] == 5.0
+        await user.should_see("play", retries=100)
+        await user.should_see("5.200 s, of 5.000 to 5.200")
+
+    simulated(lambda: time_bar(recording), look)  # type: ignore[arg-type]
+
+
 def test_a_refused_press_is_told_on_the_page() -> None:
     from nicegui import ui
 

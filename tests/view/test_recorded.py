@@ -25,7 +25,7 @@ def examined(source: RecordedSource) -> Overview:
 
 def test_a_bag_shows_what_was_so_at_the_chosen_time(bag: Path) -> None:
     source = RecordedSource(bag)
-    assert (source.start_s, source.end_s) == (0.0, 0.199)
+    assert (source.start_s, source.end_s, source.at_s) == (0.0, 0.199, 0.199)
     block, mode = source.watch("/torque/block"), source.watch("/policy/mode")
     seen = []
     for at_s in (0.0, 0.05, 0.15, 0.05):

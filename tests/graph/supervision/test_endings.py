@@ -72,7 +72,8 @@ def test_a_graph_is_ended_from_elsewhere_as_ctrl_c_at_its_launch_ends_it(palp: P
     wait_for_line(process, "blocks: 1/")
     name = json.loads(palp.run("graph", "list", "--json").stdout)[0]["name"]
     assert "no graph named 'none' is running" in palp.run("graph", "end", "none").stderr
-    done = palp.run("graph", "end", name)
+    assert "name two graphs" in palp.run("graph", "end", name, "--graph", "none").stderr
+    done = palp.run("graph", "end", "--graph", name)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith(f"graph '{name}' (id ")
     assert palp.all_gone()  # at once: it has waited for the end

@@ -8,7 +8,7 @@ import typer
 
 from palp_core.cli import completion
 from palp_core.cli.lazy import Verb, lazy_app
-from palp_core.cli.options import JsonOption
+from palp_core.cli.options import GraphOption, JsonOption
 from palp_core.cli.output import note, print_json, print_table, print_text
 from palp_core.cli.running import find_graph
 
@@ -104,6 +104,7 @@ def end(
         ),
     ] = None,
     *,
+    graph: GraphOption = None,
     timeout: Annotated[
         float, typer.Option("--timeout", metavar="S", min=0.0, max=86400.0, help="Seconds to wait for it.")
     ] = 60.0,
@@ -115,7 +116,9 @@ def end(
     """
     from palp_core.graph.discovery.ending import ask_to_end
 
-    running = find_graph(name, changes=True)
+    if name is not None and graph not in (None, name):
+        raise typer.BadParameter(f"'{name}' and --graph {graph} name two graphs; name the one that is to end")
+    running = find_graph(name or graph, changes=True)
     with ask_to_end(running) as ending:
         who = running.record.graph
         ended = ending.wait(min(timeout, SILENT_S))

@@ -1,4 +1,4 @@
-"""The time bar of a bag: where one is in it, and its going on by itself."""
+"""The time bar of a bag: where one is in it, and its going on by itself, from its end over to its begin."""
 
 from __future__ import annotations
 
@@ -44,6 +44,9 @@ def time_bar(source: RecordedSource) -> None:
 
     def toggle() -> None:
         last_ns[0] = monotonic_ns()
+        if not timer.active and source.at_s >= source.end_s:
+            source.seek(source.start_s)
+            bar.value = source.at_s
         timer.active = not timer.active
         play.text = "pause" if timer.active else "play"
 

@@ -37,7 +37,7 @@ class RecordedSource:
     Attributes:
         start_s: Where it begins, on the graph's clock.
         end_s: Where it ends.
-        at_s: The chosen time; all that is shown is from then or before.
+        at_s: The chosen time; all that is shown is from then or before. At first the end: all is there then.
 
     Raises:
         BagError: No such bag.
@@ -52,7 +52,7 @@ class RecordedSource:
             problems = bag.problems
         self.start_s = min((start for start, _ in times), default=0) / 1e9
         self.end_s = max((end for _, end in times), default=0) / 1e9
-        self.at_s = self.start_s
+        self.at_s = self.end_s
         self._lock = threading.Lock()
         self._open: Bag | None = None
         self._launch = _launch(attachments)
