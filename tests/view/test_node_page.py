@@ -17,7 +17,8 @@ from palp_core.errors import GraphError
 from palp_core.view.pages.node import ports
 from palp_core.view.pages.parameters import parameters_panel
 from palp_core.view.pages.swap import swap_words
-from tests.view.test_pages import SAMPLE, Told, simulated
+from tests.support.view.simulated_user import simulated
+from tests.view.test_pages import SAMPLE, Told
 
 LEVEL = {
     "name": "level", "description": "of full scale",

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import re
-from collections.abc import Callable, Coroutine, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,11 +18,12 @@ from palp_core.view.source.overview import NodeState, Overview, Trouble, WireSta
 from palp_core.view.source.protocol import Heard
 
 pytest.importorskip("nicegui")
-user_simulation = pytest.importorskip("nicegui.testing.user_simulation").user_simulation
+pytest.importorskip("nicegui.testing.user_simulation")
 
-from palp_core.view.pages.graph import GraphDrawing, graph_page, pairs_of, shared_words, wire_line, wire_words  # noqa: E402
-from palp_core.view.pages.layout import HEIGHT, WIDTH, layout  # noqa: E402
-from palp_core.view.pages.viewer import OwnPage, Viewer  # noqa: E402
+from palp_core.view.pages.graph import GraphDrawing, graph_page, pairs_of, shared_words, wire_line, wire_words
+from palp_core.view.pages.layout import HEIGHT, WIDTH, layout
+from palp_core.view.pages.viewer import OwnPage, Viewer
+from tests.support.view.simulated_user import simulated
 
 ROOT = Path(__file__).resolve().parents[2]
 MARKUP = "<script>alert(1)</script>"
@@ -85,17 +85,6 @@ class Pressed:
     def call(self, *given: Any, **named: Any) -> dict[str, Any]:
         self.calls.append((given, named))
         return {"ok": True}
-
-
-def simulated(put: Callable[[], None], look: Callable[[Any], Coroutine[Any, Any, None]]) -> None:
-    """Let a simulated user open a page and look at it."""
-
-    async def run() -> None:
-        async with user_simulation(root=put) as user:
-            await user.open("/")
-            await look(user)
-
-    asyncio.run(run())
 
 
 def test_what_is_wrong_is_on_the_page_as_text() -> None:

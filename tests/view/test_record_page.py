@@ -17,7 +17,8 @@ from palp_core.errors import BagError
 from palp_core.view.pages.record import record_page, state_of
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.recordings import IN_SIMULATED_TIME
-from tests.view.test_pages import Told, simulated
+from tests.support.view.simulated_user import simulated
+from tests.view.test_pages import Told
 
 
 def test_in_simulated_time_the_buttons_are_dead_and_it_says_why() -> None:

@@ -13,7 +13,7 @@ pytest.importorskip("nicegui.testing.user_simulation")
 from palp_core.palpation.live_page.drawing.strip import _Acknowledge
 from palp_core.palpation.live_page.safety import standing
 from palp_core.view.source.operator import NOT_OPERATED
-from tests.view.test_pages import simulated
+from tests.support.view.simulated_user import simulated
 
 STOPPED = {"state": "latched", "permits": False, "cause": "operator", "text": "palp view", "warning": ""}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Coroutine, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import pytest
@@ -18,9 +18,10 @@ from palp_core.view.source.overview import NodeState, Overview
 from palp_core.view.source.protocol import Heard, Watch
 
 pytest.importorskip("nicegui")
-user_simulation = pytest.importorskip("nicegui.testing.user_simulation").user_simulation
+pytest.importorskip("nicegui.testing.user_simulation")
 
-from palp_core.view.pages.viewer import OwnPage, Viewer  # noqa: E402
+from palp_core.view.pages.viewer import OwnPage, Viewer
+from tests.support.view.simulated_user import simulated
 
 KINDS = ("Prompt", "Countdown", "EffortBars", "HumanTrialDone")
 
@@ -102,17 +103,8 @@ class Answered:
         return {"taken": not self.why_not, "text": self.why_not}
 
 
-def simulated(
-    viewer: Viewer, look: Callable[[Any], Coroutine[Any, Any, None]], page: Callable[[Viewer], None] = human
-) -> None:
-    """Let a simulated user open the page, and look."""
-
-    async def run() -> None:
-        async with user_simulation(root=lambda: OwnPage(page).put_up(viewer)) as user:
-            await user.open("/")
-            await look(user)
-
-    asyncio.run(run())
+def put(viewer: Viewer, page: Callable[[Viewer], None] = human) -> Callable[[], None]:
+    return lambda: OwnPage(page).put_up(viewer)
 
 
 def page_of(session: ToldSession, answered: Answered | None) -> Viewer:
@@ -141,7 +133,7 @@ def test_what_is_asked_is_answered_by_a_press_to_the_node_and_prompt_that_asked(
         await user.should_see("The subject rests.", retries=100)
         await user.should_not_see("go on (Enter)")
 
-    simulated(page_of(session, answered), look)
+    simulated(put(page_of(session, answered)), look)
     assert answered.calls == [
         ("session", "answer", {"number": 7, "text": "again", "by": "page"}),
         ("session", "answer", {"number": 8, "text": "4", "by": "page"}),
@@ -159,7 +151,7 @@ def test_on_the_page_of_the_rig_whoever_mounts_phantoms_is_asked_blinded_too(bli
         user.find("go on (Enter)").click()
         await called(answered, 1)
 
-    simulated(Viewer(source=source, operator=answered), look, rig)  # type: ignore[arg-type]
+    simulated(put(Viewer(source=source, operator=answered), rig), look)  # type: ignore[arg-type]
     assert "answer" in HARMLESS.calls
 
 
@@ -179,7 +171,7 @@ def test_what_may_be_a_name_is_refused_before_it_is_sent_and_a_code_is() -> None
         user.find("send").click()
         await called(answered, 1)
 
-    simulated(page_of(session, answered), look)
+    simulated(put(page_of(session, answered)), look)
     assert answered.calls[0][2]["text"] == "S01"
 
 
@@ -192,7 +184,7 @@ def test_an_answer_that_is_not_taken_is_said() -> None:
         user.find("go on (Enter)").click()
         await user.should_see("that is not asked any more", retries=100)
 
-    simulated(page_of(session, answered), look)
+    simulated(put(page_of(session, answered)), look)
 
 
 def test_where_nothing_may_be_pressed_it_says_why_and_over_a_bag_nothing_can_be() -> None:
@@ -208,8 +200,8 @@ def test_where_nothing_may_be_pressed_it_says_why_and_over_a_bag_nothing_can_be(
         await user.should_see("what is shown is over", retries=100)
         await user.should_not_see("go on (Enter)")
 
-    simulated(page_of(session, answered), refused)
-    simulated(page_of(session, None), over)
+    simulated(put(page_of(session, answered)), refused)
+    simulated(put(page_of(session, None)), over)
 
 
 def test_time_and_effort_are_shown_while_they_are_of_what_is_asked() -> None:
@@ -226,7 +218,7 @@ def test_time_and_effort_are_shown_while_they_are_of_what_is_asked() -> None:
         await user.should_not_see("mvc: 3 s left", retries=100)
         await user.should_not_see("clipped", retries=100)
 
-    simulated(page_of(session, None), look)
+    simulated(put(page_of(session, None)), look)
 
 
 def test_a_trial_that_was_spoilt_is_told_from_one_that_was_answered() -> None:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Callable, Coroutine, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -22,9 +21,10 @@ from palp_core.view.source.overview import NodeState, Overview
 from palp_core.view.source.protocol import Heard, ViewSource, Watch
 
 pytest.importorskip("nicegui")
-user_simulation = pytest.importorskip("nicegui.testing.user_simulation").user_simulation
+pytest.importorskip("nicegui.testing.user_simulation")
 
-from palp_core.view.pages.viewer import OwnPage, Viewer  # noqa: E402
+from palp_core.view.pages.viewer import OwnPage, Viewer
+from tests.support.view.simulated_user import simulated
 
 DEPTHS_M = [0.002, 0.004, 0.008]
 BEAT = {"state": "ready", "permits": True, "cause": "", "text": "", "warning": ""}
@@ -143,20 +143,14 @@ class Pressed:
         return {"done": True, "state": "starting", "text": "it goes on by itself"}
 
 
-def simulated(viewer: Viewer, look: Callable[[Any], Coroutine[Any, Any, None]]) -> None:
-    """Let a simulated user open strip and page, and look."""
+def strip_and_page(viewer: Viewer) -> Callable[[], None]:
     own = OwnPage(rig)
 
     def put() -> None:
         own.put_strip(viewer)
         own.put_up(viewer)
 
-    async def run() -> None:
-        async with user_simulation(root=put) as user:
-            await user.open("/")
-            await look(user)
-
-    asyncio.run(run())
+    return put
 
 
 SEEN = (
@@ -171,7 +165,7 @@ def test_it_shows_what_the_nodes_have_said() -> None:
         for words in SEEN:
             await user.should_see(words, retries=100)
 
-    simulated(Viewer(source=ToldRig(), operator=Pressed()), look)  # type: ignore[arg-type]
+    simulated(strip_and_page(Viewer(source=ToldRig(), operator=Pressed())), look)  # type: ignore[arg-type]
 
 
 def test_a_ring_that_waits_is_told_and_once_the_graph_has_ended_nobody_calls_it_silent() -> None:
@@ -186,7 +180,7 @@ def test_a_ring_that_waits_is_told_and_once_the_graph_has_ended_nobody_calls_it_
         await user.should_see("no safety node watches the rig any more", retries=100)
         await user.should_not_see("is silent")
 
-    simulated(Viewer(source=told, operator=Pressed()), look)  # type: ignore[arg-type]
+    simulated(strip_and_page(Viewer(source=told, operator=Pressed())), look)  # type: ignore[arg-type]
 
 
 def test_a_depth_is_a_bar_of_its_share_and_the_most_probable_one_is_marked() -> None:
@@ -208,7 +202,7 @@ def test_of_a_blinded_session_none_of_it_is_on_the_page() -> None:
             await user.should_not_see(words)
 
     source = BlindSource(ToldRig(), HARMLESS)
-    simulated(Viewer(source=source, operator=Pressed()), look)  # type: ignore[arg-type]
+    simulated(strip_and_page(Viewer(source=source, operator=Pressed())), look)  # type: ignore[arg-type]
 
 
 def test_a_trip_is_left_behind_only_when_asked_twice() -> None:
@@ -227,7 +221,7 @@ def test_a_trip_is_left_behind_only_when_asked_twice() -> None:
         await user.should_see("ready", retries=100)
         await user.should_see("it goes on by itself")  # and is not wiped away as the stop is left
 
-    simulated(Viewer(source=told, operator=pressed), look)  # type: ignore[arg-type]
+    simulated(strip_and_page(Viewer(source=told, operator=pressed)), look)  # type: ignore[arg-type]
 
 
 def monitor(source: ViewSource, **how: bool) -> RigMonitor:
@@ -330,12 +324,7 @@ def test_a_slow_browser_is_sent_no_more_than_it_takes_and_then_the_whole_sweep()
         panel.show([])
         assert sent[-1] == ("begin", 2)
 
-    async def run() -> None:
-        async with user_simulation(root=put) as user:
-            await user.open("/")
-            await look(user)
-
-    asyncio.run(run())
+    simulated(put, look)
 
 
 def test_once_training_is_over_its_sweeps_are_read_from_the_sessions_folder(tmp_path: Path) -> None:
@@ -356,5 +345,16 @@ def test_once_training_is_over_its_sweeps_are_read_from_the_sessions_folder(tmp_
     (band,), of_peaks = now.bands()
     assert (band.depth_mm, band.sweep_count, of_peaks) == (4.0, 4, False)
     assert not now.wants_taught
+    assert now.session_folder == tmp_path / "out"
+    assert monitor(told, recorded=True).session_folder is None
+    from palp_core.palpation.live_page.drawing.outcome import OutcomePanel
+
+    async def look(user: Any) -> None:
+        await user.should_see(f"palp view {tmp_path / 'out'}")  # of a graph that has ended, too
+
+    def put() -> None:
+        OutcomePanel(told, now, blind=False).show()
+
+    simulated(put, look)
     told.said_launch = {"params": {"rig": {"out": "out"}}}  # where that is nobody knows
     assert monitor(told).bands()[1]

@@ -115,18 +115,22 @@ class RigMonitor:
     @property
     def wants_taught(self) -> bool:
         """Whether training is over, and its sweeps are still to be read."""
-        known = self.learnt is not None and self._session_folder() is not None
-        return known and not self._recorded and self._read is not self.learnt
+        known = self.learnt is not None and self.session_folder is not None
+        return known and self._read is not self.learnt
 
     def load_taught(self) -> None:
         """Take what training taught, by the session's folder, once training is over; on a thread."""
-        out = self._session_folder()
+        out = self.session_folder
         if self.wants_taught and out is not None:
             self._read = self.learnt
             found = taught_by_folder(out, *self.path_m)
             self.taught = found if found.sweep_count else self.taught
 
-    def _session_folder(self) -> Path | None:
+    @property
+    def session_folder(self) -> Path | None:
+        """Where record and report are written; None where that is not known, and over a bag."""
+        if self._recorded:
+            return None
         experiment = self.topics.get("TrialResult", "").partition("/")[2].partition("/")[0]
         launch = self._source.launch()
         out = launch.get("params", {}).get(experiment, {}).get("out")

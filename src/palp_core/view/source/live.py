@@ -58,6 +58,7 @@ class LiveSource:
         self._record_mark: tuple[int, int] | None = None
         self._launch: dict[str, Any] = {}
         self._launch_of: object = None
+        self._folder = ""
         self._events: list[GraphEvent] = []
         self._clock: tuple[int, int] | None = None
         self._before: HealthSample | None = None
@@ -89,13 +90,7 @@ class LiveSource:
     def launch(self) -> dict[str, Any]:
         """Return what the launch file said, and the ``folder`` that paths count from; {} if not known yet."""
         found: dict[str, Any] = self._launch.get("launch", {})
-        if not found:
-            return {}
-        try:
-            folder = str(Path(f"/proc/{self.graph.record.pid}/cwd").readlink())
-        except OSError:  # it has ended, or is another user's
-            folder = ""
-        return {**found, "folder": folder}
+        return {**found, "folder": self._folder} if found else {}
 
     def events(self) -> list[GraphEvent]:
         """Return what the launcher has said, as far back as it remembers."""
@@ -178,6 +173,8 @@ class LiveSource:
         if self._launch_of is not graph:
             with contextlib.suppress(GraphError):  # a node that runs alone has none
                 self._launch = graph.ask(LAUNCHER, "launch", timeout_s=2 * ASK_S)
+            with contextlib.suppress(OSError):  # it has ended, or is another user's
+                self._folder = str(Path(f"/proc/{graph.record.pid}/cwd").readlink())
             self._launch_of = graph
 
     def _ask_events(self, graph: RunningGraph) -> list[GraphEvent]:

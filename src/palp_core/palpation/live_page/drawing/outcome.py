@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from nicegui import ui
@@ -31,6 +33,7 @@ class OutcomePanel:
         self._source, self._monitor, self._blind = source, monitor, blind
         self._shown: list[TrialRow] | None = None
         self._guards: list[str] | None = []
+        self._told_where = False
         with ui.element("div").classes("rig-grid"):
             with ui.element("section"), folding("Trials so far, the latest first"):
                 self._trials = ui.element("div").classes("rig-scroll").props('data-what="trials"')
@@ -41,6 +44,7 @@ class OutcomePanel:
                     if monitor.has("ContactGuard"):
                         said("h2", "Guards met")
                         self._met = ui.element("div").props('data-what="guards"')
+        self._where = ui.element("p").classes("quiet").props('data-what="results"')
 
     def show(self) -> None:
         """Show what has changed."""
@@ -53,6 +57,10 @@ class OutcomePanel:
         if not self._blind and self._monitor.has("ContactGuard") and self._guards != self._monitor.guards:
             self._guards = self._monitor.guards
             _fill(self._met, partial(_guards, self._guards))
+        folder = self._monitor.session_folder
+        if folder is not None and not self._told_where:
+            self._told_where = True
+            _fill(self._where, partial(_results, folder))
 
     def _accuracy(self) -> None:
         board = self._monitor.board
@@ -84,6 +92,11 @@ def _fill(box: ui.element, put: Any) -> None:
     box.clear()
     with box:
         put()
+
+
+def _results(folder: Path) -> None:
+    said("span", "The record grows as the session goes on, and its report is there at the end: ")
+    said("code", f"palp view {shlex.quote(str(folder))}")
 
 
 def _share(one: Proportion) -> tuple[str, str, str]:
