@@ -9,13 +9,13 @@ from __future__ import annotations
 import os
 import signal
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import hypothesis
 import pytest
 
-from tests.support.palp import palp, shared_palp
+from tests.support.palp import Palp, palp, shared_palp
 from tests.support.rig_session import rig_session, shared_folder
 
 __all__ = ["palp", "rig_session", "shared_folder", "shared_palp"]
@@ -55,6 +55,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.get_closest_marker("slow") or item.get_closest_marker("nightly")
         ) and item.config.pluginmanager.hasplugin("timeout"):
             item.add_marker(pytest.mark.timeout(SLOW_S))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Let a failure tell what the graphs of its test have said."""
+    report = yield
+    if report.failed:
+        for one in getattr(item, "funcargs", {}).values():
+            if isinstance(one, Palp):
+                report.sections.append(("what its graphs said", one.said()))
+    return report
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -27,6 +27,9 @@ PATIENCE_S = 240.0
 """How long a test waits for what is to come: an upper bound, for a machine that others use too."""
 
 
+MOST_SAID = 4000
+"""Characters of each log that a failure shows."""
+
 QUICK = {
     *("action", "node", "topic", "param", "lifecycle", "service", "swap", "logs"),
     *(("bag", verb) for verb in ("info", "recover", "diff", "snapshot")),
@@ -100,6 +103,22 @@ class Palp:
         )
         self._started.append(process)
         return process
+
+    def said(self) -> str:
+        """What its graphs have logged, and what the processes that it has started said since they were read."""
+        told = []
+        for file in sorted(self.runtime_dir.glob("palp/*/log/*")):
+            with contextlib.suppress(OSError):  # its run has just been cleared away
+                told.append(f"{file.name}:\n{file.read_text(errors='replace')[-MOST_SAID:]}")
+        for started in self._started:
+            how = "runs" if started.poll() is None else f"ended with {started.returncode}"
+            told.append(f"{' '.join(map(str, started.args))}: {how}")  # type: ignore[union-attr]
+            for pipe in (started.stdout, started.stderr):
+                if pipe is not None and not pipe.closed:
+                    os.set_blocking(pipe.fileno(), False)
+                    with contextlib.suppress(BlockingIOError):
+                        told.append(os.read(pipe.fileno(), 1 << 20).decode(errors="replace")[-MOST_SAID:])
+        return "\n".join(told)
 
     def close(self) -> None:
         """Leave nothing behind, whatever the test did."""

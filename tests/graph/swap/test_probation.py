@@ -49,7 +49,8 @@ def test_a_node_that_does_well_has_the_part_by_itself(stage: Stage) -> None:
     report = _swap(stage, "Other", {"run_count": 3, "longest_s": 240.0})["report"]
     assert report["proven"] >= 3
     stage.passes(20)
-    assert _swap(stage, "Relay", {"run_count": 1_000_000, "longest_s": 0.2})["report"]["proven"] > 0
+    answer = _swap(stage, "Relay", {"run_count": 1_000_000, "longest_s": 0.2})
+    assert answer.get("report", {}).get("proven", 0) > 0, answer
     stage.passes(20)
     _nothing_was_lost_or_repeated(stage)
     assert stage.judgement()[2] == ["Relay", "Other", "Relay"]
@@ -72,7 +73,7 @@ def test_a_class_is_tried_on_the_last_message_before_it_takes_over(stage: Stage)
     failed = stage.swap("Trainee", deed="raise", after=0)["failed"]
     assert failed["step"] == "state"
     assert "pass_on failed when it was tried on the last message of /source/out" in failed["text"]
-    assert stage.swap("Trainee", deed="raise", after=2)["failed"]["step"] == "probation"
+    assert _swap(stage, "Trainee", deed="raise", after=2)["failed"]["step"] == "probation"
     assert stage.swap("Trainee", after=10**9)["report"]["proven"] >= 3
     assert _swap(stage, "Trainee", {"run_count": 0, "longest_s": 0.0}, after=10**9)["report"]["proven"] == -1
     stage.passes(20)

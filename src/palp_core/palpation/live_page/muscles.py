@@ -50,7 +50,7 @@ def muscle_words(
         if now_s is not None:
             heard_s = cocontraction["stamp_ns"] / 1e9
             if now_s - heard_s > (SILENT_FAST_S if fast else SILENT_S):
-                parts.append(f"silent since {heard_s:.0f} s")
+                parts.append(f"silent since {heard_s:.0f} s on the graph's clock")
     if report is not None:
         if report["condition"] not in FLOWING:
             parts.append(": ".join(part for part in (report["condition"], report["text"]) if part))

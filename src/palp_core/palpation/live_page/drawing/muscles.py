@@ -60,6 +60,7 @@ def _plot(source: ViewSource, topic: str, fields: dict[str, str], file: str, *, 
         plot = LivePlot(file)
         plot.classes(replace="live-plot rig-small")
         plot.shape(names=list(fields.values()), slim=True)
+        plot.set_visibility(False)  # axes without a point tell nothing
         waiting = [NO_POINTS for _ in series]
         seen = [-1]
 
@@ -69,6 +70,7 @@ def _plot(source: ViewSource, topic: str, fields: dict[str, str], file: str, *, 
                 points = np.concatenate([waiting[place], *(one.add(message) for message in heard)])
                 waiting[place] = shown(points, SPAN_S)
             if any(len(points) for points in waiting) and not plot.busy:
+                plot.set_visibility(True)
                 plot.add(waiting)
                 waiting[:] = [NO_POINTS for _ in series]
 
