@@ -11,6 +11,7 @@ import tempfile
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
+from typing import cast
 
 import psutil
 import pytest
@@ -105,14 +106,14 @@ class Palp:
         return process
 
     def said(self) -> str:
-        """What its graphs have logged, and what the processes that it has started said since they were read."""
+        """What its graphs have logged, and what the processes it has started said since they were read."""
         told = []
         for file in sorted(self.runtime_dir.glob("palp/*/log/*")):
             with contextlib.suppress(OSError):  # its run has just been cleared away
                 told.append(f"{file.name}:\n{file.read_text(errors='replace')[-MOST_SAID:]}")
         for started in self._started:
             how = "runs" if started.poll() is None else f"ended with {started.returncode}"
-            told.append(f"{' '.join(map(str, started.args))}: {how}")  # type: ignore[union-attr]
+            told.append(f"{' '.join(cast('list[str]', started.args))}: {how}")
             for pipe in (started.stdout, started.stderr):
                 if pipe is not None and not pipe.closed:
                     os.set_blocking(pipe.fileno(), False)
