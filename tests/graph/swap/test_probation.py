@@ -84,7 +84,8 @@ def test_what_proves_a_class_is_what_it_says_and_not_any_handler(stage: Stage) -
     failed = stage.swap("Seldom", deed="raise", after=60)["failed"]
     assert (failed["step"], "as asked" in failed["text"]) == ("probation", True)
     report = stage.swap("Seldom", after=10**9)["report"]
-    assert (report["proven"], report["proven_by"]) == (3, "feat")
+    assert report["proven"] >= 3  # by the time that the launcher hears of the third there may be more
+    assert report["proven_by"] == "feat"
     stage.passes(20)
     _nothing_was_lost_or_repeated(stage)
 

@@ -460,8 +460,13 @@ class _ProcessSwap:
         self._supervisor.standbys.send(self._new, message)
 
     def _reply_of_old(self, kind: type[Answer]) -> Answer:
+        """Wait for an answer of this kind; another is late, of a swap before that waited for it no longer."""
         replies, index = self._supervisor.swap_replies, self._index
-        self._wait_for(lambda: index in replies, f"the old node did not answer ({kind.__name__})")
+
+        def answered() -> bool:
+            return isinstance(replies.get(index), kind)
+
+        self._wait_for(answered, f"the old node did not answer ({kind.__name__})")
         answer = replies.pop(index)
         assert isinstance(answer, kind)
         return answer

@@ -1,0 +1,39 @@
+"""A swap waits for the answers to what it has asked, whatever else comes."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from palp_core.graph.process.swap_messages import FromSwapped, HandedIn, Working
+from palp_core.graph.swap.process_swap import _ProcessSwap
+from palp_core.graph.swap.swap import SwapFailed
+
+
+def swap_of(said: deque[FromSwapped]) -> _ProcessSwap:
+    """A swap whose old node says this, one after the other."""
+    replies: dict[int, FromSwapped] = {}
+
+    def wait_until(condition: Callable[[], bool], _: int) -> bool:
+        while not condition():
+            if not said:
+                return False
+            replies[0] = said.popleft()
+        return True
+
+    old = SimpleNamespace(ended=False, handed_over=False, respawn_at_ns=None)
+    supervisor: Any = SimpleNamespace(processes=[old], swap_replies=replies, wait_until=wait_until)
+    swap: Any = SimpleNamespace(index=0, request=SimpleNamespace(node="relay", timeout_s=1.0))
+    return _ProcessSwap(supervisor, Path(), swap, 0, None)  # type: ignore[arg-type]
+
+
+def test_what_was_asked_in_a_swap_before_and_is_answered_now_is_no_answer() -> None:
+    wanted = HandedIn(b"now", 0, {}, {})
+    assert swap_of(deque([Working({}), wanted]))._reply_of_old(HandedIn) is wanted
+    with pytest.raises(SwapFailed, match="the old node did not answer"):
+        swap_of(deque([Working({})]))._reply_of_old(HandedIn)
