@@ -52,7 +52,10 @@ class StageReport(Message):
 
 
 class RingReport(Message):
-    """How the ring's actuator does; its heartbeat. ``acknowledged_count`` is as in the stage's report."""
+    """How the ring's actuator does; its heartbeat. ``acknowledged_count`` is as in the stage's report.
+
+    ``text`` says what is wrong, or for what a move waits.
+    """
 
     stamp_ns: Nanoseconds
     ring_m: Metres

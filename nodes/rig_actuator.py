@@ -14,7 +14,6 @@ from palp_core.units import DeadlineMilliseconds, HertzPositive
 
 LONG_NS = 15_000_000_000
 """A move that takes longer is told: nothing is seen to happen meanwhile."""
-REST = "its motor may run for a share of the time alone, and waits before it moves"
 
 
 class RigActuatorParams(Params):
@@ -105,8 +104,9 @@ class RigActuator(Node):
             self._publish_report(self.last_m, Condition.LINK_LOST, self.closed)
             return
         self._go_on()
-        self.last_m, health = self._read().measured_m, self.device.health(self.now_ns())
-        self._publish_report(self.last_m, health.condition, health.cause or self.refused)
+        reading, health = self._read(), self.device.health(self.now_ns())
+        self.last_m = reading.measured_m
+        self._publish_report(self.last_m, health.condition, health.cause or self.refused or reading.waits)
 
     def _publish_report(self, ring_m: float, condition: Condition, text: str) -> None:
         self.report.publish(
@@ -143,7 +143,8 @@ class RigActuator(Node):
             self.refused = str(error)  # the safety node hears of it and decides
             return
         if rests_ns - now_ns > LONG_NS:
-            self.log.warning("the ring rests in %.0f s only: %s", (rests_ns - now_ns) / 1e9, REST)
+            why = self._read().waits or "it is a long way"
+            self.log.warning("the ring rests in %.0f s only: %s", (rests_ns - now_ns) / 1e9, why)
         state.activity, self.refused = "moving", ""
         self._publish(command, settled=False)
 

@@ -28,7 +28,7 @@ class ScriptedRing:
         self.settled = True
         self.refuses = self.broken = self.gone = self.is_open = False
         self.target_m = 0.0
-        self.rests_ns = 0
+        self.rests_ns, self.waits = 0, ""
         self.condition = Condition.OK
 
     def open(self, *_: Any) -> None:
@@ -67,7 +67,7 @@ class ScriptedRing:
     def read(self, *_: Any) -> RingReading:
         if not self.is_open:
             raise DeviceError("ring: not open; open it first")
-        return RingReading(self.target_m, self.target_m, self.settled)
+        return RingReading(self.target_m, self.target_m, self.settled, self.waits)
 
 
 class Permitted:
@@ -110,9 +110,12 @@ def test_a_move_that_takes_long_is_told(permitted: Permitted, caplog: pytest.Log
     assert "rests in" not in caplog.text
     permitted.device.settled = True
     permitted.run(0.1)
-    permitted.device.rests_ns = 150_000_000_000
+    permitted.device.rests_ns, permitted.device.waits = 150_000_000_000, "its motor is hot"
     permitted.send(2, 12.0)
-    assert "the ring rests in 150 s only: its motor may run for a share of the time alone" in caplog.text
+    assert "the ring rests in 150 s only: its motor is hot" in caplog.text
+    permitted.run(0.1)
+    report = permitted.bench.sent(RigActuator.report)[-1]
+    assert (report.moving, report.condition, report.text) == (True, "ok", "its motor is hot")
 
 
 def test_a_command_waits_for_permission(permitted: Permitted) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from typing import Any
 
@@ -138,7 +139,11 @@ def test_a_ring_waits_for_its_motor_to_have_rested(quick_rig: Any, patient: dict
     now_ns = time.monotonic_ns()
     settled_ns = ring.command(0.0045, now_ns, state, RNG)  # 0.9 s; 0.2 of the 1 s went into homing
     assert settled_ns > now_ns + 30_000_000_000
+    waits = ring.read(time.monotonic_ns(), state).waits
+    assert re.fullmatch(r"its motor may run 2 % of the time alone, and waits \d+ s more", waits)
     assert ring.command(0.001, time.monotonic_ns(), state, RNG) < now_ns + 20_000_000_000  # takes its place
+    ring.stop(time.monotonic_ns(), state)
+    assert ring.read(time.monotonic_ns(), state).waits == ""
     ring.close()
 
 

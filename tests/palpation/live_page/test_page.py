@@ -39,6 +39,7 @@ SAID: dict[str, list[tuple[int, dict[str, Any]]]] = {
         }),
     ],
     "RingState": [(3, {"target_m": 0.016, "measured_m": 0.0162, "settled": True, "rehome": False})],
+    "RingReport": [(3, {"text": ""})],
     "Trial": [(4, {"trial": 5, "phase": "estimation", "label_known": False, "depth_m": 0.0})],
     "Belief": [
         (5, {
@@ -170,12 +171,12 @@ def test_it_shows_what_the_nodes_have_said() -> None:
 
 def test_a_ring_that_waits_is_told_and_once_the_graph_has_ended_nobody_calls_it_silent() -> None:
     told = ToldRig()
-    told.now_s = 63.0
     homing = {"target_m": 0.016, "measured_m": 0.016, "settled": False, "rehome": True, "stamp_ns": 1}
     told.said["RingState"].append((4, homing))
+    told.said["RingReport"].append((5, {"text": "its motor waits 63 s more"}))
 
     async def look(user: Any) -> None:
-        await user.should_see("re-homing for 63 s now: the log of its node says", retries=100)
+        await user.should_see("re-homing: its motor waits 63 s more", retries=100)
         told.alive = False
         await user.should_see("no safety node watches the rig any more", retries=100)
         await user.should_not_see("is silent")

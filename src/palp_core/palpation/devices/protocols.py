@@ -82,11 +82,15 @@ class StageReading:
 
 @dataclass(frozen=True)
 class RingReading:
-    """What the ring actuator tells about itself; its true position is not among it."""
+    """What the ring actuator tells about itself; its true position is not among it.
+
+    ``waits``: for what it waits before it moves, in words; "" while it moves or rests.
+    """
 
     target_m: float
     measured_m: float
     settled: bool
+    waits: str = ""
 
 
 @dataclass(frozen=True, eq=False)

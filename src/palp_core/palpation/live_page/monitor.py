@@ -31,7 +31,9 @@ RARE = (
     "RingState", "SweepStatus", "SweepGoal",
 )  # fmt: skip
 """Every one counts; those of one time in this order."""
-LATEST = ("Progress", "Outlook", "CoContraction", "EmgReport", "SafetyBeat", "StageReport", "Trip")
+LATEST = (
+    "Progress", "Outlook", "CoContraction", "EmgReport", "SafetyBeat", "StageReport", "RingReport", "Trip",
+)  # fmt: skip
 """The last one counts."""
 
 

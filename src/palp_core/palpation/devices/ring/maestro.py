@@ -23,6 +23,7 @@ from palp_core.palpation.devices.unverified import warn_unverified
 from palp_core.palpation.devices.wire import maestro as wire
 
 _TOP_SPEED_M_PER_S = 6.5e-3  # L12-50-210-06 without load
+_WORTH_TELLING_S = 1.0
 
 
 class MaestroState(msgspec.Struct):
@@ -207,7 +208,7 @@ class MaestroRing:
         self._motion.acknowledge()
 
     def read(self, now_ns: int, state: MaestroState) -> RingReading:
-        """Return target, measured position and whether it rests at the target.
+        """Return target, measured position, whether it rests at the target, and for what it waits.
 
         Raises:
             DeviceError: The ring is not open.
@@ -216,7 +217,11 @@ class MaestroRing:
         if self._motion is None:
             raise DeviceError("ring: not open; open it first")
         settled = state.homed and self._motion.arrived and self._host.now_ns() >= state.settled_ns
-        return RingReading(state.target_m, self._motion.measured_m, settled)
+        waits_s = self._motion.waits_ns(self._host.now_ns()) / 1e9
+        waits = f"its motor may run {100 * self.duty:g} % of the time alone, and waits {waits_s:.0f} s more"
+        return RingReading(
+            state.target_m, self._motion.measured_m, settled, waits if waits_s >= _WORTH_TELLING_S else ""
+        )
 
     def discover(self) -> dict[str, str]:
         """Return feedback and pulse; nothing moves.

@@ -79,6 +79,13 @@ class RodMotion:
             self._active_m, self._start_ns, self._held_m = None, start_ns, None
             self.arrived = self.holding = False
 
+    def waits_ns(self, now_ns: int) -> int:
+        """Return for how long the next move may not begin yet; 0 while one is under way, or none is wanted.
+
+        Without the lock, under which the other thread may wait for the line.
+        """
+        return max(self._start_ns - now_ns, 0) if self._targets and self._active_m is None else 0
+
     def resume(self, target_m: float) -> None:
         """Take up from a driver before: the rod rests at its target, or was left elsewhere."""
         self.arrived = abs(self.measured_m - target_m) < self._rod.arrived_m

@@ -47,7 +47,7 @@ def put_up(viewer: Viewer) -> None:
         desk.look()
         if asked is not None:
             asked.show()
-        touch.show_words(viewer.source.overview().now_s)
+        touch.show_words()
         belief.show()
         muscles.show()
         outcome.show()

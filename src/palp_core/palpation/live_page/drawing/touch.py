@@ -134,19 +134,15 @@ class TouchPanel:
             goal["ring"] = round(1e3 * ring["measured_m"], 2)
         return goal
 
-    def show_words(self, now_s: float | None) -> None:
-        """Show bands and figures, at a time on the graph's clock."""
+    def show_words(self) -> None:
+        """Show bands and figures."""
         monitor = self._monitor
         if self._chart is not None:
             bands, of_peaks = monitor.bands()
             self._taught.text = words = taught_words(bands, of_peaks=of_peaks, ring_m=monitor.ring_m)
             self._chart.shape(bands, monitor.path_m, f"torque in N mm against stage position in mm. {words}")
             self._scene.bead(monitor.depth_mm)
-        self._facts.text = rig_words(monitor, now_s)
-
-
-LONG_S = 15.0
-"""A ring that is on its way for longer waits for something."""
+        self._facts.text = rig_words(monitor)
 
 
 def taught_words(bands: list[Band], *, of_peaks: bool, ring_m: float | None) -> str:
@@ -160,14 +156,14 @@ def taught_words(bands: list[Band], *, of_peaks: bool, ring_m: float | None) -> 
     return f"bands: {spread} at each depth, ring at {1e3 * ring_m:g} mm"
 
 
-def rig_words(monitor: RigMonitor, now_s: float | None) -> str:
-    """Return what the rig does, in words, at a time on the graph's clock."""
+def rig_words(monitor: RigMonitor) -> str:
+    """Return what the rig does, in words."""
     status, ring = monitor.status, monitor.ring
     parts = [f"stage: {status['status']}" if status is not None else "stage: nothing heard yet"]
     if ring is not None:
         does = "settled" if ring["settled"] else "re-homing" if ring["rehome"] else "moving"
-        if not ring["settled"] and now_s is not None and (for_s := now_s - ring["stamp_ns"] / 1e9) > LONG_S:
-            does += f" for {for_s:.0f} s now: the log of its node says what it waits for"
+        if not ring["settled"] and (report := monitor.latest("RingReport")) and report["text"]:
+            does += f": {report['text']}"
         parts.append(f"ring: {1e3 * ring['measured_m']:.1f} mm, {does}")
     if monitor.mounted is not None and monitor.mounted.get("code"):
         parts.append(f"phantom {monitor.mounted['code']}")
