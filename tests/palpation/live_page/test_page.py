@@ -346,8 +346,6 @@ def test_once_training_is_over_its_sweeps_are_read_from_the_sessions_folder(tmp_
     (band,), of_peaks = now.bands()
     assert (band.depth_mm, band.sweep_count, of_peaks) == (4.0, 4, False)
     assert not now.wants_taught
-    assert now.session_folder == tmp_path / "out"
-    assert monitor(told, recorded=True).session_folder is None
     from palp_core.palpation.live_page.drawing.outcome import OutcomePanel
 
     async def look(user: Any) -> None:

@@ -399,10 +399,8 @@ class _ProcessSwap:
             former.on_end()
 
     def _redirecting(self, former: Standby, place: str) -> Callable[[], None]:
-        node, folder, supervisor, index = (
-            self._swap.request.node, self._folder, self._supervisor, self._index
-        )  # fmt: skip
-        before = former.process.place
+        folder, supervisor, index = self._folder, self._supervisor, self._index
+        node, before = self._swap.request.node, former.process.place
 
         def redirect() -> None:
             if supervisor.processes[index].place != place:
@@ -462,11 +460,8 @@ class _ProcessSwap:
     def _reply_of_old(self, kind: type[Answer]) -> Answer:
         """Wait for an answer of this kind; another is late, of a swap before that waited for it no longer."""
         replies, index = self._supervisor.swap_replies, self._index
-
-        def answered() -> bool:
-            return isinstance(replies.get(index), kind)
-
-        self._wait_for(answered, f"the old node did not answer ({kind.__name__})")
+        missing = f"the old node did not answer ({kind.__name__})"
+        self._wait_for(lambda: isinstance(replies.get(index), kind), missing)
         answer = replies.pop(index)
         assert isinstance(answer, kind)
         return answer

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 from palp_core.errors import PalpError
 from palp_core.palpation.live_page.geometry import path_of
 from palp_core.palpation.live_page.probes import TrialBelief
-from palp_core.palpation.live_page.roles import topics_by_type
+from palp_core.palpation.live_page.roles import session_folder, topics_by_type
 from palp_core.palpation.live_page.sweep import Point, SweepTrace, whole_sweep
 from palp_core.palpation.live_page.taught import (
     Band,
@@ -117,27 +116,16 @@ class RigMonitor:
     @property
     def wants_taught(self) -> bool:
         """Whether training is over, and its sweeps are still to be read."""
-        known = self.learnt is not None and self.session_folder is not None
+        known = self.learnt is not None and session_folder(self._source, self.topics) is not None
         return known and self._read is not self.learnt
 
     def load_taught(self) -> None:
         """Take what training taught, by the session's folder, once training is over; on a thread."""
-        out = self.session_folder
+        out = session_folder(self._source, self.topics)
         if self.wants_taught and out is not None:
             self._read = self.learnt
             found = taught_by_folder(out, *self.path_m)
             self.taught = found if found.sweep_count else self.taught
-
-    @property
-    def session_folder(self) -> Path | None:
-        """Where record and report are written; None where that is not known, and over a bag."""
-        if self._recorded:
-            return None
-        experiment = self.topics.get("TrialResult", "").partition("/")[2].partition("/")[0]
-        launch = self._source.launch()
-        out = launch.get("params", {}).get(experiment, {}).get("out")
-        found = Path(launch.get("folder", ""), out) if isinstance(out, str) else Path()
-        return found if found.is_absolute() else None
 
     def _taught_by_bag(self) -> TaughtSweeps:
         known = {name: self.topics[name] for name in ("Palpation",) if name in self._watches}

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from palp_core.graph.messages.topic import Topic
 from palp_core.view.source.overview import WireState
+from palp_core.view.source.protocol import ViewSource
 
 EXPERIMENT = "TrialResult"
 """What the experiment publishes, and nobody else."""
@@ -33,3 +35,19 @@ def safety_node(topics: Sequence[Topic], nodes: Sequence[str]) -> str:
     if SAFETY_NAME in nodes and (not beating or SAFETY_NAME in beating):
         return SAFETY_NAME
     return beating[0] if beating else ""
+
+
+def session_folder(source: ViewSource, topics: Mapping[str, str]) -> Path | None:
+    """Return where a graph's record and report are written; None over a bag, and where nobody knows.
+
+    Args:
+        source: The graph.
+        topics: By message type.
+    """
+    if source.overview().kind != "graph":
+        return None
+    experiment = topics.get(EXPERIMENT, "").partition("/")[2].partition("/")[0]
+    launch = source.launch()
+    out = launch.get("params", {}).get(experiment, {}).get("out")
+    found = Path(launch.get("folder", ""), out) if isinstance(out, str) else Path()
+    return found if found.is_absolute() else None

@@ -11,6 +11,7 @@ from nicegui import ui
 
 from palp_core.palpation.live_page.beside import BESIDE, SOURCES, other_protocol
 from palp_core.palpation.live_page.monitor import RigMonitor
+from palp_core.palpation.live_page.roles import session_folder
 from palp_core.palpation.live_page.trials import TrialRow
 from palp_core.palpation.perception.statistics.statistics import Proportion
 from palp_core.view.pages.parts import Cell, folding, said, table
@@ -57,7 +58,7 @@ class OutcomePanel:
         if not self._blind and self._monitor.has("ContactGuard") and self._guards != self._monitor.guards:
             self._guards = self._monitor.guards
             _fill(self._met, partial(_guards, self._guards))
-        folder = self._monitor.session_folder
+        folder = session_folder(self._source, self._monitor.topics)
         if folder is not None and not self._told_where:
             self._told_where = True
             _fill(self._where, partial(_results, folder))
