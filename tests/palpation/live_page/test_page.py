@@ -184,6 +184,25 @@ def test_a_ring_that_waits_is_told_and_once_the_graph_has_ended_nobody_calls_it_
     simulated(strip_and_page(Viewer(source=told, operator=Pressed())), look)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    ("report", "status", "lift_mm"),
+    [
+        ({"z_m": 0.0, "condition": "ok"}, "cancelled", 0.0),  # stopped in the gel
+        ({"z_m": 0.02, "condition": "ok"}, "sweeping", 20.0),
+        ({"z_m": 0.0, "condition": "closed"}, "cancelled", 20.0),
+        (None, "sweeping", 0.0),
+        (None, "cancelled", 20.0),
+    ],
+)
+def test_the_probe_is_drawn_as_high_as_the_stage_says_that_it_is(
+    report: dict[str, Any] | None, status: str, lift_mm: float
+) -> None:
+    from palp_core.palpation.live_page.drawing.touch import lift_of
+
+    said: Any = SimpleNamespace(latest=lambda _: report, sweeping=status == "sweeping", path_m=(-0.03, 0.05))
+    assert lift_of(said) == lift_mm
+
+
 def test_a_depth_is_a_bar_of_its_share_and_the_most_probable_one_is_marked() -> None:
     from palp_core.palpation.live_page.drawing.belief import bars
 
@@ -324,6 +343,12 @@ def test_a_slow_browser_is_sent_no_more_than_it_takes_and_then_the_whole_sweep()
         assert not chart.busy
         panel.show([])
         assert sent[-1] == ("begin", 2)
+        moves = {"target_m": 0.004, "measured_m": 0.01, "settled": False, "rehome": False}
+        told.said["RingState"].append((10, moves))
+        now.look()
+        panel.show_words()
+        assert "ring: 10.0 mm, moving" in panel._facts.text
+        assert panel._taught.text.endswith("ring at 16 mm")  # those of the sweep that is shown
 
     simulated(put, look)
 
@@ -343,7 +368,7 @@ def test_once_training_is_over_its_sweeps_are_read_from_the_sessions_folder(tmp_
     told = ToldRig()
     told.said_launch = {"folder": str(tmp_path), "params": {"rig": {"out": "out"}}}
     now = monitor(told)
-    (band,), of_peaks = now.bands()
+    (band,), of_peaks = now.bands(now.ring_m)
     assert (band.depth_mm, band.sweep_count, of_peaks) == (4.0, 4, False)
     assert not now.wants_taught
     from palp_core.palpation.live_page.drawing.outcome import OutcomePanel
@@ -356,4 +381,5 @@ def test_once_training_is_over_its_sweeps_are_read_from_the_sessions_folder(tmp_
 
     simulated(put, look)
     told.said_launch = {"params": {"rig": {"out": "out"}}}  # where that is nobody knows
-    assert monitor(told).bands()[1]
+    now = monitor(told)
+    assert now.bands(now.ring_m)[1]

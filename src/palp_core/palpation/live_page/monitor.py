@@ -231,9 +231,8 @@ class RigMonitor:
         """Where the ring is asked to be; None before anybody said."""
         return self.ring["target_m"] if self.ring is not None else None
 
-    def bands(self) -> tuple[list[Band], bool]:
-        """Return the bands that training taught at the present ring, and whether of the peak only."""
-        ring_m = self.ring_m
+    def bands(self, ring_m: float | None) -> tuple[list[Band], bool]:
+        """Return the bands that training taught at a ring position, and whether of the peak only."""
         if ring_m is None:
             return [], False
         if whole := self.taught.bands(ring_m):

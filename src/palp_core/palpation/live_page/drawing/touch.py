@@ -95,6 +95,7 @@ class TouchPanel:
     def __init__(self, monitor: RigMonitor, *, blind: bool) -> None:
         self._monitor, self._blind = monitor, blind
         self._number, self._lean, self._behind = -1, 0.0, False
+        self._swept_m: float | None = None
         with ui.element("section"):
             self._chart = None
             if not blind:
@@ -114,20 +115,19 @@ class TouchPanel:
             self._behind = self._behind or bool(new)
         elif chart is not None and self._behind:
             chart.begin(sweep.points)
-            self._behind = False
+            self._behind, self._swept_m = False, self._monitor.ring_m
+            self._show_bands(chart)
         elif chart is not None and new:
             chart.add(new)
         self._scene.go(self._pose(new))
 
     def _pose(self, new: list[Point]) -> dict[str, float]:
         monitor = self._monitor
-        ring, sweeping = monitor.ring, monitor.sweeping
+        ring, lift_mm = monitor.ring, lift_of(monitor)
+        touches = lift_mm < lengths_mm(*monitor.path_m)["indentation"]
         if new and not self._blind and monitor.ring_m is not None:
             self._lean = lean_rad(new[-1][1] * 1e-3, monitor.ring_m)
-        goal = {
-            "lift": 0.0 if sweeping else lengths_mm(*monitor.path_m)["lift"],
-            "lean": round(math.degrees(self._lean) if sweeping else 0.0, 2),
-        }
+        goal = {"lift": lift_mm, "lean": round(math.degrees(self._lean) if touches else 0.0, 2)}
         if monitor.position_m is not None:
             goal["y"] = round(1e3 * monitor.position_m, 2)
         if ring is not None:
@@ -136,13 +136,29 @@ class TouchPanel:
 
     def show_words(self) -> None:
         """Show bands and figures."""
-        monitor = self._monitor
         if self._chart is not None:
-            bands, of_peaks = monitor.bands()
-            self._taught.text = words = taught_words(bands, of_peaks=of_peaks, ring_m=monitor.ring_m)
-            self._chart.shape(bands, monitor.path_m, f"torque in N mm against stage position in mm. {words}")
-            self._scene.bead(monitor.depth_mm)
-        self._facts.text = rig_words(monitor)
+            self._show_bands(self._chart)
+            self._scene.bead(self._monitor.depth_mm)
+        self._facts.text = rig_words(self._monitor)
+
+    def _show_bands(self, chart: SweepChart) -> None:
+        """Show what training taught of the ring position of the sweep that is shown."""
+        monitor = self._monitor
+        ring_m = monitor.ring_m if self._swept_m is None else self._swept_m
+        bands, of_peaks = monitor.bands(ring_m)
+        self._taught.text = words = taught_words(bands, of_peaks=of_peaks, ring_m=ring_m)
+        chart.shape(bands, monitor.path_m, f"torque in N mm against stage position in mm. {words}")
+
+
+CLOSED = "closed"
+
+
+def lift_of(monitor: RigMonitor) -> float:
+    """Return how high the stage holds the probe in mm: as it reports, else as in a sweep or between two."""
+    report = monitor.latest("StageReport")
+    if report is not None and report["condition"] != CLOSED:  # one that is not open measures nothing
+        return round(1e3 * float(report["z_m"]), 2)
+    return 0.0 if monitor.sweeping else lengths_mm(*monitor.path_m)["lift"]
 
 
 def taught_words(bands: list[Band], *, of_peaks: bool, ring_m: float | None) -> str:
@@ -165,7 +181,9 @@ def rig_words(monitor: RigMonitor) -> str:
         if not ring["settled"] and (report := monitor.latest("RingReport")) and report["text"]:
             does += f": {report['text']}"
         parts.append(f"ring: {1e3 * ring['measured_m']:.1f} mm, {does}")
-    if monitor.mounted is not None and monitor.mounted.get("code"):
+    if monitor.mounted is None:
+        parts.append("phantom: nobody has told yet")
+    elif monitor.mounted.get("code"):
         parts.append(f"phantom {monitor.mounted['code']}")
     return "; ".join(parts)
 
