@@ -99,6 +99,18 @@ def test_the_space_bar_stops_wherever_one_is_but_in_a_field(rig: Viewing) -> Non
     released(rig)
 
 
+def test_a_node_of_a_rig_is_brought_to_rest_only_when_asked_twice(rig: Viewing) -> None:
+    page = rig.go("/node/rig")
+    page.get_by_role("button", name="deactivate ...").click()
+    rig.says("This graph moves something")
+    page.get_by_role("button", name="no", exact=True).click()
+    page.get_by_role("button", name="deactivate ...").click()
+    page.get_by_role("button", name="yes, deactivate").click()
+    rig.says("deactivate: it is inactive now")
+    page.get_by_role("button", name="activate", exact=True).click()
+    rig.says("activate: it is active now")
+
+
 def test_a_stop_that_was_pressed_while_the_connection_was_away_arrives_without_a_reload(rig: Viewing) -> None:
     page = rig.go("/own")
     page.evaluate("window.same = true")

@@ -25,7 +25,7 @@ def test_an_acknowledgement_that_would_be_refused_is_dead_and_says_why(refusal: 
 
     async def look(user: Any) -> None:
         shown[-1].show(standing(STOPPED, 0.0))
-        assert shown[-1]._first.enabled is not bool(refusal)
+        assert shown[-1]._press.first.enabled is not bool(refusal)
         if refusal:
             await user.should_see(refusal)
 

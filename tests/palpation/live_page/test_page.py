@@ -235,7 +235,7 @@ def test_a_trip_is_left_behind_only_when_asked_twice() -> None:
         await user.should_see("nobody's hand is at the rig?", retries=100)
         assert pressed.calls == []
         user.find("yes, leave the stop behind").click()
-        await user.should_see("starting: acknowledged: it goes on by itself", retries=100)
+        await user.should_see("acknowledged: it goes on by itself", retries=100)
         assert pressed.calls == [("safety", "acknowledge", False)]
         told.said["SafetyBeat"].append((92, {**BEAT, "state": "ready"}))
         await user.should_see("ready", retries=100)

@@ -23,6 +23,7 @@ class SafetyWord(msgspec.Struct, frozen=True):
     tripped: bool = False
 
 
+MOVING = "moving"
 OPERATOR = "operator"
 """Cause of a stop that somebody wanted."""
 BY_OPERATOR = "nothing moves, all nodes go on; somebody asked for it"
@@ -51,8 +52,21 @@ def standing(beat: dict[str, Any] | None, silent_s: float) -> SafetyWord:
         return SafetyWord(word, "error", why, advice, tripped=True)
     if state == "starting":
         return SafetyWord("nothing may move yet", "warn", "all that is watched has to be heard first")
-    word = "moving" if state == "moving" else "ready"
+    word = MOVING if state == "moving" else "ready"
     return SafetyWord(word, "warn" if beat.get("warning", "") else "ok", beat.get("warning", ""))
+
+
+def pressed_words(reply: Mapping[str, Any]) -> str:
+    """Return what came of a press on STOP.
+
+    >>> pressed_words({"state": "latched", "cause": "operator"})
+    'latched: operator'
+    >>> pressed_words({"state": "latched", "cause": "stale"})
+    'latched: it was stopped already when you pressed (stale)'
+    """
+    if reply["cause"] == OPERATOR:
+        return f"{reply['state']}: {reply['cause']}"
+    return f"{reply['state']}: it was stopped already when you pressed ({reply['cause']})"
 
 
 def acknowledged_words(reply: Mapping[str, Any]) -> str:
@@ -60,9 +74,11 @@ def acknowledged_words(reply: Mapping[str, Any]) -> str:
 
     >>> acknowledged_words({"done": False, "state": "latched", "text": "the stop is not confirmed yet"})
     'latched: not acknowledged: the stop is not confirmed yet'
+    >>> acknowledged_words({"done": True, "state": "starting", "text": "the rig goes on by itself"})
+    'acknowledged: the rig goes on by itself'
     """
-    words = "acknowledged" if reply["done"] else "not acknowledged"
-    return ": ".join(part for part in (reply["state"], words, reply["text"]) if part)
+    parts = ("acknowledged",) if reply["done"] else (reply["state"], "not acknowledged")
+    return ": ".join(part for part in (*parts, reply["text"]) if part)
 
 
 def heading(troubles: Sequence[Trouble]) -> tuple[str, list[Trouble]] | None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Sequence
+from functools import partial
 from typing import Any
 
 from nicegui import run, ui
@@ -13,7 +14,7 @@ from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.lifecycle import Lifecycle, Transition, successor
 from palp_core.view.pages.frame import frame
 from palp_core.view.pages.parameters import parameters_panel
-from palp_core.view.pages.parts import CHANGES, Outcome, figure, node_link, said, topic_link
+from palp_core.view.pages.parts import CHANGES, AskedTwice, Outcome, figure, node_link, said, topic_link
 from palp_core.view.pages.swap import swap_panel, swap_words
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.action_wires import ACTION
@@ -22,6 +23,7 @@ from palp_core.view.source.node_log import NodeLog
 from palp_core.view.source.overview import NodeState, Overview, shared_processes
 
 STATE_S, LOG_S = 1.0, 0.5
+QUESTION = "This graph moves something, and may rely on this node meanwhile. Go on?"
 MOST_LOG_LINES = 400
 
 
@@ -112,15 +114,22 @@ def _lifecycle(viewer: Viewer, name: str, outcome: Outcome) -> None:
             return
         shown[:] = wanted
         box.clear()
+        real = viewer.source.overview().moves_something_real
         with box:
             for transition in wanted:
-                press = ui.button(transition, on_click=lambda _, word=transition: go(word))
-                press.props("outline dense no-caps").classes(CHANGES)
-            button = ui.button("restart", on_click=renew).props("outline dense no-caps").classes(CHANGES)
+                _press(transition, partial(go, transition), asked=real and transition != Transition.ACTIVATE)
+            button = _press("restart", renew, asked=real)
             button.tooltip("a new process of the same class, from its file as it is now; it keeps its state")
 
     refresh()
     ui.timer(STATE_S, refresh)
+
+
+def _press(word: str, do: Callable[[], Awaitable[None]], *, asked: bool) -> Any:
+    """Put up a button that changes the node; where others rely on it, it asks before it does."""
+    if asked:
+        return AskedTwice(f"{word} ...", QUESTION, f"yes, {word}", do, CHANGES).first
+    return ui.button(word, on_click=do).props("outline dense no-caps").classes(CHANGES)
 
 
 def allowed(lifecycle: str) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -169,6 +169,45 @@ class Outcome:
         except OSError as error:
             self.tell(f"{error.filename or ''}: {error.strerror}", "error")
         return None
+
+
+class AskedTwice:
+    """A button that asks before it does what cannot be taken back.
+
+    Args:
+        word: What stands on it.
+        question: What is asked.
+        yes: What stands on the button that does it.
+        do: Does it.
+        classes: Of the first button.
+    """
+
+    def __init__(
+        self, word: str, question: str, yes: str, do: Callable[[], Awaitable[None]], classes: str = ""
+    ) -> None:
+        self._do = do
+        self.first = ui.button(word, on_click=lambda: self.ask()).props("outline dense no-caps")
+        self.first.classes(classes)
+        with ui.element("span").classes("row-of") as self._second:
+            said("span", question)
+            ui.button(yes, on_click=self._go_on).props("outline dense no-caps")
+            ui.button("no", on_click=lambda: self.ask(asked=False)).props("outline dense no-caps")
+        self.ask(asked=False)
+
+    def ask(self, *, asked: bool = True) -> None:
+        """Ask, or no longer."""
+        self.first.set_visibility(not asked)
+        self._second.set_visibility(asked)
+
+    def allow(self, why_not: str) -> None:
+        """Let it be pressed unless there is a reason why not."""
+        self.first.set_enabled(not why_not)
+        if why_not:
+            self.ask(asked=False)
+
+    async def _go_on(self) -> None:
+        self.ask(asked=False)
+        await self._do()
 
 
 def figure(value: float | None, unit: str, digits: int = 1) -> str:

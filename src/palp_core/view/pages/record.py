@@ -30,7 +30,7 @@ def record_page(viewer: Viewer, recordings: Recordings) -> None:
                 [topic.name for topic in viewer.source.topics()],
                 multiple=True,
                 clearable=True,
-                label="topics; none: all, hidden ones too",
+                label="topics; none: all of them",
             )
             topics.props("dense outlined use-chips").style("min-width: 16rem")
             seconds = ui.number(label="keep only the last, s", value=0, min=0).props("dense outlined")

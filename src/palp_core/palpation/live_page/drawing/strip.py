@@ -10,15 +10,25 @@ from nicegui import ui
 from palp_core.errors import PalpError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.palpation.live_page.roles import SAFETY_TYPE, safety_node
-from palp_core.palpation.live_page.safety import OVER, SafetyWord, acknowledged_words, standing
-from palp_core.view.pages.parts import Outcome, said
+from palp_core.palpation.live_page.safety import (
+    MOVING,
+    OVER,
+    SafetyWord,
+    acknowledged_words,
+    pressed_words,
+    standing,
+)
+from palp_core.view.pages.parts import AskedTwice, Outcome, said
 from palp_core.view.pages.urgent import UrgentButton
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.protocol import Watch
 
 REFRESH_S = 0.1
 TOLD_NS = 30_000_000_000
-"""For so long what comes after an acknowledgement stands there, or until the next stop."""
+"""For so long what comes after an acknowledgement stands there; until the next stop, or until it has come."""
+READ_NS = 8_000_000_000
+"""So long it stands there in any case: one has to read it."""
+QUESTION = "The cause is gone, and nobody's hand is at the rig? It may move then."
 REASON = "palp view"
 NOTHING_TO_STOP = "no safety node in this graph: nothing of it can be stopped alone; the page Graph ends it"
 
@@ -61,8 +71,7 @@ def _stop(viewer: Viewer, node: str) -> UrgentButton:
     assert operator is not None
 
     def press() -> str:
-        reply = operator.call(node, "stop", {"reason": REASON}, stops=True)
-        return f"{reply['state']}: {reply['cause']}"
+        return pressed_words(operator.call(node, "stop", {"reason": REASON}, stops=True))
 
     return UrgentButton("stop", "STOP", press, done="warn")
 
@@ -98,38 +107,27 @@ class _Acknowledge:
     def __init__(self, viewer: Viewer, node: str) -> None:
         self._viewer, self._node = viewer, node
         with ui.element("span").classes("row-of") as self._box:
-            self._first = ui.button("acknowledge ...", on_click=self._ask).props("outline dense no-caps")
-            with ui.element("span").classes("row-of") as self._second:
-                said("span", "The cause is gone, and nobody's hand is at the rig? It may move then.")
-                ui.button("yes, leave the stop behind", on_click=self._do).props("outline dense no-caps")
-                ui.button("no", on_click=lambda: self._ask(asked=False)).props("outline dense no-caps")
+            self._press = AskedTwice("acknowledge ...", QUESTION, "yes, leave the stop behind", self._do)
             self._why = said("span", "", "quiet")
         self._outcome = Outcome()
         self._told_ns: int | None = None
         self._box.set_visibility(False)
-        self._ask(asked=False)
 
     def show(self, now: SafetyWord) -> None:
         """Be there while it is tripped."""
         if self._box.visible != now.tripped:
             self._box.set_visibility(now.tripped)
-            self._ask(asked=False)
+            self._press.ask(asked=False)
             self._told_ns = self._told_ns if not now.tripped else 0
-        if self._told_ns is not None and monotonic_ns() - self._told_ns > TOLD_NS:
+        told_for_ns = READ_NS if now.word == MOVING else TOLD_NS
+        if self._told_ns is not None and monotonic_ns() - self._told_ns > told_for_ns:
             self._outcome.tell("")
             self._told_ns = None
         why = self._viewer.refusal(service="acknowledge") if now.tripped else ""
-        self._first.set_enabled(not why)
+        self._press.allow(why)
         self._why.text = why
-        if why:
-            self._ask(asked=False)
-
-    def _ask(self, *, asked: bool = True) -> None:
-        self._first.set_visibility(not asked)
-        self._second.set_visibility(asked)
 
     async def _do(self) -> None:
-        self._ask(asked=False)
         operator = self._viewer.operator
         assert operator is not None
         reply: dict[str, Any] | None = await self._outcome.of(operator.call, self._node, "acknowledge", {})
