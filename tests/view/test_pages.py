@@ -340,28 +340,35 @@ def test_the_end_of_the_graph_asks_twice_and_is_dead_where_it_may_not_be_pressed
     simulated(lambda: panels.append(EndPanel(viewer)), look)
 
 
-def test_a_bag_that_is_played_at_its_end_begins_anew_and_stops_there_again() -> None:
+def test_the_time_bar_tells_where_the_bag_is_whoever_has_begun_to_play_it() -> None:
+    from nicegui import ui
+
     from palp_core.view.pages.time_bar import time_bar
 
     class Recording:
-        start_s, end_s, at_s = 5.0, 5.2, 5.2
+        start_s, end_s, at_s, playing = 5.0, 6.0, 6.0, False
 
-        def __init__(self) -> None:
-            self.sought: list[float] = []
+        def play(self, *, on: bool = True) -> None:
+            self.playing = on
 
         def seek(self, at_s: float) -> None:
-            self.sought.append(at_s)
-            self.at_s = min(max(at_s, self.start_s), self.end_s)
+            self.at_s = at_s
 
     recording = Recording()
 
     async def look(user: Any) -> None:
-        await user.should_see("5.200 s, of 5.000 to 5.200")
+        await user.should_see("6.000 s, of 5.000 to 6.000")
         user.find("play").click()
         await user.should_see("pause")
-        assert recording.sought[0] == 5.0
+        recording.at_s = 5.25  # time goes on, whether or not this page has begun it
+        await user.should_see("5.250 s, of 5.000 to 6.000", retries=100)
+        recording.playing = False
         await user.should_see("play", retries=100)
-        await user.should_see("5.200 s, of 5.000 to 5.200")
+        (bar,) = user.find(ui.slider).elements
+        assert bar.value == 5.25
+        bar.value = 5.75  # somebody moves it
+        await user.should_see("5.750 s, of 5.000 to 6.000")
+        assert recording.at_s == 5.75
 
     simulated(lambda: time_bar(recording), look)  # type: ignore[arg-type]
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from palp_core.errors import BagError, PalpError
+from palp_core.view.source import recorded
 from palp_core.view.source import results as results_module
 from palp_core.view.source.overview import Overview
 from palp_core.view.source.recorded import RecordedSource
@@ -67,6 +68,28 @@ def test_before_the_begin_is_the_begin_and_after_the_end_the_end(bag: Path) -> N
     assert source.at_s == 0.0
     source.seek(1e9)
     assert source.overview().now_s == 0.199
+
+
+def test_what_plays_goes_on_as_the_clock_does_up_to_the_end_and_begins_anew(
+    bag: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_ns = [0]
+    monkeypatch.setattr(recorded, "monotonic_ns", lambda: now_ns[0])
+    source = RecordedSource(bag)
+    source.play()
+    assert (source.playing, source.at_s) == (True, 0.0)
+    now_ns[0] = 50_000_000
+    assert (source.playing, source.at_s) == (True, 0.05)
+    source.seek(0.15)
+    now_ns[0] += 20_000_000
+    assert source.overview().now_s == pytest.approx(0.17)
+    source.play(on=False)
+    now_ns[0] += 10**9
+    assert source.at_s == pytest.approx(0.17)
+    source.play()
+    now_ns[0] += 10**9
+    assert (source.at_s, source.playing) == (0.199, False)
+    source.close()
 
 
 def test_what_a_bag_lacks_is_said_with_its_place(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from palp_core.counted import counted
 from palp_core.errors import BagDamaged, BagError, GraphError, PalpError
 from palp_core.graph.bag.info import BagInfo, bag_info
 from palp_core.graph.bag.reader import Bag, RecordedMessage
+from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.message_text import decoded
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.problems import hint
@@ -37,7 +38,6 @@ class RecordedSource:
     Attributes:
         start_s: Where it begins, on the graph's clock.
         end_s: Where it ends.
-        at_s: The chosen time; all that is shown is from then or before. At first the end: all is there then.
 
     Raises:
         BagError: No such bag.
@@ -52,7 +52,8 @@ class RecordedSource:
             problems = bag.problems
         self.start_s = min((start for start, _ in times), default=0) / 1e9
         self.end_s = max((end for _, end in times), default=0) / 1e9
-        self.at_s = self.end_s
+        self._at_s = self.end_s  # all is there then
+        self._playing_since_ns: int | None = None
         self._lock = threading.Lock()
         self._open: Bag | None = None
         self._launch = _launch(attachments)
@@ -89,9 +90,30 @@ class RecordedSource:
         """Return what the launch file said; {} where the bag does not say."""
         return self._launch
 
+    @property
+    def at_s(self) -> float:
+        """The chosen time, which goes on while it plays; all that is shown is from then or before."""
+        since_ns = self._playing_since_ns
+        at_s = self._at_s if since_ns is None else self._at_s + (monotonic_ns() - since_ns) / 1e9
+        if at_s >= self.end_s:
+            self._at_s, self._playing_since_ns = self.end_s, None
+        return min(at_s, self.end_s)
+
+    @property
+    def playing(self) -> bool:
+        """Whether the chosen time goes on as the machine's clock does, up to the end."""
+        return self.at_s < self.end_s and self._playing_since_ns is not None
+
+    def play(self, *, on: bool = True) -> None:
+        """Let the time go on, from the end over to the begin; or let it stand."""
+        at_s = self.at_s
+        self._at_s = self.start_s if on and at_s >= self.end_s else at_s
+        self._playing_since_ns = monotonic_ns() if on else None
+
     def seek(self, at_s: float) -> None:
-        """Choose a time; one before or after the bag is its begin or end."""
-        self.at_s = min(max(at_s, self.start_s), self.end_s)
+        """Choose a time; one before or after the bag is its begin or end. What plays goes on from there."""
+        playing, self._at_s = self.playing, min(max(at_s, self.start_s), self.end_s)
+        self._playing_since_ns = monotonic_ns() if playing else None
 
     def between(self, topic: str, begin_ns: int, end_ns: int) -> list[RecordedMessage]:
         """Return the messages of a topic from one time to another, both among them.
