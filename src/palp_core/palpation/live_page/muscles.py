@@ -32,7 +32,7 @@ def muscle_words(
         fast: The graph goes faster than anybody looks.
 
     >>> muscle_words({"level": 2, "level_defined": True, "burst_count": 7, "value": [0.25]}, None)
-    'co-contraction 0.25; level 0.3 (third of five); 7 bursts'
+    'co-contraction 0.25; level 0.3 at its latest peak (third of five); 7 bursts'
     >>> muscle_words(None, {"condition": "ok", "text": ""})
     'EMG comes; no co-contraction yet'
     """
@@ -42,7 +42,7 @@ def muscle_words(
             parts.append(f"co-contraction {cocontraction['value'][-1]:.2f}")
         if cocontraction["level_defined"] and cocontraction["level"] < len(LEVELS):
             place = ("first", "second", "third", "fourth", "fifth")[cocontraction["level"]]
-            parts.append(f"level {LEVELS[cocontraction['level']]:g} ({place} of five)")
+            parts.append(f"level {LEVELS[cocontraction['level']]:g} at its latest peak ({place} of five)")
         else:
             parts.append("no peak yet, so no level")
         count = cocontraction["burst_count"]

@@ -105,7 +105,7 @@ export default {
         legend: { show: this.names.length > 0, live: !this.slim },
         cursor: { drag: { x: true, y: false }, bind: { dblclick: () => () => this.unzoom() } },
         axes: [{ ...axis, ...this.titled(across), size: 34, values: (_, ticks) => ticks.map(this.points.some((list) => list.length) ? tidy : () => "") },
-          { ...axis, ...this.titled(unit), size: 70, values: (_, ticks) => ticks.map(tidy) }],
+          { ...axis, ...this.titled(unit), size: 70, space: this.slim ? 14 : 30, values: (_, ticks) => ticks.map(tidy) }],
         series: [{ label: this.elements ? "element" : "s", value }, ...series],
         hooks: { setSelect: [(plot) => { this.zoomed = this.zoomed || plot.select.width > 0; }] },
       };

@@ -41,6 +41,7 @@ class MusclePanel:
         for name, fields, file in PLOTS[:1] if monitor.at_once else PLOTS:
             if name in monitor.topics:
                 _plot(source, monitor.topics[name], fields, file, last_only=monitor.at_once)
+        said("div", "along the plots: time in s, by the graph's clock", "quiet")
 
     def show(self) -> None:
         """Show the level as it is."""

@@ -23,7 +23,7 @@ from palp_core.view.pages.urgent import UrgentButton
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.protocol import Watch
 
-REFRESH_S = 0.1
+REFRESH_S, ENDED_S = 0.1, 1.0
 TOLD_NS = 30_000_000_000
 """For so long what comes after an acknowledgement stands there; until the next stop, or until it has come."""
 READ_NS = 8_000_000_000
@@ -39,7 +39,8 @@ def put_up(viewer: Viewer) -> None:
     with ui.element("div").classes("row-of").style("flex-basis: 100%; align-items: center"):
         if not node:
             if viewer.operator is not None:
-                said("span", NOTHING_TO_STOP, "quiet").props('data-what="safety"')
+                words = said("span", NOTHING_TO_STOP, "quiet").props('data-what="safety"')
+                ui.timer(ENDED_S, lambda: words.set_visibility(viewer.source.overview().alive))
             return
         button = _stop(viewer, node) if viewer.operator is not None else None
         state = said("span", "", "pill").props('data-what="safety" role="status"')
