@@ -155,7 +155,8 @@ def strip_and_page(viewer: Viewer) -> Callable[[], None]:
 
 
 SEEN = (
-    "4 mm", "97 %", "right", "level 0.5 at its latest peak (fifth of five)", "gel thinner than l2 vouches for: l4",
+    "4 mm", "97 %", "right", "level 0.5 at its latest peak (fifth of five)",
+    "gel thinner than l2 vouches for: l4",
     "ready", "ring: 16.2 mm, settled", "phantom B", "25 peak torques of training",
     "benchmarks/policies.py", "1 of 300",
 )  # fmt: skip
