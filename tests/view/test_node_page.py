@@ -58,7 +58,7 @@ def panel(node: Any) -> Any:
 def test_a_refused_value_is_told_at_its_field_and_the_one_in_force_stands_beside_it() -> None:
     async def look(user: Any) -> None:
         await user.should_see("0.25", retries=100)
-        await user.should_see("float, at least 0, at most 1")
+        await user.should_see("float, at least 0, at most 1; default 0.5")
         await user.should_see("how_loud it may be.")
         await user.should_see("of full scale")
         (field,) = user.find(ui.input).elements

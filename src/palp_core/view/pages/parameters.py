@@ -13,7 +13,7 @@ from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.message_lines import value_text
 
 FOLLOW_S = 1.0
-TITLES = ("Name", "In force", "Another value", "Default")
+TITLES = ("Name", "In force", "Another value")
 
 
 def parameters_panel(viewer: Viewer, name: str) -> Callable[[], Awaitable[None]]:
@@ -75,13 +75,13 @@ def _row(viewer: Viewer, node: str, one: dict[str, Any], in_force: dict[str, Any
     def field() -> None:
         if one["read_only"] or operator is None:
             said("span", "looked at when the node is configured" if one["read_only"] else "", "quiet")
-            said("div", bounds(one), "quiet")
+            said("div", f"{bounds(one)}; default {typed(one['default']) or 'none'}", "quiet")
             return
         with ui.element("div").classes("row-of"):
             entry = labelled(_entry(one), name).on("keydown.enter", lambda: put())
             press = ui.button("set", on_click=lambda: put()).props("outline dense no-caps").classes(CHANGES)
             labelled(press, f"set {name}")
-        said("div", bounds(one), "quiet")
+        said("div", f"{bounds(one)}; default {typed(one['default']) or 'none'}", "quiet")
         outcome = Outcome()
 
         def change() -> dict[str, Any]:
@@ -100,7 +100,7 @@ def _row(viewer: Viewer, node: str, one: dict[str, Any], in_force: dict[str, Any
             entry.value = typed(after[name])
             outcome.tell(f"{name} is {entry.value} now")
 
-    return named, value, field, typed(one["default"])
+    return named, value, field
 
 
 def _entry(one: dict[str, Any]) -> Any:
