@@ -21,7 +21,7 @@ ASK_S = 1.0
 
 
 class HealthSample(msgspec.Struct, frozen=True):
-    """Counters since the nodes began, as known at one time of this machine's clock; silent nodes are named."""
+    """Counters since the nodes began, as known at a time of this machine's clock; silent nodes are named."""
 
     at_ns: int
     nodes: list[NodeHealth]
