@@ -10,7 +10,14 @@ from palp_core.view.source.overview import WireState
 def wire(topic: str, reader: str, received: int = 1, p50_s: float | None = None) -> WireState:
     source = topic.split("/")[1]
     return WireState(
-        topic=topic, source=source, reader=reader, received=received, rate_hz=2.0, latency_p50_s=p50_s
+        topic=topic,
+        source=source,
+        reader=reader,
+        received=received,
+        lost=0,
+        late=0,
+        rate_hz=2.0,
+        latency_p50_s=p50_s,
     )
 
 
@@ -47,3 +54,10 @@ def test_an_action_is_drawn_once_and_says_whose_it_is() -> None:
     }
     said = wire_words(pairs["carrier", "arm"][0])
     assert said == "/arm/move, an action for /carrier: 22 received, 0 lost, 0 late"
+
+
+def test_of_an_action_in_a_bag_whose_readers_nobody_has_counted_nothing_is_counted() -> None:
+    parts = [WireState(topic=one.topic, source=one.source, reader=one.reader) for one in HEARD]
+    for one in actions_as_one(parts):
+        assert (one.received, one.lost, one.late, one.rate_hz, one.latency_p99_s) == (None,) * 5
+        assert not any(letter.isdigit() for letter in wire_words(one))

@@ -30,7 +30,7 @@ def health(received: int, lost: int = 0, lifecycle: str = "active") -> NodeHealt
     )
     return NodeHealth(
         node="sink", pid=1, lifecycle=lifecycle, memory_bytes=1, cpu_s=0.0, tick_count=0, gc_pause_max_s=0.0,
-        edges=[edge], **zero,
+        edges=[edge], counted_ns=monotonic_ns(), **zero,
     )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from palp_core.errors import BagError, PalpError
+from palp_core.view.pages.graph import wire_row, wire_words
 from palp_core.view.source import recorded
 from palp_core.view.source import results as results_module
 from palp_core.view.source.overview import Overview
@@ -37,6 +38,16 @@ def test_a_bag_shows_what_was_so_at_the_chosen_time(bag: Path) -> None:
         seen.append((last.sequence, last.message["counts"], level.message["level"]))
     assert seen == [(1, [0, 1], 0.5), (51, [50, 51], 0.5), (151, [150, 151], 1.5), (51, [50, 51], 0.5)]
     assert block.rate_hz == pytest.approx(1000.0)
+    source.close()
+
+
+def test_of_a_bags_wires_nothing_is_said_that_nobody_has_counted(bag: Path) -> None:
+    source = RecordedSource(bag)
+    source._launch = {"listens": {"estimator": ["/torque/block"]}}
+    (wire,) = examined(source).wires
+    assert (wire.received, wire.lost, wire.late, wire.dropped) == (None,) * 4
+    assert wire_words(wire) == "/torque/block -> /estimator"
+    assert wire_row(wire)[2:] == ("",) * 6
     source.close()
 
 

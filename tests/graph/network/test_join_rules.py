@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import SchemaMismatch, SecurityError
+from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.checked import TopicInfo
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode, encode
@@ -219,6 +220,7 @@ def test_a_guest_says_of_itself_alone_how_it_does_and_not_too_often(tmp_path: Pa
     assert isinstance(said, NodeReported)
     does = decode(NodeHealth, said.health)
     assert (said.name, does.node, does.pid) == ("guest", "guest", 0)
+    assert 0 < does.counted_ns <= monotonic_ns()  # it has not said when it counted
     assert len(told) < 1000
     event_loop.close()
 

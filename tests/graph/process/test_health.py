@@ -93,3 +93,10 @@ def test_pulses_are_half_a_second_apart() -> None:
     probe.pulse(first_ns + 7, "active", {})
     probe.close()
     assert probe.due_ns == first_ns + 7 + PULSE_NS
+
+
+def test_a_pulse_says_when_it_has_counted() -> None:
+    probe = HealthProbe("a")
+    said = decode(NodeHealth, probe.pulse(1234, "active", {}))
+    probe.close()
+    assert said.counted_ns == 1234

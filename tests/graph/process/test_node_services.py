@@ -117,6 +117,11 @@ def test_a_node_is_led_through_its_states_by_command(office: Office) -> None:
     assert "there are: configure" in office.ask("transition", transition="explode")["error"]
 
 
+def test_a_node_says_when_it_has_counted_what_it_says(office: Office) -> None:
+    before_ns = monotonic_ns()
+    assert before_ns < office.ask("info")["counted_ns"] < monotonic_ns()
+
+
 def test_an_external_port_takes_messages_and_no_other_does(office: Office) -> None:
     first = office.ask("publish", port="hint", message={"number": 1})["sequence"]
     assert office.ask("publish", port="hint", message={"number": 2})["sequence"] == first + 1

@@ -1,7 +1,7 @@
 """How the nodes of a running graph do: from the launcher's health topic, else from the nodes and the host."""
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import msgspec
@@ -21,7 +21,7 @@ ASK_S = 1.0
 
 
 class HealthSample(msgspec.Struct, frozen=True):
-    """Counters since the nodes began, at one time of this machine's clock; silent nodes are named."""
+    """Counters since the nodes began, as known at a time of this machine's clock; silent nodes are named."""
 
     at_ns: int
     nodes: list[NodeHealth]
@@ -161,58 +161,77 @@ def _from_info(name: str, pid: int, info: dict[str, Any]) -> NodeHealth:
         gc_pause_max_s=0.0,
         edges=edges,
         lost_by_readers_count=info.get("lost_by_readers", 0),
+        counted_ns=info.get("counted_ns", 0),
     )
 
 
 def rows(before: HealthSample | None, after: HealthSample) -> tuple[list[NodeRow], list[EdgeRow]]:
-    """Return what happened between two snapshots, and the totals."""
-    span_s = (after.at_ns - before.at_ns) / 1e9 if before is not None else 0.0
+    """Return what happened between two snapshots, and the totals.
+
+    A rate is over the time between a node's own two counts; where it has not counted anew, it is unknown.
+    """
+    sampled_s = (after.at_ns - before.at_ns) / 1e9 if before is not None else 0.0
     earlier = {node.node: node for node in before.nodes} if before is not None else {}
-    node_rows, edge_rows = [], []
+    node_rows, edge_rows = [], list[EdgeRow]()
     for node in after.nodes:
-        old = earlier.get(node.node)
-        same = old is not None and old.pid == node.pid and span_s > 0
-        same = same and old is not None and old.cpu_s <= node.cpu_s  # another host's processes have no number
-        old_edges = {edge.topic: edge for edge in old.edges} if same and old is not None else {}
-        for edge in node.edges:
-            known = old_edges.get(edge.topic)
-            latency = edge.received_count > 0 and edge.latency_max_s > 0
-            rate = (edge.received_count - known.received_count) / span_s if known is not None else None
-            edge_rows.append(
-                EdgeRow(
-                    topic=edge.topic,
-                    reader=f"/{node.node}",
-                    rate_hz=rate,
-                    received=edge.received_count,
-                    lost=edge.lost_count,
-                    repeated=edge.repeated_count,
-                    late=edge.late_count,
-                    dropped=edge.dropped_count,
-                    latency_p50_s=edge.latency_p50_s if latency else None,
-                    latency_p99_s=edge.latency_p99_s if latency else None,
-                    latency_max_s=edge.latency_max_s if latency else None,
-                )
-            )
-        done = _handled(node) - _handled(old) if same and old is not None else 0
-        latencies = [edge.latency_p99_s for edge in node.edges if edge.latency_max_s > 0]
-        node_rows.append(
-            NodeRow(
-                name=f"/{node.node}",
-                pid=node.pid,
-                state=node.lifecycle,
-                responsive=node.node not in after.silent,
-                cpu_percent=100.0 * (node.cpu_s - old.cpu_s) / span_s if same and old is not None else None,
-                memory_bytes=node.memory_bytes,
-                rate_hz=done / span_s if same else None,
-                latency_p99_s=max(latencies, default=None),
-                lost=sum(edge.lost_count for edge in node.edges),
-                lost_by_readers=node.lost_by_readers_count,
-                overruns=node.overrun_count,
-                missed_deadlines=node.missed_deadline_count,
-                gc_pause_max_s=node.gc_pause_max_s,
-            )
-        )
+        old = _same_process(earlier.get(node.node), node)
+        span_s = _span_s(old, node)
+        row = _node_row(old, node, span_s, sampled_s)
+        node_rows.append(msgspec.structs.replace(row, responsive=node.node not in after.silent))
+        edge_rows += _edge_rows(old, node, span_s)
     return node_rows, edge_rows
+
+
+def _same_process(old: NodeHealth | None, node: NodeHealth) -> NodeHealth | None:
+    """Return what a node said before, if its process is the same; of another host it has no number."""
+    return old if old is not None and old.pid == node.pid and old.cpu_s <= node.cpu_s else None
+
+
+def _span_s(old: NodeHealth | None, node: NodeHealth) -> float | None:
+    """Return the time between two counts of a node; None if it has not counted, or not since."""
+    if old is None or not 0 < old.counted_ns < node.counted_ns:
+        return None
+    return (node.counted_ns - old.counted_ns) / 1e9
+
+
+def _node_row(old: NodeHealth | None, node: NodeHealth, span_s: float | None, sampled_s: float) -> NodeRow:
+    cpu_span_s = span_s if node.counted_ns else sampled_s  # of one that is silent the host knows it
+    latencies = [edge.latency_p99_s for edge in node.edges if edge.latency_max_s > 0]
+    return NodeRow(
+        name=f"/{node.node}",
+        pid=node.pid,
+        state=node.lifecycle,
+        responsive=True,
+        cpu_percent=100.0 * (node.cpu_s - old.cpu_s) / cpu_span_s if old is not None and cpu_span_s else None,
+        memory_bytes=node.memory_bytes,
+        rate_hz=(_handled(node) - _handled(old)) / span_s if old is not None and span_s else None,
+        latency_p99_s=max(latencies, default=None),
+        lost=sum(edge.lost_count for edge in node.edges),
+        lost_by_readers=node.lost_by_readers_count,
+        overruns=node.overrun_count,
+        missed_deadlines=node.missed_deadline_count,
+        gc_pause_max_s=node.gc_pause_max_s,
+    )
+
+
+def _edge_rows(old: NodeHealth | None, node: NodeHealth, span_s: float | None) -> Iterator[EdgeRow]:
+    before = {edge.topic: edge.received_count for edge in old.edges} if old is not None else {}
+    for edge in node.edges:
+        known = before.get(edge.topic)
+        latency = edge.received_count > 0 and edge.latency_max_s > 0
+        yield EdgeRow(
+            topic=edge.topic,
+            reader=f"/{node.node}",
+            rate_hz=(edge.received_count - known) / span_s if known is not None and span_s else None,
+            received=edge.received_count,
+            lost=edge.lost_count,
+            repeated=edge.repeated_count,
+            late=edge.late_count,
+            dropped=edge.dropped_count,
+            latency_p50_s=edge.latency_p50_s if latency else None,
+            latency_p99_s=edge.latency_p99_s if latency else None,
+            latency_max_s=edge.latency_max_s if latency else None,
+        )
 
 
 def _handled(node: NodeHealth) -> int:

@@ -158,7 +158,8 @@ class NodeHealth(Message):
 
     An overrun is a tick that starts after the next one is due; a missed deadline is counted by the reader.
     ``lost_by_readers_count`` is what readers of its topics have said that they lost for good.
-    ``pid`` is 0 of a node that has joined from another host.
+    ``pid`` is 0 of a node that has joined from another host. ``counted_ns`` is when the node counted, on the
+    monotonic clock of its host: rates are between two of these, for who passes it on has a pace of its own.
     """
 
     node: str
@@ -175,6 +176,7 @@ class NodeHealth(Message):
     gc_pause_max_s: Seconds
     edges: list[EdgeHealth]
     lost_by_readers_count: Count = 0
+    counted_ns: Nanoseconds = 0
 
 
 class GraphHealth(Message):

@@ -221,6 +221,8 @@ class RemoteNodes:
             raise SchemaMismatch("a health that is too large, or of nobody who has joined")
         # Its process number means nothing here, and its name is the one it was let in by.
         told = msgspec.structs.replace(decode(NodeHealth, health), node=peer.request.name, pid=0)
+        if not told.counted_ns:  # a client in another language, that leaves it out: when it is heard, then
+            told = msgspec.structs.replace(told, counted_ns=monotonic_ns())
         if peer.health_is_due(monotonic_ns()):
             self._tell(NodeReported(peer.request.name, encode(told)))
 

@@ -72,7 +72,7 @@ class HealthProbe:
         """Return the encoded :class:`NodeHealth` for a pulse, and move :attr:`due_ns` on.
 
         Args:
-            now_ns: On the machine's monotonic clock.
+            now_ns: When the counts were read, on the machine's monotonic clock.
             lifecycle: State of the node.
             edges: Per topic read, its account and its latencies.
             ticks: Of all periodic timers.
@@ -99,6 +99,7 @@ class HealthProbe:
                 gc_pause_count=self._pause_count,
                 gc_pause_max_s=self._pause_max_ns / 1e9,
                 lost_by_readers_count=lost_by_readers,
+                counted_ns=now_ns,
                 edges=[_edge(topic, counter, latency) for topic, (counter, latency) in edges.items()],
             )
         )

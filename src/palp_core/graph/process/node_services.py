@@ -14,6 +14,7 @@ import msgspec
 
 from palp_core.errors import GraphError
 from palp_core.graph.actions.server import ActionServerEnd
+from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.message import decode, encode
 from palp_core.graph.messages.message_type import MessageType
 from palp_core.graph.node.action_ports import Act, ActionClient
@@ -164,6 +165,7 @@ class NodeServices:
             "swaps": executor.swaps,
             "rejected": executor.events.rejected_count,
             "unread": len(executor.inbox),
+            "counted_ns": monotonic_ns(),
             **executor.ends.counts(),
         }
 

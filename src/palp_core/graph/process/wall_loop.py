@@ -194,7 +194,7 @@ class WallLoop:
             self._next_beat_ns = now_ns + HEARTBEAT_NS
             self._choose_timekeeper()
             if now_ns >= self._health.due_ns and self._heard():
-                self._pulse(now_ns)
+                self._pulse()
         if self._unanswered and not self._asked:  # after the beat, which has set the wakeup's next time
             self._unanswered = False
             self._wakeup.rearm()
@@ -254,7 +254,7 @@ class WallLoop:
         while self._backlog() and monotonic_ns() < end_ns:
             self.receiver.deliver_next()
 
-    def _pulse(self, now_ns: int) -> None:
+    def _pulse(self) -> None:
         """Tell the supervisor that this loop turns, and how it does."""
         executor = self.executor
         edges = {
@@ -262,7 +262,7 @@ class WallLoop:
             for name, buffer in self.receiver.buffers.items()
         }
         health = self._health.pulse(
-            now_ns,
+            monotonic_ns(),
             executor.lifecycle.value,
             edges,
             rejected=executor.events.rejected_count,

@@ -128,12 +128,13 @@ def wire_line(wire: WireState) -> str:
 
 
 def wire_words(wire: WireState) -> str:
-    """Return all that a reader's account says of a topic."""
-    late = wire.latency_p99_s
-    said = f"{wire.topic} -> /{wire.reader}: {wire.received} received, {wire.lost} lost, {wire.late} late"
-    if wire.type == ACTION:
-        said = f"{wire.topic}, an action for /{wire.source}: {said.partition(': ')[2]}"
-    return said + (f", p99 {late * 1e3:.2f} ms" if late is not None else "")
+    """Return all that a reader's account says of a topic; without one, as of a bag, from where to where."""
+    ends = f", an action for /{wire.source}" if wire.type == ACTION else f" -> /{wire.reader}"
+    counts = {"received": wire.received, "lost": wire.lost, "late": wire.late}
+    known = [f"{count} {name}" for name, count in counts.items() if count is not None]
+    if wire.latency_p99_s is not None:
+        known.append(f"p99 {wire.latency_p99_s * 1e3:.2f} ms")
+    return wire.topic + ends + (f": {', '.join(known)}" if known else "")
 
 
 def graph_page(viewer: Viewer) -> None:
@@ -156,7 +157,7 @@ def graph_page(viewer: Viewer) -> None:
             one_process = shared_processes(overview.nodes)
             shared.text = shared_words(overview.nodes, one_process)
             nodes.show(_node_row(node, alone=node.pid not in one_process) for node in overview.nodes)
-            wires.show(_wire_row(wire) for wire in overview.wires)
+            wires.show(wire_row(wire) for wire in overview.wires)
 
         refresh()
         ui.timer(REFRESH_S, refresh)
@@ -192,15 +193,14 @@ def _node_row(node: NodeState, *, alone: bool) -> tuple[Cell, ...]:
     )
 
 
-def _wire_row(wire: WireState) -> tuple[Cell, ...]:
+def wire_row(wire: WireState) -> tuple[Cell, ...]:
+    """Return a wire's cells under :data:`WIRE_TITLES`; what is unknown is empty."""
     action = f"{wire.topic}, an action for /{wire.source}", node_way(wire.reader)[1]
     return (
         action if wire.type == ACTION else topic_way(wire.topic),
         node_way(wire.reader),
         rate_words(wire.rate_hz),
-        str(wire.received),
-        str(wire.lost),
-        str(wire.late),
+        *("" if count is None else str(count) for count in (wire.received, wire.lost, wire.late)),
         figure(None if wire.latency_p50_s is None else wire.latency_p50_s * 1e3, "ms", 2),
         figure(None if wire.latency_p99_s is None else wire.latency_p99_s * 1e3, "ms", 2),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import msgspec
 
@@ -11,13 +12,13 @@ from palp_core.view.source.overview import WireState
 
 ACTION = "action"
 """In place of a message's type."""
-COUNTS = ("received", "lost", "late", "dropped")
+SUMMED = ("received", "lost", "late", "dropped", "rate_hz")
 
 
 def actions_as_one(wires: Sequence[WireState]) -> list[WireState]:
     """Return wires in which all parts of an action between two nodes are one, where the first of them was.
 
-    Counts are summed, latencies are the worst.
+    Counts and rates are summed, latencies are the worst; what no part knows stays unknown.
 
     Args:
         wires: ``/arm/move/_action/status`` to ``carrier``, and the others.
@@ -53,12 +54,9 @@ def _whole(wire: WireState, servers: dict[str, str]) -> WireState:
 
 
 def _both(one: WireState, other: WireState) -> WireState:
-    counts = {name: getattr(one, name) + getattr(other, name) for name in COUNTS}
-    rates = [wire.rate_hz for wire in (one, other) if wire.rate_hz is not None]
-    latest = {
-        name: max(
-            (value for wire in (one, other) if (value := getattr(wire, name)) is not None), default=None
-        )
-        for name in ("latency_p50_s", "latency_p99_s")
-    }
-    return msgspec.structs.replace(one, rate_hz=sum(rates) if rates else None, **counts, **latest)
+    def known(name: str) -> list[Any]:
+        return [value for wire in (one, other) if (value := getattr(wire, name)) is not None]
+
+    sums = {name: sum(values) if (values := known(name)) else None for name in SUMMED}
+    worst = {name: max(known(name), default=None) for name in ("latency_p50_s", "latency_p99_s")}
+    return msgspec.structs.replace(one, **sums, **worst)

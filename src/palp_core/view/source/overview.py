@@ -52,17 +52,20 @@ def shared_processes(nodes: Sequence[NodeState]) -> dict[int, int]:
 
 
 class WireState(msgspec.Struct, frozen=True, kw_only=True):
-    """A topic on its way to one reader, with the reader's own account; times in s, None where unknown."""
+    """A topic on its way to one reader, with the reader's own account; times in s.
+
+    Whatever is unknown is None: of a bag all of the account, as nobody has recorded what readers had.
+    """
 
     topic: str
     source: str
     reader: str
     type: str = ""
     rate_hz: float | None = None
-    received: int = 0
-    lost: int = 0
-    late: int = 0
-    dropped: int = 0
+    received: int | None = None
+    lost: int | None = None
+    late: int | None = None
+    dropped: int | None = None
     latency_p50_s: float | None = None
     latency_p99_s: float | None = None
 
