@@ -159,11 +159,8 @@ class Graph:
         self.path = Path(path)
         self._listen, self.record = listen, None if record is None else Path(record)
         self.recorders = Recorders()
-        self.diagnostics, self.methods, self.changes = self._told = (
-            Diagnostics(),
-            MethodsTold(),
-            ChangesTold(),
-        )
+        self._told = Diagnostics(), MethodsTold(), ChangesTold()
+        self.diagnostics, self.methods, self.changes = self._told
         self.gateway: GatewayHandle | None = None
         self._started, self._name, self._resume = started, name, resume
         self._compose = compose
@@ -227,7 +224,7 @@ class Graph:
             stack.callback(self.launcher_node.close)
             if (gateway := self.gateway) is not None:
                 self.launcher_node.joined = lambda: gateway.health.values()
-            self.launcher_node.record_event = self._note_event
+            self.launcher_node.record_event = lambda frame: self._keep_frame(self._now_ns(), frame)
             self.launcher_node.on_health = lambda nodes: self._cpu_s.update((n.node, n.cpu_s) for n in nodes)
             self.launcher_node.answer("stop", lambda _: self._interrupt.asked(self.checked.graph))
             self.launcher_node.answer("launch", lambda _: launch_provenance(self.checked))
@@ -412,14 +409,13 @@ class Graph:
         self._observe(now_ns, frame)
         self.diagnostics.observe(now_ns, frame)
         self.methods.observe(frame)
-        self.changes.observe(frame)
         self.swaps.observe(now_ns, frame)
-        self.recorders.observe(now_ns, frame)
+        self._keep_frame(now_ns, frame)
         self.checkpoints.observe(frame)
 
-    def _note_event(self, frame: bytes) -> None:
+    def _keep_frame(self, now_ns: int, frame: bytes) -> None:
         self.changes.observe(frame)
-        self.recorders.observe(self._now_ns(), frame)
+        self.recorders.observe(now_ns, frame)
 
     def _run_wall(self, until_ns: int | None) -> int:
         assert self._supervisor is not None
