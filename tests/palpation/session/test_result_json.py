@@ -282,6 +282,19 @@ def test_what_was_changed_is_told_with_when_and_a_parameter_as_it_was_in_the_end
     assert "after the last" in page
 
 
+@pytest.mark.parametrize(
+    ("device", "words"),
+    [("sim", "simulated rig"), ("aerotech", "emulated devices, simulated phantoms")],
+)
+def test_the_page_says_whether_phantoms_alone_were_simulated(
+    record: Writer, summary: Summariser, device: str, words: str
+) -> None:
+    run = summary(out := record(trials=TRIALS))
+    run.params["stage"] = {"device": device}
+    found = built(out, run)
+    assert words in write_report(out / "report.html", found, ()).read_text()
+
+
 def test_a_session_whose_trials_were_all_dropped_says_why(record: Writer, summary: Summariser) -> None:
     found = built(out := record(), summary(out))
     assert headline(found).endswith("no trial of estimation came to an end.")
