@@ -104,6 +104,16 @@ def test_an_interrupted_session_ends_with_the_same_bytes(rig_session: RigSession
     assert json.loads((tmp_path / "out" / "run.json").read_text())["resumed_count"] == 3
 
 
+def test_a_swap_before_the_interruption_is_told_once_it_has_ended(tmp_path: Path) -> None:
+    out, swap = tmp_path / "out", "swaps:=1=nodes.policy_uniform:Uniform"
+    interrupt(out, "/experiment/result", 3, swap)
+    resume(out, swap)
+    result = json.loads((out / "result.json").read_text())
+    assert [(one["node"], one["run"], one["phase"]) for one in result["changes"]] == [
+        ("policy", "nodes.policy_uniform:Uniform", "estimation")
+    ]
+
+
 MOMENTS = [*range(3, 230, 19), *range(198, 208)]
 """Blocks of torque at which it is asked to end: anywhere in the session, and through a sweep."""
 

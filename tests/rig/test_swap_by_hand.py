@@ -92,6 +92,36 @@ def test_the_bag_gives_the_same_rows(folder: Path) -> None:
     assert ours.read_bytes() == theirs.read_bytes()
 
 
+def test_a_swap_in_training_is_told_with_when_and_who_gave_way_is_not_said_to_have_estimated(
+    tmp_path: Path,
+) -> None:
+    felt: list[int] = []
+
+    def take(now_ns: int, frame: bytes) -> None:
+        if frame.startswith(b"/estimator/palpation\0"):
+            felt.append(now_ns)
+            if len(felt) == 4:
+                fixed = SwapRequest(node="policy", run="nodes.policy_fixed:Fixed", params={"ring_mm": 12.0})
+                graph.swaps.plan(now_ns, fixed)
+
+    path, out, bag = list(sys.path), tmp_path / "out", tmp_path / "bag"
+    small = ("trials:=1", "training:=2", "seed:=4", "policy:=markov", "stop:=fixed_number", f"out:={out}")
+    with ComposedGraph(SIM, overrides=small, record=bag, observe=take) as graph:
+        assert graph.run().exit_code == 0
+    sys.path[:] = path
+    result = json.loads((out / "result.json").read_text())
+    (change,) = result["changes"]
+    assert (change["phase"], change["palpation"], change["params"]) == ("training", 5, {"ring_mm": 12.0})
+    assert (change["before"], change["run"]) == ("nodes.policy_markov:Markov", "nodes.policy_fixed:Fixed")
+    page = " ".join((out / "report.html").read_text().split())
+    assert "policy: fixed, 12 mm</h1>" in page
+    assert "The policy “fixed, 12 mm” found" in page
+    assert f"<td>{change['at_s']:,.1f} s</td><td>5, of training</td><td>/policy</td>" in page
+    again = tmp_path / "again"
+    write(again, write_record(bag, again))
+    assert json.loads((again / "result.json").read_text())["changes"] == result["changes"]
+
+
 @pytest.mark.slow
 def test_between_processes_it_is_the_same(folder: Path, tmp_path: Path) -> None:
     run(tmp_path, compose=False)

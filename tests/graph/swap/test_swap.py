@@ -9,6 +9,7 @@ import os
 import signal
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -72,6 +73,26 @@ def test_calls_are_answered_across_swaps_each_once(stage: Stage) -> None:
     assert info["repeated"] == 0
     assert stage.graph.ask("relay", "info")["inputs"]["/asker/ask"]["lost"] == 0
     assert not [event for event in stage.events() if event.kind == "qos"]
+
+
+def test_a_run_knows_what_was_swapped_and_set(stage: Stage) -> None:
+    stage.swap("Other", gain=7)
+    stage.graph.ask("relay", "set_parameters", parameters={"gain": 9})
+    while len(found := _changes(stage)) < 2:  # the launcher hears of it beside the answer
+        assert found
+    swap, given = found
+    assert (swap["before"], swap["run"], swap["params"]) == (
+        "swap_toys:Relay",
+        "swap_toys:Other",
+        {"gain": 7},
+    )
+    assert (given["node"], given["run"], given["params"]) == ("relay", "", {"gain": 9})
+    assert 0.0 < swap["at_s"] < given["at_s"]
+
+
+def _changes(stage: Stage) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = stage.graph.ask("graph", "summary")["summary"]["changes"]
+    return found
 
 
 def test_a_swap_is_seen_in_event_and_info(stage: Stage) -> None:

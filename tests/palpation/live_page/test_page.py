@@ -51,6 +51,7 @@ SAID: dict[str, list[tuple[int, dict[str, Any]]]] = {
     "TrialResult": [
         (3, {"trial": 4, "estimate_m": 0.004, "confidence": 0.97, "probe_count": 2, "verdict": "decided"}),
     ],
+    "PolicyChange": [(2, {"trial": 4, "iteration": 2, "policy": "uniform"})],
     "ContactGuard": [(4, {"words": ["gel thinner than l2 vouches for: l4"]})],
     "Progress": [
         (6, {"phase": "estimation", "done_count": 1, "total_count": 300, "text": "right: 4 mm 1 of 1"}),
@@ -105,7 +106,7 @@ class ToldRig:
         return [Heard(stamp, place + 1, message) for place, (stamp, message) in enumerate(self.said[kind])]
 
     def overview(self) -> Overview:
-        nodes = [NodeState(name="rig"), NodeState(name="safety")]
+        nodes = [NodeState(name="rig", run="nodes.policy_uniform:Uniform"), NodeState(name="safety")]
         return Overview(
             kind="graph", title="rig", clock=self.clock, now_s=self.now_s, nodes=nodes, alive=self.alive
         )
@@ -158,7 +159,8 @@ SEEN = (
     "4 mm", "97 %", "right", "level 0.5 at its latest peak (fifth of five)",
     "gel thinner than l2 vouches for: l4",
     "ready", "ring: 16.2 mm, settled", "phantom B", "25 peak torques of training",
-    "benchmarks/policies.py", "1 of 300",
+    "benchmarks/policies.py", "1 of 300", "policy: nodes.policy_uniform:Uniform",
+    "Not all are of one policy: uniform from trial 1 on.",
 )  # fmt: skip
 
 
@@ -219,7 +221,7 @@ def test_of_a_blinded_session_none_of_it_is_on_the_page() -> None:
         await user.should_see("The session is blinded", retries=100)
         await user.should_see("1 of 300 trials done", retries=100)
         await user.should_see("ring: 16.2 mm, settled; phantom K7", retries=100)
-        for words in ("%", "4 mm", "phantom B", "vouches", "posterior", "Entropy", "Right so far"):
+        for words in ("%", "4 mm", "phantom B", "vouches", "posterior", "Entropy", "Right so far", "Uniform"):
             await user.should_not_see(words)
 
     source = BlindSource(ToldRig(), HARMLESS)

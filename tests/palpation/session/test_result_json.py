@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from palp_core.errors import PalpError
+from palp_core.graph.launch.changes_told import ChangeTold
 from palp_core.graph.launch.methods_told import MethodTold
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.mechanics.scene.rig import rig
@@ -232,6 +233,66 @@ def test_a_label_names_the_policies_that_took_over() -> None:
         "protocol": {"experiment": {"swaps": swaps}, "policy": {"ring_mm": {"value": 8.0}}}
     }  # of the last
     assert result.policy_label(found | last).endswith(", from trial 60 on mine, 8 mm")
+
+
+def changed(before: str, run: str, at_s: float = 0.5) -> ChangeTold:
+    return ChangeTold("policy", at_s, f"nodes.policies:{before}", f"nodes.policies:{run}")
+
+
+def test_a_policy_that_gave_way_in_training_is_not_the_one_that_is_named() -> None:
+    first = {"policy": "fixed", "trial": 1, "palpation": 1, "at_s": 1.0}
+    later = {"policy": "uniform", "trial": 2, "palpation": 3, "at_s": 2.0}
+    changes = [msgspec.to_builtins(changed("Markov", "Fixed"))]
+    protocol = {"experiment": {}, "policy": {"ring_mm": {"value": 12.0}}}
+    counts = {"trials_done": 0, "trials_unfinished": 0}
+    found = {"policy": "markov", "protocol": protocol, "changes": changes, **counts}
+    assert result.policy_label(found) == "markov, then fixed, 12 mm"  # nobody has chosen yet
+    begun = found | {"trials_done": 3}
+    assert result.policy_label(begun | {"swapped_by_hand": [first]}) == "fixed, 12 mm"
+    assert result.policy_label(begun) == "markov"  # the ring is of one that came after the last palpation
+    both = begun | {"swapped_by_hand": [first, later]}
+    assert result.policy_label(both) == "fixed, from trial 2 on uniform"
+
+
+def test_what_was_changed_is_told_with_when_and_a_parameter_as_it_was_in_the_end(
+    record: Writer, summary: Summariser
+) -> None:
+    out = record(trials=TRIALS)
+    rows = read_session(out).rows
+    first_trial = next(number for number, row in enumerate(rows, 1) if row.phase == "estimation")
+    at_s = rows[first_trial - 1].start_ns / 1e9
+    changes = [
+        changed("Markov", "Fixed", at_s=rows[0].start_ns / 1e9),
+        ChangeTold("policy", at_s, params={"ring_mm": 12.0}),
+        ChangeTold("estimator", 1e6, params={"stop_value": 0.5}),
+    ]
+    run = summary(out)
+    run.params["policy"] = {"ring_mm": 16.0}
+    found = built(out, msgspec.structs.replace(run, changes=changes))
+    told = [(one["node"], one["phase"], one["palpation"], one["params"]) for one in found["changes"]]
+    assert told == [
+        ("policy", rows[0].phase, 1, {}),
+        ("policy", "estimation", first_trial, {"ring_mm": 12.0}),
+        ("estimator", "", None, {"stop_value": 0.5}),
+    ]
+    assert found["protocol"]["policy"]["ring_mm"]["value"] == 12.0
+    page = write_report(out / "report.html", found, ()).read_text()
+    assert "nodes.policies:Markov → nodes.policies:Fixed" in page
+    assert "ring_mm = 12.0" in page
+    assert "after the last" in page
+
+
+@pytest.mark.parametrize(
+    ("device", "words"),
+    [("sim", "simulated rig"), ("aerotech", "emulated devices, simulated phantoms")],
+)
+def test_the_page_says_whether_phantoms_alone_were_simulated(
+    record: Writer, summary: Summariser, device: str, words: str
+) -> None:
+    run = summary(out := record(trials=TRIALS))
+    run.params["stage"] = {"device": device}
+    found = built(out, run)
+    assert words in write_report(out / "report.html", found, ()).read_text()
 
 
 def test_a_session_whose_trials_were_all_dropped_says_why(record: Writer, summary: Summariser) -> None:

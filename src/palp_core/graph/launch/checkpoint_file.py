@@ -11,6 +11,7 @@ import msgspec
 
 from palp_core.errors import GraphError, in_words
 from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.launch.changes_told import ChangeTold
 from palp_core.graph.launch.diagnostics import Incident
 from palp_core.graph.launch.methods_told import MethodTold
 from palp_core.graph.node.loading import source_of
@@ -124,6 +125,7 @@ class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
         incidents: What nodes had said was wrong, in time's order.
         standing: The place among these of what still is, by topic.
         methods: Which methods nodes had said they use.
+        changes: Classes that had taken a node's place, and parameters that had been set.
         said: Last sequence of each topic of the launcher's own.
         bag: What the run is recorded into, beside what the launch file says; "": nothing.
     """
@@ -138,6 +140,7 @@ class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
     incidents: list[Incident] = []
     standing: dict[str, int] = {}
     methods: list[MethodTold] = []
+    changes: list[ChangeTold] = []
     said: dict[str, int] = {}
     bag: str = ""
 

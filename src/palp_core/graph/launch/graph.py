@@ -22,6 +22,7 @@ from palp_core.graph.description.check import load
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.discovery.choice import check_free
 from palp_core.graph.discovery.run_directory import RunDirectory
+from palp_core.graph.launch.changes_told import ChangesTold
 from palp_core.graph.launch.checkpoints import RESUMES, Checkpoints
 from palp_core.graph.launch.diagnostics import Diagnostics
 from palp_core.graph.launch.lockstep_checkpoints import LockstepCheckpoints
@@ -158,7 +159,8 @@ class Graph:
         self.path = Path(path)
         self._listen, self.record = listen, None if record is None else Path(record)
         self.recorders = Recorders()
-        self.diagnostics, self.methods = Diagnostics(), MethodsTold()
+        self._told = Diagnostics(), MethodsTold(), ChangesTold()
+        self.diagnostics, self.methods, self.changes = self._told
         self.gateway: GatewayHandle | None = None
         self._started, self._name, self._resume = started, name, resume
         self._compose = compose
@@ -222,7 +224,7 @@ class Graph:
             stack.callback(self.launcher_node.close)
             if (gateway := self.gateway) is not None:
                 self.launcher_node.joined = lambda: gateway.health.values()
-            self.launcher_node.record_event = lambda frame: self.recorders.observe(self._now_ns(), frame)
+            self.launcher_node.record_event = lambda frame: self._keep_frame(self._now_ns(), frame)
             self.launcher_node.on_health = lambda nodes: self._cpu_s.update((n.node, n.cpu_s) for n in nodes)
             self.launcher_node.answer("stop", lambda _: self._interrupt.asked(self.checked.graph))
             self.launcher_node.answer("launch", lambda _: launch_provenance(self.checked))
@@ -271,6 +273,7 @@ class Graph:
             resumed_count=self.checkpoints.resumed_count,
             incidents=self.diagnostics.incidents,
             methods=self.methods.told,
+            changes=self.changes.told,
             cpu_s=self._cpu_s,
             **outcome,
         )
@@ -387,9 +390,8 @@ class Graph:
         self._conductor = self._time.conductor = conductor
         try:
             self._keeping = LockstepCheckpoints(
-                self.checkpoints, self._nodes, conductor, self.diagnostics, self.methods, self.launcher_node,
-                self.recorders,
-            )  # fmt: skip
+                self.checkpoints, self._nodes, conductor, *self._told, self.launcher_node, self.recorders
+            )
             resumed = self._keeping.go_on()
             with self._announcing():
                 if not resumed:
@@ -408,15 +410,17 @@ class Graph:
         self.diagnostics.observe(now_ns, frame)
         self.methods.observe(frame)
         self.swaps.observe(now_ns, frame)
-        self.recorders.observe(now_ns, frame)
+        self._keep_frame(now_ns, frame)
         self.checkpoints.observe(frame)
+
+    def _keep_frame(self, now_ns: int, frame: bytes) -> None:
+        self.changes.observe(frame)
+        self.recorders.observe(now_ns, frame)
 
     def _run_wall(self, until_ns: int | None) -> int:
         assert self._supervisor is not None
         try:
-            keeping = WallCheckpoints(
-                self.checkpoints, lambda: self.checked, self._supervisor, self.diagnostics, self.methods
-            )
+            keeping = WallCheckpoints(self.checkpoints, lambda: self.checked, self._supervisor, *self._told)
             self._gone_ns = keeping.go_on()
             with self._announcing():
                 start_ns = monotonic_ns() - self._gone_ns

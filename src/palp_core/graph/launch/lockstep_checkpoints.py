@@ -2,6 +2,7 @@
 
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.launch.changes_told import ChangesTold
 from palp_core.graph.launch.checkpoints import Checkpoints
 from palp_core.graph.launch.diagnostics import Diagnostics
 from palp_core.graph.launch.methods_told import MethodsTold
@@ -19,6 +20,7 @@ class LockstepCheckpoints:
         conductor: Has the time.
         diagnostics: What nodes said was wrong.
         methods: Which methods they said they use.
+        changes: What was changed of them.
         launcher_node: What the launcher itself says.
         recorders: Whose bags are to have all that was published before.
     """
@@ -30,12 +32,13 @@ class LockstepCheckpoints:
         conductor: Conductor,
         diagnostics: Diagnostics,
         methods: MethodsTold,
+        changes: ChangesTold,
         launcher_node: LauncherNode,
         recorders: Recorders,
     ) -> None:
         self._checkpoints, self._conductor, self._launcher_node = checkpoints, conductor, launcher_node
         self._recorders = recorders
-        self._diagnostics, self._methods = diagnostics, methods
+        self._diagnostics, self._methods, self._changes = diagnostics, methods, changes
         self._keeper = _keeper(nodes)
 
     def go_on(self) -> bool:
@@ -45,6 +48,7 @@ class LockstepCheckpoints:
             return False
         self._diagnostics.restore(found.incidents, found.standing)
         self._methods.restore(found.methods)
+        self._changes.restore(found.changes)
         self._launcher_node.go_on(found.said)
         nodes = self._keeper.restore([node.kept for node in found.nodes])
         self._conductor.go_on(found.now_ns, found.activation_count, nodes)
@@ -63,6 +67,7 @@ class LockstepCheckpoints:
             incidents=self._diagnostics.incidents,
             standing=self._diagnostics.standing,
             methods=self._methods.told,
+            changes=self._changes.told,
             said=self._launcher_node.said,
             bag=self._recorders.bag,
         )

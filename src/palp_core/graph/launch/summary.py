@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 
 from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.launch.changes_told import ChangeTold
 from palp_core.graph.launch.diagnostics import Incident
 from palp_core.graph.launch.methods_told import MethodTold
 from palp_core.graph.node.loading import load_module
@@ -20,7 +21,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
         args: The launch file's arguments as resolved.
         given: Those that were given, ``name:=value``.
         resumed_count: How often the run was interrupted and went on from a checkpoint.
-        params: Parameters of every node, by node.
+        params: Parameters of every node, by node; what was set while it ran is among the changes.
         publishes: Message type of each topic that a node publishes, by node.
         listens: Topics that each node reads, by node.
         deliveries: Inputs by how messages came to them, a name of task ``delivery``; empty where nobody noted
@@ -34,6 +35,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
         attached: Texts that the report function wants kept with all that is recorded of the run, by name.
         cpu_s: CPU time of each node's process; of those that were asked, on the wall clock.
         methods: Which methods nodes said they use, and from when on, in time's order.
+        changes: Classes that took a node's place, and parameters that were set, in time's order.
         report: What the launch file's report function says in words; "" if there is none.
     """
 
@@ -59,6 +61,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     incidents: list[Incident] = []
     methods: list[MethodTold] = []
     cpu_s: dict[str, float] = {}
+    changes: list[ChangeTold] = []
     report: str = ""
 
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.launch.changes_told import ChangesTold
 from palp_core.graph.launch.checkpoints import Checkpoints
 from palp_core.graph.launch.diagnostics import Diagnostics
 from palp_core.graph.launch.methods_told import MethodsTold
@@ -19,6 +20,7 @@ class WallCheckpoints:
         supervisor: Has the processes.
         diagnostics: What nodes said was wrong.
         methods: Which methods they said they use.
+        changes: What was changed of them.
     """
 
     def __init__(
@@ -28,9 +30,10 @@ class WallCheckpoints:
         supervisor: Supervisor,
         diagnostics: Diagnostics,
         methods: MethodsTold,
+        changes: ChangesTold,
     ) -> None:
         self._checkpoints, self._checked, self._supervisor = checkpoints, checked, supervisor
-        self._diagnostics, self._methods = diagnostics, methods
+        self._diagnostics, self._methods, self._changes = diagnostics, methods, changes
         self._wanted = {spec.name for spec in checked().spawned if spec.keeps_at}
         self._kept: dict[int, dict[str, bytes]] = {}
         if self._wanted:
@@ -43,6 +46,7 @@ class WallCheckpoints:
             return 0
         self._diagnostics.restore(found.incidents, found.standing)
         self._methods.restore(found.methods)
+        self._changes.restore(found.changes)
         self._supervisor.restores = {node.name: node.kept for node in found.nodes}
         return found.now_ns
 
@@ -64,4 +68,5 @@ class WallCheckpoints:
             incidents=self._diagnostics.incidents,
             standing=self._diagnostics.standing,
             methods=self._methods.told,
+            changes=self._changes.told,
         )

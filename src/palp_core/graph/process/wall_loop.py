@@ -6,8 +6,9 @@ from functools import partial
 from pathlib import Path
 
 from palp_core.graph.clock import WallClock, monotonic_ns
-from palp_core.graph.messages.builtin import DiagnosticStatus, MethodsUsed, Progress, Swap
-from palp_core.graph.messages.frame import pack_former
+from palp_core.graph.messages.builtin import DiagnosticStatus, MethodsUsed, NodeEvent, Progress, Swap
+from palp_core.graph.messages.frame import pack_former, parse
+from palp_core.graph.messages.message import decode
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Lifecycle, Transition
 from palp_core.graph.node.loading import endpoints, load_class
@@ -86,9 +87,11 @@ class WallLoop:
         self._published = self._keep_published(kept.with_name(f"{order.place}.published")) if kept else None
         self.executor.transition(Transition.CONFIGURE)
         for publisher in self.executor.ends.publishers.values():
-            shown = publisher.message in (Progress, Swap, DiagnosticStatus, MethodsUsed)
+            shown = publisher.message in (Progress, Swap, DiagnosticStatus, MethodsUsed, NodeEvent)
             self.sockets.publisher.offer([publisher], direct=not shown)
-            if shown:
+            if publisher.message is NodeEvent:
+                publisher.send = self._send_event
+            elif shown:
                 publisher.send = partial(self._send_shown, passing=publisher.message is Progress)
         for port in order.spec.external:
             self.receiver.own.watch(self.executor.ends.publishers[order.spec.inputs[port]])
@@ -127,6 +130,13 @@ class WallLoop:
         if not passing or (not self._unshown and self._heard()):
             self._unshown.append(frame)
         self._show()
+
+    def _send_event(self, frame: bytes) -> None:
+        """Show the launcher those that the record needs: of others there may be many."""
+        if decode(NodeEvent, parse(frame).payload).kind == "parameters":
+            self._send_shown(frame, passing=False)
+        else:
+            self.sockets.publisher.send(frame)
 
     def _show(self) -> None:
         """Hand the launcher what it has not been shown."""

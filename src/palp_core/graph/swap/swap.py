@@ -303,7 +303,8 @@ class Swapper:
             text = f"{report.before} -> {report.after}, gap {report.gap_s * 1e3:.2f} ms, {report.held} held"
             self._checked = now.checked
             self._changed(now.checked, now.index, done)
-            self._report("swapped", report.node, text, **msgspec.to_builtins(report))
+            given = {"given": request.params} if request.params else {}
+            self._report("swapped", report.node, text, **msgspec.to_builtins(report), **given)
         return report
 
     def _swap(self, request: SwapRequest) -> tuple[SwapReport, Done | None, CheckedSwap]:

@@ -27,7 +27,7 @@ from palp_core.view.source.protocol import Heard, ViewSource, Watch
 
 RARE = (
     "Mount", "PhantomTruth", "PrimitivesLearnt", "Trial", "TrialResult", "Belief", "ContactGuard",
-    "RingState", "SweepStatus", "SweepGoal",
+    "RingState", "SweepStatus", "SweepGoal", "PolicyChange",
 )  # fmt: skip
 """Every one counts; those of one time in this order."""
 LATEST = (
@@ -187,6 +187,8 @@ class RigMonitor:
                 self.board.result(heard.stamp_ns, message)
             case "Belief":
                 self.belief.believe(message)
+            case "PolicyChange":
+                self.board.took_over(message)
             case "ContactGuard":
                 self._note_guards(message["words"])
             case "RingState" if self._last_whole < 0:

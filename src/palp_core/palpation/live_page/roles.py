@@ -11,6 +11,8 @@ from palp_core.view.source.protocol import ViewSource
 
 EXPERIMENT = "TrialResult"
 """What the experiment publishes, and nobody else."""
+POLICY = "PolicyChange"
+"""What the policy publishes, whichever class it is."""
 SAFETY_TYPE, SAFETY_NAME = "SafetyBeat", "safety"
 
 
@@ -35,6 +37,19 @@ def safety_node(topics: Sequence[Topic], nodes: Sequence[str]) -> str:
     if SAFETY_NAME in nodes and (not beating or SAFETY_NAME in beating):
         return SAFETY_NAME
     return beating[0] if beating else ""
+
+
+def policy_at_work(source: ViewSource, topics: Mapping[str, str]) -> str:
+    """Return the class that chooses now, ``module:Class``; "" over a bag, and where nobody can tell.
+
+    Args:
+        source: The graph.
+        topics: By message type.
+    """
+    node, overview = topics.get(POLICY, "").partition("/")[2].partition("/")[0], source.overview()
+    if overview.kind != "graph":  # a bag tells of the class with which its recording began
+        return ""
+    return next((one.run for one in overview.nodes if one.name == node), "")
 
 
 def session_folder(source: ViewSource, topics: Mapping[str, str]) -> Path | None:

@@ -34,6 +34,7 @@ class TrialBoard:
         self._results: dict[int, tuple[int, dict[str, Any]]] = {}
         self._mounts: list[tuple[int, dict[str, Any]]] = []
         self._depths_mm: set[float] = set()
+        self._took_over: list[dict[str, Any]] = []
         self._rows: list[TrialRow] | None = None
 
     def result(self, stamp_ns: int, result: dict[str, Any]) -> None:
@@ -53,6 +54,20 @@ class TrialBoard:
         """Take the depths that training taught: an estimate is held against the nearest of them."""
         self._depths_mm |= {_mm(depth_m) for depth_m in depths_m}
         self._rows = None
+
+    def took_over(self, change: dict[str, Any]) -> None:
+        """Take a ``PolicyChange``."""
+        self._took_over.append(change)
+
+    def mixed_words(self) -> str:
+        """Return in words which policies took over among these trials; "" where all are of one policy."""
+        first = min(self._results, default=0)
+        found = [
+            f"{one['policy']} from trial {1 + sum(trial < one['trial'] for trial in self._results)} on"
+            for one in self._took_over
+            if (one["trial"], one["iteration"]) > (first, 1)
+        ]
+        return f"Not all are of one policy: {', '.join(found)}." if found else ""
 
     @property
     def rows(self) -> list[TrialRow]:

@@ -16,10 +16,12 @@ import msgspec
 
 from palp_core.errors import BagDamaged, MechanicsError, PalpError
 from palp_core.graph.bag.reader import Bag, BagMessage
+from palp_core.graph.launch.changes_told import GRAPH_EVENTS, ChangesTold, ChangeTold
 from palp_core.graph.launch.diagnostics import Diagnostics
 from palp_core.graph.launch.methods_told import MethodsTold, MethodTold
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.graph.messages.builtin import DiagnosticStatus, MethodsUsed
+from palp_core.graph.node.event_publisher import EVENTS_PORT
 from palp_core.graph.node.spec import LAUNCHER, topic
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
@@ -110,6 +112,7 @@ class _Contents:
         self._messages.sort(key=lambda message: message.publish_ns)
         self._topics = bag.topics()
         self._cpu_s = _cpu_s(bag) if HEALTH in self._topics else {}
+        self._changes = _changes(bag)
 
     def values(self, kind: str) -> list[Any]:
         """Return the messages of a type."""
@@ -173,6 +176,7 @@ class _Contents:
             incidents=self._incidents(),
             methods=self._methods(),
             cpu_s=self._cpu_s,
+            changes=self._changes,
         )
 
     def _why_unfinished(self, rows: Sequence[Row]) -> str:
@@ -335,6 +339,16 @@ def _cpu_s(bag: Bag) -> dict[str, float]:
         for message in bag.messages([HEALTH]):
             found |= {node.node: node.cpu_s for node in message.value.nodes}
     return found
+
+
+def _changes(bag: Bag) -> list[ChangeTold]:
+    """Return what was changed of nodes, as launcher and nodes said before any damage."""
+    names = [name for name in bag.topics() if name == GRAPH_EVENTS or name.endswith(f"/{EVENTS_PORT}")]
+    told = ChangesTold()
+    with contextlib.suppress(BagDamaged):
+        for message in bag.messages(names) if names else ():
+            told.note(message.topic, message.value)
+    return told.told
 
 
 def launch_of(bag: Bag) -> RunSummary:

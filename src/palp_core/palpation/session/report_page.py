@@ -14,6 +14,9 @@ from palp_core.palpation.session.result_json import planned_swaps, policy_label,
 from palp_core.palpation.session.sheet.of_run import sheet_lines
 from palp_core.palpation.session.sheet.sheet import SessionSheet
 
+SIMULATED = "sim"
+"""The device of a node that has none, but is one in simulation."""
+
 
 def headline(result: dict[str, Any]) -> str:
     """Return the session in a sentence, or two where it is unfinished."""
@@ -85,6 +88,8 @@ def write_report(
         command=command(result, args or {}),
         by_hand=_by_hand(result),
         nearest=_nearest(result),
+        changes=[_change_row(one) for one in result.get("changes", ())],
+        rig=_rig(result),
         trials=[_trial_row(trial) for trial in trials],
         methods=paragraphs([*result["methods"], *result["deliveries"]]),
         published=FIXED,
@@ -119,6 +124,25 @@ def _by_hand(result: dict[str, Any]) -> list[list[str]]:
         [one["policy"], str(one["trial"]), str(one["palpation"]), f"{one['at_s']:,.1f} s"]
         for one in result.get("swapped_by_hand", ())
     ]
+
+
+def _change_row(change: dict[str, Any]) -> list[str]:
+    """Return when a node was changed, before which palpation, which node, and what of it."""
+    number = change["palpation"]
+    before = "after the last" if number is None else f"{number}, of {change['phase']}"
+    words = [f"{name} = {json.dumps(value)}" for name, value in change["params"].items()]
+    if change["run"]:
+        words.insert(0, f"{change['before']} → {change['run']}")
+    return [f"{change['at_s']:,.1f} s", before, f"/{change['node']}", "; ".join(words)]
+
+
+def _rig(result: dict[str, Any]) -> str:
+    """Return what was swept: by devices or in simulation."""
+    if result["mechanics"] is None:
+        return "rig with devices"
+    stage = result["protocol"].get(result["roles"].get("stage", "stage"), {})
+    device = stage.get("device", {}).get("value", SIMULATED)
+    return "simulated rig" if device == SIMULATED else "emulated devices, simulated phantoms"
 
 
 def _nearest(result: dict[str, Any]) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 
 import palp_core
 from palp_core.errors import MechanicsError, PalpError
+from palp_core.graph.launch.changes_told import last_set
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.perception.belief.stopping import stop_rule
@@ -36,7 +37,7 @@ from palp_core.palpation.session.recorded_session import RecordedSession, Record
 from palp_core.palpation.session.roles import Roles, roles_of
 from palp_core.palpation.session.sheet.of_run import sheet_of
 from palp_core.palpation.session.sheet.sheet import SessionSheet
-from palp_core.palpation.session.who_chose import swapped_by_hand
+from palp_core.palpation.session.who_chose import changes_of, swapped_by_hand
 from palp_core.palpation.world.model import basis as world_basis
 from palp_core.palpation.world.model import units as world_units
 from palp_core.whole_file import read_whole, write_json
@@ -84,6 +85,7 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
     return {
         **_policy(experiment.get("policy", "")),
         **({"swapped_by_hand": by_hand} if by_hand else {}),
+        **({"changes": changes_of(summary.changes, session.rows)} if summary.changes else {}),
         "seed": summary.seed,
         "trials": experiment.get("trials"),
         "training": experiment.get("training"),
@@ -115,7 +117,7 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
         "deliveries": deliveries_of(summary, session.rows),
         "methods_unsaid": unsaid(summary, session.rows),
         "roles": dict(roles.node),
-        "protocol": _protocol(summary.params, roles, by_hand=bool(by_hand)),
+        "protocol": _protocol(summary, roles, by_hand=bool(by_hand)),
         "clock": summary.clock,
         "sim_time_s": summary.clock_s,
         "palpations": len(session.rows),
@@ -184,13 +186,11 @@ def unfinished_words(result: dict[str, Any]) -> str:
 
 
 def policy_label(result: dict[str, Any]) -> str:
-    """Return the policy's name and those that took over from it; the last with its ring position, if any.
+    """Return the policy that chose first and those that took over from it; the last with its ring, if any.
 
-    One that was to take over in a trial that was never begun did not.
+    One that was to take over in a trial that was never begun did not, and one that went before any trial
+    chose nothing. Where no trial was begun, the policies that were there are told in their order.
     """
-    ring = _of_role(result, "policy").get("ring_mm")
-    label = str(result["policy"] or "unnamed")
-    label += f" ({result['policy_class']})" if "policy_class" in result else ""
     begun = result["trials_done"] + len(result.get("trials_dropped", ())) + result["trials_unfinished"]
     took_over = [
         (trial, 2, policy_name(run)) for trial, run in planned_swaps(result).items() if 1 <= trial <= begun
@@ -198,9 +198,29 @@ def policy_label(result: dict[str, Any]) -> str:
     took_over += [
         (one["trial"], one["palpation"], one["policy"]) for one in result.get("swapped_by_hand", ())
     ]
-    for trial, _, policy in sorted(took_over, key=lambda one: one[:2]):
-        label += f", from trial {trial} on {policy}"
-    return label + (f", {ring['value']:g} mm" if ring else "")  # parameters are those of the last
+    first = str(result["policy"] or "unnamed")
+    chose = [(1, 1, first), *sorted(took_over, key=lambda one: one[:2])]
+    chose = [one for one, later in itertools.pairwise([*chose, (0, 0, "")]) if later[:2] != (1, 1)]
+    label = chose[0][2]
+    if "policy_class" in result and label == first:
+        label += f" ({result['policy_class']})"
+    label += "".join(f", from trial {trial} on {policy}" for trial, _, policy in chose[1:])
+    there = _policies_there(result)
+    if not begun:
+        label += "".join(f", then {policy}" for policy in there)
+    ring = _of_role(result, "policy").get("ring_mm")
+    last_chose = not begun or not there or there[-1] == chose[-1][2]
+    return label + (f", {ring['value']:g} mm" if ring and last_chose else "")  # parameters are the last one's
+
+
+def _policies_there(result: dict[str, Any]) -> list[str]:
+    """Return the policies that took over, in time's order, whether they chose anything or not."""
+    node = result.get("roles", {}).get("policy", "policy")
+    return [
+        policy_name(one["run"])
+        for one in result.get("changes", ())
+        if one["node"] == node and one["run"] != one["before"]
+    ]
 
 
 def planned_swaps(result: dict[str, Any]) -> dict[int, str]:
@@ -415,7 +435,7 @@ def _based(values: dict[str, float], file: str = "") -> dict[str, dict[str, Any]
     return {name: {"value": value, "basis": basis[name]} for name, value in values.items()}
 
 
-def _protocol(params: dict[str, dict[str, Any]], roles: Roles, *, by_hand: bool) -> dict[str, dict[str, Any]]:
+def _protocol(summary: RunSummary, roles: Roles, *, by_hand: bool) -> dict[str, dict[str, Any]]:
     """Return every node's parameters, each with what it rests on; where to record is no part of it."""
     found = {
         node: {
@@ -423,14 +443,24 @@ def _protocol(params: dict[str, dict[str, Any]], roles: Roles, *, by_hand: bool)
             for name, value in values.items()
             if (roles.of.get(node), name) not in _WHERE
         }
-        for node, values in params.items()
+        for node, values in summary.params.items()
     }
+    for node in found:
+        _tell_set(found[node], last_set(summary.changes, node))
     if by_hand:
         entry = found[roles.node["experiment"]].setdefault("swaps", {"value": "", "basis": ""})
         entry["basis"] = "; ".join(
             filter(None, [entry["basis"], "others took over by hand (swapped_by_hand)"])
         )
     return found
+
+
+def _tell_set(protocol: dict[str, dict[str, Any]], given: dict[str, Any]) -> None:
+    """Have a node's protocol tell what its parameters were set to while it ran."""
+    for name in given.keys() & protocol.keys():
+        basis = protocol[name]["basis"]
+        words = "; ".join(filter(None, [basis, "set while the session ran (changes)"]))
+        protocol[name] = {"value": given[name], "basis": words}
 
 
 def _versions() -> dict[str, str]:

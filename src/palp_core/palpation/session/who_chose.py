@@ -1,8 +1,9 @@
-"""Which policy chose each palpation, as others take its place: by plan, or by hand meanwhile."""
+"""Which policy chose each palpation, as others take its place by plan or by hand; what else was changed."""
 
 from collections.abc import Sequence
 from typing import Any, Protocol
 
+from palp_core.graph.launch.changes_told import ChangeTold
 from palp_core.palpation.session.plan import planned, policy_name
 from palp_core.palpation.session.trials_csv import Row
 
@@ -47,4 +48,35 @@ def swapped_by_hand(rows: Sequence[Row], swaps: str) -> list[dict[str, Any]]:
         before, due = row.policy, ""
         if row.iteration == 1 and number in by_plan:  # it goes on with the trial that the other one began
             due = policy_name(by_plan[number])
+    return found
+
+
+def changes_of(changes: Sequence[ChangeTold], rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Return what was changed of nodes while a session ran, by plan or by hand, in time's order.
+
+    Args:
+        changes: What the run has told.
+        rows: Every palpation of the session.
+
+    Returns:
+        Of each the ``node``; when, ``at_s``, on the graph's clock; ``phase`` and number, from 1, of the next
+        ``palpation`` whose sweep began (None and "": there was none); the class until then, ``before``, and
+        the one that took its place, ``run``; and ``params`` that were set.
+    """
+    ordered = sorted(rows, key=lambda row: row.row)
+    found = []
+    for change in changes:
+        later = ((n, row.phase) for n, row in enumerate(ordered, 1) if row.start_ns / 1e9 >= change.at_s)
+        number, phase = next(later, (None, ""))
+        found.append(
+            {
+                "node": change.node,
+                "at_s": round(change.at_s, 3),
+                "phase": phase,
+                "palpation": number,
+                "before": change.before,
+                "run": change.run,
+                "params": dict(change.params),
+            }
+        )
     return found

@@ -9,7 +9,9 @@ from nicegui.element import Element
 
 from palp_core.palpation.live_page.monitor import RigMonitor
 from palp_core.palpation.live_page.probes import JudgedProbe, TrialBelief
+from palp_core.palpation.live_page.roles import policy_at_work
 from palp_core.view.pages.parts import said, table
+from palp_core.view.source.protocol import ViewSource
 
 
 class ShareBars(Element, component="bars.js"):  # type: ignore[misc, call-arg]
@@ -30,14 +32,17 @@ class BeliefPanel:
     """Of a blinded session only how many palpations there were.
 
     Args:
+        source: Knows which policy is at work.
         monitor: What is shown.
         blind: Nothing of the belief is.
     """
 
-    def __init__(self, monitor: RigMonitor, *, blind: bool) -> None:
-        self._monitor, self._shown = monitor, [JudgedProbe(-1, 0.0, 0.0)]
+    def __init__(self, source: ViewSource, monitor: RigMonitor, *, blind: bool) -> None:
+        self._source, self._monitor = source, monitor
+        self._shown = [JudgedProbe(-1, 0.0, 0.0)]
         said("h2", "The present trial")
         self._words = said("div", "").props('data-what="trial" role="status"')
+        self._policy = said("div", "", "quiet").props('data-what="policy"')
         self._bars: ShareBars | None = None
         if blind:
             return
@@ -49,6 +54,8 @@ class BeliefPanel:
         """Show the belief as it is."""
         belief = self._monitor.belief
         self._words.text = trial_words(belief, self._monitor.latest("Progress"))
+        policy = policy_at_work(self._source, self._monitor.topics)
+        self._policy.text = f"policy: {policy}" if policy else ""
         if self._bars is None:
             return
         self._bars.show(bars(belief))

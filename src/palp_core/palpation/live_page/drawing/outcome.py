@@ -74,6 +74,8 @@ class OutcomePanel:
                 ("Depth", "Right", "Of", "Share (95 %, this session only)"),
                 [*rows, ("all", *_share(overall))],
             )
+            if mixed := board.mixed_words():
+                said("p", mixed)
             said(
                 "p",
                 "Phantoms come in blocks: the share of all tells whose block it is; look at each depth.",

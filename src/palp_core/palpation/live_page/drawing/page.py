@@ -36,7 +36,7 @@ def put_up(viewer: Viewer) -> None:
     with ui.element("div").classes("rig-grid"):
         touch = TouchPanel(monitor, blind=viewer.blind)
         with ui.element("section"):
-            belief = BeliefPanel(monitor, blind=viewer.blind)
+            belief = BeliefPanel(viewer.source, monitor, blind=viewer.blind)
             muscles = MusclePanel(viewer.source, monitor)
     outcome = OutcomePanel(viewer.source, monitor, blind=viewer.blind)
 

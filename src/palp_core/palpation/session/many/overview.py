@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from palp_core.errors import PalpError
+from palp_core.graph.launch.changes_told import last_set
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.session.decided.audit import left_out
 from palp_core.palpation.session.decided.blind import is_blinded, ran_blinded
@@ -147,14 +148,16 @@ def _read(
     if far and not running and far["why"]:
         words += f", because: {far['why']}"
     return SessionEntry(
-        folder, state, words, began, sheet, summary.seed, _design(session, roles), _settings(summary, roles),
-        session.trials, dict(session.left_out), hashlib.sha256((folder / TABLE).read_bytes()).hexdigest(),
+        folder, state, words, began, sheet, summary.seed, _design(session, summary, roles),
+        _settings(summary, roles), session.trials,
+        dict(session.left_out), hashlib.sha256((folder / TABLE).read_bytes()).hexdigest(),
     )  # fmt: skip
 
 
-def _design(session: RecordedSession, roles: Roles) -> str:
+def _design(session: RecordedSession, summary: RunSummary, roles: Roles) -> str:
     """Return what sessions of one group have in common: policy, depths, what was touched and read."""
-    experiment, ring_mm = roles.params("experiment"), roles.params("policy").get("ring_mm")
+    experiment, given = roles.params("experiment"), last_set(summary.changes, roles.node["policy"])
+    ring_mm = (roles.params("policy") | given).get("ring_mm")
     policy = str(experiment.get("policy") or "unnamed")
     ring = f" at {ring_mm:g} mm" if ring_mm is not None else ""  # of the policy that was there last
     swaps = f", then {experiment['swaps']}" if experiment.get("swaps") else ""
