@@ -14,6 +14,7 @@ from palp_core.graph.node.event_publisher import EVENTS_PORT
 from palp_core.graph.node.spec import LAUNCHER, topic
 
 GRAPH_EVENTS = topic(LAUNCHER, "events")
+_GRAPH_EVENTS, _NODE_EVENTS = GRAPH_EVENTS.encode(), f"/{EVENTS_PORT}".encode()
 
 
 class ChangeTold(msgspec.Struct, frozen=True):
@@ -50,11 +51,11 @@ class ChangesTold:
 
     def observe(self, frame: bytes) -> None:
         """Look at one frame of the graph."""
-        name = topic_of(frame).decode()
-        if name == GRAPH_EVENTS:
-            self.note(name, decode(GraphEvent, parse(frame).payload))
-        elif name.endswith(f"/{EVENTS_PORT}"):
-            self.note(name, decode(NodeEvent, parse(frame).payload))
+        name = topic_of(frame)
+        if name == _GRAPH_EVENTS:
+            self.note(GRAPH_EVENTS, decode(GraphEvent, parse(frame).payload))
+        elif name.endswith(_NODE_EVENTS):
+            self.note(name.decode(), decode(NodeEvent, parse(frame).payload))
 
     def note(self, name: str, event: Any) -> None:
         """Note what an event on a topic tells, if it is a change."""
