@@ -78,21 +78,21 @@ def _row(viewer: Viewer, node: str, one: dict[str, Any], in_force: dict[str, Any
             said("div", f"{bounds(one)}; default {typed(one['default']) or 'none'}", "quiet")
             return
         with ui.element("div").classes("row-of"):
-            entry = labelled(_entry(one), name).on("keydown.enter", lambda: put())
-            press = ui.button("set", on_click=lambda: put()).props("outline dense no-caps").classes(CHANGES)
-            labelled(press, f"set {name}")
+            entry: Any = labelled(_entry(one), name)
+            entry.on("keydown.enter", lambda: put(str(entry.value or "")))
+            press = ui.button("set", on_click=lambda: put(str(entry.value or "")))  # as it is when pressed
+            labelled(press.props("outline dense no-caps").classes(CHANGES), f"set {name}")
         said("div", f"{bounds(one)}; default {typed(one['default']) or 'none'}", "quiet")
         outcome = Outcome()
 
-        def change() -> dict[str, Any]:
-            text = str(entry.value or "")
+        def change(text: str) -> dict[str, Any]:
             try:
                 return operator.set_parameters(node, {name: text})
             except GraphError as error:
                 raise GraphError(refused(name, text, str(error))) from error
 
-        async def put() -> None:
-            after = await outcome.of(change)
+        async def put(text: str) -> None:
+            after = await outcome.of(change, text)
             if after is None:
                 return
             for other, label in in_force.items():
