@@ -41,7 +41,6 @@ class MusclePanel:
         for name, fields, file in PLOTS[:1] if monitor.at_once else PLOTS:
             if name in monitor.topics:
                 _plot(source, monitor.topics[name], fields, file, last_only=monitor.at_once)
-        said("div", "along the plots: time in s, by the graph's clock", "quiet")
 
     def show(self) -> None:
         """Show the level as it is."""
@@ -61,17 +60,20 @@ def _plot(source: ViewSource, topic: str, fields: dict[str, str], file: str, *, 
         plot = LivePlot(file)
         plot.classes(replace="live-plot rig-small")
         plot.shape(names=list(fields.values()), slim=True)
-        plot.set_visibility(False)  # axes without a point tell nothing
+        along = said("div", "time in s, by the graph's clock", "quiet")
+        for one in (plot, along):
+            one.set_visibility(False)  # axes without a point tell nothing
         waiting = [NO_POINTS for _ in series]
         seen = [-1]
 
         def tick() -> None:
             heard = _new(watch, seen) if last_only else watch.drain()
-            for place, one in enumerate(series):
-                points = np.concatenate([waiting[place], *(one.add(message) for message in heard)])
+            for place, field in enumerate(series):
+                points = np.concatenate([waiting[place], *(field.add(message) for message in heard)])
                 waiting[place] = shown(points, SPAN_S)
             if any(len(points) for points in waiting) and not plot.busy:
-                plot.set_visibility(True)
+                for one in (plot, along):
+                    one.set_visibility(True)
                 plot.add(waiting)
                 waiting[:] = [NO_POINTS for _ in series]
 
