@@ -85,7 +85,7 @@ def viewing(browser: Any, talk: Talk, shared_palp: Palp) -> Viewing:
 
 
 def at_work(viewing: Viewing) -> str:
-    """The class at work on a node's page: workers share the tests, so another test may have swapped before."""
+    """The class at work on a node's page: workers share the tests, so another may have swapped before."""
     viewing.says(", process ")
     found = re.search(r"nodes\.\w+:\w+(?=, process)", viewing.page.inner_text("body"))
     assert found is not None
