@@ -53,12 +53,14 @@ class ProcessProbation(LockstepProbation):
         supervisor, index = self._supervisor, self.index
         supervisor.swap_replies.pop(index, None)
         supervisor.send_if_connected(index, CommitNow(last=False))
+        replies = supervisor.swap_replies
         supervisor.wait_until(
-            lambda: index in supervisor.swap_replies or bool(self.failure), self._latest_ns()
+            lambda: isinstance(replies.get(index), Commit) or bool(self.failure), self._latest_ns()
         )
-        answer = supervisor.swap_replies.pop(index, None)
-        self._note_hang(answered=answer is not None)
-        return answer if isinstance(answer, Commit) else None
+        answer = replies.pop(index, None)
+        commit = answer if isinstance(answer, Commit) else None  # another is late: to what was asked before
+        self._note_hang(answered=commit is not None)
+        return commit
 
     @staticmethod
     def _latest_ns() -> int:
