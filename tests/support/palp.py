@@ -119,6 +119,7 @@ class Palp:
                     os.set_blocking(pipe.fileno(), False)
                     with contextlib.suppress(BlockingIOError):
                         told.append(os.read(pipe.fileno(), 1 << 20).decode(errors="replace")[-MOST_SAID:])
+                    os.set_blocking(pipe.fileno(), True)  # other tests of the file may go on reading
         return "\n".join(told)
 
     def close(self) -> None:

@@ -72,9 +72,7 @@ def send_goal(
                         print_json({"feedback": said})
                     elif feedback:
                         _show("Feedback:", said)
-            except (
-                KeyboardInterrupt
-            ):  # wherever it came: a goal that is under way is cancelled, and followed on
+            except KeyboardInterrupt:  # wherever it came: a goal under way is cancelled, and followed on
                 if not following.sent:
                     raise typer.Exit(INTERRUPTED) from None
                 following.cancel()

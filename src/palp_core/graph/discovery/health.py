@@ -176,8 +176,8 @@ def rows(before: HealthSample | None, after: HealthSample) -> tuple[list[NodeRow
     for node in after.nodes:
         old = _same_process(earlier.get(node.node), node)
         span_s = _span_s(old, node)
-        row = _node_row(old, node, span_s, sampled_s)
-        node_rows.append(msgspec.structs.replace(row, responsive=node.node not in after.silent))
+        responsive = node.node not in after.silent
+        node_rows.append(_node_row(old, node, span_s, sampled_s, responsive=responsive))
         edge_rows += _edge_rows(old, node, span_s)
     return node_rows, edge_rows
 
@@ -194,14 +194,16 @@ def _span_s(old: NodeHealth | None, node: NodeHealth) -> float | None:
     return (node.counted_ns - old.counted_ns) / 1e9
 
 
-def _node_row(old: NodeHealth | None, node: NodeHealth, span_s: float | None, sampled_s: float) -> NodeRow:
+def _node_row(
+    old: NodeHealth | None, node: NodeHealth, span_s: float | None, sampled_s: float, *, responsive: bool
+) -> NodeRow:
     cpu_span_s = span_s if node.counted_ns else sampled_s  # of one that is silent the host knows it
     latencies = [edge.latency_p99_s for edge in node.edges if edge.latency_max_s > 0]
     return NodeRow(
         name=f"/{node.node}",
         pid=node.pid,
         state=node.lifecycle,
-        responsive=True,
+        responsive=responsive,
         cpu_percent=100.0 * (node.cpu_s - old.cpu_s) / cpu_span_s if old is not None and cpu_span_s else None,
         memory_bytes=node.memory_bytes,
         rate_hz=(_handled(node) - _handled(old)) / span_s if old is not None and span_s else None,

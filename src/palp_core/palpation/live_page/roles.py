@@ -46,7 +46,7 @@ def policy_at_work(source: ViewSource, topics: Mapping[str, str]) -> str:
         source: The graph.
         topics: By message type.
     """
-    node, overview = topics.get(POLICY, "").partition("/")[2].partition("/")[0], source.overview()
+    node, overview = _node_of(topics.get(POLICY, "")), source.overview()
     if overview.kind != "graph":  # a bag tells of the class with which its recording began
         return ""
     return next((one.run for one in overview.nodes if one.name == node), "")
@@ -61,8 +61,11 @@ def session_folder(source: ViewSource, topics: Mapping[str, str]) -> Path | None
     """
     if source.overview().kind != "graph":
         return None
-    experiment = topics.get(EXPERIMENT, "").partition("/")[2].partition("/")[0]
     launch = source.launch()
-    out = launch.get("params", {}).get(experiment, {}).get("out")
+    out = launch.get("params", {}).get(_node_of(topics.get(EXPERIMENT, "")), {}).get("out")
     found = Path(launch.get("folder", ""), out) if isinstance(out, str) else Path()
     return found if found.is_absolute() else None
+
+
+def _node_of(topic: str) -> str:
+    return topic.partition("/")[2].partition("/")[0]

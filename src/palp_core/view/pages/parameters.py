@@ -63,6 +63,7 @@ def _rows(viewer: Viewer, node: str, declared: dict[str, Any]) -> list[tuple[Any
 
 def _row(viewer: Viewer, node: str, one: dict[str, Any], in_force: dict[str, Any]) -> tuple[Any, ...]:
     operator, name = viewer.operator, one["name"]
+    limits = f"{bounds(one)}; default {typed(one['default']) or 'none'}"
 
     def named() -> None:
         said("span", name)
@@ -75,14 +76,14 @@ def _row(viewer: Viewer, node: str, one: dict[str, Any], in_force: dict[str, Any
     def field() -> None:
         if one["read_only"] or operator is None:
             said("span", "looked at when the node is configured" if one["read_only"] else "", "quiet")
-            said("div", f"{bounds(one)}; default {typed(one['default']) or 'none'}", "quiet")
+            said("div", limits, "quiet")
             return
         with ui.element("div").classes("row-of"):
             entry: Any = labelled(_entry(one), name)
             entry.on("keydown.enter", lambda: put(str(entry.value or "")))
             press = ui.button("set", on_click=lambda: put(str(entry.value or "")))  # as it is when pressed
             labelled(press.props("outline dense no-caps").classes(CHANGES), f"set {name}")
-        said("div", f"{bounds(one)}; default {typed(one['default']) or 'none'}", "quiet")
+        said("div", limits, "quiet")
         outcome = Outcome()
 
         def change(text: str) -> dict[str, Any]:

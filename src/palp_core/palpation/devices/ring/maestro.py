@@ -218,10 +218,12 @@ class MaestroRing:
             raise DeviceError("ring: not open; open it first")
         settled = state.homed and self._motion.arrived and self._host.now_ns() >= state.settled_ns
         waits_s = self._motion.waits_ns(self._host.now_ns()) / 1e9
-        waits = f"its motor may run {100 * self.duty:g} % of the time alone, and waits {waits_s:.0f} s more"
-        return RingReading(
-            state.target_m, self._motion.measured_m, settled, waits if waits_s >= _WORTH_TELLING_S else ""
-        )
+        waits = ""
+        if waits_s >= _WORTH_TELLING_S:
+            waits = (
+                f"its motor may run {100 * self.duty:g} % of the time alone, and waits {waits_s:.0f} s more"
+            )
+        return RingReading(state.target_m, self._motion.measured_m, settled, waits)
 
     def discover(self) -> dict[str, str]:
         """Return feedback and pulse; nothing moves.

@@ -58,8 +58,12 @@ class OutcomePanel:
         if not self._blind and self._monitor.has("ContactGuard") and self._guards != self._monitor.guards:
             self._guards = self._monitor.guards
             _fill(self._met, partial(_guards, self._guards))
+        if not self._told_where:
+            self._tell_where()
+
+    def _tell_where(self) -> None:
         folder = session_folder(self._source, self._monitor.topics)
-        if folder is not None and not self._told_where:
+        if folder is not None:
             self._told_where = True
             _fill(self._where, partial(_results, folder))
 

@@ -9,8 +9,9 @@ import numpy as np
 from nicegui import ui
 from nicegui.elements.echart import EChart  # its import is what makes ECharts known to the page
 
+from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.live_page.drawing.paced import Paced
-from palp_core.palpation.live_page.geometry import lean_rad, lengths_mm
+from palp_core.palpation.live_page.geometry import LIFT_M, lean_rad, lengths_mm
 from palp_core.palpation.live_page.monitor import RigMonitor
 from palp_core.palpation.live_page.sweep import Point
 from palp_core.palpation.live_page.taught import Band
@@ -104,7 +105,8 @@ class TouchPanel:
                 self._taught = said("div", "", "quiet").props('data-what="taught"')
             said("h2", "The rig, to scale")
             self._facts = said("div", "", "rig-facts").props('data-what="rig"')
-            self._scene = RigScene(lengths_mm(*monitor.path_m))
+            self._size = lengths_mm(*monitor.path_m)
+            self._scene = RigScene(self._size)
 
     def show(self, new: list[Point]) -> None:
         """Show what has come of the sweep, and where everything is."""
@@ -124,7 +126,7 @@ class TouchPanel:
     def _pose(self, new: list[Point]) -> dict[str, float]:
         monitor = self._monitor
         ring, lift_mm = monitor.ring, lift_of(monitor)
-        touches = lift_mm < lengths_mm(*monitor.path_m)["indentation"]
+        touches = lift_mm < self._size["indentation"]
         if new and not self._blind and monitor.ring_m is not None:
             self._lean = lean_rad(new[-1][1] * 1e-3, monitor.ring_m)
         goal = {"lift": lift_mm, "lean": round(math.degrees(self._lean) if touches else 0.0, 2)}
@@ -150,15 +152,12 @@ class TouchPanel:
         chart.shape(bands, monitor.path_m, f"torque in N mm against stage position in mm. {words}")
 
 
-CLOSED = "closed"
-
-
 def lift_of(monitor: RigMonitor) -> float:
     """Return how high the stage holds the probe in mm: as it reports, else as in a sweep or between two."""
     report = monitor.latest("StageReport")
-    if report is not None and report["condition"] != CLOSED:  # one that is not open measures nothing
+    if report is not None and report["condition"] != Condition.CLOSED:  # a closed one measures nothing
         return round(1e3 * float(report["z_m"]), 2)
-    return 0.0 if monitor.sweeping else lengths_mm(*monitor.path_m)["lift"]
+    return 0.0 if monitor.sweeping else 1e3 * LIFT_M
 
 
 def taught_words(bands: list[Band], *, of_peaks: bool, ring_m: float | None) -> str:
