@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.cpu_budget import CpuMeter, CpuSummary
+
 ROOT = Path(__file__).parent
 SOURCE = ROOT / "src"
 RIGS = ROOT / "tests" / "rig"
@@ -26,9 +28,11 @@ def pytest_xdist_auto_num_workers() -> int:
     return len(os.sched_getaffinity(0)) + 2
 
 
-def pytest_configure() -> None:
-    """Compile the source once: where Python may not keep what it compiles, each process would do it again."""
+def pytest_configure(config: pytest.Config) -> None:
+    """Meter the CPU time; compile the source once, where Python may not keep what each process compiles."""
+    config.pluginmanager.register(CpuMeter())
     if "PYTEST_XDIST_WORKER" not in os.environ:
+        config.pluginmanager.register(CpuSummary())
         for folder in COMPILED:
             compileall.compile_dir(ROOT / folder, quiet=2)
 
