@@ -5,6 +5,7 @@ from __future__ import annotations
 import compileall
 import gc
 import os
+import sys
 from collections.abc import Generator
 from pathlib import Path
 
@@ -23,9 +24,12 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 
+sys.dont_write_bytecode = False  # or each worker of each run rewrites the asserts of all tests
+
+
 def pytest_xdist_auto_num_workers() -> int:
-    """Take two workers more than there are cores: tests of processes wait more than they compute."""
-    return len(os.sched_getaffinity(0)) + 2
+    """Take one worker more than there are cores: some tests wait, and each worker costs a collection."""
+    return len(os.sched_getaffinity(0)) + 1
 
 
 def pytest_configure(config: pytest.Config) -> None:
