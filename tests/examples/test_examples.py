@@ -115,6 +115,7 @@ def printed(cell: dict[str, Any]) -> str:
     return "".join("".join(one["text"]) for one in cell["outputs"] if one["output_type"] == "stream")
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "notebook", sorted((EXAMPLES / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem
 )
