@@ -14,8 +14,8 @@ PAGES = sorted(
     str(page.relative_to(ROOT))
     for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *ROOT.glob("docs/**/*.md"))
 )
-QUICK = "docs/tutorial/first_node.md"
-"""The page of which every change is tried; the others have their turn at night."""
+QUICK, END = "docs/tutorial/first_node.md", "A program does it, too"
+"""The page whose beginning is tried with every change, up to these words; the rest has its turn at night."""
 
 
 def text_of(page: str) -> str:
@@ -44,15 +44,15 @@ def read_whole(text: str, page: str, folder: Path, palp: Palp) -> None:
     assert palp.all_gone(within_s=60)
 
 
-def test_what_a_page_says_works(palp: Palp, tmp_path: Path) -> None:
-    read_whole(text_of(QUICK), QUICK, tmp_path, palp)
+def test_what_a_page_says_at_its_beginning_works(palp: Palp, tmp_path: Path) -> None:
+    beginning, found, _ = text_of(QUICK).partition(END)
+    assert found
+    read_whole(beginning, QUICK, tmp_path, palp)
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize(
-    "page", [*(page for page in PAGES if page != QUICK and has_something_to_run(page)), *MADE]
-)
-def test_what_each_other_page_says_works(page: str, palp: Palp, tmp_path: Path) -> None:
+@pytest.mark.parametrize("page", [*(page for page in PAGES if has_something_to_run(page)), *MADE])
+def test_what_a_page_says_works(page: str, palp: Palp, tmp_path: Path) -> None:
     read_whole(text_of(page), page, tmp_path, palp)
 
 
