@@ -6,10 +6,12 @@ import re
 from pathlib import Path
 from typing import Any
 
+import pytest
 import yaml
 
 from nodes.estimator_params import EstimatorParams
 from nodes.policy_information import InformationParams
+from palp_core.graph.problems import GraphProblems
 from palp_core.methods import methods, names
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.session.method_choices import AUTO, chosen_method
@@ -18,7 +20,7 @@ from palp_core.palpation.session.reanalysis import Methods
 from palp_core.palpation.studies.decision import combinations, feature_cases, rungs
 from palp_core.palpation.studies.perception import trials
 from palp_core.palpation.studies.simulation.policies import NAMES
-from tests.support.rig_session import ComposedGraph
+from tests.support.rig_session import ComposedGraph, check_here
 
 ROOT = Path(__file__).resolve().parents[2]
 TASKS_OF_A_SESSION = (
@@ -75,11 +77,23 @@ def test_the_published_session_gets_a_method_for_every_task() -> None:
         assert chosen_method(task, Scene(), asked=chosen.name).asked, task
 
 
+CHOSEN: dict[str, Any] = dict.fromkeys(("feature", "likelihood", "stop"), AUTO)
+
+
+def test_the_register_chooses_for_a_rig_or_refuses_before_anything_starts() -> None:
+    given = [f"{task}:={AUTO}" for task in CHOSEN]
+    check_here(ROOT / "launch" / "sim.yaml", [*given, "training:=25"])
+    with pytest.raises(GraphProblems) as refused:
+        check_here(ROOT / "launch" / "sim.yaml", [*given, "training:=5"])
+    for task in CHOSEN:
+        assert f"no {task} method gives" in str(refused.value)
+
+
+@pytest.mark.nightly
 def test_the_registers_choice_decides_a_session(tmp_path: Path) -> None:
-    auto: dict[str, Any] = dict.fromkeys(("feature", "likelihood", "stop"), AUTO)
     with ComposedGraph(
         str(ROOT / "launch" / "sim.yaml"), out=str(tmp_path / "out"), trials=1, training=25,
-        rings_mm="16", policy="fixed", **auto,
+        rings_mm="16", policy="fixed", **CHOSEN,
     ) as graph:  # fmt: skip
         graph.run()
     rows = (tmp_path / "out" / "trials.csv").read_text(encoding="utf-8").splitlines()

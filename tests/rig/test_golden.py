@@ -25,10 +25,7 @@ from palp_core.graph.messages.message import decode, encode
 from palp_core.graph.replay.replay import replay
 from tests.golden import renew
 from tests.golden.renew import GOLDEN, HERE, RELATIVE, RENEWED, SIM, TOLERANCE, close
-from tests.support.palp import Palp, palp
-from tests.support.rig_session import check_here
-
-__all__ = ["palp"]
+from tests.support.rig_session import ComposedGraph, check_here
 
 ROOT = SIM.parents[1]
 NODES = [(node, name) for name, golden in GOLDEN.items() for node in golden.nodes]
@@ -58,9 +55,9 @@ def test_every_node_of_the_rig_has_a_golden_run() -> None:
     assert {spec.name for spec in check_here(SIM).nodes} == {node for node, _ in NODES}
 
 
-def test_a_bag_as_the_source_of_the_rigs_graph_gives_the_recorded_outputs(palp: Palp, tmp_path: Path) -> None:
-    done = palp.run("launch", ROOT / "launch" / "replay.yaml", "--record", tmp_path / "again", "--compose")
-    assert done.returncode == 0, done.stderr
+def test_a_bag_as_the_source_of_the_rigs_graph_gives_the_recorded_outputs(tmp_path: Path) -> None:
+    with ComposedGraph(str(ROOT / "launch" / "replay.yaml"), record=tmp_path / "again") as graph:
+        graph.run()
     topics = ["/estimator/palpation", "/estimator/primitives", "/estimator/belief", "/policy/command"]
     found_again = diff_bags(
         HERE / "session.mcap", tmp_path / "again", topics, tolerance=TOLERANCE, relative=RELATIVE
