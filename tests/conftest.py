@@ -68,12 +68,23 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
     return report
 
 
+def folder_of_set_ups(config: pytest.Config, otherwise: Path) -> Path:
+    """Return the folder of contact set-ups, kept from run to run: ``$PALP_TEST_CACHE``, else beside pytest's.
+
+    An entry's name holds its inputs and its source, and it is written whole or not at all.
+    """
+    kept = config.rootpath / ".pytest_cache" / "d" / "palp"  # which pytest --cache-clear empties
+    if folder := os.environ.get("PALP_TEST_CACHE"):
+        return Path(folder)
+    return kept if os.access(config.rootpath, os.W_OK) else otherwise
+
+
 @pytest.fixture(scope="session", autouse=True)
-def folders_of_the_session(shared_folder: Path) -> Iterator[None]:
+def folders_of_the_session(shared_folder: Path, pytestconfig: pytest.Config) -> Iterator[None]:
     with (
         tempfile.TemporaryDirectory(prefix="palp-", dir="/tmp", ignore_cleanup_errors=True) as runtime,
         pytest.MonkeyPatch.context() as patch,
     ):
-        patch.setenv("PALP_CACHE", str(shared_folder / "palp-cache"))
+        patch.setenv("PALP_CACHE", str(folder_of_set_ups(pytestconfig, shared_folder / "palp-cache")))
         patch.setenv("XDG_RUNTIME_DIR", runtime)  # pytest's own folders are too long for the paths of sockets
         yield

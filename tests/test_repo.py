@@ -1,4 +1,4 @@
-"""Promises about the repository: nodes are tested and used, sources keep measure, the README is current."""
+"""Promises about the repository: nodes are tested and used, and what a text names is there."""
 
 from __future__ import annotations
 
@@ -23,7 +23,6 @@ from palp_core.graph.messages.message_text import parse_path
 from palp_core.graph.node.loading import load_class
 from palp_core.graph.node.node import Node
 from tests.docs.pages import blocks
-from tests.support import measures
 from tests.support.rig_session import check_here
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -104,23 +103,12 @@ def test_the_rigs_nodes_are_found() -> None:
         assert issubclass(node, Node)
 
 
-@pytest.mark.parametrize("stem", CONCRETE)
-def test_each_node_has_a_test(stem: str) -> None:
-    assert (ROOT / "tests" / "nodes" / f"test_{stem}.py").is_file()
-
-
-@pytest.mark.parametrize("stem", CONCRETE)
-def test_each_node_has_a_place_in_a_launch_file(stem: str) -> None:
-    run = f"nodes.{stem}:{NODES[stem].name}"
-    files = [*LAUNCH_FILES, *PARTS]
-    used = [p for p in files if re.search(rf"\b{re.escape(run)}\b", p.read_text(encoding="utf-8"))]
-    assert used, f"no launch file runs {run}"
-
-
-@pytest.mark.parametrize("part", PARTS, ids=lambda part: part.stem)
-def test_each_part_is_included_by_a_launch_file(part: Path) -> None:
-    include = f"  - file: parts/{part.name}\n"
-    assert [p for p in LAUNCH_FILES if include in p.read_text(encoding="utf-8")], f"nothing includes {part}"
+def test_each_node_has_a_test_and_a_place_in_a_launch_file_and_each_part_is_included() -> None:
+    launched = "".join(file.read_text(encoding="utf-8") for file in LAUNCH_FILES)
+    run = set(re.findall(r"\bnodes\.\w+:\w+", launched + "".join(p.read_text("utf-8") for p in PARTS)))
+    assert [stem for stem in CONCRETE if not (ROOT / "tests" / "nodes" / f"test_{stem}.py").is_file()] == []
+    assert [stem for stem in CONCRETE if f"nodes.{stem}:{NODES[stem].name}" not in run] == []
+    assert [part.name for part in PARTS if f"  - file: parts/{part.name}\n" not in launched] == []
 
 
 def test_each_launch_file_passes_the_check(graphs: dict[str, CheckedGraph]) -> None:
@@ -182,11 +170,6 @@ def test_the_layout_for_foxglove_shows_what_the_rig_publishes(
         assert topic in schemas
         if field:
             assert parse_path(field.replace("[:]", "[0]"), schemas[topic])  # or it raises: no such field
-
-
-def test_the_source_keeps_its_measures() -> None:
-    if found := list(measures.Tree(ROOT).findings()):
-        pytest.fail("\n".join(found), pytrace=False)
 
 
 def test_no_file_knows_where_it_was_written() -> None:
@@ -267,30 +250,24 @@ def paths_named(text: str) -> set[str]:
     return {word.rstrip("./") for word in words if source.fullmatch(word)}
 
 
-@pytest.mark.parametrize("path", TEXTS, ids=name_of)
-def test_what_a_text_names_is_there(path: Path) -> None:
-    text = path.read_text(encoding="utf-8")
-    files = {f"/{name_of(file)}".removesuffix(".txt") for file in tree()} | {f"/docs/{page}" for page in MADE}
-    files |= files_written_by(text)
-    unknown = {name for name in modules_named(text) if not is_module_or_in_one(name)} | nodes_amiss(text)
-    unknown |= {name for name in paths_named(text) if not any(file.endswith(f"/{name}") for file in files)}
-    assert unknown == set()
-
-
-@functools.cache
-def words_of_the_source() -> frozenset[str]:
-    """Return every word of every Python file that a person wrote."""
-    sources = (file.read_text(encoding="utf-8") for file in written_files() if file.suffix == ".py")
-    return frozenset(word for source in sources for word in re.findall(r"\w+", source))
-
-
-@pytest.mark.parametrize("path", TEXTS, ids=name_of)
-def test_a_class_that_a_text_names_is_in_the_source(path: Path) -> None:
-    text = path.read_text(encoding="utf-8")
+def classes_named(text: str) -> set[str]:
+    """Return each class of several words that a text quotes and does not show in a block."""
     quoted = re.findall(r"(?<!`)`([^`\n]+)`(?!`)", text)
     named = {name for code in quoted for name in re.findall(r"\b(?:[A-Z][a-z0-9]+){2,}\b", code)}
-    shown = {word for block in blocks(text) for word in re.findall(r"\w+", block.text)}
-    assert named - words_of_the_source() - shown == set()
+    return named - {word for block in blocks(text) for word in re.findall(r"\w+", block.text)}
+
+
+def test_what_a_text_names_is_there() -> None:
+    texts = {name_of(path): path.read_text(encoding="utf-8") for path in TEXTS}
+    there = {f"/{name_of(file)}".removesuffix(".txt") for file in tree()} | {f"/docs/{page}" for page in MADE}
+    sources = "\n".join(file.read_text(encoding="utf-8") for file in written_files() if file.suffix == ".py")
+    known = {name for name in set().union(*map(modules_named, texts.values())) if is_module_or_in_one(name)}
+    known |= set(re.findall(r"[A-Z]\w+", sources))
+    for page, text in texts.items():
+        unknown = ((modules_named(text) | classes_named(text)) - known) | nodes_amiss(text)
+        files = "\n".join([*there, *files_written_by(text), ""])
+        unknown |= {name for name in paths_named(text) if f"/{name}\n" not in files}
+        assert unknown == set(), page
 
 
 ARCHITECTURE = ROOT / "docs" / "architecture.md"
@@ -327,7 +304,7 @@ def test_what_a_page_names_is_where_it_says(page: Path) -> None:
     classes = {*re.findall(r"`([A-Z]\w+)(?:\.\w+)?`", text)}
     sources = {
         f"/{name_of(file)}": file.read_text(encoding="utf-8")
-        for folder in measures.SOURCE
+        for folder in ("src", "nodes", "msgs")
         for file in (ROOT / folder).rglob("*.py")
     }
     defined = {
@@ -358,8 +335,9 @@ def test_every_symbol_of_the_paper_s_notation_has_a_name_of_ours() -> None:
     assert set(TABLE_2) - explained == set()
 
 
-@pytest.mark.parametrize("wing", ["graph", "palpation", "cli", "view"])
-def test_the_architecture_names_every_room(wing: str) -> None:
-    rooms = {path.parent.name for path in (ROOT / "src" / "palp_core" / wing).glob("*/__init__.py")}
+def test_the_architecture_names_every_room() -> None:
+    rooms = (ROOT / "src" / "palp_core").glob("*/*/__init__.py")
     text = ARCHITECTURE.read_text(encoding="utf-8")
-    assert {room for room in rooms if f"`{wing}/{room}/`" not in text} == set()
+    wings = ("graph", "palpation", "cli", "view")
+    named = [f"{path.parts[-3]}/{path.parts[-2]}/" for path in rooms if path.parts[-3] in wings]
+    assert [room for room in named if f"`{room}`" not in text] == []

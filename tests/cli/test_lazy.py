@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import inspect
-import json
 import re
 import signal
 import subprocess
@@ -20,8 +19,6 @@ from palp_core import __version__
 from palp_core.cli.lazy import LazyGroup, Verb, load
 from palp_core.cli.main import app
 from palp_core.cli.plain_values import PlainValues
-
-HEAVY = ("numpy", "msgspec", "msgpack", "zmq", "psutil", "yaml", "rich", "scipy", "matplotlib", "plotext")
 
 
 def verbs(group: typer.Typer, path: str = "") -> Iterator[tuple[str, Verb]]:
@@ -72,37 +69,6 @@ def test_the_table_of_the_documentation_has_every_verb() -> None:
         elif not verb.hidden:
             known[""].add(name)
     assert {group: set(words.split()) for group, words in rows} == known
-
-
-def test_asking_for_help_imports_nothing_heavy() -> None:
-    program = (
-        "import sys, json; sys.argv = ['palp', '--help']\n"
-        "from palp_core.cli.main import main\n"
-        "try: main()\n"
-        f"except SystemExit: print(json.dumps([name for name in {HEAVY!r} if name in sys.modules]))\n"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert json.loads(done.stdout.splitlines()[-1]) == []
-    assert "Robotic palpation" in done.stdout
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["launch", "none.yaml", "x:=1", "--log-level", "debug"],
-        ["topic", "echo", "/a/b"],
-        ["bag", "info", "none"],
-    ],
-)
-def test_a_verb_does_not_wait_for_what_checks_numbers(words: list[str]) -> None:
-    program = (
-        f"import sys; sys.argv = ['palp', *{words}]\n"
-        "from palp_core.cli.main import main\n"
-        "try: main()\n"
-        "except SystemExit as end: print(end.code, 'pydantic' in sys.modules)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "2 False", done.stderr
 
 
 def taken(way: Any, value: object, param: Any, context: Any) -> object:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -113,15 +111,3 @@ def test_no_word_is_lost_in_a_terminal_however_narrow(
     said = " ".join(f"{one.name} {one.fails} {one.survivor}" for one in methods(task))
     assert "\u2026" not in "".join(lines)
     assert {word for word in said.split() if len(word) < width - 4} <= shown
-
-
-def test_listing_methods_loads_nothing_that_only_using_them_needs() -> None:
-    code = (
-        "import sys\nfrom palp_core.methods import methods, tasks\n"
-        "listed = [one.name for task in tasks() for one in methods(task.name)]\n"
-        "print(len(listed), sorted({'scipy.signal', 'scipy.stats', 'matplotlib'} & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    count, _, loaded = done.stdout.strip().partition(" ")
-    assert int(count) > 60
-    assert loaded == "[]"

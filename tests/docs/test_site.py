@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 
+import pytest
+
 from docs.site.units_page import quantities
 from palp_core import units
 from palp_core.cli.lazy import LazyGroup, load
@@ -21,6 +23,7 @@ from palp_core.palpation.devices.contract.promises import PROMISES
 from palp_core.palpation.mechanics.scene.schema import SECTIONS as SCENE_SECTIONS
 from tests.support.palp import ROOT
 
+pytestmark = pytest.mark.nightly
 DOCS = ROOT / "docs"
 FACES = (
     "palp_core",

@@ -79,6 +79,7 @@ def test_a_driver_of_a_lab_tares_tells_of_loss_and_of_silence_and_recovers(
     ]
 
 
+@pytest.mark.nightly
 def test_clients_of_few_lines_read_publish_and_call(palp: Palp, tmp_path: Path) -> None:
     done = run(palp, tmp_path, EXAMPLES / "interop" / "run.sh")
     assert done.returncode == 0, done.stderr
@@ -86,6 +87,7 @@ def test_clients_of_few_lines_read_publish_and_call(palp: Palp, tmp_path: Path) 
     assert '"torque_n_m": [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]' in done.stdout.splitlines()[-1]
 
 
+@pytest.mark.nightly
 def test_a_node_of_another_host_misses_nothing_once_it_has_joined(palp: Palp, tmp_path: Path) -> None:
     if shutil.which("ip") is None:
         pytest.skip("no command ip here")
@@ -115,6 +117,7 @@ def printed(cell: dict[str, Any]) -> str:
     return "".join("".join(one["text"]) for one in cell["outputs"] if one["output_type"] == "stream")
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
     "notebook", sorted((EXAMPLES / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -25,36 +26,49 @@ def base(tmp_path: Path, palp: Palp) -> dict[str, str]:
     return palp.environment | {"PYTHONPATH": os.pathsep.join([str(tmp_path / "site"), *before])}
 
 
-def said(base: dict[str, str], folder: Path, *words: object) -> subprocess.CompletedProcess[str]:
+def said(
+    base: dict[str, str], folder: Path, program: str, *words: object
+) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-c", RUN, *map(str, words)],
+        [sys.executable, "-c", program, *map(str, words)],
         cwd=folder, env=base, capture_output=True, text=True, check=False, timeout=PATIENCE_S,
     )  # fmt: skip
 
 
 def test_a_graph_of_ones_own_runs_is_recorded_and_looked_into(base: dict[str, str], tmp_path: Path) -> None:
-    launched = said(base, tmp_path, "launch", CHAIN, "clock:=sim", "count:=20", "--record", "bag")
+    launched = said(base, tmp_path, RUN, "launch", CHAIN, "clock:=sim", "count:=20", "--record", "bag")
     assert launched.returncode == 0, launched.stderr
-    assert "Sample" in said(base, tmp_path, "bag", "info", "bag").stdout
+    assert "Sample" in said(base, tmp_path, RUN, "bag", "info", "bag").stdout
 
 
-@pytest.mark.parametrize(
-    ("words", "extra"),
-    [
-        (("methods",), "rig"),
-        (("devices", "list"), "rig"),
-        (("report", "x"), "rig"),
-        (("emg", "analyse", "x.csv"), "rig"),
-        (("launch", "rig:sim.yaml", "--check"), "rig"),
-        (("view", "x"), "view"),
-        (("foxglove",), "foxglove"),
-    ],
-    ids=lambda one: "-".join(one) if isinstance(one, tuple) else one,
-)
-def test_what_needs_more_says_in_one_line_what_to_install(
-    base: dict[str, str], tmp_path: Path, words: tuple[str, ...], extra: str
-) -> None:
-    done = said(base, tmp_path, *words)
-    assert done.returncode == 2
-    assert extras.install_line(extra) in done.stderr
-    assert len(done.stderr.splitlines()) == 1
+ONE_AFTER_THE_OTHER = """
+import contextlib, io, json, sys
+from palp_core.__main__ import main
+done = []
+for line in json.loads(sys.argv[1]):
+    sys.argv = ["palp", *line.split()]
+    with contextlib.redirect_stderr(io.StringIO()) as said:
+        try:
+            main()
+        except SystemExit as end:
+            done.append((end.code, said.getvalue()))
+print(json.dumps(done))
+"""
+NEEDS = {
+    "methods": "rig",
+    "devices list": "rig",
+    "report x": "rig",
+    "emg analyse x.csv": "rig",
+    "launch rig:sim.yaml --check": "rig",
+    "view x": "view",
+    "foxglove": "foxglove",
+}
+
+
+def test_what_needs_more_says_in_one_line_what_to_install(base: dict[str, str], tmp_path: Path) -> None:
+    done = said(base, tmp_path, ONE_AFTER_THE_OTHER, json.dumps(list(NEEDS)))
+    assert done.returncode == 0, done.stderr
+    for (line, extra), (status, told) in zip(NEEDS.items(), json.loads(done.stdout), strict=True):
+        assert status == 2, line
+        assert extras.install_line(extra) in told, line
+        assert len(told.splitlines()) == 1, line

@@ -96,6 +96,7 @@ def test_the_installed_rig_runs_where_there_is_no_checkout(installed: Path, tmp_
     assert [path.name for path in tmp_path.iterdir()] == ["results"]
 
 
+@pytest.mark.nightly
 def test_an_installed_palp_writes_a_workspace_that_runs_and_derives_from_the_rig(
     installed: Path, tmp_path: Path
 ) -> None:

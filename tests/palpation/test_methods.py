@@ -1,4 +1,4 @@
-"""The register is whole: what is offered is in it, what is in it vouches for something or says why not."""
+"""What nodes, launch files and studies offer is in the register; a session gets a method for each task."""
 
 from __future__ import annotations
 
@@ -11,38 +11,21 @@ import yaml
 
 from nodes.estimator_params import EstimatorParams
 from nodes.policy_information import InformationParams
-from palp_core.methods import find, methods, names, tasks
-from palp_core.methods.register import Method
+from palp_core.graph.problems import GraphProblems
+from palp_core.methods import methods, names
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.session.method_choices import AUTO, chosen_method
 from palp_core.palpation.session.methods.estimating import TASKS
 from palp_core.palpation.session.reanalysis import Methods
 from palp_core.palpation.studies.decision import combinations, feature_cases, rungs
 from palp_core.palpation.studies.perception import trials
-from palp_core.palpation.studies.power import model as power
 from palp_core.palpation.studies.simulation.policies import NAMES
-from tests.support.rig_session import ComposedGraph
+from tests.support.rig_session import ComposedGraph, check_here
 
 ROOT = Path(__file__).resolve().parents[2]
-ALL = [one for task in tasks() for one in methods(task.name)]
-OWN = ("smoother", "denoise", "feature", "likelihood", "filter", "stop", "policy", "burst", "test")
-
-
-@pytest.mark.parametrize("one", ALL, ids=lambda one: f"{one.task}-{one.name}")
-def test_a_method_vouches_for_something_or_says_why_not(one: Method) -> None:
-    assert one.bounds or one.reference or one.fails
-    assert all(bound.error >= 0.0 for bound in one.bounds)
-    assert one.reference or one.fails or not one.survivor
-
-
-@pytest.mark.parametrize("one", ALL, ids=lambda one: f"{one.task}-{one.name}")
-def test_a_chain_of_survivors_ends(one: Method) -> None:
-    met = [one.name]
-    while one.survivor:
-        one = find(one.task, one.survivor)
-        assert one.name not in met, f"{' -> '.join(met)} -> {one.name}"
-        met.append(one.name)
-    assert not one.reference
+TASKS_OF_A_SESSION = (
+    "smoother", "denoise", "feature", "likelihood", "filter", "stop", "policy", "burst",
+)  # fmt: skip
 
 
 def offered() -> list[tuple[str, str, str]]:
@@ -69,9 +52,13 @@ def offered() -> list[tuple[str, str, str]]:
     return found
 
 
-@pytest.mark.parametrize(("where", "task", "name"), offered())
-def test_what_is_offered_is_in_the_register(where: str, task: str, name: str) -> None:
-    assert name == AUTO or name in names(task), f"{where} offers {task} '{name}'"
+def test_what_is_offered_is_in_the_register() -> None:
+    unknown = [
+        f"{where} offers {task} '{name}'"
+        for where, task, name in offered()
+        if name != AUTO and name not in names(task)
+    ]
+    assert unknown == []
 
 
 def test_every_stop_rule_and_policy_of_a_study_is_one_of_the_register() -> None:
@@ -80,22 +67,33 @@ def test_every_stop_rule_and_policy_of_a_study_is_one_of_the_register() -> None:
     without_suffix = {re.sub(r"_(best|stiff|stationary|reversed|permuted|\d+)$", "", name) for name in NAMES}
     assert without_suffix - {"chance", "best_single_probe"} <= set(names("policy"))
     assert {"sign_flip", "fisher", "permutation"} <= set(names("test"))
-    assert power.__name__
 
 
-@pytest.mark.parametrize("task", sorted(set(OWN) - {"test"}))
-def test_the_published_session_gets_a_method_for_every_task(task: str) -> None:
-    chosen = chosen_method(task, Scene())
-    assert chosen.bound is not None
-    assert chosen.bound <= chosen.tolerance
-    assert chosen_method(task, Scene(), asked=chosen.name).asked
+def test_the_published_session_gets_a_method_for_every_task() -> None:
+    for task in TASKS_OF_A_SESSION:
+        chosen = chosen_method(task, Scene())
+        assert chosen.bound is not None, task
+        assert chosen.bound <= chosen.tolerance, task
+        assert chosen_method(task, Scene(), asked=chosen.name).asked, task
 
 
+CHOSEN: dict[str, Any] = dict.fromkeys(("feature", "likelihood", "stop"), AUTO)
+
+
+def test_the_register_chooses_for_a_rig_or_refuses_before_anything_starts() -> None:
+    given = [f"{task}:={AUTO}" for task in CHOSEN]
+    check_here(ROOT / "launch" / "sim.yaml", [*given, "training:=25"])
+    with pytest.raises(GraphProblems) as refused:
+        check_here(ROOT / "launch" / "sim.yaml", [*given, "training:=5"])
+    for task in CHOSEN:
+        assert f"no {task} method gives" in str(refused.value)
+
+
+@pytest.mark.nightly
 def test_the_registers_choice_decides_a_session(tmp_path: Path) -> None:
-    auto: dict[str, Any] = dict.fromkeys(("feature", "likelihood", "stop"), AUTO)
     with ComposedGraph(
         str(ROOT / "launch" / "sim.yaml"), out=str(tmp_path / "out"), trials=1, training=25,
-        rings_mm="16", policy="fixed", **auto,
+        rings_mm="16", policy="fixed", **CHOSEN,
     ) as graph:  # fmt: skip
         graph.run()
     rows = (tmp_path / "out" / "trials.csv").read_text(encoding="utf-8").splitlines()

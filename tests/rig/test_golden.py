@@ -5,32 +5,31 @@ Where the change is meant, ``tests/golden/renew.py --reason ...`` records the ru
 
 from __future__ import annotations
 
-import math
+import contextlib
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
+import yaml
 
 from msgs.estimation import Palpation
+from msgs.stage import SweepStatus
 from nodes.experiment import Experiment
 from palp_core.graph.bag.diff import diff_bags
+from palp_core.graph.bag.edit import copy_messages
 from palp_core.graph.bag.reader import Bag
+from palp_core.graph.bag.rounds import NODES_ATTACHMENT
+from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.messages.message import decode, encode
 from palp_core.graph.replay.replay import replay
-from tests.golden.renew import GOLDEN, HERE, REASON, SIM
-from tests.support.palp import Palp, palp
-from tests.support.rig_session import check_here
-
-__all__ = ["palp"]
+from tests.golden import renew
+from tests.golden.renew import GOLDEN, HERE, RELATIVE, RENEWED, SIM, TOLERANCE, close
+from tests.support.rig_session import ComposedGraph, check_here
 
 ROOT = SIM.parents[1]
 NODES = [(node, name) for name, golden in GOLDEN.items() for node in golden.nodes]
-
-RELATIVE, TOLERANCE = 1e-9, 1e-12
-"""What another processor may change, whose vector instructions round otherwise: parts, and SI units."""
-
-
-def close(a: float, b: float) -> bool:
-    return math.isclose(a, b, rel_tol=RELATIVE, abs_tol=TOLERANCE)
+WHY = yaml.safe_load((HERE / RENEWED).read_text(encoding="utf-8"))
 
 
 @pytest.mark.parametrize(("node", "name"), NODES, ids=[node for node, _ in NODES])
@@ -41,14 +40,12 @@ def test_the_node_says_what_it_said(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(Experiment, "records", False)  # it may keep its record: the folder is this test's
     (done,) = replay(bag, [node], ROOT, close)
-    with Bag(bag) as opened:
-        reason = opened.metadata()[REASON]["reason"]
     if (first := done.divergence) is not None:
         pytest.fail(
-            f"{node} differs from {bag.name} (recorded because: {reason}) first on {first.topic} "
-            f"{first.sequence} at {first.now_s:.6f} s, after {first.after}: {first.what}; "
-            f"{done.compared} outputs were equal before. "
-            f'If that is meant: python tests/golden/renew.py --reason "why" {name}'
+            f"{node} differs from {bag.name} (recorded because: {WHY[name]['reason']}) "
+            f"first on {first.topic} {first.sequence} at {first.now_s:.6f} s, after {first.after}: "
+            f"{first.what}; {done.compared} outputs were equal before. "
+            f"If that is meant, see what else differs: python tests/golden/renew.py {name}"
         )
     assert done.compared > 0
     assert done.consumed > 0
@@ -58,9 +55,9 @@ def test_every_node_of_the_rig_has_a_golden_run() -> None:
     assert {spec.name for spec in check_here(SIM).nodes} == {node for node, _ in NODES}
 
 
-def test_a_bag_as_the_source_of_the_rigs_graph_gives_the_recorded_outputs(palp: Palp, tmp_path: Path) -> None:
-    done = palp.run("launch", ROOT / "launch" / "replay.yaml", "--record", tmp_path / "again", "--compose")
-    assert done.returncode == 0, done.stderr
+def test_a_bag_as_the_source_of_the_rigs_graph_gives_the_recorded_outputs(tmp_path: Path) -> None:
+    with ComposedGraph(str(ROOT / "launch" / "replay.yaml"), record=tmp_path / "again") as graph:
+        graph.run()
     topics = ["/estimator/palpation", "/estimator/primitives", "/estimator/belief", "/policy/command"]
     found_again = diff_bags(
         HERE / "session.mcap", tmp_path / "again", topics, tolerance=TOLERANCE, relative=RELATIVE
@@ -79,3 +76,44 @@ def test_a_changed_node_is_caught_at_its_first_different_output(monkeypatch: pyt
     assert done.divergence is not None
     assert (done.divergence.topic, done.divergence.sequence) == ("/estimator/palpation", 1)
     assert done.divergence.what.startswith("peak_n_m: recorded")
+
+
+def recorded(folder: Path, **changed: object) -> Path:
+    """Write the golden sweep once more, with other values in the second status of the stage."""
+    with Bag(HERE / "sweep.mcap") as bag, BagWriter(folder / "again") as writer:
+        writer.attach(NODES_ATTACHMENT, bag.attachments()[NODES_ATTACHMENT], "application/json")
+        for message in bag.recorded():
+            if message.stream.topic.name == "/stage/status" and message.sequence == 2:
+                status = msgspec.structs.replace(decode(SweepStatus, message.payload), **changed)
+                message = message._replace(payload=encode(status))
+            copy_messages([message], writer)
+    return next((folder / "again").glob("*.mcap"))
+
+
+@pytest.mark.parametrize("status", ["swept", "stuck"])
+@pytest.mark.parametrize("words", [[], ["--reason", "it sticks"]], ids=["no-reason", "reason"])
+def test_a_golden_run_is_renewed_where_it_differs_and_with_a_reason_only(
+    status: str,
+    words: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv("PYTHONHASHSEED", "0")
+    old = {name: (HERE / name).read_bytes() for name in ("sweep.mcap", RENEWED)}
+    for name, content in old.items():
+        (tmp_path / name).write_bytes(content)
+    differs, why = status == "stuck", WHY
+    refused = pytest.raises(SystemExit, match="sweep: not renewed; if that is meant, say why")
+    with refused if differs and not words else contextlib.nullcontext():
+        renew.main(["sweep", *words], tmp_path, lambda _, folder: recorded(folder, status=status))
+    line = "/stage/status: message 1 (epoch 0, sequence 2): status: swept != stuck"
+    assert capsys.readouterr().out == f"sweep:\n  {line if differs else 'equal'}\n"
+    if differs and words:
+        why = WHY | {"sweep": {"reason": "it sticks", "differences": [line]}}
+        with Bag(tmp_path / "sweep.mcap") as bag:
+            _, last = bag.recorded(["/stage/status"])
+        assert decode(SweepStatus, last.payload).status == status
+    else:
+        assert {name: (tmp_path / name).read_bytes() for name in old} == old
+    assert yaml.safe_load((tmp_path / RENEWED).read_text(encoding="utf-8")) == why

@@ -137,12 +137,6 @@ def test_checker_and_schema_take_each_key_and_refuse_the_same_values(
         assert mistakes(tmp_path, bad), f"the checker takes {name}: {value}"
 
 
-@pytest.mark.parametrize(("place", "name", "key"), KEYS, ids=IDS)
-def test_each_key_is_told_in_a_sentence(place: str, name: str, key: Key) -> None:
-    assert key.says[0].isupper() or key.says[0] == "`"
-    assert key.says.endswith(".")
-
-
 def test_a_misspelt_key_is_refused_by_both(tmp_path: Path) -> None:
     values = base() | {"colck": "sim"}
     assert any("colck" in text for text in objections(values))

@@ -3,22 +3,12 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 DOCS = Path(__file__).parents[3] / "docs" / "mechanics.md"
-GRAPH = (
-    "palp_core.graph",
-    "palp_core.palpation.devices",
-    "palp_core.palpation.session",
-    "palp_core.palpation.studies",
-    "palp_core.cli",
-    "zmq",
-)
 
 
 def test_the_documentations_example_runs_as_it_stands() -> None:
@@ -30,13 +20,3 @@ def test_the_documentations_example_runs_as_it_stands() -> None:
     assert names["done"].choice.rung == "l2"
     assert 0.0 < names["done"].contrast_n_m[0] < names["done"].peak_n_m[0]
     assert np.all(np.diff(names["done"].peak_n_m) > 0.0)
-
-
-def test_a_sweep_loads_nothing_of_the_graph() -> None:
-    code = (
-        "import sys; from palp_core.palpation.mechanics import Scene, run_scene; run_scene(Scene()); "
-        f"print([name for name in sys.modules if name.startswith({GRAPH!r})])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
-    assert done.stderr == ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -151,7 +152,8 @@ def test_what_is_out_of_range_is_refused_by_name(quantity: str, make: object) ->
     assert caught.value.quantity == quantity
 
 
-def test_progress_is_told() -> None:
+def test_progress_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PALP_CACHE", str(tmp_path))  # where nothing is kept
     told: list[tuple[int, int, str]] = []
     phantom = Phantom(bead=Bead(depth_m=0.012, radius_m=0.005), height_m=0.025)
     HarmonicContact(phantom, 0.005, progress=lambda *step: told.append(step)).prepare()

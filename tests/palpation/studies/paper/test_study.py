@@ -226,6 +226,7 @@ def test_workers_do_not_change_the_results(jobs: list[SessionJob]) -> None:
     assert results(by_name[0], Gel().depths_m) == results(by_name[1], Gel().depths_m)
 
 
+@pytest.mark.nightly
 def test_a_dask_cluster_gives_the_same_json(jobs: list[SessionJob]) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster:
