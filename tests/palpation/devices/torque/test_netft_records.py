@@ -13,7 +13,6 @@ from palp_core.palpation.devices.wire import rdt
 
 MS = 1_000_000
 TURN = 1 << 32
-FAR = 1 << 24  # the longest step that a record may take
 
 
 def record(sequence: int) -> bytes:
@@ -47,19 +46,23 @@ def stream() -> Stream:
     return Stream()
 
 
-def test_the_number_wraps_and_nothing_is_missing(stream: Stream) -> None:
-    assert stream.deliver(1) == [0]
-    stream.deliver(*range(FAR, TURN, FAR))  # 50 days
-    ends = (TURN - 1, TURN, TURN + 1, TURN + 4)
-    assert stream.deliver(*ends) == [sequence - 1 for sequence in ends]
-
-
-def test_a_record_that_makes_no_sense_is_garbled_and_the_next_one_is_not(stream: Stream) -> None:
-    assert stream.deliver(1, FAR) == [0, FAR - 1]
-    assert stream.deliver(5) == []
-    assert stream.watch.read(stream.now_ns).condition is Condition.GARBLED
-    assert stream.deliver(2 * FAR + 2) == []  # one step too far
-    assert stream.deliver(FAR + 1, FAR + 2) == [FAR, FAR + 1]
+@pytest.mark.parametrize(
+    ("sequences", "numbers"),
+    [
+        ([1, TURN - 2, TURN - 1, TURN, TURN + 1, TURN + 4], [0, 2, 3, 4, 7]),  # 50 days later it wraps
+        ([1, 3_000_000_000, 2, 3], [0, 1, 2]),
+        ([1, 1 << 23, 2, 3], [0, 1, 2]),
+        ([1, 5000, 2, 3, 4], [0, 4999, 5001, 5002]),
+    ],
+    ids=["wraps", "makes no sense", "makes no sense, and is ahead", "makes no sense, and was believed"],
+)
+def test_a_record_that_makes_no_sense_spoils_none_that_follow(
+    stream: Stream, sequences: list[int], numbers: list[int]
+) -> None:
+    found = stream.deliver(*sequences[:2])
+    garbled = stream.watch.read(stream.now_ns).condition is Condition.GARBLED
+    assert garbled == (len(found) == 1)
+    assert found + stream.deliver(*sequences[2:]) == numbers
     assert stream.watch.read(stream.now_ns).ok
 
 
