@@ -18,7 +18,6 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator import EmulatedRig
 from palp_core.palpation.devices.link.serial_link import SerialLink
 from palp_core.palpation.devices.protocols import TorqueSamples
-from palp_core.palpation.devices.torque import ati_session, netft, socketcand
 from tests.support import made_up_stage
 
 runner = CliRunner()
@@ -26,23 +25,11 @@ runner = CliRunner()
 PATIENT = {
     "aerotech": ("timeout_s:=30.0",),
     "maestro": ("timeout_s:=30.0",),
-    "ati": ("stale_s:=10.0", "rate_hz:=100.0"),
-    "netft": ("stale_s:=10.0",),
+    "ati": ("stale_s:=10.0", "timeout_s:=30.0", "lost_s:=30.0", "rate_hz:=100.0"),
+    "netft": ("stale_s:=10.0", "timeout_s:=30.0", "lost_s:=30.0"),
     "noraxon": ("stale_s:=30.0", "timeout_s:=30.0"),
     "spikershield": ("stale_s:=30.0",),
 }
-
-
-@pytest.fixture
-def patience(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Listen long, and take long for a link to be lost."""
-    monkeypatch.setattr(device_discovery, "_LISTEN_S", 1.0)
-    monkeypatch.setattr(device_discovery, "_LONGEST_S", 60.0)
-    monkeypatch.setattr(ati_session, "_SET_UP_S", 10.0)
-    monkeypatch.setattr(ati_session, "_SILENT_S", 2.0)
-    monkeypatch.setattr(socketcand, "_GREETING_S", 10.0)
-    monkeypatch.setattr(netft, "_FIRST_S", 10.0)
-    monkeypatch.setattr(netft, "_SILENCE_STEPS", 200)
 
 
 @pytest.fixture(scope="module")
@@ -68,10 +55,9 @@ def test_list_tells_machines_the_options() -> None:
     assert found["ati"]["options"]["bitrate"] == "500000"
 
 
-@pytest.mark.usefixtures("patience")
-@pytest.mark.parametrize("device", ["aerotech", "maestro", "ati", "netft", "noraxon", "spikershield"])
+@pytest.mark.parametrize("device", PATIENT)
 def test_probe_finds_what_is_there(rig: EmulatedRig, device: str) -> None:
-    done = runner.invoke(app, ["probe", device, *words(rig, device), *PATIENT[device]])
+    done = runner.invoke(app, ["probe", device, "--patience", "60", *words(rig, device), *PATIENT[device]])
     assert done.exit_code == 0, done.output
     assert done.output.startswith(f"{device} answers")
 
@@ -127,12 +113,18 @@ def test_a_device_that_cannot_be_reached_is_one_clear_line_and_a_status(
     assert len(done.output.splitlines()) == 1
 
 
-@pytest.mark.parametrize("seconds", ["nan", "-1", "inf"])
-def test_a_length_of_time_that_is_none_is_refused_before_anything_is_opened(seconds: str) -> None:
-    arguments = ["monitor", "netft", "host:=127.0.0.1", "http_port:=1", "--for", seconds]
+@pytest.mark.parametrize(
+    ("option", "said", "length"),
+    [("--for", "seconds", "nan"), ("--for", "seconds", "-1"), ("--for", "seconds", "inf"),
+     ("--patience", "patience_s", "nan")],
+)  # fmt: skip
+def test_a_length_of_time_that_is_none_is_refused_before_anything_is_opened(
+    option: str, said: str, length: str
+) -> None:
+    arguments = ["monitor", "netft", "host:=127.0.0.1", "http_port:=1", option, length]
     done = runner.invoke(app, arguments)
     assert isinstance(done.exception, DeviceError)
-    assert "seconds" in str(done.exception)
+    assert said in str(done.exception)
 
 
 def test_what_a_driver_says_of_a_missing_device_is_said_once() -> None:
@@ -162,15 +154,12 @@ def test_a_serial_port_that_another_program_has_is_refused(rig: EmulatedRig) -> 
     assert again.exit_code == 0
 
 
-@pytest.mark.parametrize("device", ["aerotech", "maestro", "ati", "netft", "noraxon", "spikershield"])
+@pytest.mark.parametrize("device", PATIENT)
 @pytest.mark.parametrize("fault", ["garbage", "silence"])  # garbage: as at a wrong baud rate
-def test_a_device_that_makes_no_sense_is_a_clear_error(
-    rig: EmulatedRig, device: str, fault: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(device_discovery, "_LONGEST_S", 0.6)
+def test_a_device_that_makes_no_sense_is_a_clear_error(rig: EmulatedRig, device: str, fault: str) -> None:
     rig.fault(device, fault)
     try:
-        done = runner.invoke(app, ["probe", device, *words(rig, device)])
+        done = runner.invoke(app, ["probe", device, "--patience", "0", *words(rig, device)])
     finally:
         rig.clear(device)
     assert done.exit_code == 1, done.output
@@ -185,10 +174,9 @@ def test_a_port_of_another_device_that_never_falls_silent_is_an_error(rig: Emula
     assert isinstance(done.exception, SystemExit)
 
 
-@pytest.mark.usefixtures("patience")
 def test_probe_says_what_nobody_has_verified(rig: EmulatedRig) -> None:
     given = [word for word in words(rig, "ati") if not word.startswith("verified")]
-    given += PATIENT["ati"]
+    given += [*PATIENT["ati"], "--patience", "60"]
     done = runner.invoke(app, ["probe", "ati", *given, "verified:=[axis]"])
     assert done.exit_code == 0, done.output
     assert "not verified: bitrate: the sensor is delivered with 250 kbit/s" in done.output
@@ -209,12 +197,9 @@ def test_emulate_says_which_port_is_taken() -> None:
     assert "cannot listen on 192.0.2.1" in str(done.exception)
 
 
-@pytest.mark.usefixtures("patience")
 def test_monitor_says_what_a_sensor_delivers(rig: EmulatedRig) -> None:
-    done = runner.invoke(
-        app,
-        ["monitor", "ati", *words(rig, "ati"), *PATIENT["ati"], "--for", "0.3", "--every", "0.1", "--json"],
-    )
+    how = ["--patience", "60", "--for", "0.3", "--every", "0.1", "--json"]
+    done = runner.invoke(app, ["monitor", "ati", *words(rig, "ati"), *PATIENT["ati"], *how])
     assert done.exit_code == 0, done.output
     rows = [json.loads(line) for line in done.output.splitlines()]
     assert rows[-1]["state"] == "ok"

@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import pytest
 import yaml
 
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices import known_devices
 from palp_core.palpation.devices.limits import TravelLimits
 
-__all__ = ["Hardware", "read_hardware"]
+__all__ = ["HARDWARE", "Hardware", "read_hardware"]
 
 STAGE_M = (-0.021, 0.021)
 """What the contract uses of the sweep's axis: it returns to -20 mm and sweeps 2 mm to either side of 0."""
@@ -28,6 +29,10 @@ class Hardware(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     device: str
     options: dict[str, Any] = {}
     travel: dict[str, Any] = {}
+
+
+HARDWARE = pytest.StashKey[dict[str, Hardware]]()
+"""Where pytest's configuration keeps the devices of ``--hardware`` by kind."""
 
 
 def read_hardware(path: Path) -> dict[str, Hardware]:

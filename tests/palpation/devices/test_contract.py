@@ -6,7 +6,7 @@ up to 10 mm, and only if the file says that they may.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from palp_core.palpation.devices.contract.subject import Patience, Subject
 from palp_core.palpation.devices.emulator import EmulatedRig
 from palp_core.palpation.devices.registry import BACK_ENDS, kind_of
 from palp_core.palpation.devices.sim.ring import SimRing
-from tests.support.hardware import Hardware
+from tests.support.hardware import HARDWARE, Hardware
 
 pytestmark = pytest.mark.filterwarnings("default::palp_core.palpation.devices.unverified.UnverifiedWarning")
 BY_KIND = {kind: list(names) for kind, names in BACK_ENDS.items()}
@@ -35,12 +35,12 @@ EMULATED_OPTIONS: dict[str, dict[str, Any]] = {  # slow: what is predicted or cu
 PATIENCE = Patience(120.0)
 
 
-def cases() -> Iterator[Any]:
-    """Yield every promise with every device that has it."""
+def cases(hardware: Container[str]) -> Iterator[Any]:
+    """Yield every promise with every device that has it; a real one of each kind of hardware."""
     without_lsl = pytest.mark.skipif(find_spec("pylsl") is None, reason="needs palp-core[lsl]")
     for promise in PROMISES:
         for kind in promise.kinds:
-            for name in [*BY_KIND[kind], "hardware"]:
+            for name in [*BY_KIND[kind], *(["hardware"] if kind in hardware else [])]:
                 marks = [without_lsl] if name == "lsl" else []
                 yield pytest.param(
                     (kind, name), promise, id=f"{kind}-{name}-{promise.check.__name__}", marks=marks
@@ -56,8 +56,6 @@ def subject(
 ) -> Iterator[Subject]:
     kind, name = request.param
     if name == "hardware":
-        if kind not in hardware:
-            pytest.skip("not in --hardware")
         made = Subject(kind, hardware[kind].device, hardware[kind].options, PATIENCE)
     elif name == "sim":
         made = Subject(kind, name, SIM_OPTIONS.get(kind, {}), PATIENCE, simulated=True)
@@ -68,7 +66,12 @@ def subject(
     made.device.close()
 
 
-@pytest.mark.parametrize(("subject", "promise"), list(cases()), indirect=["subject"])
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    if "promise" in metafunc.fixturenames:
+        found = list(cases(metafunc.config.stash[HARDWARE]))
+        metafunc.parametrize(("subject", "promise"), found, indirect=["subject"])
+
+
 def test_a_device_keeps_the_promise(subject: Subject, promise: Promise) -> None:
     promise.check(subject)
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,8 +13,11 @@ import yaml
 
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices import open_device
+from palp_core.palpation.devices.contract.run import promises_of
+from palp_core.palpation.devices.contract.subject import Patience, Subject
 from palp_core.palpation.devices.emulator import EmulatedRig
-from tests.support.hardware import read_hardware
+from tests.palpation.devices.test_contract import cases
+from tests.support.hardware import HARDWARE, read_hardware
 
 ROOT = Path(__file__).parents[3]
 SAMPLE = ROOT / "docs" / "hardware.yaml"
@@ -33,26 +35,12 @@ def write(path: Path, tree: dict[str, Any]) -> Path:
     return path
 
 
-def contract(config: Path, *more: str, cases: str = "hardware") -> subprocess.CompletedProcess[str]:
-    """Run the contract on the devices of a file."""
-    return subprocess.run(
-        [
-            sys.executable, "-m", "pytest", str(ROOT / "tests/palpation/devices/test_contract.py"), "-q",
-            "-p", "no:cacheprovider", "-n", "0", "-k", cases, "--hardware", str(config), *more,
-        ],
-        cwd=ROOT, capture_output=True, text=True, timeout=450.0, check=False,
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    "cases",
-    [
-        "hardware and not sweeps and not arrives and not times",
-        pytest.param("hardware", marks=pytest.mark.nightly),
-    ],
-)
+@pytest.mark.parametrize("without", [("sweeps", "arrives"), pytest.param((), marks=pytest.mark.nightly)])
 def test_the_contract_holds_for_the_devices_of_a_file(
-    quick_rig: Callable[..., EmulatedRig], tmp_path: Path, patient: dict[str, dict[str, Any]], cases: str
+    quick_rig: Callable[..., EmulatedRig],
+    tmp_path: Path,
+    patient: dict[str, dict[str, Any]],
+    without: tuple[str, ...],
 ) -> None:
     """The emulator's addresses stand in for the devices'."""
     rig = quick_rig(*KINDS.values())
@@ -63,9 +51,12 @@ def test_the_contract_holds_for_the_devices_of_a_file(
     }
     tree["stage"]["options"] |= SLOW_STAGE
     tree["ring"]["options"] |= SLOW_RING
-    done = contract(write(tmp_path / "hardware.yaml", tree), cases=cases)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "skipped" not in done.stdout
+    for kind, entry in read_hardware(write(tmp_path / "hardware.yaml", tree)).items():
+        for promise in promises_of(kind):
+            if not any(word in promise.text for word in without):
+                subject = Subject(kind, entry.device, entry.options, Patience(120.0))
+                promise.check(subject)
+                subject.device.close()
     y_m = rig.on_world(lambda world, _: [line for _, _, line in world.log if line.startswith("MOVEABS X")])
     assert y_m  # the stage has moved, and nowhere beyond what the file allows
     assert all(-25.0 <= float(line.split()[2]) <= 25.0 for line in y_m)
@@ -98,18 +89,31 @@ def test_a_ring_that_was_not_given_its_travel_is_not_even_opened(
         read_hardware(write(tmp_path / "h.yaml", {"ring": entry}))
 
 
-def test_the_run_ends_before_its_first_test_where_the_file_is_wrong(tmp_path: Path) -> None:
-    entry = {"device": "aerotech", "options": {"url": "socket://127.0.0.1:1"}}
-    done = contract(write(tmp_path / "h.yaml", {"stage": entry}))
-    assert done.returncode == pytest.ExitCode.USAGE_ERROR
-    assert "'travel' does not say how far it may" in done.stderr
+def configured(pytestconfig: pytest.Config, **options: object) -> list[str]:
+    """Configure a run with options, as pytest does; return the cases of the contract on real devices."""
+    hooks = pytestconfig.pluginmanager.get_plugin(str(Path(__file__).with_name("conftest.py")))
+    config = SimpleNamespace(
+        getoption=lambda name, default=None: options.get(name.lstrip("-"), default), stash=pytest.Stash()
+    )
+    hooks.pytest_configure(config)
+    assert hooks.pytest_xdist_auto_num_workers(config) == (0 if "hardware" in options else None)
+    return [str(case.id) for case in cases(config.stash[HARDWARE])]
 
 
-def test_no_two_tests_share_a_real_device(tmp_path: Path) -> None:
+def test_only_a_run_on_real_devices_has_their_cases(pytestconfig: pytest.Config, tmp_path: Path) -> None:
     config = write(tmp_path / "h.yaml", {"torque": {"device": "ati", "options": {"channel": "none"}}})
-    done = contract(config, "-n", "2")
-    assert done.returncode == pytest.ExitCode.USAGE_ERROR
-    assert "no two tests may move the same stage" in done.stderr
+    more = set(configured(pytestconfig, hardware=config)) - set(configured(pytestconfig))
+    assert more == {f"torque-hardware-{promise.check.__name__}" for promise in promises_of("torque")}
+    with pytest.raises(pytest.UsageError, match="no two tests may move the same stage"):
+        configured(pytestconfig, hardware=config, numprocesses=2)
+
+
+def test_the_run_ends_before_its_first_test_where_the_file_is_wrong(
+    pytestconfig: pytest.Config, tmp_path: Path
+) -> None:
+    entry = {"device": "aerotech", "options": {"url": "socket://127.0.0.1:1"}}
+    with pytest.raises(pytest.UsageError, match="'travel' does not say how far it may"):
+        configured(pytestconfig, hardware=write(tmp_path / "h.yaml", {"stage": entry}))
 
 
 @pytest.mark.parametrize(

@@ -322,7 +322,7 @@ class KnownSensor(Netcanoem):
 def first_sample(loop: EmulatorLoop, world: World, sample: list[str]) -> Any:
     port = listen(loop, lambda: SocketCand(KnownSensor(world, sample), 0))
     link = {"host": port.host, "port": port.port, "tcp_tune": True}
-    sensor = AtiTorque(interface="socketcand", options=link, rate_hz=100.0, verified=("*",))
+    sensor = AtiTorque(interface="socketcand", options=link, rate_hz=100.0, timeout_s=30.0, verified=("*",))
     state, rng = WrenchState(), np.random.default_rng(0)
     sensor.open(0, state, rng)
     try:
@@ -383,7 +383,7 @@ def test_the_network_sensors_driver_says_and_understands_the_transcript(loop: Em
 
         thread = threading.Thread(target=answer)
         thread.start()
-        sensor = NetFtTorque("127.0.0.1", device.getsockname()[1], page.port)
+        sensor = NetFtTorque("127.0.0.1", device.getsockname()[1], page.port, timeout_s=30.0)
         state, rng = WrenchState(), np.random.default_rng(0)
         sensor.open(0, state, rng)
         thread.join()

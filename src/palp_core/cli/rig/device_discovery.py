@@ -17,16 +17,16 @@ from palp_core.palpation.devices.registry import back_end, kind_of, open_device
 from palp_core.palpation.devices.torque.ati import AtiTorque
 from palp_core.palpation.devices.unverified import UnverifiedWarning, not_verified
 
-_LONGEST_S = 5.0
 _LISTEN_S = 0.5
 
 
-def discover(device: str, options: Mapping[str, Any]) -> dict[str, Any]:
+def discover(device: str, options: Mapping[str, Any], patience_s: float) -> dict[str, Any]:
     """Ask a device whether it is there and how it does; nothing moves and nothing is enabled.
 
     Args:
         device: Its name.
         options: Of its driver.
+        patience_s: Longest wait for a sensor's first data.
 
     Raises:
         DeviceError: No such device or option, or it does not answer.
@@ -34,7 +34,7 @@ def discover(device: str, options: Mapping[str, Any]) -> dict[str, Any]:
     kind = kind_of(device)
     if kind in ("stage", "ring"):
         return _discover_mover(kind, device, options)
-    row = next(iter(watch(device, options, _LISTEN_S, _LISTEN_S)))
+    row = next(iter(watch(device, options, _LISTEN_S, _LISTEN_S, patience_s)))
     if not row["samples"]:
         raise DeviceError(f"{device}: it is connected but sends nothing; is it measuring?")
     if row["state"] in (Condition.GARBLED, Condition.LINK_LOST):
@@ -57,7 +57,11 @@ def unverified(device: str, options: Mapping[str, Any]) -> dict[str, str]:
 
 
 def watch(
-    device: str, options: Mapping[str, Any], seconds: float, every_s: float
+    device: str,
+    options: Mapping[str, Any],
+    seconds: float,
+    every_s: float,
+    patience_s: float,
 ) -> Iterator[dict[str, Any]]:
     """Yield what a sensor delivered in each stretch of time.
 
@@ -66,6 +70,7 @@ def watch(
         options: Of its driver.
         seconds: How long; 0 for ever.
         every_s: Length of a stretch.
+        patience_s: Longest wait for its first data.
 
     Raises:
         DeviceError: It is no sensor, does not answer, or a time is no length of time.
@@ -75,6 +80,7 @@ def watch(
         raise DeviceError(f"{device} moves and delivers no stream; try: palp devices probe {device}")
     check_range(device, "seconds", seconds, 0.0, 1e9)
     check_range(device, "every_s", every_s, 1e-3, 1e6)
+    check_range(device, "patience_s", patience_s, 0.0, 1e6)
     sensor: Any = open_device("torque" if kind == "torque" else "emg", device, **options)
     state: Any = sensor.state_type()
     rng, pause = np.random.default_rng(0), Event()
@@ -82,7 +88,7 @@ def watch(
         warnings.simplefilter("ignore", UnverifiedWarning)  # it is asked for: unverified()
         sensor.open(time.monotonic_ns(), state, rng)
     try:
-        _await_first(device, sensor, pause)
+        _await_first(device, sensor, pause, patience_s)
         end_ns = time.monotonic_ns() + round(seconds * 1e9) if seconds else 0
         while not end_ns or time.monotonic_ns() < end_ns:
             pause.wait(every_s)
@@ -94,12 +100,12 @@ def watch(
         sensor.close()
 
 
-def _await_first(device: str, sensor: Any, pause: Event) -> None:
-    until_ns = time.monotonic_ns() + round(_LONGEST_S * 1e9)
+def _await_first(device: str, sensor: Any, pause: Event, patience_s: float) -> None:
+    until_ns = time.monotonic_ns() + round(patience_s * 1e9)
     while not (health := sensor.health(time.monotonic_ns())).ok:
         if time.monotonic_ns() > until_ns:
             raise DeviceError(
-                f"{device}: no data within {_LONGEST_S:g} s: {health.condition}: {health.cause};"
+                f"{device}: no data within {patience_s:g} s: {health.condition}: {health.cause};"
                 " check that it measures, and its rate and baud rate"
             )
         pause.wait(0.01)

@@ -28,6 +28,11 @@ OptionsArgument = Annotated[
     typer.Argument(metavar="[name:=value]...", help="Options of its driver, as in a launch file."),
 ]
 
+FirstDataOption = Annotated[
+    float, typer.Option("--patience", metavar="S", help="Longest wait for a sensor's first data.")
+]
+FIRST_DATA_S = 5.0
+
 
 @app.command("list")
 def list_devices(
@@ -57,6 +62,7 @@ def probe(
     device: DeviceArgument,
     options: OptionsArgument = None,
     *,
+    patience: FirstDataOption = FIRST_DATA_S,
     as_json: JsonOption = False,
 ) -> None:
     """Ask a device whether it is there, without moving anything; the exit status is 1 if it is not."""
@@ -65,7 +71,7 @@ def probe(
     device, given = _with_path(device), _options(options)
     try:
         with until_ctrl_c():
-            found = discover(device, given)
+            found = discover(device, given, patience)
             open_points = unverified(device, given)
     except DeviceError as error:
         if as_json:
@@ -119,6 +125,7 @@ def monitor(
     *,
     seconds: Annotated[float, typer.Option("--for", metavar="S", help="How long; 0: until Ctrl-C.")] = 0.0,
     every: Annotated[float, typer.Option(metavar="S", min=0.05, help="How often a line.")] = 1.0,
+    patience: FirstDataOption = FIRST_DATA_S,
     as_json: JsonOption = False,
 ) -> None:
     """Show what a sensor delivers: rate, gaps, drift of its clock, mean and spread of its values."""
@@ -126,7 +133,7 @@ def monitor(
 
     device, given, said = _with_path(device), _options(options), False
     with until_ctrl_c():
-        for row in watch(device, given, seconds, every):
+        for row in watch(device, given, seconds, every, patience):
             if not said:
                 said = True
                 for name, check in unverified(device, given).items():

@@ -20,7 +20,6 @@ from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.ring.maestro import MaestroRing, MaestroState
 from palp_core.palpation.devices.safety.watchdog import Watchdog, WatchedLoad, WatchedStage, WatchLimits
 from palp_core.palpation.devices.stage.aerotech import AerotechStage, AerotechState
-from palp_core.palpation.devices.torque import netft
 from palp_core.palpation.devices.torque.wrench_state import WrenchState
 
 RNG = np.random.default_rng(0)
@@ -33,8 +32,8 @@ Start = Callable[..., EmulatedRig]
 PATIENT: dict[str, dict[str, Any]] = {
     "aerotech": {"stale_s": 1.0, "timeout_s": 1.0},
     "maestro": {"stale_s": 1.0, "timeout_s": 0.4, "stall_s": 2.0},
-    "ati": {"stale_s": 1.0, "rate_hz": 100.0, "gap_s": 0.03},
-    "netft": {"stale_s": 1.0},
+    "ati": {"stale_s": 1.0, "timeout_s": 4.0, "lost_s": 2.0, "rate_hz": 100.0, "gap_s": 0.03},
+    "netft": {"stale_s": 1.0, "timeout_s": 4.0, "lost_s": 2.0},
     "noraxon": {"stale_s": 1.0, "timeout_s": 2.0},
     "lsl": {"stale_s": 1.0, "find_s": 20.0},
     "spikershield": {"stale_s": 1.0},
@@ -109,9 +108,9 @@ def strike(rig: EmulatedRig, fault: Fault) -> None:
         rig.fault(fault.device, fault.name, value=delay_s if fault.name == "delay" else fault.value)
 
 
-def open_sensor(rig: EmulatedRig, device: str) -> Any:
+def open_sensor(rig: EmulatedRig, device: str, **options: Any) -> Any:
     kind: Any = KINDS[device]
-    return open_device(kind, device, **rig.options[device], **PATIENT[device])
+    return open_device(kind, device, **{**rig.options[device], **PATIENT[device], **options})
 
 
 def open_stage(rig: EmulatedRig) -> AerotechStage:
@@ -150,16 +149,13 @@ def test_the_watchdog_names_the_trip_of_every_fault_of_stage_ring_and_sensor(fau
 
 @pytest.mark.parametrize("fault", rows("torque", "emg"))
 def test_a_sensors_fault_has_a_name_loses_nothing_received_and_passes(
-    quick_rig: Start, wait: Any, named: list[Condition], monkeypatch: pytest.MonkeyPatch, fault: Fault
+    quick_rig: Start, wait: Any, named: list[Condition], fault: Fault
 ) -> None:
     device, name = fault.device, fault.name
-    if (device, name) == (
-        "netft",
-        "delay",
-    ):  # it asks anew after a silence; what is late is to be called stale
-        monkeypatch.setattr(netft, "_SILENCE_STEPS", round(2 * LONG_DELAY_S / netft._WAIT_S))
     rig = quick_rig(device)
-    sensor = open_sensor(rig, device)
+    # a Net F/T is started again after a silence; what is late is to be called stale
+    late = {"lost_s": 2.0 * LONG_DELAY_S} if (device, name) == ("netft", "delay") else {}
+    sensor = open_sensor(rig, device, **late)
     state: Any = WrenchState() if KINDS[device] == "torque" else EmgSourceState()
     sensor.open(now(), state, RNG)
     blocks: list[Any] = []

@@ -119,11 +119,11 @@ def test_two_clients_of_the_stage_command_the_same_axes_and_both_come_back(quick
         rig.connect("aerotech")
 
 
-def test_two_clients_of_the_bus_are_both_served_and_both_come_back(quick_rig: Start, wait: Any) -> None:
+def test_two_clients_of_the_bus_are_both_served_and_both_come_back(
+    quick_rig: Start, wait: Any, patient: dict[str, dict[str, Any]]
+) -> None:
     rig = quick_rig("ati")
-    sensors = [
-        open_device("torque", "ati", **rig.options["ati"], rate_hz=100.0, stale_s=10.0) for _ in range(2)
-    ]
+    sensors = [open_device("torque", "ati", **rig.options["ati"], **patient["ati"]) for _ in range(2)]
     states = [WrenchState() for _ in sensors]
     counts = [0, 0]
 

@@ -6,7 +6,6 @@ import struct
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
-from functools import partial
 
 import can
 import pytest
@@ -19,7 +18,6 @@ from palp_core.palpation.devices.emulator.world import World, WorldSettings
 from palp_core.palpation.devices.health import HealthMonitor
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.reply_timeout import ReplyTimeout
-from palp_core.palpation.devices.torque import ati_session
 from palp_core.palpation.devices.torque.ati_session import AtiSession, RawSample
 
 BASE = 0x200
@@ -101,21 +99,25 @@ class Polled:
 
     def __init__(
         self,
-        monkeypatch: pytest.MonkeyPatch,
         world: World,
         late_ns: Callable[[int], int | None],
         rate_hz: float = 1000.0,
     ) -> None:
         self.bus = bus = LateBus(world, late_ns)
-        monkeypatch.setattr(ati_session, "_open_bus", lambda _: bus)
-        monkeypatch.setattr(ati_session, "_SILENT_S", 0.25)  # on the bus's time no host is busy
-        monkeypatch.setattr(
-            ati_session, "ReplyTimeout", partial(ReplyTimeout, clock=lambda: bus.now_ns * 1e-9)
-        )
         self.samples: deque[RawSample] = deque()
         self.watch = HealthMonitor(0.025)
         self.session = AtiSession(
-            {}, BASE >> 4, 0, rate_hz, 0.003, self.samples, self.watch, BusHost(bus), 0, False
+            bus,
+            BASE >> 4,
+            0,
+            rate_hz,
+            0.003,
+            self.samples,
+            self.watch,
+            BusHost(bus),
+            0,
+            False,
+            clock=lambda: bus.now_ns * 1e-9,
         )
         self.watch.note_data(bus.now_ns)
         self.ages_ns: dict[int, int] = {}
@@ -137,10 +139,8 @@ def world() -> Iterator[World]:
     made.close()
 
 
-def test_samples_that_were_late_make_no_later_one_older(
-    monkeypatch: pytest.MonkeyPatch, world: World
-) -> None:
-    polled = Polled(monkeypatch, world, lambda count: 5_000_000 if count in (4, 5) else 0)
+def test_samples_that_were_late_make_no_later_one_older(world: World) -> None:
+    polled = Polled(world, lambda count: 5_000_000 if count in (4, 5) else 0)
     polled.run(0.03)
     assert polled.bus.asked > 15
     assert set(range(1, polled.bus.asked + 1)) - set(polled.ages_ns) == {4, 5}
@@ -149,12 +149,8 @@ def test_samples_that_were_late_make_no_later_one_older(
 
 @pytest.mark.parametrize("rate_hz", [0.0, 100.0, 1000.0])
 @pytest.mark.parametrize("late_ms", [3, 9, 11, 13, 20, 40, 100, 240])
-def test_a_steady_delay_never_passes_for_fresh(
-    monkeypatch: pytest.MonkeyPatch, world: World, late_ms: int, rate_hz: float
-) -> None:
-    polled = Polled(
-        monkeypatch, world, lambda count: late_ms * 1_000_000 if 20 < count < 60 else 0, rate_hz=rate_hz
-    )
+def test_a_steady_delay_never_passes_for_fresh(world: World, late_ms: int, rate_hz: float) -> None:
+    polled = Polled(world, lambda count: late_ms * 1_000_000 if 20 < count < 60 else 0, rate_hz=rate_hz)
     polled.run(0.3)
     polled.run(40 * (late_ms + 20) * 1e-3 + 0.3)
     assert polled.bus.asked > 60
@@ -168,13 +164,13 @@ def test_a_steady_delay_never_passes_for_fresh(
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(late_ms=st.lists(st.one_of(st.just(0), st.integers(0, LONGEST_MS), st.none()), max_size=60))
 def test_whatever_is_late_or_lost_no_sample_is_older_than_12_ms(
-    monkeypatch: pytest.MonkeyPatch, world: World, late_ms: list[int | None]
+    world: World, late_ms: list[int | None]
 ) -> None:
     def late_ns(count: int) -> int | None:
         late = late_ms[count - 1] if count <= len(late_ms) else 0
         return None if late is None else late * 1_000_000
 
-    polled = Polled(monkeypatch, world, late_ns)
+    polled = Polled(world, late_ns)
     try:
         polled.run(2.0)
     except DeviceTimeout:  # two in a row were lost, and nothing else was on its way

@@ -11,8 +11,7 @@ import can
 import pytest
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.torque import socketcand
-from palp_core.palpation.devices.torque.ati_session import _open_bus
+from palp_core.palpation.devices.torque.ati_session import open_bus
 
 
 def serve(server: socket.socket, answers: list[list[bytes]], over: threading.Event) -> None:
@@ -46,9 +45,8 @@ def greeted(server: socket.socket) -> Iterator[socket.socket]:
 
 @pytest.mark.parametrize("said", [[], [b"< hi >"], [b"< hi >", b"< ok >"], [b"< hello >"]])
 def test_a_server_that_falls_silent_after_its_greeting_is_an_error_in_time(
-    monkeypatch: pytest.MonkeyPatch, said: list[bytes]
+    said: list[bytes],
 ) -> None:
-    monkeypatch.setattr(socketcand, "_GREETING_S", 2.0)
     over = threading.Event()
     with socket.create_server(("127.0.0.1", 0)) as server:
         answers = [[b"< hi >", b"< ok >"], said]
@@ -57,7 +55,7 @@ def test_a_server_that_falls_silent_after_its_greeting_is_an_error_in_time(
         options = {"interface": "socketcand", "channel": "can0", "host": "127.0.0.1"}
         try:
             with pytest.raises(DeviceError, match="cannot open the bus"):
-                _open_bus({**options, "port": server.getsockname()[1]})
+                open_bus({**options, "port": server.getsockname()[1]}, greeting_s=0.3)
         finally:
             over.set()
             thread.join()
@@ -65,7 +63,7 @@ def test_a_server_that_falls_silent_after_its_greeting_is_an_error_in_time(
 
 def test_an_option_that_is_missing_is_named() -> None:
     with pytest.raises(DeviceError, match="no option 'host'"):
-        _open_bus({"interface": "socketcand", "channel": "can0"})
+        open_bus({"interface": "socketcand", "channel": "can0"})
 
 
 def test_answers_that_come_in_pieces_and_frames_of_others_right_behind_them_are_no_refusal() -> None:
@@ -94,7 +92,7 @@ def test_answers_that_come_in_pieces_and_frames_of_others_right_behind_them_are_
         thread = threading.Thread(target=serve_all, daemon=True)
         thread.start()
         options = {"interface": "socketcand", "channel": "can0", "host": "127.0.0.1"}
-        bus = _open_bus({**options, "port": server.getsockname()[1]})
+        bus = open_bus({**options, "port": server.getsockname()[1]})
         try:
             message = bus.recv(60.0)
             assert message.arbitration_id == 0x321
@@ -121,7 +119,7 @@ def test_frames_come_whole_however_they_are_cut_and_the_end_of_a_connection_is_a
         thread.start()
         options = {"interface": "socketcand", "channel": "can0", "host": "127.0.0.1", "tcp_tune": True}
         filters = [{"can_id": 0x320, "can_mask": 0x7F0, "extended": False}]
-        bus = _open_bus({**options, "port": server.getsockname()[1], "can_filters": filters})
+        bus = open_bus({**options, "port": server.getsockname()[1], "can_filters": filters})
         try:
             first = bus.recv(60.0)
             assert (first.arbitration_id, bytes(first.data)) == (0x321, b"\1\2")
@@ -151,7 +149,7 @@ def test_what_is_no_socketcand_is_an_error_and_not_a_frame() -> None:
         thread = threading.Thread(target=serve_all, daemon=True)
         thread.start()
         options = {"interface": "socketcand", "channel": "can0", "host": "127.0.0.1"}
-        bus = _open_bus({**options, "port": server.getsockname()[1]})
+        bus = open_bus({**options, "port": server.getsockname()[1]})
         try:
             with pytest.raises(can.CanError, match="no socketcand"):
                 bus.recv(60.0)
@@ -174,7 +172,7 @@ def test_a_flood_of_frames_of_others_keeps_nobody_longer_than_asked() -> None:
         thread.start()
         options = {"interface": "socketcand", "channel": "can0", "host": "127.0.0.1"}
         filters = [{"can_id": 0x320, "can_mask": 0x7F0, "extended": False}]
-        bus = _open_bus({**options, "port": server.getsockname()[1], "can_filters": filters})
+        bus = open_bus({**options, "port": server.getsockname()[1], "can_filters": filters})
         try:
             assert bus.recv(0.0) is None
             assert bus.recv(0.01) is None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from pathlib import Path
 
 import ezc3d
@@ -76,10 +75,21 @@ def test_a_cut_file_is_refused_in_words(tmp_path: Path) -> None:
     assert "is cut off" in refused(path)
 
 
-@pytest.mark.parametrize("place", [0, 2, 4, 16, 512, 515, 520, 600])
-def test_a_damaged_file_ends_no_process(tmp_path: Path, place: int) -> None:
-    data = bytearray(c3d(tmp_path / "whole.c3d").read_bytes())
-    data[place] ^= 0xFF
-    (tmp_path / "bad.c3d").write_bytes(data)
-    with contextlib.suppress(PalpError):  # what it makes of others is read
-        read_emg(tmp_path / "bad.c3d")
+def test_a_damaged_byte_is_refused_or_changes_no_sample(tmp_path: Path) -> None:
+    whole, path = c3d(tmp_path / "whole.c3d").read_bytes(), tmp_path / "bad.c3d"
+    said = {
+        0: "read the processor type",  # where the parameters are
+        2: "is cut off",  # markers
+        4: "is cut off",  # analog values a frame
+        16: "is cut off",  # where the data are
+        515: "read the processor type",
+        520: "its parameters 0 and",  # the name of the group POINT
+    }
+    for place in (*said, 512, 600):
+        data = bytearray(whole)
+        data[place] ^= 0xFF
+        path.write_bytes(data)
+        if place in said:
+            assert said[place] in refused(path)
+        else:
+            assert np.array_equal([one.samples for one in read_emg(path).columns], EMG_V)

@@ -29,8 +29,8 @@ def model_of(primitives: Primitives) -> latent.OffsetModel:
 
 def test_a_class_is_not_trusted_because_its_training_happened_to_scatter_little() -> None:
     found = [np.sqrt(model_of(trained(np.random.default_rng(seed))).noise[..., 0, 0]) for seed in range(20)]
-    for own_sd in found:
-        assert own_sd.min() == pytest.approx(OWN_SD, rel=0.9)
+    least = np.array([own_sd.min() for own_sd in found]) / OWN_SD
+    assert (least.mean(), least.min()) == pytest.approx((1.0476, 0.8411), abs=1e-4)
     assert np.mean([own_sd < 1.5 * own_sd.min() for own_sd in found]) > 0.95
 
 

@@ -1,3 +1,5 @@
+import contextlib
+
 import numpy as np
 import pytest
 
@@ -58,15 +60,14 @@ def test_no_random_start_finds_a_chain_nearer_to_the_kernel(depth: int) -> None:
         return float(((matrix * np.log(matrix / kernel)) * law).sum())
 
     best = distance(figure5.matrices()[depth])
-    rng = np.random.default_rng(depth)
+    rng, found = np.random.default_rng(depth), []
     for _ in range(5):
         start = kernel * np.exp(0.3 * rng.normal(size=(5, 5)))
         start = start + start[::-1, ::-1]
-        try:
-            found = nearest_chain(start / start.sum(axis=0), SPECTRA[depth])
-        except PerceptionError:
-            continue
-        assert distance(found) >= best - 1e-9
+        with contextlib.suppress(PerceptionError):  # some starts lead to no chain
+            found.append(distance(nearest_chain(start / start.sum(axis=0), SPECTRA[depth])))
+    assert len(found) >= 3
+    assert best < min(found) < 1.2 * best
 
 
 @pytest.mark.parametrize("depth", range(3))

@@ -50,8 +50,18 @@ def believed(model: TraceModel, rng: np.random.Generator, count: int, of: int, *
     return observe(model, begin_sweep(start(model, count), 1, landed=True), felt)
 
 
-@pytest.mark.parametrize("name", ["linear", "second_order", "grid"])
-def test_trials_and_mountings_are_of_one_law_whatever_the_filter_takes_for_granted(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "height", "friction", "misfit"),
+    [
+        ("linear", 0.9462, 1.2092, 0.1125),
+        ("second_order", 0.9462, 1.2094, 0.1122),
+        ("grid", 0.9461, 1.2070, 0.1153),
+    ],
+)
+def test_trials_and_mountings_are_of_one_law_whatever_the_filter_takes_for_granted(
+    name: str, height: float, friction: float, misfit: float
+) -> None:
+    """Ratios near 1 and a difference near 0: as near as so few mountings come."""
     rng = np.random.default_rng(1)
     trials, mountings = [], []
     for _ in range(30):
@@ -64,8 +74,8 @@ def test_trials_and_mountings_are_of_one_law_whatever_the_filter_takes_for_grant
     felt, own = np.concatenate(trials), np.concatenate(mountings)
     # a trial is held against the mean of four, of which each has a part itself
     ratio = felt.var(axis=0)[:2] / (own.var(axis=0)[:2] * (5.0 / 3.0))
-    assert ratio == pytest.approx(np.ones(2), abs=0.45)
-    assert felt[:, 2].mean() == pytest.approx(own[:, 2].mean(), abs=0.35)
+    assert ratio == pytest.approx([height, friction], abs=1e-3)
+    assert felt[:, 2].mean() - own[:, 2].mean() == pytest.approx(misfit, abs=1e-3)
 
 
 def test_a_difference_of_all_trials_is_told_by_its_name() -> None:

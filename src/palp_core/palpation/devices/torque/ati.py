@@ -14,7 +14,14 @@ from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.session_thread import SessionThread
 from palp_core.palpation.devices.protocols import EXACT, TorqueSamples
-from palp_core.palpation.devices.torque.ati_session import AtiSession, RawSample, SensorCalibration
+from palp_core.palpation.devices.torque.ati_session import (
+    LOST_S,
+    SET_UP_S,
+    AtiSession,
+    RawSample,
+    SensorCalibration,
+    open_bus,
+)
 from palp_core.palpation.devices.torque.wrench_state import WrenchState, bias_from, check_axis, torque_block
 from palp_core.palpation.devices.unverified import warn_unverified
 from palp_core.palpation.devices.wire import netcanoem as wire
@@ -41,6 +48,8 @@ class AtiTorque:
         rate_hz: Of the samples; 0 for as fast as the sensor answers.
         gap_s: A longer interval between samples is a gap, as samples have no number.
         stale_s: Longest silence.
+        timeout_s: Longest wait for each answer while it is connected; twice that for a socketcand server.
+        lost_s: A longer silence is a lost link, and the sensor is connected again.
         axis: The sensor's axis that the probe's joint turns about.
         sign: Direction of the torque about it.
         range_n_m: Largest torque (the maker's figure for SI-12-0.12).
@@ -65,6 +74,8 @@ class AtiTorque:
     rate_hz: float = 1000.0
     gap_s: float = 0.003
     stale_s: float = 0.025
+    timeout_s: float = SET_UP_S
+    lost_s: float = LOST_S
     axis: str = "x"
     sign: int = 1
     range_n_m: float = RANGE_N_M
@@ -76,6 +87,8 @@ class AtiTorque:
         check_range("ati", "rate_hz", self.rate_hz, 0.0, 1e4)
         check_range("ati", "gap_s", self.gap_s, 1e-4, 10.0)
         check_range("ati", "stale_s", self.stale_s, 1e-3, 10.0)
+        check_range("ati", "timeout_s", self.timeout_s, 1e-3, 60.0)
+        check_range("ati", "lost_s", self.lost_s, LOST_S, 60.0)
         check_range("ati", "range_n_m", self.range_n_m, 1e-9, 1e3)
         check_axis(self.axis, self.sign)
         self._host = HostTime()
@@ -164,7 +177,7 @@ class AtiTorque:
             **self.options,
         }
         self._session = AtiSession(
-            bus_options,
+            open_bus(bus_options, 2.0 * self.timeout_s),
             self.base_id,
             self.calibration,
             self.rate_hz,
@@ -174,5 +187,7 @@ class AtiTorque:
             self._host,
             first,
             before is not None,
+            set_up_s=self.timeout_s,
+            lost_s=self.lost_s,
         )
         return self._session

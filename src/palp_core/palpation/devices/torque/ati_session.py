@@ -3,8 +3,9 @@
 import logging
 import struct
 import threading
+import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import can
@@ -14,16 +15,16 @@ from palp_core.errors import DeviceError, DeviceTimeout
 from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.reply_timeout import ReplyTimeout
-from palp_core.palpation.devices.torque.socketcand import open_socketcand
+from palp_core.palpation.devices.torque.socketcand import GREETING_S, open_socketcand
 from palp_core.palpation.devices.wire import netcanoem as wire
 from palp_core.units import Float64Array
 
 RawSample = tuple[int, int, bool, int, tuple[int, ...]]
 """Host time, number, gap, status word and gauges."""
 
-_SET_UP_S = 0.5
+SET_UP_S = 0.5
+LOST_S = 0.25  # after the second reply in a row; longer than any bus holds a frame back
 _QUIET_S = 0.008  # after a reply that did not come in time
-_SILENT_S = 0.25  # after the second in a row; longer than any bus holds a frame back
 _LOOK_S = 0.002
 
 
@@ -53,7 +54,7 @@ class AtiSession:
     a prompt reply, 12 ms in all at 1 kHz.
 
     Args:
-        bus_options: For :class:`can.Bus`.
+        bus: An open :class:`can.Bus`, which the session shuts down.
         base_id: Bits 4 to 10 of the sensor's identifiers.
         calibration: Number of the calibration to use.
         rate_hz: Of the samples; 0 for as fast as possible.
@@ -61,14 +62,17 @@ class AtiSession:
         samples: Where samples go.
         first: Number of the first sample.
         gap: Whether samples are missing before the first.
+        set_up_s: Longest wait for the answer to a question of the set-up.
+        lost_s: Longest silence of the bus before the link is taken for lost.
+        clock: Monotonic time in s.
 
     Raises:
-        DeviceError: The bus cannot be opened or the sensor does not answer.
+        DeviceError: The sensor does not answer.
     """
 
     def __init__(
         self,
-        bus_options: Mapping[str, Any],
+        bus: Any,
         base_id: int,
         calibration: int,
         rate_hz: float,
@@ -78,6 +82,10 @@ class AtiSession:
         host: HostTime,
         first: int,
         gap: bool,
+        *,
+        set_up_s: float = SET_UP_S,
+        lost_s: float = LOST_S,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._id = base_id << 4
         self._samples, self._monitor, self._host, self._now_ns = samples, monitor, host, host.now_ns
@@ -88,7 +96,8 @@ class AtiSession:
         self._due_ns = self.last_ns = 0
         self._owed = self._missed = 0
         self._request = can.Message(arbitration_id=self._id, is_extended_id=False, data=b"")
-        self._bus = _open_bus(bus_options)
+        self._set_up_s, self._lost_s, self._clock = set_up_s, lost_s, clock
+        self._bus = bus
         try:
             self.calibration = self._set_up(calibration)
         except BaseException:
@@ -116,7 +125,7 @@ class AtiSession:
             self._settle(stop)
             return
         if self._missed and not self._period_ns:  # nothing else would notice that one was late, not lost
-            self._pair(ReplyTimeout(_QUIET_S, 2.0 * _LOOK_S))
+            self._pair(_QUIET_S)
         self._owed = self._missed = 0
         now_ns = self._now_ns()
         status, values = wire.gauges(*pair)
@@ -127,7 +136,7 @@ class AtiSession:
         """Ask, and return the data of both replies if they come in time."""
         self._send(self._request)
         self._owed += 1
-        return self._pair(ReplyTimeout(self._prompt_s, 2.0 * _LOOK_S))
+        return self._pair(self._prompt_s)
 
     def _settle(self, stop: threading.Event) -> None:
         """Throw away what was asked for and comes late, until nothing is owed or the bus is quiet.
@@ -137,8 +146,7 @@ class AtiSession:
         """
         heard = False
         while self._owed and not stop.is_set():
-            quiet_s = _QUIET_S if self._missed == 1 else _SILENT_S
-            if self._pair(ReplyTimeout(quiet_s, 2.0 * _LOOK_S), stop) is not None:
+            if self._pair(_QUIET_S if self._missed == 1 else self._lost_s, stop) is not None:
                 self._owed, heard = self._owed - 1, True
             elif self._missed == 1:
                 return
@@ -146,11 +154,12 @@ class AtiSession:
                 self._owed = 0
             elif not stop.is_set():
                 raise DeviceTimeout(
-                    f"ati: no answer within {_SILENT_S:g} s; check power, bit rate and identifier"
+                    f"ati: no answer within {self._lost_s:g} s; check power, bit rate and identifier"
                 )
 
-    def _pair(self, timeout: ReplyTimeout, stop: threading.Event | None = None) -> tuple[bytes, bytes] | None:
+    def _pair(self, timeout_s: float, stop: threading.Event | None = None) -> tuple[bytes, bytes] | None:
         """Return the data of the next two replies that belong together, if they come in time."""
+        timeout = ReplyTimeout(timeout_s, 2.0 * _LOOK_S, self._clock)
         first: bytes | None = None
         receive, identifier, over = self._receive, self._id, False
         while not over and not (stop and stop.is_set()):
@@ -208,17 +217,19 @@ class AtiSession:
         identifier = self._id | operation
         replies: list[bytes] = []
         self._send(can.Message(arbitration_id=identifier, is_extended_id=False, data=data))
-        timeout, over = ReplyTimeout(_SET_UP_S, _SET_UP_S / 5), False
+        look_s = self._set_up_s / 10
+        timeout, over = ReplyTimeout(self._set_up_s, 2.0 * look_s, self._clock), False
         while len(replies) < len(lengths) and not over:
             over = timeout.expired()
-            message = self._receive(_SET_UP_S / 10)
+            message = self._receive(look_s)
             wanted = (identifier + len(replies), lengths[len(replies)])
             if message is not None and (message.arbitration_id, len(message.data)) == wanted:
                 replies.append(bytes(message.data))
         if len(replies) < len(lengths):
             raise DeviceTimeout(
-                f"ati: no answer to {operation.name} on identifier {identifier:#x} within {_SET_UP_S:g} s;"
-                " check power, identifier, and that the bus has the sensor's bit rate (new: 250 kbit/s)"
+                f"ati: no answer to {operation.name} on identifier {identifier:#x} within"
+                f" {self._set_up_s:g} s; check power, identifier, and that the bus has the sensor's bit rate"
+                " (new: 250 kbit/s)"
             )
         return b"".join(replies)
 
@@ -247,8 +258,12 @@ class AtiSession:
         return SensorCalibration(per_count, serial_number, (major, minor, build))
 
 
-def _open_bus(options: Mapping[str, Any]) -> Any:
+def open_bus(options: Mapping[str, Any], greeting_s: float = GREETING_S) -> Any:
     """Open the bus.
+
+    Args:
+        options: For :class:`can.Bus`.
+        greeting_s: Longest wait for a socketcand server.
 
     Raises:
         DeviceError: It cannot be opened.
@@ -256,7 +271,9 @@ def _open_bus(options: Mapping[str, Any]) -> Any:
     try:
         # python-can warns at every frame that came in two pieces
         logging.getLogger("can.interfaces.socketcand").setLevel(logging.ERROR)
-        return open_socketcand(options) if options.get("interface") == "socketcand" else can.Bus(**options)
+        if options.get("interface") == "socketcand":
+            return open_socketcand(options, greeting_s)
+        return can.Bus(**options)
     except (can.CanError, OSError, ValueError, TypeError, KeyError, ImportError) as error:
         raise DeviceError(
             f"ati: cannot open the bus {options.get('interface')} {options.get('channel')}:"

@@ -23,9 +23,9 @@ from palp_core.palpation.devices.wire import rdt
 from palp_core.palpation.nano17 import RANGE_N_M
 from palp_core.units import Float64Array
 
-_FIRST_S = 1.0  # assumed: the box answers at once, but a busy host may not listen at once
+FIRST_S = 1.0  # assumed: the box answers at once, but a busy host may not listen at once
+LOST_S = 0.2
 _WAIT_S = 0.05
-_SILENCE_STEPS = 3
 _FORCE_N = {
     "lbf": 4.4482216152605,
     "N": 1.0,
@@ -43,7 +43,9 @@ _TORQUE_N_M = {
     "kNm": 1e3,
 }
 _SEQUENCES = 1 << 32
-_MOST_MISSING = 1 << 24  # 40 min at 7000 Hz; a record from further on is none
+_MOST_MISSING = (
+    7000  # a second of the fastest rate; a record from further on is believed once another follows
+)
 
 
 @dataclass
@@ -56,6 +58,8 @@ class NetFtTorque:
         http_port: TCP port of the page with the scales.
         rate_hz: Rate of the records as set up on its page.
         stale_s: Longest silence.
+        timeout_s: Longest wait for an answer.
+        lost_s: After this silence the stream is started again.
         axis: The sensor's axis that the probe's joint turns about.
         sign: Direction of the torque about it.
         range_n_m: Largest torque (the maker's figure for SI-12-0.12).
@@ -69,6 +73,8 @@ class NetFtTorque:
     http_port: int = 80
     rate_hz: float = 1000.0
     stale_s: float = 0.025
+    timeout_s: float = FIRST_S
+    lost_s: float = LOST_S
     axis: str = "x"
     sign: int = 1
     range_n_m: float = RANGE_N_M
@@ -76,6 +82,8 @@ class NetFtTorque:
     def __post_init__(self) -> None:
         check_range("netft", "rate_hz", self.rate_hz, 1.0, 7000.0)
         check_range("netft", "stale_s", self.stale_s, 1e-3, 10.0)
+        check_range("netft", "timeout_s", self.timeout_s, 1e-3, 60.0)
+        check_range("netft", "lost_s", self.lost_s, _WAIT_S, 60.0)
         check_range("netft", "range_n_m", self.range_n_m, 1e-9, 1e3)
         check_axis(self.axis, self.sign)
         self._host = HostTime()
@@ -130,44 +138,41 @@ class NetFtTorque:
         return bias_from(block, state)
 
     def _connect(self) -> _NetFtStream:
-        self._scale = _read_scale(self.host, self.http_port)
-        return _NetFtStream(self.host, self.port, self._line, self._monitor, self._host)
+        self._scale = _read_scale(self.host, self.http_port, self.timeout_s)
+        return _NetFtStream(self, RecordReader(self._line, self._monitor, self._host))
 
 
 class _NetFtStream:
     """One run of the stream. UDP has no connection: silence is answered by starting the stream again."""
 
-    def __init__(
-        self, host: str, port: int, line: SampleLine, monitor: HealthMonitor, time: HostTime
-    ) -> None:
-        self._line, self._monitor, self._time = line, monitor, time
+    def __init__(self, sensor: NetFtTorque, reader: RecordReader) -> None:
+        self._reader, self._lost_s = reader, sensor.lost_s
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
-            self._socket.connect((host, port))
-            self._socket.settimeout(_FIRST_S)
+            self._socket.connect((sensor.host, sensor.port))
+            self._socket.settimeout(sensor.timeout_s)
             self._socket.send(rdt.request(rdt.START))
             first = self._socket.recv(65536)
             self._socket.settimeout(_WAIT_S)
         except BaseException:
             self._socket.close()
             raise
-        self._base = self._number = 0  # our number of the sensor's record 0; the record that is due next
-        self._silent = 0
-        self._take(first)
+        self._silent_s = 0.0
+        reader.take(first)
 
     def step(self, stop: threading.Event) -> None:
         try:
             datagram = self._socket.recv(65536)
         except TimeoutError:
-            self._silent += 1
-            if self._silent > _SILENCE_STEPS:
+            self._silent_s += _WAIT_S  # of this thread: a busy host is no silence
+            if self._silent_s > self._lost_s - _WAIT_S / 2:
                 raise DeviceError(
-                    f"netft: silent for {self._silent * _WAIT_S:g} s; check power and network"
+                    f"netft: silent for {self._silent_s:g} s; check power and network"
                 ) from None
             return
-        self._silent = 0
-        self._take(datagram)
+        self._silent_s = 0.0
+        self._reader.take(datagram)
 
     def close(self) -> None:
         try:
@@ -175,7 +180,23 @@ class _NetFtStream:
         finally:
             self._socket.close()
 
-    def _take(self, datagram: bytes) -> None:
+
+class RecordReader:
+    """Number the records of one run of the stream, and judge their status.
+
+    Args:
+        line: Where samples go.
+        monitor: Told of what comes.
+        time: When it comes.
+    """
+
+    def __init__(self, line: SampleLine, monitor: HealthMonitor, time: HostTime) -> None:
+        self._line, self._monitor, self._time = line, monitor, time
+        self._base = self._number = 0  # our number of the sensor's record 0; the record that is due next
+        self._doubted = -1  # the record that would follow one that made no sense
+
+    def take(self, datagram: bytes) -> None:
+        """Take the records of a datagram; those that make no sense are reported."""
         now_ns = self._time.now_ns()
         try:
             records = rdt.records(datagram)
@@ -187,8 +208,13 @@ class _NetFtStream:
         sequence = int(records["rdt"][0])
         missing = (sequence - self._number) % _SEQUENCES
         if missing > _MOST_MISSING:
-            self._monitor.report(Condition.GARBLED, now_ns, f"record {sequence}, where {self._number} is due")
-            return
+            if sequence != self._doubted:
+                self._doubted = (sequence + len(records)) % _SEQUENCES
+                said = f"record {sequence}, where {self._number} is due"
+                self._monitor.report(Condition.GARBLED, now_ns, said)
+                return
+            self._number, missing = 0, sequence
+        self._doubted = -1
         if not self._number:
             self._base = self._line.restart_numbering(len(records), now_ns) - sequence
         first, self._number = self._number + missing, self._number + missing + len(records)
@@ -206,13 +232,13 @@ class _NetFtStream:
             self._monitor.note_data(now_ns)
 
 
-def _read_scale(host: str, port: int) -> np.ndarray:
+def _read_scale(host: str, port: int, timeout_s: float) -> np.ndarray:
     """Return what a count is worth, forces in N and torques in N m, shape (6,), from the sensor's page.
 
     Raises:
         DeviceError: No page, or no scales on it.
     """
-    connection = http.client.HTTPConnection(host, port, timeout=_FIRST_S)
+    connection = http.client.HTTPConnection(host, port, timeout=timeout_s)
     try:
         connection.request("GET", "/netftapi2.xml")
         tree = ElementTree.fromstring(connection.getresponse().read())

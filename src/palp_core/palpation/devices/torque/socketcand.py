@@ -14,7 +14,7 @@ from can.interfaces.socketcand.socketcand import (
     convert_can_message_to_ascii_message,
 )
 
-_GREETING_S = 1.0
+GREETING_S = 1.0
 _LONGEST = 64
 _LONGEST_FRAME, _CHUNK = 200, 4096
 
@@ -26,9 +26,14 @@ class PatientBus(SocketCanDaemonBus):
     the last answer at once. And it would make nine system calls of an exchange that takes four: here what is
     there is read before it is waited for, and is acknowledged on its own only if more is waited for, as a
     server may hold back its next frame until then.
+
+    Args:
+        greeting_s: Longest wait for a server that says nothing or takes nothing.
+        options: Of python-can's bus.
     """
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, greeting_s: float, **options: Any) -> None:
+        self._greeting_s = greeting_s
         super().__init__(**options)  # type: ignore[no-untyped-call]
         self._frames: deque[can.Message] = deque()
         self._rest = ""
@@ -44,9 +49,8 @@ class PatientBus(SocketCanDaemonBus):
 
     def _expect_msg(self, msg: str) -> None:
         connection = self._connection
-        connection.settimeout(_GREETING_S)
         try:
-            _expect(connection, msg.encode("ascii"))
+            _expect(connection, msg.encode("ascii"), self._greeting_s)
         except BaseException:
             connection.close()
             raise
@@ -55,7 +59,7 @@ class PatientBus(SocketCanDaemonBus):
         """Send a frame.
 
         Raises:
-            OSError: The connection is lost, or the server takes nothing for a second.
+            OSError: The connection is lost, or the server takes nothing.
         """
         connection, data = self._connection, convert_can_message_to_ascii_message(msg).encode("ascii")
         self._unacknowledged = False  # it goes along
@@ -64,7 +68,7 @@ class PatientBus(SocketCanDaemonBus):
         except BlockingIOError:
             sent = 0
         if sent < len(data):
-            connection.settimeout(_GREETING_S)
+            connection.settimeout(self._greeting_s)
             try:
                 connection.sendall(data[sent:])
             finally:
@@ -114,11 +118,12 @@ class PatientBus(SocketCanDaemonBus):
             self._rest = ""
 
 
-def open_socketcand(options: Mapping[str, Any]) -> PatientBus:
+def open_socketcand(options: Mapping[str, Any], greeting_s: float = GREETING_S) -> PatientBus:
     """Open the bus of a server.
 
     Args:
         options: ``host``, ``port``, ``channel``, and what else python-can takes.
+        greeting_s: Longest wait for what the server says.
 
     Raises:
         KeyError: One of the three is missing.
@@ -126,27 +131,27 @@ def open_socketcand(options: Mapping[str, Any]) -> PatientBus:
         ValueError: It is no socketcand.
         can.CanError: It was, a moment ago.
     """
-    _greet(options["host"], int(options["port"]), options["channel"])
+    _greet(options["host"], int(options["port"]), options["channel"], greeting_s)
     rest = {name: value for name, value in options.items() if name != "interface"}
-    return PatientBus(**{**rest, "port": int(options["port"])})
+    return PatientBus(greeting_s, **{**rest, "port": int(options["port"])})
 
 
-def _greet(host: str, port: int, channel: str) -> None:
+def _greet(host: str, port: int, channel: str, greeting_s: float) -> None:
     """See whether a server is there and speaks: python-can would try for ten seconds without a pause."""
-    with socket.create_connection((host, port), timeout=_GREETING_S) as connection:
+    with socket.create_connection((host, port), timeout=greeting_s) as connection:
         for sent, expected in (("", b"< hi >"), (f"< open {channel} >", b"< ok >")):
             connection.sendall(sent.encode("ascii"))
-            _expect(connection, expected)
+            _expect(connection, expected, greeting_s)
 
 
-def _expect(connection: socket.socket, expected: bytes) -> None:
+def _expect(connection: socket.socket, expected: bytes, greeting_s: float) -> None:
     """Read one answer, however it is cut, and nothing that follows it.
 
     Raises:
         OSError: Nothing is said.
         ValueError: Something else is.
     """
-    answer, end_s = b"", time.monotonic() + _GREETING_S
+    answer, end_s = b"", time.monotonic() + greeting_s
     while not answer.endswith(b">") and len(answer) < _LONGEST:
         connection.settimeout(max(end_s - time.monotonic(), 1e-3))
         if not (byte := connection.recv(1)):

@@ -33,7 +33,9 @@ def read_c3d(path: Path) -> EmgFile:
         header = file.read(_BLOCK)
     if len(header) < _BLOCK or header[1] != _MAGIC:
         raise PalpError(f"{path}: not a C3D file; its first bytes are {header[:4]!r}")
-    _refuse_cut(path, header)
+    counts = _counts(path, header)
+    if counts is not None:
+        _refuse_cut(path, header, counts)
     try:
         content = ezc3d.c3d(str(path))
         analog = content["parameters"].get("ANALOG", {})
@@ -43,6 +45,8 @@ def read_c3d(path: Path) -> EmgFile:
         labels, units = _texts(analog, "LABELS"), _texts(analog, "UNITS")
     except (*_BROKEN, OSError) as error:
         raise PalpError(f"{path}: damaged C3D file: {type(error).__name__}: {error}") from error
+    if counts is not None:
+        _refuse_other(path, counts, points[1:], samples.size)
     if samples.size == 0:
         raise PalpError(f"{path}: has no EMG: no analog channel, only {points[1]} markers")
     if not rate_hz > 0.0:
@@ -65,18 +69,13 @@ def _texts(group: Any, name: str) -> list[str]:
     return [str(one).strip() for one in group.get(name, {}).get("value", ())]
 
 
-def _refuse_cut(path: Path, header: bytes) -> None:
+def _refuse_cut(path: Path, header: bytes, counts: list[int]) -> None:
     """Refuse a file that ends before its frames do; ezc3d reads what is there, and does not say so.
 
     Raises:
         PalpError: It does.
     """
-    with path.open("rb") as file:
-        file.seek(max(header[0] - 1, 0) * _BLOCK)
-        processor = file.read(4)[3:4]
-    if processor != bytes([_INTEL]):
-        return
-    points, analogs, first, last = np.frombuffer(header[2:10], dtype="<u2").tolist()
+    points, analogs, first, last = counts
     (scale,), (begin,) = np.frombuffer(header[12:16], dtype="<f4"), np.frombuffer(header[16:18], dtype="<u2")
     values = (last - first + 1) * (_POINT_VALUES * points + analogs)
     needed = (int(begin) - 1) * _BLOCK + values * (_FLOAT_BYTES if scale < 0.0 else _INTEGER_BYTES)
@@ -84,4 +83,29 @@ def _refuse_cut(path: Path, header: bytes) -> None:
     if has < needed:
         raise PalpError(
             f"{path}: is cut off: it has {has} bytes of the {needed} that its frames take; copy it again"
+        )
+
+
+def _counts(path: Path, header: bytes) -> list[int] | None:
+    """Return the markers and analog values of a frame, and its first and last frame; None if not Intel's."""
+    with path.open("rb") as file:
+        file.seek(max(header[0] - 1, 0) * _BLOCK)
+        if file.read(4)[3:4] != bytes([_INTEL]):
+            return None
+    counts: list[int] = np.frombuffer(header[2:10], dtype="<u2").tolist()
+    return counts
+
+
+def _refuse_other(path: Path, counts: list[int], points: tuple[int, int], values: int) -> None:
+    """Refuse a file whose parameters say other things than its header: markers would be read as EMG.
+
+    Raises:
+        PalpError: They do.
+    """
+    markers, frames = points
+    said, found = counts[:2], [markers, values // max(frames, 1)]
+    if frames and said != found:
+        raise PalpError(
+            f"{path}: damaged C3D file: its header has {said[0]} markers and {said[1]} analog values a frame,"
+            f" its parameters {found[0]} and {found[1]}; copy it again"
         )
