@@ -22,6 +22,8 @@ from palp_core.errors import PalpError
 from palp_core.graph.clock import monotonic_ns
 
 ROOT = Path(__file__).parents[2]
+SCRIPT = str(Path(sys.executable).with_name("palp"))
+"""As a user does: ``python -m`` ends by SIGINT, not with 130, where Ctrl-C comes within an ``exec``."""
 CHAIN = ROOT / "examples/chain/launch/chain.yaml"
 SIM = ROOT / "launch/sim.yaml"
 PATIENCE_S = 240.0
@@ -67,7 +69,7 @@ class Palp:
         }
 
     def command(self, *arguments: object) -> list[str]:
-        way = ("-c", IMPATIENT, json.dumps(self.constants)) if self.constants else ("-m", "palp_core")
+        way = ("-c", IMPATIENT, json.dumps(self.constants)) if self.constants else (SCRIPT,)
         return [sys.executable, *way, *map(str, arguments)]
 
     def run(self, *arguments: object) -> subprocess.CompletedProcess[str]:
