@@ -35,7 +35,7 @@ if __name__ == "__main__":
 
     sensor.open(monotonic_ns(), state, rng)
     block = first(lambda _: state.sample_count > 500)
-    print(f"{state.sample_count // 500 * 500} samples and more, {block.torque_n_m.mean() * 1e3:.1f} N mm")
+    print(f"500 samples and more, {block.torque_n_m.mean() * 1e3:.1f} N mm")
     sensor.tare(block, state)
     amplifier.counts += 2_000_000
     loaded = first(lambda block: block.torque_n_m.min() > 0.0)

@@ -12,9 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from palp_core.graph.description.node_class import NodeClassRequest
 from palp_core.graph.discovery.run_directory import RunDirectory, locked
-from palp_core.graph.supervision.fork_server import ForkServer
 from palp_core.graph.supervision.launcher_node import EVENTS, HEALTH
 from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
 from tests.support.supervised import LAUNCH, TALK, Running
@@ -189,54 +187,37 @@ def test_a_node_runs_where_and_how_its_launch_entry_says_or_says_why_not(talkers
     assert process.wait(PATIENCE_S) == 143
 
 
-def loaded(server: ForkServer, library: str) -> bool:
-    return library in Path(f"/proc/{server.pid}/maps").read_text()
-
-
-def test_the_fork_server_imports_what_is_heavy_only_for_nodes_that_need_it_and_never_zmq(
-    talkers: Hostile, tmp_path: Path
-) -> None:
-    talkers.write("nodes/heavy.py", "import scipy.special\n" + TALK)
-    server = ForkServer()
-    try:
-        (light,) = server.inspect_classes([NodeClassRequest("nodes.talk:Talk")], tmp_path, tmp_path)
-        assert light.error is None
-        assert not loaded(server, "/scipy/")
-        only_looked_at = [NodeClassRequest("nodes.heavy:Talk")]
-        assert server.inspect_classes(only_looked_at, tmp_path, tmp_path, to_run="nowhere")[0].error is None
-        assert not loaded(server, "/scipy/")
-        to_compose = [NodeClassRequest("nodes.heavy:Talk")]
-        assert server.inspect_classes(to_compose, tmp_path, tmp_path, to_run="composed")[0].error is None
-        assert not loaded(server, "/scipy/")
-        (heavy,) = server.inspect_classes([NodeClassRequest("nodes.heavy:Talk")], tmp_path, tmp_path)
-        assert heavy.error is None
-        assert loaded(server, "/scipy/special/")
-        assert not loaded(server, "/scipy/signal/")
-        assert not loaded(server, "zmq")
-    finally:
-        server.close()
-
-
-def test_the_launcher_imports_what_is_heavy_for_nodes_that_it_is_to_compose(
-    talkers: Hostile, tmp_path: Path
-) -> None:
-    talkers.write("nodes/heavy.py", "import scipy.special\n" + TALK)
-    look = """
+WHERE_IT_LOADS = """
 import sys
 from pathlib import Path
 from palp_core.graph.description.node_class import NodeClassRequest
 from palp_core.graph.supervision.fork_server import ForkServer
 
 server, folder = ForkServer(), Path(sys.argv[1])
-for where in "nowhere", "composed":
-    server.inspect_classes([NodeClassRequest("nodes.heavy:Talk")], folder, folder, to_run=where)
-    print("scipy.special" in sys.modules)
+for name, where in ("talk", "forked"), ("heavy", "nowhere"), ("heavy", "composed"), ("heavy", "forked"):
+    (found,) = server.inspect_classes([NodeClassRequest(f"nodes.{name}:Talk")], folder, folder, to_run=where)
+    assert found.error is None
+    maps = Path(f"/proc/{server.pid}/maps").read_text()
+    in_server = [word for word in ("/scipy/", "/scipy/special/", "/scipy/signal/", "zmq") if word in maps]
+    print("scipy.special" in sys.modules, *in_server)
 server.close()
 """
+
+
+def test_what_is_heavy_is_imported_where_nodes_run_that_need_it_and_by_the_server_never_zmq(
+    talkers: Hostile, tmp_path: Path
+) -> None:
+    """By the launcher for nodes that it composes, by the fork server for those that it forks."""
+    talkers.write("nodes/heavy.py", "import scipy.special\n" + TALK)
     done = subprocess.run(
-        [sys.executable, "-c", look, str(tmp_path)], capture_output=True, text=True, check=True
+        [sys.executable, "-c", WHERE_IT_LOADS, str(tmp_path)], capture_output=True, text=True, check=True
     )
-    assert done.stdout.split() == ["False", "True"]
+    assert done.stdout.splitlines() == [
+        "False",
+        "False",
+        "True",
+        "True /scipy/ /scipy/special/",
+    ]
 
 
 def test_a_run_lives_as_long_as_it_holds_its_folder() -> None:
