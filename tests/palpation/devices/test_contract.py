@@ -6,7 +6,7 @@ up to 10 mm, and only if the file says that they may.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,7 @@ EMULATED_OPTIONS: dict[str, dict[str, Any]] = {  # slow: what is predicted or cu
 PATIENCE = Patience(120.0)
 
 
-def cases(hardware: Container[str]) -> Iterator[Any]:
+def cases(hardware: dict[str, Hardware]) -> Iterator[Any]:
     """Yield every promise with every device that has it; a real one of each kind of hardware."""
     without_lsl = pytest.mark.skipif(find_spec("pylsl") is None, reason="needs palp-core[lsl]")
     for promise in PROMISES:

@@ -91,7 +91,7 @@ def test_a_ring_that_was_not_given_its_travel_is_not_even_opened(
 
 def configured(pytestconfig: pytest.Config, **options: object) -> list[str]:
     """Configure a run with options, as pytest does; return the cases of the contract on real devices."""
-    hooks = pytestconfig.pluginmanager.get_plugin(str(Path(__file__).with_name("conftest.py")))
+    hooks: Any = pytestconfig.pluginmanager.get_plugin(str(Path(__file__).with_name("conftest.py")))
     config = SimpleNamespace(
         getoption=lambda name, default=None: options.get(name.lstrip("-"), default), stash=pytest.Stash()
     )

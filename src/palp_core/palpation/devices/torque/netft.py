@@ -43,9 +43,7 @@ _TORQUE_N_M = {
     "kNm": 1e3,
 }
 _SEQUENCES = 1 << 32
-_MOST_MISSING = (
-    7000  # a second of the fastest rate; a record from further on is believed once another follows
-)
+_MOST_MISSING = 7000  # a second at most; a record from further on is believed once another follows it
 
 
 @dataclass
