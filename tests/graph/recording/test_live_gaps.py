@@ -156,6 +156,24 @@ def test_a_topic_that_appears_later_is_recorded_too(palp: Palp, graph: FakeGraph
     assert sequences(tmp_path / "bag", "/source/other") == list(range(1, 8))
 
 
+def test_a_topic_that_is_never_heard_is_said_and_ends_non_zero(
+    palp: Palp, graph: FakeGraph, tmp_path: Path
+) -> None:
+    palp.constants["palp_core.graph.recording.live_recorder:SAY_WAITING_NS"] = 500_000_000
+    source, mute = graph.node("source", depth=10), graph.node("mute", depth=10, port="other")
+    graph.announce(source, mute)
+    graph.nodes.remove(mute)  # it greets nobody
+    recorder = palp.start("bag", "record", "/source/sample", "/source/other", "-o", tmp_path / "bag")
+    graph.until_said(recorder, "not heard yet, recording what comes: /source/other")
+    source.say(10)
+    heard(graph, source)
+    code, said = end(graph, recorder)
+    mute.sockets.close()
+    assert code == 1
+    assert "never heard: /source/other" in said
+    assert sequences(tmp_path / "bag") == list(range(1, 11))
+
+
 def test_answers_of_a_publisher_that_is_gone_are_waited_for_once_and_not_for_each_gap(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
