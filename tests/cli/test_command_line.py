@@ -9,7 +9,7 @@ from tests.support.palp import CHAIN, SIM, Palp
 
 
 def test_check_says_that_all_is_well_and_starts_nothing(palp: Palp, tmp_path: Path) -> None:
-    done = palp.run("launch", SIM, "--check", f"out:={tmp_path / 'out'}")
+    done = palp.here("launch", SIM, "--check", f"out:={tmp_path / 'out'}")
     assert done.returncode == 0
     assert "no mistake: 9 nodes" in done.stdout
     assert not (tmp_path / "out").exists()
@@ -17,7 +17,7 @@ def test_check_says_that_all_is_well_and_starts_nothing(palp: Palp, tmp_path: Pa
 
 
 def test_mistakes_are_said_with_place_and_hint_and_status_2(palp: Palp, tmp_path: Path) -> None:
-    done = palp.run("launch", CHAIN, "cuont:=5")
+    done = palp.here("launch", CHAIN, "cuont:=5")
     assert done.returncode == 2
     assert "no argument 'cuont'" in done.stderr
     assert "did you mean 'count'?" in done.stderr
@@ -25,7 +25,7 @@ def test_mistakes_are_said_with_place_and_hint_and_status_2(palp: Palp, tmp_path
 
 
 def test_the_printed_graph_is_a_launch_file_of_its_own(palp: Palp, tmp_path: Path) -> None:
-    printed = palp.run("launch", CHAIN, "count:=7", "clock:=sim", "--print")
+    printed = palp.here("launch", CHAIN, "count:=7", "clock:=sim", "--print")
     assert printed.returncode == 0
     shutil.copytree(CHAIN.parents[1], tmp_path / "chain")
     copy = tmp_path / "chain" / "launch" / "printed.yaml"
@@ -36,17 +36,17 @@ def test_the_printed_graph_is_a_launch_file_of_its_own(palp: Palp, tmp_path: Pat
 
 
 def test_arguments_are_shown_in_ros_words(palp: Palp) -> None:
-    shown = palp.run("launch", SIM, "--show-args").stdout
+    shown = palp.here("launch", SIM, "--show-args").stdout
     assert shown.startswith("Arguments (pass arguments as '<name>:=<value>'):")
     assert "'policy':" in shown
     assert "(default: 'markov')" in shown
 
 
 def test_a_graph_is_printed_for_documents_and_for_graphviz(palp: Palp) -> None:
-    done = palp.run("graph", CHAIN)
+    done = palp.here("graph", CHAIN)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("flowchart LR")
-    done = palp.run("graph", CHAIN, "--dot")
+    done = palp.here("graph", CHAIN, "--dot")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith('digraph "')
 

@@ -16,7 +16,7 @@ from typing import Any
 import psutil
 import pytest
 
-from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
+from tests.support.palp import PATIENCE_S, Palp
 from tests.support.talkative import Talk, talk
 
 __all__ = ["talk"]
@@ -182,27 +182,26 @@ def test_without_a_graph_there_is_nothing_to_complete_and_no_noise(palp: Palp, t
 
 
 @pytest.mark.parametrize("compose", [(), ("--compose",)])
-def test_a_graph_in_simulated_time_is_asked_the_same_way(palp: Palp, tmp_path: Path, compose: Any) -> None:
-    process = palp.start("launch", CHAIN, "clock:=sim", "count:=100000000", "rate_hz:=50.0", *compose)
-    wait_for_line(process, "blocks: ")
-    graph = Talk.__new__(Talk)
-    graph.palp, graph.process = palp, process
+def test_a_graph_in_simulated_time_is_asked_the_same_way(
+    palp: Palp, tmp_path: Path, compose: tuple[str, ...]
+) -> None:
+    graph = Talk(palp, tmp_path, "clock:=sim", "wait_s:=0.005", *compose)
     rate: Any = graph.told("topic", "hz", "/source/sample", "-w", "20")
     assert rate["clock"] == "sim"
-    assert rate["hz"] == pytest.approx(50.0)
+    assert rate["hz"] == pytest.approx(100.0)
     assert rate["wall_hz"] is None or rate["wall_hz"] > 0  # twenty may come in one read: no time has passed
     width: Any = graph.told("topic", "bw", "/source/sample", "-w", "20")
-    assert width["bytes_per_clock_s"] == pytest.approx(50.0 * width["mean_bytes"])
-    assert graph.told("lifecycle", "get") == {"/source": "active", "/relay": "active", "/sink": "active"}
-    assert graph.said("param", "set", "/relay", "gain", "3") == "gain: 2.0 -> 3.0\n"
+    assert width["bytes_per_clock_s"] == pytest.approx(100.0 * width["mean_bytes"])
+    assert graph.told("lifecycle", "get") == {"/source": "active", "/scale": "active"}
+    assert graph.said("param", "set", "/scale", "wait_s", "0.004") == "wait_s: 0.005 -> 0.004\n"
     messages = graph.said(
-        "topic", "echo", "/relay/amplified", "-n", "5", "--json", "--qos-reliability", "reliable"
+        "topic", "echo", "/source/sample", "-n", "5", "--json", "--qos-reliability", "reliable"
     )
     indices = [json.loads(line)["index"] for line in messages.splitlines()]
     assert indices == list(range(indices[0], indices[0] + 5))
     told: Any = graph.told("top", "-d", "0.2")
-    assert [node["state"] for node in told["nodes"]] == ["active"] * 3
+    assert [node["state"] for node in told["nodes"]] == ["active"] * 2
     assert graph.run("doctor").returncode == 0
     assert psutil.pid_exists(told["nodes"][0]["pid"])
-    process.terminate()
-    assert process.wait(PATIENCE_S) == 143
+    graph.process.terminate()
+    assert graph.process.wait(PATIENCE_S) == 143

@@ -73,10 +73,10 @@ def test_a_plain_subscriber_gets_plain_numbers_of_a_running_graph(palp: Palp, tm
         assert tap.stderr is not None
         assert "2 topics of graph 'chain' at ipc://" in tap.stderr.readline()
         found = received(subscriber, 20)
-        taken = palp.run("tap", "--endpoint", "tcp://10.255.255.1:9872")
+        taken = palp.here("tap", "--endpoint", "tcp://10.255.255.1:9872")
         assert taken.returncode == 2
         assert "other hosts could read along" in taken.stderr
-        unknown = palp.run("tap", "/relay/amplifed")
+        unknown = palp.here("tap", "/relay/amplifed")
         assert unknown.returncode == 2
         assert "did you mean '/relay/amplified'?" in unknown.stderr
     finally:

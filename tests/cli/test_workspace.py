@@ -11,9 +11,11 @@ import pytest
 
 from palp_core.cli.workspace.templates import named
 from palp_core.errors import GraphError
+from palp_core.graph.launch import graph
 from palp_core.graph.launch.graph import check_file
 from tests.graph.workspaces.installed import forgetting
 from tests.support.palp import Palp
+from tests.support.rig_session import check_here
 
 
 def tool(folder: Path, *words: str) -> str:
@@ -31,6 +33,12 @@ def at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.chdir(tmp_path)
     with forgetting():
         yield tmp_path
+
+
+@pytest.fixture
+def checked_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Look at node classes in this process, which has imported already what is heavy."""
+    monkeypatch.setattr(graph, "check_file", check_here)
 
 
 def new(palp: Palp, *words: str) -> None:
@@ -76,7 +84,9 @@ def swapping(at: Path, palp: Palp, monkeypatch: pytest.MonkeyPatch) -> list[str]
     return ["launch", "rig:sim.yaml", "trials:=1", "training:=1", "policy:=nodes.policy_in_turn:InTurn"]
 
 
-def test_a_policy_of_ones_own_fits_the_installed_rig(palp: Palp, swapping: list[str]) -> None:
+def test_a_policy_of_ones_own_fits_the_installed_rig(
+    palp: Palp, checked_here: None, swapping: list[str]
+) -> None:
     done = palp.here(*swapping, "--check")
     assert (done.returncode, done.stderr) == (0, "")
     wrong = palp.here(*swapping[:-1], "policy:=nodes.policy_in_tune:InTurn", "--check")
@@ -97,7 +107,9 @@ def test_the_least_workspace_is_two_files_that_run(at: Path, palp: Palp) -> None
     assert palp.run("launch", "least/launch.yaml").returncode == 0
 
 
-def test_the_rig_can_be_copied_and_the_check_says_what_was_changed_in_it(at: Path, palp: Palp) -> None:
+def test_the_rig_can_be_copied_and_the_check_says_what_was_changed_in_it(
+    at: Path, checked_here: None, palp: Palp
+) -> None:
     palp.here("init", "mine", "--rig")
     fixed = at / "mine/nodes/policy_fixed.py"
     assert fixed.is_file()

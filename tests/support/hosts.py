@@ -7,14 +7,19 @@ import json
 import os
 import select
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import msgpack
 import psutil
+import zmq
 
-from palp_core.graph.network.keys import KeyFolder
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.network.keys import KeyFolder, OwnKeys
+from palp_core.graph.supervision.launcher_node import EVENTS
 from palp_core.graph.transport.requester_socket import ask
+from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from tests.support.palp import PATIENCE_S, Palp, short_folder
 
 TOYS = '''
@@ -162,20 +167,16 @@ class Host(Palp):
         return [*self.prefix, *super().command(*arguments)]
 
     def run(self, *arguments: object) -> subprocess.CompletedProcess[str]:
-        here = Path.cwd()
-        os.chdir(self.folder)  # the workspace is the nearest folder that has nodes
-        try:
+        with contextlib.chdir(self.folder):  # the workspace is the nearest folder that has nodes
             return super().run(*arguments)
-        finally:
-            os.chdir(here)
+
+    def here(self, *arguments: object) -> subprocess.CompletedProcess[str]:
+        with contextlib.chdir(self.folder):
+            return super().here(*arguments)
 
     def start(self, *arguments: object) -> subprocess.Popen[str]:
-        here = Path.cwd()
-        os.chdir(self.folder)
-        try:
+        with contextlib.chdir(self.folder):
             return super().start(*arguments)
-        finally:
-            os.chdir(here)
 
     def book(self, name: str = "notes") -> NoteBook:
         book = NoteBook(self.folder / name)
@@ -183,9 +184,10 @@ class Host(Palp):
         return book
 
     def launch(self, *arguments: object, listen: str = "tcp://127.0.0.1:0") -> Launched:
-        """Start the home graph; return when it runs."""
+        """Start the home graph; return when it runs. It listens where the launch file says if that is ""."""
         book = self.book("keeper")
-        process = self.start("launch", self.file, f"notes:={book.path}", "--listen", listen, *arguments)
+        where = ("--listen", listen) if listen else ()
+        process = self.start("launch", self.file, f"notes:={book.path}", *where, *arguments)
         graph = Launched(self, process, book)
         book.until("active")
         return graph
@@ -220,6 +222,21 @@ class Launched:
                 return line
         raise AssertionError(f"ended without saying '{words}' but: {''.join(lines)}")
 
+    def until(self, so: Callable[[], object]) -> None:
+        """Wait until something is so: look again at each event and at each heartbeat of their topic."""
+        news = SubscriberSocket({EVENTS: f"ipc://{self.folder}/graph.pub"})
+        try:
+            while not so():
+                assert news.wait(PATIENCE_S), "the graph says nothing"
+                news.receive()
+        finally:
+            news.close()
+
+    @property
+    def guests(self) -> list[str]:
+        """Who has joined, by name."""
+        return [guest["name"] for guest in self.ask("gateway", op="guests")["guests"]]
+
     @property
     def folder(self) -> Path:
         (record,) = self.host.runtime_dir.glob("palp/*/graph.json")
@@ -228,6 +245,11 @@ class Launched:
     def record(self) -> dict[str, Any]:
         found: dict[str, Any] = json.loads((self.folder / "graph.json").read_bytes())
         return found
+
+    @property
+    def nodes(self) -> list[str]:
+        """The nodes of its record, by name."""
+        return [node["name"] for node in self.record()["nodes"]]
 
     def ask(self, node: str, **request: Any) -> dict[str, Any]:
         """Ask a node, or the gateway."""
@@ -243,6 +265,37 @@ class Launched:
         """End it as Ctrl-C does."""
         self.process.terminate()
         return self.process.wait(PATIENCE_S)
+
+
+class Raw:
+    """A client of nothing but pyzmq and msgpack."""
+
+    def __init__(self, address: str, server_key: str = "", own: OwnKeys | None = None) -> None:
+        self.context = zmq.Context()
+        self.socket = self.context.socket(zmq.DEALER)
+        self.socket.setsockopt(zmq.LINGER, 0)
+        if own is not None:
+            self.socket.curve_serverkey = server_key.encode()
+            self.socket.curve_publickey = own.public.encode()
+            self.socket.curve_secretkey = own.secret.encode()
+        self.socket.connect(address)
+
+    def say(self, op: str, **fields: Any) -> None:
+        self.socket.send(msgpack.packb({"op": op, **fields}))
+
+    def until(self, op: str) -> dict[str, Any]:
+        """Wait for a word; frames and other words are passed over."""
+        end_ns = monotonic_ns() + round(PATIENCE_S * 1e9)
+        while True:
+            while not self.socket.poll(500):
+                assert monotonic_ns() < end_ns, f"no {op}"
+                self.say("beat", received_bytes=0)  # who says nothing for 3 s counts as dead
+            parts = self.socket.recv_multipart()
+            if parts[0][:1] != b"/" and (word := msgpack.unpackb(parts[0]))["op"] == op:
+                return dict(word)
+
+    def close(self) -> None:
+        self.context.destroy(linger=0)
 
 
 def trusting(home: Host, away: Host) -> None:

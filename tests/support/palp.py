@@ -59,8 +59,9 @@ class Palp:
         self.constants: dict[str, object] = {}
         """Other values for what palp waits by, ``module:NAME``: in the process of the command itself."""
         self.runtime_dir = runtime_dir
+        self._inherited = dict(os.environ)
         self.environment = {
-            **os.environ,
+            **self._inherited,
             "XDG_RUNTIME_DIR": str(runtime_dir),
             "PALP_TEST_MARK": self.mark,
             "PYTHONUNBUFFERED": "1",
@@ -87,8 +88,8 @@ class Palp:
     def here(self, *arguments: object) -> subprocess.CompletedProcess[str]:
         """Run a verb in this process."""
         with pytest.MonkeyPatch.context() as patch:
-            for name in ("XDG_RUNTIME_DIR", "COLUMNS"):
-                patch.setenv(name, self.environment[name])
+            for name, value in self.environment.items() - self._inherited.items():
+                patch.setenv(name, value)
             done = CliRunner().invoke(app, [str(word) for word in arguments], prog_name="palp")
         if done.exception is not None and not isinstance(done.exception, PalpError | SystemExit):
             raise done.exception
@@ -156,11 +157,19 @@ class Palp:
     def all_gone(self, within_s: float = PATIENCE_S) -> bool:
         """Wait for the end of every marked process; tell whether it came in time."""
         end_ns = monotonic_ns() + round(within_s * 1e9)
-        while alive := self.processes():
+        alive: list[psutil.Process] = []
+        while alive := [process for process in alive if _lives(process)] or self.processes():
             if monotonic_ns() > end_ns:
                 return False
-            psutil.wait_procs(alive, timeout=0.02)  # a zombie that init has yet to reap counts as gone
+            psutil.wait_procs(alive, timeout=0.02)
         return True
+
+
+def _lives(process: psutil.Process) -> bool:
+    """Tell whether a process works still: a zombie that init has yet to reap counts as gone."""
+    with contextlib.suppress(psutil.NoSuchProcess):
+        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+    return False
 
 
 def wait_for_line(process: subprocess.Popen[str], start: str) -> None:

@@ -171,6 +171,7 @@ class Clerk(Node):
     params: ClerkParams
     state: Sent
     number = Pub(Letter)
+    progress = Pub(Progress)
     ask = Srv(Question, Answer)
     hint = Sub(Question)
 
@@ -182,6 +183,8 @@ class Clerk(Node):
     def count(self):
         self.state.count += 1
         self.number.publish(Letter(index=self.state.count + 1000 * self.params.offset))
+        if self.state.count == 1:
+            self.progress.publish(Progress(stamp_ns=0, phase="office", done_count=1, total_count=1))
         if self.state.count >= self.params.limit:
             self.finish()
 
@@ -199,16 +202,17 @@ class Clerk(Node):
 
 class TickerParams(Params):
     rate_hz: float = 100.0
+    wait_s: float = 0.005
 
 
 class Ticker(Node):
-    """Keeps simulated time going while the clerk rests."""
+    """Keeps simulated time going while the clerk rests, no faster than needed."""
 
     params: TickerParams
 
     @every("rate_hz")
     def tick(self):
-        pass
+        select.select((), (), (), self.params.wait_s)
 
 
 class CallerParams(Params):

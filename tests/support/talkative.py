@@ -102,6 +102,10 @@ class Source(Node):
         self.rare.publish(self.block())
 
 
+class ScaleParams(Params):
+    wait_s: float = 0.0
+
+
 class ScaleState(State):
     load_n: float = 0.0
     note: str = ""
@@ -109,9 +113,9 @@ class ScaleState(State):
 
 
 class Scale(Node):
-    """Take a load from outside, tell what it is."""
+    """Take a load from outside, tell what it is; let simulated time run no faster than that."""
 
-    params: Params
+    params: ScaleParams
     state: ScaleState
     sample = Sub(Sample)
     load = Sub(Load)
@@ -120,7 +124,8 @@ class Scale(Node):
 
     @on(sample)
     def ignore(self, sample):
-        pass
+        if self.params.wait_s:
+            select.select((), (), (), self.params.wait_s)
 
     @on(load)
     def bear(self, load):
@@ -138,13 +143,14 @@ class Scale(Node):
 LAUNCH = """
 graph: talk
 clock: $(var clock)
-args: {clock: {default: wall}, rate_hz: {default: 100.0}}
+args: {clock: {default: wall}, rate_hz: {default: 100.0}, wait_s: {default: 0.0}}
 nodes:
   source:
     run: nodes.talk:Source
     params: {rate_hz: $(var rate_hz)}
   scale:
     run: nodes.talk:Scale
+    params: {wait_s: $(var wait_s)}
     inputs: {sample: source/sample, load: {external: true}}
 """
 

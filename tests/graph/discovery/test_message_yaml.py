@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core import Message
-from palp_core.errors import GraphError
-from palp_core.graph.discovery.message_yaml import message_from_yaml
+from palp_core.errors import GraphError, SchemaMismatch
+from palp_core.graph.discovery.message_yaml import message_from_yaml, packed, parse_yaml
 from palp_core.graph.messages.message import decode, encode
 from palp_core.graph.messages.message_text import (
     Truncation,
@@ -107,7 +107,13 @@ def test_a_mistake_is_said_with_its_field(text: str, said: str) -> None:
 
 
 VALUES: st.SearchStrategy[Any] = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.binary(max_size=5),
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.sampled_from([2**63, 2**64])
+    | st.floats()
+    | st.text(max_size=5)
+    | st.binary(max_size=5),
     lambda inner: (
         st.lists(inner, max_size=3)
         | st.dictionaries(st.sampled_from([*SCHEMA["properties"], "x_m", "else"]), inner, max_size=3)
@@ -117,13 +123,26 @@ VALUES: st.SearchStrategy[Any] = st.recursive(
 
 
 @settings(deadline=None, max_examples=100)
-@given(VALUES)
-def test_whatever_is_given_is_packed_or_refused_by_name(value: Any) -> None:
-    from palp_core.errors import SchemaMismatch
-    from palp_core.graph.discovery.message_yaml import packed
+@given(st.sampled_from([*SCHEMA["properties"], "else"]), VALUES)
+def test_whatever_a_field_is_given_is_packed_as_it_is_shown_or_refused_by_its_name(
+    name: str, value: Any
+) -> None:
+    message = parse_yaml(WHOLE, "message") | {name: value}
 
-    with contextlib.suppress(SchemaMismatch):
-        msgspec.msgpack.encode(packed(value, SCHEMA, ""))
+    def packed_twice() -> str:
+        payload = msgspec.msgpack.encode(packed(message, SCHEMA, ""))
+        assert msgspec.msgpack.encode(packed(decoded(payload, SCHEMA), SCHEMA, "")) == payload
+        return name
+
+    assert refusal_of(packed_twice).startswith(name)
+
+
+def refusal_of(call: Callable[[], str]) -> str:
+    """Return what a call says, or the words that refuse it."""
+    try:
+        return call()
+    except SchemaMismatch as refused:
+        return str(refused)
 
 
 def test_a_message_is_shown_as_it_can_be_typed() -> None:

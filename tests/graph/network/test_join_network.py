@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.support.hosts import Host, joining, own_host, trusting
+from tests.support.hosts import Host, Launched, joining, own_host
 from tests.support.palp import finished
 
 
@@ -42,15 +42,16 @@ class Cable:
                 return f"ip {' '.join(step)}: {done.stderr.strip()}"
         return ""
 
-    def pull(self) -> None:
-        assert ip("-n", self.away, "link", "set", f"pa{os.getpid()}", "down").returncode == 0
+    def set(self, state: str) -> None:
+        """Pull it, ``down``, or put it back, ``up``."""
+        assert ip("-n", self.away, "link", "set", f"pa{os.getpid()}", state).returncode == 0
 
     def remove(self) -> None:
         for place in (self.home, self.away):
             ip("netns", "delete", place)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def cable() -> Iterator[Cable]:
     if shutil.which("ip") is None:
         pytest.skip("no command ip here")
@@ -63,25 +64,49 @@ def cable() -> Iterator[Cable]:
         laid.remove()
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def home(cable: Cable) -> Iterator[Host]:
     with own_host() as host:
         host.prefix = ["ip", "netns", "exec", cable.home]
+        host.keys.generate("home")
         yield host
+
+
+@pytest.fixture(scope="module")
+def graph(cable: Cable, home: Host) -> Launched:
+    launched = home.launch(listen="tcp://0.0.0.0:0")
+    launched.address = launched.address.replace("0.0.0.0", cable.home_address)
+    return launched
 
 
 @pytest.fixture
 def away(cable: Cable) -> Iterator[Host]:
     with own_host() as host:
         host.prefix = ["ip", "netns", "exec", cable.away]
+        host.keys.generate("away")
         yield host
 
 
-def test_a_node_joins_over_the_network_and_is_safe_when_the_cable_is_pulled(
-    cable: Cable, home: Host, away: Host
+def test_a_stranger_on_the_network_is_refused_with_its_address(
+    cable: Cable, home: Host, graph: Launched, away: Host
 ) -> None:
-    trusting(home, away)
-    graph, book = home.launch(listen=f"tcp://{cable.home_address}:0"), away.book()
+    done = away.run(*joining(home, graph, "nodes.toys:Ticker"))
+    assert done.returncode == 2
+    assert "its public key is not allowed there" in done.stderr
+    (entry,) = graph.ask("gateway", op="refusals")["refusals"]
+    own = away.keys.own()
+    assert own is not None
+    assert (entry["address"], entry["key"]) == (cable.away_address, own.public)
+    unsaid = away.run("run", "nodes.toys:Ticker", "--join", graph.address)
+    assert unsaid.returncode == 2
+    assert "give its public key with --server-key" in unsaid.stderr
+
+
+def test_a_node_joins_over_the_network_and_is_safe_when_the_cable_is_pulled(
+    cable: Cable, home: Host, graph: Launched, away: Host
+) -> None:
+    home.keys.allow(str(away.keys.path / "away.public"), "away")
+    book = away.book()
     wires = ("-r", "tick:=/ticker/tick", "-p", f"notes:={book.path}")
     guest = away.start(*joining(home, graph, "nodes.toys:Keeper", "--name", "guest", *wires))
     ticks = [int(book.until("tick")[1]) for _ in range(50)]
@@ -89,27 +114,11 @@ def test_a_node_joins_over_the_network_and_is_safe_when_the_cable_is_pulled(
     (entry,) = graph.ask("gateway", op="guests")["guests"]
     assert entry["address"] == cable.away_address
     assert entry["key"] == "away"
-    cable.pull()
+    cable.set("down")
     status, said = finished(guest)
     assert status == 1
     assert "not heard any more" in said
     book.until("safe")
     assert "not been heard for 3 s" in graph.said("/guest has left")
     assert graph.ask("ticker", op="info")["lifecycle"] == "active"
-
-
-def test_a_stranger_on_the_network_is_refused_with_its_address(cable: Cable, home: Host, away: Host) -> None:
-    home.keys.generate("home")
-    stranger = away.keys.generate("away").public
-    graph = home.launch(listen="tcp://0.0.0.0:0")
-    port = graph.address.rpartition(":")[2]
-    address = f"tcp://{cable.home_address}:{port}"
-    key = home.keys.path / "home.public"
-    done = away.run("run", "nodes.toys:Ticker", "--join", address, "--server-key", key)
-    assert done.returncode == 2
-    assert "its public key is not allowed there" in done.stderr
-    (entry,) = graph.ask("gateway", op="refusals")["refusals"]
-    assert (entry["address"], entry["key"]) == (cable.away_address, stranger)
-    unsaid = away.run("run", "nodes.toys:Ticker", "--join", address)
-    assert unsaid.returncode == 2
-    assert "give its public key with --server-key" in unsaid.stderr
+    cable.set("up")

@@ -12,9 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palp_core.errors import SchemaMismatch, SecurityError
+from palp_core.errors import GraphError, SchemaMismatch, SecurityError
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.description.checked import TopicInfo
+from palp_core.graph.description.checked import TopicInfo, resolved_yaml
+from palp_core.graph.description.node_class import NodeClassRequest, inspect_classes
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode, encode
 from palp_core.graph.messages.qos import Qos
@@ -22,6 +23,7 @@ from palp_core.graph.network.admission import objections
 from palp_core.graph.network.clock_offset import OffsetEstimate
 from palp_core.graph.network.curve_listener import Received, Sent
 from palp_core.graph.network.event_loop import EventLoop
+from palp_core.graph.network.gateway_handle import view_of
 from palp_core.graph.network.gateway_messages import ListenOn, NodeJoined, NodeReported
 from palp_core.graph.network.join_protocol import (
     PROTOCOL,
@@ -35,11 +37,15 @@ from palp_core.graph.network.join_protocol import (
     decode_message,
     encode_message,
 )
+from palp_core.graph.network.join_wiring import join_request, wired_spec
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.listen_address import host_and_port, plan_listening
 from palp_core.graph.network.peer import Peer
 from palp_core.graph.network.remote_nodes import RemoteNodes
 from palp_core.graph.node.spec import RESERVED_NAMES, name_mistake
+from palp_core.graph.problems import GraphProblems
+from tests.support.hosts import LAUNCH, TOYS
+from tests.support.rig_session import check_here
 
 NS = st.integers(0, 10**9)
 MESSAGES = (4, "3c95834c87d73767")
@@ -141,6 +147,56 @@ def test_two_versions_of_a_type_are_told_apart() -> None:
 def test_a_name_that_is_taken_reserved_or_no_name_is_refused(name: str) -> None:
     request = JoinRequest(name=name, run="a:B", host="h", pid=1)
     assert objections(request, VIEW, {"torque"})
+
+
+EXPECTED = '  metronome: {run: "guest_toys:Ticker", joined: true}\n'
+
+
+@pytest.fixture(scope="module")
+def toys(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, GraphView]:
+    """Their folder, of which this process imports the module once, and a graph that expects a metronome."""
+    folder = tmp_path_factory.mktemp("toys")
+    (folder / "guest_toys.py").write_text(TOYS, encoding="utf-8")
+    file = folder / "home.yaml"
+    file.write_text(LAUNCH.replace("nodes.toys", "guest_toys") + EXPECTED, encoding="utf-8")
+    return folder, view_of(check_here(file))
+
+
+@pytest.mark.parametrize(
+    ("name", "run", "wires", "words"),
+    [
+        ("guest", "Keeper", {"tick": "/ticker/tikc"}, "did you mean '/ticker/tick'"),
+        ("guest", "Keeper", {"tick": "/keeper/heard"}, "/keeper/heard carries Tock, not Tick"),
+        ("guest", "Keeper", {}, "add -r tick:=/ticker/tick or -r tick:=/keeper/tick or -r tick:=/metr"),
+        ("guest", "Keeper", {"tock": "/ticker/tick"}, "has no port 'tock'"),
+        ("guest", "Ticker", {"tick": "/keeper/tock"}, "no port that graph 'home' declares external"),
+        ("guest", "Ticker", {"reset": "/keeper/tick"}, "is a service: it cannot be wired from outside"),
+        ("metronome", "Keeper", {"tick": "/ticker/tick"}, "lacks output 'tick', which the launch file"),
+        ("ticker", "Ticker", {}, "a node 'ticker' is in graph 'home' already"),
+        ("metronome", "Ticker", {}, ""),
+        ("guest", "Keeper", {"tick": "ticker/tick"}, ""),
+    ],
+)
+def test_wires_that_do_not_fit_the_running_graph_are_refused_with_the_reason(
+    toys: tuple[Path, GraphView], name: str, run: str, wires: dict[str, str], words: str
+) -> None:
+    folder, view = toys
+    (described,) = inspect_classes([NodeClassRequest(f"guest_toys:{run}", name=name)], folder)
+    try:
+        spec, feeds = wired_spec(name, described.run, {}, wires, described, view)
+        said = "; ".join(objections(join_request(spec, feeds, described), view, view.nodes))
+    except GraphError as refused:
+        said = str(refused)
+    assert (words in said) if words else not said, said
+
+
+def test_a_launch_file_expects_somebody_on_the_wall_clock_only(toys: tuple[Path, GraphView]) -> None:
+    file = toys[0] / "home.yaml"
+    assert "joined: true" in resolved_yaml(check_here(file))
+    sim = toys[0] / "sim.yaml"
+    sim.write_text(file.read_text(encoding="utf-8").replace("clock: wall", "clock: sim"), encoding="utf-8")
+    with pytest.raises(GraphProblems, match="that takes clock: wall"):
+        check_here(sim)
 
 
 @settings(max_examples=200, deadline=None)

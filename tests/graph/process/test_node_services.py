@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,11 @@ import pytest
 import zmq
 
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.discovery.run_directory import RunRecord
 from palp_core.graph.transport.requester_socket import ask
-from tests.support.palp import PATIENCE_S, Palp, own_palp
+from palp_core.graph.transport.subscriber_socket import SubscriberSocket
+from tests.support.palp import PATIENCE_S, Palp, own_palp, wait_for_line
 from tests.support.post import Post
+from tests.support.supervised import Running
 
 
 @pytest.fixture
@@ -29,22 +29,26 @@ class Office:
 
     def __init__(self, post: Post, *arguments: str) -> None:
         self.post = post
-        self.process: subprocess.Popen[str] = post.palp.start("launch", post.office, *arguments)
-        end_ns = monotonic_ns() + round(PATIENCE_S * 1e9)
-        self.endpoint = ""
-        while not self.endpoint:
-            assert monotonic_ns() < end_ns, "the graph did not start"
-            assert self.process.poll() is None, self.process.stderr.read() if self.process.stderr else ""
-            for found in post.palp.runtime_dir.glob("palp/*/graph.json"):
-                record = msgspec.json.decode(found.read_bytes(), type=RunRecord)
-                self.endpoint = next(node.serve for node in record.nodes if node.name == "clerk")
-        while self.ask("info").get("lifecycle") != "active":
-            assert monotonic_ns() < end_ns, "the clerk did not become active"
+        self.process = post.palp.start("launch", post.office, *arguments)
+        wait_for_line(self.process, "office: ")
+        (clerk,) = [node for node in Running(post.palp).record["nodes"] if node["name"] == "clerk"]
+        self.endpoint: str = clerk["serve"]
+        self._publish: str = clerk["publish"]
 
     def ask(self, operation: str, **more: Any) -> dict[str, Any]:
         reply = ask(self.endpoint, {"op": operation, "node": "clerk", **more}, PATIENCE_S)
         assert reply is not None, f"{operation} was not answered"
         return reply
+
+    def until(self, so: Callable[[], bool]) -> None:
+        """Wait until something is so; look again with each number that the clerk publishes."""
+        numbers = SubscriberSocket({"/clerk/number": self._publish})
+        try:
+            while not so():
+                assert numbers.wait(PATIENCE_S)
+                numbers.receive()
+        finally:
+            numbers.close()
 
 
 @pytest.fixture(scope="module", params=["wall", "sim"])
@@ -127,8 +131,7 @@ def test_an_external_port_takes_messages_and_no_other_does(office: Office) -> No
     assert office.ask("publish", port="hint", message={"number": 2})["sequence"] == first + 1
     assert "takes no messages from outside" in office.ask("publish", port="number", message={})["error"]
     assert "Question" in office.ask("publish", port="hint", message={"number": 2.5})["error"]
-    while office.ask("info")["inputs"]["/clerk/hint"]["received"] < first + 1:
-        pass
+    office.until(lambda: office.ask("info")["inputs"]["/clerk/hint"]["received"] > first)
 
 
 @pytest.mark.parametrize("clock", ["wall", "sim"])
@@ -145,11 +148,12 @@ def test_commands_to_a_lockstep_graph_are_in_its_record_and_replay(post: Post, c
     office.ask("set_parameters", parameters={"offset": 2})
     office.ask("call", service="ask", request={"number": 100})
     office.ask("publish", port="hint", message={"number": 1000})
+    office.until(lambda: office.ask("info")["inputs"]["/clerk/hint"]["received"] == 1)
     office.ask("transition", transition="deactivate")
     office.ask("transition", transition="activate")
     tick = office.ask("info")["params"]["limit"]
     assert tick == 1000000
-    office.ask("set_parameters", parameters={"limit": 1200})
+    office.ask("set_parameters", parameters={"limit": 1400})
     assert office.process.wait(PATIENCE_S) == 0
     done = post.palp.run("bag", "replay", bag, "--nodes", "clerk", "--json", "--launch", post.office)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import json
+import select
 import signal
 import subprocess
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
+import psutil
 import pytest
 
 from palp_core.graph.bag.reader import read
@@ -17,7 +22,7 @@ from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.topic import topic_of
 from palp_core.graph.recording import live_feed
 from palp_core.graph.recording.live_feed import ANSWER_NS, LiveFeed
-from palp_core.graph.recording.recorders import RecorderProcess, Recorders
+from palp_core.graph.recording.recorders import Recorders
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from tests.support.fake_graph import FakeGraph, FakeNode, Sample
 from tests.support.palp import Palp
@@ -151,6 +156,24 @@ def test_a_topic_that_appears_later_is_recorded_too(palp: Palp, graph: FakeGraph
     assert sequences(tmp_path / "bag", "/source/other") == list(range(1, 8))
 
 
+def test_a_topic_that_is_never_heard_is_said_and_ends_non_zero(
+    palp: Palp, graph: FakeGraph, tmp_path: Path
+) -> None:
+    palp.constants["palp_core.graph.recording.live_recorder:SAY_WAITING_NS"] = 500_000_000
+    source, mute = graph.node("source", depth=10), graph.node("mute", depth=10, port="other")
+    graph.announce(source, mute)
+    graph.nodes.remove(mute)  # it greets nobody
+    recorder = palp.start("bag", "record", "/source/sample", "/source/other", "-o", tmp_path / "bag")
+    graph.until_said(recorder, "not heard yet, recording what comes: /source/other")
+    source.say(10)
+    heard(graph, source)
+    code, said = end(graph, recorder)
+    mute.sockets.close()
+    assert code == 1
+    assert "never heard: /source/other" in said
+    assert sequences(tmp_path / "bag") == list(range(1, 11))
+
+
 def test_answers_of_a_publisher_that_is_gone_are_waited_for_once_and_not_for_each_gap(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -183,23 +206,45 @@ class BagRecorderOfNothing:
         raise AssertionError
 
 
-def test_recorders_finish_their_bags_side_by_side_within_one_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    did: list[tuple[object, ...]] = []
+class Watching:
+    """In a supervisor's place: lets recorders be heard while the graph answers."""
 
-    class Told(RecorderProcess):
-        def __init__(self, name: str) -> None:
-            self.name = name
+    def __init__(self, graph: FakeGraph) -> None:
+        self._graph = graph
+        self._watched: dict[int, Callable[[], None]] = {}
 
-        def finish(self) -> None:
-            did.append(("finish", self.name))
+    def watch(self, descriptor: int, receive: Callable[[], None]) -> None:
+        self._watched[descriptor] = receive
 
-        def close(self, end_ns: int) -> tuple[bool, str]:
-            did.append(("close", self.name, end_ns))
-            return True, self.name
+    def forget(self, descriptor: int) -> None:
+        del self._watched[descriptor]
 
-    recorders = Recorders()
-    recorders._processes = [Told("a"), Told("b")]
-    recorders.close()
-    assert [step[:2] for step in did] == [("finish", "a"), ("finish", "b"), ("close", "a"), ("close", "b")]
-    assert did[2][2] == did[3][2]
-    assert recorders.text == "a\nb"
+    def wait_until(self, so: Callable[[], bool]) -> None:
+        def heard_so() -> bool:
+            for descriptor in select.select(list(self._watched), (), (), 0.0)[0]:
+                self._watched[descriptor]()
+            return so()
+
+        self._graph.until(heard_so)
+
+
+def test_a_recorder_that_hangs_keeps_no_other_from_finishing_its_bag(
+    palp: Palp, graph: FakeGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PALP_TEST_MARK", palp.mark)
+    graph.announce(graph.node("source", depth=10))
+    wanted = [
+        SimpleNamespace(name=name, params={"out": str(tmp_path / name), "topics": ["/source/sample"]})
+        for name in ("one", "other")
+    ]
+    recorders = Recorders(cast(Any, SimpleNamespace(clock="wall", recorders=wanted)))
+    recorders.start(graph.directory.path, graph.bus, cast(Any, Watching(graph)))
+    hanging, other = sorted(palp.running("recorder_process"), key=lambda process: process.create_time())
+    hanging.suspend()
+    closing = threading.Thread(target=recorders.close)
+    closing.start()
+    graph.until(lambda: other.status() == psutil.STATUS_ZOMBIE)
+    assert closing.is_alive()
+    hanging.resume()
+    graph.until(lambda: not closing.is_alive())
+    assert recorders.complete, recorders.text

@@ -16,14 +16,9 @@ from palp_core.graph.bag.reader import Bag, read, to_numpy
 from tests.support.live import ended, recording
 from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
 from tests.support.supervised import Running
+from tests.support.talkative import Talk
 
 EVENTS = "/graph/events"
-SHORT = {
-    "palp_core.graph.recording.live_topics:ASK_S": 0.5,
-    "palp_core.graph.recording.live_recorder:ASK_S": 0.5,
-    "palp_core.graph.recording.live_recorder:SAY_WAITING_NS": 500_000_000,
-}
-"""How long the recorder waits before it says what it waits for."""
 
 
 def info(palp: Palp, bag: Path) -> dict[str, Any]:
@@ -33,7 +28,7 @@ def info(palp: Palp, bag: Path) -> dict[str, Any]:
 
 def start_chain(palp: Palp) -> subprocess.Popen[str]:
     """Start a chain on the wall clock that goes on until it is asked to end."""
-    process = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=200.0")
+    process = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=50.0")
     wait_for_line(process, "blocks: 1/")
     return process
 
@@ -108,14 +103,14 @@ def test_topics_are_chosen_by_name_and_regular_expression(
     with Bag(tmp_path / "a") as opened:
         assert set(opened.topics()) <= {"/source/sample", "/relay/amplified", "/relay/_events"}
     assert len(to_numpy(tmp_path / "a", "/source/sample", "index")) > 0
-    wrong = shared_palp.run("bag", "record", "/source/sampel", "-o", tmp_path / "b")
+    wrong = shared_palp.here("bag", "record", "/source/sampel", "-o", tmp_path / "b")
     assert wrong.returncode == 2
     assert "did you mean '/source/sample'" in wrong.stderr
     assert not (tmp_path / "b").exists()
     for arguments in ((), ("-a", "/source/sample"), ("-e", "nothing", "-o", tmp_path / "b")):
-        assert shared_palp.run("bag", "record", *arguments).returncode == 2
+        assert shared_palp.here("bag", "record", *arguments).returncode == 2
     assert not (tmp_path / "b").exists()
-    twice = shared_palp.run("bag", "record", "-a", "-o", tmp_path / "a")
+    twice = shared_palp.here("bag", "record", "-a", "-o", tmp_path / "a")
     assert twice.returncode == 2
     assert "exists already" in twice.stderr
 
@@ -145,9 +140,8 @@ def test_the_last_seconds_are_written_when_somebody_asks(
     recorder = recording(shared_palp, "-a", "-o", bag, "--snapshot", "0.3")
     nobody = shared_palp.run("bag", "snapshot", "--graph", "chian")
     assert nobody.returncode == 2
-    assert (
-        shared_palp.run("topic", "echo", "/source/sample", "--times", "100").returncode == 0
-    )  # half a second
+    half_a_second = ("--times", "25")
+    assert shared_palp.run("topic", "echo", "/source/sample", *half_a_second).returncode == 0
     done = shared_palp.run("bag", "snapshot")
     assert done.returncode == 0, done.stderr
     assert str(bag) in done.stdout
@@ -166,20 +160,16 @@ def test_the_last_seconds_are_written_when_somebody_asks(
 
 
 def test_a_graph_in_simulated_time_is_recorded_by_its_launcher(palp: Palp, tmp_path: Path) -> None:
-    launched = palp.start("launch", CHAIN, "clock:=sim", "count:=100000000", "--compose")
-    wait_for_line(launched, "blocks: 1/")
-    refused = palp.run("bag", "record", "-a", "-o", tmp_path / "bag")
+    Talk(palp, tmp_path, "clock:=sim", "wait_s:=0.005", "--compose")
+    refused = palp.here("bag", "record", "-a", "-o", tmp_path / "bag")
     assert refused.returncode == 2
     assert "palp launch FILE --record DIR" in refused.stderr
     assert not (tmp_path / "bag").exists()
 
 
-@pytest.mark.parametrize("waits", [SHORT, pytest.param({}, marks=pytest.mark.nightly)])
-def test_a_topic_that_is_never_heard_is_said_and_ends_non_zero(
-    palp: Palp, tmp_path: Path, waits: dict[str, object]
-) -> None:
+@pytest.mark.nightly
+def test_a_topic_that_is_never_heard_is_said_and_ends_non_zero(palp: Palp, tmp_path: Path) -> None:
     start_chain(palp)
-    palp.constants |= waits
     sink = Running(palp).process("sink")
     sink.suspend()
     recorder = palp.start("bag", "record", "-a", "-o", tmp_path / "bag")

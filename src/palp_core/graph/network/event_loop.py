@@ -1,10 +1,10 @@
 """Wait for many sockets in one place and call who is in charge of each that has something."""
 
+import struct
 from collections.abc import Callable
 from typing import Any
 
 import zmq
-from zmq.utils.monitor import parse_monitor_message
 
 MOST_AT_ONCE = 200  # messages taken from one socket before the others have their turn
 
@@ -70,5 +70,6 @@ def drain(socket: zmq.Socket[bytes], take: Callable[[list[bytes]], None]) -> Non
 
 
 def _event(parts: list[bytes]) -> tuple[int, int]:
-    told = parse_monitor_message(parts)
-    return told["event"], told["value"]
+    """Read what a monitor says; the reader of pyzmq loads asyncio, a sixth of a gateway's start."""
+    event, value = struct.unpack("=hi", parts[0])
+    return event, value

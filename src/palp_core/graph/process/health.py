@@ -2,7 +2,7 @@
 
 import gc
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Protocol
 
@@ -35,14 +35,15 @@ class HealthProbe:
 
     Args:
         node: Running name.
+        now_ns: The clock by which pauses are measured.
 
     Attributes:
         due_ns: When the next pulse is due, on the machine's monotonic clock.
     """
 
-    def __init__(self, node: str) -> None:
-        self.due_ns = monotonic_ns()
-        self._node = node
+    def __init__(self, node: str, now_ns: Callable[[], int] = monotonic_ns) -> None:
+        self.due_ns = now_ns()
+        self._node, self._now_ns = node, now_ns
         self._pause_count = 0
         self._pause_max_ns = 0
         self._pause_begin_ns = 0
@@ -51,10 +52,10 @@ class HealthProbe:
 
     def _collected(self, phase: str, _info: dict[str, int]) -> None:
         if phase == "start":
-            self._pause_begin_ns = monotonic_ns()
+            self._pause_begin_ns = self._now_ns()
             return
         self._pause_count += 1
-        self._pause_max_ns = max(self._pause_max_ns, monotonic_ns() - self._pause_begin_ns)
+        self._pause_max_ns = max(self._pause_max_ns, self._now_ns() - self._pause_begin_ns)
 
     def pulse(
         self,
