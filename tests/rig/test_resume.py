@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import errno
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -12,12 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.errors import NodeError, PalpError
+from palp_core.errors import PalpError
 from palp_core.graph.bag.diff import diff_bags
 from palp_core.graph.launch import checkpoints
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.supervision.interrupt import Interrupted
-from palp_core.palpation.session import trials_csv
 from palp_core.palpation.session.result_json import TIME_KEYS
 from palp_core.palpation.session.trials_csv import SessionWriter, read_rows, read_sweep
 from tests.graph.launch.killed import launch_and_kill
@@ -94,14 +91,28 @@ def assert_equal(out: Path, whole: Path) -> None:
 
 def test_an_interrupted_session_ends_with_the_same_bytes(rig_session: RigSession, tmp_path: Path) -> None:
     """Within a sweep of training, then as a trial of estimation ends, and then within a trial."""
-    interrupt(tmp_path / "out", "/torque/block", 70)
-    interrupt(tmp_path / "out", "/experiment/result", 3, resume=True)
-    interrupt(tmp_path / "out", "/estimator/belief", 3, resume=True)
-    began = (tmp_path / "out" / "session.yaml").read_text()
-    resume(tmp_path / "out")
-    assert_equal(tmp_path / "out", rig_session.out)
-    assert (tmp_path / "out" / "session.yaml").read_text() == began
-    assert json.loads((tmp_path / "out" / "run.json").read_text())["resumed_count"] == 3
+    out = tmp_path / "out"
+    interrupt(out, "/torque/block", 70)
+    interrupt(out, "/experiment/result", 3, resume=True)
+    assert_refused_with_the_command_that_goes_on(out)
+    interrupt(out, "/estimator/belief", 3, resume=True)
+    began = (out / "session.yaml").read_text()
+    resume(out)
+    assert_equal(out, rig_session.out)
+    assert (out / "session.yaml").read_text() == began
+    assert json.loads((out / "run.json").read_text())["resumed_count"] == 3
+
+
+def assert_refused_with_the_command_that_goes_on(out: Path) -> None:
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    with pytest.raises(PalpError) as refused:
+        ComposedGraph(SIM, overrides=[*SMALL, f"out:={out}"]).__enter__()
+    said = str(refused.value)
+    rows = read_rows(out)
+    trials = sum(row.verdict not in ("", "continue") for row in rows)
+    assert f"it is unfinished, {len(rows)} palpations and {trials} trials of estimation done" in said
+    assert f"`palp launch {SIM} {' '.join(SMALL)} out:={out} --resume` goes on with it" in said
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
 
 
 def test_a_swap_before_the_interruption_is_told_once_it_has_ended(tmp_path: Path) -> None:
@@ -186,60 +197,6 @@ def test_killed_before_its_first_checkpoint_it_has_lost_nothing_and_begins_witho
     assert_equal(out, rig_session.out)
 
 
-def test_an_unfinished_session_is_refused_with_the_command_that_goes_on(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    interrupt(out, "/experiment/result", 2)
-    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
-    with pytest.raises(PalpError) as refused:
-        ComposedGraph(SIM, overrides=[*SMALL, f"out:={out}"]).__enter__()
-    said = str(refused.value)
-    rows = read_rows(out)
-    trials = sum(row.verdict not in ("", "continue") for row in rows)
-    assert f"it is unfinished, {len(rows)} palpations and {trials} trials of estimation done" in said
-    assert f"`palp launch {SIM} {' '.join(SMALL)} out:={out} --resume` goes on with it" in said
-    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
-
-
-def test_a_table_that_lacks_palpations_is_refused(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    interrupt(out, "/experiment/trial", 12)
-    lines = (out / "trials.csv").read_bytes().splitlines(keepends=True)
-    (out / "trials.csv").write_bytes(b"".join(lines[:5]))
-    with pytest.raises(NodeError, match=r"it has 4 palpations, and the session had come to 10; restore"):
-        resume(out)
-    assert (out / "trials.csv").read_bytes() == b"".join(lines[:5])
-    (out / "trials.csv").write_bytes(b"".join(lines))
-    resume(out)  # the refusal has cost nothing
-
-
-def test_what_cannot_be_written_stops_the_session_and_costs_nothing(
-    rig_session: RigSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    out = tmp_path / "out"
-    write, count = trials_csv._write_all, 0
-
-    def full(descriptor: int, data: bytes) -> None:
-        nonlocal count
-        count += 1
-        if count > 20:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        write(descriptor, data)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(trials_csv, "_write_all", full)
-        overrides = [*SMALL, f"out:={out}"]
-        with (
-            pytest.raises(
-                NodeError, match=r"palpation 20 cannot be written to .* the 19 palpations before are"
-            ),
-            ComposedGraph(SIM, overrides=overrides) as graph,
-        ):
-            graph.run()
-    assert len(read_rows(out)) == 19
-    resume(out)
-    assert_equal(out, rig_session.out)
-
-
 @pytest.mark.nightly
 @pytest.mark.parametrize("kib", [64, 120, 180, 240, 300, 360, 420, 480, 540, 600])
 def test_on_a_disk_that_fills_up_every_row_before_is_readable(
@@ -287,31 +244,6 @@ def test_on_a_disk_that_is_read_only_it_is_refused_in_words(palp: Palp, tmp_path
     assert done.returncode == 2
     assert done.stderr.strip() == (f"no checkpoint can be written to {out}/checkpoint: Read-only file system")
     resume(out)  # the refusal has cost nothing
-
-
-def test_a_folder_that_is_gone_has_nothing_to_resume(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    interrupt(out, "/experiment/trial", 3)
-    shutil.rmtree(out)
-    with pytest.raises(PalpError, match="nothing to resume: there is no checkpoint"):
-        resume(out)
-    assert not out.exists()
-
-
-def test_resume_may_be_written_like_an_argument(palp: Palp, tmp_path: Path) -> None:
-    done = palp.run("launch", SIM, f"out:={tmp_path / 'none'}", "resume:=true")
-    assert done.returncode == 2
-    assert "nothing to resume: there is no checkpoint" in done.stderr
-
-
-def test_two_do_not_go_on_with_one_session(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    interrupt(out, "/experiment/trial", 5)
-    table = (out / "trials.csv").read_bytes()
-    given = {"overrides": [*SMALL, f"out:={out}"], "resume": True}
-    with ComposedGraph(SIM, **given), pytest.raises(PalpError, match="goes on already"):
-        ComposedGraph(SIM, **given).__enter__()
-    assert (out / "trials.csv").read_bytes() == table
 
 
 def test_palpations_of_the_trial_under_way_are_set_aside(rig_session: RigSession, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from benchmarks.rig_bench.running import FORK_SERVER, GUARD_OF, LAUNCHER, TO_M, RunningRig
 from benchmarks.rig_bench.trips import NODES
+from palp_core.graph.bag.reader import read
 
 SHORT = ("trials:=1", "training:=1")
 # What depends on how fast the machine is; what is asserted here is in which order things happen. The way of a
@@ -111,8 +112,10 @@ def test_motion_stops_whichever_node_dies_or_stops(start: Start, node: str, numb
     strike(start(*LENIENT), number, node)
 
 
-def test_a_trip_stops_latches_and_is_left_by_an_acknowledgement_alone(start: Start) -> None:
-    rig = start(*LENIENT)
+def test_a_trip_stops_latches_is_in_the_bag_and_is_left_by_an_acknowledgement_alone(
+    start: Start, tmp_path: Path
+) -> None:
+    rig = start(*LENIENT, "--record", str(tmp_path / "bag"))
     rig.sweep()
     assert rig.call("safety", "stop", reason="a test")["cause"] == "operator"
     rig.until(lambda: rig.safety()["state"] == "latched", "latch")
@@ -131,6 +134,12 @@ def test_a_trip_stops_latches_and_is_left_by_an_acknowledgement_alone(start: Sta
     status = rig.safety()
     assert status["acknowledged_count"] == 1
     assert "goes on to the end of the move" in status["dead_man"]
+    rig.process.send_signal(signal.SIGINT)
+    assert rig.process.wait(PATIENCE_S) == 130
+    (trip,) = [message.value for message in read(tmp_path / "bag", ["/safety/trip"])]
+    assert trip.cause == "operator"
+    assert trip.load_time_s[-1] > trip.load_time_s[0]
+    assert len(trip.load_time_s) == len(trip.torque_n_m) == len(trip.force_n)
 
 
 @pytest.mark.nightly

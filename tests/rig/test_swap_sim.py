@@ -22,6 +22,8 @@ from tests.support.rig_session import ComposedGraph
 from tests.support.swapping import workspace
 
 SIM = Path(__file__).parents[2] / "launch/sim.yaml"
+HOW = pytest.mark.parametrize("compose", [True, pytest.param(False, marks=pytest.mark.nightly)])
+"""That processes say the same bytes, swap and all, is held once by default."""
 
 
 @pytest.fixture(scope="module")
@@ -54,13 +56,13 @@ def test_a_nodes_plan_swaps_at_an_exact_time_with_the_same_bytes_everywhere(laun
     assert all(b"\xa5Other" in frame for frame in makers[len(old) :])
 
 
-def test_a_planned_swap_that_fails_ends_the_run(launch: Path) -> None:
-    for compose in (False, True):
-        with graph_of(launch, compose=compose) as graph:
-            graph.plan_swap(0.1, "relay", "swap_toys:Plain")
-            with pytest.raises(SwapFailed, match="cannot take the state") as failure:
-                graph.run()
-        assert failure.value.step == "state"
+@HOW
+def test_a_planned_swap_that_fails_ends_the_run(launch: Path, *, compose: bool) -> None:
+    with graph_of(launch, compose=compose) as graph:
+        graph.plan_swap(0.1, "relay", "swap_toys:Plain")
+        with pytest.raises(SwapFailed, match="cannot take the state") as failure:
+            graph.run()
+    assert failure.value.step == "state"
 
 
 @pytest.mark.parametrize("params", ["{", "[1]", '{"gian": 1}'])
@@ -69,7 +71,7 @@ def test_a_plan_that_is_no_plan_ends_the_run_by_name(launch: Path, params: str) 
         graph.run()
 
 
-@pytest.mark.parametrize("compose", [False, True])
+@HOW
 @pytest.mark.parametrize("step", ["configure", "state", "take over"])
 def test_a_fault_changes_no_byte_of_the_run(launch: Path, step: str, *, compose: bool) -> None:
     params = {"step": step, "deed": "raise"}
@@ -101,21 +103,27 @@ def _forgiving(graph: Graph) -> list[SwapFailed]:
     return failures
 
 
+PROBATIONS: list[tuple[str, str, int, list[str]]] = [
+    ("Novice", "raise", 3, ["Relay", "Novice", "Relay"]),
+    ("Novice", "raise", 0, ["Relay"]),
+    ("Loner", "raise", 0, ["Relay"]),
+    ("Novice", "", 0, ["Relay", "Novice"]),
+]
+
+
 @pytest.mark.parametrize(
-    ("run", "deed", "after", "makers"),
+    ("run", "deed", "after", "makers", "ways"),
     [
-        ("Novice", "raise", 3, ["Relay", "Novice", "Relay"]),
-        ("Novice", "raise", 0, ["Relay"]),
-        ("Loner", "raise", 0, ["Relay"]),
-        ("Novice", "", 0, ["Relay", "Novice"]),
-        pytest.param("Novice", "kill", 3, ["Relay", "Novice", "Relay"], id="kill"),
+        *(pytest.param(*one, (True,)) for one in PROBATIONS),
+        *(pytest.param(*one, (False, True), marks=pytest.mark.nightly) for one in PROBATIONS),
+        pytest.param("Novice", "kill", 3, ["Relay", "Novice", "Relay"], (False,), id="kill"),
     ],
 )
 def test_on_probation_the_old_node_goes_on_from_the_last_round_that_went_well(
-    launch: Path, run: str, deed: str, after: int, makers: list[str]
+    launch: Path, run: str, deed: str, after: int, makers: list[str], ways: tuple[bool, ...]
 ) -> None:
     found = []
-    for compose in (False, True) if deed != "kill" else (False,):
+    for compose in ways:
         frames: list[bytes] = []
         seen = _observer(frames)
         with graph_of(launch, compose=compose, run="swap_toys:Relay", observe=seen) as graph:
@@ -140,7 +148,7 @@ def test_on_probation_the_old_node_goes_on_from_the_last_round_that_went_well(
         assert _without_orders(found[0]) == _without_orders(plain)
 
 
-@pytest.mark.parametrize("compose", [False, True])
+@HOW
 def test_what_neither_node_can_do_ends_the_run(launch: Path, *, compose: bool) -> None:
     params = {"after": 25}
     with graph_of(launch, compose=compose, run="swap_toys:Relay") as graph:
@@ -153,7 +161,7 @@ def test_what_neither_node_can_do_ends_the_run(launch: Path, *, compose: bool) -
             graph.run()
 
 
-@pytest.mark.parametrize("compose", [False, True])
+@HOW
 def test_a_plan_that_is_due_on_probation_is_kept_and_a_state_beyond_words_is_taken_back(
     launch: Path, *, compose: bool
 ) -> None:
@@ -192,19 +200,17 @@ def _without_orders(frames: list[bytes]) -> list[bytes]:
     return [frame for frame in frames if b"/_order\0" not in frame]
 
 
-def test_a_shadow_in_simulated_time_runs_beside_and_changes_nothing(launch: Path) -> None:
-    found = []
-    for compose in (False, True):
-        with graph_of(launch, compose=compose, run="swap_toys:Relay") as graph:
-            request = SwapRequest(node="relay", run="swap_toys:Other", shadow_s=0.1, dry_run=True)
-            graph.swaps.plan(50_000_000, request)
-            reports = _reported(graph)
-            assert graph.run().exit_code == 0
-        found.append(reports[0])
-    assert found[0] == found[1]
-    assert found[0].shadow["compared"] == found[0].shadow["differing"] == 120  # numbers and replies
-    assert (found[0].shadow["only_old"], found[0].shadow["only_new"]) == (0, 0)
-    assert found[0].at_s == pytest.approx(0.15)
+@HOW
+def test_a_shadow_in_simulated_time_runs_beside_and_changes_nothing(launch: Path, *, compose: bool) -> None:
+    with graph_of(launch, compose=compose, run="swap_toys:Relay") as graph:
+        request = SwapRequest(node="relay", run="swap_toys:Other", shadow_s=0.1, dry_run=True)
+        graph.swaps.plan(50_000_000, request)
+        reports = _reported(graph)
+        assert graph.run().exit_code == 0
+    (found, *_) = reports
+    assert found.shadow["compared"] == found.shadow["differing"] == 120  # numbers and replies
+    assert (found.shadow["only_old"], found.shadow["only_new"]) == (0, 0)
+    assert found.at_s == pytest.approx(0.15)
 
 
 def test_a_policy_that_asks_for_what_was_not_trained_costs_its_trials_and_not_the_session(

@@ -19,7 +19,7 @@ from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.builtin import DiagnosticStatus
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.message import decode
-from tests.rig.test_emulated import EMULATED, LENIENT, SMALL
+from tests.rig.test_emulated import EMULATED, LENIENT, SMALL, until
 from tests.support.palp import PATIENCE_S, Palp
 
 LONGEST_S = 0.5
@@ -91,8 +91,7 @@ def test_a_trip_is_on_the_screen_within_half_a_second_and_in_top_and_doctor(
         graph.ask("safety", "call", service="stop", request={"reason": "a test"})
         seen_ns = screen.until(RED.search)
         took_s.append((seen_ns - tripped_ns(graph)) / 1e9)
-        while not graph.ask("safety", "call", service="acknowledge", request={})["reply"]["done"]:
-            pass
+        assert until(lambda: graph.ask("safety", "call", service="acknowledge", request={})["reply"]["done"])
         screen.until(lambda said: "training" in said and not RED.search(said.rpartition("training")[2]))
     assert palp.run("stop").returncode == 0
     screen.until(RED.search)
