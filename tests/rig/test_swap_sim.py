@@ -19,7 +19,10 @@ from palp_core.graph.messages.frame import parse
 from palp_core.graph.swap.swap import Probation, SwapFailed, SwapReport, SwapRequest
 from tests.support.palp import Palp
 from tests.support.rig_session import ComposedGraph
+from tests.support.sessions import blank_charts
 from tests.support.swapping import workspace
+
+__all__ = ["blank_charts"]
 
 SIM = Path(__file__).parents[2] / "launch/sim.yaml"
 HOW = pytest.mark.parametrize("compose", [True, pytest.param(False, marks=pytest.mark.nightly)])
@@ -213,6 +216,7 @@ def test_a_shadow_in_simulated_time_runs_beside_and_changes_nothing(launch: Path
     assert found.at_s == pytest.approx(0.15)
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_a_policy_that_asks_for_what_was_not_trained_costs_its_trials_and_not_the_session(
     palp: Palp, tmp_path: Path
 ) -> None:
@@ -226,23 +230,18 @@ def test_a_policy_that_asks_for_what_was_not_trained_costs_its_trials_and_not_th
         "    def refreshed(self):\n"
         "        return FixedRing(float('nan') if self.state.iteration > 3 else 0.016)\n"
     )
-    swaps = f"1={odd}:Odd,3=nodes.policy_fixed:Fixed"
-    small = (
-        "trials:=2",
-        "training:=3",
-        "seed:=4",
-        "policy:=fixed",
-        "stop:=fixed_number",
-        f"out:={tmp_path / 'out'}",
-    )
-    done = palp.run("launch", SIM, "--compose", f"swaps:={swaps}", *small)
-    assert done.returncode == 0, done.stderr
+    out = tmp_path / "out"
+    small = ("trials:=2", "training:=1", "seed:=4", "policy:=fixed", "stop:=fixed_number", f"out:={out}")
+    path = list(sys.path)
+    with ComposedGraph(SIM, overrides=[*small, f"swaps:=1={odd}:Odd,3=nodes.policy_fixed:Fixed"]) as graph:
+        assert graph.run().exit_code == 0
+    sys.path[:] = path
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     reason = "ring position 49 mm was not trained"
     assert [one["reason"] for one in result["trials_dropped"]] == [reason, reason]
     assert (result["trials_done"], result["trials_unfinished"]) == (4, 0)
     assert reason in (tmp_path / "out" / "report.html").read_text()
-    again = palp.run("analyse", tmp_path / "out", "--out", tmp_path / "again")
+    again = palp.here("analyse", tmp_path / "out", "--out", tmp_path / "again")
     assert again.returncode == 0, again.stderr
     (row,) = json.loads((tmp_path / "again" / "analysis.json").read_text())["results"]
     assert (row["trials"], row["left_out"]) == (4, 2)
