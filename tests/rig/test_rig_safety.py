@@ -103,7 +103,7 @@ def test_motion_stops_whichever_node_dies_or_stops(start: Start, node: str, numb
     strike(start(*LENIENT), number, node)
 
 
-@pytest.mark.dear("a whole rig on emulated wires, in real time; it is the only one")
+@pytest.mark.expensive("a whole rig on emulated wires, in real time; it is the only one")
 def test_a_trip_stops_latches_is_in_the_bag_and_is_left_by_an_acknowledgement_alone(
     start: Start, tmp_path: Path
 ) -> None:
