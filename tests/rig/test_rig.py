@@ -44,6 +44,9 @@ def ran(kind: type[BriefGraph], out: Path) -> Ran:
     return Ran(frames, files, result)
 
 
+@pytest.mark.expensive(
+    "the rig's nine processes: that they say what a composed graph says is held here alone"
+)
 def test_processes_and_composition_give_the_same_bytes_and_the_same_result(tmp_path: Path) -> None:
     whole = ran(ComposedGraph, tmp_path / "out")
     assert len(whole.files) > 15

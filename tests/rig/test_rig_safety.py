@@ -130,7 +130,7 @@ def test_a_trip_stops_latches_is_in_the_bag_and_is_left_by_an_acknowledgement_al
     node, number = DEFAULT
     strike(rig, number, node)
     assert rig.process.wait(PATIENCE_S) == 1
-    (trip,) = [message.value for message in read(tmp_path / "bag", ["/safety/trip"])]
+    trip = next(message.value for message in read(tmp_path / "bag", ["/safety/trip"]))
     assert trip.cause == "operator"
     assert trip.load_time_s[-1] > trip.load_time_s[0]
     assert len(trip.load_time_s) == len(trip.torque_n_m) == len(trip.force_n)
