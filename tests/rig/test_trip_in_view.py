@@ -23,7 +23,7 @@ from tests.rig.test_emulated import EMULATED, LENIENT, SMALL, until
 from tests.support.palp import PATIENCE_S, Palp
 
 LONGEST_S = 0.5
-"""From a trip to its line on the screen, as promised: the middle one of the tries, as others use the machine."""
+"""From a trip to its line on the screen, as promised: the middle one of the tries."""
 
 TRIES = 3
 RED = re.compile(r"\x1b\[1;31m(\d\d:\d\d:\d\d /safety: tripped: operator: [^\x1b]*)")
