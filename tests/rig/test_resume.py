@@ -174,12 +174,12 @@ def test_asked_to_end_it_goes_on_within_the_sweep(
 def test_killed_with_all_its_processes_it_ends_with_the_same_bytes(
     topic: str, sequence: int, compose: bool, whole: RigSession, palp: Palp, tmp_path: Path
 ) -> None:
-    out, given = tmp_path / "out", {"compose": compose, "record": str(tmp_path / "bag")}
+    out, bag = tmp_path / "out", str(tmp_path / "bag")
     words = (*SMALL, f"out:={out}")
-    launch_and_kill(palp, SIM, topic, sequence, *words, **given)
-    launch_to_its_end(palp, SIM, *words, **given, resume=True)
+    launch_and_kill(palp, SIM, topic, sequence, *words, compose=compose, record=bag)
+    launch_to_its_end(palp, SIM, *words, compose=compose, record=bag, resume=True)
     assert_equal(out, whole)
-    found = diff_bags(whole.bag, tmp_path / "bag", ignore=["hand_over"])  # it names the folder
+    found = diff_bags(whole.bag, Path(bag), ignore=["hand_over"])  # it names the folder
     assert {name for name, topic in found.items() if topic.first is not None} == {"/graph/events"}
 
 
