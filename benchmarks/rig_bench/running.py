@@ -96,6 +96,7 @@ class RunningRig:
         sweep_m_per_s: Speed of a sweep.
         return_m_per_s: Speed of the way back.
         patience_s: Longest wait of :meth:`until`.
+        poll_s: From one look of :meth:`until` to the next.
     """
 
     def __init__(
@@ -109,11 +110,12 @@ class RunningRig:
         sweep_m_per_s: float = 0.020,
         return_m_per_s: float = 0.050,
         patience_s: float = PATIENCE_S,
+        poll_s: float = 0.002,
     ) -> None:
         axis = AxisSettings(home_s=home_s)
         raised = AxisSettings(soft_low_m=-0.001, home_s=home_s, home_m=LIFT_M)
         world = WorldSettings(from_m=FROM_M - 0.002, to_m=TO_M + 0.002, y_axis=axis, z_axis=raised)
-        self._single, self._patience_s = single_line, patience_s
+        self._single, self._patience_s, self._poll_s = single_line, patience_s, poll_s
         self._sweep_m_per_s, self._return_m_per_s = sweep_m_per_s, return_m_per_s
         self._settings = RigSettings(world=world, stage_serial=single_line, maestro_baud=0)
         self.folder, self._arguments, self._edit, self._extra = folder, arguments, edit or {}, python_path
@@ -217,7 +219,7 @@ class RunningRig:
         while not holds():
             if time.monotonic() > end_s or (self.process.poll() is not None and not ended_ok):
                 raise TimeoutError(f"no {what}; the graph said:\n{self.said}")
-            pause.wait(0.002)
+            pause.wait(self._poll_s)
 
     @property
     def said(self) -> str:

@@ -16,7 +16,7 @@ from benchmarks.rig_bench.faults import FAULTS, KINDS, Fault
 from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
-from tests.support.palp import ROOT, Palp
+from tests.support.palp import PATIENCE_S, ROOT, Palp
 
 WITNESS = '''
 from msgs.actuator import RingCommand
@@ -177,7 +177,7 @@ nodes:
         request = {"acknowledged_count": self.acknowledged_count, "move": move}
         try:
             self.graph = self.graph or RunningGraph.find("watched")
-            reply = self.graph.ask("witness", "call", timeout_s=20.0, service="seen", request=request)
+            reply = self.graph.ask("witness", "call", timeout_s=PATIENCE_S, service="seen", request=request)
         except GraphError:
             self.graph = None
             return []
@@ -220,7 +220,7 @@ nodes:
 
 
 def until(holds: Callable[[], Any], what: str, seen: Callable[[], list[str]]) -> None:
-    pause, end_ns = threading.Event(), monotonic_ns() + 40_000_000_000
+    pause, end_ns = threading.Event(), monotonic_ns() + round(PATIENCE_S * 1e9)
     while not holds():
         assert monotonic_ns() < end_ns, f"no {what}; seen: {seen()}"
         pause.wait(0.02)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from pathlib import Path
 
@@ -15,7 +16,8 @@ from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.process.checkpoint import restore_alone
 from palp_core.graph.process.keeping import Keeping
 from palp_core.palpation.session.trials_csv import Row, read_rows, read_sweep
-from tests.nodes.test_experiment import Rig, params_in
+from tests.nodes.test_experiment import Rig, params_in, run
+from tests.palpation.session.test_trials_csv_disk import full_after
 
 
 def interrupted(out: Path, steps: int, **params: object) -> tuple[Bench[Experiment], bytes]:
@@ -49,10 +51,18 @@ def trials_of(rows: list[Row]) -> dict[int, tuple[str, str, int]]:
     return {row.trial: (row.phase, row.phantom, counts[row.trial]) for row in rows}
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Row]]:
+    """What a session keeps that is not interrupted, by when the ring is re-homed."""
+    folders = {mode: tmp_path_factory.mktemp(mode) for mode in ("trial", "never")}
+    return {mode: read_rows(run(out, rehome=mode).bench.node.record.folder) for mode, out in folders.items()}
+
+
 @pytest.mark.parametrize("mode", ["trial", "never"])
 @pytest.mark.parametrize("steps", [3, 4, 5, 6, 7, 60, 121, 128, 131, 136])
-def test_no_trial_is_lost_or_there_twice(steps: int, mode: str, tmp_path: Path) -> None:
-    Rig(Bench(Experiment, params_in(tmp_path / "whole", rehome=mode))).run()
+def test_no_trial_is_lost_or_there_twice(
+    steps: int, mode: str, whole: dict[str, list[Row]], tmp_path: Path
+) -> None:
     out = tmp_path / "out"
     _, kept = interrupted(out, steps, rehome=mode)
     before = read_rows(out)
@@ -60,7 +70,7 @@ def test_no_trial_is_lost_or_there_twice(steps: int, mode: str, tmp_path: Path) 
     rig.run()
     assert rig.bench.executor.exit_code == 0
     rows = read_rows(out)
-    assert trials_of(rows) == trials_of(read_rows(tmp_path / "whole"))
+    assert trials_of(rows) == trials_of(whole[mode])
     assert [row.row for row in rows] == list(range(len(rows)))
     assert all(len(read_sweep(out, row.row)[0]) for row in rows)
     assert sum(row.verdict not in ("", "continue") for row in rows) == 6
@@ -89,3 +99,39 @@ def test_what_measures_a_rig_that_is_not_touched_cannot_go_on(tmp_path: Path) ->
     with pytest.raises(NodeError, match="devices that have begun anew; begin it anew, too"):
         resumed(tmp_path, kept, plan="repeatability", trials=0, training=1)
     assert (tmp_path / "trials.csv").read_bytes() == table
+
+
+def test_a_table_that_lacks_palpations_is_refused(tmp_path: Path) -> None:
+    _, kept = interrupted(tmp_path, 60)
+    table = tmp_path / "trials.csv"
+    lines = table.read_bytes().splitlines(keepends=True)
+    table.write_bytes(b"".join(lines[:5]))
+    with pytest.raises(NodeError, match=r"it has 4 palpations, and the session had come to \d+; restore"):
+        resumed(tmp_path, kept)
+    assert table.read_bytes() == b"".join(lines[:5])
+    table.write_bytes(b"".join(lines))
+    rig = resumed(tmp_path, kept)  # the refusal has cost nothing
+    rig.run()
+    assert rig.bench.executor.exit_code == 0
+
+
+def test_what_cannot_be_written_stops_the_session_and_costs_nothing(
+    whole: dict[str, list[Row]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    _, kept = interrupted(out, 60)
+    rig = resumed(out, kept)
+    count = len(read_rows(out))
+    room = 3 * max(map(len, (out / "trials.csv").read_bytes().splitlines()))
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "write", full_after(room))
+        with pytest.raises(NodeError, match="No space left on device; the") as told:
+            rig.run()
+    rows = read_rows(out)
+    assert len(rows) > count
+    assert f"palpation {len(rows) + 1} cannot be written to '{out}'" in str(told.value)
+    assert f"the {len(rows)} palpations before are kept there, each with its sweep" in str(told.value)
+    assert all(len(read_sweep(out, row.row)[0]) for row in rows)
+    rig.bench.node.record.close()
+    resumed(out, kept).run()
+    assert trials_of(read_rows(out)) == trials_of(whole["trial"])

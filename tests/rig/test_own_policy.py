@@ -15,6 +15,9 @@ from palp_core.palpation.session.many.overview import find_sessions
 from palp_core.palpation.session.report import write
 from tests.support.palp import ROOT, SIM
 from tests.support.rig_session import ComposedGraph, check_here
+from tests.support.sessions import blank_charts
+
+__all__ = ["blank_charts"]
 
 OWN = '''
 import dataclasses
@@ -102,7 +105,7 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for name, *more in (("Mine", "record"), ("Bare", "", "ring_mm:=12.0")):
-            small = ["trials:=1", "training:=2", "seed:=3", f"policy:=my_policy.py:{name}", f"out:={name}"]
+            small = ["trials:=1", "training:=1", "seed:=3", f"policy:=my_policy.py:{name}", f"out:={name}"]
             path = list(sys.path)
             record = folder / "bag" if more[0] else None
             with ComposedGraph(SIM, overrides=[*small, *more[1:]], record=record) as graph:
@@ -135,6 +138,7 @@ def test_result_page_and_overview_say_who_decided_and_how_to_run_it_again(here: 
     assert entry.design.startswith("my_policy.py:Mine; ")
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_the_bag_gives_the_same_rows(here: Path) -> None:
     write(here / "again", write_record(here / "bag", here / "again"))
     assert (here / "again" / "trials.csv").read_bytes() == (here / "Mine" / "trials.csv").read_bytes()

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import errno
 import json
-import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -12,31 +11,38 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.errors import NodeError, PalpError
+from palp_core.errors import PalpError
 from palp_core.graph.bag.diff import diff_bags
 from palp_core.graph.launch import checkpoints
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.supervision.interrupt import Interrupted
-from palp_core.palpation.session import trials_csv
 from palp_core.palpation.session.result_json import TIME_KEYS
 from palp_core.palpation.session.trials_csv import SessionWriter, read_rows, read_sweep
-from tests.graph.launch.killed import launch_and_kill
-from tests.support.palp import SIM, Palp
+from tests.graph.launch.killed import command, environment, launch_and_kill, launch_to_its_end
+from tests.support.palp import ROOT, SIM, Palp
 from tests.support.rig_session import ComposedGraph, RigSession
 
 SMALL = ("trials:=2", "training:=2", "seed:=1", "policy:=markov")
-TWENTY = [
-    *(("/experiment/trial", n) for n in (2, 3, 17, 31, 36)),
-    *(("/torque/block", n) for n in (1, 40, 111, 205)),
-    *(("/experiment/result", n) for n in (1, 3, 6)),
-    *(("/estimator/belief", n) for n in (1, 9)),
-    *(("/experiment/mount", n) for n in (2, 5)),
+MESSAGES = [
+    *(("/experiment/trial", n) for n in (2, 17, 36)),
+    *(("/torque/block", n) for n in (1, 111, 205)),
+    *(("/experiment/result", n) for n in (1, 6)),
+    ("/estimator/belief", 9),
+    ("/experiment/mount", 5),
     ("/estimator/primitives", 1),
     ("/actuator/ring_state", 60),
-    ("/stage/status", 75),
     ("/cocontraction/cocontraction", 20),
 ]
 """Messages of the small session at which it is killed."""
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> RigSession:
+    """The session that nobody interrupts."""
+    session = RigSession(tmp_path_factory.mktemp("whole"))
+    with ComposedGraph(SIM, record=session.bag, overrides=[*SMALL, f"out:={session.out}"]) as graph:
+        assert graph.run().exit_code == 0
+    return session
 
 
 @pytest.fixture(autouse=True)
@@ -83,8 +89,8 @@ def files_of(out: Path) -> dict[str, bytes]:
     return {**found, "result": json.dumps(told).encode()}
 
 
-def assert_equal(out: Path, whole: Path) -> None:
-    ours, theirs = files_of(out), files_of(whole)
+def assert_equal(out: Path, whole: RigSession) -> None:
+    ours, theirs = files_of(out), files_of(whole.out)
     assert ours.keys() == theirs.keys()
     assert [name for name in ours if ours[name] != theirs[name]] == []
     assert not (out / "checkpoint").exists()
@@ -92,16 +98,30 @@ def assert_equal(out: Path, whole: Path) -> None:
     assert not (out / "interrupted").exists()
 
 
-def test_an_interrupted_session_ends_with_the_same_bytes(rig_session: RigSession, tmp_path: Path) -> None:
+def test_an_interrupted_session_ends_with_the_same_bytes(whole: RigSession, tmp_path: Path) -> None:
     """Within a sweep of training, then as a trial of estimation ends, and then within a trial."""
-    interrupt(tmp_path / "out", "/torque/block", 70)
-    interrupt(tmp_path / "out", "/experiment/result", 3, resume=True)
-    interrupt(tmp_path / "out", "/estimator/belief", 3, resume=True)
-    began = (tmp_path / "out" / "session.yaml").read_text()
-    resume(tmp_path / "out")
-    assert_equal(tmp_path / "out", rig_session.out)
-    assert (tmp_path / "out" / "session.yaml").read_text() == began
-    assert json.loads((tmp_path / "out" / "run.json").read_text())["resumed_count"] == 3
+    out = tmp_path / "out"
+    interrupt(out, "/torque/block", 70)
+    interrupt(out, "/experiment/result", 3, resume=True)
+    assert_refused_with_the_command_that_goes_on(out)
+    interrupt(out, "/estimator/belief", 3, resume=True)
+    began = (out / "session.yaml").read_text()
+    resume(out)
+    assert_equal(out, whole)
+    assert (out / "session.yaml").read_text() == began
+    assert json.loads((out / "run.json").read_text())["resumed_count"] == 3
+
+
+def assert_refused_with_the_command_that_goes_on(out: Path) -> None:
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    with pytest.raises(PalpError) as refused:
+        ComposedGraph(SIM, overrides=[*SMALL, f"out:={out}"]).__enter__()
+    said = str(refused.value)
+    rows = read_rows(out)
+    trials = sum(row.verdict not in ("", "continue") for row in rows)
+    assert f"it is unfinished, {len(rows)} palpations and {trials} trials of estimation done" in said
+    assert f"`palp launch {SIM} {' '.join(SMALL)} out:={out} --resume` goes on with it" in said
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
 
 
 def test_a_swap_before_the_interruption_is_told_once_it_has_ended(tmp_path: Path) -> None:
@@ -114,15 +134,16 @@ def test_a_swap_before_the_interruption_is_told_once_it_has_ended(tmp_path: Path
     ]
 
 
-MOMENTS = [*range(3, 230, 19), *range(198, 208)]
+BLOCKS, BLOCKS_OF_A_SWEEP = 210, 5
+MOMENTS = [*range(3, BLOCKS, 19), *range(198, 208)]
 """Blocks of torque at which it is asked to end: anywhere in the session, and through a sweep."""
 
 
 @pytest.mark.parametrize(
-    "block", [pytest.param(n, marks=[] if n in (79, 203) else [pytest.mark.nightly]) for n in MOMENTS]
+    "block", [pytest.param(n, marks=[] if n == 203 else [pytest.mark.nightly]) for n in MOMENTS]
 )
 def test_asked_to_end_it_goes_on_within_the_sweep(
-    block: int, rig_session: RigSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    block: int, whole: RigSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Only the checkpoint of the first trial is written while it goes on, and what is due at the end."""
     monkeypatch.setattr(checkpoints, "EVERY_NS", sys.maxsize)
@@ -140,110 +161,47 @@ def test_asked_to_end_it_goes_on_within_the_sweep(
         first.run()
     with ComposedGraph(SIM, resume=True, **given) as again:
         assert again.run().exit_code == 0
-    assert seen == list(range(1, len(seen) + 1))  # none was made twice
-    assert_equal(out, rig_session.out)
+    goes_on = block + 1 if block > BLOCKS_OF_A_SWEEP else 1  # nothing is due before the second trial
+    assert seen == [*range(1, block + 1), *range(goes_on, BLOCKS + 1)]  # none was made twice
+    assert_equal(out, whole)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(
-    "compose",
-    [pytest.param(True, marks=pytest.mark.nightly, id="composed"), pytest.param(False, id="processes")],
-)
-@pytest.mark.parametrize(
-    ("topic", "sequence"),
-    [
-        pytest.param(topic, sequence, marks=[] if (topic, sequence) == TWENTY[6] else [pytest.mark.nightly])
-        for topic, sequence in TWENTY
-    ],
+    ("topic", "sequence", "compose"),
+    [*((*message, True) for message in MESSAGES), *((*message, False) for message in MESSAGES[::4])],
 )
 def test_killed_with_all_its_processes_it_ends_with_the_same_bytes(
-    topic: str, sequence: int, compose: bool, rig_session: RigSession, palp: Palp, tmp_path: Path
+    topic: str, sequence: int, compose: bool, whole: RigSession, palp: Palp, tmp_path: Path
 ) -> None:
-    out, bag = tmp_path / "out", tmp_path / "bag"
+    out, bag = tmp_path / "out", str(tmp_path / "bag")
     words = (*SMALL, f"out:={out}")
-    launch_and_kill(palp, SIM, topic, sequence, *words, compose=compose, record=str(bag))
-    more = ("--compose",) if compose else ()
-    done = palp.run("launch", SIM, *words, "--record", bag, "--resume", *more)
-    assert done.returncode == 0, done.stderr
-    assert "nothing missing" in done.stdout
-    assert_equal(out, rig_session.out)
-    found = diff_bags(rig_session.bag, bag, ignore=["hand_over"])  # it names the folder
+    launch_and_kill(palp, SIM, topic, sequence, *words, compose=compose, record=bag)
+    launch_to_its_end(palp, SIM, *words, compose=compose, record=bag, resume=True)
+    assert_equal(out, whole)
+    found = diff_bags(whole.bag, Path(bag), ignore=["hand_over"])  # it names the folder
     assert {name for name, topic in found.items() if topic.first is not None} == {"/graph/events"}
 
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("compose", [True, False], ids=["composed", "processes"])
 def test_killed_before_its_first_checkpoint_it_has_lost_nothing_and_begins_without_resume(
-    compose: bool, rig_session: RigSession, palp: Palp, tmp_path: Path
+    compose: bool, whole: RigSession, palp: Palp, tmp_path: Path
 ) -> None:
-    out, more = tmp_path / "out", ("--compose",) if compose else ()
+    out = tmp_path / "out"
     words = (*SMALL, f"out:={out}")
     launch_and_kill(palp, SIM, "/experiment/trial", 1, *words, compose=compose)
-    refused = palp.run("launch", SIM, *words, "--resume", *more)
+    refused = palp.run("launch", SIM, *words, "--resume", *(("--compose",) if compose else ()))
     assert refused.returncode == 2
     assert "without --resume one begins" in refused.stderr
-    done = palp.run("launch", SIM, *words, *more)
-    assert done.returncode == 0, done.stderr
-    assert_equal(out, rig_session.out)
-
-
-def test_an_unfinished_session_is_refused_with_the_command_that_goes_on(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    interrupt(out, "/experiment/result", 2)
-    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
-    with pytest.raises(PalpError) as refused:
-        ComposedGraph(SIM, overrides=[*SMALL, f"out:={out}"]).__enter__()
-    said = str(refused.value)
-    rows = read_rows(out)
-    trials = sum(row.verdict not in ("", "continue") for row in rows)
-    assert f"it is unfinished, {len(rows)} palpations and {trials} trials of estimation done" in said
-    assert f"`palp launch {SIM} {' '.join(SMALL)} out:={out} --resume` goes on with it" in said
-    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
-
-
-def test_a_table_that_lacks_palpations_is_refused(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    interrupt(out, "/experiment/trial", 12)
-    lines = (out / "trials.csv").read_bytes().splitlines(keepends=True)
-    (out / "trials.csv").write_bytes(b"".join(lines[:5]))
-    with pytest.raises(NodeError, match=r"it has 4 palpations, and the session had come to 10; restore"):
-        resume(out)
-    assert (out / "trials.csv").read_bytes() == b"".join(lines[:5])
-    (out / "trials.csv").write_bytes(b"".join(lines))
-    resume(out)  # the refusal has cost nothing
-
-
-def test_what_cannot_be_written_stops_the_session_and_costs_nothing(
-    rig_session: RigSession, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    out = tmp_path / "out"
-    write, count = trials_csv._write_all, 0
-
-    def full(descriptor: int, data: bytes) -> None:
-        nonlocal count
-        count += 1
-        if count > 20:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        write(descriptor, data)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(trials_csv, "_write_all", full)
-        overrides = [*SMALL, f"out:={out}"]
-        with (
-            pytest.raises(
-                NodeError, match=r"palpation 20 cannot be written to .* the 19 palpations before are"
-            ),
-            ComposedGraph(SIM, overrides=overrides) as graph,
-        ):
-            graph.run()
-    assert len(read_rows(out)) == 19
-    resume(out)
-    assert_equal(out, rig_session.out)
+    launch_to_its_end(palp, SIM, *words, compose=compose)
+    assert_equal(out, whole)
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("kib", [64, 120, 180, 240, 300, 360, 420, 480, 540, 600])
+@pytest.mark.parametrize("kib", [64, 180, 360, 600])
 def test_on_a_disk_that_fills_up_every_row_before_is_readable(
-    kib: int, rig_session: RigSession, palp: Palp, tmp_path: Path
+    kib: int, whole: RigSession, palp: Palp, tmp_path: Path
 ) -> None:
     """On a disk of its own, in a mount namespace that nobody else sees; then it is given room.
 
@@ -255,20 +213,21 @@ def test_on_a_disk_that_fills_up_every_row_before_is_readable(
     mount = f"mount -t tmpfs -o size={kib}k none {disk}"
     if subprocess.run([*namespace, mount], capture_output=True, check=False).returncode:
         pytest.skip("no right to mount a disk in a namespace of one's own")
-    launch = " ".join(palp.command("launch", SIM, *SMALL, f"out:={disk}/out", "--compose"))
+    words = (*SMALL, f"out:={disk}/out")
+    first, again = (shlex.join(command(SIM, how, *words)) for how in ("composed", "composed resumed"))
     script = (
-        f"{mount}; {launch} > {tmp_path}/said 2>&1; cp -r {disk}/out {then}; "
-        f"mount -o remount,size=64m {disk}; {launch} --resume > {tmp_path}/resumed 2>&1 || "
-        f"{launch} overwrite:=true > {tmp_path}/resumed 2>&1; cp -r {disk}/out {after}"
+        f"{mount}; {first} > {tmp_path}/said 2>&1; cp -r {disk}/out {then}; "
+        f"mount -o remount,size=64m {disk}; {again} > {tmp_path}/resumed 2>&1 || "
+        f"{first} overwrite:=true > {tmp_path}/resumed 2>&1; cp -r {disk}/out {after}"
     )
-    subprocess.run([*namespace, script], env=palp.environment, capture_output=True, check=False)
+    subprocess.run([*namespace, script], env=environment(palp), cwd=ROOT, capture_output=True, check=False)
     said = (tmp_path / "said").read_text()
     assert "No space left on device" in said
     rows = read_rows(then)
     assert rows or "Nothing is kept" in said
     for row in rows:
         assert len(read_sweep(then, row.row)[0]), row.row
-    assert_equal(after, rig_session.out)
+    assert_equal(after, whole)
 
 
 @pytest.mark.nightly
@@ -289,35 +248,10 @@ def test_on_a_disk_that_is_read_only_it_is_refused_in_words(palp: Palp, tmp_path
     resume(out)  # the refusal has cost nothing
 
 
-def test_a_folder_that_is_gone_has_nothing_to_resume(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    interrupt(out, "/experiment/trial", 3)
-    shutil.rmtree(out)
-    with pytest.raises(PalpError, match="nothing to resume: there is no checkpoint"):
-        resume(out)
-    assert not out.exists()
-
-
-def test_resume_may_be_written_like_an_argument(palp: Palp, tmp_path: Path) -> None:
-    done = palp.run("launch", SIM, f"out:={tmp_path / 'none'}", "resume:=true")
-    assert done.returncode == 2
-    assert "nothing to resume: there is no checkpoint" in done.stderr
-
-
-def test_two_do_not_go_on_with_one_session(tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    interrupt(out, "/experiment/trial", 5)
-    table = (out / "trials.csv").read_bytes()
-    given = {"overrides": [*SMALL, f"out:={out}"], "resume": True}
-    with ComposedGraph(SIM, **given), pytest.raises(PalpError, match="goes on already"):
-        ComposedGraph(SIM, **given).__enter__()
-    assert (out / "trials.csv").read_bytes() == table
-
-
-def test_palpations_of_the_trial_under_way_are_set_aside(rig_session: RigSession, tmp_path: Path) -> None:
+def test_palpations_of_the_trial_under_way_are_set_aside(whole: RigSession, tmp_path: Path) -> None:
     """As on the wall clock, where they cannot be made again as they were."""
     out = tmp_path / "out"
-    shutil.copytree(rig_session.out, out)
+    shutil.copytree(whole.out, out)
     rows = read_rows(out)
     for count in (len(rows) - 1, len(rows) - 4):
         writer = SessionWriter(str(out), [0.002, 0.004, 0.008])
@@ -328,5 +262,5 @@ def test_palpations_of_the_trial_under_way_are_set_aside(rig_session: RigSession
     assert read_rows(out / "interrupted" / "2") == rows[-4:-1]
     assert len(list((out / "sweeps").iterdir())) == len(rows) - 4
     for row in rows[-4:-1]:
-        kept, before = (read_sweep(folder, row.row)[0] for folder in (out / "interrupted/2", rig_session.out))
+        kept, before = (read_sweep(folder, row.row)[0] for folder in (out / "interrupted/2", whole.out))
         assert kept.tolist() == before.tolist()

@@ -2,41 +2,63 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from nodes.phantom import Phantom
+from palp_core import Bench
+from palp_core.errors import NodeError
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
-from tests.support.palp import ROOT, SIM, Palp
-from tests.support.rig_session import RigSession, check_here
+from tests.support.palp import SIM
+from tests.support.rig_session import BriefGraph, ComposedGraph, RigSession, check_here
 from tests.support.sessions import without_times
 
-
-def same_in_processes(palp: Palp, session: RigSession, tmp_path: Path) -> bool:
-    """Run the session's nodes as processes; compare every message, the result and the record's files."""
-    again = session.run(palp, tmp_path / "processes")
-    assert again.digest == session.digest
-    assert without_times(again.result) == without_times(session.result)
-    for name in ("trials.csv", "primitives.json"):
-        assert (again.out / name).read_bytes() == (session.out / name).read_bytes()
-    return palp.all_gone()
+SHORT = ("trials:=1", "training:=1", "seed:=1", "policy:=markov", "from_m:=-0.012", "to_m:=0.012")
 
 
-def test_processes_and_composition_give_the_same_bytes_and_the_same_result(
-    palp: Palp, rig_session: RigSession, tmp_path: Path
-) -> None:
-    assert same_in_processes(palp, rig_session, tmp_path)
+@dataclasses.dataclass(frozen=True)
+class Ran:
+    """What a short session comes to: its messages, the files of its record, and its result."""
+
+    frames: list[bytes]
+    files: dict[str, bytes]
+    result: dict[str, Any]
+
+
+def ran(kind: type[BriefGraph], out: Path) -> Ran:
+    """Run it; it is written where the others are: that is an argument."""
+    frames: list[bytes] = []
+    with kind(SIM, observe=lambda _, frame: frames.append(frame), overrides=[*SHORT, f"out:={out}"]) as graph:
+        assert graph.run().exit_code == 0
+    files = {path.name: path.read_bytes() for path in (out / "sweeps").iterdir()}
+    files |= {name: (out / name).read_bytes() for name in ("trials.csv", "primitives.json")}
+    result = without_times(json.loads((out / "result.json").read_text()))
+    shutil.rmtree(out)
+    return Ran(frames, files, result)
+
+
+@pytest.mark.expensive(
+    "the rig's nine processes: that they say what a composed graph says is held here alone"
+)
+def test_processes_and_composition_give_the_same_bytes_and_the_same_result(tmp_path: Path) -> None:
+    whole = ran(ComposedGraph, tmp_path / "out")
+    assert len(whole.files) > 15
+    assert ran(BriefGraph, tmp_path / "out") == whole
 
 
 @pytest.mark.nightly
-def test_load_changes_no_byte_and_no_result(palp: Palp, rig_session: RigSession, tmp_path: Path) -> None:
+def test_load_changes_no_byte_and_no_result(tmp_path: Path) -> None:
+    whole = ran(ComposedGraph, tmp_path / "out")
     burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
     try:
-        assert same_in_processes(palp, rig_session, tmp_path)
+        assert ran(BriefGraph, tmp_path / "out") == whole
     finally:
         for burner in burners:
             burner.kill()
@@ -77,23 +99,14 @@ def test_a_session_leaves_a_whole_record_and_a_report(rig_session: RigSession) -
     assert (out / "charts/accuracy.png").stat().st_size > 10_000
 
 
-def test_a_label_never_leaves_the_experiment_in_estimation(palp: Palp, tmp_path: Path) -> None:
-
+def test_a_label_never_leaves_the_experiment_in_estimation(tmp_path: Path) -> None:
     checked = check_here(SIM, [f"out:={tmp_path}"])
     truths = {name: ends for name, ends in checked.edges.items() if name.endswith("/truth")}
     readers = {node for ends in truths.values() for node, _ in ends}
     assert readers == {"phantom", "experiment"}
 
 
-def test_a_tolerance_that_no_contact_model_meets_is_refused_by_name(palp: Palp, tmp_path: Path) -> None:
-    for name in ("launch", "nodes", "msgs"):
-        shutil.copytree(ROOT / name, tmp_path / "rig" / name)
-    target = tmp_path / "rig" / "launch" / "contrast.yaml"
-    text = SIM.read_text()
-    assert "output: peak\n      tolerance: 0.02" in text
-    wanted = "output: contrast\n      tolerance: 0.001"
-    target.write_text(text.replace("output: peak\n      tolerance: 0.02", wanted))
-    done = palp.run("launch", target, f"out:={tmp_path / 'out'}", "trials:=1", "--compose")
-    assert done.returncode == 1
-    said = "phantom: on_configure failed: no contact method gives 'contrast' within 0.1%"
-    assert done.stderr.startswith(said)
+def test_a_tolerance_that_no_contact_model_meets_is_refused_by_name() -> None:
+    said = "no contact method gives 'contrast' within 0.1%"
+    with pytest.raises(NodeError, match=f"on_configure failed: {said}"):
+        Bench(Phantom, {"output": "contrast", "tolerance": 0.001})

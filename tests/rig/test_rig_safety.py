@@ -11,23 +11,19 @@ import pytest
 
 from benchmarks.rig_bench.running import FORK_SERVER, GUARD_OF, LAUNCHER, TO_M, RunningRig
 from benchmarks.rig_bench.trips import NODES
+from palp_core.graph.bag.reader import read
 
 SHORT = ("trials:=1", "training:=1")
 # What depends on how fast the machine is; what is asserted here is in which order things happen. The way of a
 # sweep takes longer than the limits, so that what stops it is not its end.
 LENIENT = (*SHORT, "stale_ms:=2000.0", "beat_ms:=2000.0", "link_ms:=20000.0", "answer_s:=10.0")
 SWEEP_M_PER_S, RETURN_M_PER_S, PATIENCE_S = 0.004, 0.010, 200.0
-SOME = [
-    pytest.param("stage", signal.SIGKILL),
-    pytest.param("safety", signal.SIGSTOP, marks=pytest.mark.nightly),
-    pytest.param("torque", signal.SIGSTOP, marks=pytest.mark.nightly),
-    pytest.param(LAUNCHER, signal.SIGKILL, marks=pytest.mark.nightly),
-]
+DEFAULT = ("stage", signal.SIGKILL)
 EVERY = [
     (node, number)
     for node in NODES
     for number in (signal.SIGKILL, signal.SIGSTOP)
-    if (node, number) not in [some.values for some in SOME]
+    if (node, number) != DEFAULT
 ]
 STOPPERS = ("stage", "safety", f"{GUARD_OF}stage", f"{GUARD_OF}safety", FORK_SERVER, LAUNCHER, "torque")
 FIRST = (f"{GUARD_OF}stage", FORK_SERVER)
@@ -47,6 +43,7 @@ def start(tmp_path: Path) -> Iterator[Start]:
             sweep_m_per_s=SWEEP_M_PER_S,
             return_m_per_s=RETURN_M_PER_S,
             patience_s=PATIENCE_S,
+            poll_s=0.05,
         )
         rig.__enter__()
         rigs.append(rig)
@@ -73,11 +70,6 @@ def strike(rig: RunningRig, number: signal.Signals, *who: str) -> None:
     assert rig.stage.axes()["y"]["position_m"] < TO_M  # it did not just come to the end of its leg
     abort_ns = rig.stage.aborts(rig.signalled_ns)[0]
     assert [line for _, _, line in rig.stage.log(abort_ns) if is_motion(line)] == []
-
-
-@pytest.mark.parametrize(("node", "number"), SOME)
-def test_motion_stops_when_a_node_dies_or_stops(start: Start, node: str, number: signal.Signals) -> None:
-    strike(start(*LENIENT), number, node)
 
 
 @pytest.mark.nightly
@@ -111,8 +103,12 @@ def test_motion_stops_whichever_node_dies_or_stops(start: Start, node: str, numb
     strike(start(*LENIENT), number, node)
 
 
-def test_a_trip_stops_latches_and_is_left_by_an_acknowledgement_alone(start: Start) -> None:
-    rig = start(*LENIENT)
+@pytest.mark.expensive("a whole rig on emulated wires, in real time; it is the only one")
+def test_a_trip_stops_latches_is_in_the_bag_and_is_left_by_an_acknowledgement_alone(
+    start: Start, tmp_path: Path
+) -> None:
+    """And, as one such rig costs enough: motion stops when the stage's node dies."""
+    rig = start(*LENIENT, "--record", str(tmp_path / "bag"))
     rig.sweep()
     assert rig.call("safety", "stop", reason="a test")["cause"] == "operator"
     rig.until(lambda: rig.safety()["state"] == "latched", "latch")
@@ -131,6 +127,13 @@ def test_a_trip_stops_latches_and_is_left_by_an_acknowledgement_alone(start: Sta
     status = rig.safety()
     assert status["acknowledged_count"] == 1
     assert "goes on to the end of the move" in status["dead_man"]
+    node, number = DEFAULT
+    strike(rig, number, node)
+    assert rig.process.wait(PATIENCE_S) == 1
+    trip = next(message.value for message in read(tmp_path / "bag", ["/safety/trip"]))
+    assert trip.cause == "operator"
+    assert trip.load_time_s[-1] > trip.load_time_s[0]
+    assert len(trip.load_time_s) == len(trip.torque_n_m) == len(trip.force_n)
 
 
 @pytest.mark.nightly

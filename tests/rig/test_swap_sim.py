@@ -19,9 +19,14 @@ from palp_core.graph.messages.frame import parse
 from palp_core.graph.swap.swap import Probation, SwapFailed, SwapReport, SwapRequest
 from tests.support.palp import Palp
 from tests.support.rig_session import ComposedGraph
+from tests.support.sessions import blank_charts
 from tests.support.swapping import workspace
 
+__all__ = ["blank_charts"]
+
 SIM = Path(__file__).parents[2] / "launch/sim.yaml"
+HOW = pytest.mark.parametrize("compose", [True, pytest.param(False, marks=pytest.mark.nightly)])
+"""That processes say the same bytes, swap and all, is held once by default."""
 
 
 @pytest.fixture(scope="module")
@@ -54,13 +59,13 @@ def test_a_nodes_plan_swaps_at_an_exact_time_with_the_same_bytes_everywhere(laun
     assert all(b"\xa5Other" in frame for frame in makers[len(old) :])
 
 
-def test_a_planned_swap_that_fails_ends_the_run(launch: Path) -> None:
-    for compose in (False, True):
-        with graph_of(launch, compose=compose) as graph:
-            graph.plan_swap(0.1, "relay", "swap_toys:Plain")
-            with pytest.raises(SwapFailed, match="cannot take the state") as failure:
-                graph.run()
-        assert failure.value.step == "state"
+@HOW
+def test_a_planned_swap_that_fails_ends_the_run(launch: Path, *, compose: bool) -> None:
+    with graph_of(launch, compose=compose) as graph:
+        graph.plan_swap(0.1, "relay", "swap_toys:Plain")
+        with pytest.raises(SwapFailed, match="cannot take the state") as failure:
+            graph.run()
+    assert failure.value.step == "state"
 
 
 @pytest.mark.parametrize("params", ["{", "[1]", '{"gian": 1}'])
@@ -69,7 +74,7 @@ def test_a_plan_that_is_no_plan_ends_the_run_by_name(launch: Path, params: str) 
         graph.run()
 
 
-@pytest.mark.parametrize("compose", [False, True])
+@HOW
 @pytest.mark.parametrize("step", ["configure", "state", "take over"])
 def test_a_fault_changes_no_byte_of_the_run(launch: Path, step: str, *, compose: bool) -> None:
     params = {"step": step, "deed": "raise"}
@@ -101,21 +106,27 @@ def _forgiving(graph: Graph) -> list[SwapFailed]:
     return failures
 
 
+PROBATIONS: list[tuple[str, str, int, list[str]]] = [
+    ("Novice", "raise", 3, ["Relay", "Novice", "Relay"]),
+    ("Novice", "raise", 0, ["Relay"]),
+    ("Loner", "raise", 0, ["Relay"]),
+    ("Novice", "", 0, ["Relay", "Novice"]),
+]
+
+
 @pytest.mark.parametrize(
-    ("run", "deed", "after", "makers"),
+    ("run", "deed", "after", "makers", "ways"),
     [
-        ("Novice", "raise", 3, ["Relay", "Novice", "Relay"]),
-        ("Novice", "raise", 0, ["Relay"]),
-        ("Loner", "raise", 0, ["Relay"]),
-        ("Novice", "", 0, ["Relay", "Novice"]),
-        pytest.param("Novice", "kill", 3, ["Relay", "Novice", "Relay"], id="kill"),
+        *(pytest.param(*one, (True,)) for one in PROBATIONS),
+        *(pytest.param(*one, (False, True), marks=pytest.mark.nightly) for one in PROBATIONS),
+        pytest.param("Novice", "kill", 3, ["Relay", "Novice", "Relay"], (False,), id="kill"),
     ],
 )
 def test_on_probation_the_old_node_goes_on_from_the_last_round_that_went_well(
-    launch: Path, run: str, deed: str, after: int, makers: list[str]
+    launch: Path, run: str, deed: str, after: int, makers: list[str], ways: tuple[bool, ...]
 ) -> None:
     found = []
-    for compose in (False, True) if deed != "kill" else (False,):
+    for compose in ways:
         frames: list[bytes] = []
         seen = _observer(frames)
         with graph_of(launch, compose=compose, run="swap_toys:Relay", observe=seen) as graph:
@@ -140,7 +151,7 @@ def test_on_probation_the_old_node_goes_on_from_the_last_round_that_went_well(
         assert _without_orders(found[0]) == _without_orders(plain)
 
 
-@pytest.mark.parametrize("compose", [False, True])
+@HOW
 def test_what_neither_node_can_do_ends_the_run(launch: Path, *, compose: bool) -> None:
     params = {"after": 25}
     with graph_of(launch, compose=compose, run="swap_toys:Relay") as graph:
@@ -153,7 +164,7 @@ def test_what_neither_node_can_do_ends_the_run(launch: Path, *, compose: bool) -
             graph.run()
 
 
-@pytest.mark.parametrize("compose", [False, True])
+@HOW
 def test_a_plan_that_is_due_on_probation_is_kept_and_a_state_beyond_words_is_taken_back(
     launch: Path, *, compose: bool
 ) -> None:
@@ -192,21 +203,20 @@ def _without_orders(frames: list[bytes]) -> list[bytes]:
     return [frame for frame in frames if b"/_order\0" not in frame]
 
 
-def test_a_shadow_in_simulated_time_runs_beside_and_changes_nothing(launch: Path) -> None:
-    found = []
-    for compose in (False, True):
-        with graph_of(launch, compose=compose, run="swap_toys:Relay") as graph:
-            request = SwapRequest(node="relay", run="swap_toys:Other", shadow_s=0.1, dry_run=True)
-            graph.swaps.plan(50_000_000, request)
-            reports = _reported(graph)
-            assert graph.run().exit_code == 0
-        found.append(reports[0])
-    assert found[0] == found[1]
-    assert found[0].shadow["compared"] == found[0].shadow["differing"] == 120  # numbers and replies
-    assert (found[0].shadow["only_old"], found[0].shadow["only_new"]) == (0, 0)
-    assert found[0].at_s == pytest.approx(0.15)
+@HOW
+def test_a_shadow_in_simulated_time_runs_beside_and_changes_nothing(launch: Path, *, compose: bool) -> None:
+    with graph_of(launch, compose=compose, run="swap_toys:Relay") as graph:
+        request = SwapRequest(node="relay", run="swap_toys:Other", shadow_s=0.1, dry_run=True)
+        graph.swaps.plan(50_000_000, request)
+        reports = _reported(graph)
+        assert graph.run().exit_code == 0
+    (found, *_) = reports
+    assert found.shadow["compared"] == found.shadow["differing"] == 120  # numbers and replies
+    assert (found.shadow["only_old"], found.shadow["only_new"]) == (0, 0)
+    assert found.at_s == pytest.approx(0.15)
 
 
+@pytest.mark.usefixtures("blank_charts")
 def test_a_policy_that_asks_for_what_was_not_trained_costs_its_trials_and_not_the_session(
     palp: Palp, tmp_path: Path
 ) -> None:
@@ -220,23 +230,18 @@ def test_a_policy_that_asks_for_what_was_not_trained_costs_its_trials_and_not_th
         "    def refreshed(self):\n"
         "        return FixedRing(float('nan') if self.state.iteration > 3 else 0.016)\n"
     )
-    swaps = f"1={odd}:Odd,3=nodes.policy_fixed:Fixed"
-    small = (
-        "trials:=2",
-        "training:=3",
-        "seed:=4",
-        "policy:=fixed",
-        "stop:=fixed_number",
-        f"out:={tmp_path / 'out'}",
-    )
-    done = palp.run("launch", SIM, "--compose", f"swaps:={swaps}", *small)
-    assert done.returncode == 0, done.stderr
+    out = tmp_path / "out"
+    small = ("trials:=2", "training:=1", "seed:=4", "policy:=fixed", "stop:=fixed_number", f"out:={out}")
+    path = list(sys.path)
+    with ComposedGraph(SIM, overrides=[*small, f"swaps:=1={odd}:Odd,3=nodes.policy_fixed:Fixed"]) as graph:
+        assert graph.run().exit_code == 0
+    sys.path[:] = path
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     reason = "ring position 49 mm was not trained"
     assert [one["reason"] for one in result["trials_dropped"]] == [reason, reason]
     assert (result["trials_done"], result["trials_unfinished"]) == (4, 0)
     assert reason in (tmp_path / "out" / "report.html").read_text()
-    again = palp.run("analyse", tmp_path / "out", "--out", tmp_path / "again")
+    again = palp.here("analyse", tmp_path / "out", "--out", tmp_path / "again")
     assert again.returncode == 0, again.stderr
     (row,) = json.loads((tmp_path / "again" / "analysis.json").read_text())["results"]
     assert (row["trials"], row["left_out"]) == (4, 2)

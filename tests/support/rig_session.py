@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Self
 
+import msgspec
 import pytest
 
 from palp_core.graph.description.check import load
@@ -21,6 +22,9 @@ from palp_core.graph.launch.graph import Graph, succeed
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.reporting import html_page
 from tests.support.palp import SIM, Palp, own_palp
+
+MINUTE_S, MOMENT_S = 60.0, 0.5
+_CHECKED = graph._checked
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,18 +98,16 @@ class _NoServer:
     def close(self) -> None: ...
 
 
-class ComposedGraph(Graph):
-    """A graph whose nodes are all in this process, where their classes are looked at, too.
+class BriefGraph(Graph):
+    """A graph without what a short session takes longest for, and which other tests look at.
 
-    The charts of its report are empty: who looks at charts has :func:`rig_session`, which is a user's run.
+    The charts of its report are empty, and the simulated subject palpates for a moment, not for a minute. Who
+    looks at charts has :func:`rig_session`, which is a user's run.
     """
-
-    def __init__(self, path: str | Path, **given: Any) -> None:
-        super().__init__(path, compose=True, **given)
 
     def __enter__(self) -> Self:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(graph, "ForkServer", _NoServer)
+            patch.setattr(graph, "_checked", _checked_briefly)
             return super().__enter__()
 
     def run(self, until_s: float | None = None) -> RunSummary:
@@ -115,6 +117,30 @@ class ComposedGraph(Graph):
     def __exit__(self, *error: Any) -> None:
         with _no_charts():  # a run that was cut short has its report made here
             super().__exit__(*error)
+
+
+class ComposedGraph(BriefGraph):
+    """A brief graph whose nodes are all in this process, where their classes are looked at, too."""
+
+    def __init__(self, path: str | Path, **given: Any) -> None:
+        super().__init__(path, compose=True, **given)
+
+    def __enter__(self) -> Self:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(graph, "ForkServer", _NoServer)
+            return super().__enter__()
+
+
+def _checked_briefly(*given: Any, **more: Any) -> CheckedGraph:
+    """Check a launch file, and let a subject palpate for a moment."""
+    checked = _CHECKED(*given, **more)
+    nodes = [
+        msgspec.structs.replace(spec, params={**spec.params, "palpation_s": MOMENT_S})
+        if spec.params.get("palpation_s") == MINUTE_S
+        else spec
+        for spec in checked.nodes
+    ]
+    return msgspec.structs.replace(checked, nodes=nodes)
 
 
 @contextlib.contextmanager

@@ -10,6 +10,8 @@ from pathlib import Path
 
 from tests.support.palp import PATIENCE_S, ROOT, Palp
 
+_COMMAND = (sys.executable, "-m", "tests.graph.launch.killed")
+
 
 def launch_and_kill(
     palp: Palp, file: Path, topic: str, sequence: int, *overrides: str, compose: bool, record: str = ""
@@ -37,10 +39,29 @@ def launch_and_end(
     assert palp.all_gone()
 
 
+def launch_to_its_end(
+    palp: Palp, file: Path, *overrides: str, compose: bool, record: str = "", resume: bool = False
+) -> None:
+    """Launch a graph, or go on with it, as the others do; with all that it records it comes to its end."""
+    how = ("composed" if compose else "processes") + (" resumed" if resume else "")
+    done = _launched(palp, (str(file), "", str(sys.maxsize), how, record, *overrides))
+    assert done.returncode == 0, done.stderr
+
+
+def command(file: Path, how: str, *overrides: str) -> list[str]:
+    """Return the command that launches a graph to its end: composed, or composed resumed."""
+    return [*_COMMAND, str(file), "", str(sys.maxsize), how, "", *overrides]
+
+
+def environment(palp: Palp) -> dict[str, str]:
+    """Return what the command needs."""
+    return {**palp.environment, "PYTHONHASHSEED": "0", "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'src'}"}
+
+
 def _launched(palp: Palp, words: tuple[str, ...]) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "tests.graph.launch.killed", *words],
-        env={**palp.environment, "PYTHONHASHSEED": "0", "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'src'}"},
+        [*_COMMAND, *words],
+        env=environment(palp),
         cwd=ROOT,
         start_new_session=True,
         capture_output=True,
@@ -52,10 +73,11 @@ def _launched(palp: Palp, words: tuple[str, ...]) -> subprocess.CompletedProcess
 
 def main() -> None:
     """Launch, and kill oneself, or ask oneself to end."""
+    from palp_core.errors import PalpError
     from palp_core.graph.launch import checkpoints
-    from palp_core.graph.launch.graph import Graph
     from palp_core.graph.messages.frame import parse
     from palp_core.graph.supervision.interrupt import Interrupted
+    from tests.support.rig_session import BriefGraph
 
     file, topic, sequence, how, record, *overrides = sys.argv[1:]
 
@@ -67,14 +89,25 @@ def main() -> None:
 
     asked = how.endswith(" asked")
     checkpoints.EVERY_NS = sys.maxsize if asked else 0  # or each that is due
-    compose = how.startswith("composed")
+    graph = BriefGraph(
+        file,
+        compose=how.startswith("composed"),
+        resume=how.endswith(" resumed"),
+        observe=observe,
+        overrides=overrides,
+        record=record or None,
+    )
     try:
-        with Graph(
-            file, compose=compose, observe=observe, overrides=overrides, record=record or None
-        ) as graph:
-            graph.run()
+        with graph:
+            summary = graph.run()
     except Interrupted:
         sys.exit(130)
+    except PalpError as error:
+        sys.stderr.write(f"{error}\n")
+        if graph.summary is not None:
+            sys.stderr.write(f"{graph.summary.report}\n")
+        sys.exit(2)
+    sys.exit(summary.exit_code or int(not graph.recorders.complete))
 
 
 if __name__ == "__main__":

@@ -340,14 +340,21 @@ def test_a_torn_checkpoint_is_refused(spoil: Callable[[bytes], bytes], words: st
 
 
 def test_what_ended_or_never_began_cannot_be_resumed(file: Path) -> None:
-    for _ in range(2):
-        with pytest.raises(GraphError, match="nothing to resume"):
+    for ended in range(2):
+        with pytest.raises(GraphError, match="nothing to resume: there is no checkpoint"):
             run(file, resume=True)
+        assert (file.parent / "out").exists() == bool(ended)
         run(file)
     reword(file, "checkpoint:", "# ")
     reword(file, '  out: {default: ""}\n', "")
     with pytest.raises(GraphError, match="the launch file writes no checkpoint"):
         Graph(file, resume=True, compose=True).__enter__()
+
+
+def test_resume_may_be_written_like_an_argument(file: Path, palp: Palp) -> None:
+    done = palp.run("launch", file, f"out:={file.parent / 'out'}", "resume:=true")
+    assert done.returncode == 2
+    assert "nothing to resume: there is no checkpoint" in done.stderr
 
 
 def test_a_checkpoint_of_a_blinded_run_shows_nothing_of_it_and_goes_on_all_the_same(file: Path) -> None:
