@@ -122,16 +122,17 @@ class PageSocket:
                     return int(number), element
             self.read()
 
-    def says(self, words: str) -> None:
-        """Read until the page shows these words."""
-        self.until(lambda element: words in str(element.get("text", "")))
+    def says(self, words: str) -> str:
+        """Read until the page shows these words; return the whole text in which they stand."""
+        return str(self.until(lambda element: words in str(element.get("text", "")))[1]["text"])
 
     def labelled(self, label: str) -> tuple[int, dict[str, Any]]:
-        """Return the field or button of that label."""
+        """Return the field, button or box of that label, if it is to be seen."""
 
         def so(element: dict[str, Any]) -> bool:
             props = element.get("props", {})
-            return label in (props.get("aria-label"), props.get("label"))
+            labels = props.get("aria-label"), props.get("label"), element.get("text")
+            return label in labels and "hidden" not in element.get("class", ())
 
         return self.until(so)
 
