@@ -5,10 +5,13 @@ from __future__ import annotations
 import compileall
 import gc
 import os
+import sys
 from collections.abc import Generator
 from pathlib import Path
 
 import pytest
+
+from tests.support.cpu_budget import CpuMeter, CpuSummary
 
 ROOT = Path(__file__).parent
 SOURCE = ROOT / "src"
@@ -21,14 +24,19 @@ for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 
+sys.dont_write_bytecode = False  # or each worker of each run rewrites the asserts of all tests
+
+
 def pytest_xdist_auto_num_workers() -> int:
-    """Take two workers more than there are cores: tests of processes wait more than they compute."""
-    return len(os.sched_getaffinity(0)) + 2
+    """Take one worker more than there are cores: some tests wait, and each worker costs a collection."""
+    return len(os.sched_getaffinity(0)) + 1
 
 
-def pytest_configure() -> None:
-    """Compile the source once: where Python may not keep what it compiles, each process would do it again."""
+def pytest_configure(config: pytest.Config) -> None:
+    """Meter the CPU time; compile the source once, where Python may not keep what each process compiles."""
+    config.pluginmanager.register(CpuMeter())
     if "PYTEST_XDIST_WORKER" not in os.environ:
+        config.pluginmanager.register(CpuSummary())
         for folder in COMPILED:
             compileall.compile_dir(ROOT / folder, quiet=2)
 

@@ -1,4 +1,4 @@
-"""``.ci/run``: Chromium first, then the README's test command; and what is tested without Chromium."""
+"""``.ci/run`` on a machine of which every program is made up: what it calls, and whose failure fails it."""
 
 from __future__ import annotations
 
@@ -8,72 +8,54 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.view import browser
-
 RUN = Path(__file__).resolve().parents[1] / ".ci" / "run"
-TOOLS = ("bash", "dirname", "env")
+REAL = ("bash", "dirname", "env", "mktemp", "cat")
+CHECKS = ("ruff", "lint-imports", "mypy", "pytest")
 
 
-class Machine:
-    """A machine with nothing but what is put on it; what is called there is written down."""
-
-    def __init__(self, folder: Path, *programs: str, user: int) -> None:
-        self.calls = folder / "calls"
-        self.calls.touch()
-        self.path = folder / "bin"
-        for place in (self.path, folder / ".venv" / "bin", folder / ".ci"):
-            place.mkdir(parents=True)
-        for name in TOOLS:
-            (self.path / name).symlink_to(str(shutil.which(name)))
-        for name in ("python3", "apt-get", *programs):
-            self.put(self.path / name, f'echo "{name} $*" >> {self.calls}')
-        self.put(self.path / "id", f"echo {user}")
-        for name in ("pip", "ruff", "mypy", "lint-imports", "pytest"):
-            self.put(folder / ".venv" / "bin" / name, f'echo "{name} $PALP_NEEDS_CHROMIUM" >> {self.calls}')
-        self.script = folder / ".ci" / "run"
-        shutil.copy(RUN, self.script)
-
-    @staticmethod
-    def put(path: Path, body: str) -> None:
-        path.write_text(f"#!/usr/bin/env bash\n{body}\n", encoding="utf-8")
-        path.chmod(0o755)
-
-    def run(self) -> tuple[list[str], str]:
-        done = subprocess.run(
-            [self.script], env={"PATH": str(self.path)}, capture_output=True, text=True, check=True
+def run(folder: Path, failing: str = "", found: str = "", user: int = 0) -> tuple[int, list[str], str]:
+    """Run the script with made-up programs; return its status, what it called, and what it said."""
+    calls, path, venv = folder / "calls", folder / "bin", folder / ".venv" / "bin"
+    for place in (path, venv, folder / ".ci"):
+        place.mkdir(parents=True)
+    for name in REAL:
+        (path / name).symlink_to(str(shutil.which(name)))
+    for program in (
+        path / "python3",
+        path / "apt-get",
+        path / (found or "sudo"),
+        *map(venv.joinpath, CHECKS),
+        venv / "pip",
+    ):
+        status = 1 if program.name == failing else 0
+        program.write_text(
+            f'#!/usr/bin/env bash\necho "{program.name} $*" >>{calls}\nexit {status}\n', encoding="utf-8"
         )
-        return self.calls.read_text(encoding="utf-8").splitlines(), done.stderr
+        program.chmod(0o755)
+    (path / "id").write_text(f"#!/usr/bin/env bash\necho {user}\n", encoding="utf-8")
+    (path / "id").chmod(0o755)
+    shutil.copy(RUN, folder / ".ci" / "run")
+    done = subprocess.run(
+        [folder / ".ci" / "run"], env={"PATH": str(path)}, capture_output=True, text=True, check=False
+    )
+    return done.returncode, calls.read_text(encoding="utf-8").splitlines(), done.stderr
 
 
-INSTALL = "install --quiet --yes --no-install-recommends chromium"
+@pytest.mark.parametrize("failing", ["", *CHECKS])
+def test_each_check_that_fails_fails_the_run(failing: str, tmp_path: Path) -> None:
+    status, calls, _ = run(tmp_path, failing, found="chromium")
+    assert (status != 0) == (failing != "")
+    assert failing in {"", "ruff", "lint-imports"} or {name.split()[0] for name in calls} >= set(CHECKS)
+    assert not any(call.startswith("apt-get") for call in calls)
 
 
-def test_chromium_is_installed_where_it_is_missing_and_one_may(tmp_path: Path) -> None:
-    calls, errors = Machine(tmp_path, user=0).run()
-    assert calls[:2] == ["apt-get update --quiet", f"apt-get {INSTALL}"]
-    assert calls[-1] == "pytest 1"
-    assert errors == ""
-
-
-def test_another_user_asks_for_the_right_without_a_password(tmp_path: Path) -> None:
-    calls, _ = Machine(tmp_path, "sudo", user=1000).run()
-    assert calls[:3] == ["sudo -n true", "sudo -n apt-get update --quiet", f"sudo -n apt-get {INSTALL}"]
-    assert calls[-1] == "pytest 1"
-
-
-def test_who_may_not_is_told_what_to_type_and_the_tests_tell_the_rest(tmp_path: Path) -> None:
-    calls, errors = Machine(tmp_path, user=1000).run()
-    assert errors.endswith("sudo apt-get install chromium\n")
-    assert calls[0].startswith("python3 -m venv")
-    assert calls[-1] == "pytest 1"
-
-
-def test_chromium_that_is_there_is_left_alone(tmp_path: Path) -> None:
-    calls, _ = Machine(tmp_path, "chromium", user=0).run()
-    assert calls[0].startswith("python3 -m venv")
-
-
-def test_without_chromium_a_test_is_skipped_by_name(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(pytest.skip.Exception, match="needs Chromium: apt-get install chromium"):
-        browser.chromium()
+@pytest.mark.parametrize(("user", "installer"), [(0, "apt-get"), (1000, "sudo")])
+@pytest.mark.parametrize("may", [True, False])
+def test_chromium_is_installed_by_one_who_may_and_is_not_needed(
+    user: int, installer: str, may: bool, tmp_path: Path
+) -> None:
+    status, calls, errors = run(tmp_path, "" if may else installer, user=user)
+    assert status == 0
+    assert any(call.startswith(installer) for call in calls)
+    assert ("tests in a browser are skipped" in errors) != may
+    assert "pytest " in calls

@@ -13,22 +13,9 @@ if str(ROOT) not in sys.path:
 
 from mkdocs.structure.files import File, Files  # noqa: E402
 
-from docs.site.launch_page import launch_page  # noqa: E402
-from docs.site.promises_page import promises_page  # noqa: E402
-from docs.site.scene_page import scene_page  # noqa: E402
-from docs.site.units_page import units_page  # noqa: E402
-from docs.site.verbs_page import verbs_page  # noqa: E402
+from docs.site.made_pages import MADE  # noqa: E402
 
 DOCS = ROOT / "docs"
-
-MADE = {
-    "reference/launch_file.md": launch_page,
-    "reference/scene_file.md": scene_page,
-    "reference/python_units.md": units_page,
-    "reference/device_promises.md": promises_page,
-    "reference/verbs.md": verbs_page,
-}
-"""Pages that nobody writes, by their place below ``docs/``."""
 
 
 def on_config(config: Any) -> Any:

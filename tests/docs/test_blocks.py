@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from docs.site.hooks import MADE
+from docs.site.made_pages import MADE
 from tests.docs.pages import RUN, Reader, blocks
 from tests.support.palp import ROOT, Palp
 

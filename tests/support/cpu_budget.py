@@ -1,7 +1,7 @@
-"""CPU seconds of every test, with its processes: a test over the limit fails, a folder over its budget is named.
+"""CPU seconds of every test, with its processes: one over the limit fails.
 
-CPU time and not wall time: a machine that others use makes a test wait, not compute. What a fixture of a module or
-of the session takes counts for its folder, not for the test that happens to come first.
+CPU time and not wall time: a machine that others use makes a test wait, not compute. What a fixture of a
+module or of the session takes counts for its folder, not for the test that happens to come first.
 """
 
 from __future__ import annotations
@@ -14,10 +14,39 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
 TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 LIMIT_S = 3.0
-"""What a default test may take, unless it carries ``@pytest.mark.dear("reason")``."""
+"""What a default test may take, unless it carries ``@pytest.mark.expensive("reason")``."""
+
+NIGHTLY = ("slow", "nightly")
+UNLIMITED = ("expensive", *NIGHTLY)
+STEPS = 1_000_000
+STEPS_S = 0.016
+"""What that many turns of an empty loop take on the machine for which the limits were set."""
+
+BUDGETS_S = {
+    "tests/rig": 40,
+    "tests/palpation/studies": 25,
+    "tests/palpation/session": 35,
+    "tests/graph/network": 25,
+    "tests/cli": 22,
+    "tests/palpation/mechanics": 20,
+    "tests/view": 21,
+    "tests/palpation/live_page": 2,
+    "tests/palpation/reporting": 2,
+    "tests/graph/swap": 15,
+    "tests/graph/process": 5,
+    "tests/graph/supervision": 15,
+    "tests/graph/launch": 8,
+    "tests/graph/recording": 6,
+    "tests/graph/replay": 6,
+    "tests/graph": 42,
+    "tests/nodes": 14,
+    "tests/palpation/devices": 10,
+    "tests/palpation": 28,
+    "": 15,
+}
+"""CPU seconds by folder, the longest name that fits; the last is everything else."""
 
 
 def cpu_s() -> float:
@@ -39,11 +68,24 @@ def _living_s(process: str) -> float:
     return total
 
 
-class CpuBudget:
-    """Charges each test with the CPU seconds of its setup and call, and its folder with all that passes."""
+def slowness() -> float:
+    """Return how many times slower this machine is at present than the one of the limits, at least 1."""
+    begin_s = time.process_time()
+    for _ in range(STEPS):
+        pass
+    return max(1.0, (time.process_time() - begin_s) / STEPS_S)
+
+
+def budget_of(path: str) -> str:
+    """Return the folder whose budget a test file counts for."""
+    return next(name for name in sorted(BUDGETS_S, key=len, reverse=True) if path.startswith(name))
+
+
+class CpuMeter:
+    """In each worker: charges a test with its setup and call, and its folder with all that passes."""
 
     def __init__(self) -> None:
-        self._begin_s = self._folder_s = cpu_s()
+        self._begin_s = self._counted_s = cpu_s()
         self._shared_s, self._in_shared = 0.0, False
 
     @pytest.hookimpl(wrapper=True)
@@ -70,8 +112,58 @@ class CpuBudget:
         now_s = cpu_s()
         if report.when == "call":
             own_s = now_s - self._begin_s - self._shared_s
-            report.user_properties.append(("cpu_s", round(own_s, 3)))
+            report.user_properties.append(("cpu_s", own_s))
+            if report.passed and own_s > LIMIT_S and not any(map(item.get_closest_marker, UNLIMITED)):
+                limit_s = LIMIT_S * slowness()
+                if own_s > limit_s:
+                    report.outcome = "failed"
+                    report.longrepr = (
+                        f"{item.nodeid}: took {own_s:.1f} CPU seconds of {limit_s:.1f}; make it cheaper, or "
+                        'mark it @pytest.mark.expensive("reason")'
+                    )
         elif report.when == "teardown":
-            report.user_properties.append(("folder_cpu_s", round(now_s - self._folder_s, 3)))
-            self._folder_s = now_s
+            report.user_properties.append(("all_cpu_s", now_s - self._counted_s))
+            self._counted_s = now_s
         return report
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        if (output := getattr(session.config, "workeroutput", None)) is not None:
+            output["cpu_s"] = cpu_s()
+
+
+class CpuSummary:
+    """In the controller: names the folders over budget and, with ``--durations=N``, the N dearest tests."""
+
+    def __init__(self) -> None:
+        self._tests: Counter[str] = Counter()
+        self._folders: Counter[str] = Counter()
+        self._workers_s = 0.0
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        for name, value in report.user_properties:
+            if name == "cpu_s" and report.when == "call":
+                self._tests[report.nodeid] += float(str(value))
+            elif name == "all_cpu_s" and not set(NIGHTLY) & set(report.keywords):
+                self._folders[budget_of(report.nodeid)] += float(str(value))
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node: object, error: object) -> None:
+        self._workers_s += getattr(node, "workeroutput", {}).get("cpu_s", 0.0)
+
+    def pytest_terminal_summary(
+        self, terminalreporter: pytest.TerminalReporter, config: pytest.Config
+    ) -> None:
+        all_s = self._workers_s + time.process_time() if self._workers_s else cpu_s()
+        slow = slowness()
+        terminalreporter.section("CPU seconds")
+        terminalreporter.line(
+            f"{all_s:.0f} in all, {sum(self._folders.values()):.0f} of them for default tests; "
+            f"budgets count {slow:.1f} times on this machine"
+        )
+        for folder, used_s in self._folders.most_common():
+            budget_s = BUDGETS_S[folder] * slow
+            if used_s > budget_s:
+                name = folder or "all other folders"
+                terminalreporter.line(f"{name}: {used_s:.0f} of a budget of {budget_s:.0f}")
+        for test, used_s in self._tests.most_common(config.getoption("durations") or 0):
+            terminalreporter.line(f"{used_s:8.2f}  {test}")

@@ -98,6 +98,9 @@ def test_the_torque_of_every_sweep_is_a_run_that_says_when_it_began(tmp_path: Pa
         assert about["StartTime"] == row.start_ns / 1e9 - 2.5
 
 
+needs_validator = pytest.mark.skipif(not VALIDATOR, reason="needs bids-validator-deno")
+
+
 def issues(folder: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Return the errors that BIDS's own validator finds in a dataset, and its summary."""
     done = subprocess.run(
@@ -107,7 +110,8 @@ def issues(folder: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     return [one for one in found["issues"]["issues"] if one["severity"] == "error"], found["summary"]
 
 
-@pytest.mark.skipif(not VALIDATOR, reason="needs bids-validator-deno")
+@needs_validator
+@pytest.mark.nightly
 @pytest.mark.parametrize("recorded", [True, False])
 def test_the_validator_of_bids_finds_no_error(tmp_path: Path, *, recorded: bool) -> None:
     _, out = dataset(tmp_path, recorded=recorded)
@@ -117,7 +121,8 @@ def test_the_validator_of_bids_finds_no_error(tmp_path: Path, *, recorded: bool)
     assert ("emg" in summary["dataTypes"]) is recorded
 
 
-@pytest.mark.skipif(not VALIDATOR, reason="needs bids-validator-deno")
+@needs_validator
+@pytest.mark.nightly
 def test_the_validator_of_bids_finds_what_is_broken(tmp_path: Path) -> None:
     _, out = dataset(tmp_path)
     (sidecar,) = out.rglob("*_emg.json")

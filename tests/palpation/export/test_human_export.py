@@ -20,7 +20,7 @@ from palp_core.palpation.session.session_folder import RUN, SHEET
 from palp_core.palpation.session.sheet.sheet_file import sheet_text
 from palp_core.whole_file import write_json
 from tests.palpation.export.test_bids import SHEET as OF_PERSON
-from tests.palpation.export.test_bids import VALIDATOR, issues, tsv
+from tests.palpation.export.test_bids import issues, needs_validator, tsv
 from tests.palpation.export.test_export import READERS, TABULAR, expected
 from tests.support.sessions import describe
 
@@ -121,10 +121,15 @@ def test_in_bids_each_stretch_is_a_recording_of_its_task(source: ExportSource, t
     assert list(events["trial_type"]) == ["estimation", "lost"]
     assert (events["trial"][0], events["phantom"][0]) == (1, "A")
     assert json.loads(next(out.rglob("*mvc_emg.json")).read_text())["TaskName"] == "mvc"
-    if VALIDATOR:
-        errors, summary = issues(out)
-        assert errors == []
-        assert {"emg", "beh"} <= {*summary["dataTypes"]}
+
+
+@needs_validator
+@pytest.mark.nightly
+def test_the_validator_of_bids_finds_no_error(source: ExportSource, tmp_path: Path) -> None:
+    write_export(source, "bids", out := tmp_path / "bids")
+    errors, summary = issues(out)
+    assert errors == []
+    assert {"emg", "beh"} <= {*summary["dataTypes"]}
 
 
 def test_emg_that_is_gone_is_told(folder: Path, tmp_path: Path) -> None:
