@@ -114,7 +114,7 @@ class PageSocket:
             if name == "update":
                 self.elements |= {key: value for key, value in data.items() if key != "_id"}
 
-    def until(self, so: Callable[[dict[str, Any]], bool]) -> tuple[int, dict[str, Any]]:
+    def until(self, so: Callable[[dict[str, Any]], object]) -> tuple[int, dict[str, Any]]:
         """Read until there is an element of which something is so; return its number and it."""
         while True:
             for number, element in self.elements.items():
