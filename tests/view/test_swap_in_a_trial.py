@@ -23,6 +23,7 @@ ENDLESS = ("stop:=fixed_number", "stop_value:=100000", "max_probes:=100000", "tr
 """A trial that goes on for as long as anybody looks."""
 
 
+@pytest.mark.nightly
 def test_the_policy_is_swapped_in_the_middle_of_a_trial(shared_palp: Palp, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
     rig = shared_palp.start("launch", SIM, "--compose", "--record", bag, *ENDLESS, f"out:={tmp_path / 'out'}")

@@ -132,7 +132,7 @@ class PageSocket:
         def so(element: dict[str, Any]) -> bool:
             props = element.get("props", {})
             labels = props.get("aria-label"), props.get("label"), element.get("text")
-            return label in labels and "hidden" not in element.get("class", ())
+            return "events" in element and label in labels and "hidden" not in element.get("class", ())
 
         return self.until(so)
 
