@@ -53,8 +53,8 @@ _CRASH = re.compile(r"Fatal Python error.*?most recent call first", re.DOTALL)
 _FRAME = re.compile(r'File "([^"]+)", line (\d+)')
 INSPECTING = ""
 """Name of an inspecting child."""
-NO_PROCESS = -1
-"""In place of the id of a process that could not be started."""
+NO_PROCESS = 2**31 - 1
+"""In place of the id of a process that could not be started: no process has one as high."""
 NOT_STARTED = 256
 """Added to the error's number: its status, which is none that a process ends with."""
 
