@@ -23,6 +23,7 @@ from tests.support.talkative import Talk, talk
 from tests.support.view.browser import Viewing, browser
 
 __all__ = ["bag", "browser", "talk"]
+pytestmark = pytest.mark.expensive("Chromium draws, while a graph and a viewer go on")
 
 MARKUP = "<img src=x onerror='window.hacked=1'><script>window.hacked=1</script>"
 HOSTILE = (
@@ -207,7 +208,6 @@ def test_a_parameter_is_set_and_one_out_of_its_bounds_is_refused_in_words(
     assert page.evaluate("window.hacked") is None
 
 
-@pytest.mark.expensive("two swaps and what a browser draws of them")
 def test_a_swap_is_seen_step_by_step_and_what_it_prints_is_text(viewing: Viewing) -> None:
     page = viewing.go("/node/scale")
     viewing.says("3 classes of the workspace fit its wires")
@@ -271,7 +271,6 @@ def test_on_a_phone_the_graph_is_moved_within_its_box_and_a_drag_chooses_no_node
 @pytest.mark.parametrize(
     "hostile", [("".join(HOSTILE),), pytest.param(HOSTILE, marks=pytest.mark.nightly)], ids=["joined", "each"]
 )
-@pytest.mark.expensive("a viewer of its own, and every kind of page in a browser")
 def test_what_a_bag_of_somebody_else_says_is_text_and_no_markup(
     hostile: Sequence[str], browser: Any, shared_palp: Palp, tmp_path: Path
 ) -> None:

@@ -15,6 +15,7 @@ from tests.support.view.page_socket import PageServer, PageSocket
 from tests.support.view.rig_stub import SECRETS, launch_stub
 
 __all__ = ["browser"]
+pytestmark = pytest.mark.expensive("Chromium draws, while a graph and a viewer go on")
 AT = re.compile(r"at [\d.]+ s")
 """When it is, as every page says."""
 STOPPED = "() => document.querySelector('[data-what=safety]').innerText === 'STOPPED'"
