@@ -1,11 +1,11 @@
-"""The pages in a real browser: Chromium without a window, one graph and one viewer for all."""
+"""What only a real browser shows of the pages: Chromium without a window, one graph, one viewer."""
 
 from __future__ import annotations
 
 import itertools
 import json
 import re
-import signal
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -14,19 +14,17 @@ import msgspec
 import numpy as np
 import pytest
 
-from palp_core.graph.bag.info import bag_info
 from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from tests.support.bags import Block, bag, describe, frame
 from tests.support.palp import PATIENCE_S, Palp
 from tests.support.talkative import Talk, talk
-from tests.support.view.accounts import Accounts
-from tests.support.view.browser import Page, Viewing, browser
+from tests.support.view.browser import Viewing, browser
 
 __all__ = ["bag", "browser", "talk"]
+pytestmark = pytest.mark.expensive("Chromium draws, while a graph and a viewer go on")
 
-SAMPLE = "/source/sample"
 MARKUP = "<img src=x onerror='window.hacked=1'><script>window.hacked=1</script>"
 HOSTILE = (
     MARKUP,
@@ -56,12 +54,6 @@ class Loud(Scale):
         print({MARKUP!r}, flush=True)
 
 
-class Calm(Scale):
-    """A scale that says nothing."""
-
-    state: LoudState
-
-
 class Broken(Scale):
     """Cannot start."""
 
@@ -70,26 +62,18 @@ class Broken(Scale):
 '''
 
 
-@pytest.fixture(scope="module", autouse=True)
-def loud(browser: Any, talk: Talk) -> None:
-    """Other classes in the workspace; nothing is launched where there is no browser."""
-    (talk.folder / "nodes/loud.py").write_text(LOUD, encoding="utf-8")
-
-
 @pytest.fixture(scope="module")
-def viewing(browser: Any, talk: Talk, shared_palp: Palp) -> Viewing:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(talk.folder)  # bags are made where it was started
-        process = shared_palp.start("view", "--no-browser", "--graph", "talk")
-    return Viewing(browser, process)
+def shown(browser: Any, talk: Talk, shared_palp: Palp) -> Viewing:
+    (talk.folder / "nodes/loud.py").write_text(LOUD, encoding="utf-8")
+    return Viewing(browser, shared_palp.start("view", "--no-browser", "--graph", "talk"))
 
 
-def at_work(viewing: Viewing) -> str:
-    """The class at work on a node's page: workers share the tests, so another may have swapped before."""
-    viewing.says(", process ")
-    found = re.search(r"nodes\.\w+:\w+(?=, process)", viewing.page.inner_text("body"))
-    assert found is not None
-    return found[0]
+@pytest.fixture
+def viewing(shown: Viewing) -> Iterator[Viewing]:
+    """The page, of which no script fails and which fetches nothing from elsewhere."""
+    yield shown
+    shown.page.goto("about:blank")  # what nobody looks at any more is not drawn
+    assert (shown.failures, shown.elsewhere) == ([], [])
 
 
 def test_the_first_page_draws_the_graph_and_its_values_change(viewing: Viewing) -> None:
@@ -106,7 +90,27 @@ def test_the_first_page_draws_the_graph_and_its_values_change(viewing: Viewing) 
     page.wait_for_url(re.compile("/topic/source/sample$"))
 
 
-def test_a_topic_shows_its_messages_and_plots_them(viewing: Viewing) -> None:
+THIN = """async () => {
+  const loaded = performance.getEntriesByType("resource").map(one => one.name);
+  const address = loaded.find(name => name.includes("live_plot.js"));
+  const { aligned, thinned, tidy } = await import(address);
+  const points = Array.from({ length: 20000 }, (_, i) => [100 + i / 2000, Math.sin(i * i)]);
+  points[12345][1] = 7;
+  points[777][1] = -7;
+  const kept = thinned(points, 10);
+  return {
+    count: kept.length, peaks: kept.includes(points[12345]) && kept.includes(points[777]),
+    ordered: kept.every((point, i) => !i || kept[i - 1][0] <= point[0]),
+    tidy: [0.9999999999998999, -0.25, 1e-7, 0].map(tidy).join(" "),
+    few: thinned(points.slice(0, 9), 10).length,
+    gaps: thinned(points.toSpliced(9999, 0, [104.9, null]), 10).filter(one => one[1] === null).length,
+    columns: JSON.stringify(aligned([[[1, 2], [1.5, null], [2, 3]], [[1.2, 5], [2, 6]]])),
+  };
+}"""
+"""What a plot draws of more points than it has columns of pixels."""
+
+
+def test_a_topic_shows_its_messages_and_plots_every_peak_of_them(viewing: Viewing) -> None:
     page = viewing.go("/topic/source/sample")
     viewing.text_changes("[data-what=message]")
     assert "torque_n_m: [" in page.inner_text("[data-what=message]")
@@ -115,11 +119,23 @@ def test_a_topic_shows_its_messages_and_plots_them(viewing: Viewing) -> None:
     with page.expect_download() as download:
         page.get_by_role("button", name="CSV").click()
     lines = Path(download.value.path()).read_text(encoding="utf-8").splitlines()
-    page.reload()  # the address tells what is plotted
-    page.locator(".q-chip", has_text="index").wait_for()
-    viewing.until("() => Number(document.querySelector('.live-plot').dataset.points) > 20")
     assert lines[0] == "time_s,field,value"
     assert {line.split(",")[1] for line in lines[1:]} == {"torque_n_m [N m]", "index"}
+    found = page.evaluate(THIN)
+    assert (found["peaks"], found["ordered"], found["few"]) == (True, True, 9)
+    assert found["gaps"] == 1
+    assert json.loads(found["columns"]) == [[1, 1.2, 1.5, 2], [2, None, None, 3], [None, 5, None, 6]]
+    assert found["tidy"] == "1 -0.25 1e-7 0"
+    assert 1000 < found["count"] <= 1202
+
+
+@pytest.mark.nightly
+def test_the_address_tells_what_is_plotted(viewing: Viewing) -> None:
+    page = viewing.go("/topic/source/sample")
+    viewing.plot("torque_n_m", "index")
+    page.reload()
+    page.locator(".q-chip", has_text="index").wait_for()
+    viewing.until("() => Number(document.querySelector('.live-plot').dataset.points) > 20")
     viewing.go(f"/topic/source/sample?fields=torque_n_m[{'9' * 5000}],index&window=nonsense")
     page.locator(".q-chip", has_text="index").wait_for()
     viewing.says("10 s")
@@ -149,6 +165,7 @@ INKED = """() => {
 """How many pixels of the plot have the colour of its first series."""
 
 
+@pytest.mark.nightly
 def test_a_paused_plot_stays_as_it_is_and_is_what_is_saved(viewing: Viewing) -> None:
     page = viewing.go("/topic/source/sample")
     viewing.plot("torque_n_m")
@@ -175,37 +192,6 @@ def test_a_paused_plot_stays_as_it_is_and_is_what_is_saved(viewing: Viewing) -> 
     assert saved() != before
 
 
-THIN = """async () => {
-  const loaded = performance.getEntriesByType("resource").map(one => one.name);
-  const address = loaded.find(name => name.includes("live_plot.js"));
-  const { aligned, thinned, tidy } = await import(address);
-  const points = Array.from({ length: 20000 }, (_, i) => [100 + i / 2000, Math.sin(i * i)]);
-  points[12345][1] = 7;
-  points[777][1] = -7;
-  const kept = thinned(points, 10);
-  return {
-    count: kept.length, peaks: kept.includes(points[12345]) && kept.includes(points[777]),
-    ordered: kept.every((point, i) => !i || kept[i - 1][0] <= point[0]),
-    tidy: [0.9999999999998999, -0.25, 1e-7, 0].map(tidy).join(" "),
-    few: thinned(points.slice(0, 9), 10).length,
-    gaps: thinned(points.toSpliced(9999, 0, [104.9, null]), 10).filter(one => one[1] === null).length,
-    columns: JSON.stringify(aligned([[[1, 2], [1.5, null], [2, 3]], [[1.2, 5], [2, 6]]])),
-  };
-}"""
-"""What a plot draws of more points than it has columns of pixels."""
-
-
-def test_a_plot_draws_every_peak_and_no_more_points_than_a_screen_shows(viewing: Viewing) -> None:
-    page = viewing.go("/topic/source/sample")
-    page.wait_for_selector(".live-plot")
-    found = page.evaluate(THIN)
-    assert (found["peaks"], found["ordered"], found["few"]) == (True, True, 9)
-    assert found["gaps"] == 1
-    assert json.loads(found["columns"]) == [[1, 1.2, 1.5, 2], [2, None, None, 3], [None, 5, None, 6]]
-    assert found["tidy"] == "1 -0.25 1e-7 0"
-    assert 1000 < found["count"] <= 1202
-
-
 def test_a_parameter_is_set_and_one_out_of_its_bounds_is_refused_in_words(
     viewing: Viewing, talk: Talk
 ) -> None:
@@ -222,146 +208,45 @@ def test_a_parameter_is_set_and_one_out_of_its_bounds_is_refused_in_words(
     assert page.evaluate("window.hacked") is None
 
 
-def test_a_message_is_published_into_an_external_port(viewing: Viewing) -> None:
-    page = viewing.go("/topic/scale/load")
-    page.get_by_label("message").fill("{load_n: 2.5, samples: [], note: from the page}")
-    page.get_by_role("button", name="publish", exact=True).click()
-    viewing.says("published as number 1")
-    page.get_by_label("message").fill("{load_n: heavy, samples: []}")
-    page.get_by_role("button", name="publish", exact=True).click()
-    viewing.says("load_n: expected a number")
-
-
-def test_a_dry_run_and_a_shadow_say_what_would_be_and_change_nothing(viewing: Viewing) -> None:
-    page = viewing.go("/node/scale")
-    was = at_work(viewing)
-    page.get_by_label("time-out, s").fill(str(PATIENCE_S))
-    page.get_by_text("dry run", exact=True).click()
-    viewing.swap("nodes.loud:Loud")
-    viewing.says(f"nodes.loud:Loud could take over from {was}; nothing was changed")
-    page.get_by_label("shadow, s").fill("0.2")
-    page.get_by_role("button", name="swap", exact=True).click()
-    viewing.says("messages of both compared")
-    viewing.says("; nothing was changed")
-    viewing.go("/node/scale")
-    assert at_work(viewing) == was
-
-
 def test_a_swap_is_seen_step_by_step_and_what_it_prints_is_text(viewing: Viewing) -> None:
     page = viewing.go("/node/scale")
-    was = at_work(viewing)
-    viewing.says(f"{4 if was == 'nodes.talk:Scale' else 3} classes of the workspace fit its wires")
+    viewing.says("3 classes of the workspace fit its wires")
     page.get_by_label("time-out, s").fill(str(PATIENCE_S))
     viewing.swap("nodes.loud:Broken")
     viewing.says("rolled back at step 'configure'")
     viewing.says("no scale is there")
     viewing.swap("nodes.loud:Loud")
-    viewing.says(f"swapped: nodes.loud:Loud is at work in place of {was}")
+    viewing.says("swapped: nodes.loud:Loud is at work in place of nodes.talk:Scale")
     viewing.until("() => document.querySelectorAll('[data-what=steps] .ok').length === 9")
     viewing.until("words => document.querySelector('[data-what=log]').innerText.includes(words)", MARKUP)
     assert page.evaluate("window.hacked") is None
     viewing.go("/timeline")
     viewing.says("swap failed")
-    viewing.says(f"{was} -> nodes.loud:Loud")
+    viewing.says("nodes.talk:Scale -> nodes.loud:Loud")
     page.locator(".lane", has_text="/scale").locator(".mark.warn").first.click()
     page.wait_for_selector("tr.chosen")
     assert "swap failed" in "".join(page.locator("tr.chosen").all_inner_texts())
 
 
-def test_a_recording_is_started_and_ended(viewing: Viewing, talk: Talk) -> None:
-    page = viewing.go("/record")
-    page.get_by_label("name; empty: graph and time").fill("../elsewhere")
-    page.get_by_role("button", name="record", exact=True).click()
-    viewing.says("is no name of a bag")
-    page.get_by_label("name; empty: graph and time").fill("taken")
-    page.get_by_role("button", name="record", exact=True).click()
-    viewing.says("recording")
-    page.get_by_role("button", name="stop", exact=True).click()
-    viewing.says("whole: nothing is missing")
-    assert bag_info(talk.folder / "taken").complete
-    page.get_by_label("name; empty: graph and time").fill("last")
-    page.get_by_label("keep only the last, s").fill("60")
-    page.get_by_role("button", name="record", exact=True).click()
-    viewing.says("the last 60 s are kept")
-    page.get_by_role("button", name="write snapshot").click()
-    viewing.says(f"{talk.folder / 'last'}: ")
-    assert bag_info(talk.folder / "last").message_count > 0
-    page.get_by_role("button", name="stop", exact=True).click()
-    viewing.says("heard ")
-
-
-def test_two_tabs_and_two_viewers_show_the_same_and_one_that_is_closed_takes_none_along(
-    viewing: Viewing, browser: Any, shared_palp: Palp
-) -> None:
-    tab = Page(browser, viewing.address)
-    other = Viewing(browser, shared_palp.start("view", "--no-browser", "--graph", "talk"))
-    assert other.address != viewing.address
-    for one in (viewing, tab, other):
-        one.go("/topic/source/sample")
-        one.text_changes("[data-what=message]")
-    tab.page.close()
-    other.process.kill()
-    other.process.wait(PATIENCE_S)
-    viewing.text_changes("[data-what=message]")
-    other.page.close()
-
-
-def test_a_viewer_killed_in_the_middle_of_a_swap_changes_nothing_of_it(
-    browser: Any, talk: Talk, shared_palp: Palp
-) -> None:
-    viewing = Viewing(browser, shared_palp.start("view", "--no-browser", "--graph", "talk"))
-    accounts = Accounts(shared_palp, "talk", "scale", SAMPLE)
-    before = accounts.swaps()
-    page = viewing.go("/node/scale")
-    page.get_by_label("time-out, s").fill(str(PATIENCE_S))
-    page.get_by_label("shadow, s").fill("1")
-    viewing.swap("nodes.loud:Calm")
-    while not accounts.swapping:
-        pass
-    viewing.process.kill()
-    viewing.process.wait(PATIENCE_S)
-    while accounts.swapping:
-        pass
-    after = accounts.swaps()
-    assert after[:-1] == before
-    assert after[-1].startswith("swapped: ")
-    accounts.go_on()
-    page.close()
-
-
-def test_a_viewer_killed_in_the_middle_of_a_recording_leaves_one_that_goes_on_and_is_whole(
-    browser: Any, talk: Talk, shared_palp: Palp, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(talk.folder)
-    viewing = Viewing(browser, shared_palp.start("view", "--no-browser", "--graph", "talk"))
-    accounts = Accounts(shared_palp, "talk", "scale", SAMPLE)
-    page = viewing.go("/record")
-    page.get_by_label("name; empty: graph and time").fill("orphan")
-    page.get_by_role("button", name="record", exact=True).click()
-    viewing.says("recording ")
-    (recorder,) = shared_palp.running("orphan")
-    viewing.process.kill()
-    viewing.process.wait(PATIENCE_S)
-    accounts.go_on()
-    recorder.send_signal(signal.SIGINT)
-    recorder.wait(PATIENCE_S)
-    assert bag_info(talk.folder / "orphan").complete
-    page.close()
-
-
 @pytest.mark.parametrize(
-    "path", ["/", "/topics", "/topic/source/sample", "/node/scale", "/record", "/timeline"]
+    "paths",
+    [
+        ("/", "/topic/source/sample"),
+        pytest.param(("/topics", "/node/scale", "/record", "/timeline"), marks=pytest.mark.nightly),
+    ],
 )
-def test_no_page_is_wider_than_a_phone(viewing: Viewing, path: str) -> None:
+def test_no_page_is_wider_than_a_phone(viewing: Viewing, paths: Sequence[str]) -> None:
     page = viewing.page
     before = page.viewport_size
     page.set_viewport_size({"width": 390, "height": 800})
-    viewing.go(path)
-    viewing.says("for 0:")
-    viewing.until(NOTHING_STANDS_OUT)
+    for path in paths:
+        viewing.go(path)
+        viewing.says("for 0:")
+        viewing.until(NOTHING_STANDS_OUT)
     page.set_viewport_size(before)
 
 
+@pytest.mark.nightly
 def test_on_a_phone_the_graph_is_moved_within_its_box_and_a_drag_chooses_no_node(viewing: Viewing) -> None:
     page, before = viewing.page, viewing.page.viewport_size
     page.set_viewport_size({"width": 390, "height": 800})
@@ -383,15 +268,13 @@ def test_on_a_phone_the_graph_is_moved_within_its_box_and_a_drag_chooses_no_node
     page.set_viewport_size(before)
 
 
-def test_nothing_is_fetched_from_elsewhere_and_no_script_fails(viewing: Viewing) -> None:
-    assert viewing.elsewhere == []
-    assert viewing.failures == []
-
-
+@pytest.mark.parametrize(
+    "hostile", [("".join(HOSTILE),), pytest.param(HOSTILE, marks=pytest.mark.nightly)], ids=["joined", "each"]
+)
 def test_what_a_bag_of_somebody_else_says_is_text_and_no_markup(
-    browser: Any, shared_palp: Palp, tmp_path: Path
+    hostile: Sequence[str], browser: Any, shared_palp: Palp, tmp_path: Path
 ) -> None:
-    names = {name: f"/{quote(name, safe='')}/block" for name in HOSTILE}
+    names = {name: f"/{quote(name, safe='')}/block" for name in hostile}
     topics = []
     for name in names:
         known = describe(Block, f"/{name}/block")
@@ -405,8 +288,8 @@ def test_what_a_bag_of_somebody_else_says_is_text_and_no_markup(
     launch = {
         "graph": "".join(HOSTILE),
         "clock": MARKUP,
-        "publishes": {name: ["block"] for name in HOSTILE},
-        "listens": {name: [topic.name for topic in topics] for name in HOSTILE},
+        "publishes": {name: ["block"] for name in hostile},
+        "listens": {name: [topic.name for topic in topics] for name in hostile},
     }
     recorder.attach(LAUNCH_ATTACHMENT, msgspec.json.encode(launch))
     recorder.close()
@@ -426,22 +309,10 @@ def test_what_a_bag_of_somebody_else_says_is_text_and_no_markup(
         assert page.evaluate("window.hacked") is None
         viewing.go("/topics")
     assert (viewing.failures, viewing.elsewhere) == ([], [])
+    page.close()
 
 
-def test_of_a_read_only_page_nothing_changes_the_graph(browser: Any, talk: Talk, shared_palp: Palp) -> None:
-    viewing = Viewing(browser, shared_palp.start("view", "--no-browser", "--graph", "talk", "--read-only"))
-    page = viewing.go("/node/source")
-    page.get_by_label("rate_hz", exact=True).fill("1")
-    viewing.until("() => Number(getComputedStyle(document.querySelector('.changes')).opacity) < 0.5")
-    page.get_by_label("set rate_hz").click()
-    viewing.says("this page is read-only")
-    assert talk.told("param", "get", "/source", "rate_hz", "--graph", "talk")["value"] == 100.0  # type: ignore[index]
-    viewing.process.kill()
-    viewing.process.wait(PATIENCE_S)
-    assert talk.told("lifecycle", "get", "/source", "--graph", "talk") == {"/source": "active"}
-    assert talk.process.poll() is None
-
-
+@pytest.mark.nightly
 def test_a_bag_is_shown_with_a_time_bar(browser: Any, shared_palp: Palp, bag: Path) -> None:
     viewing = Viewing(browser, shared_palp.start("view", bag, "--no-browser"))
     page = viewing.go("/topic/torque/block")
@@ -457,6 +328,7 @@ def test_a_bag_is_shown_with_a_time_bar(browser: Any, shared_palp: Palp, bag: Pa
         viewing.until(NOTHING_STANDS_OUT)
 
 
+@pytest.mark.nightly
 def test_of_a_run_that_is_over_the_report_is_shown_in_place_and_runs_nothing(
     browser: Any, shared_palp: Palp, tmp_path: Path
 ) -> None:

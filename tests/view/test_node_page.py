@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,7 +17,7 @@ from nicegui import ui
 from palp_core.errors import GraphError
 from palp_core.view.pages.node import ports
 from palp_core.view.pages.parameters import parameters_panel
-from palp_core.view.pages.swap import swap_words
+from palp_core.view.pages.swap import swap_panel, swap_words
 from tests.support.view.simulated_user import simulated
 from tests.view.test_pages import SAMPLE, Told
 
@@ -57,7 +58,7 @@ def panel(node: Any) -> Any:
 
 def test_a_refused_value_is_told_at_its_field_and_the_one_in_force_stands_beside_it() -> None:
     async def look(user: Any) -> None:
-        await user.should_see("0.25", retries=100)
+        await user.should_see("0.25")
         await user.should_see("float, at least 0, at most 1; default 0.5")
         await user.should_see("how_loud it may be.")
         await user.should_see("of full scale")
@@ -66,12 +67,12 @@ def test_a_refused_value_is_told_at_its_field_and_the_one_in_force_stands_beside
         assert choice.options == ["slow", "fast"]
         field.value = "5"
         user.find(ui.input).trigger("keydown.enter")
-        await user.should_see("level: 5 is refused: expected float <= 1.0", retries=100)
+        await user.should_see("level: 5 is refused: expected float <= 1.0")
         await user.should_see("0.25")
         field.value = "0.75"
         user.find(ui.input).trigger("keydown.enter")
         field.value = "0.5"  # what is typed after the press is not what was pressed for
-        await user.should_see("level is 0.75 now", retries=100)
+        await user.should_see("level is 0.75 now")
         await user.should_not_see("0.25")
 
     simulated(panel(Node()), look)
@@ -81,12 +82,12 @@ def test_the_parameters_are_those_of_the_class_at_work() -> None:
     node = Node()
 
     async def look(user: Any) -> None:
-        await user.should_see("level", retries=100)
+        await user.should_see("level")
         node.declared = {"gain": {**LEVEL, "name": "gain"}}
         first, sink = node.source.now.nodes
         swapped = [first, msgspec.structs.replace(sink, run="nodes.loud:Loud")]
         node.source.now = msgspec.structs.replace(node.source.now, nodes=swapped)
-        await user.should_see("gain", retries=100)
+        await user.should_see("gain")
         await user.should_not_see("level")
 
     simulated(panel(node), look)
@@ -96,6 +97,31 @@ def test_what_a_node_reads_and_publishes_is_told() -> None:
     told = Told()
     assert ports(told.now, [SAMPLE], "sink") == [("reads", "/source/sample", "")]
     assert ports(told.now, [SAMPLE], "source") == [("publishes", "/source/sample", "")]
+
+
+def test_what_is_chosen_stays_so_when_the_list_of_classes_comes_or_changes(tmp_path: Path) -> None:
+    busy = [GraphError("it is busy")]
+
+    def ask(*_: object, **__: object) -> dict[str, Any]:
+        if busy:
+            raise busy[0]
+        return {"inputs": {}, "run": "nodes.a:A"}
+
+    graph = SimpleNamespace(ask=ask, record=SimpleNamespace(workspace=str(tmp_path), nodes=[]))
+    live: Any = SimpleNamespace(graph=graph, overview=Told().overview)
+
+    async def look(user: Any) -> None:
+        await user.should_see("asked again: it is busy")
+        choice = user.find(ui.select)
+        (field,) = choice.elements
+        choice.trigger("update:modelValue", "mine.py:Mine")
+        busy.clear()
+        await user.should_see("0 classes of the workspace fit its wires")
+        assert field.value == "mine.py:Mine"
+        choice.trigger("update:modelValue", {"value": 0, "label": "nodes.b:B"})  # of a list that is no more
+        assert field.value == "nodes.b:B"
+
+    simulated(lambda: swap_panel(SimpleNamespace(live=live, operator=live), "sink", None), look)  # type: ignore[arg-type]
 
 
 def test_what_came_of_a_swap_begins_with_that_it_was_done() -> None:

@@ -8,7 +8,6 @@ import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -23,6 +22,8 @@ from palp_core.view.source.overview import NodeState, Overview
 from palp_core.view.source.recordings import Recordings, StartedRecorder
 
 DECLARED = {"rate_hz": {"type": "float"}, "name": {"type": "str"}}
+PAUSES = (sys.executable, "-c", "import signal; signal.pause()")
+"""In place of ``palp``: goes on until it is interrupted."""
 LOAD = {"title": "Load", "type": "object", "properties": {"load_n": {"type": "number"}}}
 
 
@@ -173,12 +174,11 @@ def test_a_bag_is_made_in_its_folder_and_nowhere_else(name: str, tmp_path: Path)
 
 
 def test_a_recorder_has_the_priority_of_the_viewer_though_pages_give_way(tmp_path: Path) -> None:
-    recordings = Recordings(Stage(tmp_path).operator(operate=True), tmp_path)
+    recordings = Recordings(Stage(tmp_path).operator(operate=True), tmp_path, PAUSES)
 
     def press() -> int:
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)
-        recordings.start("bag", [])
-        return psutil.Process(recordings.all[0].pid).nice()  # it may have ended: there is no such graph
+        return psutil.Process(recordings.start("bag", []).pid).nice()
 
     with ThreadPoolExecutor(1) as page:
         assert page.submit(press).result() == os.nice(0)
@@ -210,20 +210,21 @@ def test_in_simulated_time_nothing_is_recorded_from_a_page_and_it_says_what_to_d
     assert Recordings(Stage(tmp_path).operator(), tmp_path).cannot == ""
 
 
-def test_a_button_that_is_pressed_twice_starts_one_recorder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    begun = SimpleNamespace(out=tmp_path / "twice", running=True)  # its folder is not made yet
-    monkeypatch.setattr(Recordings, "_started", lambda *_: begun)
-    recordings = Recordings(Stage(tmp_path).operator(operate=True), tmp_path)
-    with ThreadPoolExecutor(2) as pool:
-        presses = [pool.submit(recordings.start, "twice", []) for _ in range(2)]
-        errors = [press.exception() for press in presses]
-    assert len(recordings.all) == 1
-    assert sorted(str(error) for error in errors) == [
-        f"{tmp_path / 'twice'} is being recorded already: choose another name",
-        "None",
-    ]
+def test_a_button_that_is_pressed_often_starts_one_recorder(tmp_path: Path) -> None:
+    recordings = Recordings(Stage(tmp_path).operator(operate=True), tmp_path, PAUSES)  # it makes no folder
+    together = threading.Barrier(8)
+
+    def press() -> None:
+        together.wait()
+        recordings.start("often", [])
+
+    with ThreadPoolExecutor(together.parties) as pages:
+        presses = [pages.submit(press) for _ in range(together.parties)]
+        errors = {str(press.exception()) for press in presses}
+    assert errors == {"None", f"{tmp_path / 'often'} is being recorded already: choose another name"}
+    (recording,) = recordings.all
+    recordings.close()
+    recording._said.close()
 
 
 def test_a_name_that_is_taken_is_refused_before_a_recorder_starts(tmp_path: Path) -> None:

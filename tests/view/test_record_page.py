@@ -43,7 +43,7 @@ def test_of_a_recorder_that_does_not_end_nobody_says_that_it_has_ended() -> None
     async def look(user: Any) -> None:
         await user.should_see("under way")
         user.find(kind=ui.button, content="stop").click()
-        await user.should_see("the recorder of bags/b does not end", retries=100)
+        await user.should_see("the recorder of bags/b does not end")
         await user.should_not_see("has ended")
 
     simulated(lambda: record_page(Viewer(source=Told()), recordings), look)

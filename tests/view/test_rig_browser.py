@@ -2,33 +2,53 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+from contextlib import closing
 from typing import Any
 
 import pytest
 
 from tests.support.palp import Palp
-from tests.support.view.browser import Viewing, browser
+from tests.support.view.browser import Page, Viewing, address_of, browser
+from tests.support.view.page_socket import PageServer, PageSocket
 from tests.support.view.rig_stub import SECRETS, launch_stub
 
 __all__ = ["browser"]
+pytestmark = pytest.mark.expensive("Chromium draws, while a graph and a viewer go on")
+AT = re.compile(r"at [\d.]+ s")
+"""When it is, as every page says."""
 STOPPED = "() => document.querySelector('[data-what=safety]').innerText === 'STOPPED'"
 READY = "() => document.querySelector('[data-what=safety]').innerText === 'ready'"
+IN_SIGHT = """button => {
+  const { top, bottom, right } = button.getBoundingClientRect();
+  return top >= 0 && bottom <= innerHeight && right <= innerWidth;
+}"""
 WORDS = "words => document.querySelector('.urgent').innerText.includes(words)"
 
 
 @pytest.fixture(scope="module")
-def rig(browser: Any, shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> Viewing:
+def shown(browser: Any, shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> Viewing:
     launch_stub(shared_palp, tmp_path_factory.mktemp("stub"), "stub")
     return Viewing(browser, shared_palp.start("view", "--no-browser", "--operate", "--graph", "stub"))
 
 
-def released(rig: Viewing) -> None:
+@pytest.fixture
+def rig(shown: Viewing) -> Iterator[Viewing]:
+    """The page, of which no script fails and which fetches nothing from elsewhere."""
+    yield shown
+    shown.page.goto("about:blank")  # what nobody looks at any more is not drawn
+    assert (shown.failures, shown.elsewhere) == ([], [])
+
+
+def released(rig: Page) -> None:
     rig.until(STOPPED)
     rig.page.get_by_role("button", name="acknowledge ...").click()
     rig.page.get_by_role("button", name="yes, leave the stop behind").click()
     rig.until(READY)
 
 
+@pytest.mark.nightly
 def test_it_shows_the_sweep_the_rig_and_what_came_of_it(rig: Viewing) -> None:
     page = rig.go("/own")
     rig.until("() => Number(document.querySelector('.rig-chart').dataset.points) > 100")
@@ -45,41 +65,35 @@ def test_it_shows_the_sweep_the_rig_and_what_came_of_it(rig: Viewing) -> None:
     assert rig.failures == []
 
 
-@pytest.mark.parametrize("width", [390, 768])
-def test_it_is_no_wider_than_a_phone_and_stop_is_in_sight_there(rig: Viewing, width: int) -> None:
-    page, before = rig.page, rig.page.viewport_size
-    page.set_viewport_size({"width": width, "height": 700})
-    rig.go("/own")
-    rig.says("ring: 16.1 mm")
-    rig.until("() => document.scrollingElement.scrollWidth <= innerWidth")
-    trials = page.locator("[data-what=trials]")
-    assert not trials.is_visible()  # folded behind its heading
-    page.get_by_role("button", name="show", exact=True).click()
-    trials.locator("tbody tr").first.wait_for()
-    assert page.evaluate("() => document.scrollingElement.scrollWidth <= innerWidth")
-    page.get_by_role("button", name="hide", exact=True).click()
-    trials.wait_for(state="hidden")
-    page.mouse.wheel(0, 10_000)
-    assert page.get_by_role("button", name="STOP (space bar)").evaluate(
-        "b => b.getBoundingClientRect().top >= 0 && b.getBoundingClientRect().right <= innerWidth"
-    )
-    page.set_viewport_size(before)
-
-
-@pytest.mark.parametrize(
-    "path", ["/", "/own", "/topics", "/topic/safety/beat", "/node/safety", "/record", "/timeline"]
-)
-def test_stop_is_in_sight_on_every_page_and_works_by_one_click(rig: Viewing, path: str) -> None:
-    page = rig.go(path)
-    button = page.get_by_role("button", name="STOP (space bar)")
+def pressed(rig: Viewing) -> None:
+    """Stop by one click on the button, which is in sight however far down the page is."""
+    button = rig.page.get_by_role("button", name="STOP (space bar)")
     button.wait_for()
-    page.mouse.wheel(0, 10_000)
-    assert button.evaluate(
-        "b => b.getBoundingClientRect().top >= 0 && b.getBoundingClientRect().bottom <= innerHeight"
-    )
+    rig.page.mouse.wheel(0, 10_000)
+    assert button.evaluate(IN_SIGHT)
     button.click()
     rig.until(WORDS, "latched: operator")
     released(rig)
+
+
+def test_a_stop_works_by_one_click_and_while_the_connection_is_away_without_a_reload(rig: Viewing) -> None:
+    page = rig.go("/own")
+    page.evaluate("window.same = true")
+    pressed(rig)
+    page.context.set_offline(True)
+    page.keyboard.press("Space")
+    rig.until(WORDS, "has not arrived")
+    page.context.set_offline(False)
+    rig.until(WORDS, "latched: operator")
+    assert page.evaluate("window.same")
+    released(rig)
+
+
+@pytest.mark.nightly
+def test_stop_is_in_sight_on_every_page(rig: Viewing) -> None:
+    for path in ("/", "/topics", "/topic/safety/beat", "/node/safety", "/record", "/timeline"):
+        rig.go(path)
+        pressed(rig)
 
 
 def test_the_space_bar_stops_wherever_one_is_but_in_a_field(rig: Viewing) -> None:
@@ -100,39 +114,33 @@ def test_the_space_bar_stops_wherever_one_is_but_in_a_field(rig: Viewing) -> Non
 
 
 def test_a_node_of_a_rig_is_brought_to_rest_only_when_asked_twice(rig: Viewing) -> None:
-    page = rig.go("/node/rig")
-    page.get_by_role("button", name="deactivate ...").click()
-    rig.says("This graph moves something")
-    page.get_by_role("button", name="no", exact=True).click()
-    page.get_by_role("button", name="deactivate ...").click()
-    page.get_by_role("button", name="yes, deactivate").click()
-    rig.says("deactivate: it is inactive now")
-    page.get_by_role("button", name="activate", exact=True).click()
-    rig.says("activate: it is active now")
+    with closing(PageSocket(PageServer(rig.address), "/node/rig")) as page:
+        page.click("deactivate ...")
+        page.click("no")
+        page.click("deactivate ...")
+        page.click("yes, deactivate")
+        page.says("deactivate: it is inactive now")
+        page.click("activate")
+        page.says("activate: it is active now")
 
 
-def test_a_stop_that_was_pressed_while_the_connection_was_away_arrives_without_a_reload(rig: Viewing) -> None:
-    page = rig.go("/own")
-    page.evaluate("window.same = true")
-    page.context.set_offline(True)
-    page.keyboard.press("Space")
-    rig.until(WORDS, "has not arrived")
-    page.context.set_offline(False)
-    rig.until(WORDS, "latched: operator")
-    assert page.evaluate("window.same")
-    released(rig)
-
-
-def test_an_acknowledgement_is_asked_for_twice(rig: Viewing) -> None:
-    page = rig.go("/own")
-    page.keyboard.press("Space")
-    rig.until(STOPPED)
-    page.get_by_role("button", name="acknowledge ...").click()
-    rig.says("nobody's hand is at the rig?")
-    assert page.evaluate(STOPPED)
-    page.get_by_role("button", name="no", exact=True).click()
-    assert page.evaluate(STOPPED)
-    released(rig)
+@pytest.mark.parametrize("width", [390, pytest.param(768, marks=pytest.mark.nightly)])
+def test_it_is_no_wider_than_a_phone_and_stop_is_in_sight_there(rig: Viewing, width: int) -> None:
+    page, before = rig.page, rig.page.viewport_size
+    page.set_viewport_size({"width": width, "height": 700})
+    rig.go("/own")
+    rig.says("ring: 16.1 mm")
+    rig.until("() => document.scrollingElement.scrollWidth <= innerWidth")
+    trials = page.locator("[data-what=trials]")
+    assert not trials.is_visible()  # folded behind its heading
+    page.get_by_role("button", name="show", exact=True).click()
+    trials.locator("tbody tr").first.wait_for()
+    assert page.evaluate("() => document.scrollingElement.scrollWidth <= innerWidth")
+    page.get_by_role("button", name="hide", exact=True).click()
+    trials.wait_for(state="hidden")
+    page.mouse.wheel(0, 10_000)
+    assert page.get_by_role("button", name="STOP (space bar)").evaluate(IN_SIGHT)
+    page.set_viewport_size(before)
 
 
 class Bytes:
@@ -155,17 +163,51 @@ class Bytes:
         self._answers.clear()
 
 
-def test_of_a_blinded_session_no_byte_that_is_sent_tells_depth_or_accuracy(
-    browser: Any, shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+@pytest.fixture(scope="module")
+def dark(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A blinded session's viewer: its address."""
     launch_stub(shared_palp, tmp_path_factory.mktemp("dark"), "dark", "blind:=true")
-    viewing = Viewing(browser, shared_palp.start("view", "--no-browser", "--operate", "--graph", "dark"))
+    return address_of(shared_palp.start("view", "--no-browser", "--operate", "--graph", "dark"))
+
+
+DARK = (
+    "/", "/own", "/topics", "/topic/safety/beat", "/topic/rig/belief", "/topic/rig/torque",
+    "/topic/rig/result", "/topic/rig/progress", "/topic/rig/trial", "/topic/rig/_events",
+    "/node/safety", "/node/rig", "/record", "/timeline",
+)  # fmt: skip
+
+
+def secrets_in(sent: bytes) -> dict[bytes, bytes]:
+    """Return what of the secrets was sent, with what stands around it."""
+    return {secret: sent[max(sent.find(secret) - 80, 0) :][:120] for secret in SECRETS if secret in sent}
+
+
+def test_of_a_blinded_session_no_byte_that_is_sent_tells_depth_or_accuracy(dark: str) -> None:
+    server, sent = PageServer(dark), []
+    for path in DARK:
+        with closing(PageSocket(server, path)) as page:
+            times = set[str]()
+            while path not in ("/record", "/timeline") and len(times) < 2:  # of those two there are none
+                times.add(
+                    str(page.until(lambda one: AT.fullmatch(str(one.get("text"))) is not None)[1]["text"])
+                )
+                page.read()
+            if path == "/own":
+                page.says("estimation: 2 of 30 trials done")
+            sent += [path.encode(), *(said.encode() for said in page.received)]
+    said = b"\n".join(sent)
+    assert b"The session is blinded" in said
+    assert b"estimation: 2 of 30" in said  # it is really what is sent
+    assert secrets_in(said) == {}
+
+
+@pytest.mark.nightly
+def test_of_a_blinded_session_a_browser_is_sent_no_byte_that_tells_depth_or_accuracy(
+    browser: Any, dark: str
+) -> None:
+    viewing = Page(browser, dark)
     page, sent = viewing.page, Bytes(viewing.page)
-    for path in (
-        "/", "/own", "/topics", "/topic/safety/beat", "/topic/rig/belief", "/topic/rig/torque",
-        "/topic/rig/result", "/topic/rig/progress", "/topic/rig/trial", "/topic/rig/_events",
-        "/node/safety", "/node/rig", "/record", "/timeline",
-    ):  # fmt: skip
+    for path in DARK:
         viewing.go(path)
         if path not in ("/record", "/timeline"):  # there are none
             viewing.text_changes("[data-what=now]")
@@ -180,5 +222,5 @@ def test_of_a_blinded_session_no_byte_that_is_sent_tells_depth_or_accuracy(
     sent.collect()
     said = b"\n".join(sent.sent)
     assert b"estimation: 2 of 30" in said  # it is really what is sent
-    found = {secret: said[max(said.find(secret) - 80, 0) :][:120] for secret in SECRETS if secret in said}
-    assert found == {}
+    assert secrets_in(said) == {}
+    page.close()

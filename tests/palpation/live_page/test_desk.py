@@ -121,16 +121,16 @@ def test_what_is_asked_is_answered_by_a_press_to_the_node_and_prompt_that_asked(
     session.ask(7, "enter", "Palpating.", "", "again")
 
     async def look(user: Any) -> None:
-        await user.should_see("Palpating.", retries=100)
+        await user.should_see("Palpating.")
         user.find("again").click()
         await called(answered, 1)
         session.ask(8, "choice", QUESTION, "2", "4", "8")
-        await user.should_see(QUESTION, retries=100)
+        await user.should_see(QUESTION)
         await user.should_not_see("again")
         user.find("4").click()
         await called(answered, 2)
         session.ask(9, "none", "The subject rests.")
-        await user.should_see("The subject rests.", retries=100)
+        await user.should_see("The subject rests.")
         await user.should_not_see("go on (Enter)")
 
     simulated(put(page_of(session, answered)), look)
@@ -147,7 +147,7 @@ def test_on_the_page_of_the_rig_whoever_mounts_phantoms_is_asked_blinded_too(bli
     source = BlindSource(session, HARMLESS) if blind else session
 
     async def look(user: Any) -> None:
-        await user.should_see("Mount phantom K7", retries=100)
+        await user.should_see("Mount phantom K7")
         user.find("go on (Enter)").click()
         await called(answered, 1)
 
@@ -162,10 +162,10 @@ def test_what_may_be_a_name_is_refused_before_it_is_sent_and_a_code_is() -> None
     session.ask(1, "text", IDENTITY["subject"])
 
     async def look(user: Any) -> None:
-        await user.should_see(IDENTITY["subject"], retries=100)
+        await user.should_see(IDENTITY["subject"])
         user.find(ui.input).type("Jane Doe")
         user.find("send").click()
-        await user.should_see("use a code as S01", retries=100)
+        await user.should_see("use a code as S01")
         assert answered.calls == []
         user.find(ui.input).clear().type("S01")
         user.find("send").click()
@@ -180,9 +180,9 @@ def test_an_answer_that_is_not_taken_is_said() -> None:
     session.ask(3, "enter", "Enter begins it.")
 
     async def look(user: Any) -> None:
-        await user.should_see("go on (Enter)", retries=100)
+        await user.should_see("go on (Enter)")
         user.find("go on (Enter)").click()
-        await user.should_see("that is not asked any more", retries=100)
+        await user.should_see("that is not asked any more")
 
     simulated(put(page_of(session, answered)), look)
 
@@ -193,11 +193,11 @@ def test_where_nothing_may_be_pressed_it_says_why_and_over_a_bag_nothing_can_be(
     answered.refused = "start palp view with --operate"
 
     async def refused(user: Any) -> None:
-        await user.should_see("start palp view with --operate", retries=100)
+        await user.should_see("start palp view with --operate")
         await user.should_not_see("go on (Enter)")
 
     async def over(user: Any) -> None:
-        await user.should_see("what is shown is over", retries=100)
+        await user.should_see("what is shown is over")
         await user.should_not_see("go on (Enter)")
 
     simulated(put(page_of(session, answered)), refused)
@@ -211,12 +211,12 @@ def test_time_and_effort_are_shown_while_they_are_of_what_is_asked() -> None:
     session.tell("EffortBars", 6, fds=0.5, edc=1.2, clipped=True)
 
     async def look(user: Any) -> None:
-        await user.should_see("mvc: 3 s left", retries=100)
-        await user.should_see("clipped: lower the amplifier's gain", retries=100)
+        await user.should_see("mvc: 3 s left")
+        await user.should_see("clipped: lower the amplifier's gain")
         session.ask(9, "none", "Thank you.")
-        await user.should_see("Thank you.", retries=100)
-        await user.should_not_see("mvc: 3 s left", retries=100)
-        await user.should_not_see("clipped", retries=100)
+        await user.should_see("Thank you.")
+        await user.should_not_see("mvc: 3 s left")
+        await user.should_not_see("clipped")
 
     simulated(put(page_of(session, None)), look)
 

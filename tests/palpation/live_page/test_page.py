@@ -167,7 +167,7 @@ SEEN = (
 def test_it_shows_what_the_nodes_have_said() -> None:
     async def look(user: Any) -> None:
         for words in SEEN:
-            await user.should_see(words, retries=100)
+            await user.should_see(words)
 
     simulated(strip_and_page(Viewer(source=ToldRig(), operator=Pressed())), look)  # type: ignore[arg-type]
 
@@ -179,9 +179,9 @@ def test_a_ring_that_waits_is_told_and_once_the_graph_has_ended_nobody_calls_it_
     told.said["RingReport"].append((5, {"text": "its motor waits 63 s more"}))
 
     async def look(user: Any) -> None:
-        await user.should_see("re-homing: its motor waits 63 s more", retries=100)
+        await user.should_see("re-homing: its motor waits 63 s more")
         told.alive = False
-        await user.should_see("no safety node watches the rig any more", retries=100)
+        await user.should_see("no safety node watches the rig any more")
         await user.should_not_see("is silent")
 
     simulated(strip_and_page(Viewer(source=told, operator=Pressed())), look)  # type: ignore[arg-type]
@@ -218,9 +218,9 @@ def test_a_depth_is_a_bar_of_its_share_and_the_most_probable_one_is_marked() -> 
 
 def test_of_a_blinded_session_none_of_it_is_on_the_page() -> None:
     async def look(user: Any) -> None:
-        await user.should_see("The session is blinded", retries=100)
-        await user.should_see("1 of 300 trials done", retries=100)
-        await user.should_see("ring: 16.2 mm, settled; phantom K7", retries=100)
+        await user.should_see("The session is blinded")
+        await user.should_see("1 of 300 trials done")
+        await user.should_see("ring: 16.2 mm, settled; phantom K7")
         for words in ("%", "4 mm", "phantom B", "vouches", "posterior", "Entropy", "Right so far", "Uniform"):
             await user.should_not_see(words)
 
@@ -233,15 +233,15 @@ def test_a_trip_is_left_behind_only_when_asked_twice() -> None:
     told.said["SafetyBeat"].append((91, {**BEAT, "state": "latched", "cause": "torque", "text": "105 N mm"}))
 
     async def look(user: Any) -> None:
-        await user.should_see("torque: 105 N mm", retries=100)
+        await user.should_see("torque: 105 N mm")
         user.find("acknowledge ...").click()
-        await user.should_see("nobody's hand is at the rig?", retries=100)
+        await user.should_see("nobody's hand is at the rig?")
         assert pressed.calls == []
         user.find("yes, leave the stop behind").click()
-        await user.should_see("acknowledged: it goes on by itself", retries=100)
+        await user.should_see("acknowledged: it goes on by itself")
         assert pressed.calls == [("safety", "acknowledge", False)]
         told.said["SafetyBeat"].append((92, {**BEAT, "state": "ready"}))
-        await user.should_see("ready", retries=100)
+        await user.should_see("ready")
         await user.should_see("it goes on by itself")  # and is not wiped away as the stop is left
 
     simulated(strip_and_page(Viewer(source=told, operator=pressed)), look)  # type: ignore[arg-type]

@@ -114,7 +114,7 @@ class PageSocket:
             if name == "update":
                 self.elements |= {key: value for key, value in data.items() if key != "_id"}
 
-    def until(self, so: Callable[[dict[str, Any]], bool]) -> tuple[int, dict[str, Any]]:
+    def until(self, so: Callable[[dict[str, Any]], object]) -> tuple[int, dict[str, Any]]:
         """Read until there is an element of which something is so; return its number and it."""
         while True:
             for number, element in self.elements.items():
@@ -122,16 +122,17 @@ class PageSocket:
                     return int(number), element
             self.read()
 
-    def says(self, words: str) -> None:
-        """Read until the page shows these words."""
-        self.until(lambda element: words in str(element.get("text", "")))
+    def says(self, words: str) -> str:
+        """Read until the page shows these words; return the whole text in which they stand."""
+        return str(self.until(lambda element: words in str(element.get("text", "")))[1]["text"])
 
     def labelled(self, label: str) -> tuple[int, dict[str, Any]]:
-        """Return the field or button of that label."""
+        """Return the field, button or box of that label, if it is to be seen."""
 
         def so(element: dict[str, Any]) -> bool:
             props = element.get("props", {})
-            return label in (props.get("aria-label"), props.get("label"))
+            labels = props.get("aria-label"), props.get("label"), element.get("text")
+            return "events" in element and label in labels and "hidden" not in element.get("class", ())
 
         return self.until(so)
 

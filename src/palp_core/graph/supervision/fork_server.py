@@ -53,6 +53,10 @@ _CRASH = re.compile(r"Fatal Python error.*?most recent call first", re.DOTALL)
 _FRAME = re.compile(r'File "([^"]+)", line (\d+)')
 INSPECTING = ""
 """Name of an inspecting child."""
+NO_PROCESS = 2**31 - 1
+"""In place of the id of a process that could not be started: no process has one as high."""
+NOT_STARTED = 256
+"""Added to the error's number: its status, which is none that a process ends with."""
 
 
 ToRun = Literal["forked", "composed", "nowhere"]
@@ -86,7 +90,10 @@ class Started(ChannelMessage, frozen=True):
 
 
 class Exited(ChannelMessage, frozen=True):
-    """A child is gone and reaped; ``status`` is as :func:`os.waitstatus_to_exitcode` gives it."""
+    """A child is gone and reaped, or could not be started.
+
+    ``status`` is as :func:`os.waitstatus_to_exitcode` gives it, or :data:`NOT_STARTED` and more.
+    """
 
     name: str
     pid: int
@@ -301,7 +308,13 @@ def _last_words(answer: Path) -> tuple[str, list[tuple[str, str]]]:
 
 
 def exit_in_words(status: int) -> str:
-    """Say in words how a process ended."""
+    """Say in words how a process ended.
+
+    >>> exit_in_words(NOT_STARTED + 11), exit_in_words(1)
+    ('could not be started: Resource temporarily unavailable', 'ended with status 1')
+    """
+    if status >= NOT_STARTED:
+        return f"could not be started: {os.strerror(status - NOT_STARTED)}"
     if status < 0:
         named = -status in {int(number) for number in signal.Signals}
         return f"was killed by {signal.Signals(-status).name if named else f'signal {-status}'}"
@@ -353,17 +366,32 @@ class _Server:
         if isinstance(request, Signal):
             if request.pid in self._children:
                 os.kill(request.pid, request.number)
-        elif isinstance(request, Spawn):
-            name = request.spec.name
-            read_end, write_end = self._logs.open(name, Path(request.log))
-            self._prints[self._fork(request.place, write_end, lambda: _run(request))] = read_end
-            os.close(write_end)
-            self._poll.register(read_end, select.POLLIN)
-        else:
+            return
+        try:
+            self._start(request)
+        except OSError as error:  # no room for one more process: those that there are go on
+            name = request.place if isinstance(request, Spawn) else INSPECTING
+            self._send_event(Started(name, NO_PROCESS))
+            self._send_event(Exited(name, NO_PROCESS, NOT_STARTED + (error.errno or 0)))
+
+    def _start(self, request: Spawn | InspectClasses) -> None:
+        if isinstance(request, InspectClasses):
             self._composed = request.to_run == "composed"
             said = os.open(f"{request.answer}.log", os.O_WRONLY | os.O_CREAT | os.O_APPEND, PRIVATE)
-            self._fork(INSPECTING, said, lambda: self._inspect(request))
-            os.close(said)
+            try:
+                self._fork(INSPECTING, said, lambda: self._inspect(request))
+            finally:
+                os.close(said)
+            return
+        read_end, write_end = self._logs.open(request.spec.name, Path(request.log))
+        try:
+            self._prints[self._fork(request.place, write_end, lambda: _run(request))] = read_end
+        except OSError:
+            self._logs.close(read_end)
+            raise
+        finally:
+            os.close(write_end)
+        self._poll.register(read_end, select.POLLIN)
 
     def _fork(self, name: str, output: int, work: Callable[[], int]) -> int:
         gc.freeze()  # a child's collector leaves what is shared alone: neither time nor copied pages

@@ -92,7 +92,12 @@ class LogWriter:
         os.set_blocking(read_end, False)
         with contextlib.suppress(OSError):  # beyond the user's allowance the pipe stays small
             fcntl.fcntl(write_end, _F_SETPIPE_SZ, PIPE_BYTES)
-        self._streams[read_end] = _Stream(name, path, read_end)
+        try:
+            self._streams[read_end] = _Stream(name, path, read_end)
+        except OSError:
+            os.close(read_end)
+            os.close(write_end)
+            raise
         return read_end, write_end
 
     def read(self, read_end: int) -> bool:

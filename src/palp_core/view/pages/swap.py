@@ -33,7 +33,7 @@ def swap_panel(viewer: Viewer, name: str, changed: Callable[[], Awaitable[None]]
         return
     said("h2", "Swap")
     with ui.element("div").classes("row-of"):
-        choice = ui.select(
+        choice = _ByName(
             [], label="class, or FILE.py:Class", with_input=True, new_value_mode="add-unique", clearable=True
         )
         choice.props('dense outlined aria-label="class"').style("min-width: 22rem")
@@ -48,14 +48,15 @@ def swap_panel(viewer: Viewer, name: str, changed: Callable[[], Awaitable[None]]
     steps = _Steps()
     outcome = Outcome()
 
-    async def find() -> None:
+    async def find(done: str = "") -> None:
         try:
             found = await run.io_bound(choices, live, name)
         except GraphError as error:
             fit.text = f"what fits its wires is not known yet, and asked again: {error}"
             return
         looking.deactivate()
-        choice.set_options(found)
+        chosen = choice.value  # maybe just now, while the answer was on its way
+        choice.set_options([*found, *([chosen] if chosen and chosen not in (*found, done) else [])])
         below = "".join(f" and of '{one.name}' under it" for one in under(live))
         fit.text = f"{len(found)} classes of the workspace{below} fit its wires"
 
@@ -87,10 +88,19 @@ def swap_panel(viewer: Viewer, name: str, changed: Callable[[], Awaitable[None]]
             steps.end(answer)
             outcome.tell(*swap_words(answer))
             await changed()
-            await find()  # the class that went is a choice now
+            await find(wanted)  # the class that went is a choice now
 
     button.on_click(go)
     looking = ui.timer(ASK_AGAIN_S, find)
+
+
+class _ByName(ui.select):  # type: ignore[misc]
+    """A choice that a browser tells by its name: by its place it would be another once the list changes."""
+
+    def _event_args_to_value(self, e: Any) -> Any:
+        if isinstance(e.args, dict):
+            e.args = str(e.args.get("label", ""))
+        return super()._event_args_to_value(e)
 
 
 class _Steps:

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import IO
@@ -92,10 +93,13 @@ class Recordings:
     Args:
         operator: Who may press what.
         folder: Where bags are made: nowhere else.
+        palp: How ``palp`` is run.
     """
 
-    def __init__(self, operator: GraphOperator, folder: Path) -> None:
-        self._operator, self.folder = operator, folder
+    def __init__(
+        self, operator: GraphOperator, folder: Path, palp: Sequence[str] = (sys.executable, "-m", "palp_core")
+    ) -> None:
+        self._operator, self.folder, self._palp = operator, folder, palp
         self.all: list[StartedRecorder] = []
         self._one_at_a_time = threading.Lock()
         self._starter = ThreadPoolExecutor(1, "palp view: recorders")
@@ -127,10 +131,10 @@ class Recordings:
         name = name or f"{graph.record.graph}-{unix_ns() // 10**9}"
         if NAME.fullmatch(name) is None:
             raise BagError(f"'{name}' is no name of a bag in {self.folder}; use letters, digits, _, - and .")
-        if len([one for one in self.all if one.running]) >= MOST:
-            raise BagError(f"{MOST} recorders are running; stop one")
         out = self.folder / name
         with self._one_at_a_time:  # a double press is two requests at once, and a bag is not there at once
+            if len([one for one in self.all if one.running]) >= MOST:
+                raise BagError(f"{MOST} recorders are running; stop one")
             if any(one.out == out and one.running for one in self.all):
                 raise BagError(f"{out} is being recorded already: choose another name")
             if out.exists():
@@ -142,23 +146,12 @@ class Recordings:
     def _started(
         self, graph: RunningGraph, out: Path, topics: list[str], snapshot_s: float
     ) -> StartedRecorder:
-        words = [*topics] if topics else ["--all"]
         options = ["--snapshot", str(snapshot_s)] if snapshot_s > 0 else []
-        command = [
-            sys.executable,
-            "-m",
-            "palp_core",
-            "bag",
-            "record",
-            "--graph",
-            graph.record.id,
-            "-o",
-            str(out),
-        ]
+        command = [*self._palp, "bag", "record", "--graph", graph.record.id, "-o", str(out), *options]
         said = tempfile.TemporaryFile()  # noqa: SIM115 - as long as somebody may look at it
         process = self._starter.submit(
             subprocess.Popen[bytes],
-            [*command, *options, "--", *words] if topics else [*command, *options, *words],
+            [*command, "--", *topics] if topics else [*command, "--all"],
             stdin=subprocess.DEVNULL,
             stdout=said,
             stderr=subprocess.STDOUT,
