@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Self
 
+import msgspec
 import pytest
 
 from palp_core.graph.description.check import load
@@ -19,8 +20,10 @@ from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, 
 from palp_core.graph.launch import graph
 from palp_core.graph.launch.graph import Graph, succeed
 from palp_core.graph.launch.summary import RunSummary
-from palp_core.palpation.reporting import html_page
+from palp_core.graph.lockstep import composition
+from palp_core.graph.lockstep.composition import Composition, composed
 from tests.support.palp import SIM, Palp, own_palp
+from tests.support.sessions import no_charts
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,31 +97,45 @@ class _NoServer:
     def close(self) -> None: ...
 
 
+@contextlib.contextmanager
+def _with_brief_emg(checked: CheckedGraph, *more: Any) -> Iterator[Composition]:
+    """Compose a graph; a minute of EMG would take longer than all else of a small session."""
+    nodes = [
+        msgspec.structs.replace(spec, params={**spec.params, "palpation_s": 1.0})
+        if spec.run == "nodes.emg:Emg"
+        else spec
+        for spec in checked.nodes
+    ]
+    with composed(msgspec.structs.replace(checked, nodes=nodes), *more) as made:
+        yield made
+
+
 class ComposedGraph(Graph):
     """A graph whose nodes are all in this process, where their classes are looked at, too.
 
     The charts of its report are empty: who looks at charts has :func:`rig_session`, which is a user's run.
+
+    Args:
+        path: The launch file.
+        brief_emg: End EMG after a second of palpation: for whom it is no matter.
+        given: As of a graph.
     """
 
-    def __init__(self, path: str | Path, **given: Any) -> None:
+    def __init__(self, path: str | Path, *, brief_emg: bool = False, **given: Any) -> None:
         super().__init__(path, compose=True, **given)
+        self._brief_emg = brief_emg
 
     def __enter__(self) -> Self:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(graph, "ForkServer", _NoServer)
+            if self._brief_emg:
+                patch.setattr(composition, "composed", _with_brief_emg)
             return super().__enter__()
 
     def run(self, until_s: float | None = None) -> RunSummary:
-        with _no_charts():
+        with no_charts():
             return super().run(until_s)
 
     def __exit__(self, *error: Any) -> None:
-        with _no_charts():  # a run that was cut short has its report made here
+        with no_charts():  # a run that was cut short has its report made here
             super().__exit__(*error)
-
-
-@contextlib.contextmanager
-def _no_charts() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(html_page, "save", lambda *_: b"")
-        yield
