@@ -35,6 +35,7 @@ from palp_core.palpation.session.run_note import read_note
 from palp_core.palpation.session.trials_csv import read_rows
 from tests.support.palp import ROOT, SIM
 from tests.support.rig_session import ComposedGraph, check_here
+from tests.support.sessions import no_charts
 
 DEPTHS_M = {"A": 0.0021373, "B": 0.0042917, "C": 0.0067131}
 """Numbers that nothing else in a run has."""
@@ -63,7 +64,7 @@ def blinded(folder: Path, **given: object) -> Blinded:
     phantoms.write_text("".join(f"{code}: {{bead: {{depth_m: {d}}}}}\n" for code, d in DEPTHS_M.items()))
     found = Blinded(folder / "out", folder / "bag")
     with ComposedGraph(
-        SIM, out=found.out, record=found.bag, phantoms=phantoms, **{**SMALL, **given}
+        SIM, brief_emg=True, out=found.out, record=found.bag, phantoms=phantoms, **{**SMALL, **given}
     ) as graph:
         summary = graph.run()
     assert summary.exit_code == 0, summary.ended
@@ -161,7 +162,7 @@ def interrupt(given: dict[str, Any]) -> None:
             if results == 2:
                 raise Killed
 
-    with pytest.raises(Killed), ComposedGraph(SIM, observe=observe, **given) as graph:
+    with pytest.raises(Killed), ComposedGraph(SIM, brief_emg=True, observe=observe, **given) as graph:
         graph.run()
 
 
@@ -181,9 +182,9 @@ def test_an_interrupted_one_shows_no_depth_either_and_ends_with_the_same_bytes(
     assert "checkpoint" in held
     (out / "key.sealed").unlink()
     with pytest.raises(PalpError, match="is gone, and nothing else says which phantom is which"):
-        ComposedGraph(SIM, resume=True, **given).__enter__()
+        ComposedGraph(SIM, brief_emg=True, resume=True, **given).__enter__()
     (out / "key.sealed").write_bytes(key)
-    with ComposedGraph(SIM, resume=True, **given) as graph:
+    with ComposedGraph(SIM, brief_emg=True, resume=True, **given) as graph:
         assert graph.run().exit_code == 0
     names = ["trials.csv", "primitives.json", *(f"sweeps/{one.name}" for one in session.out.glob("sweeps/*"))]
     assert [name for name in names if (out / name).read_bytes() != (session.out / name).read_bytes()] == []
@@ -203,7 +204,7 @@ def test_the_search_finds_what_a_session_in_the_open_tells(tmp_path: Path) -> No
         "out": folder / "out",
         "record": folder / "bag",
     }
-    with ComposedGraph(SIM, phantoms=phantoms, **given) as graph:
+    with ComposedGraph(SIM, brief_emg=True, phantoms=phantoms, **given) as graph:
         graph.run()
     wanted = [sign for d in DEPTHS_M.values() for sign in signs(d)]
     with Bag(folder / "bag") as bag:
@@ -317,7 +318,8 @@ def test_unsealed_it_has_the_depths_and_what_was_written_before_is_kept(copy: Pa
     learnt = json.loads((copy / "primitives.json").read_text())
     sealed = read_rows(copy)
     own = own_codes(copy / "key.sealed")
-    done = CliRunner().invoke(app, ["unseal", str(copy), "--reason", "all is done"])
+    with no_charts():
+        done = CliRunner().invoke(app, ["unseal", str(copy), "--reason", "all is done"])
     assert done.exit_code == 0, done.output
     rows = read_rows(copy)
     assert [row.depth_m for row in rows] == [DEPTHS_M[own[row.phantom]] for row in rows]

@@ -251,7 +251,7 @@ def test_policies_share_training_and_mountings_of_a_seed(
     out: Path, rows: Rows, policy: str, tmp_path: Path
 ) -> None:
     folder = tmp_path / "other"
-    with ComposedGraph(LAUNCH, policy=policy, trials=2, training=2, out=str(folder)) as graph:
+    with ComposedGraph(LAUNCH, brief_emg=True, policy=policy, trials=2, training=2, out=str(folder)) as graph:
         graph.run()
     assert (folder / "primitives.json").read_bytes() == (out / "primitives.json").read_bytes()
     with (folder / "trials.csv").open(newline="") as file:

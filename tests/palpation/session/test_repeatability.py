@@ -31,6 +31,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("repeat") / "out"
     with ComposedGraph(
         str(ROOT / "launch" / "sim.yaml"),
+        brief_emg=True,
         plan="repeatability",
         ring_error="normal",
         out=str(out),
