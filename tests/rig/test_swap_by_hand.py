@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import sys
-from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -43,9 +43,10 @@ def run(out: Path, *, bag: Path | None = None, compose: bool = True) -> None:
             if belief.iteration == 2 and len({trial for trial, _ in told}) == 2:
                 graph.swaps.plan(now_ns + 1, SwapRequest(node="policy", run="nodes.policy_uniform:Uniform"))
 
-    path, kind = list(sys.path), partial(ComposedGraph, brief_emg=True) if compose else Graph
+    path, kind = list(sys.path), ComposedGraph if compose else Graph
+    brief: dict[str, Any] = {"brief_emg": True} if compose else {}
     swaps = "swaps:=4=nodes.policy_markov:Markov"
-    with kind(SIM, overrides=[*SMALL, swaps, f"out:={out}"], record=bag, observe=take) as graph:
+    with kind(SIM, overrides=[*SMALL, swaps, f"out:={out}"], record=bag, observe=take, **brief) as graph:
         assert graph.run().exit_code == 0
     sys.path[:] = path
 

@@ -63,9 +63,9 @@ def test_a_bag_and_the_folder_of_its_run_give_the_same_session(
         ours, theirs = (read_sweep(folder, row.row) for folder in (again, rig_session.out))
         assert np.array_equal(ours[0], theirs[0])
         assert ours[1] == theirs[1]
-    ours, theirs = (sorted((folder / "charts").iterdir()) for folder in (again, rig_session.out))
-    assert [path.name for path in ours] == [path.name for path in theirs]
-    numbers = [[path.read_bytes() for path in paths if path.suffix == ".csv"] for paths in (ours, theirs)]
+    files, wanted = (sorted((folder / "charts").iterdir()) for folder in (again, rig_session.out))
+    assert [path.name for path in files] == [path.name for path in wanted]
+    numbers = [[path.read_bytes() for path in paths if path.suffix == ".csv"] for paths in (files, wanted)]
     assert numbers[0] == numbers[1]
     chart = charts_of(again)[0]
     assert images(chart)[0] == (rig_session.out / "charts" / f"{chart.name}.png").read_bytes()
