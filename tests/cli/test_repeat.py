@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 import signal
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pytest
 
-from palp_core.cli.launch.repeat import Run, plan, refuse, refuse_options
+from palp_core.cli.launch import side_by_side
+from palp_core.cli.launch.repeat import Run, plan, refuse, refuse_options, repeat
 from palp_core.errors import GraphError
 from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.launch import graph
 from palp_core.graph.launch.checkpoint_file import KeptRun, RunIdentity, write_checkpoint
 from palp_core.palpation.session.report import session
 from tests.support.palp import PATIENCE_S, ROOT, SIM, Palp, wait_for_line
-from tests.support.rig_session import RigSession, check_here
+from tests.support.rig_session import ComposedGraph, RigSession, check_here
 
 NOBODY = RunIdentity(graph="rig", clock="sim", seed=4, args={}, nodes={}, versions={}, sources={})
 KEPT = KeptRun(
@@ -37,25 +40,38 @@ def checked() -> CheckedGraph:
     return check_here(SIM, ["out:=results/many", "seed:=3"])
 
 
-def test_two_sessions_side_by_side_are_those_of_their_seeds_and_are_pooled(
-    palp: Palp, rig_session: RigSession, tmp_path: Path
+def test_each_run_has_its_seed_and_folder_and_all_are_pooled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Each is the session that its seed alone gives, and what both say together is beside them."""
+    small = ["trials:=1", "training:=2", "rings_mm:=8, 16", "policy:=fixed", "stop:=fixed_number"]
+    ran: list[list[str]] = []
+
+    def one_after_another(commands: Mapping[str, Sequence[str]], workers: int) -> dict[str, str]:
+        for file, *words in commands.values():
+            ran.append([file, *words])
+            with ComposedGraph(file, overrides=[word for word in words if ":=" in word]) as rig:
+                assert rig.run().exit_code == 0
+        return {}
+
+    monkeypatch.setattr(side_by_side, "run_side_by_side", one_after_another)
+    monkeypatch.setattr(graph, "check_file", check_here)
     many = tmp_path / "many"
-    done = palp.run("launch", SIM, *SMALL, f"out:={many}", "--repeat", 2)
-    assert done.returncode == 0, done.stderr
-    assert f"2 runs of {SIM}, seeds 1 to 2, " in done.stderr
-    assert "over 2 sessions" in done.stdout
-    assert "not all were run alike" not in done.stdout
-    alone = (rig_session.out / "trials.csv").read_bytes()
-    assert (many / "seed_1" / "trials.csv").read_bytes() == alone
-    assert (many / "seed_2" / "trials.csv").read_bytes() != alone
+    given = [*small, "seed:=1", f"out:={many}"]
+    assert repeat(SIM, given, 2, compose=True, resume=False) == 0
+    assert ran == [
+        [str(SIM), *small, f"seed:={seed}", f"out:={many / f'seed_{seed}'}", "--compose"] for seed in (1, 2)
+    ]
+    said = capsys.readouterr()
+    assert f"2 runs of {SIM}, seeds 1 to 2, " in said.err
+    assert "over 2 sessions" in said.out
+    assert "not all were run alike" not in said.out
+    one, other = ((many / f"seed_{seed}" / "trials.csv").read_bytes() for seed in (1, 2))
+    assert one != other
     pooled = json.loads((many / "pooled.json").read_text())
     assert [(group["unit"], group["units"]) for group in pooled["groups"]] == [("session", 2)]
     assert (many / "index.html").exists()
-    again = palp.run("launch", SIM, *SMALL, f"out:={many}", "--repeat", 2)
-    assert again.returncode == 2
-    assert f"{many / 'seed_1'} is there already: --resume goes on" in again.stderr
+    with pytest.raises(GraphError, match=f"{many / 'seed_1'} is there already: --resume goes on"):
+        repeat(SIM, given, 2, compose=True, resume=False)
 
 
 @pytest.mark.nightly
@@ -77,8 +93,10 @@ def test_what_was_ended_in_the_middle_goes_on(
     }
     done = palp.run(*words, f"out:={many}", "--repeat", 2, "--resume")
     assert done.returncode == 0, done.stderr
+    assert "over 2 sessions" in done.stdout
     assert {path: path.read_bytes() for path in whole} == whole
-    assert (many / "seed_1" / "trials.csv").read_bytes() == (rig_session.out / "trials.csv").read_bytes()
+    one, other = ((many / f"seed_{seed}" / "trials.csv").read_bytes() for seed in (1, 2))
+    assert one == (rig_session.out / "trials.csv").read_bytes() != other
     assert all(session.complete(many / f"seed_{seed}") for seed in (1, 2))
 
 

@@ -20,6 +20,7 @@ from palp_core.units import Float64Array
 
 RATE_HZ = 1500.0
 WINDOW_S = 0.15
+Whole = tuple[list[CoContraction], list[int]]
 
 
 @pytest.fixture(scope="module")
@@ -30,10 +31,26 @@ def recording() -> list[EmgBlock]:
     return bench.sent(Emg.block)
 
 
-def processed(blocks: list[EmgBlock], **params: object) -> list[CoContraction]:
+def followed(blocks: list[EmgBlock], **params: object) -> Whole:
+    """Return what is told of a recording, and the level of every peak."""
     bench = Bench(Cocontraction, params)
-    bench.feed(Cocontraction.emg, *blocks)
-    return bench.sent(Cocontraction.cocontraction)
+    levels, before = [], 0
+    for block in blocks:
+        bench.feed(Cocontraction.emg, block)
+        state = bench.node.state
+        levels += [state.level] * (state.peak_count - before)
+        before = state.peak_count
+    return bench.sent(Cocontraction.cocontraction), levels
+
+
+def processed(blocks: list[EmgBlock], **params: object) -> list[CoContraction]:
+    return followed(blocks, **params)[0]
+
+
+@pytest.fixture(scope="module")
+def whole(recording: list[EmgBlock]) -> Whole:
+    """What is told of the whole recording."""
+    return followed(recording)
 
 
 def offline(blocks: list[EmgBlock]) -> tuple[Float64Array, Calibration]:
@@ -50,21 +67,21 @@ def offline(blocks: list[EmgBlock]) -> tuple[Float64Array, Calibration]:
     return cocontraction(envelopes, known.reference)[phases == "palpation"], known
 
 
-def test_the_stream_gives_the_offline_values_to_the_bit(recording: list[EmgBlock]) -> None:
-    stream, (value, known) = processed(recording), offline(recording)
+def test_the_stream_gives_the_offline_values_to_the_bit(recording: list[EmgBlock], whole: Whole) -> None:
+    (stream, _), (value, known) = whole, offline(recording)
     assert {c.reference_v for c in stream} == {known.reference}
     assert np.array_equal(np.concatenate([c.value for c in stream]), value)
 
 
-def test_bursts_and_levels_are_those_of_the_whole_recording(recording: list[EmgBlock]) -> None:
+def test_bursts_and_levels_are_those_of_the_whole_recording(recording: list[EmgBlock], whole: Whole) -> None:
     value, known = offline(recording)
-    _, whole = BurstRule.of(RATE_HZ, known).step(BurstState(), value)
-    assert len(whole.peaks) > 20
-    stream = processed(recording)
+    _, at_once = BurstRule.of(RATE_HZ, known).step(BurstState(), value)
+    assert len(at_once.peaks) > 20
+    stream, _ = whole
     ends = np.cumsum([len(c.value) for c in stream])
     for message, end in zip(stream, ends.tolist(), strict=True):
-        assert message.burst_count == sum(one.known_at < end for one in whole.bursts)
-        peaks = [one.level for one in whole.peaks if one.known_at < end]
+        assert message.burst_count == sum(one.known_at < end for one in at_once.bursts)
+        peaks = [one.level for one in at_once.peaks if one.known_at < end]
         assert message.level_defined == bool(peaks)
         if peaks:
             assert message.level == to_levels(np.array(peaks)).index[-1]
@@ -72,7 +89,7 @@ def test_bursts_and_levels_are_those_of_the_whole_recording(recording: list[EmgB
 
 @pytest.mark.parametrize("crosstalk", ["keep", "remove"])
 def test_the_command_makes_the_same_of_a_recording_as_the_node(
-    recording: list[EmgBlock], crosstalk: Crosstalk
+    recording: list[EmgBlock], whole: Whole, crosstalk: Crosstalk
 ) -> None:
     """But for the first window, for the node's filter knows what was before the palpation."""
     parts = {
@@ -80,13 +97,11 @@ def test_the_command_makes_the_same_of_a_recording_as_the_node(
         for phase in ("rest", "mvc", "palpation")
     }
     found = analyse(parts["palpation"], parts["mvc"], EmgSettings(crosstalk=crosstalk), rest=parts["rest"])
-    stream = processed(recording, crosstalk=crosstalk)
+    stream, levels = whole if crosstalk == "keep" else followed(recording, crosstalk=crosstalk)
     assert found.reference == pytest.approx(stream[0].reference_v, rel=0.01)
-    assert found.cocontraction[600:] == pytest.approx(
-        np.concatenate([c.value for c in stream])[600:], rel=0.01
-    )
-    told = levels_of(recording, crosstalk=crosstalk)
-    assert found.levels.index.tolist()[: len(told)] == told
+    told = np.concatenate([c.value for c in stream])
+    np.testing.assert_allclose(found.cocontraction[600:], told[600:], rtol=0.01, atol=1e-12)
+    assert found.levels.index.tolist()[: len(levels)] == levels
 
 
 def test_levels_are_read_as_printed_where_that_is_asked_for(recording: list[EmgBlock]) -> None:
@@ -103,26 +118,15 @@ def test_thresholds_that_do_not_fit_together_are_refused() -> None:
     assert Cocontraction.examine(CoContractionParams()) == {}
 
 
-def levels_of(blocks: list[EmgBlock], **params: object) -> list[int]:
-    """Return the level of every peak."""
-    bench = Bench(Cocontraction, params)
-    found, before = [], 0
-    for block in blocks:
-        bench.feed(Cocontraction.emg, block)
-        state = bench.node.state
-        found += [state.level] * (state.peak_count - before)
-        before = state.peak_count
-    return found
-
-
-def test_it_sees_about_as_many_peaks_as_the_muscles_made(recording: list[EmgBlock]) -> None:
+def test_it_sees_about_as_many_peaks_as_the_muscles_made(whole: Whole) -> None:
     """The simulated subject holds each level for 1 s on average: 60 levels in 60 s, with no rest between."""
-    assert 45 <= len(levels_of(recording)) <= 75
-    assert processed(recording)[-1].burst_count <= 1
+    stream, levels = whole
+    assert 45 <= len(levels) <= 75
+    assert stream[-1].burst_count <= 1
 
 
-def test_the_levels_are_as_frequent_as_in_the_chain(recording: list[EmgBlock]) -> None:
-    seen = levels_of(recording)
+def test_the_levels_are_as_frequent_as_in_the_chain(whole: Whole) -> None:
+    _, seen = whole
     values, vectors = np.linalg.eig(matrices().mean(axis=0))
     law = np.real(vectors[:, int(np.argmax(np.real(values)))])
     law = law / law.sum()
@@ -130,7 +134,7 @@ def test_the_levels_are_as_frequent_as_in_the_chain(recording: list[EmgBlock]) -
     assert np.mean(seen) == pytest.approx(law @ np.arange(5), abs=0.6)
 
 
-def test_a_burst_counts_only_once_it_has_ended(recording: list[EmgBlock]) -> None:
+def test_a_burst_counts_only_once_it_has_ended(recording: list[EmgBlock], whole: Whole) -> None:
     relaxing = [b for b in recording if b.start_ns < 20e9]
     idle = np.concatenate([b.fds_v for b in recording if b.phase == "rest"])[:75]
     for _ in range(20):
@@ -148,7 +152,7 @@ def test_a_burst_counts_only_once_it_has_ended(recording: list[EmgBlock]) -> Non
     counts = [c.burst_count for c in processed(relaxing)]
     assert counts == [0] * counts.index(1) + [1] * counts.count(1)
     assert counts.index(1) * 0.05 > 11.0  # as long as the subject does not relax, it goes on
-    first = processed(recording)[0]
+    first = whole[0][0]
     assert (first.burst_count, first.level_defined) == (0, False)
 
 
@@ -176,10 +180,10 @@ def test_the_offset_of_the_electrodes_does_not_matter(recording: list[EmgBlock])
 
 def test_a_replacement_continues_byte_for_byte(recording, successor, frames_of) -> None:  # type: ignore[no-untyped-def]
     some = [b for b in recording if b.start_ns < 20e9]
-    whole, first = Bench(Cocontraction), Bench(Cocontraction)
-    for bench in (whole, first):
+    straight, first = Bench(Cocontraction), Bench(Cocontraction)
+    for bench in (straight, first):
         bench.feed(Cocontraction.emg, *some[:250])
     second = successor(first)
-    for bench in (whole, second):
+    for bench in (straight, second):
         bench.feed(Cocontraction.emg, *some[250:])
-    assert frames_of(first) + frames_of(second) == frames_of(whole)
+    assert frames_of(first) + frames_of(second) == frames_of(straight)

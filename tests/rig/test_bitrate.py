@@ -44,7 +44,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two trials a phantom; a threshold that one sweep seldom passes, so that some take a second."""
     path = tmp_path_factory.mktemp("action")
     with ComposedGraph(
-        SIM, record=path / "bag", out=str(path / "out"), **SETTINGS, trials=2, policy="bitrate",
+        SIM, record=path / "bag", out=path / "out", **SETTINGS, trials=2, policy="bitrate",
         stop_value=MOST, max_probes=6,
     ) as graph:  # fmt: skip
         assert graph.run().exit_code == 0
@@ -164,7 +164,8 @@ def test_estimator_policy_and_phantom_swapped_in_the_midst_of_sweeps_change_noth
         ("phantom", "nodes.phantom:Phantom"),
     ]
     with ComposedGraph(
-        SIM, out=str(tmp_path / "out"), **SETTINGS, trials=2, policy="bitrate", stop_value=MOST, max_probes=6,
+        SIM, out=tmp_path / "out", **SETTINGS, trials=2, policy="bitrate", stop_value=MOST,
+        max_probes=6,
     ) as graph:  # fmt: skip
         for row, (node, run) in zip(rows[1:], swapped, strict=False):
             graph.plan_swap(row.start_ns * 1e-9 + 0.2, node, run)
@@ -177,7 +178,8 @@ def test_estimator_policy_and_phantom_swapped_in_the_midst_of_sweeps_change_noth
 def test_policies_swapped_in_mid_trial_go_on_and_it_takes_over_again(tmp_path: Path) -> None:
     swaps = "2=nodes.choosing.bitrate:Bitrate,3=nodes.policy_fixed:Fixed"
     with ComposedGraph(
-        SIM, record=tmp_path / "bag", out=str(tmp_path / "out"), **SETTINGS, trials=2, policy="bitrate",
+        SIM, record=tmp_path / "bag", out=tmp_path / "out", **SETTINGS, trials=2,
+        policy="bitrate",
         vary="speed, direction", swaps=swaps,
     ) as graph:  # fmt: skip
         assert graph.run().exit_code == 0

@@ -15,9 +15,7 @@ from palp_core.palpation.session.many.overview import find_sessions
 from palp_core.palpation.session.report import write
 from tests.support.palp import ROOT, SIM
 from tests.support.rig_session import ComposedGraph, check_here
-from tests.support.sessions import blank_charts
-
-__all__ = ["blank_charts"]
+from tests.support.sessions import no_charts
 
 OWN = '''
 import dataclasses
@@ -104,11 +102,11 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "my_policy.py").write_text(OWN)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        for name, *more in (("Mine", "record"), ("Bare", "", "ring_mm:=12.0")):
-            small = ["trials:=1", "training:=1", "seed:=3", f"policy:=my_policy.py:{name}", f"out:={name}"]
+        for name, stiff, record in (("Mine", 16, folder / "bag"), ("Bare", 12, None)):
+            small = ["trials:=1", "training:=1", "seed:=3", f"rings_mm:=4, {stiff}", f"ring_mm:={stiff}.0"]
+            own = [f"policy:=my_policy.py:{name}", f"out:={name}"]
             path = list(sys.path)
-            record = folder / "bag" if more[0] else None
-            with ComposedGraph(SIM, overrides=[*small, *more[1:]], record=record) as graph:
+            with ComposedGraph(SIM, overrides=[*small, *own], record=record) as graph:
                 assert graph.run().exit_code == 0
             sys.path[:] = path
     return folder
@@ -138,9 +136,9 @@ def test_result_page_and_overview_say_who_decided_and_how_to_run_it_again(here: 
     assert entry.design.startswith("my_policy.py:Mine; ")
 
 
-@pytest.mark.usefixtures("blank_charts")
 def test_the_bag_gives_the_same_rows(here: Path) -> None:
-    write(here / "again", write_record(here / "bag", here / "again"))
+    with no_charts():
+        write(here / "again", write_record(here / "bag", here / "again"))
     assert (here / "again" / "trials.csv").read_bytes() == (here / "Mine" / "trials.csv").read_bytes()
     result = json.loads((here / "again" / "result.json").read_text())
     assert result["policy_class"] == "my_policy.py:Mine"

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.graph.launch.graph import Graph
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.message import decode
 from palp_core.graph.swap.swap import SwapRequest
@@ -17,25 +16,32 @@ from palp_core.palpation.session.bag_record import write_record
 from palp_core.palpation.session.many.overview import find_sessions
 from palp_core.palpation.session.report import write
 from tests.support.palp import SIM
-from tests.support.rig_session import ComposedGraph
+from tests.support.rig_session import BriefGraph, ComposedGraph
+from tests.support.sessions import no_charts
 
-SMALL = ("trials:=2", "training:=2", "seed:=4", "policy:=fixed", "stop:=fixed_number")
+SMALL = ("trials:=2", "training:=1", "seed:=4", "policy:=markov", "stop:=fixed_number", "stop_value:=4")
 
 
 def run(out: Path, *, bag: Path | None = None, compose: bool = True) -> None:
-    """Run a session into which a policy comes after the second palpation of its second trial."""
+    """Run a session into which a policy comes in training, and another after two palpations of trial 2."""
     from msgs.estimation import Belief
 
+    felt: list[int] = []
     told: list[tuple[int, int]] = []
 
     def take(now_ns: int, frame: bytes) -> None:
+        if frame.startswith(b"/estimator/palpation\0"):
+            felt.append(now_ns)
+            if len(felt) == 4:
+                fixed = SwapRequest(node="policy", run="nodes.policy_fixed:Fixed", params={"ring_mm": 12.0})
+                graph.swaps.plan(now_ns, fixed)
         if frame.startswith(b"/estimator/belief\0"):
             belief = decode(Belief, parse(frame).payload)
             told.append((belief.trial, belief.iteration))
             if belief.iteration == 2 and len({trial for trial, _ in told}) == 2:
                 graph.swaps.plan(now_ns + 1, SwapRequest(node="policy", run="nodes.policy_uniform:Uniform"))
 
-    path, kind = list(sys.path), ComposedGraph if compose else Graph
+    path, kind = list(sys.path), ComposedGraph if compose else BriefGraph
     swaps = "swaps:=4=nodes.policy_markov:Markov"
     with kind(SIM, overrides=[*SMALL, swaps, f"out:={out}"], record=bag, observe=take) as graph:
         assert graph.run().exit_code == 0
@@ -74,52 +80,38 @@ def test_result_page_and_overview_name_all_who_decided_and_the_page_what_no_comm
     folder: Path,
 ) -> None:
     result = json.loads((folder / "out" / "result.json").read_text())
-    (one,) = result["swapped_by_hand"]
+    first, one = result["swapped_by_hand"]
+    assert (first["policy"], first["trial"], first["palpation"]) == ("fixed", 1, 1)
     assert (one["policy"], one["trial"], one["palpation"]) == ("uniform", 2, 4)
     page = " ".join((folder / "out" / "report.html").read_text().split())
     assert "from trial 2 on uniform, from trial 4 on markov" in page.partition("</h1>")[0]
     assert "from trial 2 on uniform, from trial 4 on markov” found the right depth" in page
     assert f"<td>uniform</td><td>2</td><td>4</td><td>{one['at_s']:,.1f} s</td>" in page
     assert "no command gives those moments again" in page
-    assert "swaps:=2=MODULE:CLASS of uniform" in page
+    assert "swaps:=1=MODULE:CLASS of fixed,2=MODULE:CLASS of uniform" in page
     (entry,) = find_sessions(folder / "out")
     assert "by hand uniform from trial 2, palpation 4" in entry.design
 
 
-def test_the_bag_gives_the_same_rows(folder: Path) -> None:
-    write(folder / "again", write_record(folder / "bag", folder / "again"))
-    ours, theirs = (folder / name / "trials.csv" for name in ("again", "out"))
-    assert ours.read_bytes() == theirs.read_bytes()
+def test_the_bag_gives_the_same_rows_and_changes(folder: Path) -> None:
+    with no_charts():
+        write(folder / "again", write_record(folder / "bag", folder / "again"))
+    ours, theirs = (folder / name for name in ("again", "out"))
+    assert (ours / "trials.csv").read_bytes() == (theirs / "trials.csv").read_bytes()
+    changes = [json.loads((one / "result.json").read_text())["changes"] for one in (ours, theirs)]
+    assert changes[0] == changes[1]
 
 
 def test_a_swap_in_training_is_told_with_when_and_who_gave_way_is_not_said_to_have_estimated(
-    tmp_path: Path,
+    folder: Path,
 ) -> None:
-    felt: list[int] = []
-
-    def take(now_ns: int, frame: bytes) -> None:
-        if frame.startswith(b"/estimator/palpation\0"):
-            felt.append(now_ns)
-            if len(felt) == 4:
-                fixed = SwapRequest(node="policy", run="nodes.policy_fixed:Fixed", params={"ring_mm": 12.0})
-                graph.swaps.plan(now_ns, fixed)
-
-    path, out, bag = list(sys.path), tmp_path / "out", tmp_path / "bag"
-    small = ("trials:=1", "training:=2", "seed:=4", "policy:=markov", "stop:=fixed_number", f"out:={out}")
-    with ComposedGraph(SIM, overrides=small, record=bag, observe=take) as graph:
-        assert graph.run().exit_code == 0
-    sys.path[:] = path
-    result = json.loads((out / "result.json").read_text())
-    (change,) = result["changes"]
+    change, *_ = json.loads((folder / "out" / "result.json").read_text())["changes"]
     assert (change["phase"], change["palpation"], change["params"]) == ("training", 5, {"ring_mm": 12.0})
     assert (change["before"], change["run"]) == ("nodes.policy_markov:Markov", "nodes.policy_fixed:Fixed")
-    page = " ".join((out / "report.html").read_text().split())
-    assert "policy: fixed, 12 mm</h1>" in page
-    assert "The policy “fixed, 12 mm” found" in page
+    page = " ".join((folder / "out" / "report.html").read_text().split())
+    assert "policy: fixed, from trial 2 on uniform, from trial 4 on markov</h1>" in page
+    assert "The policy “fixed, from trial 2 on uniform, from trial 4 on markov” found" in page
     assert f"<td>{change['at_s']:,.1f} s</td><td>5, of training</td><td>/policy</td>" in page
-    again = tmp_path / "again"
-    write(again, write_record(bag, again))
-    assert json.loads((again / "result.json").read_text())["changes"] == result["changes"]
 
 
 @pytest.mark.slow

@@ -34,7 +34,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session of two trials a phantom, with the ring moved between probes, and its bag."""
     path = tmp_path_factory.mktemp("swift")
     with ComposedGraph(
-        SIM, record=path / "bag", out=str(path / "out"), protocol="swift", trials=2, training=2,
+        SIM, record=path / "bag", out=path / "out", protocol="swift", trials=2, training=2,
         policy="uniform",
     ) as graph:  # fmt: skip
         assert graph.run().exit_code == 0

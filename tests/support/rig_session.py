@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import fcntl
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -20,8 +19,8 @@ from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, 
 from palp_core.graph.launch import graph
 from palp_core.graph.launch.graph import Graph, succeed
 from palp_core.graph.launch.summary import RunSummary
-from palp_core.palpation.reporting import html_page
 from tests.support.palp import SIM, Palp, own_palp
+from tests.support.sessions import no_charts
 
 MINUTE_S, MOMENT_S = 60.0, 0.5
 _CHECKED = graph._checked
@@ -111,11 +110,11 @@ class BriefGraph(Graph):
             return super().__enter__()
 
     def run(self, until_s: float | None = None) -> RunSummary:
-        with _no_charts():
+        with no_charts():
             return super().run(until_s)
 
     def __exit__(self, *error: Any) -> None:
-        with _no_charts():  # a run that was cut short has its report made here
+        with no_charts():  # a run that was cut short has its report made here
             super().__exit__(*error)
 
 
@@ -141,10 +140,3 @@ def _checked_briefly(*given: Any, **more: Any) -> CheckedGraph:
         for spec in checked.nodes
     ]
     return msgspec.structs.replace(checked, nodes=nodes)
-
-
-@contextlib.contextmanager
-def _no_charts() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(html_page, "save", lambda *_: b"")
-        yield

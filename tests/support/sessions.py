@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -165,8 +166,8 @@ def summary() -> Summariser:
     return describe
 
 
-@pytest.fixture
-def blank_charts(monkeypatch: pytest.MonkeyPatch) -> None:
+@contextlib.contextmanager
+def no_charts() -> Iterator[None]:
     """Write charts that show nothing, for who looks at other things: to draw a page of them takes seconds."""
 
     def save(chart: Chart, folder: Path) -> bytes:
@@ -176,7 +177,15 @@ def blank_charts(monkeypatch: pytest.MonkeyPatch) -> None:
         write_csv(folder / f"{chart.name}.csv", chart.columns, chart.rows)
         return b""
 
-    monkeypatch.setattr(html_page, "save", save)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(html_page, "save", save)
+        yield
+
+
+@pytest.fixture
+def blank_charts() -> Iterator[None]:
+    with no_charts():
+        yield
 
 
 @pytest.fixture

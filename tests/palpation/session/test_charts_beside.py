@@ -33,7 +33,7 @@ def beside() -> Iterator[ChartsBeside]:
 
 
 def test_every_other_chart_is_drawn_beside_and_is_the_same(tmp_path: Path, beside: ChartsBeside) -> None:
-    out = writer(tmp_path)(trials=TRIALS)
+    out = writer(tmp_path)()
     run_note.note_end(describe(out))
     write_result(build(read_session(out), describe(out)), out)
     beside.begin(out)

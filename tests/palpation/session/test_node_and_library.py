@@ -1,7 +1,11 @@
-"""The estimator node and the library decide stored sweeps alike: filters, features, grids, stop rules."""
+"""The estimator node and the library decide stored sweeps alike: filters, features, grids, stop rules.
+
+So does the policy that looks ahead; and a session on a grid of depths reads like any other.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -20,7 +24,10 @@ from palp_core.palpation.perception.belief.rig_noise import Component, RigNoise,
 from palp_core.palpation.perception.belief.trial_filter import TrialReading
 from palp_core.palpation.session.filters import filter_of
 from palp_core.palpation.session.reanalysis import Methods, learn, readings, reanalyse
+from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.recorded_sweeps import RecordedSweeps, read_sweeps
+from palp_core.palpation.session.trials_csv import read_rows
+from palp_core.units import Float64Array
 from tests.support.rig_session import ComposedGraph
 
 SIM = str(Path(__file__).resolve().parents[3] / "launch" / "sim.yaml")
@@ -32,21 +39,45 @@ NOISE = RigNoise(
 )
 
 
+Beliefs = list[tuple[Float64Array, Float64Array]]
+
+
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("rig")
-    write_noise(NOISE, path / "noise.yaml")
-    return path
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Beliefs]:
+    """Run a session on a grid of depths, six probes a trial; return its folder, and whose beliefs met.
+
+    A pair is the belief that the policy makes of its history, and the estimator's, which it is told.
+    """
+    folder, met = tmp_path_factory.mktemp("rig"), []
+    write_noise(NOISE, folder / "noise.yaml")
+    with_classes = latent.Belief.with_classes
+
+    def spy(own: latent.Belief, told: Float64Array) -> latent.Belief:
+        if own.offset_mean.size:
+            met.append((own.posterior, told))
+        return with_classes(own, told)
+
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        ComposedGraph(
+            SIM, record=folder / "bag", out=folder / "out", trials=1, training=3,
+            rings_mm="8, 16", depths=31,
+            policy="information", knows="latent", filter="latent", noise=folder / "noise.yaml",
+            stop="fixed_number", stop_value=6.0,
+        ) as graph,
+    ):  # fmt: skip
+        patch.setattr(latent.Belief, "with_classes", spy)
+        assert graph.run().exit_code == 0
+    return folder, met
+
+
+@pytest.fixture(scope="module")
+def folder(run: tuple[Path, Beliefs]) -> Path:
+    return run[0]
 
 
 @pytest.fixture(scope="module")
 def session(folder: Path) -> RecordedSweeps:
-    """Run a session whose every trial has six probes, some of them with a new landing at the same ring."""
-    with ComposedGraph(
-        SIM, record=folder / "bag", out=str(folder / "out"), trials=2, training=3,
-        policy="information", knows="latent_ring", stop="fixed_number", stop_value=6.0,
-    ) as graph:  # fmt: skip
-        graph.run()
     return read_sweeps(folder / "out")
 
 
@@ -149,25 +180,36 @@ def test_folder_and_bag_tell_alike_when_the_ring_landed(session: RecordedSweeps,
     assert told == [sweep.landed for sweep in read_sweeps(folder / "bag").phase("estimation")]
 
 
-def test_the_policy_has_the_estimators_own_belief(
-    session: RecordedSweeps, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_policy_has_the_estimators_own_belief(run: tuple[Path, Beliefs]) -> None:
     """With equal parameters the posterior that the policy makes of its history is the estimator's."""
-    seen: list[tuple[Any, Any]] = []
-    with_classes = latent.Belief.with_classes
-
-    def spy(own: latent.Belief, told: Any) -> latent.Belief:
-        if own.offset_mean.size:
-            seen.append((own.posterior, told))
-        return with_classes(own, told)
-
-    monkeypatch.setattr(latent.Belief, "with_classes", spy)
-    noise = str(folder / "noise.yaml")
-    with ComposedGraph(
-        SIM, out=str(folder / "again"), trials=1, training=3, policy="information",
-        knows="latent", filter="latent", noise=noise, stop="fixed_number", stop_value=5.0,
-    ) as graph:  # fmt: skip
-        graph.run()
-    assert len(seen) == 3 * 4
-    for own, told in seen:
+    _, met = run
+    assert len(met) == 3 * 5
+    for own, told in met:
         np.testing.assert_array_equal(own, told)
+
+
+def test_every_belief_is_over_the_grid(folder: Path) -> None:
+    beliefs = [row.posterior for row in read_rows(folder / "out") if row.phase == "estimation"]
+    assert len(beliefs) == 3 * 6
+    assert {len(belief) for belief in beliefs} == {31}
+
+
+def test_on_a_grid_a_verdict_counts_for_the_nearest_trained_depth(folder: Path) -> None:
+    session = read_session(folder / "out")
+    assert (session.depths_m, session.grid_count) == ((0.002, 0.004, 0.008), 31)
+    for trial in session.trials:
+        last = trial.probes[-1]
+        assert last.estimate_m in session.depths_m
+        assert sum(last.posterior) == pytest.approx(1.0)
+        assert 0.0 < trial.confidence <= 1.0
+
+
+def test_on_a_grid_the_result_tells_the_error_in_mm(folder: Path) -> None:
+    out = folder / "out"
+    result = json.loads((out / "result.json").read_text(encoding="utf-8"))
+    trials = read_session(out).trials
+    assert result["grid_depths"] == 31
+    away_m = np.array([trial.mean_m - trial.depth_m for trial in trials])
+    assert result["rmse_mm"] == pytest.approx(1e3 * np.sqrt(np.mean(away_m**2)))
+    assert result["accuracy"]["overall"]["right"] == sum(trial.right for trial in trials)
+    assert (out / "report.html").exists()

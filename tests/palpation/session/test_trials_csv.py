@@ -1,19 +1,15 @@
-"""A column of trials.csv is a field of ``Row``: written, read back, and made in one place."""
+"""A column of trials.csv is a field of ``Row``: written and read back."""
 
 from __future__ import annotations
 
-import ast
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-import palp_core
 from palp_core.errors import PalpError
-from palp_core.palpation.session import trials_csv
 from palp_core.palpation.session.trials_csv import Row, SessionWriter, read_rows, read_sweep
-from tests.support.palp import ROOT
 
 FACTS: dict[str, Any] = {
     "row": 0, "session": "s, \"quoted\"", "phase": "estimation", "phantom": "A", "remount": 2, "trial": 3,
@@ -68,19 +64,3 @@ def test_a_table_of_which_a_part_is_there_twice_is_refused_with_its_line(tmp_pat
         read_rows(tmp_path)
     table.write_text("".join([lines[0], lines[1], lines[3]]), encoding="utf-8")
     assert [row.row for row in read_rows(tmp_path)] == [0, 2]
-
-
-def test_a_new_column_takes_two_lines_a_field_and_where_rows_are_made() -> None:
-    """Rows are made in one place of the rig, and nothing that writes or reads the table names a column."""
-    makers = [
-        path.name
-        for folder in (ROOT / "nodes", Path(palp_core.__file__).parent)
-        for path in folder.rglob("*.py")
-        for call in ast.walk(ast.parse(path.read_text("utf-8")))
-        if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "Row"
-    ]
-    assert makers == ["trials_csv.py"]
-    module = ast.parse(Path(trials_csv.__file__).read_text("utf-8"))
-    outside = [node for node in module.body if not (isinstance(node, ast.ClassDef) and node.name == "Row")]
-    named = {one.value for node in outside for one in ast.walk(node) if isinstance(one, ast.Constant)}
-    assert named.isdisjoint(set(Row.__struct_fields__))

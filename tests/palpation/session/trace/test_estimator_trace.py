@@ -278,17 +278,22 @@ def test_a_torque_that_fits_no_class_is_said() -> None:
 
 
 def streamed(
-    bench: Bench[Estimator], torque_n_m: Float64Array, size: int = 20, offset_ns: int = 300_000
-) -> None:
-    """Feed a stream whose samples lie between those of the grid, from half a second before the sweep on."""
+    bench: Bench[Estimator], torque_n_m: Float64Array, start_ns: int, size: int = 20, offset_ns: int = 300_000
+) -> int:
+    """Feed a stream whose samples lie between those of the grid, from half a second before the sweep on.
+
+    Returns:
+        When the sweep begins.
+    """
     before = np.full(500, torque_n_m[0])
     stream = np.concatenate([before, torque_n_m, np.full(200, torque_n_m[-1])])
-    start_ns = 10**9
+    sweep_ns = start_ns + 500_000_000
     for at in range(0, len(stream), size):
         if at == 500:
-            bench.feed(Estimator.sweep, status("sweeping", start_ns=start_ns + 500_000_000))
+            bench.feed(Estimator.sweep, status("sweeping", start_ns=sweep_ns))
         first_ns = start_ns + at * 1_000_000 + offset_ns
         bench.feed(Estimator.torque, block(stream[at : at + size], first_ns=first_ns, over_phantom=False))
+    return sweep_ns
 
 
 def test_a_stream_is_followed_as_it_comes() -> None:
@@ -296,15 +301,15 @@ def test_a_stream_is_followed_as_it_comes() -> None:
     for number, (depth_m, ring_m) in enumerate(itertools.product(DEPTHS_M, RINGS_M)):
         bench.feed(Estimator.trial, trial(number, "training", depth_m))
         bench.feed(Estimator.ring, ring(ring_m, number))
-        streamed(bench, felt(depth_m, ring_m, number))
-        bench.feed(Estimator.sweep, status("swept", start_ns=1_500_000_000))
+        sweep_ns = streamed(bench, felt(depth_m, ring_m, number), (1 + 5 * number) * 10**9, size=100)
+        bench.feed(Estimator.sweep, status("swept", start_ns=sweep_ns))
     assert [len(p.torque_n_m) for p in bench.sent(Estimator.palpation)] == [COUNT + 1] * 6
     bench.set_parameters(stop_value=0.8)  # training had one landing a cell
     begin(bench)
-    streamed(bench, felt(0.002, seed=9))
+    sweep_ns = streamed(bench, felt(0.002, seed=9), 31 * 10**9)
     assert outlooks(bench)[-1].verdict == "decided"
     assert outlooks(bench)[-1].estimate_m == 0.002
-    bench.feed(Estimator.sweep, status("cancelled", start_ns=1_500_000_000))
+    bench.feed(Estimator.sweep, status("cancelled", start_ns=sweep_ns))
     (belief,) = bench.sent(Estimator.belief)
     np.testing.assert_array_equal(belief.posterior, outlooks(bench)[-1].posterior)
 
