@@ -121,6 +121,21 @@ def read_whole(path: str | Path, largest: int = LARGEST_BYTES) -> bytes:
     return data
 
 
+def begins_with(path: str | Path, start: bytes) -> bool:
+    """Tell whether a regular file begins with some bytes; no pipe, device or unreadable file does.
+
+    Args:
+        path: Which; a link is followed.
+        start: The bytes.
+    """
+    try:
+        check_regular(path)
+        with Path(path).open("rb") as file:
+            return file.read(len(start)) == start
+    except OSError:
+        return False
+
+
 def _size(count: int) -> str:
     return f"{count >> 20} MiB" if count >= 1 << 20 else f"{count >> 10} KiB"
 

@@ -29,6 +29,8 @@ SIM = ROOT / "launch/sim.yaml"
 PATIENCE_S = 240.0
 """How long a test waits for what is to come: an upper bound, for a machine that others use too."""
 
+FOREVER_NS = 10**18
+"""What palp is to wait where a test holds that it need not."""
 
 MOST_SAID = 4000
 """Characters of each log that a failure shows."""

@@ -2,16 +2,7 @@
 
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
-from typing import Any
-
-import msgspec
-
-from palp_core.graph.discovery.run_directory import RunRecord
-from palp_core.graph.discovery.running_graph import RunningGraph
-from tests.support.palp import PATIENCE_S, Palp, wait_for_line
-from tests.support.supervised import Running
 
 NODES = '''
 import os, signal
@@ -114,7 +105,7 @@ class Relay(Node):
 
     @serve(ask)
     def answer(self, num):
-        return Num(index=num.index * self.params.gain, by=type(self).__name__)
+        return Num(index=num.index, by=f"{type(self).__name__} {self.params.gain}")
 
 
 class Other(Relay):
@@ -288,6 +279,12 @@ class Seldom(Trainee):
     feat_count = property(lambda self: self.count // 50)
 
 
+class Idle(Seldom):
+    """Nothing that would prove it happens."""
+
+    feat_count = 0
+
+
 class LonerState(State):
     index: int = 0
 
@@ -346,9 +343,12 @@ class Sink(Node):
             state.makers.append(num.by)
 
     @serve(judge)
-    def tell(self, _):
+    def tell(self, num):
         state = self.state
-        return Word(text=f"{state.index}|{','.join(state.bad)}|{','.join(state.makers)}")
+        text = f"{state.index}|{','.join(state.bad)}|{','.join(state.makers)}"
+        if num.by == "forget":
+            state.makers = state.makers[-1:]
+        return Word(text=text)
 
 
 class PlannerParams(Params):
@@ -378,7 +378,7 @@ class AskerParams(Params):
 
 class AskerState(State):
     asked: int = 0
-    answers: list[int] = []
+    answers: set[int] = set()
 
 
 class Asker(Node):
@@ -397,7 +397,7 @@ class Asker(Node):
     def hear(self, num):
         if num.index in self.state.answers:
             raise ValueError(f"call {num.index} was answered twice")
-        self.state.answers.append(num.index)
+        self.state.answers.add(num.index)
 '''
 
 RESTARTING = """
@@ -423,11 +423,12 @@ clock: {clock}
 args:
   run: {{default: "swap_toys:Relay", help: of the middle node}}
   rate_hz: {{default: 1000.0, help: of the numbers}}
+  calls_hz: {{default: 200.0, help: of the calls}}
 {args}nodes:
   source: {{run: "swap_toys:Source", params: {{rate_hz: $(var rate_hz)}}}}
   relay: {{run: $(var run), inputs: {{num: source/out}}}}
   sink: {{run: "swap_toys:Sink", inputs: {{num: relay/out}}}}
-  asker: {{run: "swap_toys:Asker", inputs: {{ask: relay/ask}}}}
+  asker: {{run: "swap_toys:Asker", params: {{rate_hz: $(var calls_hz)}}, inputs: {{ask: relay/ask}}}}
 {more}
 """
 PLANNED = """
@@ -453,42 +454,3 @@ def restarting_workspace(folder: Path) -> Path:
     launch = workspace(folder)
     (launch / "wall.yaml").write_text(RESTARTING)
     return launch
-
-
-class Stage(Running):
-    """The running graph, and what its independent reader has to say."""
-
-    def __init__(self, palp: Palp, launch: Path, *arguments: object) -> None:
-        self.launcher: subprocess.Popen[str] = palp.start("launch", launch, *arguments)
-        wait_for_line(self.launcher, "numbers: 1/2")
-        super().__init__(palp)
-        record = (self.folder / "graph.json").read_bytes()
-        self.graph = RunningGraph(msgspec.json.decode(record, type=RunRecord))
-
-    def patience_s(self) -> float:
-        """How long a swap may take here and now, at the most: many times what one has taken."""
-        return round(2.0 + 10.0 * float(self.swap("Relay")["report"]["duration_s"]), 3)
-
-    def swap(self, run: str, *, timeout_s: float = PATIENCE_S, **params: Any) -> dict[str, Any]:
-        """Swap the middle node; return the report, or what failed."""
-        run = run if ":" in run else f"swap_toys:{run}"
-        return self.graph.swap("relay", run, timeout_s=timeout_s, params=params)
-
-    def process_of(self, node: str) -> int:
-        """Process number of a node."""
-        return int(next(entry["pid"] for entry in self.record["nodes"] if entry["name"] == node))
-
-    def judgement(self) -> tuple[int, str, list[str]]:
-        """The reader's last number, what was wrong, and whose numbers they were."""
-        reply = self.graph.ask(
-            "sink", "call", service="judge", request={"index": 0, "by": ""}, timeout_s=PATIENCE_S
-        )
-        index, bad, makers = reply["reply"]["text"].split("|")
-        return int(index), bad, makers.split(",")
-
-    def passes(self, count: int) -> int:
-        """Wait until so many more numbers have come through; return the last."""
-        first = self.judgement()[0]
-        while (last := self.judgement()[0]) < first + count:
-            assert self.launcher.poll() is None, "the graph has ended"
-        return last

@@ -111,6 +111,7 @@ class Bad(Node):
 
 class SinkParams(Params):
     count: int = 20
+    arrived: str = ""
 
 
 class Sink(Node):
@@ -120,6 +121,9 @@ class Sink(Node):
 
     @on(blob)
     def take(self, blob):
+        if self.params.arrived:
+            with open(self.params.arrived, "a") as arrived:
+                arrived.write(f"{blob.index} {len(blob.data)}\\n")
         if blob.index == self.params.count - 1:
             self.order.publish(Blob(index=0, data="".join({"a", "b", "c", "d", "e"}).encode()))
             self.finish()
@@ -137,6 +141,7 @@ args:
   clock: {default: sim, choices: [sim, wall], help: clock}
   deed: {default: "", help: of the bad node}
   notes: {default: "", help: file}
+  arrived: {default: "", help: file for what arrives}
   ready: {default: "", help: pipe to write to before the deed}
   count: {default: 20, help: messages}
   size: {default: 0, help: bytes of a message}
@@ -151,7 +156,11 @@ nodes:
     params: {deed: $(var deed), notes: $(var notes), ready: $(var ready)}
     inputs: {blob: source/blob}
     restart: {when: on_failure, max_restarts: $(var max_restarts), backoff_s: 0.05}
-  sink: {run: "nodes.toys:Sink", params: {count: $(var count)}, inputs: {blob: bad/passed}, on_exit: shutdown}
+  sink:
+    run: nodes.toys:Sink
+    params: {count: $(var count), arrived: $(var arrived)}
+    inputs: {blob: bad/passed}
+    on_exit: shutdown
 """
 
 

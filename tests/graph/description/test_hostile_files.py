@@ -140,7 +140,7 @@ def test_each_is_refused_within_2_s_and_200_mib(workspace: Any, name: str) -> No
         words = ENDINGS[name][1].format(module=workspace.root / "nodes/odd.py")
     file: Path = workspace.write("launch/graph.yaml", text)
     (line,), took_s, _ = _refused(workspace.root / "said", file)
-    assert took_s < 2.0
+    assert took_s < MOST_S
     assert f"{file}:{place}: " in line
     assert words in line
 
@@ -161,11 +161,12 @@ def test_a_file_without_end_is_refused_within_2_s_and_200_mib(
     path = tmp_path / name
     arguments = [ROOT / "launch/sim.yaml", f"{argument}:={path}"] if argument else [path]
     (line,), _, worked_s = _refused(tmp_path / "said", *arguments)
-    assert worked_s < 2.0  # whatever else the machine does
+    assert worked_s < MOST_S  # whatever else the machine does
     assert f"{path}" in line
     assert ENDLESS[name] in line
 
 
+MOST_S = 2.0
 MEASURED = """
 import os, sys
 process = os.posix_spawn(sys.executable, [sys.executable, *sys.argv[1:]], os.environ)
@@ -183,6 +184,8 @@ def _refused(said: Path, *arguments: str | Path) -> tuple[list[str], float, floa
     """
     best_s = worked_s = PATIENCE_S
     for _ in range(3):  # others may use the machine meanwhile
+        if max(best_s, worked_s) < MOST_S:
+            break
         begun_ns = monotonic_ns()
         with said.open("w") as errors:
             palp = ["-m", "palp_core", "launch", *map(str, arguments), "--check"]

@@ -62,7 +62,6 @@ def test_tools_see_the_running_graph(palp: Palp) -> None:
     assert indices == list(range(indices[0], indices[0] + 3))
     rate = json.loads(palp.run("topic", "hz", "/source/sample", "--window", "50", "--json").stdout)
     assert rate["lost"] == 0
-    assert rate["hz"] > 0.0  # how much is told exactly in simulated time
     unknown = palp.run("topic", "echo", "/relay/amplifed", "--once")
     assert unknown.returncode == 2
     assert "did you mean '/relay/amplified'?" in unknown.stderr

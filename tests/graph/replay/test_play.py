@@ -126,7 +126,6 @@ def test_what_is_played_comes_as_recorded_from_the_recorded_nodes(
     assert process.stdout is not None
     account = json.loads(process.stdout.read())
     assert account["messages"] == len(in_order) + COUNT  # the source's progress too
-    assert 0.0 <= account["late_p99_s"] <= account["late_max_s"]
 
 
 def test_tools_see_the_recorded_nodes(palp: Palp, recorded: tuple[Path, Path]) -> None:

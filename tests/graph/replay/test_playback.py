@@ -134,7 +134,9 @@ def test_a_late_player_says_so_and_catches_up_in_order(bag: Bag) -> None:
     while (due_ns := playback.due_ns()) is not None and due_ns <= late_ns:
         sequences.append(playback.next_due(late_ns).sequence)
     assert sequences == list(range(1, 32))
-    assert playback.lateness.max_ns == 30 * PERIOD_NS
+    late = playback.lateness
+    assert (late.count, late.max_ns) == (31, 30 * PERIOD_NS)
+    assert late.percentile_s(50) == pytest.approx(15 * PERIOD_NS / 1e9, rel=0.0626)  # as wide as its classes
     assert played(playback)[0] == (32, late_ns + PERIOD_NS)
 
 

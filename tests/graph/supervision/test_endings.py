@@ -57,11 +57,15 @@ def test_a_killed_node_ends_the_run_and_is_named(palp: Palp, tmp_path: Path, nam
 
 
 @pytest.mark.parametrize("within_s", [PATIENCE_S, pytest.param(1.5, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("clock", ["sim", "wall"])
-def test_when_the_supervisor_is_killed_all_is_gone(palp: Palp, clock: str, within_s: float) -> None:
+@pytest.mark.parametrize(("clock", "stopped"), [("sim", False), ("wall", True)])
+def test_when_the_supervisor_is_killed_all_is_gone_and_a_stopped_node_too(
+    palp: Palp, clock: str, within_s: float, *, stopped: bool
+) -> None:
     process = palp.start("launch", CHAIN, "count:=1000000", f"clock:={clock}")
     wait_for_line(process, "blocks: 1/")
     assert len(palp.processes()) >= 5
+    if stopped:
+        psutil.Process(node_pid(palp, "relay")).suspend()
     process.kill()
     process.wait()
     assert palp.all_gone(within_s)

@@ -1,13 +1,16 @@
-"""A running graph whose middle node is swapped."""
+"""Running graphs whose middle node is swapped."""
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from tests.support.palp import Palp
-from tests.support.swapping import Stage, workspace
+from tests.support.stage import SharedStage, Stage
+from tests.support.swapping import workspace
 
 
 @pytest.fixture
@@ -16,5 +19,25 @@ def launch(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def stage(palp: Palp, launch: Path) -> Stage:
+def own_stage(palp: Palp, launch: Path) -> Stage:
+    """For a test that does not leave its graph whole."""
     return Stage(palp, launch)
+
+
+@pytest.fixture(scope="module")
+def shared_stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SharedStage]:
+    with contextlib.closing(SharedStage(tmp_path_factory.mktemp("stage"))) as shared:
+        yield shared
+
+
+@pytest.fixture
+def stage_palp(shared_stage: SharedStage) -> Palp:
+    """The command line that has started the stage."""
+    shared_stage.renew()
+    return shared_stage.stage.palp
+
+
+@pytest.fixture
+def stage(shared_stage: SharedStage, stage_palp: Palp) -> Stage:
+    """For a test that leaves the graph whole: it is as at its start."""
+    return shared_stage.stage

@@ -22,9 +22,9 @@ from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.supervision.managed_process import ManagedProcess
 from palp_core.graph.transport.reorder_buffer import ReorderBuffer
-from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from tests.support.palp import PATIENCE_S, Palp, own_palp, short_folder
-from tests.support.swapping import Stage, restarting_workspace
+from tests.support.stage import Stage
+from tests.support.swapping import restarting_workspace
 
 MANY = 50
 
@@ -46,7 +46,7 @@ class Life(Stage):
         process = self.process_of("relay")
         os.kill(process, signal.SIGKILL)
         while not self.is_at_work(process):
-            self.heartbeat()
+            self.wait_for_source()
 
     def is_at_work(self, before: int = 0) -> bool:
         """Tell whether the node works, in another process than before."""
@@ -56,21 +56,12 @@ class Life(Stage):
         info = self.graph.ask("relay", "info", timeout_s=PATIENCE_S)
         return bool(info["pid"] == process and info["lifecycle"] == "active")
 
-    def heartbeat(self) -> None:
-        """Let a little time go by: until the source is heard."""
-        reader = SubscriberSocket({"/source/out": f"ipc://{self.folder}/source.pub"})
-        try:
-            while not any(parse(raw).kind == Kind.DATA for raw in reader.receive()):
-                assert reader.wait(PATIENCE_S)
-        finally:
-            reader.close()
-
     def hears(self, epoch: int) -> None:
         """Wait until the reader takes up messages of an epoch."""
         first = self.account["received"]
         while (account := self.account)["epoch"] != epoch or account["received"] < first + 20:
             assert account["repeated"] < MANY, f"the reader drops what it hears: {account}"
-            self.heartbeat()
+            self.wait_for_source()
 
 
 def test_crash_swap_crash_strands_no_reader(palp: Palp, tmp_path: Path) -> None:
@@ -261,7 +252,7 @@ class EpochsOfProcesses(RuleBasedStateMachine):
         answer = self.life.swap("LooseFaulty", step=step, deed="kill_other", pid=process)
         assert "failed" in answer
         while not self.life.is_at_work(process):
-            self.life.heartbeat()
+            self.life.wait_for_source()
         self.epoch += 1
 
     @rule()

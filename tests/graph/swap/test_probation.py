@@ -10,9 +10,10 @@ from typing import Any
 
 import pytest
 
+from palp_core.errors import GraphError
 from palp_core.graph.swap.swap import STEPS
 from tests.support.palp import PATIENCE_S, Palp
-from tests.support.swapping import Stage
+from tests.support.stage import Stage
 
 LONG = {"run_count": 1_000_000, "longest_s": 240.0}
 """Longer than anything here lasts."""
@@ -54,11 +55,12 @@ def test_a_node_that_does_well_has_the_part_by_itself(stage: Stage) -> None:
     stage.passes(20)
     _nothing_was_lost_or_repeated(stage)
     assert stage.judgement()[2] == ["Relay", "Other", "Relay"]
-    (swap, _) = stage.graph.ask("relay", "info")["swaps"]
+    swap = stage.graph.ask("relay", "info")["swaps"][-2]
     assert swap["gap_s"] == report["gap_s"] < report["duration_s"]
 
 
-def test_a_state_that_nobody_can_take_back_is_proven_by_one_handler(stage: Stage) -> None:
+def test_a_state_that_nobody_can_take_back_is_proven_by_one_handler(own_stage: Stage) -> None:
+    stage = own_stage
     failed = _swap(stage, "Loner", deed="raise", after=0)["failed"]
     assert failed["step"] == "probation"
     stage.passes(20)
@@ -90,10 +92,9 @@ def test_what_proves_a_class_is_what_it_says_and_not_any_handler(stage: Stage) -
     _nothing_was_lost_or_repeated(stage)
 
 
-def test_the_command_says_what_nothing_has_proven(palp: Palp, launch: Path) -> None:
-    stage = Stage(palp, launch, "rate_hz:=20.0")
-    words = ("relay", "swap_toys:Seldom", "after:=1000", "--probation", "0.2s", "--timeout", "100")
-    done = palp.run("swap", *words)
+def test_the_command_says_what_nothing_has_proven(stage: Stage) -> None:
+    words = ("relay", "swap_toys:Idle", "after:=1000000000", "--probation", "0.2s", "--timeout", "100")
+    done = stage.palp.run("swap", *words)
     assert "no feat of the new node was asked for while the old one stood by" in done.stderr
     assert "went well" not in done.stdout
     _nothing_was_lost_or_repeated(stage)
@@ -116,27 +117,18 @@ def test_a_handler_that_does_not_return_is_given_up(stage: Stage) -> None:
 
 
 @pytest.mark.nightly
-def test_the_launchers_death_ends_everything(palp: Palp, stage: Stage) -> None:
-    from palp_core.errors import GraphError
-
+def test_the_launchers_death_ends_everything(palp: Palp, own_stage: Stage) -> None:
+    stage = own_stage
     with pytest.raises(GraphError, match="did not answer"):
         _swap(stage, "Novice", deed="kill_other", pid=stage.launcher.pid, after=5)
     assert stage.launcher.wait() == -signal.SIGKILL
     assert palp.all_gone()
 
 
-def test_the_command_tells_by_its_exit_status(palp: Palp, stage: Stage) -> None:
-    done = palp.run(
-        "swap",
-        "relay",
-        "swap_toys:Novice",
-        "deed:=raise",
-        "after:=5",
-        "--probation",
-        "60s",
-        "--timeout",
-        "100",
-    )
+def test_the_command_tells_by_its_exit_status(stage: Stage) -> None:
+    palp = stage.palp
+    words = ("relay", "swap_toys:Novice", "deed:=raise", "after:=5", "--probation", "60s", "--timeout", "100")
+    done = palp.run("swap", *words)
     assert done.returncode == 10 + STEPS.index("probation") == 18
     assert "/relay goes on as it was: probation: pass_on" in done.stderr
     done = palp.run("swap", "relay", "swap_toys:Other", "--probation", "2", "--timeout", "100")

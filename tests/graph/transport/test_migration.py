@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from collections import defaultdict
+from pathlib import Path
 
-from palp_core.graph.messages.frame import Frame, Kind
+import zmq
+
+from palp_core.graph.discovery.run_directory import RunRecord
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.discovery.topic_reader import ReceivedFrame, TopicReader
+from palp_core.graph.messages.frame import Frame, Kind, pack, raw_of
 from palp_core.graph.messages.message import encode_any
-from palp_core.graph.transport.migration import GIVE_UP_NS, Migration, Move, Unordered
+from palp_core.graph.messages.topic import Topic
+from palp_core.graph.transport.migration import GIVE_UP_NS, LOOK_NS, Migration, Move, Unordered
 
 TOPIC = "/a/b"
 
@@ -41,6 +49,24 @@ def test_a_publisher_is_followed_to_its_new_place_and_the_old_one_left() -> None
     found.follow(moved("gone", "1"), 0)
     assert ear.at == {"ipc://1"}
     assert found.servers[TOPIC] == "ipc://1.srv"
+
+
+def test_who_missed_that_a_publisher_has_moved_on_listens_again_where_its_name_leads(tmp_path: Path) -> None:
+    ear = Ear()
+    found = following(ear)
+    for phase in ("prepare", "gone"):
+        found.follow(moved(phase, f"{tmp_path}/1"), 0)
+    (tmp_path / "1").touch()
+    found.tick(0)
+    assert ear.at == {f"ipc://{tmp_path}/1"}
+    (tmp_path / "1").unlink()
+    found.tick(LOOK_NS)
+    assert ear.at == {"ipc://0"}
+    found.follow(moved("prepare", f"{tmp_path}/2"), 0)
+    found.follow(moved("gone", f"{tmp_path}/2"), 0)
+    assert ear.at == {f"ipc://{tmp_path}/2"}
+    found.tick(2 * LOOK_NS)
+    assert ear.at == {"ipc://0"}
 
 
 def test_a_place_that_was_found_otherwise_is_not_left_when_the_publisher_moves_on() -> None:
@@ -97,3 +123,22 @@ def test_an_old_place_that_dies_without_a_word_is_given_up() -> None:
     assert ear.at == {"ipc://0", "ipc://1"}
     found.tick(GIVE_UP_NS + 1)
     assert ear.at == {"ipc://1"}
+
+
+def test_a_tool_that_missed_a_move_hears_the_publisher_again(tmp_path: Path) -> None:
+    serve, name = f"ipc://{tmp_path}/graph.srv", f"ipc://{tmp_path}/a.pub"
+    topic = Topic(name=TOPIC, type="T", type_hash="0", node="a", publish=name, json_schema={})
+    graph = RunningGraph(RunRecord("g", "g.yaml", "wall", os.getpid(), 0, serve, [], [topic]))
+    heard: list[ReceivedFrame] = []
+    with TopicReader(graph, [topic]) as reader, zmq.Context() as context:
+        for phase in ("prepare", "gone"):
+            list(reader._hear(raw_of(moved(phase, f"{tmp_path}/+1")), 0))
+        publisher = context.socket(zmq.PUB)
+        publisher.bind(name)
+        for sequence in range(1, 1000):  # each turn waits a tenth of a second for something to come
+            publisher.send(pack(TOPIC.encode(), Kind.DATA, 0, sequence, 0, 0))
+            reader.turn(heard.append)
+            if heard:
+                break
+        publisher.close(linger=0)
+    assert heard

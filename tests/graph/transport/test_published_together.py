@@ -30,7 +30,8 @@ from palp_core.graph.transport.receiver import TopicReceiver
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from palp_core.units import MetresNonNegative
 from tests.support.palp import PATIENCE_S, Palp
-from tests.support.swapping import Stage, workspace
+from tests.support.stage import Stage
+from tests.support.swapping import workspace
 
 WAIT_MS, SLICE_NS = 10, 1_000_000_000
 

@@ -105,6 +105,16 @@ def test_a_message_that_is_late_does_not_hide_that_its_deadline_was_missed(
     wired.receiver.close()
 
 
+def test_a_slow_best_effort_reader_skips_to_the_last_messages(tmp_path: Path, context: Any) -> None:
+    wired = Wired(tmp_path, context, Qos(reliability="best_effort", depth=2))
+    for n in range(1, 41):
+        wired.arrive(n, n)
+    assert wired.work() == ["word 39", "word 40"]
+    account = wired.executor.ends.subscriptions["/p/word"][0].account
+    assert (account.received, account.dropped, account.lost) == (2, 38, 0)
+    wired.receiver.close()
+
+
 class Block(Message):
     values: RatioArray
 

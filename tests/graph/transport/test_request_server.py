@@ -10,7 +10,9 @@ import zmq
 
 from palp_core.graph.transport import request_server
 from palp_core.graph.transport.request_server import NodeOperation, NodeRequest, RequestServer
-from tests.support.palp import short_folder
+from tests.support.palp import PATIENCE_S, short_folder
+
+PATIENCE_MS = round(PATIENCE_S * 1e3)
 
 
 def test_what_came_with_one_that_takes_long_does_not_wait_for_it() -> None:
@@ -21,7 +23,7 @@ def test_what_came_with_one_that_takes_long_does_not_wait_for_it() -> None:
             return {"said": "busy"}
         said.append("begun")
         server.poll()  # as the launcher does while it waits for others
-        assert asker.poll(10_000)
+        assert asker.poll(PATIENCE_MS)
         assert msgpack.unpackb(asker.recv()) == {"said": "busy"}
         return {"said": "done"}
 
@@ -35,7 +37,7 @@ def test_what_came_with_one_that_takes_long_does_not_wait_for_it() -> None:
         while len(server._waiting) < 2:
             server.poll()
         server.perform()
-        assert asker.poll(10_000)
+        assert asker.poll(PATIENCE_MS)
         assert msgpack.unpackb(asker.recv()) == {"said": "done"}
         assert set(server.remembered) == {"first", "second"}
         assert not server.waiting
@@ -56,7 +58,7 @@ def test_a_request_that_waited_is_answered_by_who_has_the_nodes_place_by_then() 
             server.poll()
         server.add("policy", {"set": says("the old one again")}, {"set"})
         server.perform()
-        assert asker.poll(10_000)
+        assert asker.poll(PATIENCE_MS)
         assert msgpack.unpackb(asker.recv()) == {"said": "the old one again"}
         context.destroy(linger=0)
 

@@ -147,6 +147,7 @@ class TopicReader:
 
         self._dispatch(one_by_one(arrive))
         now_ns = monotonic_ns()
+        self._migration.tick(now_ns)
         for buffer in self._buffers.values():
             buffer.expire(now_ns)
         for received in self._complete(now_ns):

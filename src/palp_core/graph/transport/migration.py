@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
 import msgspec
@@ -16,6 +17,9 @@ PATIENCE_NS = 5_000_000_000
 
 GIVE_UP_NS = 90_000_000_000
 """Longer than an old place stays for a slow reader."""
+
+LOOK_NS = 500_000_000
+"""How often to look whether a place that was followed to is there still."""
 
 PLACES_REMEMBERED = 16
 """Places that were left and may still be spoken of, by what has arrived from them and was not read."""
@@ -127,12 +131,14 @@ class Route:
     are three.
 
     Args:
-        publish: Where it is published.
+        publish: Where it is published: a name that leads to its publisher after any change of hands, too.
         serve: Where its publisher answers.
     """
 
     def __init__(self, publish: str, serve: str) -> None:
         self.places = [publish]
+        self.home = publish
+        self._home_serve = serve
         self._serve = {publish: serve}
         self._finished: set[str] = set()
         self._spoke: dict[str, int] = {}
@@ -192,6 +198,18 @@ class Route:
         for known in (self._serve, self._spoke):
             known.pop(publish, None)
 
+    def is_lost(self) -> bool:
+        """Tell whether the only place is gone: its publisher moved on before this reader listened there."""
+        (*others, place) = self.places
+        return not others and place != self.home and not Path(place.removeprefix("ipc://")).exists()
+
+    def go_home(self) -> list[str]:
+        """Begin again where its name leads; return the places that are to be left."""
+        lost, self.places = self.places, [self.home]
+        self._serve = {self.home: self._home_serve}
+        self._spoke.clear()
+        return lost
+
     def overdue(self, now_ns: int) -> list[str]:
         """Return the places before one that began to speak longer ago than an old one stays; leave them."""
         begun = [
@@ -221,6 +239,7 @@ class Migration:
         self._listening = listening
         self._ear, self._orders = ear, orders
         self._routes = {name: Route(*ends) for name, ends in publishers.items()}
+        self._next_look_ns = 0
 
     @property
     def servers(self) -> dict[str, str]:
@@ -264,10 +283,17 @@ class Migration:
             self._settle(name, route.finish_before(move.publish, move.serve), now_ns, frame.sequence)
 
     def tick(self, now_ns: int) -> None:
-        """Give up old places that have died before they could say that they were done."""
+        """Give up places that have died before they could say what follows."""
         for name, route in self._routes.items():
             if len(route.places) > 1:
                 self._settle(name, route.overdue(now_ns), now_ns, 0)
+        if now_ns >= self._next_look_ns:
+            self._next_look_ns = now_ns + LOOK_NS
+            for route in self._routes.values():
+                if route.is_lost():
+                    if route.home not in self._all_places():
+                        self._ear.connect(route.home)
+                    self._leave(route.go_home())
 
     def _listen_at(self, name: str, publish: str) -> None:
         known = self._all_places()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 from collections import Counter
 from pathlib import Path
@@ -50,6 +51,12 @@ def test_nothing_in_the_key_can_be_read_by_eye(tmp_path: Path) -> None:
     assert is_sealed(key)
     for word in (b"0.002137", b"2.137", b"depth", b"bead"):
         assert word not in key.read_bytes().partition(b"\n")[2]
+
+
+def test_a_pipe_in_the_place_of_phantoms_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(pipe := tmp_path / "pipe")
+    with pytest.raises(MechanicsError, match="cannot read the phantoms: it is a pipe, not a file"):
+        load_phantoms(str(pipe))
 
 
 def test_whoever_comes_second_finds_the_codes_of_the_first(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.sealing import STANDS_FROM_M, opened, sealed
-from palp_core.whole_file import read_whole, whole_file
+from palp_core.whole_file import begins_with, read_whole, whole_file
 
 SEAL = b"sealed by palp: which phantom is which; `palp session unseal` opens it\n"
 _LETTERS, _DIGITS = "CDFGHJKLMNPRTVWXY", "234679"
@@ -25,11 +25,7 @@ _LARGEST_BYTES = 256 << 10
 
 def is_sealed(path: str | Path) -> bool:
     """Tell whether a file is a sealed one."""
-    try:
-        with Path(path).open("rb") as file:
-            return file.read(len(SEAL)) == SEAL
-    except OSError:
-        return False
+    return begins_with(path, SEAL)
 
 
 def sealed_mistake(path: str | Path) -> str | None:
