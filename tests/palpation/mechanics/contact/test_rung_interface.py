@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
@@ -11,7 +10,7 @@ import pytest
 
 from palp_core.errors import OutOfRange
 from palp_core.palpation.mechanics import Bead, Phantom
-from palp_core.palpation.mechanics.contact import l5
+from palp_core.palpation.mechanics.contact.l5 import FiniteStrainContact
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.units import Float64Array
@@ -20,15 +19,19 @@ RUNGS = ("l0", "l1", "l2", "l3", "l4", "l5")
 PHANTOMS = {"bead": Phantom(bead=Bead(depth_m=0.004)), "bare": Phantom()}
 
 
+def coarse(phantom: Phantom) -> FiniteStrainContact:
+    return FiniteStrainContact(phantom, 0.006, facet_m=0.0015)
+
+
 @pytest.fixture(scope="module", params=RUNGS)
-def models(request: pytest.FixtureRequest) -> Iterator[dict[str, ContactModel]]:
+def models(request: pytest.FixtureRequest) -> dict[str, ContactModel]:
     """A rung over a bead and on bare gel, set up; L5 with the longest facets, in a fifth of the time."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(l5, "_FACETS", 4.0)
-        made = {name: rung_model(request.param, phantom, 0.006) for name, phantom in PHANTOMS.items()}
-        for one in made.values():
-            one.force(np.zeros(1), np.full(1, 0.001))
-        yield made
+    made: dict[str, ContactModel] = {}
+    for name, phantom in PHANTOMS.items():
+        fine = request.param != "l5"
+        made[name] = rung_model(request.param, phantom, 0.006) if fine else coarse(phantom)
+        made[name].force(np.zeros(1), np.full(1, 0.001))
+    return made
 
 
 @pytest.mark.parametrize("phantom", PHANTOMS)
