@@ -206,11 +206,12 @@ def stop(rng: np.random.Generator, index: int) -> Case:
 def policy(rng: np.random.Generator, index: int) -> Case:
     """Draw a tolerance of decisions lost against the best of all policies, worse of two filters."""
     of = touch(rng, index)
-    others = [one for one in names("policy") if one != "emg_driven"]
 
     def measure(name: str, number: int) -> Reading:
+        begun = sessions(of, number)[0]
+        others = [one for one in names("policy") if policy_of(one, begun) is not None]
         if name not in others:
-            return Reading(np.inf)  # it takes a person
+            return Reading(np.inf)  # it takes a person, or whole traces
         found = []
         for known in FILTERS:
             wrong = {one: _wrong(_ended(of, number, known, one, RULES[0])) for one in others}

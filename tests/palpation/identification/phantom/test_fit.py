@@ -21,7 +21,8 @@ from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.messages.message import Message, encode
 from palp_core.graph.messages.schema import json_schema, schema_of
 from palp_core.graph.messages.topic import Topic
-from palp_core.palpation.identification.phantom.scene import fit_sources, record_of, scene_text
+from palp_core.palpation.identification.phantom.fit import Fitted, PhantomFit
+from palp_core.palpation.identification.phantom.scene import ASSUMED, fit_sources, record_of, scene_text
 from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.phantom import Bead
 from palp_core.palpation.mechanics.scene.choice import choose_rung, rung_model
@@ -35,15 +36,20 @@ RINGS_M = (0.008, 0.016)
 TRUTH = {"modulus_pa": 17e3, "friction": 0.25, "indentation_m": 0.0036}
 
 
-def made(depths_m: tuple[float, ...], seed: int, *, repeats: int = 4) -> RecordedSweeps:
-    """Return sweeps of the true scene: landings of 0.17 mm, heights of 0.1 mm, the sensor's noise."""
-    rng, scene = np.random.default_rng(seed), Scene()
-    sweeps: list[RecordedSweep] = []
-    scene = replace(
+def true_scene(indentation_m: float) -> Scene:
+    scene = Scene()
+    return replace(
         scene,
         phantom=replace(scene.phantom, modulus_pa=TRUTH["modulus_pa"]),
         probe=replace(scene.probe, friction=TRUTH["friction"]),
+        path=replace(scene.path, indentation_m=indentation_m),
     )
+
+
+def made(depths_m: tuple[float, ...], seed: int, *, repeats: int = 4) -> RecordedSweeps:
+    """Return sweeps of the true scene: landings of 0.17 mm, heights of 0.1 mm, the sensor's noise."""
+    rng, sweeps = np.random.default_rng(seed), list[RecordedSweep]()
+    scene = true_scene(Scene().path.indentation_m)
     stage = -0.03 + np.arange(4000) * 2e-5
     for remount, depth_m in enumerate(depths_m):
         bead = Bead(depth_m=depth_m) if depth_m > 0.0 else None
@@ -78,16 +84,15 @@ def test_the_parameters_are_recovered_within_their_intervals(seed: int) -> None:
 
 
 def test_the_scene_that_is_written_is_read_and_explained(tmp_path: Path) -> None:
-    found = fit_sources([made((0.004,), 3, repeats=2)])
+    scene = true_scene(TRUTH["indentation_m"])
+    parameters = {name: Fitted(truth, 0.9 * truth, 1.1 * truth) for name, truth in TRUTH.items()}
+    fit = PhantomFit(parameters, None, np.eye(3), scene, "l2", 1.0, ("no bare-gel sweep",), 2)
     path = tmp_path / "fitted.yaml"
-    path.write_text(scene_text(found))
-    scene = read_scene(path)
-    assert scene.phantom.modulus_pa == pytest.approx(found[0].parameters["modulus_pa"].value)
-    assert scene.probe.friction == pytest.approx(found[0].parameters["friction"].value)
-    assert scene.path.indentation_m == pytest.approx(found[0].parameters["indentation_m"].value)
+    path.write_text(scene_text((fit, ASSUMED.sample_sd_n_m, ASSUMED)))
+    assert read_scene(path) == scene
+    assert "# warning: no bare-gel sweep" in path.read_text()
     result = CliRunner().invoke(app, ["scene", "explain", str(path)], catch_exceptions=False)
     assert result.exit_code == 0
-    assert any("no bare-gel" in words for words in found[0].warnings)
 
 
 def test_bare_gel_alone_does_not_tell_modulus_from_indentation() -> None:
@@ -127,7 +132,9 @@ def test_a_record_is_fitted_from_the_command_line(tmp_path: Path) -> None:
         keeper.append(row, sweep.torque_n_m, sweep.rate_hz)
     arguments = ["phantom", "fit", str(tmp_path / "out"), "--out", str(tmp_path / "s.yaml"), "--json"]
     result = CliRunner().invoke(app, arguments, catch_exceptions=False)
-    assert set(json.loads(result.stdout)["parameters"]) >= set(TRUTH)
+    record = json.loads(result.stdout)
+    assert set(record["parameters"]) >= set(TRUTH)
+    assert any("no bare-gel" in words for words in record["warnings"])
     assert read_scene(tmp_path / "s.yaml").phantom.modulus_pa > 0.0
 
 

@@ -52,6 +52,7 @@ def test_linear_triangles_lock_from_nu_049_on_and_taylor_hood_does_not() -> None
     assert all(abs(softness_error_of_taylor_hood(nu)) < 0.002 for nu in ratios)
 
 
+@pytest.mark.slow
 def test_elements_converge_at_their_orders() -> None:
     linear = [abs(softness_error_of_linear_triangles(0.3, parts)) for parts in (4, 8, 16)]
     hood = [abs(softness_error_of_taylor_hood(0.49, parts)) for parts in (2, 4, 8)]
@@ -69,6 +70,7 @@ def test_conjugate_gradients_give_up_near_incompressibility() -> None:
     assert all(residual_of_direct_solution(nu) < 1e-8 for nu in (0.3, 0.49, 0.4999))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("poisson", [0.3, 0.49])
 def test_explicit_elements_blow_up_past_a_step_of_microseconds_and_not_before(poisson: float) -> None:
     assert explicit_growth(poisson, 0.98) < 2.0
@@ -93,11 +95,6 @@ def test_fine_cells_keep_the_compliance_and_the_coarsest_make_it_negative() -> N
     smallest, error = coarse_cells(2.0, averaged=True)
     assert smallest > 0.0
     assert abs(error) < 0.03
-
-
-def test_a_block_that_ends_too_near_is_too_stiff() -> None:
-    assert truncation_error(0.04) < -0.02
-    assert abs(truncation_error(0.11)) < 1e-3
 
 
 @pytest.mark.slow

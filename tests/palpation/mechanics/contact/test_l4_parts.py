@@ -157,9 +157,8 @@ def test_the_bead_converges_at_the_order_of_its_elements() -> None:
     assert errors[1] < 5e-4
 
 
-@pytest.mark.parametrize(
-    "harmonic", [pytest.param(0, marks=pytest.mark.slow), 1, pytest.param(3, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("harmonic", [0, 1, 3])
 def test_the_sum_of_squares_is_how_much_less_the_surface_sinks(harmonic: int) -> None:
     """The surface's own displacement, without tractions or energies, is the other route."""
     ring_m = np.array([0.003])

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palp_core.palpation.mechanics import Scene, run_scene
 from palp_core.palpation.studies.catalogue import study
 from palp_core.palpation.studies.decision.feature_cases import clean_cases, measure, ways
 from palp_core.palpation.studies.simulation.reading_table import RATE_HZ, TO_M
@@ -21,6 +22,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return study("features").run(tmp_path_factory.mktemp("features"), quick=True)
 
 
+@pytest.mark.slow
 def test_the_study_leaves_page_chart_table_and_numbers(
     page: Path, strict_json: Callable[[Path], Any]
 ) -> None:
@@ -31,6 +33,7 @@ def test_the_study_leaves_page_chart_table_and_numbers(
     assert all(row["lag_s"] >= 0.0 for row in record["ways"])
 
 
+@pytest.mark.slow
 def test_smoothing_beats_none_and_a_late_stream_equals_offline(page: Path) -> None:
     rows = json.loads((page.parent / "features.json").read_text())["ways"]
 
@@ -50,7 +53,9 @@ def test_smoothing_beats_none_and_a_late_stream_equals_offline(page: Path) -> No
 def test_cases_have_the_truth_of_their_own_sweep() -> None:
     cases = clean_cases((0.016,))
     assert [case.depth_m for case in cases] == [0.002, 0.004, 0.008]
-    assert [case.truth_n_m["peak"] for case in cases] == [float(c.torque_n_m[589:-589].max()) for c in cases]
+    scenes = [Scene(ring_m=(0.016,)).with_bead(case.depth_m) for case in cases]
+    peaks = [run_scene(scene, "l2").peak_n_m[0] for scene in scenes]
+    assert [case.truth_n_m["peak"] for case in cases] == pytest.approx(peaks, rel=1e-3)
     assert all(gap > 0.0 for case in cases for gap in case.gap_n_m.values())
     assert len(cases[0].torque_n_m) == round((TO_M + 0.03) / 0.02 * RATE_HZ)
 

@@ -7,7 +7,7 @@ import pytest
 from palp_core.palpation.studies.frontier.mismatch import WORLDS
 from palp_core.palpation.studies.frontier.schemes import Scheme
 from palp_core.palpation.studies.paper import readings
-from palp_core.palpation.studies.paper.readings import ReadingSize, by_readings, side_by_side
+from palp_core.palpation.studies.paper.readings import ReadingSize, by_readings, gathered, side_by_side
 from palp_core.palpation.studies.simulation.reading_table import Gel
 from tests.palpation.studies.paper.made_readings import made_session
 
@@ -33,6 +33,13 @@ def test_lines_are_by_reading_rule_and_cycle_and_compare_the_human_with_the_best
     assert lines[3]["human_less_fixed"]["difference"] == 0.0
 
 
+def test_what_varying_is_worth_needs_both_policies() -> None:
+    fixed = [{FIXED.name: made_session(number)[FIXED.name]} for number in (0, 1)]
+    places = {name: side_by_side(name, fixed) for name in WORLDS}
+    assert gathered(places, [], sessions=2, depth_sessions=0)["worth"] == []
+
+
+@pytest.mark.slow
 def test_the_sessions_are_the_frontiers_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """In a small world: the first sessions of a longer run are those of a shorter one."""
     small = replace(WORLDS["paper"], gel=Gel(rings_m=(0.0, 0.004, 0.008, 0.012, 0.016)))

@@ -42,11 +42,9 @@ NAMES = {
 }
 
 
-@pytest.fixture(scope="module")
-def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("paper")
+def run_few(folder: Path, scene_sessions: int) -> Path:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(paper_study, "QUICK", PaperSize(2, scene_sessions=2, grid_sessions=0, trials=6))
+        patch.setattr(paper_study, "QUICK", PaperSize(2, scene_sessions, grid_sessions=0, trials=6))
         patch.setattr(paper_study, "by_readings", lambda *_, **__: made_readings())
         patch.setattr(
             paper_study,
@@ -56,6 +54,11 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
         page = study("paper").run(folder, quick=True)
     assert page == folder / "index.html"
     return folder
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return run_few(tmp_path_factory.mktemp("paper"), 0)
 
 
 @pytest.fixture(scope="module")
@@ -201,8 +204,9 @@ def test_the_counts_over_trials_are_those_of_six_subjects_and_of_the_whole() -> 
     assert [one for one in of_six if 4 + sum(one) == HUMAN_RIGHT["2"]] == [HUMAN_2MM_RIGHT[1:]]
 
 
-def test_the_scenes_are_judged_at_equal_seconds(out: Path) -> None:
-    scenes = json.loads((out / "paper.json").read_text(encoding="utf-8"))["scenes"]
+@pytest.mark.slow
+def test_the_scenes_are_judged_at_equal_seconds(tmp_path: Path) -> None:
+    scenes = json.loads((run_few(tmp_path, 2) / "paper.json").read_text(encoding="utf-8"))["scenes"]
     assert set(scenes) == {"easy", "noisy", "unknown_height", "noisy_re_homed"}
     for one in scenes.values():
         enough_s = one["information_gain_latent"]["seconds"]
@@ -220,6 +224,7 @@ def test_the_error_on_31_depths_has_an_interval_over_sessions(out: Path) -> None
         assert low < value < high
 
 
+@pytest.mark.slow
 def test_workers_do_not_change_the_results(jobs: list[SessionJob]) -> None:
     here, there = (run_jobs(paper_session, jobs, label="sessions", workers=count) for count in (1, 2))
     by_name = [{name: [one[name] for one in found] for name in found[0]} for found in (here, there)]
@@ -260,7 +265,7 @@ def test_the_papers_counts_carry_its_statements_or_not() -> None:
     same = found["human against fixed: no difference", "fixed 200 of 300 trials"]
     assert same.p == pytest.approx(0.70, abs=0.01)
     better = found["varied stiffness better than fixed", "fixed 200 of 300 trials, varied 271 of 300"]
-    assert better.p == pytest.approx(1e-12, rel=1.0)
+    assert better.p == pytest.approx(1.187e-12, rel=1e-3, abs=0.0)  # Fisher, 271 of 300 against 200
     assert found["varied stiffness better than fixed", "fixed 10 of 15 cells, varied 271 of 300"].p < 0.05
     assert not found["fixed: depth has a significant influence", "fixed 10 of 15 cells"].holds
     assert found["fixed: depth has a significant influence", "fixed 200 of 300 trials"].holds

@@ -14,7 +14,6 @@ from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.palpation.perception.belief.stopping import PaperVerbatim
 from palp_core.palpation.perception.strategy import figure5
-from palp_core.palpation.reporting.html_page import Picture
 from palp_core.palpation.studies.catalogue import study
 from palp_core.palpation.studies.robustness import study as robustness_study
 from palp_core.palpation.studies.robustness.cells import CENTRE, FACTORS, RobustnessCell, cells
@@ -111,9 +110,8 @@ def test_a_slack_joint_without_weight_is_at_chance_in_every_cell(number: int, fe
     assert np.mean(right) == pytest.approx(1 / 3, abs=0.07)  # 720 trials, four standard errors
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param("modulus: 5", marks=pytest.mark.slow), "modulus: 30", "friction: 0.8"]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["modulus: 5", "modulus: 30", "friction: 0.8"])
 def test_without_shared_errors_every_stiff_position_is_right(name: str) -> None:
     gel = replace(named(name).gel, rings_m=figure5.RINGS_M[1:])
     steady = replace(CENTRE.conditions, repeatability_m=0.0, height_sd_m=0.0, trials=30)
@@ -122,6 +120,7 @@ def test_without_shared_errors_every_stiff_position_is_right(name: str) -> None:
         assert run_policy(f"fixed_{mm}", session, PaperVerbatim()).correct.mean() >= 0.99
 
 
+@pytest.mark.slow
 def test_intervals_shrink_with_sessions() -> None:
     every = seeds(3, 1, 16)
     groups = [every, *(every[i : i + 4] for i in range(0, 16, 4))]
@@ -131,10 +130,13 @@ def test_intervals_shrink_with_sessions() -> None:
             assert np.ptp(many[policy][key]) < np.mean([np.ptp(lines[policy][key]) for lines in few])
 
 
-def test_the_best_fixed_position_is_no_worse_than_their_average_anywhere() -> None:
-    for name in ("centre", "repeatability: 0.6", "height sd: 0.4", "training: 5"):
-        lines = run_cell(CellJob(named(name, 20), PAPER, tuple(seeds(3, 1, 6))))["paper"]
-        assert lines["fixed_best"]["accuracy"] >= lines["fixed_average"]["accuracy"]
+SLOW_CELLS = ("repeatability: 0.6", "height sd: 0.4", "training: 5")
+
+
+@pytest.mark.parametrize("name", ["centre", *(pytest.param(n, marks=pytest.mark.slow) for n in SLOW_CELLS)])
+def test_the_best_fixed_position_is_no_worse_than_their_average_anywhere(name: str) -> None:
+    lines = run_cell(CellJob(named(name, 20), PAPER, tuple(seeds(3, 1, 6))))["paper"]
+    assert lines["fixed_best"]["accuracy"] >= lines["fixed_average"]["accuracy"]
 
 
 def lines_of(shares: Mapping[str, Sequence[float]]) -> dict[str, dict[str, Any]]:
@@ -229,29 +231,17 @@ def test_the_workers_do_not_change_the_results(out: Path, tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_a_run_that_was_stopped_goes_on_with_what_it_has(
-    out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    few = [named("centre", 6), named("training order: not re-homed", 6)]
-    monkeypatch.setattr(robustness_study, "cells", lambda **_: few)
-    monkeypatch.setattr(robustness_study, "QUICK", RobustnessSize(sessions=3, trials=6, members=3, walk=5))
-    lines = (out / "one" / "cells.jsonl").read_text(encoding="utf-8").splitlines(keepends=True)
-    (tmp_path / "cells.jsonl").write_text("".join(lines[1:]) + lines[0][:100], encoding="utf-8")
-    whole = (out / "one" / "robustness.json").read_bytes()
-    monkeypatch.setattr(robustness_study, "_family", lambda *_: json.loads(whole)["family"])
-    monkeypatch.setattr(robustness_study, "picture", lambda *_, **__: Picture("one", "", "", "nothing", b""))
-    ran: list[str] = []
-
-    def run_again(job: CellJob) -> Any:
-        ran.append(job.cell.name)
-        return run_cell(job)
-
-    monkeypatch.setattr(robustness_study, "run_cell", run_again)
-    study("robustness").run(tmp_path, quick=True)
-    assert ran == ["centre"]
-    assert (tmp_path / "robustness.json").read_bytes() == whole
+def test_a_run_that_was_stopped_goes_on_with_what_it_has(out: Path, tmp_path: Path) -> None:
+    """The line of a cell was cut short: that cell alone is run again, and its line is the last."""
+    lines = (out / "one" / "cells.jsonl").read_text(encoding="utf-8").splitlines()
+    cut = [*lines[1:], lines[0][:100]]
+    (tmp_path / "cells.jsonl").write_text("\n".join(cut), encoding="utf-8")
+    run_few(tmp_path, 1)
+    assert (tmp_path / "cells.jsonl").read_text(encoding="utf-8").splitlines() == [*cut, lines[0]]
+    assert (tmp_path / "robustness.json").read_bytes() == (out / "one" / "robustness.json").read_bytes()
 
 
+@pytest.mark.slow
 def test_the_study_writes_every_cell_its_charts_and_its_answer(out: Path) -> None:
     report = json.loads((out / "one" / "robustness.json").read_text(encoding="utf-8"))
     assert [cell["name"] for cell in report["cells"]] == ["centre", "training order: not re-homed"]

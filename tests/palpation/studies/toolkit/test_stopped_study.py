@@ -1,6 +1,7 @@
 """Real processes: Ctrl-C, as a terminal sends it to a whole process group, and a killed parent."""
 
 import contextlib
+import importlib
 import os
 import shutil
 import signal
@@ -11,9 +12,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from click.testing import Result
+from typer.testing import CliRunner
 
 from palp_core import palpation
+from palp_core.cli.rig.study import app
 from palp_core.graph.clock import monotonic_ns
+from palp_core.palpation.studies.catalogue import STUDIES, Study
 from palp_core.palpation.studies.toolkit.checkpoint import Checkpoint, append_line, read_lines, source_digest
 from palp_core.palpation.studies.toolkit.progress import progress
 
@@ -29,9 +34,11 @@ from palp_core.palpation.studies.toolkit.checkpoint import Checkpoint
 from palp_core.palpation.studies.toolkit.parallel import run_jobs
 
 HERE = Path(os.environ["TOY"])
+wait = threading.Event().wait
 if multiprocessing.parent_process():
     (HERE / f"worker_{os.getpid()}").touch()
-    import numpy, scipy.signal  # what a worker is busy with when Ctrl-C comes early
+    if os.environ["TOY_DONE"] == "0":
+        import numpy, scipy.signal  # what a worker is busy with when Ctrl-C comes early
 
 
 @dataclass(frozen=True)
@@ -43,7 +50,7 @@ def work(job):
     with (HERE / "worked").open("a") as file:
         file.write(f"{job.number}\\n")
     if job.number >= int(os.environ["TOY_DONE"]):
-        threading.Event().wait()
+        wait()
     return {"square": job.number**2, "nothing": float("nan")}
 
 
@@ -55,13 +62,14 @@ def run(out, *, quick, workers, dask):
     page.write_text(" ".join(str(one["square"]) for one in found))
     return page
 """
+STUDY = Study("toy", "Does it stop?", "toy:run", parallel=True, checkpoint="cells.jsonl")
 MAIN = (
     "from palp_core.cli.main import main; from palp_core.palpation.studies.catalogue import STUDIES, Study; "
-    "STUDIES['toy'] = Study('toy', 'Does it stop?', 'toy:run', parallel=True, checkpoint='cells.jsonl'); "
-    "main()"
+    f"STUDIES['toy'] = {STUDY}; main()"
 )
 
 Start = Callable[..., subprocess.Popen[str]]
+RunHere = Callable[[int], Result]
 
 
 def wait_until(holds: Callable[[], object]) -> None:
@@ -97,6 +105,27 @@ def start(tmp_path: Path) -> Iterator[Start]:
             os.killpg(group, signal.SIGKILL)
 
 
+@pytest.fixture
+def run_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[RunHere]:
+    """Run the toy in this process: Ctrl-C comes where it would wait."""
+    (tmp_path / "toy.py").write_text(TOY, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(STUDIES, "toy", STUDY)
+    monkeypatch.setenv("TOY", str(tmp_path))
+
+    def ctrl_c() -> None:
+        raise KeyboardInterrupt
+
+    importlib.import_module("toy").__dict__["wait"] = ctrl_c
+
+    def run(done: int) -> Result:
+        monkeypatch.setenv("TOY_DONE", str(done))
+        return CliRunner().invoke(app, ["run", "toy", "--out", str(tmp_path / "out")])
+
+    yield run
+    del sys.modules["toy"]
+
+
 def running(group: int) -> list[str]:
     """Processes of a group that still do something."""
     found = []
@@ -123,27 +152,37 @@ def lines(file: Path) -> int:
     return len(read_lines(file))
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_ctrl_c_in_the_middle_says_in_a_line_what_is_kept_and_the_next_run_goes_on(
-    start: Start, tmp_path: Path, workers: int
-) -> None:
-    file = tmp_path / "out" / "cells.jsonl"
-    process = start(done=3, workers=workers)
-    wait_until(lambda: lines(file) == 3)
-    wait_until(lambda: lines(tmp_path / "worked") == 3 + workers)
-    said, errors = ended(process, signal.SIGINT)
-    assert process.returncode == 130
-    assert said == []
-    assert errors == [
+def stopped(file: Path) -> list[str]:
+    return [
         "toy: Does it stop?",
         f"toy stopped: 3 cells are kept in {file}; the same command goes on from there",
     ]
-    (tmp_path / "worked").unlink()
-    again = start(done=6, workers=workers)
-    again.communicate(timeout=PATIENCE_S)
-    assert again.returncode == 0
-    assert (tmp_path / "out" / "page").read_text(encoding="utf-8") == "0 1 4 9 16 25"
-    assert sorted(read_lines(tmp_path / "worked")) == ["3", "4", "5"]
+
+
+def test_ctrl_c_in_the_middle_says_in_a_line_what_is_kept_and_the_next_run_goes_on(
+    start: Start, run_here: RunHere, tmp_path: Path
+) -> None:
+    file = tmp_path / "out" / "cells.jsonl"
+    process = start(done=3)
+    wait_until(lambda: lines(file) == 3)
+    wait_until(lambda: lines(tmp_path / "worked") == 3 + 2)
+    said, errors = ended(process, signal.SIGINT)
+    assert (process.returncode, said, errors) == (130, [], stopped(file))
+    goes_on(run_here, tmp_path)
+
+
+def test_ctrl_c_of_a_study_without_workers_keeps_as_much(run_here: RunHere, tmp_path: Path) -> None:
+    done = run_here(3)
+    assert (done.exit_code, done.stdout) == (130, "")
+    assert done.stderr.splitlines() == stopped(tmp_path / "out" / "cells.jsonl")
+    goes_on(run_here, tmp_path)
+
+
+def goes_on(run_here: RunHere, folder: Path) -> None:
+    (folder / "worked").unlink()
+    assert run_here(6).exit_code == 0
+    assert (folder / "out" / "page").read_text(encoding="utf-8") == "0 1 4 9 16 25"
+    assert read_lines(folder / "worked") == ["3", "4", "5"]
 
 
 def test_ctrl_c_while_workers_start_is_as_quiet(start: Start, tmp_path: Path) -> None:

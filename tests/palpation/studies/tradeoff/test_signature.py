@@ -108,7 +108,7 @@ def test_what_the_page_of_results_says_beats_the_rings_is_in_the_data() -> None:
     cpu_s = {one["rung"]: one["cpu_s_per_trial"] for one in kept["rungs"]}
     (chosen,) = [one["rung"] for one in kept["rungs"] if one["chosen"]]
     assert chosen == "l2"
-    assert 2.5 < cpu_s["l2"] / cpu_s["l4"] < 4.5  # three to four times, as it says
+    assert f"takes {cpu_s['l2'] / cpu_s['l4']:.1f} times l4's CPU" in text
 
 
 def test_there_is_nothing_to_draw_where_nothing_was_measured(tmp_path: Path) -> None:

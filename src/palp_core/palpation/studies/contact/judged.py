@@ -140,8 +140,12 @@ class Judged:
 
     @property
     def wrong(self) -> bool:
-        """Whether the chosen rung is less right than was asked for."""
-        return bool(self.rung) and not self.own.get(self.rung, np.inf) <= self.scene.tolerance.relative
+        """Whether the chosen rung is less right than was asked for; nothing is where there is no answer."""
+        return (
+            not self.skipped
+            and bool(self.rung)
+            and not self.own.get(self.rung, np.inf) <= self.scene.tolerance.relative
+        )
 
     @property
     def bounds(self) -> dict[str, dict[str, float]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -82,9 +81,9 @@ def action_session(job: WorldJob) -> ActionSession:
     runs: dict[str, ActionOutcomes] = {}
     choosing_s = 0.0
     for name in schemes:
-        before = time.process_time() - session.simulating.seconds
+        before = session.simulating.outside()
         runs[name] = run_action_trials(session, known.only(wanted[name]), rig, threshold=SURE)
-        spent_s = time.process_time() - session.simulating.seconds - before
+        spent_s = session.simulating.outside() - before
         choosing_s = spent_s / len(session.depth)
     first = SweepAction(rings_m[-1], INDENTATIONS_M[0], SPEEDS_M_PER_S[0], *SWIFT.path_m)
     return ActionSession(runs, second_looks(session, known, rig, first), dict(known.refused), choosing_s)

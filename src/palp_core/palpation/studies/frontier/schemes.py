@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -245,9 +244,9 @@ def _by_feature(known: Taught, scheme: Scheme, task: DepthTask | None) -> Scheme
         case _:
             policy = InformationGainLatent(model, rings_m)
     session = known.trials.session
-    before = time.process_time() - session.simulating.seconds
+    before = session.simulating.outside()
     ended = run_trials(known.trials, model, policy, stop, timing=scheme.steps.timing)
-    spent_s = time.process_time() - session.simulating.seconds - before
+    spent_s = session.simulating.outside() - before
     count = len(ended.depth)
     keeps = scheme.policy == "fixed_best" and task is None
     shift = told(session, _read(known, ended)) if keeps else None
@@ -291,7 +290,7 @@ def _by_trace(session: WorldSession, scheme: Scheme, ring: int, task: DepthTask 
         case _:
             asking = MostBits(session.rings_m, scheme.steps)
     stop = _stop(scheme, task)
-    before = time.process_time() - session.simulating.seconds
+    before = session.simulating.outside()
     done = run_trace_trials(
         session,
         model,
@@ -302,7 +301,7 @@ def _by_trace(session: WorldSession, scheme: Scheme, ring: int, task: DepthTask 
         grid_m=grid_m,
         learnt=learnt if task is None else None,
     )
-    spent_s = time.process_time() - session.simulating.seconds - before
+    spent_s = session.simulating.outside() - before
     count, shift = len(done.ended.depth), told(session, done.projected)
     return SchemeRun(done.ended, done.fit, shift, spent_s / count)
 

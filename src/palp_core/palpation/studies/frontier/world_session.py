@@ -7,6 +7,7 @@ go by a peak, a contrast or the whole trace meet the same mountings, landings, t
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -125,15 +126,19 @@ class Stopwatch:
         seconds: So far.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], float] = time.process_time) -> None:
         self.seconds = 0.0
-        self._since = 0.0
+        self._clock, self._since = clock, 0.0
 
     def __enter__(self) -> None:
-        self._since = time.process_time()
+        self._since = self._clock()
 
     def __exit__(self, *_: object) -> None:
-        self.seconds += time.process_time() - self._since
+        self.seconds += self._clock() - self._since
+
+    def outside(self) -> float:
+        """Return the CPU seconds so far that were spent elsewhere."""
+        return self._clock() - self.seconds
 
 
 @dataclass(frozen=True, eq=False)

@@ -151,5 +151,6 @@ def _worth(places: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[dict[str, 
         {"world": name, "reading": line["reading"], **line["human_less_fixed"]}
         for name in WORLDS
         for line in places[name]
-        if line["reading"] != "peak" and line["rule"] == "threshold" and line["protocol"] == "paper"
+        if line["human_less_fixed"] and line["reading"] != "peak"
+        if line["rule"] == "threshold" and line["protocol"] == "paper"
     ]
