@@ -18,6 +18,7 @@ from palp_core.graph.launch.checkpoint_file import KeptRun, RunIdentity, write_c
 from palp_core.palpation.session.report import session
 from tests.support.palp import PATIENCE_S, ROOT, SIM, Palp, wait_for_line
 from tests.support.rig_session import ComposedGraph, RigSession, check_here
+from tests.support.sessions import no_charts
 
 NOBODY = RunIdentity(graph="rig", clock="sim", seed=4, args={}, nodes={}, versions={}, sources={})
 KEPT = KeptRun(
@@ -57,7 +58,8 @@ def test_each_run_has_its_seed_and_folder_and_all_are_pooled(
     monkeypatch.setattr(graph, "check_file", check_here)
     many = tmp_path / "many"
     given = [*small, "seed:=1", f"out:={many}"]
-    assert repeat(SIM, given, 2, compose=True, resume=False) == 0
+    with no_charts():
+        assert repeat(SIM, given, 2, compose=True, resume=False) == 0
     assert ran == [
         [str(SIM), *small, f"seed:={seed}", f"out:={many / f'seed_{seed}'}", "--compose"] for seed in (1, 2)
     ]
