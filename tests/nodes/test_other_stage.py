@@ -92,9 +92,9 @@ def test_a_second_link_that_lacks_an_ability_is_refused_before_it_is_needed(
 def test_the_command_line_lists_and_finds_it() -> None:
     (entry,) = [entry for entry in device_entries() if entry.name == "made_up"]
     assert (entry.kind, entry.link, entry.options["port"]) == ("stage", "made up", "")
-    assert discover("made_up", {"port": 7}) == {"controller": "answers on port 7"}
+    assert discover("made_up", {"port": 7}, 1.0) == {"controller": "answers on port 7"}
     with pytest.raises(DeviceError, match="made_up: where is it\\? give port:=7"):
-        discover("made_up", {})
+        discover("made_up", {}, 1.0)
 
 
 @pytest.mark.parametrize(

@@ -208,7 +208,12 @@ def test_whoever_lacks_a_module_is_told_an_extra_that_brings_it() -> None:
         assert of_module.get(module, module) in brought
         line = extras.advice(ModuleNotFoundError(name=f"{module}.inner"))
         assert line == f"{module} is not installed; type: {extras.install_line(extra)}"
-    assert set(extras._EXTRA_OF.values()) == set(PROJECT["optional-dependencies"]) - {"all", "docs", "dev"}
+    assert set(extras._EXTRA_OF.values()) == set(PROJECT["optional-dependencies"]) - {
+        "all",
+        "docs",
+        "dev",
+        "nightly",
+    }
     assert extras.advice(ModuleNotFoundError(name="numpy_of_the_lab")) == ""
     assert PROJECT["name"] == extras.DISTRIBUTION
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Generator
 from pathlib import Path
 
@@ -89,6 +89,11 @@ class CpuMeter:
         self._shared_s, self._in_shared = 0.0, False
 
     @pytest.hookimpl(wrapper=True)
+    def pytest_runtestloop(self) -> Generator[None, object, object]:
+        self._counted_s = cpu_s()  # what collecting took is no folder's
+        return (yield)
+
+    @pytest.hookimpl(wrapper=True)
     def pytest_runtest_setup(self, item: pytest.Item) -> Generator[None, None, None]:
         self._begin_s, self._shared_s = cpu_s(), 0.0
         return (yield)
@@ -135,8 +140,8 @@ class CpuSummary:
     """In the controller: names the folders over budget and, with ``--durations=N``, the N dearest tests."""
 
     def __init__(self) -> None:
-        self._tests: Counter[str] = Counter()
-        self._folders: Counter[str] = Counter()
+        self._tests: defaultdict[str, float] = defaultdict(float)
+        self._folders: defaultdict[str, float] = defaultdict(float)
         self._workers_s = 0.0
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
@@ -160,10 +165,14 @@ class CpuSummary:
             f"{all_s:.0f} in all, {sum(self._folders.values()):.0f} of them for default tests; "
             f"budgets count {slow:.1f} times on this machine"
         )
-        for folder, used_s in self._folders.most_common():
+        for folder, used_s in _dearest_first(self._folders):
             budget_s = BUDGETS_S[folder] * slow
             if used_s > budget_s:
                 name = folder or "all other folders"
                 terminalreporter.line(f"{name}: {used_s:.0f} of a budget of {budget_s:.0f}")
-        for test, used_s in self._tests.most_common(config.getoption("durations") or 0):
+        for test, used_s in _dearest_first(self._tests)[: config.getoption("durations") or 0]:
             terminalreporter.line(f"{used_s:8.2f}  {test}")
+
+
+def _dearest_first(seconds: dict[str, float]) -> list[tuple[str, float]]:
+    return sorted(seconds.items(), key=lambda one: -one[1])
