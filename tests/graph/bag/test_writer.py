@@ -1,6 +1,5 @@
 import io
 import json
-import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.topic import Topic
+from tests.support.node_js import node_with
 
 LAWS = settings(deadline=None, max_examples=25)
 U64 = st.integers(0, 2**63 - 1)
@@ -78,14 +78,14 @@ console.log(JSON.stringify({ counts, done: reader.done() }));
 """
 
 
+@pytest.mark.nightly
 def test_mcap_core_in_node_reads_the_file(tmp_path: Path, kit: Any) -> None:
-    node = shutil.which("node")
-    if node is None or subprocess.run([node, "-e", "require('@mcap/core')"], capture_output=True).returncode:
-        pytest.skip("needs node with @mcap/core (on NODE_PATH)")
+    node = node_with(tmp_path, "@mcap/core")
     bag, _ = kit.record(tmp_path / "run", kit.run_frames(100), chunk_bytes=2048, compression="none")
     result = subprocess.run(
-        [node, "-e", NODE, str(bag / "run_0.mcap")], capture_output=True, text=True, check=True
-    )
+        [node, "-e", NODE, str(bag / "run_0.mcap")],
+        cwd=tmp_path, capture_output=True, text=True, check=True,
+    )  # fmt: skip
     assert json.loads(result.stdout) == {"counts": {"/policy/mode": 2, "/torque/block": 100}, "done": True}
 
 

@@ -12,18 +12,16 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NoReturn
 
 import pytest
 
 from palp_core.graph.messages.frame import HEADER_BYTES, VERSION, Kind, pack, parse
 from palp_core.graph.process.node_services import NodeServices
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
+from tests.support.node_js import node_with
 from tests.support.palp import PATIENCE_S, ROOT, own_palp
 
 EXAMPLE = ROOT / "examples" / "interop"
-NEEDED = "PALP_NEEDS_NPM"
-"""Set where the clients in Node.js are to fail if their packages cannot be had, instead of being skipped."""
 
 Client = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -74,32 +72,12 @@ def _run(command: list[object], environment: dict[str, str]) -> subprocess.Compl
     )
 
 
-def _lacking(what: str) -> NoReturn:
-    """Skip a test for want of something, or fail it where that is asked for."""
-    if os.environ.get(NEEDED):
-        pytest.fail(f"{what}, and {NEEDED} is set")
-    pytest.skip(what)
-
-
 @pytest.fixture(scope="module")
 def node_client(tmp_path_factory: pytest.TempPathFactory) -> Client:
     """Runs the Node.js clients, with their packages installed in a temporary folder."""
-    node, npm = shutil.which("node"), shutil.which("npm")
-    if node is None or npm is None:
-        _lacking("there is no node or no npm here: apt-get install npm")
     folder = tmp_path_factory.mktemp("node")
     shutil.copytree(EXAMPLE / "node", folder, dirs_exist_ok=True)
-    quiet = ("--no-audit", "--no-fund", "--prefer-offline", "--fetch-retries=0")
-    install = [npm, "install", "--ignore-scripts", *quiet]  # zeromq brings its binaries along
-    for command in (install, [node, "-e", "require('zeromq')"]):
-        try:
-            done = subprocess.run(
-                command, cwd=folder, capture_output=True, text=True, timeout=PATIENCE_S, check=False
-            )
-        except subprocess.TimeoutExpired:
-            _lacking(f"{command[:2]} has not come to an end within {PATIENCE_S:g} s")
-        if done.returncode:
-            _lacking(f"{command[:2]} does not work here: {done.stderr.strip().partition(chr(10))[0]}")
+    node = node_with(folder)
     return lambda client, *arguments: _run([node, folder / f"{client}.mjs", *arguments], dict(os.environ))
 
 
