@@ -10,10 +10,9 @@ from typing import Any
 
 import pytest
 
-from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.yaml_tree import LARGEST_BYTES, MOST_VALUES, parse_tree, read_tree
 from palp_core.graph.problems import GraphProblems, Problems
-from tests.support.palp import PATIENCE_S, ROOT
+from tests.support.palp import ROOT
 
 HEAD = "graph: a\nclock: sim\n"
 NODE = "    run: nodes.torque:TorqueSensor\n"
@@ -132,15 +131,14 @@ GRAPH = "graph: a\nclock: sim\nnodes:\n  odd: {run: nodes.odd:Odd}\n  fine: {run
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", [*FILES, *ENDINGS])
-def test_each_is_refused_within_2_s_and_200_mib(workspace: Any, name: str) -> None:
+def test_each_is_refused_soon_and_within_200_mib(workspace: Any, usual_s: float, name: str) -> None:
     text, place, words = (HEAD + FILES[name][0], *FILES[name][1:]) if name in FILES else (GRAPH, "4:14", "")
     if name in ENDINGS:
         workspace.write("nodes/odd.py", f"{ENDINGS[name][0]}\n{GUEST}")
         workspace.write("nodes/fine.py", GUEST)
         words = ENDINGS[name][1].format(module=workspace.root / "nodes/odd.py")
     file: Path = workspace.write("launch/graph.yaml", text)
-    (line,), took_s, _ = _refused(workspace.root / "said", file)
-    assert took_s < MOST_S
+    (line,) = _refused(workspace.root / "said", usual_s, file)
     assert f"{file}:{place}: " in line
     assert words in line
 
@@ -151,8 +149,8 @@ ENDLESS = {"/dev/zero": "a device", "pipe": "a pipe", "folder": "a folder", "spa
 @pytest.mark.nightly
 @pytest.mark.parametrize("argument", ["noise", "chain", "scene", "phantoms", ""])
 @pytest.mark.parametrize("name", ENDLESS)
-def test_a_file_without_end_is_refused_within_2_s_and_200_mib(
-    tmp_path: Path, name: str, argument: str
+def test_a_file_without_end_is_refused_soon_and_within_200_mib(
+    tmp_path: Path, usual_s: float, name: str, argument: str
 ) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "folder").mkdir()
@@ -160,13 +158,11 @@ def test_a_file_without_end_is_refused_within_2_s_and_200_mib(
         file.truncate(5 << 30)
     path = tmp_path / name
     arguments = [ROOT / "launch/sim.yaml", f"{argument}:={path}"] if argument else [path]
-    (line,), _, worked_s = _refused(tmp_path / "said", *arguments)
-    assert worked_s < MOST_S  # whatever else the machine does
+    (line,) = _refused(tmp_path / "said", usual_s, *arguments)
     assert f"{path}" in line
     assert ENDLESS[name] in line
 
 
-MOST_S = 2.0
 MEASURED = """
 import os, sys
 process = os.posix_spawn(sys.executable, [sys.executable, *sys.argv[1:]], os.environ)
@@ -176,29 +172,26 @@ print(os.waitstatus_to_exitcode(status), used.ru_maxrss, used.ru_utime + used.ru
 """A small process of its own starts and measures: a child begins with the memory of whoever starts it."""
 
 
-def _refused(said: Path, *arguments: str | Path) -> tuple[list[str], float, float]:
-    """Let a process of its own check a launch file, which it refuses in little memory.
+def _checked(said: Path, *arguments: str | Path) -> list[float]:
+    """Check a launch file in a process of its own; return its status, its most KiB and its CPU seconds."""
+    command = [sys.executable, "-c", MEASURED, "-m", "palp_core", "launch", *map(str, arguments), "--check"]
+    with said.open("w") as errors:
+        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=errors, cwd=ROOT, check=True)
+    return [float(word) for word in done.stdout.splitlines()[-1].split()]
 
-    Returns:
-        The lines that it says, and the least that it took in s, on the clock and of the processor.
-    """
-    best_s = worked_s = PATIENCE_S
-    for _ in range(3):  # others may use the machine meanwhile
-        if max(best_s, worked_s) < MOST_S:
-            break
-        begun_ns = monotonic_ns()
-        with said.open("w") as errors:
-            palp = ["-m", "palp_core", "launch", *map(str, arguments), "--check"]
-            done = subprocess.run(
-                [sys.executable, "-c", MEASURED, *palp],
-                stdout=subprocess.PIPE,
-                stderr=errors,
-                cwd=ROOT,
-                check=True,
-            )
-        best_s = min(best_s, (monotonic_ns() - begun_ns) / 1e9)
-        status, most_kib, work_s = map(float, done.stdout.split())
-        worked_s = min(worked_s, work_s)
-        assert status == 2
-        assert most_kib < 200 * 1024
-    return said.read_text().splitlines(), best_s, worked_s
+
+@pytest.fixture(scope="module")
+def usual_s(tmp_path_factory: pytest.TempPathFactory) -> float:
+    """CPU seconds of checking the rig, where nothing is wrong."""
+    status, _, worked_s = _checked(tmp_path_factory.mktemp("usual") / "said", ROOT / "launch/sim.yaml")
+    assert status == 0
+    return worked_s
+
+
+def _refused(said: Path, usual_s: float, *arguments: str | Path) -> list[str]:
+    """Let a launch file be refused in little memory and time; return what is said."""
+    status, most_kib, worked_s = _checked(said, *arguments)
+    assert status == 2
+    assert most_kib < 200 * 1024
+    assert worked_s < 2.0 * usual_s
+    return said.read_text().splitlines()
