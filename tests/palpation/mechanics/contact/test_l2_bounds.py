@@ -27,8 +27,8 @@ from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, peak_n_m
 
 STAGE_M = np.linspace(-0.03, 0.05, 161)
-RINGS_M = (0.0, 0.004, 0.008, 0.016)
-LOADS = [*itertools.product((3e3, 8e3, 15e3, 40e3), (0.2, 0.25, 0.45), (0.0015, 0.003, 0.005), (0.002, 0.02))]
+RINGS_M = (0.0, 0.016)
+LOADS = [*itertools.product((3e3, 40e3), (0.2, 0.45), (0.0015, 0.003, 0.005), (0.002, 0.02))]
 BOXES = {"published": _PUBLISHED, "paper": _PAPER, "near": _NEAR, "about": _ABOUT}
 HALF = [c for c in itertools.product((0, 1), repeat=4) if sum(c) % 2 == 0]
 
