@@ -56,7 +56,7 @@ INSPECTING = ""
 NO_PROCESS = 2**31 - 1
 """In place of the id of a process that could not be started: no process has one as high."""
 NOT_STARTED = 256
-"""Added to the error's number: its status, which is none that a process ends with."""
+"""Added to the error's number it is the status: no process ends with one as high."""
 
 
 ToRun = Literal["forked", "composed", "nowhere"]

@@ -184,7 +184,7 @@ class RecordReader:
 
     Args:
         line: Where samples go.
-        monitor: Told of what comes.
+        monitor: Gets what is noted about the data.
         time: When it comes.
     """
 
