@@ -293,7 +293,8 @@ def test_on_the_wall_clock_a_bag_as_the_source_drives_live_nodes(
 def test_what_is_wrong_with_a_bag_in_a_launch_file_has_its_line(tmp_path: Path) -> None:
     file = tmp_path / "again.yaml"
     file.write_text(
-        "graph: again\nclock: sim\nnodes:\n  source: {run: 'palp_core.graph.replay.player:Player', params: {bag: none}}\n"
+        "graph: again\nclock: sim\nnodes:\n"
+        "  source: {run: 'palp_core.graph.replay.player:Player', params: {bag: none}}\n"
     )
     with pytest.raises(PalpError, match=r"again.yaml:4:17: node 'source': .*none: no such bag"):
         check_here(file)

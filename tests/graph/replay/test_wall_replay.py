@@ -33,7 +33,7 @@ def replayed(palp: Palp, bag: Path, nodes: str, launch: Path = CHAIN) -> list[di
 def whole_bag(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of the chain, recorded from its start to its end."""
     bag = tmp_path_factory.mktemp("whole") / "bag"
-    done = shared_palp.run("launch", CHAIN, "count:=300", "rate_hz:=500.0", "--record", bag)
+    done = shared_palp.here("launch", CHAIN, "count:=300", "rate_hz:=500.0", "--record", bag)
     assert done.returncode == 0, done.stderr
     return bag
 
@@ -61,7 +61,7 @@ def test_a_recording_that_began_later_replays_from_the_nodes_state(palp: Palp, t
 
 def test_a_restarted_node_replays_on_both_sides_of_its_restart(palp: Palp, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
-    done = palp.run("launch", CHAIN, "count:=300", "rate_hz:=300.0", "fail_at:=100", "--record", bag)
+    done = palp.here("launch", CHAIN, "count:=300", "rate_hz:=300.0", "fail_at:=100", "--record", bag)
     with Bag(bag) as opened:
         epochs = {m.stream.epoch for m in opened.recorded(["/relay/_order"])}
     assert len(epochs) > 1

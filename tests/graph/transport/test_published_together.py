@@ -314,7 +314,7 @@ def stage(palp: Palp, tmp_path: Path) -> Stage:
     launch = workspace(tmp_path) / "wall.yaml"
     (tmp_path / "bursts.py").write_text(BURSTS)
     launch.write_text(launch.read_text().replace("swap_toys:Source", "bursts:Bursts"))
-    return Stage(palp, launch, "rate_hz:=200", "--record", tmp_path / "bag")
+    return Stage(palp, launch, "rate_hz:=50", "calls_hz:=20", "--record", tmp_path / "bag")
 
 
 def test_swaps_of_publisher_and_reader_lose_repeat_and_reorder_nothing_and_the_recording_has_each(
