@@ -61,7 +61,7 @@ def test_a_recording_on_the_wall_clock_begins_with_sample_0(palp: Palp, tmp_path
 
 def test_a_recorder_that_dies_is_said_and_does_not_end_the_graph(palp: Palp, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
-    graph = palp.start("launch", CHAIN, "count:=600", "rate_hz:=200.0", "--record", bag)
+    graph = palp.start("launch", CHAIN, "count:=150", "rate_hz:=50.0", "--record", bag)
     wait_for_line(graph, "blocks: 1/")
     recorder_of(palp).kill()
     Running(palp).wait_for("recorder", "recorder")

@@ -46,7 +46,7 @@ def test_a_recording_from_the_start_replays_every_output(palp: Palp, whole_bag: 
 
 
 def test_a_recording_that_began_later_replays_from_the_nodes_state(palp: Palp, tmp_path: Path) -> None:
-    graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=300.0")
+    graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=100.0")
     wait_for_line(graph, "blocks: 1/")
     recorder = recording(palp, "-a", "-o", tmp_path / "bag")
     for gain in ("3.0", "0.5"):
@@ -159,7 +159,7 @@ def test_a_node_that_was_swapped_while_it_was_recorded_replays_on_both_sides(
     palp: Palp, tmp_path: Path
 ) -> None:
     bag = tmp_path / "bag"
-    graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=300.0", "--record", bag)
+    graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=100.0", "--record", bag)
     wait_for_line(graph, "blocks: 1/")
     for name, run in (("relay", "nodes.relay:Relay"), ("source", "nodes.source:Source")):
         done = palp.run("swap", name, run)
