@@ -103,6 +103,7 @@ def test_damaged_bytes_are_refused_at_the_header_or_all_of_them_are_parsed(
         (lambda f: f[4:], "no topic"),
         (lambda f: b"x" * 252 + f, "no topic"),
         (lambda f: f[:5] + b"\x03" + f[6:], "version 3"),
+        (lambda f: f[:5] + b"\x01" + f[6:], "version 1"),
         (lambda f: f[:6] + b"\x04" + f[7:], "run of messages"),
         (lambda f: f[:6] + b"\x05" + f[7:], "kind 5"),
         (lambda f: b"/\xff/b" + f[4:], "UTF-8"),

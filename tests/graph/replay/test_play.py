@@ -272,7 +272,8 @@ def test_in_lockstep_a_bag_as_the_source_gives_the_recorded_outputs(
     palp: Palp, recorded: tuple[Path, Path], tmp_path: Path, how: tuple[str, ...]
 ) -> None:
     bag, launch = recorded
-    done = palp.run("launch", launch / "again.yaml", f"bag:={bag}", "--record", tmp_path / "again", *how)
+    launched = palp.run if how else palp.here
+    done = launched("launch", launch / "again.yaml", f"bag:={bag}", "--record", tmp_path / "again", *how)
     assert done.returncode == 0, done.stderr
     for topic in ("/source/sample", "/relay/amplified"):
         equal = palp.run("bag", "diff", bag, tmp_path / "again", "-t", topic)
@@ -284,7 +285,9 @@ def test_on_the_wall_clock_a_bag_as_the_source_drives_live_nodes(
 ) -> None:
     bag, launch = recorded
     out = tmp_path / "out.json"
-    done = palp.run("launch", launch / "again.yaml", "clock:=wall", f"bag:={bag}", f"out:={out}", "rate:=2.0")
+    done = palp.here(
+        "launch", launch / "again.yaml", "clock:=wall", f"bag:={bag}", f"out:={out}", "rate:=2.0"
+    )
     assert done.returncode == 0, done.stderr
     assert f"blocks: {COUNT}/{COUNT}" in done.stdout
     assert json.loads(out.read_text()) == list(range(COUNT))
