@@ -123,7 +123,7 @@ VALUES: st.SearchStrategy[Any] = st.recursive(
 )
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=100)
 @given(st.sampled_from([*SCHEMA["properties"], "else"]), VALUES)
 def test_whatever_a_field_is_given_is_packed_as_it_is_shown_or_refused_by_its_name(
     name: str, value: Any

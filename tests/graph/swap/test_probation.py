@@ -31,7 +31,7 @@ def _nothing_was_lost_or_repeated(stage: Stage) -> None:
 
 
 def test_the_old_node_goes_on_from_where_the_new_one_fails(stage: Stage) -> None:
-    for deed, after in (("raise", 5), ("exit", 1), ("kill", 400), ("raise", 0)):
+    for deed, after in (("raise", 5), ("exit", 1), ("kill", 100), ("raise", 0)):
         failed = _swap(stage, "Novice", deed=deed, after=after)["failed"]
         assert failed["step"] == "probation", failed
         stage.passes(20)

@@ -174,14 +174,14 @@ def test_a_fault_at_any_step_leaves_the_old_node_at_work(stage: Stage) -> None:
     for step, deed in [*FAULTS, ("state", "misfit")]:
         failed = stage.swap("Faulty", step=step, deed=deed)["failed"]
         assert failed["step"] == step, (step, deed, failed)
-        stage.passes(20)
+        stage.passes(5)
     assert stage.swap("Plain")["failed"]["step"] == "state"
-    stage.passes(20)
+    stage.passes(5)
     assert stage.judgement()[1:] == ("", ["Relay"])
     events = [event for event in stage.events() if event.kind == "swap_failed"]
     assert len(events) == len(FAULTS) + 2
     assert "report" in stage.swap("Other")
-    stage.passes(20)
+    stage.passes(5)
     assert stage.judgement()[1:] == ("", ["Relay", "Other"])
 
 
@@ -399,7 +399,7 @@ def test_swaps_leave_no_descriptor_and_no_file_behind(own_stage: Stage) -> None:
     processes = {name: psutil.Process(stage.process_of(name)) for name in ("sink", "asker", "source")}
     stage.swap("Other")
     before = {name: process.num_fds() for name, process in processes.items()}
-    for turn in range(4):
+    for turn in range(3):
         stage.swap(("Relay", "Other")[turn % 2])
         stage.swap("Faulty", step="state", deed="raise")
         stage.passes(20)
