@@ -86,7 +86,7 @@ def test_damaged_bytes_are_refused_at_the_header_or_all_of_them_are_parsed(
     damaged = bytearray(sent)
     place = data.draw(st.integers(0, len(sent)))
     damaged[place : place + 1] = data.draw(st.binary(max_size=1))
-    if not fits(damaged):
+    if not fits(bytes(damaged)):
         with pytest.raises(SchemaMismatch):
             parse(bytes(damaged))
         return
