@@ -37,7 +37,8 @@ MOST_SAID = 4000
 
 QUICK = {
     *("action", "node", "topic", "param", "lifecycle", "service", "swap", "logs"),
-    *(("bag", verb) for verb in ("info", "recover", "diff", "snapshot")),
+    *(("graph", verb) for verb in ("list", "end")),
+    *(("bag", verb) for verb in ("info", "recover", "diff", "replay", "snapshot")),
 }
 """Verbs that run in the test's own process: to start another takes longer than they do."""
 
@@ -92,7 +93,8 @@ class Palp:
         with pytest.MonkeyPatch.context() as patch:
             for name, value in self.environment.items() - self._inherited.items():
                 patch.setenv(name, value)
-            done = CliRunner().invoke(app, [str(word) for word in arguments], prog_name="palp")
+            with own_workspace():
+                done = CliRunner().invoke(app, [str(word) for word in arguments], prog_name="palp")
         if done.exception is not None and not isinstance(done.exception, PalpError | SystemExit):
             raise done.exception
         refused = isinstance(done.exception, PalpError)
@@ -165,6 +167,24 @@ class Palp:
                 return False
             psutil.wait_procs(alive, timeout=0.02)
         return True
+
+
+@contextlib.contextmanager
+def own_workspace() -> Iterator[None]:
+    """Let a workspace's modules be imported here, and forget them: another has some of the same names."""
+    kept, path = dict(sys.modules), list(sys.path)
+    for name in kept:
+        if name.partition(".")[0] in ("msgs", "nodes"):
+            del sys.modules[name]
+    try:
+        yield
+    finally:
+        for name, module in list(sys.modules.items()):
+            file = getattr(module, "__file__", None) or ""
+            if name not in kept and not file.startswith((str(ROOT / "src"), sys.prefix, sys.base_prefix)):
+                del sys.modules[name]
+        sys.modules.update(kept)
+        sys.path[:] = path
 
 
 def _lives(process: psutil.Process) -> bool:

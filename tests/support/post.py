@@ -334,7 +334,7 @@ class Post:
     def deliver(self, source: str, deed: str, *arguments: str) -> subprocess.CompletedProcess[str]:
         """Run the source and its reader to the end."""
         file = self.write("launch/letters.yaml", LETTERS.replace("FROM", source))
-        return self.palp.run("launch", file, f"deed:={deed}", f"out:={self.out}", *arguments)
+        return self.palp.here("launch", file, f"deed:={deed}", f"out:={self.out}", *arguments)
 
     def letters(self) -> list[int]:
         """Every letter that the reader took up, in its order."""

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import pytest
 
 from palp_core.graph.discovery.run_directory import RunRecord
 from palp_core.graph.discovery.running_graph import RunningGraph
@@ -73,7 +74,8 @@ class Stage(Running):
         """Wait until so many more numbers have come through; return the last."""
         first = self.judgement()[0]
         while (last := self.judgement()[0]) < first + count:
-            assert self.launcher.poll() is None, "the graph has ended"
+            with pytest.raises(subprocess.TimeoutExpired):  # the graph has not ended
+                self.launcher.wait(0.02)
         return last
 
     def wait_for_source(self) -> None:

@@ -102,7 +102,7 @@ class Bad(Node):
 
     def loop(self):
         while True:
-            pass
+            select.select((), (), (), 0.001)
 
     def flaky(self):
         if open(self.params.notes).read().count("configure") == 1:
@@ -183,7 +183,8 @@ class Hostile:
         return path
 
     def run(self, *arguments: str) -> subprocess.CompletedProcess[str]:
-        return self.palp.run("launch", self.file, f"notes:={self.notes}", *arguments)
+        how = self.palp.run if "--compose" in arguments else self.palp.here
+        return how("launch", self.file, f"notes:={self.notes}", *arguments)
 
     def start(self, *arguments: str) -> subprocess.Popen[str]:
         """Start and wait for the first message."""

@@ -52,7 +52,7 @@ def test_the_page_shows_the_example_as_it_is() -> None:
 
 
 def test_processes_and_composition_say_the_same_and_every_node_replays(palp: Palp, tmp_path: Path) -> None:
-    done = palp.run("launch", CARRY, "--digest", tmp_path / "processes.json", "--record", tmp_path / "bag")
+    done = palp.here("launch", CARRY, "--digest", tmp_path / "processes.json", "--record", tmp_path / "bag")
     assert done.returncode == 0, done.stderr
     composed = palp.run("launch", CARRY, "--compose", "--digest", tmp_path / "composed.json")
     assert composed.returncode == 0, composed.stderr

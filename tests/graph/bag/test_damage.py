@@ -207,7 +207,9 @@ for i in range(1, 10_000_000):
 """
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.nightly) for seed in range(1, 4))]
+)
 def test_after_kill_9_everything_that_was_flushed_is_there(tmp_path: Path, seed: int) -> None:
     arguments = [sys.executable, "-c", WRITER, str(tmp_path / "run")]
     with subprocess.Popen(arguments, stdout=subprocess.PIPE) as process:

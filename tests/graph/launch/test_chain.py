@@ -8,46 +8,56 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
+import pytest
+
+from palp_core.graph.messages.frame import topic_of
+from tests.support.palp import CHAIN, PATIENCE_S, Palp, own_workspace, wait_for_line
+from tests.support.rig_session import ComposedGraph
+
+TEN: dict[str, object] = {"clock": "sim", "count": 10}
 
 
 def test_sample_zero_and_every_other_arrives_on_the_wall_clock(palp: Palp, tmp_path: Path) -> None:
     out = tmp_path / "arrived.json"
-    done = palp.run("launch", CHAIN, "count:=200", "rate_hz:=400.0", f"out:={out}")
+    done = palp.here("launch", CHAIN, "count:=200", "rate_hz:=400.0", f"out:={out}")
     assert done.returncode == 0, done.stderr
     assert json.loads(out.read_text()) == list(range(200))
     assert palp.all_gone()
 
 
+@pytest.mark.parametrize("burners", [0, pytest.param(3, marks=pytest.mark.nightly)])
 def test_lockstep_gives_the_same_bytes_as_processes_composed_and_under_load(
-    palp: Palp, tmp_path: Path
+    palp: Palp, tmp_path: Path, burners: int
 ) -> None:
     arguments = ("launch", CHAIN, "clock:=sim", "count:=100", "--digest")
-    digests = []
-    for name, extra in (("processes", ()), ("composed", ("--compose",))):
-        done = palp.run(*arguments, tmp_path / name, *extra)
-        assert done.returncode == 0, done.stderr
-        digests.append(json.loads((tmp_path / name).read_text()))
-    burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(3)]
+    composed = palp.run(*arguments, tmp_path / "composed", "--compose")
+    assert composed.returncode == 0, composed.stderr
+    burning = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(burners)]
     try:
-        loaded = palp.run(*arguments, tmp_path / "loaded")
+        done = palp.here(*arguments, tmp_path / "processes")
     finally:
-        for burner in burners:
+        for burner in burning:
             burner.kill()
             burner.wait()
-    assert loaded.returncode == 0, loaded.stderr
-    digests.append(json.loads((tmp_path / "loaded").read_text()))
-    assert digests[0] == digests[1] == digests[2]
-    assert digests[0]["/relay/amplified"]["count"] == 100
-    assert "/relay/_order" in digests[0]
+    assert done.returncode == 0, done.stderr
+    found = json.loads((tmp_path / "processes").read_text())
+    assert found == json.loads((tmp_path / "composed").read_text())
+    assert found["/relay/amplified"]["count"] == 100
+    assert "/relay/_order" in found
 
 
-def test_another_seed_gives_other_bytes(palp: Palp, tmp_path: Path) -> None:
-    arguments = ("launch", CHAIN, "clock:=sim", "count:=10", "--compose", "--digest")
+def test_another_seed_gives_other_bytes() -> None:
+    found: list[list[bytes]] = []
     for seed in (1, 2):
-        assert palp.run(*arguments, tmp_path / str(seed), f"seed:={seed}").returncode == 0
-    first, second = (json.loads((tmp_path / str(seed)).read_text()) for seed in (1, 2))
-    assert first["/source/sample"]["sha256"] != second["/source/sample"]["sha256"]
+        found.append([])
+        with (
+            own_workspace(),
+            ComposedGraph(CHAIN, observe=lambda _, frame: found[-1].append(frame), seed=seed, **TEN) as graph,
+        ):
+            graph.run()
+    first, second = ([raw for raw in frames if topic_of(raw) == b"/source/sample"] for frames in found)
+    assert len(first) == 10
+    assert not {*first} & {*second}
 
 
 def test_tools_see_the_running_graph(palp: Palp) -> None:
@@ -72,7 +82,7 @@ def test_tools_see_the_running_graph(palp: Palp) -> None:
 
 
 def test_a_crashed_node_restarts_by_its_rule_and_the_run_goes_on(palp: Palp) -> None:
-    done = palp.run("launch", CHAIN, "count:=100", "rate_hz:=100.0", "fail_at:=50")
+    done = palp.here("launch", CHAIN, "count:=100", "rate_hz:=100.0", "fail_at:=50")
     assert done.returncode == 0, done.stderr
     logs = palp.run("logs", "--level", "warning", "--since", "1h")  # they are kept after a clean end
     assert re.match(r"graph 'chain' of \S+chain\.yaml, id chain-\w+, is over; it began at \d", logs.stderr)
@@ -86,8 +96,8 @@ def test_a_crashed_node_restarts_by_its_rule_and_the_run_goes_on(palp: Palp) -> 
 
 
 def test_a_crash_in_lockstep_ends_the_run_and_names_the_node(palp: Palp) -> None:
-    for extra in ((), ("--compose",)):
-        done = palp.run("launch", CHAIN, "clock:=sim", "count:=100", "fail_at:=50", *extra)
+    for how, extra in ((palp.here, ()), (palp.run, ("--compose",))):
+        done = how("launch", CHAIN, "clock:=sim", "count:=100", "fail_at:=50", *extra)
         assert done.returncode == 1
         noted, _, said = done.stderr.partition("\n")
         assert noted.startswith(f"{CHAIN}: note: 'restart' (relay) has no effect in simulated time")

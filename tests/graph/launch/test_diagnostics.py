@@ -136,7 +136,7 @@ def test_an_incident_is_told_when_it_begins_and_ends_and_kept(guarded: Path, clo
 
 
 def test_a_launch_says_it_when_it_is_so_and_in_its_last_lines(palp: Palp, guarded: Path) -> None:
-    done = palp.run("launch", guarded)
+    done = palp.here("launch", guarded)
     said = [re.sub(r"^\d\d:\d\d:\d\d ", "", line) for line in done.stdout.splitlines()]
     assert said[:3] == [
         "/guard: tripped at False -> type: ack",

@@ -77,7 +77,7 @@ def talkers(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("more", [(), ("clock:=sim", "--compose")])
 def test_warnings_and_errors_of_nodes_are_shown(palp: Palp, talkers: Path, more: tuple[str, ...]) -> None:
-    done = palp.run("launch", talkers, *more)
+    done = (palp.run if more else palp.here)("launch", talkers, *more)
     assert done.returncode == 0
     logged = [line for line in done.stderr.splitlines() if line.startswith("[")]
     assert (logged[0], logged[-1]) == (WARNING, ERROR)
@@ -99,7 +99,7 @@ def test_the_level_says_what_is_shown(talkers: Path, log_level: str, first: int)
 def test_all_that_a_node_prints_reaches_the_screen_if_its_launch_entry_says_so(
     palp: Palp, talkers: Path
 ) -> None:
-    done = palp.run("launch", talkers, "output:=screen")
+    done = palp.here("launch", talkers, "output:=screen")
     assert done.returncode == 0
     said = done.stderr.splitlines()
     for line in (
@@ -111,7 +111,7 @@ def test_all_that_a_node_prints_reaches_the_screen_if_its_launch_entry_says_so(
     ):
         assert line in said
     assert [line for line in said if re.match(r"\[WARNING\] \[talker\]: \S+ RuntimeWarning: of Python", line)]
-    mistake = palp.run("launch", talkers, "output:=both", "--check")
+    mistake = palp.here("launch", talkers, "output:=both", "--check")
     assert mistake.returncode == 2
 
 
@@ -144,7 +144,8 @@ def test_of_a_node_that_fails_all_is_said_and_nothing_twice(
     (tmp_path / "hot_toys.py").write_text(HOT)
     path = tmp_path / "hot.yaml"
     path.write_text(LAUNCH.replace("talker_toys:Talker", "hot_toys:Hot"))
-    done = palp.run("launch", path, "output:=screen", "--log-level", "critical", *more)
+    launched = palp.run if "--compose" in more else palp.here
+    done = launched("launch", path, "output:=screen", "--log-level", "critical", *more)
     assert done.returncode == 1
     assert done.stderr.splitlines()[0] == "[CRITICAL] [talker]: too hot"
     assert done.stderr.count("ValueError: boiling") == 1

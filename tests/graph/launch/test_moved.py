@@ -90,7 +90,7 @@ def test_a_bag_of_a_node_that_has_moved_is_replayed(
 ) -> None:
     (tmp_path / "counter.yaml").write_text(COUNTER_LAUNCH)
     (tmp_path / "counter_before.py").write_text(COUNTER)
-    done = palp.run("launch", tmp_path / "counter.yaml", "--record", tmp_path / "bag")
+    done = palp.here("launch", tmp_path / "counter.yaml", "--record", tmp_path / "bag")
     assert done.returncode == 0, done.stderr
     (tmp_path / "counter_before.py").rename(tmp_path / "counter_now.py")
     monkeypatch.setitem(moved._MOVED, "counter_before", "counter_now")

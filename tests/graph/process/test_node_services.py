@@ -163,7 +163,7 @@ def test_commands_to_a_lockstep_graph_are_in_its_record_and_replay(post: Post, c
 
 
 def test_calls_to_a_server_that_dies_are_all_answered_in_the_end(post: Post) -> None:
-    done = post.palp.run("launch", post.calls, f"out:={post.out}")
+    done = post.palp.here("launch", post.calls, f"out:={post.out}")
     assert done.returncode == 0, done.stderr
     heard = post.out.read_text().splitlines()
     assert len(heard) == 20

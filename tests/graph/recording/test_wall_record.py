@@ -47,7 +47,7 @@ def workspace(tmp_path: Path) -> Path:
 
 def test_a_recording_on_the_wall_clock_begins_with_sample_0(palp: Palp, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
-    done = palp.run("launch", CHAIN, "count:=100", "rate_hz:=500.0", "--record", bag)
+    done = palp.here("launch", CHAIN, "count:=100", "rate_hz:=500.0", "--record", bag)
     assert done.returncode == 0, done.stderr
     assert "nothing missing" in done.stdout
     assert to_numpy(bag, "/source/sample", "index").tolist() == list(range(100))
@@ -61,7 +61,7 @@ def test_a_recording_on_the_wall_clock_begins_with_sample_0(palp: Palp, tmp_path
 
 def test_a_recorder_that_dies_is_said_and_does_not_end_the_graph(palp: Palp, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
-    graph = palp.start("launch", CHAIN, "count:=600", "rate_hz:=200.0", "--record", bag)
+    graph = palp.start("launch", CHAIN, "count:=150", "rate_hz:=50.0", "--record", bag)
     wait_for_line(graph, "blocks: 1/")
     recorder_of(palp).kill()
     Running(palp).wait_for("recorder", "recorder")
@@ -114,17 +114,17 @@ def test_a_launch_file_may_have_a_recorder_among_its_nodes(
 ) -> None:
     for clock in ("wall", "sim"):
         bag = tmp_path / f"on-{clock}"
-        done = palp.run("launch", workspace, f"clock:={clock}", "count:=50", f"bag:={bag}")
+        done = palp.here("launch", workspace, f"clock:={clock}", "count:=50", f"bag:={bag}")
         assert done.returncode == 0, done.stderr
         assert f"{bag}: " in done.stdout
         assert to_numpy(bag, "/source/sample", "index").tolist() == list(range(50))
         info = json.loads(palp.run("bag", "info", bag, "--json").stdout)
         assert info["complete"]
         assert "/source/progress" not in info["topics"]
-    again = palp.run("launch", workspace, "count:=50", f"bag:={tmp_path / 'on-wall'}")
+    again = palp.here("launch", workspace, "count:=50", f"bag:={tmp_path / 'on-wall'}")
     assert again.returncode == 2
     assert "exists already" in again.stderr
-    printed = palp.run("launch", workspace, "--print")
+    printed = palp.here("launch", workspace, "--print")
     assert "palp_core.graph.recording.recorder_node:Recorder" in printed.stdout
 
 

@@ -16,11 +16,13 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from palp_core.errors import PalpError
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.discovery.run_directory import RunRecord
 from palp_core.graph.messages.frame import Frame, Kind, parse
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
-from tests.support.palp import CHAIN, PATIENCE_S, Palp, finished, wait_for_line
+from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
+from tests.support.rig_session import check_here
 
 COUNT = 60
 REPLAYED = """
@@ -135,7 +137,7 @@ def test_tools_see_the_recorded_nodes(palp: Palp, recorded: tuple[Path, Path]) -
     assert palp.run("topic", "type", "/source/sample").stdout == "Sample\n"
     assert "/source" in palp.run("node", "list").stdout
     assert "/relay/amplified" not in palp.run("topic", "list").stdout
-    assert palp.run("bag", "play", bag, "-t", "/no/where").returncode == 2
+    assert palp.here("bag", "play", bag, "-t", "/no/where").returncode == 2
     echo = palp.run(
         "topic", "echo", "/source/sample", "--times", "3", "--json", "--qos-reliability", "reliable"
     )
@@ -238,11 +240,12 @@ def test_a_bag_plays_into_a_running_graph_in_place_of_a_node(
     bag, launch = recorded
     graph = palp.start("launch", launch / "open.yaml", f"out:={tmp_path / 'out.json'}")
     while "active" not in palp.run("lifecycle", "get", "/relay").stdout:
-        assert graph.poll() is None
-    refused = palp.run("bag", "play", bag, "--graph", "open")
+        with pytest.raises(subprocess.TimeoutExpired):
+            graph.wait(0.05)
+    refused = palp.here("bag", "play", bag, "--graph", "open")
     assert refused.returncode == 2
     assert "takes none of the bag's topics from outside; it takes: /relay/sample" in refused.stderr
-    wrong = palp.run("bag", "play", bag, "--graph", "open", "-m", "/source/progress:=/relay/sample")
+    wrong = palp.here("bag", "play", bag, "--graph", "open", "-m", "/source/progress:=/relay/sample")
     assert wrong.returncode == 2
     assert "/relay/sample takes another type than Progress" in wrong.stderr
     played = palp.run("bag", "play", bag, "--graph", "open", "-m", "/source/sample:=/relay/sample", "-r", "5")
@@ -269,7 +272,8 @@ def test_in_lockstep_a_bag_as_the_source_gives_the_recorded_outputs(
     palp: Palp, recorded: tuple[Path, Path], tmp_path: Path, how: tuple[str, ...]
 ) -> None:
     bag, launch = recorded
-    done = palp.run("launch", launch / "again.yaml", f"bag:={bag}", "--record", tmp_path / "again", *how)
+    launched = palp.run if how else palp.here
+    done = launched("launch", launch / "again.yaml", f"bag:={bag}", "--record", tmp_path / "again", *how)
     assert done.returncode == 0, done.stderr
     for topic in ("/source/sample", "/relay/amplified"):
         equal = palp.run("bag", "diff", bag, tmp_path / "again", "-t", topic)
@@ -281,20 +285,22 @@ def test_on_the_wall_clock_a_bag_as_the_source_drives_live_nodes(
 ) -> None:
     bag, launch = recorded
     out = tmp_path / "out.json"
-    done = palp.run("launch", launch / "again.yaml", "clock:=wall", f"bag:={bag}", f"out:={out}", "rate:=2.0")
+    done = palp.here(
+        "launch", launch / "again.yaml", "clock:=wall", f"bag:={bag}", f"out:={out}", "rate:=2.0"
+    )
     assert done.returncode == 0, done.stderr
     assert f"blocks: {COUNT}/{COUNT}" in done.stdout
     assert json.loads(out.read_text()) == list(range(COUNT))
 
 
-def test_what_is_wrong_with_a_bag_in_a_launch_file_has_its_line(
-    palp: Palp, recorded: tuple[Path, Path], tmp_path: Path
-) -> None:
-    _, launch = recorded
-    done = palp.run("launch", launch / "again.yaml", f"bag:={tmp_path / 'none'}", "--check")
-    assert done.returncode == 2
-    assert "again.yaml:7:10: node 'source': " in done.stderr
-    assert "none: no such bag" in done.stderr
+def test_what_is_wrong_with_a_bag_in_a_launch_file_has_its_line(tmp_path: Path) -> None:
+    file = tmp_path / "again.yaml"
+    file.write_text(
+        "graph: again\nclock: sim\nnodes:\n"
+        "  source: {run: 'palp_core.graph.replay.player:Player', params: {bag: none}}\n"
+    )
+    with pytest.raises(PalpError, match=r"again.yaml:4:17: node 'source': .*none: no such bag"):
+        check_here(file)
 
 
 def test_wrong_words_are_refused_with_what_would_be_right(palp: Palp, recorded: tuple[Path, Path]) -> None:
@@ -308,9 +314,7 @@ def test_wrong_words_are_refused_with_what_would_be_right(palp: Palp, recorded: 
         (("--start-offset", "100"), "no message of the chosen topics and time; the bag has 0.0"),
         (("--graph", "none"), "no graph named 'none' is running"),
     )
-    players = [palp.start("bag", "play", bag, *words) for words, _ in wrong]
-    for player, (words, text) in zip(players, wrong, strict=True):
-        status, said = finished(player)
-        assert status == 2, (words, said)
-        assert text in said
-        assert "Traceback" not in said
+    for words, text in wrong:
+        refused = palp.here("bag", "play", bag, *words)
+        assert refused.returncode == 2, words
+        assert text in refused.stderr

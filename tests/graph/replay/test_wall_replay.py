@@ -13,6 +13,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from palp_core.graph.bag.edit import filter_bag
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.writer import BagWriter
 from tests.support.live import ended, recording
@@ -28,18 +29,24 @@ def replayed(palp: Palp, bag: Path, nodes: str, launch: Path = CHAIN) -> list[di
     return found
 
 
-def test_a_recording_from_the_start_replays_every_output(palp: Palp, tmp_path: Path) -> None:
-    bag = tmp_path / "bag"
-    done = palp.run("launch", CHAIN, "count:=300", "rate_hz:=500.0", "--record", bag)
+@pytest.fixture(scope="module")
+def whole_bag(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of the chain, recorded from its start to its end."""
+    bag = tmp_path_factory.mktemp("whole") / "bag"
+    done = shared_palp.here("launch", CHAIN, "count:=300", "rate_hz:=500.0", "--record", bag)
     assert done.returncode == 0, done.stderr
-    source, relay, sink = replayed(palp, bag, "source,relay,sink")
+    return bag
+
+
+def test_a_recording_from_the_start_replays_every_output(palp: Palp, whole_bag: Path) -> None:
+    source, relay, sink = replayed(palp, whole_bag, "source,relay,sink")
     assert (relay["compared"], relay["uncovered"]) == (301, 0)  # samples, and its activation
     assert (source["compared"], source["uncovered"]) == (601, 0)
     assert sink["consumed"] >= 301
 
 
 def test_a_recording_that_began_later_replays_from_the_nodes_state(palp: Palp, tmp_path: Path) -> None:
-    graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=300.0")
+    graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=100.0")
     wait_for_line(graph, "blocks: 1/")
     recorder = recording(palp, "-a", "-o", tmp_path / "bag")
     for gain in ("3.0", "0.5"):
@@ -54,7 +61,7 @@ def test_a_recording_that_began_later_replays_from_the_nodes_state(palp: Palp, t
 
 def test_a_restarted_node_replays_on_both_sides_of_its_restart(palp: Palp, tmp_path: Path) -> None:
     bag = tmp_path / "bag"
-    done = palp.run("launch", CHAIN, "count:=300", "rate_hz:=300.0", "fail_at:=100", "--record", bag)
+    done = palp.here("launch", CHAIN, "count:=300", "rate_hz:=300.0", "fail_at:=100", "--record", bag)
     with Bag(bag) as opened:
         epochs = {m.stream.epoch for m in opened.recorded(["/relay/_order"])}
     assert len(epochs) > 1
@@ -80,12 +87,11 @@ def tampered(bag: Path, out: Path, topic: str, sequence: int) -> None:
             writer.write(writer.stream(m.stream), m.sequence, m.log_ns, m.publish_ns, payload)
 
 
-def test_a_tampered_recording_gives_the_first_divergence_with_its_inputs(palp: Palp, tmp_path: Path) -> None:
-    bag = tmp_path / "bag"
-    done = palp.run("launch", CHAIN, "count:=100", "rate_hz:=500.0", "--record", bag)
-    assert done.returncode == 0, done.stderr
-    tampered(bag, tmp_path / "input", "/source/sample", 42)
-    tampered(bag, tmp_path / "output", "/relay/amplified", 42)
+def test_a_tampered_recording_gives_the_first_divergence_with_its_inputs(
+    palp: Palp, whole_bag: Path, tmp_path: Path
+) -> None:
+    tampered(whole_bag, tmp_path / "input", "/source/sample", 42)
+    tampered(whole_bag, tmp_path / "output", "/relay/amplified", 42)
     for name in ("input", "output"):
         told = palp.run("bag", "replay", tmp_path / name, "--nodes", "relay", "--launch", CHAIN, "--json")
         assert told.returncode == 1
@@ -116,10 +122,10 @@ def test_a_bag_whose_recorder_was_killed_replays_as_far_as_it_reaches(palp: Palp
         assert node["divergence"] is None
 
 
-def test_a_recording_without_what_the_node_consumed_is_refused_by_name(palp: Palp, tmp_path: Path) -> None:
-    graph = palp.start("launch", CHAIN, "count:=1000000")
-    wait_for_line(graph, "blocks: 1/")
-    ended(recording(palp, "/source/sample", "/relay/amplified", "-o", tmp_path / "bag"))
+def test_a_recording_without_what_the_node_consumed_is_refused_by_name(
+    palp: Palp, whole_bag: Path, tmp_path: Path
+) -> None:
+    filter_bag(whole_bag, tmp_path / "bag", select={"/source/sample", "/relay/amplified"}.__contains__)
     told = palp.run("bag", "replay", tmp_path / "bag", "--nodes", "relay", "--launch", CHAIN)
     assert told.returncode == 2
     assert "/relay/_order" in told.stderr
@@ -153,7 +159,7 @@ def test_a_node_that_was_swapped_while_it_was_recorded_replays_on_both_sides(
     palp: Palp, tmp_path: Path
 ) -> None:
     bag = tmp_path / "bag"
-    graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=300.0", "--record", bag)
+    graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=100.0", "--record", bag)
     wait_for_line(graph, "blocks: 1/")
     for name, run in (("relay", "nodes.relay:Relay"), ("source", "nodes.source:Source")):
         done = palp.run("swap", name, run)
@@ -169,10 +175,8 @@ def test_a_node_that_was_swapped_while_it_was_recorded_replays_on_both_sides(
         assert node["uncovered"] == 0
 
 
-def test_a_bag_of_another_workspace_asks_for_its_launch_file(palp: Palp, tmp_path: Path) -> None:
-    bag = tmp_path / "bag"
-    assert palp.run("launch", CHAIN, "count:=5", "rate_hz:=500.0", "--record", bag).returncode == 0
-    refused = palp.run("bag", "replay", bag, "--nodes", "sink", "--launch", SIM)
+def test_a_bag_of_another_workspace_asks_for_its_launch_file(palp: Palp, whole_bag: Path) -> None:
+    refused = palp.run("bag", "replay", whole_bag, "--nodes", "sink", "--launch", SIM)
     assert refused.returncode not in (0, 1)
     assert "No module named 'nodes.sink'" in refused.stderr
     assert "--launch FILE" in refused.stderr

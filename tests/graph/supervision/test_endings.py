@@ -39,11 +39,21 @@ def assert_readable(out: Path) -> None:
         assert rate_hz == 1000.0
 
 
-@pytest.mark.parametrize(
-    "name",
-    [*RIG_NODES[:1], *(pytest.param(name, marks=pytest.mark.nightly) for name in RIG_NODES[1:])],
-)
-def test_a_killed_node_ends_the_run_and_is_named(palp: Palp, tmp_path: Path, name: str) -> None:
+def test_a_killed_node_ends_the_run_and_is_named(palp: Palp) -> None:
+    process = palp.start("launch", CHAIN, "clock:=sim", "count:=1000000")
+    wait_for_line(process, "blocks: 1/")
+    psutil.Process(node_pid(palp, "relay")).kill()
+    _, errors = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 1
+    assert "relay: its process was killed by SIGKILL" in errors
+    assert palp.all_gone()
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", RIG_NODES)
+def test_the_record_of_a_rig_with_a_killed_node_is_kept_and_says_why(
+    palp: Palp, tmp_path: Path, name: str
+) -> None:
     process = start_rig(palp, out := tmp_path / "out")
     psutil.Process(node_pid(palp, name)).kill()
     said, errors = process.communicate(timeout=PATIENCE_S)
@@ -115,18 +125,20 @@ def test_a_frozen_node_is_named_and_does_not_keep_the_graph_from_ending(
 
 
 @pytest.mark.parametrize(
-    ("moment", "compose"),
+    ("file", "moment", "compose"),
     [
-        ("palp/*", ("--compose",)),
-        ("palp/*/graph.json", ()),
-        ("out/trials.csv", ("--compose",)),
-        pytest.param("palp/*", (), marks=pytest.mark.nightly),
-        pytest.param("palp/*/graph.json", ("--compose",), marks=pytest.mark.nightly),
-        pytest.param("out/trials.csv", (), marks=pytest.mark.nightly),
+        (CHAIN, "palp/*", ("--compose",)),
+        (CHAIN, "palp/*/graph.json", ()),
+        *(
+            pytest.param(SIM, moment, compose, marks=pytest.mark.nightly)
+            for moment in ("palp/*", "palp/*/graph.json", "out/trials.csv")
+            for compose in ((), ("--compose",))
+        ),
     ],
 )
-def test_ctrl_c_leaves_nothing_behind(palp: Palp, moment: str, compose: tuple[str, ...]) -> None:
-    process = palp.start("launch", SIM, f"out:={palp.runtime_dir / 'out'}", "trials:=100", *compose)
+def test_ctrl_c_leaves_nothing_behind(palp: Palp, file: Path, moment: str, compose: tuple[str, ...]) -> None:
+    length = ("trials:=100",) if file == SIM else ("count:=1000000",)
+    process = palp.start("launch", file, f"out:={palp.runtime_dir / 'out'}", *length, *compose)
     while not list(palp.runtime_dir.glob(moment)):
         with pytest.raises(subprocess.TimeoutExpired):
             process.wait(0.01)

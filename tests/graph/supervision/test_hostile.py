@@ -126,7 +126,7 @@ def test_two_nodes_killed_at_once_are_both_accounted_for(hostile: Hostile) -> No
 def test_a_slow_reader_reaches_its_safe_state_whatever_ends_the_run(
     hostile: Hostile, number: signal.Signals
 ) -> None:
-    process = hostile.start("clock:=wall", "deed:=slow", "rate_hz:=1000.0",
+    process = hostile.start("clock:=wall", "deed:=slow", "rate_hz:=200.0",
         "count:=1000000",
     )  # fmt: skip
     hostile.palp.run("topic", "echo", "/bad/passed", "--times", "20")
@@ -155,22 +155,22 @@ def test_restarts_have_their_limit(hostile: Hostile) -> None:
 
 def test_sets_have_the_same_order_composed_as_in_processes(hostile: Hostile) -> None:
     found = []
-    for extra in ((), ("--compose",), ("--compose",)):
+    for extra in ((), ("--compose",)):
         digest = hostile.folder / "digest"
         assert hostile.run("--digest", str(digest), *extra).returncode == 0
         found.append(json.loads(digest.read_text())["/sink/order"])
-    assert found[0] == found[1] == found[2]
+    assert found[0] == found[1]
 
 
 def test_an_exit_code_that_a_shell_cannot_tell_from_success_is_a_failure(hostile: Hostile) -> None:
     file = hostile.write(
         "launch/odd.yaml", "graph: odd\nclock: sim\nnodes: {a: {run: 'nodes.toys:Odd', on_exit: shutdown}}\n"
     )
-    assert hostile.palp.run("launch", file).returncode == 1
+    assert hostile.palp.here("launch", file).returncode == 1
 
 
 def test_a_digest_that_cannot_be_written_is_told_before_the_run(hostile: Hostile) -> None:
-    done = hostile.run("--digest", "/nowhere/digest.json")
+    done = hostile.palp.here("launch", hostile.file, "--digest", "/nowhere/digest.json")
     assert done.returncode == 2
     assert done.stderr.startswith("--digest /nowhere/digest.json: cannot be written")
 
@@ -185,7 +185,10 @@ def test_a_silent_topic_is_given_up_although_heartbeats_come(hostile: Hostile) -
     assert "no message for 0.5 s" in done.stderr
 
 
-@pytest.mark.parametrize("closed", ["<&-", ">&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize(
+    "closed",
+    [*(pytest.param(one, marks=pytest.mark.nightly) for one in ("<&-", ">&-")), "<&- >&- 2>&-"],
+)
 def test_closed_standard_streams_do_no_harm(palp: Palp, tmp_path: Path, closed: str) -> None:
     command = palp.command("launch", CHAIN, "clock:=sim", "count:=5", f"out:={tmp_path}/out")
     shell = ["sh", "-c", f'exec "$@" {closed}', "sh", *command]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import signal
@@ -74,16 +75,12 @@ nodes:
 """
 
 
-def heard_after(graph: Running, epoch: int, beats: int) -> None:
+def beats_heard(reader: SubscriberSocket, epoch: int, beats: int) -> None:
     """Wait until the source's new process has gone on turning for a while: so many heartbeats."""
-    reader = SubscriberSocket({"/source/word": f"ipc://{graph.folder}/source.pub"})
-    try:
-        while beats:
-            assert reader.wait(PATIENCE_S)
-            frames = [parse(raw) for raw in reader.receive()]
-            beats = max(beats - sum(f.epoch == epoch and f.kind != Kind.DATA for f in frames), 0)
-    finally:
-        reader.close()
+    while beats:
+        assert reader.wait(PATIENCE_S)
+        frames = [parse(raw) for raw in reader.receive()]
+        beats = max(beats - sum(f.epoch == epoch and f.kind != Kind.DATA for f in frames), 0)
 
 
 def counted(graph: Running, life: int) -> int:
@@ -115,14 +112,16 @@ def test_the_first_messages_after_a_restart_reach_a_reader_that_is_back_in_time(
     assert counted(graph, graph.process("source").pid) == BURST
     sink = graph.process("sink")
     sink.suspend()
-    os.kill(graph.process("source").pid, signal.SIGKILL)
-    if in_time:
-        heard_after(graph, epoch=1, beats=3)
-        sink.resume()
-        restarted = graph.wait_for("restarted", "source")
-    else:
-        restarted = graph.wait_for("restarted", "source")
-        sink.resume()
+    reader = SubscriberSocket({"/source/word": f"ipc://{graph.folder}/source.pub"})
+    with contextlib.closing(reader):  # it is there when the new process comes: its heartbeats are few
+        os.kill(graph.process("source").pid, signal.SIGKILL)
+        if in_time:
+            beats_heard(reader, epoch=1, beats=3)
+            sink.resume()
+            restarted = graph.wait_for("restarted", "source")
+        else:
+            restarted = graph.wait_for("restarted", "source")
+            sink.resume()
     assert (counted(graph, graph.process("source").pid) == BURST) is in_time
     assert json.loads(restarted.data)["missing"] == ([] if in_time else ["sink"])
     process.terminate()

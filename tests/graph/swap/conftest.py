@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.palp import Palp
-from tests.support.stage import SharedStage, Stage
+from tests.support.stage import SLOW, SharedStage, Stage
 from tests.support.swapping import workspace
 
 
@@ -21,7 +21,7 @@ def launch(tmp_path: Path) -> Path:
 @pytest.fixture
 def own_stage(palp: Palp, launch: Path) -> Stage:
     """For a test that does not leave its graph whole."""
-    return Stage(palp, launch)
+    return Stage(palp, launch, *SLOW)
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ import pytest
 from palp_core.errors import GraphError
 from palp_core.graph.swap.swap import STEPS
 from tests.support.palp import PATIENCE_S, Palp
-from tests.support.stage import Stage
+from tests.support.stage import SLOW, Stage
 
 LONG = {"run_count": 1_000_000, "longest_s": 240.0}
 """Longer than anything here lasts."""
@@ -31,7 +31,7 @@ def _nothing_was_lost_or_repeated(stage: Stage) -> None:
 
 
 def test_the_old_node_goes_on_from_where_the_new_one_fails(stage: Stage) -> None:
-    for deed, after in (("raise", 5), ("exit", 1), ("kill", 400), ("raise", 0)):
+    for deed, after in (("raise", 5), ("exit", 1), ("kill", 100), ("raise", 0)):
         failed = _swap(stage, "Novice", deed=deed, after=after)["failed"]
         assert failed["step"] == "probation", failed
         stage.passes(20)
@@ -143,7 +143,7 @@ def test_the_command_tells_by_its_exit_status(stage: Stage) -> None:
 
 
 def test_a_record_replays_through_a_probation_that_failed(palp: Palp, launch: Path, tmp_path: Path) -> None:
-    stage = Stage(palp, launch, "rate_hz:=300.0", "--record", tmp_path / "bag")
+    stage = Stage(palp, launch, *SLOW, "--record", tmp_path / "bag")
     assert _swap(stage, "Novice", deed="raise", after=100)["failed"]["step"] == "probation"
     assert "report" in stage.swap("Relay", gain=3)
     stage.passes(20)

@@ -21,7 +21,7 @@ from palp_core.graph.swap.swap import STEPS
 from palp_core.graph.transport.migration import read_move
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from tests.support.palp import PATIENCE_S, Palp
-from tests.support.stage import Stage
+from tests.support.stage import SLOW, Stage
 from tests.support.swapping import restarting_workspace
 
 EACH_STEP = [
@@ -31,15 +31,15 @@ EACH_STEP = [
 ]
 
 
-def test_swaps_back_and_forth_lose_repeat_and_reorder_nothing(own_stage: Stage) -> None:
-    stage = own_stage
-    for turn in range(8):
+def test_swaps_back_and_forth_lose_repeat_and_reorder_nothing(palp: Palp, launch: Path) -> None:
+    stage = Stage(palp, launch)
+    for turn in range(4):
         answer = stage.swap(("Other", "Relay")[turn % 2])
         assert answer["report"]["switched"], answer
         stage.passes(20)
     _, bad, makers = stage.judgement()
     assert bad == ""
-    assert makers == ["Relay", "Other"] * 4 + ["Relay"]
+    assert makers == ["Relay", "Other"] * 2 + ["Relay"]
     account = stage.graph.ask("sink", "info")["inputs"]["/relay/out"]
     assert (account["lost"], account["repeated"], account["dropped"]) == (0, 0, 0)
     account = stage.graph.ask("relay", "info")["inputs"]["/source/out"]
@@ -122,7 +122,7 @@ def test_the_same_class_keeps_live_parameters_and_takes_what_is_given(stage: Sta
 
 def test_a_reader_that_rejects_what_comes_has_heard_it_and_is_swapped(palp: Palp, launch: Path) -> None:
     launch.write_text(launch.read_text().replace("swap_toys:Source", "swap_toys:Rude"))
-    stage = Stage(palp, launch)
+    stage = Stage(palp, launch, *SLOW)
     for turn in range(3):
         assert "report" in stage.swap(("Other", "Relay")[turn % 2])
         while not stage.graph.ask("relay", "info")["rejected"]:
@@ -174,14 +174,14 @@ def test_a_fault_at_any_step_leaves_the_old_node_at_work(stage: Stage) -> None:
     for step, deed in [*FAULTS, ("state", "misfit")]:
         failed = stage.swap("Faulty", step=step, deed=deed)["failed"]
         assert failed["step"] == step, (step, deed, failed)
-        stage.passes(20)
+        stage.passes(5)
     assert stage.swap("Plain")["failed"]["step"] == "state"
-    stage.passes(20)
+    stage.passes(5)
     assert stage.judgement()[1:] == ("", ["Relay"])
     events = [event for event in stage.events() if event.kind == "swap_failed"]
     assert len(events) == len(FAULTS) + 2
     assert "report" in stage.swap("Other")
-    stage.passes(20)
+    stage.passes(5)
     assert stage.judgement()[1:] == ("", ["Relay", "Other"])
 
 
@@ -260,7 +260,7 @@ def test_the_launchers_death_during_a_swap_ends_everything(palp: Palp, own_stage
 
 
 def test_a_node_that_moves_something_is_swapped_in_its_safe_state_only(palp: Palp, launch: Path) -> None:
-    stage = Stage(palp, launch, "run:=swap_toys:Mover")
+    stage = Stage(palp, launch, "run:=swap_toys:Mover", *SLOW)
     failed = stage.swap("Mover")["failed"]
     assert "palp lifecycle set /relay deactivate" in failed["text"]
     stage.graph.ask("relay", "transition", transition="deactivate")
@@ -273,7 +273,7 @@ def test_a_node_that_moves_something_is_swapped_in_its_safe_state_only(palp: Pal
 
 def test_a_swapped_node_restarts_where_its_readers_are(palp: Palp, launch: Path) -> None:
     launch.write_text(launch.read_text().replace("run: $(var run),", "run: $(var run), restart: on_failure,"))
-    stage = Stage(palp, launch)
+    stage = Stage(palp, launch, *SLOW)
     stage.swap("Other")
     os.kill(stage.process_of("relay"), signal.SIGKILL)
     stage.wait_for("restarted", "relay")
@@ -399,7 +399,7 @@ def test_swaps_leave_no_descriptor_and_no_file_behind(own_stage: Stage) -> None:
     processes = {name: psutil.Process(stage.process_of(name)) for name in ("sink", "asker", "source")}
     stage.swap("Other")
     before = {name: process.num_fds() for name, process in processes.items()}
-    for turn in range(4):
+    for turn in range(3):
         stage.swap(("Relay", "Other")[turn % 2])
         stage.swap("Faulty", step="state", deed="raise")
         stage.passes(20)
@@ -426,7 +426,7 @@ def test_a_class_that_takes_too_long_to_import_is_not_taken_for_the_next_one(
 
 
 def test_the_bag_shows_one_owner_of_every_message(palp: Palp, launch: Path, tmp_path: Path) -> None:
-    stage = Stage(palp, launch, "--record", tmp_path / "bag")
+    stage = Stage(palp, launch, *SLOW, "--record", tmp_path / "bag")
     for turn in range(4):
         assert "report" in stage.swap(("Other", "Relay")[turn % 2])
         assert "failed" in stage.swap("Faulty", step="take over", deed="kill")

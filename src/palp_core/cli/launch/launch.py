@@ -172,6 +172,12 @@ def _run(
         from palp_core.cli.view.beside import check_can_show
 
         check_can_show()
+    if digest is not None and resume:
+        raise GraphError(
+            "--digest with --resume: a digest is of a whole run, and this one is the rest of one"
+        )
+    if digest is not None:
+        _check_writable(digest)
     started = start_fork_server()  # it warms up while this process imports what it needs
     from palp_core.cli.launch.stop_key import stop_key
     from palp_core.cli.launch.view import LaunchView, show_log_line
@@ -185,12 +191,6 @@ def _run(
         for observer in observers:
             observer(now_ns, frame)
 
-    if digest is not None and resume:
-        raise GraphError(
-            "--digest with --resume: a digest is of a whole run, and this one is the rest of one"
-        )
-    if digest is not None:
-        _check_writable(digest)
     graph = Graph(
         file,
         compose=compose,
