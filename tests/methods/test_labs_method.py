@@ -16,9 +16,9 @@ from nodes.phantom import Phantom
 from palp_core import Bench
 from palp_core.cli.main import app
 from palp_core.errors import MethodError, NodeError
-from palp_core.graph.launch.graph import Graph
 from palp_core.methods import find, names, register, tasks
 from tests.support.palp import SIM
+from tests.support.rig_session import ComposedGraph
 
 LAB = """
 from palp_core.methods import Bound, method
@@ -106,7 +106,7 @@ def test_one_that_fails_in_a_run_is_named_with_the_error(
     (tmp_path / f"{lab}.py").write_text(LAB.replace("class Felt(LayeredHertz): ...\n", failing), "utf-8")
     points = (*register._points(), EntryPoint("contact", lab, register.GROUP))
     monkeypatch.setattr(register, "_points", lambda: points)
-    with pytest.raises(NodeError) as ended, Graph(SIM, compose=True, out=str(tmp_path / "out")) as graph:
+    with pytest.raises(NodeError) as ended, ComposedGraph(SIM, out=tmp_path / "out") as graph:
         graph.run()
     words = f"ZeroDivisionError: division by zero; contact method 'felt' of {lab} was at work"
     assert words in str(ended.value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Any
@@ -26,4 +27,8 @@ def simulated(put: Callable[[], None], look: Callable[[Any], Coroutine[Any, Any,
             await user.open("/")
             await look(user)
 
-    asyncio.run(run())
+    gc.freeze()  # NiceGUI collects garbage before and after, which takes long where much is loaded
+    try:
+        asyncio.run(run())
+    finally:
+        gc.unfreeze()

@@ -203,7 +203,7 @@ def test_a_bag_whose_trials_tell_no_depth_has_it_from_what_was_mounted(tmp_path:
 
 
 def test_sweeps_of_unknown_phantoms_are_refused() -> None:
-    session = made((0.002,), 6, repeats=1)
+    session = made((0.0,), 6, repeats=1)
     unknown = tuple(replace(sweep, depth_m=None) for sweep in session.sweeps)
     with pytest.raises(PalpError, match="known phantom"):
         fit_sources([RecordedSweeps(session.path, unknown)])

@@ -155,7 +155,8 @@ def broken_bounds(
     return words
 
 
-@pytest.mark.parametrize("depth_m", DEPTHS)
+@pytest.mark.slow
+@pytest.mark.parametrize("depth_m", [0.002, 0.004, 0.008, 0.012])
 def test_off_the_axis_its_forces_are_those_in_three_dimensions(depth_m: float) -> None:
     model, compared = model_at(depth_m), 0
     for row in rows_at(depth_m):
@@ -185,6 +186,7 @@ def test_l2_and_l4_keep_their_bounds_on_the_normal_force_in_three_dimensions(dep
     assert kept >= (8 if depth_m == 0.002 else 10)
 
 
+@pytest.mark.slow
 def test_peak_and_contrast_are_within_the_stated_bounds_of_those_in_three_dimensions() -> None:
     broken = [words for load in LOADS[::9] for words in broken_bounds(0.004, *load, fine=False)]
     assert broken == []

@@ -24,7 +24,7 @@ from palp_core.palpation.studies.frontier.trace_trials import (
     run_trace_trials,
     settings_of,
 )
-from palp_core.palpation.studies.frontier.world_session import Stopwatch, WorldPlan, begin
+from palp_core.palpation.studies.frontier.world_session import Stopwatch, WorldPlan, WorldSession, begin
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.reading_table import Gel
 from palp_core.palpation.studies.simulation.trace_table import TraceTable
@@ -38,11 +38,18 @@ PLAN = WorldPlan(
 )
 
 
+@pytest.fixture(scope="module")
+def whole() -> WorldSession:
+    """A session of whole sweeps."""
+    return begin(PLAN, (3, 4))
+
+
 def test_a_decision_in_the_sweep_is_that_of_the_whole_sweep_sooner() -> None:
-    session = begin(replace(PLAN, path_m=SWIFT.path_m), (3, 1))
+    stiff = Gel(rings_m=RINGS.rings_m[1:])
+    session = begin(replace(PLAN, gel=stiff, path_m=SWIFT.path_m), (3, 1))
     model = model_of(session, settings_of(session))
-    early = run_trace_trials(session, model, SWIFT, asking=Keep(1))
-    late = run_trace_trials(session, model, replace(SWIFT, in_sweep=False), asking=Keep(1))
+    early = run_trace_trials(session, model, SWIFT, asking=Keep(0))
+    late = run_trace_trials(session, model, replace(SWIFT, in_sweep=False), asking=Keep(0))
     assert early.ended.correct.mean() > 0.9
     assert early.ended.seconds.mean() < 0.9 * late.ended.seconds.mean()
     assert (early.ended.confidence[early.ended.decided] >= 0.99).all()
@@ -91,12 +98,10 @@ def test_schemes_of_one_session_meet_the_same_trials() -> None:
     assert np.array_equal(first.depth, second.depth)
 
 
-def test_the_papers_stop_rule_takes_two_sweeps_of_a_trace_and_a_threshold_one() -> None:
+def test_the_papers_stop_rule_takes_two_sweeps_of_a_trace_and_a_threshold_one(whole: WorldSession) -> None:
     """It compares the gains of two readings, however sure the first has made the belief."""
-    runs = run_schemes(
-        lambda protocol: begin(replace(PLAN, path_m=protocol.path_m), (3, 4)),
-        tuple(Scheme("trace", "fixed_best", rule) for rule in ("paper", "threshold")),
-    )
+    schemes = tuple(Scheme("trace", "fixed_best", rule) for rule in ("paper", "threshold"))
+    runs = run_schemes(lambda _: whole, schemes)
     paper, threshold = (run.ended for run in runs.values())
     assert paper.probes.min() == 2
     assert threshold.probes.min() == 1
@@ -137,7 +142,9 @@ def test_every_scheme_tells_a_depth_after_one_sweep_and_more(monkeypatch: pytest
     assert rows[0]["ci"][0] <= rows[0]["rmse_m"] <= rows[0]["ci"][1]
 
 
-def test_what_simulating_costs_is_no_part_of_deciding(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_simulating_costs_is_no_part_of_deciding(
+    whole: WorldSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """By a clock that goes on in the simulation only."""
     now_s, traces = [0.0], TraceTable.traces
 
@@ -145,17 +152,16 @@ def test_what_simulating_costs_is_no_part_of_deciding(monkeypatch: pytest.Monkey
         now_s[0] += 8.0
         return traces(table, *asked)
 
-    session = replace(begin(PLAN, (3, 6)), simulating=Stopwatch(lambda: now_s[0]))
+    session = replace(whole, simulating=Stopwatch(lambda: now_s[0]))
     monkeypatch.setattr(TraceTable, "traces", take_long)
     for scheme in (Scheme("contrast", "uniform", "threshold"), Scheme("trace", "fixed_best", "threshold")):
         assert run_schemes(lambda _: session, (scheme,))[scheme.name].cpu_s == 0.0
     assert session.simulating.seconds == now_s[0] > 0.0
 
 
-def test_the_chart_has_every_scheme_limits_a_cross_and_a_front() -> None:
-    session = begin(PLAN, (3, 7))
+def test_the_chart_has_every_scheme_limits_a_cross_and_a_front(whole: WorldSession) -> None:
     fixed, uniform = (Scheme("contrast", policy, "threshold") for policy in ("fixed_best", "uniform"))
-    runs = [run_schemes(lambda _: session, (fixed, uniform))] * 2
+    runs = [run_schemes(lambda _: whole, (fixed, uniform))] * 2
     rows = scheme_rows("lab", runs)
     assert [row["scheme"] for row in rows] == [fixed.name, uniform.name]
     assert any(row["front"] for row in rows)

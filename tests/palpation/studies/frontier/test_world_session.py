@@ -16,7 +16,7 @@ from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.reading_table import Gel, sweep_torque
 from palp_core.palpation.world.model import LAB, PAPER
 
-SMALL = Gel(rings_m=(0.008, 0.016))
+SMALL = Gel(rings_m=(0.016,))
 FEW = Conditions(training=4, trials=3, specimens=2, remount=True)
 
 
@@ -38,7 +38,7 @@ def test_sessions_of_one_seed_share_their_luck_and_differ_in_what_is_told() -> N
     plan = WorldPlan(world=LAB, conditions=FEW, gel=SMALL)
     one, again = begin(plan, (1, 2)), begin(plan, (1, 2))
     other = begin(replace(plan, shift=(("friction", 0.2),)), (1, 2))
-    every, ring = np.arange(len(one.depth)), np.ones(len(one.depth), dtype=np.int64)
+    every, ring = np.arange(len(one.depth)), np.zeros(len(one.depth), dtype=np.int64)
     felt = [s.traces(every, ring, s.kept_landing_m, 0) for s in (one, again, other)]
     np.testing.assert_array_equal(felt[0], felt[1])
     np.testing.assert_array_equal(one.training.traces, other.training.traces)
@@ -49,7 +49,7 @@ def test_sessions_of_one_seed_share_their_luck_and_differ_in_what_is_told() -> N
 def test_the_papers_world_has_no_texture_and_the_lab_has() -> None:
     def roughness(world: object) -> float:
         session = begin(WorldPlan(world=world, conditions=FEW, gel=SMALL), (1, 4))  # type: ignore[arg-type]
-        bare = session.training.traces[session.training.ring == 1][:, 66:]  # past the bead, sliding
+        bare = session.training.traces[:, 66:]  # past the bead, sliding
         return float(np.diff(bare, axis=1).std())
 
     assert roughness(PAPER) < 1e-5 < 3e-5 < roughness(LAB)
@@ -67,8 +67,8 @@ def test_training_that_lands_once_a_cell_does_not_scatter_by_landing() -> None:
     spread = {}
     for lands in ("each", "cell"):
         session = begin(replace(plan, conditions=replace(plan.conditions, training_lands=lands)), (1, 7))
-        stiff = (session.training.ring == 1) & (session.training.depth == 0)
-        spread[lands] = float(session.feature("peak").training()[stiff].std())
+        shallow = session.training.depth == 0
+        spread[lands] = float(session.feature("peak").training()[shallow].std())
     assert spread["cell"] < 0.3 * spread["each"]
 
 

@@ -32,6 +32,7 @@ from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import run_jobs
 from tests.palpation.studies.paper.made_readings import made_readings
+from tests.support.drawing import render_nothing
 
 NAMES = {
     "chance",
@@ -44,6 +45,8 @@ NAMES = {
 
 def run_few(folder: Path, scene_sessions: int) -> Path:
     with pytest.MonkeyPatch.context() as patch:
+        if not scene_sessions:
+            render_nothing(patch)
         patch.setattr(paper_study, "QUICK", PaperSize(2, scene_sessions, grid_sessions=0, trials=6))
         patch.setattr(paper_study, "by_readings", lambda *_, **__: made_readings())
         patch.setattr(

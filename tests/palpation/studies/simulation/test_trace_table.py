@@ -80,7 +80,9 @@ def test_traces_do_not_depend_on_who_is_asked_with_whom(table: TraceTable) -> No
 
 def test_the_run_in_is_in_it_and_can_be_left_out(table: TraceTable) -> None:
     at = np.array([1]), np.array([1])
-    dragged = tabulate_traces(GEL, forward=table.forward, run_in=False).traces(*at, latents())[0]
+    only = Gel(depths_m=GEL.depths_m[1:], rings_m=GEL.rings_m[1:])
+    alone = tabulate_traces(only, forward=table.forward, run_in=False)
+    dragged = alone.traces(np.array([0]), np.array([0]), latents())[0]
     felt = table.traces(*at, latents())[0]
     first = slice(0, 7) if table.forward else slice(-7, None)
     rest = slice(9, None) if table.forward else slice(None, -9)

@@ -20,6 +20,8 @@ ROOM = {
     "other.py": "SOME = 1\n",
     "hall/__init__.py": "",
     "hall/far.py": "FAR = 1\n",
+    "../a_law.py": "import a_part, json, numpy\ndef law():\n    return a_part.HALF\n",
+    "../a_part.py": "HALF = 0.5\n",
 }
 
 
@@ -31,19 +33,19 @@ def room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         (folder / name).write_text(text, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     yield folder
-    for name in [name for name in sys.modules if name.partition(".")[0] == "a_room"]:
+    for name in [name for name in sys.modules if name.partition(".")[0] in ("a_room", "a_law", "a_part")]:
         del sys.modules[name]
     forget()
 
 
 def forget() -> None:
-    for cached in (source._tree, source._imports, source._is_module, source._code):
+    for cached in (source._room, source._tree, source._imports, source._is_module, source._code):
         cached.cache_clear()
 
 
-def digest() -> str:
+def digest(module: str = "a_room.law") -> str:
     forget()
-    law = importlib.import_module("a_room.law").law
+    law = importlib.import_module(module).law
     return method_digest(Method("t", "law", law, 1.0, (), "", {}, "", ""))
 
 
@@ -64,6 +66,13 @@ def test_it_changes_with_the_code_of_its_room_and_not_with_words(
     before = digest()
     (room / file).write_text(text, encoding="utf-8")
     assert (digest() != before) is changes
+
+
+def test_the_room_of_a_module_outside_any_package_is_its_folder(room: Path) -> None:
+    before = digest("a_law")
+    (room.parent / "a_part.py").write_text("HALF = 0.25\n", encoding="utf-8")
+    assert digest("a_law") != before
+    assert source._code.cache_info().misses == 2  # neither of numpy nor of Python's own library
 
 
 def test_a_rung_has_what_it_imports_in_its_room_and_rungs_differ() -> None:

@@ -28,6 +28,7 @@ from palp_core.palpation.mechanics import Scene
 from palp_core.palpation.session.method_choices import choose_for
 from palp_core.palpation.studies.tradeoff import survey
 from palp_core.palpation.studies.tradeoff.judge import panels
+from tests.support.drawing import render_nothing
 
 HERE = Path(__file__).parent
 PATIENCE_S = 240.0
@@ -47,9 +48,15 @@ main()
 """
 
 
+RENDERED = ("survivor", "given0-")
+"""What the names of tests end in or hold whose charts are rendered: a whole page, and words with markup."""
+
+
 @pytest.fixture
-def toys(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def toys(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Iterator[None]:
     """A register of toys alone; what declares others is imported before, once and for all."""
+    if not any(name in request.node.name for name in RENDERED):
+        render_nothing(monkeypatch)
     tasks()
     monkeypatch.syspath_prepend(HERE)
 

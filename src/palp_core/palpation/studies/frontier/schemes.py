@@ -38,6 +38,8 @@ from palp_core.palpation.perception.strategy.policies import (
     UniformRings,
 )
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
+from palp_core.palpation.perception.trace.model import TraceModel
+from palp_core.palpation.perception.trace.training import TrainedTraces
 from palp_core.palpation.session.filters import height_slope
 from palp_core.palpation.session.unlike_training import by_readings
 from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, SWIFT, Protocol
@@ -204,11 +206,14 @@ def run_schemes(
     """
     found: dict[str, SchemeRun] = {}
     features: dict[str, Taught] = {}
+    traces: dict[tuple[str, str], tuple[TraceModel, TrainedTraces]] = {}
     whole = sessions(PAPER_PROTOCOL)
     for scheme in schemes:
         if scheme.reading == TRACE:
-            session = sessions(scheme.steps)
-            found[scheme.name] = _by_trace(session, scheme, _best_ring(features, whole), task)
+            session, of = sessions(scheme.steps), (scheme.protocol, scheme.trace_filter)
+            if of not in traces:
+                traces[of] = _trained(session, scheme, task)
+            found[scheme.name] = _by_trace(session, scheme, _best_ring(features, whole), task, *traces[of])
             continue
         key = f"{scheme.reading}, {scheme.protocol}"
         if key not in features:
@@ -274,11 +279,25 @@ def _stop(scheme: Scheme, task: DepthTask | None) -> StopRule | None:
     return PaperVerbatim() if scheme.rule == "paper" else None
 
 
-def _by_trace(session: WorldSession, scheme: Scheme, ring: int, task: DepthTask | None) -> SchemeRun:
-    grid_m = () if task is None else task.grid_m
-    settings = settings_of(session, depths=len(grid_m), trace_filter=scheme.trace_filter)
+def _trained(
+    session: WorldSession, scheme: Scheme, task: DepthTask | None
+) -> tuple[TraceModel, TrainedTraces]:
+    settings = settings_of(
+        session, depths=0 if task is None else len(task.grid_m), trace_filter=scheme.trace_filter
+    )
     learnt = learnt_of(session, settings)
-    model = model_of(session, settings, learnt)
+    return model_of(session, settings, learnt), learnt
+
+
+def _by_trace(
+    session: WorldSession,
+    scheme: Scheme,
+    ring: int,
+    task: DepthTask | None,
+    model: TraceModel,
+    learnt: TrainedTraces,
+) -> SchemeRun:
+    grid_m = () if task is None else task.grid_m
     asking: Asking
     match scheme.policy:
         case "fixed_best":

@@ -12,6 +12,7 @@ import numpy as np
 
 from palp_core.errors import MechanicsError
 from palp_core.methods import find, methods, task
+from palp_core.methods.machine import slowness
 from palp_core.methods.measured import Measured, begins_after, cpu_s
 from palp_core.palpation.mechanics import LayeredHertz, Scene, equilibria, sweep
 from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics, DynamicSweep, simulate
@@ -71,7 +72,7 @@ def _position_s(
 ) -> float:
     """Return the CPU of a position of a sweep as long as a run's; of a short one if that takes too long."""
     each_s = cpu_s(partial(finder, joint, stage_m), rounds=2) / stage_m.size
-    if each_s * _RUN_POSITIONS > _LONG_S:
+    if each_s * _RUN_POSITIONS > _LONG_S * slowness():  # the same finders on every machine
         return each_s
     dense_m = np.linspace(stage_m[0], stage_m[-1], _RUN_POSITIONS)
     return cpu_s(partial(finder, joint, dense_m), rounds=2) / _RUN_POSITIONS

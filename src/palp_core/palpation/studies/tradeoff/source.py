@@ -14,23 +14,33 @@ _QUOTES = str.maketrans("", "", "\"'")  # which differ between versions of Pytho
 def method_digest(method: Method) -> str:
     """Return a digest of a method's code: its module's, and that of what it imports from its own room.
 
+    A room is a package; that of a module outside any package is its folder.
+
     Docstrings, comments and layout are left out, so that words may change.
 
     Args:
         method: As declared.
     """
-    module = method.module
-    room = module.rpartition(".")[0]
-    left, seen = [module], set[str]()
+    room = _room(method.module)
+    left, seen = [method.module], set[str]()
     while left:
         name = left.pop()
         if name not in seen:
             seen.add(name)
-            left += [one for one in _imports(name) if one.rpartition(".")[0] == room]
+            left += [one for one in _imports(name) if _room(one) == room]
     total = hashlib.sha256()
     for name in sorted(seen):
         total.update(f"{name}\0{_code(name)}\0".encode())
     return total.hexdigest()[:16]
+
+
+@cache
+def _room(module: str) -> str:
+    """Return a module's package; its folder, if it is in none."""
+    if package := module.rpartition(".")[0]:
+        return package
+    found = importlib.util.find_spec(module)
+    return str(Path(found.origin).parent) if found and found.origin else ""
 
 
 @cache
