@@ -129,8 +129,9 @@ def test_the_experiment_runs_on_emulated_wires_and_a_stop_is_in_the_bag(palp: Pa
 def test_the_experiment_comes_to_its_end_and_reports(palp: Palp, tmp_path: Path) -> None:
     out = tmp_path / "out"
     bag = tmp_path / "bag"
-    few = ("rings_mm:=8, 16", "policy:=fixed", "ring_mm:=16.0", "rehome:=never", "max_probes:=2", f"out:={out}")
-    code, said = finished(palp.start("launch", EMULATED, *SHORTEST, *few, *LENIENT, "--record", bag))
+    fixed = ("rings_mm:=8, 16", "policy:=fixed", "ring_mm:=16.0", "rehome:=never", "max_probes:=2")
+    given = (*SHORTEST, *fixed, *LENIENT, f"out:={out}", "--record", bag)
+    code, said = finished(palp.start("launch", EMULATED, *given))
     assert code == 0, said
     result = json.loads((out / "result.json").read_text())
     assert result["trials_done"] == 3
