@@ -1,4 +1,5 @@
 import csv
+import functools
 import inspect
 import json
 import shutil
@@ -30,6 +31,7 @@ RATE_HZ = 1500.0
 TRIAL_S = 12.0
 
 
+@functools.cache
 def subject(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Return a simulated subject's MVC with the rests around it, and a trial; volts, shape (2, n) each."""
     source = SimEmg(figure5.matrices().mean(axis=0))
@@ -38,6 +40,7 @@ def subject(seed: int) -> tuple[np.ndarray, np.ndarray]:
     begin_ns = source.palpation_ns(state)
     block = source.drain(begin_ns + round(TRIAL_S * 1e9), state, rng)
     both = np.array([block.fds_v, block.edc_v])
+    both.flags.writeable = False
     split = int(np.searchsorted(block.times_ns, begin_ns))
     return both[:, :split], both[:, split:]
 
@@ -133,7 +136,7 @@ def test_a_folder_is_a_batch_with_one_quality_page(tmp_path: Path) -> None:
         write(root / name / "mvc.csv", mvc)
         write(root / name / "training" / "01.csv", trial[:, :9000])
         write(root / name / "estimation" / "01.csv", trial[:, 9000:])
-    holed = subject(0)[1]
+    holed = subject(0)[1].copy()
     holed[:, 3000:3300] = np.nan
     write(root / "s1" / "training" / "02.csv", holed)
     (root / "s2" / "training" / "02.csv").write_text("no numbers\n")
