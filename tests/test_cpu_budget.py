@@ -14,7 +14,7 @@ PLUGIN = """
 import pytest
 from tests.support import cpu_budget
 
-cpu_budget.LIMIT_S = 0.2
+cpu_budget.LIMIT_S = 0.1
 cpu_budget.slowness = lambda: 1.0
 
 

@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 from palp_core.cli.main import app
 from palp_core.errors import PalpError
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.transport import reorder_buffer
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = str(Path(sys.executable).with_name("palp"))
@@ -93,6 +94,7 @@ class Palp:
         with pytest.MonkeyPatch.context() as patch:
             for name, value in self.environment.items() - self._inherited.items():
                 patch.setenv(name, value)
+            patch.setattr(reorder_buffer, "FILL_NS", reorder_buffer.FILL_NS)  # a toy sets another
             with own_workspace():
                 done = CliRunner().invoke(app, [str(word) for word in arguments], prog_name="palp")
         if done.exception is not None and not isinstance(done.exception, PalpError | SystemExit):

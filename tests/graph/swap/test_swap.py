@@ -427,8 +427,8 @@ def test_a_class_that_takes_too_long_to_import_is_not_taken_for_the_next_one(
 
 def test_the_bag_shows_one_owner_of_every_message(palp: Palp, launch: Path, tmp_path: Path) -> None:
     stage = Stage(palp, launch, *SLOW, "--record", tmp_path / "bag")
-    for turn in range(4):
-        assert "report" in stage.swap(("Other", "Relay")[turn % 2])
+    for name in ("Other", "Relay"):
+        assert "report" in stage.swap(name)
         assert "failed" in stage.swap("Faulty", step="take over", deed="kill")
         stage.passes(20)
     with contextlib.suppress(GraphError):
@@ -440,12 +440,12 @@ def test_the_bag_shows_one_owner_of_every_message(palp: Palp, launch: Path, tmp_
     owners: dict[int, set[str]] = {}
     for entry in read(recovered, ["/relay/out"]):
         owners.setdefault(entry.sequence, set()).add(entry.value.by)
-    assert len(owners) > 80
+    assert len(owners) > 40
     assert all(len(makers) == 1 for makers in owners.values())
     changes = [next(iter(owners[sequence])) for sequence in sorted(owners)]
-    assert [maker for maker, _ in itertools.groupby(changes)] == ["Relay", "Other", "Relay", "Other", "Relay"]
+    assert [maker for maker, _ in itertools.groupby(changes)] == ["Relay", "Other", "Relay"]
     events = [entry.value.kind for entry in read(recovered, ["/graph/events"])]
-    assert events.count("swapped") == 4
+    assert events.count("swapped") == 2
 
 
 def test_a_shadow_is_compared_and_not_heard(stage: Stage) -> None:
