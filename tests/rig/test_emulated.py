@@ -6,7 +6,6 @@ import csv
 import functools
 import json
 import os
-import signal
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +14,6 @@ from typing import Any
 import pytest
 import yaml
 
-from palp_core.graph.bag.reader import read
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.checked import resolved_yaml
 from palp_core.graph.description.file_reader import read as describe
@@ -98,31 +96,6 @@ def test_the_window_is_the_path_of_the_experiment() -> None:
     nodes = yaml.safe_load(SHARED.read_text(encoding="utf-8"))["nodes"]
     for end in ("from_m", "to_m"):
         assert {nodes[name]["params"][end] for name in ("experiment", "stage", "safety")} == {f"$(var {end})"}
-
-
-@pytest.mark.nightly
-def test_the_experiment_runs_on_emulated_wires_and_a_stop_is_in_the_bag(palp: Palp, tmp_path: Path) -> None:
-    out, bag = tmp_path / "out", tmp_path / "bag"
-    process = palp.start("launch", EMULATED, *SHORTEST, *LENIENT, f"out:={out}", "--record", bag)
-    came = until(lambda: rows_of(out) or process.poll() is not None)
-    stopped = palp.run("stop")
-    status = palp.run("safety", "status", "--json")
-    left = until(lambda: palp.run("safety", "ack").returncode == 0)
-    process.send_signal(signal.SIGINT)
-    said, errors = process.communicate(timeout=PATIENCE_S)
-    assert came, said + errors
-    assert process.returncode == 130, said + errors
-    assert palp.all_gone()
-    first = rows_of(out)[0]
-    assert float(first["peak_n_m"]) > 0.0
-    assert first["phase"] == "training"
-    assert stopped.stdout.startswith("latched: operator"), stopped.stderr
-    assert not json.loads(status.stdout)["permits"]
-    assert left
-    (trip,) = [message.value for message in read(bag, ["/safety/trip"])]
-    assert trip.cause == "operator"
-    assert trip.load_time_s[-1] > trip.load_time_s[0]
-    assert len(trip.load_time_s) == len(trip.torque_n_m) == len(trip.force_n)
 
 
 @pytest.mark.slow

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
-from tests.graph.launch.killed import launch_and_kill
+from tests.graph.launch.killed import launch_and_kill, launch_to_its_end
 from tests.rig.test_emulated import EMULATED, LENIENT
-from tests.support.palp import Palp, finished
+from tests.support.palp import Palp
 
 HOST = f"127.{os.getpid() >> 8 & 255}.{os.getpid() & 255}.11"
 SHORT = (
@@ -31,8 +31,7 @@ def test_no_trial_is_lost_or_there_twice(topic: str, count: int, palp: Palp, tmp
     words = (*SHORT, f"out:={out}")
     launch_and_kill(palp, EMULATED, topic, count, *words, compose=False)
     before = read_rows(out)
-    code, said = finished(palp.start("launch", EMULATED, *words, "--resume"))
-    assert code == 0, said
+    launch_to_its_end(palp, EMULATED, *words, compose=False, resume=True)
     rows = read_rows(out)
     training = [row for row in rows if row.phase == "training"]
     assert [row.row for row in rows] == list(range(len(rows)))

@@ -8,9 +8,9 @@ import pytest
 
 from palp_core.graph.bag.reader import Bag
 from palp_core.palpation.session.human.record import read_human
-from tests.graph.launch.killed import launch_and_kill
+from tests.graph.launch.killed import launch_and_kill, launch_to_its_end
 from tests.rig.test_human import HUMAN, session
-from tests.support.palp import Palp, finished
+from tests.support.palp import Palp
 
 
 @pytest.mark.nightly
@@ -25,8 +25,7 @@ def test_no_trial_is_lost_or_there_twice(topic: str, count: int, palp: Palp, tmp
     words += ["rest_s:=0.0", "mvc_s:=2.0", f"out:={out}"]
     launch_and_kill(palp, HUMAN, topic, count, *words, compose=False)
     before = read_human(out)
-    code, said = finished(palp.start("launch", HUMAN, *words, "--resume"))
-    assert code == 0, said
+    launch_to_its_end(palp, HUMAN, *words, compose=False, resume=True)
     rows = read_human(out)
     assert [row.row for row in rows] == list(range(6))
     assert [row.trial for row in rows] == list(range(6))

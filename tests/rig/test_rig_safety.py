@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 from collections.abc import Callable, Iterator
 from itertools import combinations
@@ -12,6 +13,7 @@ import pytest
 from benchmarks.rig_bench.running import FORK_SERVER, GUARD_OF, LAUNCHER, TO_M, RunningRig
 from benchmarks.rig_bench.trips import NODES
 from palp_core.graph.bag.reader import read
+from tests.support.palp import Palp
 
 SHORT = ("trials:=1", "training:=1")
 # What depends on how fast the machine is; what is asserted here is in which order things happen. The way of a
@@ -26,7 +28,6 @@ EVERY = [
     if (node, number) != DEFAULT
 ]
 STOPPERS = ("stage", "safety", f"{GUARD_OF}stage", f"{GUARD_OF}safety", FORK_SERVER, LAUNCHER, "torque")
-FIRST = (f"{GUARD_OF}stage", FORK_SERVER)
 Start = Callable[..., RunningRig]
 
 
@@ -73,20 +74,9 @@ def strike(rig: RunningRig, number: signal.Signals, *who: str) -> None:
 
 
 @pytest.mark.nightly
-def test_motion_stops_when_the_fork_server_and_a_guard_are_killed_at_once(start: Start) -> None:
-    strike(start(*LENIENT), signal.SIGKILL, *FIRST)
-
-
-@pytest.mark.nightly
 @pytest.mark.parametrize(("one", "other"), list(combinations(STOPPERS, 2)))
-def test_motion_stops_within_2_mm_whichever_two_processes_are_killed_at_once(
-    start: Start, one: str, other: str
-) -> None:
-    rig = start(*LENIENT)
-    rig.sweep()
-    struck_m = rig.stage.axes()["y"]["position_m"]
-    strike(rig, signal.SIGKILL, one, other)
-    assert rig.stage.axes()["y"]["position_m"] - struck_m < 2e-3
+def test_motion_stops_whichever_two_processes_are_killed_at_once(start: Start, one: str, other: str) -> None:
+    strike(start(*LENIENT), signal.SIGKILL, one, other)
 
 
 @pytest.mark.nightly
@@ -110,8 +100,9 @@ def test_a_trip_stops_latches_is_in_the_bag_and_is_left_by_an_acknowledgement_al
     """And, as one such rig costs enough: motion stops when the stage's node dies."""
     rig = start(*LENIENT, "--record", str(tmp_path / "bag"))
     rig.sweep()
-    assert rig.call("safety", "stop", reason="a test")["cause"] == "operator"
-    rig.until(lambda: rig.safety()["state"] == "latched", "latch")
+    palp = Palp(rig.run_folder)
+    assert palp.here("stop").stdout.startswith("latched: operator")
+    assert not json.loads(palp.here("safety", "status", "--json").stdout)["permits"]
     assert rig.stage.at_rest()
     lines = [line for _, _, line in rig.stage.log()]
     last_move = max(i for i, line in enumerate(lines) if line.startswith("MOVE"))
@@ -119,7 +110,7 @@ def test_a_trip_stops_latches_is_in_the_bag_and_is_left_by_an_acknowledgement_al
     assert after.index("ABORT X") < after.index("DISABLE X")
     assert not rig.stage.enabled()
     mark = len(lines)
-    rig.until(lambda: rig.call("safety", "acknowledge")["done"], "acknowledgement")
+    rig.until(lambda: palp.here("safety", "ack").returncode == 0, "acknowledgement")
     rig.sweep()  # the palpation that was stopped is done again
     later = [line for _, _, line in rig.stage.log()][mark:]
     first_move = next(line for line in later if line.startswith("MOVE"))

@@ -156,15 +156,15 @@ from palp_core.view.server.imports import FOR_CLIENTS, serving_alone
 with serving_alone():
     from nicegui import ui
 print([name for name in FOR_CLIENTS if name in sys.modules])
-import requests
+import aiohttp
 import gc
-print(requests.__name__, gc.isenabled())
+print(aiohttp.__name__, gc.isenabled())
 """
 
 
 def test_what_is_for_clients_is_not_imported_and_can_be_afterwards() -> None:
     done = subprocess.run([sys.executable, "-c", ALONE], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines() == ["[]", "requests True"]
+    assert done.stdout.splitlines() == ["[]", "aiohttp True"]
 
 
 def test_a_port_that_is_taken_is_said(palp: Palp, tmp_path: Path, server: Server) -> None:

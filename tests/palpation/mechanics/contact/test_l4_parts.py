@@ -187,8 +187,9 @@ def test_the_sum_of_squares_is_how_much_less_the_surface_sinks(harmonic: int) ->
 
 def test_the_compliance_is_symmetric_and_positive_definite() -> None:
     bead = bead_term(RADIUS_M, 0.001, HEIGHT_M, NU, 0.03)
+    patch = Patch(LAYER, bead, 0.006, 0.003, 0.001, 0.001)
     for offset_m in (0.0, 0.004, 0.015):
-        compliance = Patch(LAYER, bead, 0.006, 0.003, 0.001, 0.001).compliance(offset_m)
+        compliance = patch.compliance(offset_m)
         assert np.abs(compliance - compliance.T).max() < 1e-12 * compliance.max()
         assert np.linalg.eigvalsh(compliance)[0] > 0.0
 

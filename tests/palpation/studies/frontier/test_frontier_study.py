@@ -122,13 +122,18 @@ def test_a_depth_in_millimetres_is_told_better_by_the_contrast_than_by_the_peak(
     assert off_mm[schemes[1].name] < 0.6 * off_mm[schemes[0].name]
 
 
-@pytest.mark.slow
-def test_every_scheme_tells_a_depth_after_one_sweep_and_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a coarser grid than the study's, with nodules at two of its depths."""
+@pytest.fixture
+def coarse_depths(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A coarser grid than the study's, with nodules at two of its depths."""
     grid_m = tuple(np.linspace(0.002, 0.008, 5).tolist())
     for name, value in (("GRID_M", grid_m), ("TRUE_M", grid_m[1::2]), ("SWEEPS", (1, 2)), ("_TRIALS", 6)):
         monkeypatch.setattr(depth_error, name, value)
     monkeypatch.setattr(tables, "SWEEPS", (1, 2))
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("coarse_depths")
+def test_every_scheme_tells_a_depth_after_one_sweep_and_more() -> None:
     schemes = (Scheme("contrast", "uniform", "paper"), Scheme("trace", "fixed_best", "threshold"))
     plan = replace(PLAN, gel=Gel(rings_m=(0.012, 0.016)))
     found = depth_error.depth_errors(depth_error.DepthJob(plan, (3, 8), schemes))
@@ -202,6 +207,7 @@ def test_trials_whose_friction_is_off_are_told_and_those_of_training_are_not() -
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("coarse_depths")
 @pytest.mark.parametrize("name", ["frontier", "mismatch", "actions"])
 def test_a_study_writes_its_page_and_tables(name: str, tmp_path: Path) -> None:
     page = study(name).run(tmp_path / "out", quick=True)
