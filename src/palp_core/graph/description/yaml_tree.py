@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 import yaml
+from yaml.composer import Composer
 
 from palp_core.graph.problems import GraphProblems, Mark, Problem, Problems
 from palp_core.whole_file import read_whole, why_not
@@ -97,19 +98,20 @@ class _TooMuch(yaml.YAMLError):
         self.line, self.column = event.start_mark.line + 1, event.start_mark.column + 1
 
 
-class _Loader(yaml.SafeLoader):
-    """PyYAML's composer with the scalar rules of YAML 1.2's core schema, and with bounds."""
+class _Loader(Composer, yaml.CSafeLoader):
+    """libyaml's parser and PyYAML's composer, with the scalar rules of YAML 1.2's core schema and with bounds."""
 
     yaml_implicit_resolvers = {}
 
     def __init__(self, text: str) -> None:
-        super().__init__(text)
+        Composer.__init__(self)
+        yaml.CSafeLoader.__init__(self, text)
         self._depth = self._count = 0
         self._counts: dict[int, int] = {}  # of what an alias may repeat, by the node's id
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         """Compose a value unless it is one too many, or too deep."""
-        event: yaml.Event = self.peek_event()  # type: ignore[no-untyped-call]
+        event = self.peek_event()
         before = self._count
         if isinstance(event, yaml.AliasEvent):
             node = super().compose_node(parent, index)
@@ -124,7 +126,7 @@ class _Loader(yaml.SafeLoader):
         self._counts[id(node)] = self._count - before
         return node
 
-    def _add(self, count: int, event: yaml.Event) -> None:
+    def _add(self, count: int, event: yaml.Event | None) -> None:
         self._count += count
         if self._count > MOST_VALUES:
             raise _TooMuch(f"more than {MOST_VALUES} values, those that an alias repeats among them", event)
@@ -197,7 +199,7 @@ class _Converter:
             self._open.discard(id(node))
 
     def _scalar(self, node: yaml.Node, mark: Mark) -> Scalar:
-        quoted = getattr(node, "style", None) is not None
+        quoted = bool(getattr(node, "style", ""))
         try:
             value = _plain(node.tag, node.value)
             return Scalar(mark, value if self.wide else _in_bounds(value), node.value, quoted)

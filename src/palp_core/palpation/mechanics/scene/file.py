@@ -90,7 +90,7 @@ def read_mapping(path: str | Path, what: str) -> SceneNode:
         MechanicsError: There is no such file, it is no YAML, or it is empty.
     """
     try:
-        root = yaml.compose(read_whole(path, _LARGEST_BYTES).decode(), Loader=yaml.SafeLoader)
+        root = yaml.compose(read_whole(path, _LARGEST_BYTES).decode(), Loader=yaml.CSafeLoader)
     except (OSError, UnicodeDecodeError) as error:
         reason = why_not(error, path) if isinstance(error, OSError) else "it is not UTF-8 text"
         raise MechanicsError(f"{path}: cannot read the {what}: {reason}") from error
