@@ -83,7 +83,9 @@ def fit_texture(
     """
     if residual_n_m.ndim != 2 or len(residual_n_m) < 2 or not np.isfinite(residual_n_m).all():
         raise PerceptionError("a texture takes two mountings at least, all of whose torques are numbers")
-    known = [(s * prior_sd) @ (s * prior_sd).T + scatter for s in slope]
+    scaled = slope * prior_sd
+    known = scaled @ scaled.swapaxes(1, 2) + scatter
+    apart_m = np.abs(place_m[:, :, None] - place_m[:, None, :])
     scale = float(np.log(max(residual_n_m.std(), 1e-9)))
     step = float(np.abs(np.diff(place_m, axis=1)).mean())
     ends = [(np.log(1e-9), np.log(0.5)), (np.log(0.5 * step), np.log(np.ptp(place_m)))]
@@ -91,12 +93,11 @@ def fit_texture(
     for form in FORMS:
 
         def cost(log_of: Float64Array, form: str = form) -> float:
+            """Return minus the log density of the residuals, but for a constant."""
             sd, length = np.exp(log_of)
-            field = Texture(float(sd), float(length), 0.5, form)
-            return sum(
-                _surprise(row, covariance + field.covariance(at, at))
-                for row, covariance, at in zip(residual_n_m, known, place_m, strict=True)
-            )
+            lower = np.linalg.cholesky(known + sd**2 * FORMS[form](apart_m / length))
+            white = np.linalg.solve(lower, residual_n_m[..., None])
+            return float(0.5 * (white**2).sum() + np.log(np.diagonal(lower, axis1=1, axis2=2)).sum())
 
         for shift in (0.0, -2.0):
             for length in (1.0, 3.0):
@@ -106,10 +107,3 @@ def fit_texture(
                     sd, long = np.exp(found.x)
                     best, least = Texture(float(sd), float(long), 0.5, form), float(found.fun)
     return best
-
-
-def _surprise(row: Float64Array, covariance: Float64Array) -> float:
-    """Return minus the log density of a row, but for a constant."""
-    lower = np.linalg.cholesky(covariance)
-    white = scipy.linalg.solve_triangular(lower, row, lower=True)
-    return 0.5 * float(white @ white) + float(np.log(np.diag(lower)).sum())
