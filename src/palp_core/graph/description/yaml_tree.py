@@ -99,7 +99,7 @@ class _TooMuch(yaml.YAMLError):
 
 
 class _Loader(Composer, yaml.CSafeLoader):
-    """libyaml's parser and PyYAML's composer, with the scalar rules of YAML 1.2's core schema and with bounds."""
+    """libyaml's parser, PyYAML's composer, the scalar rules of YAML 1.2's core schema, and bounds."""
 
     yaml_implicit_resolvers = {}
 

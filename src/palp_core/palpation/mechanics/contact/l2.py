@@ -135,6 +135,18 @@ class LayeredHertz:
         """The terms, and those of their derivative by l: Newton wants both at once."""
         return np.stack([self._terms, self._terms * self._powers])
 
+    @cached_property
+    def _force_and_energy(self) -> Float64Array:
+        """Terms of the force, a_kj R^(k/2 - j) u^k l^((3 + k)/2 + j), and of its integral over l, over l."""
+        return np.stack([self._terms, self._terms / (self._powers + 1.0)])
+
+    @cached_property
+    def _force_and_energy_by_inverse(self) -> Float64Array:
+        """The terms of the force, and of the energy's derivative by u = 1/h: those of a power of chi less."""
+        force, energy = self._force_and_energy
+        by_inverse = energy * np.arange(len(energy))[:, None]
+        return np.stack([force, np.roll(by_inverse, -1, axis=0)])
+
     @property
     def _plane(self) -> float:
         """Hertz's force over sqrt(R) l^1.5."""
@@ -161,8 +173,10 @@ class LayeredHertz:
         indentation_m = self._checked(indentation_m)
         inverse, inverse_slope, yielding, yielding_slope = self._support(offset_m)
         layer_m = self._layer_indentation(indentation_m, inverse, yielding)
-        normal_n = self._layer_sum(layer_m, inverse)
-        energy_by_inverse = self._layer_sum(layer_m, inverse, energy=True, by_inverse=True)
+        root = np.sqrt(self.tip_radius_m * layer_m)
+        sums = _sums(self._force_and_energy_by_inverse, root * inverse, layer_m / self.tip_radius_m)
+        normal_n, energy_by_inverse = sums * (self._plane * root * layer_m)
+        energy_by_inverse = energy_by_inverse * root * layer_m
         lateral_n = energy_by_inverse * inverse_slope - 0.5 * normal_n**2 * yielding_slope
         return normal_n, lateral_n
 
@@ -171,8 +185,10 @@ class LayeredHertz:
         indentation_m = self._checked(indentation_m)
         inverse, _, yielding, _ = self._support(offset_m)
         layer_m = self._layer_indentation(indentation_m, inverse, yielding)
-        normal_n = self._layer_sum(layer_m, inverse)
-        return self._layer_sum(layer_m, inverse, energy=True) + 0.5 * yielding * normal_n**2
+        root = np.sqrt(self.tip_radius_m * layer_m)
+        sums = _sums(self._force_and_energy, root * inverse, layer_m / self.tip_radius_m)
+        normal_n, energy_by_layer = sums * (self._plane * root * layer_m)
+        return np.asarray(energy_by_layer * layer_m + 0.5 * yielding * normal_n**2)
 
     def _checked(self, indentation_m: Float64Array) -> Float64Array:
         indentation_m = np.asarray(indentation_m, dtype=np.float64)
@@ -204,23 +220,6 @@ class LayeredHertz:
         beside = kappa * (1.0 / bead.depth_m - floor)
         yielding = kappa * sinking / (beside + sinking)
         return floor + thinning, thinning_slope, yielding * thinning, yielding * thinning_slope
-
-    def _layer_sum(
-        self, layer_m: Float64Array, inverse: Float64Array, *, energy: bool = False, by_inverse: bool = False
-    ) -> Float64Array:
-        """Sum the layer's series: force, or energy over l; as it is, or its derivative by u = 1/h.
-
-        A term of the force is a c_kj R^(k/2 - j) u^k l^((3 + k)/2 + j), of the energy its integral over l.
-        """
-        terms = self._terms / (self._powers + 1.0) if energy else self._terms
-        if by_inverse:
-            terms = (terms * np.arange(len(terms))[:, None])[1:]
-        root = np.sqrt(self.tip_radius_m * layer_m)
-        total: Float64Array = _sums(terms[None], root * inverse, layer_m / self.tip_radius_m)[0]
-        total *= self._plane * root * layer_m
-        if by_inverse:
-            total *= root
-        return total * layer_m if energy else total
 
     def _layer_indentation(
         self, indentation_m: Float64Array, inverse: Float64Array, yielding: Float64Array
