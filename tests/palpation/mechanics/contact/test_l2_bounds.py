@@ -26,7 +26,7 @@ from palp_core.palpation.mechanics.contact.l2_bounds import _ABOUT, _NEAR, _PAPE
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, peak_n_m
 
-STAGE_M = np.linspace(-0.03, 0.05, 161)
+STAGE_M = np.linspace(-0.03, 0.05, 81)
 RINGS_M = (0.0, 0.016)
 LOADS = [*itertools.product((3e3, 40e3), (0.2, 0.45), (0.0015, 0.003, 0.005), (0.002, 0.02))]
 BOXES = {"published": _PUBLISHED, "paper": _PAPER, "near": _NEAR, "about": _ABOUT}

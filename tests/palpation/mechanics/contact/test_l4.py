@@ -189,7 +189,7 @@ def scene_drawn(rng: np.random.Generator) -> tuple[Phantom, float]:
 @pytest.mark.slow
 def test_the_stated_bounds_hold_in_random_scenes() -> None:
     rng, compared = np.random.default_rng(4), 0
-    while compared < 30:
+    while compared < 20:
         try:
             phantom, tip_m = scene_drawn(rng)
         except MechanicsError:
@@ -205,7 +205,7 @@ def test_the_stated_bounds_hold_in_random_scenes() -> None:
         assert np.abs(error).max() <= (bounds["normal"] or 0.0), (phantom, tip_m)
         compared += 1
         ring_m, nominal_m = rng.uniform(0.004, 0.016), rng.uniform(0.002, min(tip_m, 0.005))
-        probe, stage_m = Probe(tip_radius_m=tip_m), np.linspace(-0.06, 0.1, 321)
+        probe, stage_m = Probe(tip_radius_m=tip_m), np.linspace(-0.06, 0.1, 161)
         try:
             torques = [sweep(each, probe, ring_m, nominal_m, stage_m).torque_n_m for each in (coarse, fine)]
         except MechanicsError:
