@@ -7,6 +7,7 @@ module or of the session takes counts for its folder, not for the test that happ
 from __future__ import annotations
 
 import os
+import resource
 import time
 from collections import defaultdict
 from collections.abc import Generator
@@ -54,8 +55,8 @@ BUDGETS_S = {
 
 def cpu_s() -> float:
     """Return the CPU seconds of this process, of the children it has waited for, and of those that live."""
-    ended = os.times()
-    return time.process_time() + ended.children_user + ended.children_system + _living_s("self")
+    ended = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + ended.ru_utime + ended.ru_stime + _living_s("self")
 
 
 def _living_s(process: str) -> float:
@@ -88,7 +89,7 @@ class CpuMeter:
     """In each worker: charges a test with its setup and call, and its folder with all that passes."""
 
     def __init__(self) -> None:
-        self._begin_s = self._counted_s = cpu_s()
+        self._counted_s = cpu_s()
         self._shared_s, self._in_shared = 0.0, False
 
     @pytest.hookimpl(wrapper=True)
@@ -96,10 +97,9 @@ class CpuMeter:
         self._counted_s = cpu_s()  # what collecting took is no folder's
         return (yield)
 
-    @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_setup(self, item: pytest.Item) -> Generator[None, None, None]:
-        self._begin_s, self._shared_s = cpu_s(), 0.0
-        return (yield)
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtest_setup(self) -> None:
+        self._shared_s = 0.0
 
     @pytest.hookimpl(wrapper=True)
     def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef[object]) -> Generator[None, object, object]:
@@ -117,9 +117,11 @@ class CpuMeter:
         self, item: pytest.Item, call: pytest.CallInfo[None]
     ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
         report = yield
+        if report.when == "setup":
+            return report
         now_s = cpu_s()
         if report.when == "call":
-            own_s = now_s - self._begin_s - self._shared_s
+            own_s = now_s - self._counted_s - self._shared_s
             report.user_properties.append(("cpu_s", own_s))
             if report.passed and own_s > LIMIT_S and not any(map(item.get_closest_marker, UNLIMITED)):
                 limit_s = LIMIT_S * max(TOLERANCE, slowness())
@@ -129,7 +131,7 @@ class CpuMeter:
                         f"{item.nodeid}: took {own_s:.1f} CPU seconds of {limit_s:.1f}; make it cheaper, or "
                         'mark it @pytest.mark.expensive("reason")'
                     )
-        elif report.when == "teardown":
+        else:
             report.user_properties.append(("all_cpu_s", now_s - self._counted_s))
             self._counted_s = now_s
         return report
