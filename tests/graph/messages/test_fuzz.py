@@ -171,9 +171,9 @@ def test_a_malformed_request_gets_an_error_and_harms_nothing(target: Target, raw
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=100_000, suppress_health_check=list(HealthCheck))
+@settings(deadline=None, max_examples=20_000, suppress_health_check=list(HealthCheck))
 @given(raw=frames(), request_raw=payloads)
-def test_a_hundred_thousand_malformed_frames_and_requests_harm_nothing(
+def test_many_malformed_frames_and_requests_harm_nothing(
     target: Target, raw: bytes, request_raw: bytes
 ) -> None:
     survives(target, raw)
