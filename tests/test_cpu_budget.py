@@ -27,11 +27,9 @@ TESTS = """
 import subprocess, sys
 import pytest
 
-BURN = "import time\\nwhile time.process_time() < 0.5: pass"
-
-
-def burn():
-    subprocess.run([sys.executable, "-c", BURN], check=True)
+def burn(seconds=0.3):
+    program = f"import time\\nwhile time.process_time() < {seconds}: pass"
+    subprocess.run([sys.executable, "-c", program], check=True)
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +39,7 @@ def shared():
 
 def test_shared(shared): pass
 def test_cheap(): pass
-def test_burns(): burn()
+def test_burns(): burn(0.6)
 @pytest.mark.expensive("it burns")
 def test_allowed(): burn()
 """

@@ -95,12 +95,13 @@ def test_motion_stops_whichever_node_dies_or_stops(start: Start, node: str, numb
 
 @pytest.mark.expensive("a whole rig on emulated wires, in real time; it is the only one")
 def test_a_trip_stops_latches_is_in_the_bag_and_is_left_by_an_acknowledgement_alone(
-    start: Start, tmp_path: Path
+    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And, as one such rig costs enough: motion stops when the stage's node dies."""
     rig = start(*LENIENT, "--record", str(tmp_path / "bag"))
     rig.sweep()
     palp = Palp(rig.run_folder)
+    monkeypatch.chdir(tmp_path)  # where the rig was launched, as its operator is
     assert palp.here("stop").stdout.startswith("latched: operator")
     assert not json.loads(palp.here("safety", "status", "--json").stdout)["permits"]
     assert rig.stage.at_rest()
