@@ -35,6 +35,7 @@ FILES: dict[str, tuple[str, str, str]] = {
     "an alias bomb": (f"x:\n  a0: &a0 [1]\n{LAUGHS}{NODES}", "8:27", f"more than {MOST_VALUES} values"),
     "a long text, repeated": (f"x: [&a {'x' * 60_000}, {'*a, ' * 20}]\n", "3:60046", "an alias repeats"),
     "5,000 brackets": (f"seed: {'[' * 5000}{']' * 5000}\n{NODES}", "3:1006", "maximum nesting depth"),
+    "a bell after an accent": (f"seed: é\a\n{NODES}", "3:8", r"character '\x07' is not allowed"),
     "2,000 braces": (f"seed: {'{a: ' * 2000}1{'}' * 2000}\n{NODES}", "3:200", "values lie in each other"),
     "700 indents": ("".join(" " * i + "a:\n" for i in range(700)), "52:50", "values lie in each other"),
     "too long a file": ("#" * LARGEST_BYTES, "1:1", f"more than {LARGEST_BYTES // 1024} KiB"),

@@ -105,7 +105,11 @@ class _Loader(Composer, yaml.CSafeLoader):
 
     def __init__(self, text: str) -> None:
         Composer.__init__(self)
-        yaml.CSafeLoader.__init__(self, text)
+        try:
+            yaml.CSafeLoader.__init__(self, text)
+        except UnicodeEncodeError as error:  # half of a pair, as an argument that is not UTF-8 has them
+            at = len(text[: error.start].encode())
+            raise yaml.reader.ReaderError("", at, ord(text[error.start]), "utf-8", error.reason) from error
         self._depth = self._count = 0
         self._counts: dict[int, int] = {}  # of what an alias may repeat, by the node's id
 
@@ -261,9 +265,9 @@ def parse_tree(text: str, file: str, problems: Problems, *, wide: bool = False) 
     try:
         root = _Loader(text).get_single_node()
     except yaml.reader.ReaderError as error:
-        before = text[: error.position]
-        column = error.position - before.rfind("\n")
-        message = f"character {error.character!r} is not allowed in YAML; remove it"
+        before = text.encode(errors="surrogatepass")[: error.position].decode()
+        column = len(before) - before.rfind("\n")
+        message = f"character {chr(error.character)!r} is not allowed in YAML; remove it"
         raise GraphProblems([Problem(file, before.count("\n") + 1, column, message)]) from error
     except _TooMuch as error:
         message = f"{error}; describe less in one file"
@@ -299,10 +303,10 @@ def shortened(text: str) -> str:
 
 
 def parse_scalar(text: str) -> Plain:
-    """Return what YAML reads a text as; what is not a single YAML value stays text.
+    r"""Return what YAML reads a text as; what is not a single YAML value stays text.
 
-    >>> parse_scalar("1e-3"), parse_scalar("on"), parse_scalar("'5'"), parse_scalar("a: b")
-    (0.001, 'on', '5', 'a: b')
+    >>> [parse_scalar(text) for text in ("1e-3", "on", "'5'", "a: b", "\udcff")]
+    [0.001, 'on', '5', 'a: b', '\udcff']
     """
     try:
         node = _Loader(text).get_single_node()
