@@ -214,6 +214,16 @@ class LooseFaulty(Faulty):
     strict = False
 
 
+class SuccessorState(FaultyState):
+    pass
+
+
+class LooseSuccessor(LooseFaulty):
+    """A faulty node whose state another one adopts: of one class, it would be taken as it is."""
+
+    state: SuccessorState
+
+
 class Fleeting(Faulty):
     """Dies as soon as it has said that it has taken over; a launcher that it stops hears of both together."""
 

@@ -259,7 +259,7 @@ class EpochsOfProcesses(RuleBasedStateMachine):
     def kill_what_has_handed_over(self) -> None:
         """The old one dies when it has handed over: the new one goes on as if nothing had been."""
         process = self.life.process_of("relay")
-        answer = self.life.swap("LooseFaulty", step="take over", deed="kill_other", pid=process)
+        answer = self.life.swap("LooseSuccessor", step="take over", deed="kill_other", pid=process)
         assert "report" in answer
 
     @invariant()
