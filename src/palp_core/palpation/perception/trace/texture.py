@@ -43,14 +43,14 @@ class Texture:
             )
 
     def covariance(self, at_m: Float64Array, other_m: Float64Array, *, same_way: bool = True) -> Float64Array:
-        """Return the covariance between places, N^2 m^2, shape (n, o), of torques against the sweep.
+        """Return the covariance between places, N^2 m^2, shape (..., n, o), of torques against the sweep.
 
         Args:
-            at_m: Places of one sweep, shape (n,).
-            other_m: Places of another, or the same, shape (o,).
+            at_m: Places of one sweep, or of several, shape (..., n).
+            other_m: Places of another, or the same, shape (..., o).
             same_way: Whether both go the same way.
         """
-        apart = np.abs(np.asarray(at_m)[:, None] - np.asarray(other_m)[None, :]) / self.length_m
+        apart = np.abs(np.asarray(at_m)[..., :, None] - np.asarray(other_m)[..., None, :]) / self.length_m
         share = 1.0 if same_way else 2.0 * self.reversing - 1.0
         return np.asarray(share * self.sd_n_m**2 * FORMS[self.form](apart))
 
@@ -85,7 +85,6 @@ def fit_texture(
         raise PerceptionError("a texture takes two mountings at least, all of whose torques are numbers")
     scaled = slope * prior_sd
     known = scaled @ scaled.swapaxes(1, 2) + scatter
-    apart_m = np.abs(place_m[:, :, None] - place_m[:, None, :])
     scale = float(np.log(max(residual_n_m.std(), 1e-9)))
     step = float(np.abs(np.diff(place_m, axis=1)).mean())
     ends = [(np.log(1e-9), np.log(0.5)), (np.log(0.5 * step), np.log(np.ptp(place_m)))]
@@ -95,7 +94,8 @@ def fit_texture(
         def cost(log_of: Float64Array, form: str = form) -> float:
             """Return minus the log density of the residuals, but for a constant."""
             sd, length = np.exp(log_of)
-            lower = np.linalg.cholesky(known + sd**2 * FORMS[form](apart_m / length))
+            field = Texture(float(sd), float(length), 0.5, form)
+            lower = np.linalg.cholesky(known + field.covariance(place_m, place_m))
             white = np.linalg.solve(lower, residual_n_m[..., None])
             return float(0.5 * (white**2).sum() + np.log(np.diagonal(lower, axis1=1, axis2=2)).sum())
 
