@@ -38,7 +38,7 @@ if __name__ == "__main__":
     print(f"500 samples and more, {block.torque_n_m.mean() * 1e3:.1f} N mm")
     sensor.tare(block, state)
     amplifier.counts += 2_000_000
-    loaded = first(lambda block: block.torque_n_m.min() > 0.0)
+    loaded = first(lambda block: block.torque_n_m.min() > 1e-3)
     print(f"tared, then loaded: {loaded.torque_n_m.mean() * 1e3:.1f} N mm")
     amplifier.skip = 50
     first(lambda block: bool(block.gap.any()))

@@ -20,7 +20,7 @@ LIMIT_S = 3.0
 """What a default test may take, unless it carries ``@pytest.mark.expensive("reason")``."""
 
 TOLERANCE = 2.0
-"""The same work takes up to twice the CPU time on another machine, or a minute later on the same one."""
+"""Processes that share caches with others take up to twice what the loop of `slowness` shows."""
 
 NIGHTLY = ("slow", "nightly")
 UNLIMITED = ("expensive", *NIGHTLY)
@@ -124,7 +124,7 @@ class CpuMeter:
             own_s = now_s - self._counted_s - self._shared_s
             report.user_properties.append(("cpu_s", own_s))
             if report.passed and own_s > LIMIT_S and not any(map(item.get_closest_marker, UNLIMITED)):
-                limit_s = LIMIT_S * max(TOLERANCE, slowness())
+                limit_s = LIMIT_S * TOLERANCE * slowness()
                 if own_s > limit_s:
                     report.outcome = "failed"
                     report.longrepr = (
