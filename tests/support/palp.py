@@ -21,10 +21,11 @@ from palp_core.cli.main import app
 from palp_core.errors import PalpError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.transport import reorder_buffer
+from tests.support.warm_start import MARK, SCRIPT, ForkedPopen, fork_servers_too
+
+fork_servers_too()
 
 ROOT = Path(__file__).parents[2]
-SCRIPT = str(Path(sys.executable).with_name("palp"))
-"""As a user does: ``python -m`` ends by SIGINT, not with 130, where Ctrl-C comes within an ``exec``."""
 CHAIN = ROOT / "examples/chain/launch/chain.yaml"
 SIM = ROOT / "launch/sim.yaml"
 PATIENCE_S = 240.0
@@ -67,7 +68,7 @@ class Palp:
         self.environment = {
             **self._inherited,
             "XDG_RUNTIME_DIR": str(runtime_dir),
-            "PALP_TEST_MARK": self.mark,
+            MARK: self.mark,
             "PYTHONUNBUFFERED": "1",
             "PYTHONPATH": str(ROOT / "src"),
             "COLUMNS": "200",
@@ -80,14 +81,13 @@ class Palp:
     def run(self, *arguments: object) -> subprocess.CompletedProcess[str]:
         if QUICK & {arguments[0], arguments[:2]}:
             return self.here(*arguments)
-        return subprocess.run(
-            self.command(*arguments),
-            env=self.environment,
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE_S,
-            check=False,
-        )
+        process = self._popen(*arguments)
+        try:
+            output, errors = process.communicate(timeout=PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise
+        return subprocess.CompletedProcess(process.args, process.returncode, output, errors)
 
     def here(self, *arguments: object) -> subprocess.CompletedProcess[str]:
         """Run a verb in this process."""
@@ -104,15 +104,19 @@ class Palp:
         return subprocess.CompletedProcess([], 2 if refused else done.exit_code, done.stdout, errors)
 
     def start(self, *arguments: object) -> subprocess.Popen[str]:
-        process = subprocess.Popen(
+        process = self._popen(*arguments)
+        self._started.append(process)
+        return process
+
+    def _popen(self, *arguments: object) -> subprocess.Popen[str]:
+        popen = subprocess.Popen if self.constants else ForkedPopen
+        return popen(
             self.command(*arguments),
             env=self.environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
         )
-        self._started.append(process)
-        return process
 
     def said(self) -> str:
         """What its graphs have logged, and what the processes it has started said since they were read."""
@@ -144,7 +148,7 @@ class Palp:
 
     def processes(self) -> list[psutil.Process]:
         """Every living process that carries the mark."""
-        found, mark = [], f"PALP_TEST_MARK={self.mark}\0".encode()
+        found, mark = [], f"{MARK}={self.mark}\0".encode()
         for process in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError, psutil.Error):  # a zombie has no environment any more
                 if mark in (process / "environ").read_bytes():
