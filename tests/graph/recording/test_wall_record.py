@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shutil
 from collections.abc import Iterator
@@ -10,6 +11,9 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+from mcap.exceptions import EndOfFile
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
 
 from palp_core.graph.bag.reader import read, to_numpy
 from palp_core.graph.clock import monotonic_ns
@@ -71,6 +75,16 @@ def test_a_recorder_that_dies_is_said_and_does_not_end_the_graph(palp: Palp, tmp
     assert "palp bag recover" in out + errors
 
 
+def whole_message_count(bag: Path) -> int:
+    """Count the messages that another reader finds before the file is torn."""
+    count = 0
+    for file in bag.glob("*.mcap"):
+        with file.open("rb") as stream, contextlib.suppress(EndOfFile):
+            for record in StreamReader(stream).records:
+                count += isinstance(record, Message)
+    return count
+
+
 def recovered_from_kills(palp: Palp, folder: Path, kills: int) -> Iterator[float]:
     """Kill recorders of a running graph; give what each had not written yet, in s, when the rest is whole."""
     graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=500.0")
@@ -95,7 +109,7 @@ def recovered_from_kills(palp: Palp, folder: Path, kills: int) -> Iterator[float
         assert indices == list(range(indices[0], indices[0] + len(indices)))
         info = json.loads(palp.run("bag", "info", saved, "--json").stdout)
         assert sum(topic["lost"] for topic in info["topics"].values()) == 0
-        assert info["message_count"] == len(messages)
+        assert info["message_count"] == len(messages) >= whole_message_count(bag) > 0
         assert not info["accounted"]  # and it says that what came after the last message does not show
         yield killed_s - max(m.log_ns for m in messages) / 1e9
 
