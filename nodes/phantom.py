@@ -76,6 +76,7 @@ class PhantomState(MethodTellerState):
     guard_told: bool = False
     world_seed: int = 0
     path_m: float = 0.0
+    goal_path_m: float = 0.0
     worn_m: float = 0.0
     goal_id: int = -1
     goal_from_m: float = 0.0
@@ -254,8 +255,9 @@ class Phantom(MethodTeller):
         state, way_m = self.state, pose.position_m
         if pose.goal_id != state.goal_id and len(way_m):
             state.goal_id, state.goal_from_m, self.table = pose.goal_id, float(way_m[0]), None
-        if len(way_m):
-            state.path_m += abs(float(way_m[-1] - way_m[0]))
+            state.goal_path_m = state.path_m
+        if len(way_m):  # from its beginning, so that it is the same however long blocks are
+            state.path_m = state.goal_path_m + abs(float(way_m[-1]) - state.goal_from_m)
 
     def _solve_in_world(self, pose: StagePose) -> WorldTrace:
         state = self.state
