@@ -133,6 +133,7 @@ def describe(out: Path, *, wall_s: float = 2.0, composed: bool = False, **estima
         seed=3,
         composed=composed,
         args=args,
+        given=[f"{name}:={value}" for name, value in args.items() if name != "policy"],
         params={
             "experiment": args | {"rehome": "trial", "from_m": -0.03},
             "policy": {"matrices": "ar1"},

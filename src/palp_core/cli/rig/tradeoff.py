@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 
 from palp_core.cli.options import INTERRUPTED, until_ctrl_c
-from palp_core.cli.output import make_folder, note, print_text
+from palp_core.cli.output import make_folder, note, print_table, print_text
 
+_HEAD = ("method", "setting", "cost", "error", "bound", "mark")
 _DURATION = re.compile(r"(\d+(?:\.\d+)?)\s*(s|min|h)")
 _UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 
@@ -61,7 +62,7 @@ def tradeoff(
     from palp_core.palpation.mechanics.scene.scene import Scene
     from palp_core.palpation.session.method_choices import choose_for
     from palp_core.palpation.studies.toolkit.progress import told
-    from palp_core.palpation.studies.tradeoff.page import write_tradeoff
+    from palp_core.palpation.studies.tradeoff.page import task_rows, write_tradeoff
     from palp_core.palpation.studies.tradeoff.survey import take
 
     if signature or draw:
@@ -86,6 +87,11 @@ def tradeoff(
     if survey.left_out:
         why = {"budget": "time was up", "interrupted": "interrupted"}.get(survey.ended, "not complete")
         note(f"{why}, and the page has what there was; left out: {survey.left_out}")
+    for one in survey.tasks:
+        asked = one.choice
+        print_text(f"{asked.task.name}: error of {asked.output} against CPU time of {asked.task.per}")
+        print_table([_HEAD, *(cells[: len(_HEAD)] for cells, _ in task_rows(one))])
+        print_text("")
     print_text(str(page))
     if survey.ended == "interrupted":
         raise typer.Exit(INTERRUPTED)

@@ -180,7 +180,7 @@ def _write(found: RecordedSession, summary: RunSummary, beside: ChartsBeside | N
     pictures = _pictures(found, summary, result, beside)
     page = found.folder / "report.html"
     sheet = sheet_of(summary)
-    write_report(page, result, pictures, trials=found.trials, args=summary.args, sheet=sheet)
+    write_report(page, result, pictures, trials=found.trials, given=summary.given, sheet=sheet)
     return headline(result)
 
 

@@ -2,7 +2,7 @@
 
 import json
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +61,7 @@ def write_report(
     pictures: Sequence[Picture],
     *,
     trials: Sequence[RecordedTrial] = (),
-    args: Mapping[str, Any] | None = None,
+    given: Sequence[str] = (),
     sheet: SessionSheet | None = None,
 ) -> Path:
     """Write the page.
@@ -71,7 +71,7 @@ def write_report(
         result: As of ``result.json``.
         pictures: The charts as drawn.
         trials: Of estimation, for the table of all.
-        args: The launch file's arguments, as run.
+        given: The arguments that the launch was given, ``name:=value``.
         sheet: The session's; None of a run that has none.
     """
     mechanics, confusion = result["mechanics"], result["confusion"]
@@ -85,7 +85,7 @@ def write_report(
         headline=headline(result),
         pictures=pictures,
         sheet=sheet_lines(sheet) if sheet is not None else [],
-        command=command(result, args or {}),
+        command=command(result, given),
         by_hand=_by_hand(result),
         nearest=_nearest(result),
         changes=[_change_row(one) for one in result.get("changes", ())],
@@ -105,15 +105,12 @@ def write_report(
     )
 
 
-def command(result: dict[str, Any], args: Mapping[str, Any]) -> str:
-    """Return the command line that runs the session again, with all arguments as they were.
+def command(result: dict[str, Any], given: Sequence[str]) -> str:
+    """Return the command line that runs the session again, with the arguments that it was given.
 
-    >>> command({"launch_file": "launch/sim.yaml", "composed": True}, {"trials": 5, "rings_mm": "0, 4"})
+    >>> command({"launch_file": "launch/sim.yaml", "composed": True}, ["trials:=5", "rings_mm:=0, 4"])
     "palp launch launch/sim.yaml --compose trials:=5 'rings_mm:=0, 4'"
     """
-    given = [
-        f"{name}:={value if isinstance(value, str) else json.dumps(value)}" for name, value in args.items()
-    ]
     composed = ["--compose"] if result["composed"] else []
     return shlex.join(["palp", "launch", result["launch_file"], *composed, *given])
 

@@ -85,7 +85,13 @@ def test_the_page_has_front_choice_failure_and_survivor(
 ) -> None:
     done = CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path), "--budget", "5min"])
     assert done.exit_code == 0, done.output
-    assert done.stdout == f"{tmp_path / 'index.html'}\n"
+    head, columns, *printed, page = filter(None, done.stdout.splitlines())
+    assert page == str(tmp_path / "index.html")
+    assert head.startswith("toy: error of ")
+    assert columns.split() == ["method", "setting", "cost", "error", "bound", "mark"]
+    assert {line.split()[0] for line in printed} == {
+        row["method"] for row in rows(tmp_path / "tradeoff_toy.csv")
+    }
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {
         "index.html",

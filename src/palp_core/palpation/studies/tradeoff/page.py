@@ -93,11 +93,15 @@ def _section(one: TaskSurvey, out: Path) -> TaskSection:
         for kind in ("png", "svg", "csv"):  # of an earlier survey: beside this page they would be its own
             (out / f"{chart_name(one.choice)}.{kind}").unlink(missing_ok=True)
     head = ("method", "setting", "cost", "error", "bound", "mark", "evidence", "fails", "survivor")
-    return TaskSection(one, drawn, head, _rows(one), [_case(case) for case in one.cases])
+    return TaskSection(one, drawn, head, task_rows(one), [_case(case) for case in one.cases])
 
 
-def _rows(one: TaskSurvey) -> list[tuple[Sequence[str], str]]:
-    """Return a row per point of the output that is asked for, by method; one for what was not measured."""
+def task_rows(one: TaskSurvey) -> list[tuple[Sequence[str], str]]:
+    """Return a row per point of the output that is asked for, by method; one for what was not measured.
+
+    Each row has its cells (method, setting, cost, error, bound, mark, evidence, where it fails, survivor) and
+    its kind: ``total`` of the chosen method, ``bad`` where it fails.
+    """
     measured: dict[str, list[Judgement]] = {}
     every = panels(one.choice, one.points)
     for found in (mark for panel in every if panel.output == every[0].output for mark in panel.found):
