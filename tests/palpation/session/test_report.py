@@ -286,7 +286,9 @@ def test_the_page_of_a_rig_with_devices_claims_no_simulation(record: Writer, sum
 def test_the_page_states_what_the_sweeps_met_or_that_nobody_told(record: Writer, summary: Summariser) -> None:
     run = summary(out := record(trials=TRIALS))
     session(run)
-    assert f"<td>A</td><td>ring_m = 0.016: {SMALL_STRAIN}</td>" in (out / "report.html").read_text("utf-8")
+    page = (out / "report.html").read_text("utf-8")
+    assert f"<td>A</td><td>ring_m = 0.016: {SMALL_STRAIN}</td>" in page
+    assert f"may be wrong: phantom A, ring_m = 0.016: {SMALL_STRAIN}" in page.partition("<h2")[0]
     run.listens["experiment"].remove("/phantom/guard")
     session(run)
     page = (out / "report.html").read_text("utf-8")

@@ -99,6 +99,7 @@ def write_report(
             "rows": [[d, *line] for d, line in zip(depths, confusion["actual_by_estimated"], strict=True)],
         },
         met=_met(mechanics["per_phantom"]) if mechanics else [],
+        warnings=_warnings(mechanics["per_phantom"]) if mechanics else [],
         phantoms=_phantoms(mechanics["per_phantom"]) if mechanics else [],
         scene=_scene(mechanics["scene"]) if mechanics else [],
         world=_parameters(result.get("world")),
@@ -175,6 +176,16 @@ def _phantoms(per_phantom: dict[str, Any]) -> list[list[str]]:
 def _met(per_phantom: dict[str, Any]) -> list[tuple[str, str]]:
     """Return code of the phantom and words of each guard."""
     return [(code, words) for code, choice in per_phantom.items() for words in choice["guards"] or ()]
+
+
+def _warnings(per_phantom: dict[str, Any]) -> list[str]:
+    """Return for each phantom the guard of its stiffest ring, and how many more its sweeps met."""
+    found = []
+    for code, choice in per_phantom.items():
+        *others, last = choice["guards"] or [""]
+        more = f" (and {len(others)} more, under Mechanics)" if others else ""
+        found += [f"phantom {code}, {last}{more}"] if last else []
+    return found
 
 
 def _parameters(world: dict[str, Any] | None) -> list[tuple[str, Any, str, str]]:
