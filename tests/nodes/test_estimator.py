@@ -205,7 +205,7 @@ def test_a_belief_sums_to_one_and_finds_the_depth() -> None:
 
 
 def test_one_probe_never_stops_the_published_rule() -> None:
-    for rule in ("paper_guarded", "paper_verbatim"):
+    for rule in ("paper_guarded", "paper"):
         belief = probe(trained(stop=rule), MEAN_N_M[0.004][0.016])
         assert (belief.verdict, belief.gamma_defined) == ("continue", False)
 
@@ -221,7 +221,7 @@ def test_two_probes_that_agree_decide() -> None:
 def test_a_belief_that_still_grows_along_one_direction_does_not_stop_the_guarded_rule() -> None:
     """Two classes tie, so the gain keeps its direction while the belief still moves far."""
     verdicts = {}
-    for rule in ("paper_verbatim", "paper_guarded"):
+    for rule in ("paper", "paper_guarded"):
         bench = Bench(Estimator, {"stop": rule})
         for number, (depth_m, offset) in enumerate(itertools.product(DEPTHS_M, (-1.0, 1.0))):
             bench.feed(Estimator.trial, trial(number, "training", depth_m))
@@ -231,8 +231,8 @@ def test_a_belief_that_still_grows_along_one_direction_does_not_stop_the_guarded
         bench.feed(Estimator.trial, trial(500, "estimation"))
         probe(bench, 0.0105)
         verdicts[rule] = probe(bench, 0.0105, 2)
-    assert verdicts["paper_verbatim"].gamma == pytest.approx(0.0, abs=1e-12)
-    assert verdicts["paper_verbatim"].verdict == "decided"
+    assert verdicts["paper"].gamma == pytest.approx(0.0, abs=1e-12)
+    assert verdicts["paper"].verdict == "decided"
     assert verdicts["paper_guarded"].verdict == "continue"
 
 

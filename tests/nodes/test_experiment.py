@@ -472,7 +472,7 @@ def test_more_mounts_than_trials_are_refused(tmp_path: Path) -> None:
         Bench(Experiment, params_in(tmp_path, estimation_mounts=3))
 
 
-@pytest.mark.parametrize("stop", ["paper_guarded", "paper_verbatim"])
+@pytest.mark.parametrize("stop", ["paper_guarded", "paper"])
 def test_a_stop_rule_that_cannot_decide_among_two_depths_is_refused_before_anything_moves(
     stop: str, tmp_path: Path
 ) -> None:

@@ -176,4 +176,4 @@ def test_methods_that_there_are_not_are_named() -> None:
         analyse(of, Plan(stops=("never",)))
     two = Readings.of(of.values[of.class_index < 2], of.class_index[of.class_index < 2])
     with pytest.raises(PerceptionError, match="2 classes"):
-        analyse(two, Plan(stops=("paper_verbatim",)))
+        analyse(two, Plan(stops=("paper",)))

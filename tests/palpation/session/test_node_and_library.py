@@ -156,7 +156,7 @@ def test_node_and_library_have_the_same_beliefs_to_the_last_bit(
 
 @pytest.mark.parametrize(
     ("stop", "value"),
-    [("paper_verbatim", 0.0), ("paper_guarded", 0.0), ("posterior_threshold", 0.9), ("fixed_number", 3.0)],
+    [("paper", 0.0), ("paper_guarded", 0.0), ("posterior_threshold", 0.9), ("fixed_number", 3.0)],
 )
 @pytest.mark.parametrize("name", ["naive", "latent"])
 def test_node_and_library_stop_at_the_same_probe(

@@ -131,12 +131,12 @@ def test_a_verdict_needs_a_probe() -> None:
 def test_rules_are_found_by_name() -> None:
     assert stop_rule("paper_guarded", 0.1) == PaperGuarded(threshold=0.1)
     assert {m.name for m in methods("stop")} == {
-        "paper_verbatim",
+        "paper",
         "paper_guarded",
         "posterior_threshold",
         "fixed_number",
     }
-    with pytest.raises(MethodError, match="paper_verbatim"):
+    with pytest.raises(MethodError, match="paper"):
         stop_rule("wald")
 
 
@@ -187,7 +187,7 @@ def test_a_rule_that_never_gets_its_probes_is_refused(name: str, value: float, m
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -1.0])
-@pytest.mark.parametrize("name", ["paper_verbatim", "paper_guarded", "posterior_threshold", "fixed_number"])
+@pytest.mark.parametrize("name", ["paper", "paper_guarded", "posterior_threshold", "fixed_number"])
 def test_a_stop_value_that_is_no_number_is_refused(name: str, value: float) -> None:
     """NaN made a rule that never stops, infinity one that always does."""
     with pytest.raises(PerceptionError, match="cannot have"):

@@ -98,7 +98,7 @@ def test_the_front_is_a_line_with_named_points_and_all_else_is_faint() -> None:
 
 
 def test_the_average_of_the_fixed_positions_is_there_too(felt: ReadingTable) -> None:
-    stops = {name: combinations.STOPS[name] for name in ("paper_verbatim", "fixed_3")}
+    stops = {name: combinations.STOPS[name] for name in ("paper", "fixed_3")}
     of = Combinations(FIXED, stops, ("naive",))
     found = tradeoff_session(SessionJob(felt, Conditions(trials=4), (20, 1, 0)), of)
     for stop in stops:
@@ -153,7 +153,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(combinations, "UNKNOWN", Conditions(remount=True, trials=4))
         patch.setattr(combinations, "POLICIES", ("fixed_16", "uniform", "information_gain_latent"))
-        patch.setattr(combinations, "STOPS", {"paper_verbatim": PaperVerbatim()})
+        patch.setattr(combinations, "STOPS", {"paper": PaperVerbatim()})
         study("decision-limits").run(folder, quick=True)
     return folder
 

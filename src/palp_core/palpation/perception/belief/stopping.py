@@ -185,7 +185,7 @@ declare_task(
 
 @method(
     task="stop",
-    name="paper_verbatim",
+    name="paper",
     cost_s=2.4e-5,
     bounds=[on_rig("decision", 0.135), on_rig("calibration", 0.05)],
     evidence="tests/palpation/studies/perception/test_method_bounds.py",

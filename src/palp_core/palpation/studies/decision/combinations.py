@@ -34,7 +34,7 @@ from palp_core.whole_file import write_json
 
 POLICIES = NAMES
 STOPS: dict[str, StopRule] = {
-    "paper_verbatim": PaperVerbatim(),
+    "paper": PaperVerbatim(),
     "paper_guarded": PaperGuarded(),
     "posterior_0.95": PosteriorThreshold(0.95),
     "fixed_1": FixedNumber(1),
