@@ -46,7 +46,7 @@ def offered() -> list[tuple[str, str, str]]:
     for module in (rungs, combinations):
         found += [(module.__name__, "filter", name) for name in module.FILTERS]
         found += [(module.__name__, "feature", name) for name in module.FEATURES]
-    found += [(rungs.__name__, "contact", name) for name in rungs.RUNGS]
+    found += [(rungs.__name__, "contact", name) for name in rungs.QUICK]
     found += [("features", "feature", name) for name in feature_cases.FEATURES]
     found += [("trials", "filter", name) for name in trials.FILTERS]
     return found

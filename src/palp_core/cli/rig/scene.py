@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -19,20 +18,9 @@ if TYPE_CHECKING:
 app = typer.Typer(help="Scenes: which model, why, and what comes out.", no_args_is_help=True)
 
 
-class Rung(StrEnum):
-    """The ladder of contact models, coarse to fine."""
-
-    L0 = "l0"
-    L1 = "l1"
-    L2 = "l2"
-    L3 = "l3"
-    L4 = "l4"
-    L5 = "l5"
-
-
 FileArgument = Annotated[Path, typer.Argument(help="Scene file (YAML).", show_default=False)]
 RungOption = Annotated[
-    Rung | None, typer.Option(case_sensitive=False, help="This rung, whatever the tolerance.")
+    str | None, typer.Option(help="This rung of `palp methods contact`, whatever the tolerance.")
 ]
 
 
@@ -88,7 +76,7 @@ def run(file: FileArgument, *, rung: RungOption = None, as_json: JsonOption = Fa
     from palp_core.palpation.mechanics.scene.run import run_scene
 
     scene = read_scene(file)
-    done = run_scene(scene, rung.value if rung else None)
+    done = run_scene(scene, rung)
     for words in done.guards:
         note(words)
     if as_json:
@@ -122,7 +110,7 @@ def run(file: FileArgument, *, rung: RungOption = None, as_json: JsonOption = Fa
 def table(
     file: FileArgument,
     *,
-    rung: Annotated[Rung, typer.Option(case_sensitive=False, help="Which rung.")],
+    rung: Annotated[str, typer.Option(help="Which rung, of `palp methods contact`.")],
     offsets_mm: Annotated[str, typer.Option(metavar="A,B,...", help="Positions past the bead, in mm.")],
     indentations_mm: Annotated[str, typer.Option(metavar="A,B,...", help="Depths under the surface, in mm.")],
     as_json: JsonOption = False,
@@ -132,7 +120,7 @@ def table(
     from palp_core.palpation.mechanics.scene.run import force_table
 
     offsets, depths = _metres("--offsets-mm", offsets_mm), _metres("--indentations-mm", indentations_mm)
-    found = force_table(read_scene(file), rung.value, offsets, depths)
+    found = force_table(read_scene(file), rung, offsets, depths)
     if as_json:
         print_json(found.as_json())
         return

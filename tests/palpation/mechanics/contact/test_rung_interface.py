@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from palp_core.errors import OutOfRange
+from palp_core.methods import names
 from palp_core.palpation.mechanics import Bead, Phantom
 from palp_core.palpation.mechanics.contact.l5 import FiniteStrainContact
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.units import Float64Array
 
-RUNGS = ("l0", "l1", "l2", "l3", "l4", "l5")
+RUNGS = sorted(names("contact"))
 PHANTOMS = {"bead": Phantom(bead=Bead(depth_m=0.004)), "bare": Phantom()}
 
 

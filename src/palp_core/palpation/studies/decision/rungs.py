@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palp_core.errors import PalpError
-from palp_core.methods import find
+from palp_core.methods import find, names
 from palp_core.methods.measured import cpu_s
 from palp_core.palpation.perception.belief.stopping import PosteriorThreshold
 from palp_core.palpation.studies.simulation.conditions import Conditions
@@ -18,7 +18,6 @@ from palp_core.palpation.studies.simulation.reading_table import Gel, scene_quan
 from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
 
 REFERENCE = "l4"
-RUNGS = ("l0", "l1", "l2", "l3", "l4", "l5")
 QUICK = ("l1", "l2", "l4")
 FILTERS = ("naive", "latent_ring", "latent_trial", "latent")
 FEATURES = ("peak", "contrast")
@@ -69,7 +68,7 @@ def rung_rows(
 ) -> list[dict[str, Any]]:
     """Return agreement and CPU of every contact rung, feature and filter; the arguments are a study's."""
     features = FEATURES[:1] if quick else FEATURES
-    served = QUICK if quick else RUNGS
+    served = QUICK if quick else sorted(names("contact"))
     jobs = [RungJob(rung, features, FILTERS, 2 if quick else 6, seed) for rung in served]
     return rows_of(jobs, workers=workers, dask=dask)
 
@@ -90,7 +89,7 @@ def rows_of(jobs: Sequence[RungJob], *, workers: int = 1, dask: str = "") -> lis
     found = {job.rung: world for job, world in zip(jobs, worlds, strict=True)}
     return [
         _row(rung, feature, filter_name, found, rung in chosen)
-        for rung in RUNGS
+        for rung in sorted(names("contact"))
         for feature in jobs[0].features
         for filter_name in jobs[0].filters
     ]
