@@ -26,7 +26,6 @@ _EXTRA_OF = {
     "edfio": "emg",
     "h5py": "emg",
     "pyxdf": "emg",
-    "ezc3d": "emg",
     "distributed": "dask",
     "foxglove": "foxglove",
     "nicegui": "view",

@@ -15,7 +15,7 @@ from palp_core.cli.session.session import app
 from palp_core.errors import PalpError
 from palp_core.graph.bag.reader import Bag
 from palp_core.palpation.identification.emg.markov_fit import EmgRecordingPath, chain_file, fit
-from palp_core.palpation.identification.emg.trial import Choices
+from palp_core.palpation.identification.emg.muscles import ImportOptions
 from palp_core.palpation.perception.emg.analysis import EmgSettings
 from palp_core.palpation.perception.strategy.chain_file import markov_policy, write_chains
 from palp_core.palpation.session.decided import audit
@@ -117,7 +117,7 @@ def test_a_simulated_person_has_no_accuracy_in_any_file(study: list[Path]) -> No
 
 def test_what_they_did_becomes_chains_that_the_policy_follows(study: list[Path], tmp_path: Path) -> None:
     sources = [EmgRecordingPath(folder) for folder in study]
-    found = fit(sources, None, Choices(), EmgSettings(), np.random.default_rng(1), tell=pytest.fail)
+    found = fit(sources, None, ImportOptions(), EmgSettings(), np.random.default_rng(1), tell=pytest.fail)
     assert [(one.depth_m, one.trial_count) for one in found.chains] == [
         (None, 18),
         (0.002, 6),

@@ -54,7 +54,7 @@ def emg(count: int = 750) -> EmgFile:
     fds, edc = 1e-4 * rng.normal(size=(2, count))
     fds[100:175] = edc[100:175] = np.nan
     phases = {"rest": ((0, 100),), "mvc": ((175, 300),), "palpation": ((300, count),)}
-    columns = (Column("fds_v", fds, 1500.0, "V"), Column("edc_v", edc, 1500.0, "V"))
+    columns = (Column("fds_v", fds, "V", 1500.0), Column("edc_v", edc, "V", 1500.0))
     return EmgFile(Path("bag"), "bag", columns, phases, begin_s=2.5)
 
 

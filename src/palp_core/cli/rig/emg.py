@@ -12,22 +12,23 @@ from palp_core.palpation.perception.emg.settings import BURSTS, WINDOW_S, Crosst
 app = typer.Typer(help="Recorded EMG: co-contraction, bursts, levels, quality.", no_args_is_help=True)
 
 FsOption = Annotated[
-    float | None, typer.Option("--fs", metavar="HZ", min=1.0, help="Sampling rate; default: the file's.")
+    float | None,
+    typer.Option(
+        "--fs", metavar="HZ", min=1.0, help="Sampling rate; default: by the time column or the format."
+    ),
 ]
 FdsOption = Annotated[
-    str | None, typer.Option("--fds", metavar="COL", help="Flexor's column: name, or number from 0.")
+    str | None, typer.Option("--fds", metavar="COL", help="Flexor's column: index from 0, or name.")
 ]
 EdcOption = Annotated[
     str | None,
-    typer.Option(
-        "--edc", metavar="COL", help="Extensor's column: name, or number from 0; none: one muscle only."
-    ),
+    typer.Option("--edc", metavar="COL", help="Extensor's column: index or name; none: one muscle only."),
 ]
 UnitOption = Annotated[
     str | None,
     typer.Option(
         metavar="UNIT",
-        help="V, mV, uV, nV or counts, of every file; default: what each states, else a guess.",
+        help="V, mV, uV, nV or counts, of every file; default: each file's.",
     ),
 ]
 WindowOption = Annotated[float, typer.Option("--window-ms", help="RMS window, 20 to 200 ms.")]
@@ -66,6 +67,9 @@ ShelfOption = Annotated[
     float,
     typer.Option("--shelf-s", help="A level held so long, s, without a rise is a peak, too; 0: it is not."),
 ]
+
+
+_SHOWN_APART = ("file", "format", "columns", "notes", "problem")
 
 
 @app.command("analyse")
@@ -110,7 +114,8 @@ def analyse(
     from palp_core.errors import PalpError
     from palp_core.palpation.identification.emg import batch as emg_batch
     from palp_core.palpation.identification.emg.files import is_recording
-    from palp_core.palpation.identification.emg.trial import Choices, run_trial, trial_record
+    from palp_core.palpation.identification.emg.muscles import ImportOptions
+    from palp_core.palpation.identification.emg.trial import run_trial, trial_record
     from palp_core.palpation.perception.emg.analysis import EmgSettings
     from palp_core.palpation.perception.emg.settings import BurstSettings
     from palp_core.palpation.session.human.record import EMG, is_by_hand
@@ -125,13 +130,13 @@ def analyse(
         crosstalk=crosstalk,
         rails=rails,
     )
-    choices = Choices(fs, fds, edc, unit)
+    options = ImportOptions(fs, fds, edc, unit)
     if out is not None:
         make_folder(out)
     if file.is_dir() and not is_recording(file):
         if swept:
             raise PalpError("--sweep is for one recording; name a trial of the folder")
-        records = emg_batch.run_folder(file / EMG if is_by_hand(file) else file, mvc, choices, settings, note)
+        records = emg_batch.run_folder(file / EMG if is_by_hand(file) else file, mvc, options, settings, note)
         result = emg_batch.write_batch(records, out) if out else {"trials": records}
         if as_json:
             print_json(result)
@@ -142,7 +147,7 @@ def analyse(
         if any(one["error"] for one in records):
             raise typer.Exit(1)
         return
-    trial = run_trial(file, mvc, choices, settings, rest)
+    trial = run_trial(file, mvc, options, settings, rest)
     record = emg_batch.write_trial(trial, out) if out else trial_record(trial)
     if swept:
         record["sweep"] = emg_batch.sweep_trial(trial, out)
@@ -180,9 +185,7 @@ def analyse(
 def import_file(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording.")],
     *,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Only say what the file would be taken for.")
-    ] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would be used.")] = False,
     out: Annotated[Path | None, typer.Option(help="Write time_s, fds, edc there as CSV.")] = None,
     fs: FsOption = None,
     fds: FdsOption = None,
@@ -190,21 +193,21 @@ def import_file(
     unit: UnitOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Say which columns, rate and unit a recording has, and why; with --out, write it as plain CSV."""
+    """Show a recording's columns, rate and unit, and where each stands; --out writes it as plain CSV."""
     from palp_core.errors import PalpError
-    from palp_core.palpation.identification.emg.emg_import import write_plain
-    from palp_core.palpation.identification.emg.trial import Choices, import_report
+    from palp_core.palpation.identification.emg.muscles import ImportOptions, read_muscles
+    from palp_core.palpation.identification.emg.trial import import_report, write_plain
 
-    choices = Choices(fs, fds, edc, unit)
-    report = import_report(file, choices)
+    options = ImportOptions(fs, fds, edc, unit)
+    report = import_report(file, options)
     if as_json:
         print_json(report)
     else:
         print_text(f"{report['file']}: {report['format']}")
-        heads = ("name", "samples", "missing", "min", "max", "rate_hz", "unit")
+        heads = list(report["columns"][0])
         print_table([heads, *([_text(one[head]) for head in heads] for one in report["columns"])])
-        found = report["guess"] or {}
-        print_table([[name, _text(value)] for name, value in found.items()])
+        chosen = {name: report[name] for name in report if name not in _SHOWN_APART}
+        print_table([[name, _text(value)] for name, value in chosen.items()])
         for line in report["notes"]:
             print_text(f"note: {line}")
     if report["problem"]:
@@ -212,7 +215,7 @@ def import_file(
     if not dry_run:
         if out is None:
             raise PalpError("nothing to do: give --dry-run to look, or --out FILE.csv to write")
-        write_plain(file, out, choices)
+        write_plain(read_muscles(file, options), out)
         note(f"written: {out}")
 
 

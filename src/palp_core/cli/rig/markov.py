@@ -76,7 +76,7 @@ def fit(
     import numpy as np
 
     from palp_core.palpation.identification.emg import markov_fit
-    from palp_core.palpation.identification.emg.trial import Choices
+    from palp_core.palpation.identification.emg.muscles import ImportOptions
     from palp_core.palpation.perception.emg.analysis import EmgSettings
     from palp_core.palpation.perception.emg.settings import BurstSettings
 
@@ -92,7 +92,7 @@ def fit(
     found = markov_fit.fit(
         [markov_fit.source_of(word) for word in files],
         mvc,
-        Choices(fs, fds, edc, unit),
+        ImportOptions(fs, fds, edc, unit),
         settings,
         np.random.default_rng(seed),
         prior_count=prior,

@@ -116,17 +116,18 @@ def test_without_an_mvc_it_is_asked_for(recording: tuple[Path, Path]) -> None:
         run("analyse", recording[0], "--mvc", recording[1])
 
 
-def test_import_says_what_it_would_take_the_file_for(recording: tuple[Path, Path], tmp_path: Path) -> None:
-    result = run("import", recording[0], "--dry-run", "--fs", 1500, "--json")
-    guess = json.loads(result.stdout)["guess"]
-    assert (guess["fds"], guess["edc"], guess["unit"], guess["rate_hz"]) == ("fds", "edc", "uV", 1500.0)
+def test_import_shows_what_is_used_and_where_it_stands(recording: tuple[Path, Path], tmp_path: Path) -> None:
+    found = json.loads(run("import", recording[0], "--dry-run", "--fs", 1500, "--json").stdout)
+    assert (found["fds"], found["edc"], found["unit"]) == ("0 'fds' [uV]", "1 'edc' [uV]", "V")
+    assert (found["rate_hz"], found["rate_from"], found["time"]) == (1500.0, "--fs", None)
+    assert [one["index"] for one in found["columns"]] == [0, 1]
     assert "FDS by name" in run("import", recording[0], "--dry-run", "--fs", 1500).stdout
     with pytest.raises(PalpError, match="sampling rate"):
         run("import", recording[0], "--dry-run")
     run("import", recording[0], "--fs", 1500, "--out", tmp_path / "plain.csv")
     again = json.loads(run("import", tmp_path / "plain.csv", "--dry-run", "--json").stdout)
-    assert again["guess"]["rate_hz"] == pytest.approx(1500.0)
-    assert again["guess"]["unit"] == "V"
+    assert again["rate_hz"] == pytest.approx(1500.0)
+    assert (again["unit"], again["time"]) == ("V", "0 'time_s' [s]")
 
 
 def test_a_folder_is_a_batch_with_one_quality_page(tmp_path: Path) -> None:
@@ -180,7 +181,7 @@ def bag_of(folder: Path, blocks: list[EmgBlock]) -> Path:
     )
     recorder = BagRecorder(BagWriter(folder))
     recorder.describe(topic)
-    for number, block in enumerate(blocks):
+    for number, block in enumerate(blocks, 1):
         recorder(
             block.stamp_ns,
             pack(b"/emg/block", Kind.DATA, 0, number, block.stamp_ns, schema.type_hash, encode(block)),
@@ -213,11 +214,34 @@ def test_a_bag_brings_its_own_mvc_and_a_lost_block_is_a_gap(tmp_path: Path) -> N
     shutil.rmtree(tmp_path / "holed")
 
 
+@pytest.mark.parametrize(
+    ("starts_s", "rates_hz", "words"),
+    [
+        ([0.0, 1.0], [100.0, 200.0], r"/emg/block changes its rate: \[100\.0, 200\.0\] Hz"),
+        ([0.0, 0.5], [100.0, 100.0], "blocks of /emg/block overlap; it was recorded from two sources"),
+        ([0.0, 99.0], [100.0, 100.0], "9800 samples of /emg/block are missing; split the bag"),
+        ([], [], "needs one topic of EMG blocks"),
+    ],
+)
+def test_a_bag_that_is_no_one_recording_is_refused(
+    tmp_path: Path, starts_s: list[float], rates_hz: list[float], words: str
+) -> None:
+    part = np.zeros(100)
+    blocks = [
+        EmgBlock(
+            stamp_ns=round(1e9 * at), start_ns=round(1e9 * at), rate_hz=hz, phase="", fds_v=part, edc_v=part
+        )
+        for at, hz in zip(starts_s, rates_hz, strict=True)
+    ]
+    with pytest.raises(PalpError, match=words):
+        read_emg(bag_of(tmp_path / "bag", blocks))
+
+
 def test_units_and_rates_that_do_not_fit_are_refused(recording: tuple[Path, Path], tmp_path: Path) -> None:
     mvc, _ = subject(0)
     other = tmp_path / "mvc.csv"
     np.savetxt(other, mvc.T, delimiter=",", header="fds (counts),edc (counts)", comments="")
-    with pytest.raises(PalpError, match="convert one"):
+    with pytest.raises(PalpError, match="is in counts, the trial is in V; state the unit of both"):
         run("analyse", recording[0], "--fs", 1500, "--mvc", other)
     np.savez(tmp_path / "mvc.npz", fds=mvc[0], edc=mvc[1], fs=1000.0)
     np.savez(tmp_path / "trial.npz", fds=mvc[0], edc=mvc[1], fs=1500.0)
@@ -263,7 +287,7 @@ def test_a_column_number_that_is_the_time_in_the_mvc_is_refused(
     both = np.loadtxt(recording[1], delimiter=",", skiprows=1)
     times_s = np.arange(len(both)) / RATE_HZ
     np.savetxt(timed, np.column_stack([times_s, both]), delimiter=",", header="time,a,b", comments="")
-    with pytest.raises(PalpError, match="--fds names time, which is the time"):
+    with pytest.raises(PalpError, match="column 0 'time' is a time"):
         run("analyse", recording[0], "--fs", RATE_HZ, "--fds", 0, "--edc", 1, "--mvc", timed)
 
 
@@ -294,7 +318,7 @@ def test_a_unit_that_the_numbers_contradict_is_refused_until_the_user_states_it(
     expected = analyse(trial, mvc, EmgSettings(rate_hz=1500.0))
     assert found["maxima"]["fds"] == pytest.approx(expected.maxima[0], rel=1e-6)
     assert found["notes"][-1] == f"--unit says {true}, the file {unit}"
-    assert found["basis"]["unit"] == "--unit"
+    assert found["unit_from"] == "--unit"
     assert "uV" in run("import", files[0], "--fs", 1500, "--dry-run", "--unit", "uV").stdout
     with pytest.raises(PalpError, match="no unit of EMG"):
         run(*asked, "--unit", "kg")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from palp_core.errors import PerceptionError
+from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
 from palp_core.palpation.perception.emg.calibration import calibrate, plateau, scatter
 from palp_core.palpation.perception.emg.emg import EmgChain
 from palp_core.palpation.perception.emg.settings import MvcRule
@@ -77,6 +78,30 @@ def test_the_rules_of_the_mvc_are_ordered_and_rest_is_told_from_its_quietest() -
     assert of["plateau"].rest_sd == pytest.approx(rest.sum(axis=0).std() / of["plateau"].reference, rel=0.03)
     unknown = calibrate(mvc, np.concatenate([rest, mvc], axis=1), rest_known=False, **LOOKS)
     assert 0.0 <= unknown.rest < of["plateau"].rest
+
+
+@pytest.mark.parametrize(
+    ("rest", "levels", "recorded", "count"),
+    [
+        (0.04, (0.8, 0.1, 0.6, 0.1, 0.7, 0.1), False, 3),  # a restless person moves by a tenth of the MVC
+        (0.04, (0.8, 0.1, 0.6, 0.1, 0.7, 0.1), True, 6),  # recorded, this rest is known to be calm
+        (0.005, (0.1,) * 6, False, 6),
+        (0.02, (0.1,) * 6, False, 6),
+        (0.02, (0.1,) * 6, True, 6),
+    ],
+)
+def test_a_burst_stands_out_of_the_recordings_own_rest(
+    rest: float, levels: tuple[float, ...], recorded: bool, count: int
+) -> None:
+    def person(levels: tuple[float, ...], seed: int) -> np.ndarray:
+        strength = np.concatenate([*(held(1.0, one) for one in levels)])
+        rng, muscle = np.random.default_rng(seed), MUSCLES["surface"]
+        noise = rest * np.ones(strength.size)
+        return np.array([muscle(rng, strength) + muscle(rng, noise) for _ in range(2)])
+
+    quiet = person((0.0,), 2) if recorded else None
+    found = analyse(person(levels, 0), person((1.0, 1.0), 1), EmgSettings(), rest=quiet)
+    assert len(found.bursts) == count
 
 
 def test_what_cannot_be_measured_against_is_refused() -> None:

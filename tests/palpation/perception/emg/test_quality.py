@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.perception.emg.quality import bridge, clipped, held, lost_samples, on_grid, quality
+from palp_core.palpation.perception.emg.quality import bridge, clipped, held, lost_samples, quality
 
 RATE_HZ = 1500.0
 
@@ -72,30 +72,6 @@ def test_a_gap_is_bridged_by_a_line_and_marked() -> None:
     whole, lost = bridge(np.array([np.nan, 1.0, np.nan, np.nan, 4.0, np.inf]))
     assert whole.tolist() == [1.0, 1.0, 2.0, 3.0, 4.0, 4.0]
     assert lost.tolist() == [True, False, True, True, False, True]
-
-
-@settings(deadline=None, max_examples=30)
-@given(st.sets(st.integers(1, 398), max_size=150), st.floats(0.97, 1.03))
-def test_samples_missing_from_the_times_become_nan_in_their_places(gone: set[int], clock: float) -> None:
-    kept = np.array([i for i in range(400) if i not in gone])
-    samples = _emg(400)
-    if np.median(np.diff(kept)) > 1:
-        return
-    grid = on_grid(kept * clock / RATE_HZ, samples[None, kept], RATE_HZ)
-    assert grid.shape == (1, 400)
-    assert np.flatnonzero(np.isnan(grid[0])).tolist() == sorted(gone)
-    assert np.array_equal(grid[0, kept], samples[kept])
-
-
-def test_times_that_do_not_fit_the_rate_are_refused() -> None:
-    times_s = np.arange(100) / 1000.0
-    with pytest.raises(PerceptionError, match="1000 Hz, not 1500 Hz"):
-        on_grid(times_s, np.zeros(100), RATE_HZ)
-    with pytest.raises(PerceptionError, match="does not increase"):
-        on_grid(times_s[::-1], np.zeros(100), 1000.0)
-    times_s[50:] += 1e6
-    with pytest.raises(PerceptionError, match="would be missing"):
-        on_grid(times_s, np.zeros(100), 1000.0)
 
 
 @settings(deadline=None, max_examples=30)

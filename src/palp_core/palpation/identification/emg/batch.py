@@ -11,8 +11,8 @@ import numpy as np
 
 from palp_core.errors import PalpError
 from palp_core.palpation.identification.emg.files import is_recording
+from palp_core.palpation.identification.emg.muscles import ImportOptions
 from palp_core.palpation.identification.emg.trial import (
-    Choices,
     EmgTrial,
     run_trial,
     series_rows,
@@ -37,7 +37,7 @@ _SPECIAL = ("mvc", "rest")
 def run_folder(
     folder: Path,
     mvc: Path | None,
-    choices: Choices,
+    options: ImportOptions,
     settings: EmgSettings,
     tell: Callable[[str], None],
     skip: Collection[Path] = (),
@@ -49,7 +49,7 @@ def run_folder(
     Args:
         folder: The folder.
         mvc: One MVC for all; None: each subject's own.
-        choices: What the user states.
+        options: What the user states.
         settings: How.
         tell: Told each trial that failed.
         skip: Files that do not count.
@@ -69,7 +69,7 @@ def run_folder(
             for path in sorted(one for one in phase.iterdir() if is_recording(one) and one not in skip):
                 place = {"subject": subject.name, "phase": phase.name, "trial": path.stem}
                 try:
-                    trial = run_trial(path, mvc or efforts["mvc"], choices, settings, efforts["rest"])
+                    trial = run_trial(path, mvc or efforts["mvc"], options, settings, efforts["rest"])
                     records.append({**place, "error": None, **trial_record(trial)})
                 except PalpError as error:
                     tell(f"{path}: {error}" if str(path) not in str(error) else str(error))

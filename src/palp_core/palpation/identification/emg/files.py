@@ -1,13 +1,18 @@
-"""Read a recording of EMG from any of the usual files, as named columns with rate and unit where stated.
+"""Read a recording of EMG: columns with index, name, unit and samples, and what the file says of time.
 
-What a file does not state is guessed in :mod:`palp_core.palpation.identification.emg.guess`, never here.
+Nothing is chosen here: :mod:`palp_core.palpation.identification.emg.muscles` does.
 """
 
 import importlib
+import logging
 import re
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+
+import numpy as np
 
 from palp_core.errors import PalpError
 from palp_core.published import EMG_READERS, published
@@ -17,19 +22,21 @@ from palp_core.whole_file import check_regular
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A column of numbers.
+    """A column of numbers; its index is its place in the file.
 
     Attributes:
-        name: As in the file.
+        name: As in the file; two columns may have one name.
         samples: Shape (n,); NaN where the file has none.
-        rate_hz: Sampling rate that the file states; None if it does not.
-        unit: Unit that the file states; empty if it does not.
+        unit: Unit that the file states, as :func:`plain_unit` writes it; empty if it states none.
+        rate_hz: Sampling rate by a field of the format; None if it has none.
+        times_s: Time of each sample, shape (n,), where the format has a clock for it.
     """
 
     name: str
     samples: Float64Array
-    rate_hz: float | None = None
     unit: str = ""
+    rate_hz: float | None = None
+    times_s: Float64Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +50,9 @@ class EmgFile:
         phases: Stretches of samples [begin, end) by phase, as ``mvc``; empty where the file has none.
         notes: What a reader of the numbers ought to know.
         begin_s: Time of the first sample on the clock of its run; 0 where the file has no such clock.
+        rate_from: Where the field of the sampling rate stands, as ``key 'fs'``.
+        lines: Line of the file of each sample; empty where the format has no lines.
+        hints: Lines of free text that speak of a rate; nobody believes them, errors quote them.
     """
 
     path: Path
@@ -51,29 +61,53 @@ class EmgFile:
     phases: Mapping[str, tuple[tuple[int, int], ...]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     begin_s: float = 0.0
+    rate_from: str = "the file"
+    lines: Sequence[int] = ()
+    hints: tuple[str, ...] = ()
+
+    def label(self, index: int) -> str:
+        """Return a column's index, name and unit, as ``1 'FDS' [uV]``."""
+        column = self.columns[index]
+        return f"{index} '{column.name}'" + (f" [{column.unit}]" if column.unit else "")
+
+    def place(self, sample: int) -> str:
+        """Return where a sample stands in the file."""
+        return f"line {self.lines[sample]}" if len(self.lines) else f"sample {sample}"
 
 
-UNIT = re.compile(r"s|ms|us|[µμ]s|ns|sec(onds)?|(n|u|µ|μ|m)?v(olts?)?|hz|counts?|adc|a\.?u\.?", re.IGNORECASE)
-"""What is taken for a unit."""
+VOLTS = {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "nV": 1e-9}
+"""Units of voltage, and a volt's share of each."""
+
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Units of time in seconds."""
 
 LARGEST_BYTES = 2 << 30
 """What is read of one file."""
 
+_PREFIXES = {"nano": "n", "micro": "u", "milli": "m", "": ""}
+_SPELLINGS = (
+    {one.lower(): one for one in VOLTS}
+    | {f"{long}volt{end}": f"{short}V" for long, short in _PREFIXES.items() for end in ("", "s")}
+    | {one: one for one in SECONDS}
+    | {
+        f"{long}sec{end}": f"{short}s"
+        for long, short in _PREFIXES.items()
+        for end in ("", "s", "ond", "onds")
+    }
+    | {"count": "counts", "counts": "counts", "adc": "counts", "raw": "counts"}
+    | {"a.u.": "a.u.", "au": "a.u.", "hz": "Hz", "g": "g", "deg": "deg", "n": "N", "nm": "Nm", "%": "%"}
+)
+
 _HERE = "palp_core.palpation.identification.emg"
 _READERS = {
-    ".csv": f"{_HERE}.files_text:read_text",
-    ".tsv": f"{_HERE}.files_text:read_text",
-    ".txt": f"{_HERE}.files_text:read_text",
-    ".npy": f"{_HERE}.files_array:read_numpy",
-    ".npz": f"{_HERE}.files_array:read_numpy",
-    ".mat": f"{_HERE}.files_array:read_matlab",
-    ".h5": f"{_HERE}.files_array:read_hdf5",
-    ".hdf5": f"{_HERE}.files_array:read_hdf5",
+    ".csv": f"{_HERE}.files_csv:read_csv",
+    ".tsv": f"{_HERE}.files_csv:read_csv",
+    ".txt": f"{_HERE}.files_csv:read_csv",
+    ".npz": f"{_HERE}.files_npz:read_npz",
     ".edf": f"{_HERE}.files_edf:read_edf",
     ".bdf": f"{_HERE}.files_edf:read_edf",
     ".xdf": f"{_HERE}.files_xdf:read_xdf",
     ".xdfz": f"{_HERE}.files_xdf:read_xdf",
-    ".c3d": f"{_HERE}.files_c3d:read_c3d",
     ".mcap": f"{_HERE}.files_bag:read_bag",
 }
 
@@ -85,7 +119,7 @@ def _readers() -> dict[str, str]:
 
 
 def is_recording(path: Path) -> bool:
-    """Tell whether a path is a file of a known kind, or a bag's folder."""
+    """Return whether a path is a file of a known kind, or a bag's folder."""
     return path.suffix.lower() in _readers() if path.is_file() else any(path.glob("*.mcap"))
 
 
@@ -101,7 +135,9 @@ def read_emg(path: Path) -> EmgFile:
         raise PalpError(f"{path}: a folder without a bag; name a recording")
     suffix = ".mcap" if path.is_dir() else path.suffix.lower()
     if suffix not in (readers := _readers()):
-        raise PalpError(f"{path}: '{path.suffix}' is no known kind of recording; known: {' '.join(readers)}")
+        raise PalpError(
+            f"{path}: cannot read '{path.suffix}' files; convert it to one of {' '.join(readers)}"
+        )
     module, _, name = readers[suffix].partition(":")
     try:
         if suffix != ".mcap":
@@ -120,15 +156,71 @@ def read_emg(path: Path) -> EmgFile:
     return found
 
 
-def split_unit(heading: str) -> tuple[str, str]:
-    """Split a heading as ``FDS (uV)``, ``FDS [mV]`` or ``fds_v`` into name and unit; other brackets stay.
+@contextmanager
+def library_quiet(path: Path, kind: str) -> Iterator[None]:
+    """Run another project's reader: its exceptions become errors with the file's name, its log is dropped.
 
-    >>> split_unit("FDS (uV)"), split_unit("fds_v"), split_unit("EDC (left)")
-    (('FDS', 'uV'), ('fds_v', 'V'), ('EDC (left)', ''))
+    Raises:
+        PalpError: The reader raised anything else.
+    """
+    logger = logging.getLogger("pyxdf")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL + 1)
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            yield
+    except (PalpError, ImportError, MemoryError):
+        raise
+    except Exception as error:
+        raise PalpError(f"{path}: not a readable {kind} file: {error or type(error).__name__}") from error
+    finally:
+        logger.setLevel(level)
+
+
+def plain_unit(text: str) -> str:
+    """Return a unit in one spelling, or as it stands where it is not a known one.
+
+    Both characters for micro are ``u``, and so is what UTF-8 read as Latin-1 makes of them.
+
+    >>> [plain_unit(one) for one in ("\u00b5V", "\u03bcV", "\u00c2\u00b5V", "microvolts", "Nm")]
+    ['uV', 'uV', 'uV', 'uV', 'Nm']
+    """
+    text = text.strip().strip("()[]\"'").strip()
+    for micro in ("\u00c2\u00b5", "\u00ce\u00bc", "\u00b5", "\u03bc"):
+        text = text.replace(micro, "u")
+    return _SPELLINGS.get(text.lower(), text)
+
+
+def is_unit(text: str) -> bool:
+    """Return whether a text is a known unit."""
+    return plain_unit(text) in _SPELLINGS.values()
+
+
+def split_unit(heading: str) -> tuple[str, str]:
+    """Split a heading into name and unit; other brackets stay.
+
+    >>> split_unit("FDS (uV)"), split_unit("fds_v"), split_unit("EDC (left)"), split_unit("X, s")
+    (('FDS', 'uV'), ('fds_v', 'V'), ('EDC (left)', ''), ('X', 's'))
     """
     heading = heading.strip().strip("\"'").strip()
-    bracketed = re.fullmatch(r"(.*?)\s*[(\[]\s*([^()\[\]]{1,12})\s*[)\]]", heading)
-    if bracketed and UNIT.fullmatch(bracketed[2].strip()):
-        return bracketed[1].strip() or heading, bracketed[2].strip()
-    suffix = re.search(r"_(n|u|µ|m)?v$", heading.lower())
-    return heading, f"{suffix[1] or ''}V" if suffix else ""
+    for apart in (r"(.*?)[\s,]*[(\[]\s*([^()\[\]]{1,12})\s*[)\]]", r"(.*), *([^ ,]{1,12})"):
+        found = re.fullmatch(apart, heading)
+        if found and is_unit(found[2]):
+            return found[1].strip() or heading, plain_unit(found[2])
+    suffix = re.search(r"_([nu\u00b5\u03bcm]?[vs])$", heading, re.IGNORECASE)
+    voltage = suffix and suffix[1][-1] in "vV"
+    if suffix and (voltage or is_time(heading)):
+        return heading, plain_unit(suffix[1])
+    return heading, ""
+
+
+_TIME = re.compile(
+    r"(?:^|[\W_])(?:t|zeit|temps|tiempo|tempo|sec|secs|seconds|clock|elapsed)(?:$|[\W_])|time|stamp",
+    re.IGNORECASE,
+)
+
+
+def is_time(name: str) -> bool:
+    """Return whether a name is that of a time."""
+    return _TIME.search(name) is not None

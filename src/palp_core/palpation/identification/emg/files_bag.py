@@ -53,7 +53,7 @@ def read_bag(path: Path) -> EmgFile:
             stretches[-1] = (stretches[-1][0], place + size)
         else:
             stretches.append((place, place + size))
-    columns = (Column("fds_v", muscles[0], rate_hz, "V"), Column("edc_v", muscles[1], rate_hz, "V"))
+    columns = (Column("fds_v", muscles[0], "V", rate_hz), Column("edc_v", muscles[1], "V", rate_hz))
     return EmgFile(
         path,
         "bag",
@@ -61,4 +61,5 @@ def read_bag(path: Path) -> EmgFile:
         {name: tuple(one) for name, one in phases.items()},
         (f"topic {topic}",),
         begin_s=begin_ns / 1e9,
+        rate_from=f"topic {topic}",
     )

@@ -11,7 +11,8 @@ import numpy as np
 from palp_core.errors import PalpError
 from palp_core.palpation.identification.emg.batch import run_folder
 from palp_core.palpation.identification.emg.files import is_recording
-from palp_core.palpation.identification.emg.trial import Choices, run_trial, settings_record, trial_record
+from palp_core.palpation.identification.emg.muscles import ImportOptions
+from palp_core.palpation.identification.emg.trial import run_trial, settings_record, trial_record
 from palp_core.palpation.perception.emg.analysis import EmgSettings
 from palp_core.palpation.perception.strategy.chain_file import Chain, ChainFile
 from palp_core.palpation.perception.strategy.figure5 import LEVELS
@@ -100,7 +101,7 @@ def source_of(word: str) -> EmgRecordingPath:
 def fit(
     sources: Sequence[EmgRecordingPath],
     mvc: Path | None,
-    choices: Choices,
+    options: ImportOptions,
     settings: EmgSettings,
     rng: np.random.Generator,
     *,
@@ -113,7 +114,7 @@ def fit(
     Args:
         sources: Recordings.
         mvc: MVC of all; None: each file's or subject's own.
-        choices: What the user states of the files.
+        options: What the user states of the files.
         settings: How bursts, peaks and levels are found.
         rng: Draws the intervals' matrices.
         prior_count: Pseudo-count of the Dirichlet prior.
@@ -129,11 +130,11 @@ def fit(
         if places.count(source.path.resolve()) > 1:
             raise PalpError(f"{source.path}: named twice; a trial counts once")
         if is_by_hand(source.path):
-            found = _of_session(source.path, mvc, choices, settings, tell)
+            found = _of_session(source.path, mvc, options, settings, tell)
         elif source.path.is_dir() and not is_recording(source.path):
-            found = run_folder(source.path, mvc, choices, settings, tell)
+            found = run_folder(source.path, mvc, options, settings, tell)
         else:
-            found = [{"error": None, **trial_record(run_trial(source.path, mvc, choices, settings))}]
+            found = [{"error": None, **trial_record(run_trial(source.path, mvc, options, settings))}]
         stated = {} if source.depth_m is None else {"depth_m": source.depth_m}
         records += [{"depth_m": _named_depth_m(one), **one, **stated} for one in found]
     good = [one for one in records if not one["error"]]
@@ -152,11 +153,11 @@ def fit(
 
 
 def _of_session(
-    folder: Path, mvc: Path | None, choices: Choices, settings: EmgSettings, tell: Callable[[str], None]
+    folder: Path, mvc: Path | None, options: ImportOptions, settings: EmgSettings, tell: Callable[[str], None]
 ) -> list[dict[str, Any]]:
     """Return the trials of a session with a person, each with the depth that its table has."""
     skip, depths_m = emg_that_does_not_count(folder), emg_depths(folder)
-    found = run_folder(folder / EMG, mvc, choices, settings, tell, skip=skip)
+    found = run_folder(folder / EMG, mvc, options, settings, tell, skip=skip)
     told = [{**one, "depth_m": depths_m.get(Path(one["file"]))} for one in found]
     if sealed := sum(one["depth_m"] is None for one in told):
         tell(

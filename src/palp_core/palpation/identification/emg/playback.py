@@ -11,8 +11,7 @@ from palp_core.errors import DeviceError, PalpError
 from palp_core.palpation.devices.health import HEALTHY, DeviceHealth
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.protocols import EmgSamples
-from palp_core.palpation.identification.emg.files import read_emg
-from palp_core.palpation.identification.emg.guess import guess, muscles
+from palp_core.palpation.identification.emg.muscles import ImportOptions, read_muscles
 from palp_core.units import Float64Array
 
 _NS = 1e9
@@ -58,18 +57,19 @@ class EmgPlayback:
 
     def _load(self, path: str, phase: str) -> Float64Array:
         try:
-            file = read_emg(Path(path))
-            found = guess(file)
-            both = muscles(file, found)
+            found = read_muscles(Path(path), ImportOptions())
         except PalpError as error:
             raise DeviceError(f"emg: {error}") from error
+        both = found.samples
         if len(both) != 2:
             raise DeviceError(f"emg: {path} has one muscle; flexor and extensor are needed")
-        if found.rate_hz is None or abs(found.rate_hz / self.rate_hz - 1.0) > 1e-3:
-            raise DeviceError(f"emg: {path} has {found.rate_hz} Hz and not {self.rate_hz:g} Hz; set rate_hz")
-        if file.phases:
-            parts = [both[:, a:b] for a, b in file.phases.get(phase, ())]
-            both = np.concatenate(parts, axis=1) if parts else both[:, :0]
+        if abs(found.rate_hz / self.rate_hz - 1.0) > 1e-3:
+            raise DeviceError(
+                f"emg: {path} has {found.rate_hz:g} Hz and not {self.rate_hz:g} Hz; set rate_hz"
+            )
+        if found.file.phases:
+            part = found.phase(phase)
+            both = both[:, :0] if part is None else part
         elif phase != "palpation" and path == self.path:
             both = both[:, :0]
         both = both[:, np.isfinite(both).all(axis=0)]

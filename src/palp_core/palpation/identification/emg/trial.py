@@ -8,35 +8,21 @@ from typing import Any
 import numpy as np
 
 from palp_core.errors import PalpError, PerceptionError
-from palp_core.palpation.identification.emg.files import EmgFile, read_emg
-from palp_core.palpation.identification.emg.guess import Guess, guess, is_voltage, muscles, strength
+from palp_core.palpation.identification.emg.files import read_emg
+from palp_core.palpation.identification.emg.muscles import (
+    MUSCLES,
+    RATES_ALIKE,
+    ImportOptions,
+    Muscles,
+    choose_muscles,
+    read_muscles,
+    strength,
+)
 from palp_core.palpation.perception.emg.analysis import EmgAnalysis, EmgSettings, analyse, second_eigenvalue
 from palp_core.units import Float64Array
 
-MUSCLES = ("fds", "edc")
-"""Names of the muscles; of one alone the first."""
-_STATED = ("the file", "--unit")
 # An MVC is at most 1000 times an idle muscle, and no trial 50 times its MVC; units differ by a thousand.
 _MOST_OVER, _MOST_UNDER = 1000.0, 50.0
-_RATES_ALIKE = 1e-3  # what rounded times tell differs from file to file; filters do not see it
-
-
-@dataclass(frozen=True)
-class Choices:
-    """What the user states about the files; None: ask the file, else guess."""
-
-    fs_hz: float | None = None
-    fds: str | None = None
-    edc: str | None = None
-    unit: str | None = None
-
-    def guess(self, file: EmgFile) -> Guess:
-        """Return what a file is taken for.
-
-        Raises:
-            PalpError: As of :func:`palp_core.palpation.identification.emg.guess.guess`.
-        """
-        return guess(file, fs_hz=self.fs_hz, fds=self.fds, edc=self.edc, unit=self.unit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +32,7 @@ class EmgTrial:
     Attributes:
         path: The trial's file.
         mvc_path: The MVC's file; the trial's own where it has that phase.
-        guess: What the trial's columns were taken for.
+        muscles: The trial's muscles, and where rate, unit and columns stand.
         settings: How it was analysed.
         samples: Raw EMG of the trial, shape (muscles, n), NaN where lost; one muscle or two.
         effort: Raw EMG of the MVC, shape (muscles, m), the same unit.
@@ -56,7 +42,7 @@ class EmgTrial:
 
     path: Path
     mvc_path: Path
-    guess: Guess
+    muscles: Muscles
     settings: EmgSettings
     samples: Float64Array
     effort: Float64Array
@@ -65,14 +51,14 @@ class EmgTrial:
 
 
 def run_trial(
-    path: Path, mvc: Path | None, choices: Choices, settings: EmgSettings, rest: Path | None = None
+    path: Path, mvc: Path | None, options: ImportOptions, settings: EmgSettings, rest: Path | None = None
 ) -> EmgTrial:
     """Read and analyse a trial.
 
     Args:
         path: The trial.
         mvc: Its MVC; None: the trial's file has it as a phase, as a bag does.
-        choices: What the user states.
+        options: What the user states.
         settings: How; the rate is the file's.
         rest: A recording at rest; None: the file's own, if it has that phase.
 
@@ -80,64 +66,43 @@ def run_trial(
         PalpError: A file cannot be used, or there is no MVC.
         PerceptionError: The signals cannot be used.
     """
-    file = read_emg(path)
-    found, both = _load(file, choices)
-    notes = [*file.notes, *found.notes]
-    effort_path, effort, quiet = path, _phase(file, both, "mvc"), _phase(file, both, "rest")
+    trial = read_muscles(path, options)
+    effort_path, effort, quiet = path, trial.phase("mvc"), trial.phase("rest")
     if mvc is not None:
-        effort_path, effort = mvc, _alike(read_emg(mvc), choices, found, "mvc")
+        effort_path, effort = mvc, _alike(read_muscles(mvc, options), trial, "mvc")
     if rest is not None:
-        quiet = _alike(read_emg(rest), choices, found, "rest")
+        quiet = _alike(read_muscles(rest, options), trial, "rest")
     if effort is None:
         raise PalpError(f"{path}: has no phase 'mvc'; name its MVC recording with --mvc")
-    palpation = _phase(file, both, "palpation")
-    if file.phases and palpation is None:
-        raise PalpError(f"{path}: has no phase 'palpation', only {', '.join(file.phases)}")
-    used = both if palpation is None else palpation
-    if found.unit_why != "--unit":
+    palpation = trial.phase("palpation")
+    if trial.file.phases and palpation is None:
+        raise PalpError(f"{path}: has no phase 'palpation', only {', '.join(trial.file.phases)}")
+    used = trial.samples if palpation is None else palpation
+    if trial.unit_from != "--unit":
         _check_strengths(path, used, effort_path, effort)
-    rated = replace(settings, rate_hz=float(found.rate_hz or settings.rate_hz))
+    rated = replace(settings, rate_hz=trial.rate_hz)
     try:
         result = analyse(used, effort, rated, rest=quiet)
     except PerceptionError as error:
         raise PerceptionError(f"{path} with MVC {effort_path}: {error}") from error
-    return EmgTrial(path, effort_path, found, rated, used, effort, result, tuple(notes))
+    return EmgTrial(path, effort_path, trial, rated, used, effort, result, trial.notes)
 
 
-def _load(file: EmgFile, choices: Choices) -> tuple[Guess, Float64Array]:
-    found = choices.guess(file)
-    return found, muscles(file, found)
-
-
-def _phase(file: EmgFile, both: Float64Array, name: str) -> Float64Array | None:
-    """Return the samples of a phase, all its stretches one after another; None if there are none."""
-    stretches = file.phases.get(name)
-    return np.concatenate([both[:, a:b] for a, b in stretches], axis=1) if stretches else None
-
-
-def _alike(file: EmgFile, choices: Choices, trial: Guess, phase: str) -> Float64Array:
-    """Return another recording of the same muscles, in the trial's unit; the rate must be the trial's."""
-    found, both = _load(file, choices)
-    if bool(found.edc) != bool(trial.edc):
+def _alike(other: Muscles, trial: Muscles, phase: str) -> Float64Array:
+    """Return another recording of the same muscles; its rate and unit must be the trial's."""
+    path, count = other.file.path, {1: "one muscle", 2: "two muscles"}
+    if len(other.indices) != len(trial.indices):
         raise PalpError(
-            f"{file.path}: has {'two muscles' if found.edc else 'one muscle'}, the trial "
-            f"{'two' if trial.edc else 'one'}; name them with --fds and --edc (--edc none: one muscle)"
+            f"{path}: has {count[len(other.indices)]}, the trial {count[len(trial.indices)].split()[0]}; "
+            "choose them with --fds and --edc (--edc none: one muscle)"
         )
-    if abs(float(found.rate_hz or 0.0) / float(trial.rate_hz or 1.0) - 1.0) > _RATES_ALIKE:
-        raise PalpError(f"{file.path}: {found.rate_hz:g} Hz, the trial {trial.rate_hz:g} Hz; resample one")
-    if found.unit_why not in _STATED:  # a guess from another strength may differ; one amplifier wrote both
-        both = both / found.volts * trial.volts
-    elif trial.unit_why not in _STATED and found.volts != trial.volts:
-        raise PalpError(
-            f"{file.path}: is in {found.unit}, but the trial states no unit; state that of both with --unit"
-        )
-    elif is_voltage(found.unit) != is_voltage(trial.unit):
-        raise PalpError(
-            f"{file.path}: is in {found.unit}, the trial in {trial.unit}; convert one, or state the unit of "
-            "both with --unit"
-        )
-    part = _phase(file, both, phase)
-    return both if part is None else part
+    if abs(other.rate_hz / trial.rate_hz - 1.0) > RATES_ALIKE:
+        raise PalpError(f"{path}: {other.rate_hz:g} Hz, the trial {trial.rate_hz:g} Hz; resample one")
+    if other.unit != trial.unit:
+        units = [f"is in {unit}" if unit else "states no unit" for unit in (other.unit, trial.unit)]
+        raise PalpError(f"{path}: {units[0]}, the trial {units[1]}; state the unit of both with --unit")
+    part = other.phase(phase)
+    return other.samples if part is None else part
 
 
 def _check_strengths(path: Path, used: Float64Array, effort_path: Path, effort: Float64Array) -> None:
@@ -153,66 +118,76 @@ def _check_strengths(path: Path, used: Float64Array, effort_path: Path, effort: 
         )
 
 
-def import_report(path: Path, choices: Choices) -> dict[str, Any]:
-    """Return what a file holds and what it would be taken for, without analysing it."""
+def import_report(path: Path, options: ImportOptions) -> dict[str, Any]:
+    """Return what a file holds and which of it is used, without analysing it."""
     file = read_emg(path)
     report: dict[str, Any] = {
         "file": str(path),
         "format": file.format,
         "columns": [
             {
+                "index": index,
                 "name": one.name,
-                "samples": int(one.samples.size),
-                "missing": int(np.isnan(one.samples).sum()),
-                "min": _finite(np.nanmin(one.samples)) if np.isfinite(one.samples).any() else None,
-                "max": _finite(np.nanmax(one.samples)) if np.isfinite(one.samples).any() else None,
-                "rate_hz": one.rate_hz,
                 "unit": one.unit,
+                "samples": int(one.samples.size),
+                "missing": int(one.samples.size - finite.size),
+                "min": float(finite.min()) if finite.size else None,
+                "max": float(finite.max()) if finite.size else None,
+                "rate_hz": one.rate_hz,
             }
-            for one in file.columns
+            for index, one in enumerate(file.columns)
+            for finite in (one.samples[np.isfinite(one.samples)],)
         ],
         "phases": {name: sum(b - a for a, b in parts) for name, parts in file.phases.items()},
         "notes": list(file.notes),
-        "guess": None,
         "problem": None,
     }
     try:
-        found = choices.guess(file)
+        found = choose_muscles(file, options)
     except PalpError as error:
-        report["problem"] = str(error)
-        return report
-    report["guess"] = {
-        "fds": found.fds,
-        "edc": found.edc or None,
-        "columns_why": found.columns_why,
+        return report | {"problem": str(error)}
+    return report | _choice_record(found) | {"notes": list(found.notes)}
+
+
+def _choice_record(found: Muscles) -> dict[str, Any]:
+    return {
+        **dict(zip(MUSCLES, [*found.names, None], strict=False)),
+        "columns_from": found.columns_from,
         "time": found.time or None,
         "rate_hz": found.rate_hz,
-        "rate_why": found.rate_why,
+        "rate_from": found.rate_from,
         "unit": found.unit,
-        "unit_why": found.unit_why,
+        "unit_from": found.unit_from,
     }
-    report["notes"] += found.notes
-    if found.rate_hz is None:
-        report["problem"] = "nothing tells the sampling rate; state it with --fs"
-    return report
+
+
+def write_plain(found: Muscles, out: Path) -> None:
+    """Write ``time_s``, FDS and, where there is a second muscle, EDC as CSV; a lost sample is ``nan``.
+
+    The unit is volts where the recording's is a voltage.
+
+    Raises:
+        PalpError: The table cannot be written.
+    """
+    suffix = "_v" if found.unit == "V" else ""
+    times_s = np.arange(found.samples.shape[1]) / found.rate_hz
+    try:
+        with out.open("w", encoding="utf-8") as table:
+            table.write(
+                ",".join(["time_s", *(f"{name}{suffix}" for name in MUSCLES[: len(found.samples)])]) + "\n"
+            )
+            np.savetxt(table, np.column_stack([times_s, *found.samples]), fmt="%.12g", delimiter=",")
+    except OSError as error:
+        raise PalpError(f"--out {out}: cannot be written: {error.strerror}") from error
 
 
 def trial_record(trial: EmgTrial) -> dict[str, Any]:
     """Return a trial's numbers, ready for JSON."""
     result, rate_hz = trial.analysis, trial.settings.rate_hz
-    unit = "V" if is_voltage(trial.guess.unit) else trial.guess.unit
     return {
         "file": str(trial.path),
         "mvc": str(trial.mvc_path),
-        "fds": trial.guess.fds,
-        "edc": trial.guess.edc or None,
-        "rate_hz": rate_hz,
-        "unit": unit,
-        "basis": {
-            "columns": trial.guess.columns_why,
-            "rate": trial.guess.rate_why,
-            "unit": trial.guess.unit_why,
-        },
+        **_choice_record(trial.muscles),
         "duration_s": result.cocontraction.size / rate_hz,
         "settings": settings_record(trial.settings),
         "maxima": dict(zip(MUSCLES, result.maxima, strict=False)),

@@ -20,6 +20,12 @@ PLATEAU_S = 0.5
 """Length of a plateau."""
 
 _MAD_TO_SD = 1.4826  # of a normal law
+_FLAT = 3.5
+"""Most that lies between the quietest hundredth and the quietest tenth of a rest, in standard deviations of
+noise: 0.5 to 2.2 were seen where a person rested, and 6 to 24 where simulated people only relaxed."""
+_UNKNOWN_SHARE, _UNKNOWN_MOST = 0.8, 0.02
+"""Standard deviation of a rest that nobody recorded, as a share of it, and at most: its quietest twentieth
+says where it is and little of how it moves. Five of the latter are the lowest level."""
 _MEDIAN_SD = 0.55
 """Standard deviation of the median of a half second over that of the envelope: white noise, window 150 ms."""
 
@@ -67,7 +73,8 @@ def calibrate(
         rule: ``plateau``: of each muscle the median of its best half second, less what choosing the best of
             a noisy envelope gains; ``sum_of_maxima``: of each muscle the maximum, as eq. (3) is printed;
             ``maximum_of_sum``: the largest sum at one instant. The last two are not corrected.
-        rest_known: Whether ``rest`` was recorded at rest; otherwise its quietest twentieth stands for rest.
+        rest_known: Whether ``rest`` was recorded at rest; otherwise its quietest twentieth stands for rest,
+            with a spread that is assumed.
 
     Raises:
         PerceptionError: No such rule, the MVC is silent, or there is no envelope at rest.
@@ -89,8 +96,10 @@ def calibrate(
         level = float(np.median(quiet))
         spread = _MAD_TO_SD * float(np.median(np.abs(quiet - level)))
     else:
-        level = float(np.quantile(quiet, 0.05))
+        lowest, level, low = np.quantile(quiet, (0.01, 0.05, 0.1)).tolist()
         spread = level * scatter(mvc.sum(axis=0), rate_hz=rate_hz, window_s=window_s)
+        if low - lowest < _FLAT * spread:  # as flat as noise: the person rested
+            spread = max(spread, min(_UNKNOWN_SHARE * level, _UNKNOWN_MOST))
     return Calibration(maxima, whole, level, spread, window_s)
 
 

@@ -149,46 +149,6 @@ def bridge(samples: Float64Array) -> tuple[Float64Array, BoolArray]:
     return np.interp(at, at[~lost], samples[~lost]), lost
 
 
-def on_grid(
-    times_s: Float64Array, samples: Float64Array, rate_hz: float, *, most_lost: float = 10.0
-) -> Float64Array:
-    """Return samples on the even grid of their rate, NaN where one is missing.
-
-    Each interval is rounded to whole periods: a clock slightly off the nominal rate loses nothing.
-
-    Args:
-        times_s: Time of each sample, increasing, shape (n,).
-        samples: Raw EMG, shape (..., n).
-        rate_hz: Nominal sampling rate.
-        most_lost: Largest ratio of grid to samples; beyond it, rate and times do not belong together.
-
-    Returns:
-        Shape (..., m), m >= n.
-
-    Raises:
-        PerceptionError: Times do not increase, or rate and times do not belong together.
-    """
-    steps = np.diff(times_s)
-    if not np.isfinite(times_s).all() or (steps <= 0.0).any():
-        raise PerceptionError("the time column does not increase; sort it, or name the right one")
-    if steps.size == 0:
-        return samples
-    typical = float(np.median(steps)) * rate_hz
-    if not 0.9 < typical < 1.1:
-        raise PerceptionError(
-            f"the time column's rate is {rate_hz / typical:g} Hz, not {rate_hz:g} Hz; correct --fs"
-        )
-    periods = np.maximum(np.rint(steps * rate_hz / typical).astype(np.int64), 1)
-    place = np.append(0, np.cumsum(periods))
-    if place[-1] + 1 > most_lost * samples.shape[-1]:
-        raise PerceptionError(
-            f"{place[-1] + 1 - samples.shape[-1]} samples would be missing; check the times"
-        )
-    grid = np.full((*samples.shape[:-1], int(place[-1]) + 1), np.nan)
-    grid[..., place] = samples
-    return grid
-
-
 def _longest(mask: BoolArray) -> int:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
     return int((edges[1::2] - edges[::2]).max(initial=0))
