@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from mcap.writer import Writer
 from typer.testing import CliRunner
 
 from palp_core.cli.bag.bag import app
@@ -54,7 +55,7 @@ def test_every_verb_takes_a_folder_or_a_file(bag: Path, tmp_path: Path) -> None:
         assert "sequence" in palp_bag("diff", path, out / "merged", status=1)
     listed = json.loads(palp_bag("list", tmp_path / "a", "--json"))
     assert {entry["name"] for entry in listed} >= {str(tmp_path / "a" / "split")}
-    assert "recovered  1 files" in palp_bag("list", tmp_path / "a")
+    assert "recovered  1 file  " in palp_bag("list", tmp_path / "a")
 
 
 def test_echo_prints_messages(bag: Path) -> None:
@@ -74,6 +75,30 @@ def test_echo_says_null_for_what_json_has_no_number_for(tmp_path: Path, kit: Any
 
 def test_diff_speaks_json(bag: Path) -> None:
     assert json.loads(palp_bag("diff", bag, bag, "--json"))["/torque/block"]["equal_count"] == 200
+
+
+def test_recover_that_saves_nothing_of_a_file_with_data_ends_with_a_status(tmp_path: Path) -> None:
+    path, out = tmp_path / "noise.mcap", tmp_path / "out"
+    path.write_bytes(b"no bag at all" * 20)
+    with pytest.raises(BagError, match=r"no message could be saved: .*260 damaged bytes; .*not an MCAP file"):
+        palp_bag("recover", path, "-o", out)
+    assert not out.exists()
+
+
+def test_info_says_what_another_programs_bag_does_not_tell(tmp_path: Path) -> None:
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, use_chunking=False)
+        writer.start("ros2", "libmcap")
+        channel = writer.register_channel("/imu", "cdr", 0)
+        for log_ns in (0, 10**9, 5 * 10**8):
+            writer.add_message(channel, log_ns, b"", log_ns)
+        writer.finish()  # type: ignore[no-untyped-call]
+    text = palp_bag("info", path)
+    assert " 1 file, " in text
+    assert " 3 messages, 1.000 s" in text
+    assert "its clock goes back 1 time, by 0.5 s at most" in text
+    assert "no sequence numbers, so lost messages do not show: /imu" in text
 
 
 def test_mistakes_are_palps_own_errors(bag: Path, tmp_path: Path) -> None:

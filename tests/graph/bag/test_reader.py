@@ -1,16 +1,21 @@
 import io
+import json
 import tracemalloc
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType, IndexType, Writer
 
 from palp_core.errors import BagDamaged, BagError
+from palp_core.graph.bag.info import bag_info
 from palp_core.graph.bag.mcap.chunk import RawMessage
 from palp_core.graph.bag.mcap.file_reader import ChunkPlace
+from palp_core.graph.bag.mcap.records import MESSAGE_BYTES
 from palp_core.graph.bag.reader import Bag, read, to_numpy
+from palp_core.graph.bag.recover import recover
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.message import decode
 
@@ -121,20 +126,131 @@ def test_files_of_the_mcap_package_are_read(tmp_path: Path, compression: Compres
     assert sum(1 for _ in read(path)) == 60
 
 
-def test_a_file_without_chunks_is_refused_not_read_as_empty(tmp_path: Path) -> None:
-    buffer = io.BytesIO()
-    writer = Writer(buffer, use_chunking=False)
-    writer.start("x", "y")
-    channel = writer.register_channel("/a", "json", 0)
-    writer.add_message(channel, 0, b"{}", 0, 0)
-    writer.finish()  # type: ignore[no-untyped-call]
-    path = tmp_path / "flat.mcap"
-    path.write_bytes(buffer.getvalue())
-    with pytest.raises(BagError, match="without chunks"):
-        list(read(path))
-    path.write_bytes(buffer.getvalue()[:-10])
-    with pytest.raises(BagError, match="outside any chunk"):
-        list(read(path))
+LAYOUTS: dict[str, dict[str, Any]] = {
+    "no chunks": {"use_chunking": False},
+    "no chunks, no CRCs": {"use_chunking": False, "enable_crcs": False},
+    "no chunks, no definitions": {"use_chunking": False, "repeat_channels": False, "repeat_schemas": False},
+    "no chunks, no summary": {"use_chunking": False, "use_statistics": False, "repeat_channels": False},
+    "chunks without index": {"index_types": IndexType.NONE},
+    "chunks, no definitions": {"repeat_channels": False, "repeat_schemas": False, "chunk_size": 200},
+    "chunks, no statistics": {"use_statistics": False, "repeat_channels": False, "chunk_size": 200},
+    "chunks alone": {"use_statistics": False, "index_types": IndexType.NONE, "repeat_channels": False},
+    "chunks": {"compression": CompressionType.LZ4, "chunk_size": 200},
+}
+"""Options of the package mcap; ``no summary``: as of a writer that was killed after the last message."""
+
+
+def foreign_file(path: Path, layout: str, sequences: Iterable[int] = range(1, 51)) -> Path:
+    """A file of another program: JSON on two topics, an attachment after the first message."""
+    with path.open("wb") as file:
+        writer = Writer(file, **LAYOUTS[layout])
+        writer.start("", "other")
+        schema = writer.register_schema("S", "jsonschema", b'{"type": "object"}')
+        for place, sequence in enumerate(sequences):
+            if place in (0, 10):
+                channel = writer.register_channel(f"/t{place}", "json", schema)
+            data = json.dumps({"i": place, "pad": "\x05" * 20}).encode()
+            writer.add_message(channel, place * 10**7, data, place * 10**7, sequence)
+            if not place:
+                writer.add_attachment(0, 0, "a.txt", "text/plain", b"abc")
+        writer.finish()  # type: ignore[no-untyped-call]
+    if "no summary" in layout:
+        data = path.read_bytes()
+        path.write_bytes(data[: data.rindex(b"}") + 1])
+    return path
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_whatever_the_layout_of_anothers_file_every_message_is_read_and_saved(
+    layout: str, tmp_path: Path
+) -> None:
+    path = foreign_file(tmp_path / "other.mcap", layout)
+    found = bag_info(path)
+    assert {name: topic.count for name, topic in found.topics.items()} == {"/t0": 10, "/t10": 40}
+    assert found.healthy == found.complete == ("no summary" not in layout)
+    assert found.attachments == ["a.txt"]
+    assert [m.value["i"] for m in read(path, ["/t10"], start_ns=3 * 10**8)] == list(range(30, 50))
+    report = recover(path, tmp_path / "saved")
+    assert report.message_count == {"/t0": 10, "/t10": 40}
+    assert report.unverified_count == (50 if "no chunks" in layout else 0)
+    assert [m.value["i"] for m in read(tmp_path / "saved")] == list(range(50))
+
+
+@pytest.mark.parametrize("layout", ["no chunks", "no chunks, no summary"])
+@pytest.mark.parametrize(
+    ("harm", "saved"),
+    [
+        (lambda data, at: data[: at + 30], 20),  # cut amid a message
+        (lambda data, at: data[:at] + bytes(len(data) - at), 20),  # zeros, as after a power cut
+        (lambda data, at: data[: at + 1] + b"\xff\xff" + data[at + 3 :], 49),  # a length too large
+        (lambda data, at: data[: at + 1] + b"\x10" + data[at + 2 :], 49),  # a length too small
+        (lambda data, at: data[: at + 20] + b"noise" + data[at + 20 :], 49),
+    ],
+)
+def test_messages_outside_chunks_are_saved_around_a_damage(
+    layout: str, harm: Callable[[bytes, int], bytes], saved: int, tmp_path: Path
+) -> None:
+    path = foreign_file(tmp_path / "other.mcap", layout)
+    data = path.read_bytes()
+    path.write_bytes(harm(data, data.index(b'{"i": 20') - MESSAGE_BYTES))
+    info = bag_info(path)
+    assert not info.healthy
+    assert not info.complete
+    report = recover(path, tmp_path / "saved")
+    assert sum(report.message_count.values()) == report.unverified_count == saved
+    assert [m.value["i"] for m in read(tmp_path / "saved")] == [i for i in range(50) if i != 20][:saved]
+
+
+@pytest.mark.parametrize("layout", ["no chunks", "chunks"])
+@pytest.mark.parametrize(
+    ("sequences", "numbered", "repeated", "lost"),
+    [
+        ([0] * 20, (False, False), 0, 0),
+        ([*range(10)] * 2, (True, True), 0, 0),
+        ([*range(10), *[0] * 10], (True, False), 0, 0),
+        ([*range(10), *range(5), *range(4, 8), 9], (True, True), 1, 1),
+        ([*[0] * 10, *[0] * 9, 4], (False, True), 8, 3),
+    ],
+)
+def test_a_sequence_of_0_throughout_is_none(
+    layout: str,
+    sequences: list[int],
+    numbered: tuple[bool, bool],
+    repeated: int,
+    lost: int,
+    tmp_path: Path,
+) -> None:
+    found = bag_info(foreign_file(tmp_path / "other.mcap", layout, sequences))
+    assert tuple(topic.numbered for topic in found.topics.values()) == numbered
+    assert sum(topic.repeated for topic in found.topics.values()) == repeated
+    assert sum(topic.lost for topic in found.topics.values()) == lost
+    assert found.message_count == 20 - repeated
+
+
+@pytest.mark.parametrize(
+    ("log_ms", "publish_ms", "count", "back_s"),
+    [
+        ([0, 10, 20, 30], [0, 10, 20, 30], 0, 0.0),
+        ([0, 10, 10, 30], [0, 9, 9, 30], 0, 0.0),
+        ([0, 10_000, 20, 30, 5], [0, 10, 20, 30, 40], 2, 9.98),  # the recorder's clock
+        ([0, 10, 20, 30], [5000, 5010, 3, 13], 1, 5.007),  # the publisher's
+    ],
+)
+def test_a_clock_that_goes_back_is_reported(
+    log_ms: list[int], publish_ms: list[int], count: int, back_s: float, tmp_path: Path
+) -> None:
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start("", "other")
+        channels = [writer.register_channel(name, "json", 0) for name in ("/a", "/b")]
+        for sequence, (log, publish) in enumerate(zip(log_ms, publish_ms, strict=True)):
+            writer.add_message(channels[0], log * 10**6, b"{}", publish * 10**6, sequence)
+            writer.add_message(channels[1], 10**12 + sequence, b"{}", 0, sequence)  # of another time base
+        writer.finish()  # type: ignore[no-untyped-call]
+    topics = bag_info(path).topics
+    assert (topics["/a"].backward_count, topics["/a"].backward_s) == (count, pytest.approx(back_s))
+    assert topics["/b"].backward_count == 0
 
 
 def test_memory_stays_flat(tmp_path: Path, kit: Any) -> None:

@@ -15,6 +15,7 @@ from palp_core.cli.bag.replay import replay
 from palp_core.cli.bag.topics import check_topics
 from palp_core.cli.options import ExcludeRegexOption, JsonOption, RegexOption
 from palp_core.cli.output import print_json, print_text
+from palp_core.counted import counted
 
 if TYPE_CHECKING:
     from palp_core.graph.bag.info import BagInfo
@@ -51,16 +52,16 @@ def list_bags(
     folder: Annotated[Path, typer.Argument(help="Where to look.")] = Path(), *, as_json: JsonOption = False
 ) -> None:
     """List the bags in a folder."""
-    bags = [
-        {"name": str(path), "files": len(files), "size_bytes": sum(file.stat().st_size for file in files)}
+    sizes = {
+        str(path): [file.stat().st_size for file in files]
         for path in sorted(folder.iterdir() if folder.is_dir() else [])
         if (files := sorted(path.glob("*.mcap")) if path.is_dir() else [path] * (path.suffix == ".mcap"))
-    ]
+    }
     if as_json:
-        print_json(bags)
+        print_json([{"name": name, "files": len(of), "size_bytes": sum(of)} for name, of in sizes.items()])
     else:
-        for entry in bags:
-            print_text(f"{entry['name']}  {entry['files']} files  {_size(int(str(entry['size_bytes'])))}")
+        for name, of in sizes.items():
+            print_text(f"{name}  {counted(len(of), 'file')}  {_size(sum(of))}")
 
 
 @app.command("recover")
@@ -102,7 +103,7 @@ def filter_(
     count = filter_bag(
         bag, out, select=select, start_ns=_ns(start), end_ns=_ns(end), compression=compression.value
     )
-    print_text(f"{count} messages")
+    print_text(counted(count, "message"))
 
 
 @app.command("merge")
@@ -115,7 +116,7 @@ def merge(
     """Merge bags into a new one, by time."""
     from palp_core.graph.bag.edit import merge_bags
 
-    print_text(f"{merge_bags(bags, out, compression.value)} messages")
+    print_text(counted(merge_bags(bags, out, compression.value), "message"))
 
 
 @app.command("split")
@@ -139,7 +140,7 @@ def split(
         max_duration_ns=_ns(max_bag_duration) or 0,
         compression=compression.value,
     )
-    print_text(f"{count} messages in {len(list(out.glob('*.mcap')))} files")
+    print_text(f"{counted(count, 'message')} in {counted(len(list(out.glob('*.mcap'))), 'file')}")
 
 
 app.command("convert")(convert_bag)
@@ -218,23 +219,28 @@ def _size(count: int) -> str:
 
 def _info_text(found: BagInfo) -> str:
     lines = [
-        f"{found.path}: {len(found.files)} files, {_size(found.size_bytes)}, "
-        f"{found.message_count} messages, {found.duration_s:.3f} s from {found.start_s:.3f} s"
+        f"{found.path}: {counted(len(found.files), 'file')}, {_size(found.size_bytes)}, "
+        f"{counted(found.message_count, 'message')}, {found.duration_s:.3f} s from {found.start_s:.3f} s"
     ]
     width = max((len(name) for name in found.topics), default=0)
     for name, topic in found.topics.items():
-        restarts = f", {topic.epochs - 1} restarts" if topic.epochs > 1 else ""
+        restarts = f", {counted(topic.epochs - 1, 'restart')}" if topic.epochs > 1 else ""
         repeated = f", {topic.repeated} repeated" if topic.repeated else ""
         lost = f", {topic.lost} MISSING" if topic.lost else ""
         lines.append(
             f"  {name:<{width}}  {topic.count:>8}  {topic.rate_hz:10.2f} Hz  {topic.type}"
             f"{restarts}{repeated}{lost}"
         )
+        if topic.backward_count:
+            times = counted(topic.backward_count, "time")
+            lines.append(f"    its clock goes back {times}, by {topic.backward_s:.6g} s at most")
         lines += [f"    missing {g.first}..{g.last} of epoch {g.epoch}" for g in topic.gaps[:5]]
         if len(topic.gaps) > 5:
-            lines.append(f"    and {len(topic.gaps) - 5} more gaps")
+            lines.append(f"    and {counted(len(topic.gaps) - 5, 'more gap')}")
     lines += [f"  {name} {version}" for name, version in found.versions.items()]
     lines += [f"problem: {problem}" for problem in found.problems]
+    if bare := [name for name, topic in found.topics.items() if topic.count and not topic.numbered]:
+        lines.append(f"no sequence numbers, so lost messages do not show: {', '.join(bare)}")
     if not found.accounted:
         lines.append("without the recorder's account: what was lost after the last message does not show")
     lines.append("complete" if found.complete else "NOT complete")

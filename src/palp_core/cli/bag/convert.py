@@ -8,6 +8,7 @@ import typer
 
 from palp_core.cli.options import ExcludeRegexOption, RegexOption
 from palp_core.cli.output import print_text
+from palp_core.counted import counted
 from palp_core.errors import BagError
 from palp_core.graph.bag.convert import BagForm, convert
 
@@ -63,7 +64,7 @@ def convert_bag(
     else:
         assert to is not None
         count = convert(bag, out, to)
-    print_text(f"{count} messages")
+    print_text(counted(count, "message"))
 
 
 def _by_map(bag: Path, out: Path, types: str) -> int:

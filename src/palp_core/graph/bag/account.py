@@ -35,6 +35,11 @@ class EpochAccount:
         self.repeated = 0
         self._gaps: list[tuple[int, int]] = []
 
+    @property
+    def numbered(self) -> bool:
+        """Whether its messages have sequences; other programs write 0 throughout where they assign none."""
+        return self.next != 1
+
     def add(self, sequence: int) -> None:
         """Take a message into account."""
         if self.next is None or sequence == self.next:
@@ -101,14 +106,19 @@ class TopicAccount:
         return account
 
     @property
+    def numbered(self) -> bool:
+        """Whether sequences are assigned, in every epoch."""
+        return all(account.numbered for account in self.epochs.values())
+
+    @property
     def count(self) -> int:
-        """Messages seen, each once."""
-        return sum(account.count for account in self.epochs.values())
+        """Messages seen, each once; without sequences, all of them."""
+        return sum(a.count + (0 if a.numbered else a.repeated) for a in self.epochs.values())
 
     @property
     def repeated(self) -> int:
-        """Messages seen more than once."""
-        return sum(account.repeated for account in self.epochs.values())
+        """Messages seen more than once; without sequences, this does not show."""
+        return sum(a.repeated for a in self.epochs.values() if a.numbered)
 
     @property
     def gaps(self) -> list[Gap]:

@@ -21,6 +21,9 @@ class TopicReport(msgspec.Struct, kw_only=True):
     Attributes:
         count: Messages in the bag, each once.
         rate_hz: Messages per second of publish time; 0 where there are fewer than two.
+        numbered: Its messages have sequences; without them, losses and repeats do not show.
+        backward_count: How often its log or publish time goes back from one message to the next.
+        backward_s: The longest way back.
         lost: Messages that are missing: in gaps, and what the recorder knows to be missing beyond them.
         epochs: Runs of its publisher: 1 more than its restarts.
         gaps: What is missing, by sequence and epoch.
@@ -31,6 +34,9 @@ class TopicReport(msgspec.Struct, kw_only=True):
     encoding: str
     count: int
     rate_hz: float
+    numbered: bool
+    backward_count: int
+    backward_s: float
     lost: int
     repeated: int
     epochs: int
@@ -71,11 +77,18 @@ class _TopicTally:
         self.account = TopicAccount()
         self.count = 0
         self.first_ns = self.last_ns = 0
+        self._before_ns = (0, 0)
+        self._backward_count = self._backward_ns = 0
 
     def add(self, message: RecordedMessage) -> None:
         """Count a message; of its stream, the latest counts."""
         self.topic, self.encoding = message.stream.topic, message.stream.encoding
         self.account.epoch(message.stream.epoch).add(message.sequence)
+        back_ns = max(self._before_ns[0] - message.log_ns, self._before_ns[1] - message.publish_ns)
+        if back_ns > 0:
+            self._backward_count += 1
+            self._backward_ns = max(self._backward_ns, back_ns)
+        self._before_ns = (message.log_ns, message.publish_ns)
         stamp_ns = message.publish_ns
         self.first_ns = min(self.first_ns, stamp_ns) if self.count else stamp_ns
         self.last_ns = max(self.last_ns, stamp_ns)
@@ -93,6 +106,9 @@ class _TopicTally:
             encoding=self.encoding,
             count=self.account.count,
             rate_hz=(self.count - 1) * 1e9 / span_ns if self.count > 1 and span_ns > 0 else 0.0,
+            numbered=self.account.numbered,
+            backward_count=self._backward_count,
+            backward_s=self._backward_ns / 1e9,
             lost=lost,
             repeated=self.account.repeated,
             epochs=len(self.account.epochs),

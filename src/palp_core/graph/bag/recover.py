@@ -1,9 +1,11 @@
 """Save what is intact of a damaged bag into a new one."""
 
+import shutil
 from pathlib import Path
 
 import msgspec
 
+from palp_core.counted import counted
 from palp_core.errors import BagError
 from palp_core.graph.bag.account import TopicAccount
 from palp_core.graph.bag.mcap.chunk import RawMessage
@@ -20,8 +22,8 @@ class RecoverReport(msgspec.Struct, kw_only=True):
 
     Attributes:
         message_count: Messages saved, per topic.
-        unverified_count: Of them, those for which no CRC vouches: from a chunk that the file's end cuts off
-            (the last ones), or from one that another program wrote without a CRC.
+        unverified_count: Of them, those that no CRC covers: from a chunk that the file's end cuts off (the
+            last ones), or, of another program, from a chunk without a CRC or outside any chunk.
         unchecked_chunk_count: Chunks without a CRC, of those counted as intact.
         gaps: Messages that are missing between saved ones, per topic.
         orphan_count: Messages whose topic is no longer known; they are not saved.
@@ -39,23 +41,28 @@ class RecoverReport(msgspec.Struct, kw_only=True):
 
     def text(self) -> str:
         """Say it in words."""
-        lines = [
-            f"{sum(self.message_count.values())} messages saved from {self.chunk_count} intact chunks; "
-            f"{self.damaged_chunk_count} damaged chunks, {self.damaged_bytes} damaged bytes"
-        ]
+        lines = [f"{counted(sum(self.message_count.values()), 'message')} saved; {self.damage()}"]
         if self.unverified_count:
-            lines.append(
-                f"no CRC vouches for {self.unverified_count} of them, from a torn chunk or from "
-                f"{self.unchecked_chunk_count} chunks that have none: they may be wrong"
-            )
-        if self.orphan_count:
-            lines.append(f"{self.orphan_count} messages of unknown topics are not saved")
+            lines.append(f"no CRC covers {self.unverified_count} of them: they may be wrong")
         lines += [f"{name}: {lost} missing in between" for name, lost in self.gaps.items() if lost]
         return "\n".join(lines)
+
+    def damage(self) -> str:
+        """Return what is intact and what is not."""
+        parts = [
+            counted(self.chunk_count, "intact chunk"),
+            counted(self.damaged_chunk_count, "damaged chunk"),
+            counted(self.damaged_bytes, "damaged byte"),
+        ]
+        if self.orphan_count:
+            parts.append(f"{counted(self.orphan_count, 'message')} of unknown topics not saved")
+        return ", ".join(parts)
 
 
 def recover(bag: str | Path, out: str | Path, compression: Compression = "zstd") -> RecoverReport:
     """Write everything intact of a bag into a new bag; a bag that is whole comes out whole.
+
+    Nothing is left of the new bag where nothing could be saved of a bag that has data.
 
     Args:
         bag: A bag's folder or one of its files, in whatever state.
@@ -63,22 +70,25 @@ def recover(bag: str | Path, out: str | Path, compression: Compression = "zstd")
         compression: Of the new bag.
 
     Raises:
-        BagError: No such bag, or the new one exists.
+        BagError: No such bag, the new one exists, or the bag has data and no message could be saved.
     """
     report = RecoverReport()
     accounts: dict[str, TopicAccount] = {}
     seen: set[tuple[str, int, int]] = set()
+    problems: list[str] = []
     path = Path(bag)
     files = [path] if path.is_file() else _files(path)
     with BagWriter(out, compression=compression) as writer:
         for place, file in enumerate(files):
             found = salvage(file)
             report.files.append(file.name)
-            report.chunk_count += len(found.chunks)
+            problems += [f"{file.name}: {problem}" for problem in found.problems]
+            chunks = [chunk for chunk in found.chunks if not chunk.bare]
+            report.chunk_count += len(chunks)
             report.damaged_chunk_count += found.damaged_chunk_count
             report.damaged_bytes += found.damaged_bytes
             saver = _Saver(writer, report, accounts, seen, found)
-            report.unchecked_chunk_count += len(found.unchecked)
+            report.unchecked_chunk_count += sum(chunk.offset in found.unchecked for chunk in chunks)
             for messages, checked in found.messages():
                 saved = saver.save(messages)
                 report.unverified_count += 0 if checked else saved
@@ -92,6 +102,9 @@ def recover(bag: str | Path, out: str | Path, compression: Compression = "zstd")
         report.gaps = {name: account.lost for name, account in sorted(accounts.items())}
         report.message_count = {name: account.count for name, account in sorted(accounts.items())}
         writer.attach("palp/recovered.json", msgspec.json.encode(report), "application/json")
+    if not report.message_count and (report.damaged_bytes or report.orphan_count):
+        shutil.rmtree(out)
+        raise BagError("; ".join([f"{bag}: no message could be saved: {report.damage()}", *problems]))
     return report
 
 

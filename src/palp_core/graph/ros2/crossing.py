@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palp_core.errors import BagError, GraphError, SchemaMismatch
+from palp_core.foreign import catch_foreign
 from palp_core.graph.bag.forms.ros2 import derived_type
 from palp_core.graph.bag.ros2.definitions import Definitions, json_schema
 from palp_core.graph.messages.schema_reader import JsonSchema, fields_of, has_elements, is_array, items_of
@@ -121,14 +122,12 @@ def _text_of(name: str, folders: Sequence[Path], ending: str = ".msg") -> str | 
 
 def _needed(name: str, text: str) -> list[str]:
     """Return the message types that a ``.msg`` text names."""
-    from rosbags.typesys import TypesysError, get_types_from_msg
+    from rosbags.typesys import get_types_from_msg
 
     from palp_core.graph.bag.ros2.definitions import field_types
 
-    try:
+    with catch_foreign(f"{name}: its definition cannot be read", GraphError):
         found = get_types_from_msg(text, name)
-    except (TypesysError, ValueError, AssertionError) as error:
-        raise GraphError(f"{name}: its definition cannot be read: {error}") from error
     return [kind.base for kind in field_types(found[name][1]).values() if kind.is_message]
 
 

@@ -244,6 +244,10 @@ def bag_troubles(info: BagInfo) -> list[Trouble]:
             gaps = ", ".join(f"{gap.first} to {gap.last}" for gap in topic.gaps[:5])
             missing = counted(topic.lost, "message is", "messages are")
             found.append(Trouble(name, WARN, f"{missing} missing ({gaps})", f"palp bag info {info.path}"))
+        if topic.backward_count:
+            times = counted(topic.backward_count, "time")
+            text = f"its clock goes back {times}, by {topic.backward_s:.6g} s at most"
+            found.append(Trouble(name, WARN, text, f"palp bag info {info.path}"))
     return found
 
 

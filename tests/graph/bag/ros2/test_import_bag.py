@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import resource
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.writer import Writer as FlatWriter
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -120,9 +122,60 @@ def test_a_file_is_a_bag_of_itself_and_topics_are_chosen(tmp_path: Path) -> None
     assert import_bag(source / "source.db3", tmp_path / "bag", select=lambda name: name != "/own") == 8
 
 
+def _spoken(name: str) -> Any:
+    """Return what names the storage of a rosbag2 otherwise, in its metadata."""
+
+    def spoil(source: Path) -> Path:
+        file = source / "metadata.yaml"
+        text, count = re.subn(r"storage_identifier: \S+", name, file.read_text())
+        assert count == 1
+        file.write_text(text)
+        return source
+
+    return spoil
+
+
+def _fast(source: Path) -> Path:
+    """Return a bag as ``ros2 bag record --storage-preset-profile fastwrite`` writes it: without chunks."""
+    with Reader(source) as bag, (source / "flat").open("wb") as file:
+        flat = FlatWriter(file, use_chunking=False, enable_crcs=False)
+        flat.start("ros2", "libmcap")
+        channels = {}
+        for one in bag.connections:
+            schema = flat.register_schema(one.msgtype, "ros2msg", one.msgdef.data.encode())
+            channels[one.id] = flat.register_channel(one.topic, "cdr", schema, {"offered_qos_profiles": ""})
+        for one, log_ns, data in bag.messages():
+            flat.add_message(channels[one.id], log_ns, data, log_ns)
+        flat.finish()  # type: ignore[no-untyped-call]
+    (source / "flat").replace(source / "source.mcap")
+    return source / "source.mcap"
+
+
+@pytest.mark.parametrize(
+    ("plugin", "change"),
+    [
+        (StoragePlugin.MCAP, _spoken("storage_identifier: ''")),
+        (StoragePlugin.SQLITE3, _spoken('storage_identifier: ""')),
+        (StoragePlugin.MCAP, _fast),
+    ],
+)
+def test_a_rosbag2_of_another_make_is_read(tmp_path: Path, plugin: StoragePlugin, change: Any) -> None:
+    source = change(recorded(tmp_path / "source", plugin, 4, CompressionMode.NONE))
+    assert import_bag(source, tmp_path / "bag") == 12
+    if plugin is StoragePlugin.MCAP:
+        assert bag_info(source).message_count == 12
+        assert not any(topic.repeated or topic.lost for topic in bag_info(source).topics.values())
+
+
 def _cut(source: Path) -> Path:
     file = source / "source.mcap"
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    return source
+
+
+def _not_utf_8(source: Path) -> Path:
+    file = source / "source.mcap"
+    file.write_bytes(file.read_bytes().replace("probe é".encode(), b"probe \xff\xff"))
     return source
 
 
@@ -137,6 +190,9 @@ def _unknown(source: Path) -> Path:
         (_cut, "cannot be read as a rosbag2"),
         (_unknown, r"no metadata.yaml is in it; give one of its files: source.mcap"),
         (lambda source: source / "none", "no such bag"),
+        (_spoken("storage_identifier: rocksdb"), "cannot be read as a rosbag2: ReaderError: .*'rocksdb'"),
+        (_spoken("other: ''"), "cannot be read as a rosbag2: ReaderError: .*'storage_identifier'"),
+        (_not_utf_8, "/torque, message 1 at [0-9]+ ns: no geometry_msgs/msg/WrenchStamped: SerdeError"),
     ],
 )
 def test_what_cannot_be_read_is_said_in_words(tmp_path: Path, spoil: Any, words: str) -> None:

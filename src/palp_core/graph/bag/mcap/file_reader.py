@@ -1,32 +1,53 @@
-"""Read one MCAP file: by its summary where that is whole, else by walking through its records.
+"""Read one MCAP file: by its summary where that is whole, then through the records that it leaves out.
 
 Nothing is believed unchecked: a summary and every chunk must match their CRC, and a chunk its entry in the
-summary. A file without summary (its writer was killed) is read as far as it goes.
+summary. A file without summary (its writer was killed) is read as far as it goes. Messages may be outside
+chunks, as rosbag2's ``fastwrite`` puts them.
 """
 
 import struct
 import zlib
 from collections.abc import Callable, Container, Iterator
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 from palp_core.errors import BagDamaged, BagError
 from palp_core.graph.bag.mcap import records
-from palp_core.graph.bag.mcap.chunk import RawMessage, made_by_palp, open_chunk, split_chunk
+from palp_core.graph.bag.mcap.chunk import DEFINITIONS, RawMessage, made_by_palp, open_chunk, split_chunk
 from palp_core.graph.bag.mcap.index_records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 
 T = TypeVar("T", records.Attachment, records.Metadata)
 _FOOTER_BYTES = records.RECORD_BYTES + 20
 _PEEK_BYTES = records.RECORD_BYTES + 6
+_STRETCH_BYTES = 1 << 20
 
 
 class ChunkPlace(NamedTuple):
-    """Where a chunk's record is; ``entry`` is what the summary says of it, if there is one."""
+    """Where a chunk's record is, or a stretch of messages outside chunks.
+
+    Attributes:
+        entry: What the summary says of the chunk, if there is one.
+        bare: There is no chunk around these records.
+    """
 
     offset: int
     length: int
-    entry: ChunkIndex | None
+    entry: ChunkIndex | None = None
+    bare: bool = False
+
+    def open(self, data: bytes, *, has_crc: bool) -> bytes:
+        """Return the records of the chunk or the stretch, given all its bytes; errors as of `open_chunk`."""
+        return data if self.bare else open_chunk(data, self.entry, has_crc=has_crc)
+
+
+def extend_places(places: list[ChunkPlace], offset: int, length: int) -> None:
+    """Add a message outside chunks, to the last stretch if it follows it and there is room."""
+    last = places[-1] if places else None
+    if last and last.bare and last.offset + last.length == offset and last.length < _STRETCH_BYTES:
+        places[-1] = last._replace(length=last.length + length)
+    else:
+        places.append(ChunkPlace(offset, length, bare=True))
 
 
 class FileReader(AbstractContextManager["FileReader"]):
@@ -39,11 +60,11 @@ class FileReader(AbstractContextManager["FileReader"]):
         closed: It has a whole summary: its writer came to its end.
         schemas, channels: Definitions known so far; all of them if ``closed``.
         statistics: Counts of the whole file, if ``closed`` and written.
-        chunks: Every chunk found, in file order.
+        chunks: Every chunk found, and every stretch of messages outside chunks, in file order.
         problems: What is wrong with the file, in words.
 
     Raises:
-        BagError: No such file, or one that another tool wrote without chunks.
+        BagError: No such file.
         BagDamaged: Not an MCAP file.
     """
 
@@ -71,8 +92,12 @@ class FileReader(AbstractContextManager["FileReader"]):
                 self.closed = self._read_summary()
             except (ValueError, struct.error) as error:
                 self.problems.append(f"the summary is damaged: {error}")
-            if not self.closed:
-                self._scan()
+            if self.closed:
+                self._find_definitions()
+            else:
+                self.chunks, self._attachments, self._metadata = [], [], []
+                self.schemas, self.channels, self.statistics = {}, {}, None
+                self._walk(len(records.MAGIC), self.size)
         except BaseException:
             self._file.close()
             raise
@@ -120,10 +145,8 @@ class FileReader(AbstractContextManager["FileReader"]):
             BagDamaged: It is not what was written.
         """
         try:
-            return split_chunk(
-                open_chunk(self._read_at(place.offset, place.length), place.entry, has_crc=self._has_crcs),
-                self._define,
-            )
+            data = self._read_at(place.offset, place.length)
+            return split_chunk(place.open(data, has_crc=self._has_crcs), self._define)
         except (ValueError, struct.error) as error:
             raise BagDamaged(self.path, place.offset, f"a chunk is damaged: {error}") from error
 
@@ -192,35 +215,49 @@ class FileReader(AbstractContextManager["FileReader"]):
         summary = memoryview(self._read_at(start, end - start))
         if crc and zlib.crc32(footer[: _FOOTER_BYTES - 4], zlib.crc32(summary)) != crc:
             raise ValueError("its CRC does not match")
+        known: list[tuple[int, int]] = [(start, self.size)]
         offset = 0
         while offset < len(summary):
             op, length = records.RECORD.unpack_from(summary, offset)
             content = summary[offset + records.RECORD_BYTES : offset + records.RECORD_BYTES + length]
             offset += records.RECORD_BYTES + length
-            if op in (records.Op.SCHEMA, records.Op.CHANNEL):
+            if op in DEFINITIONS:
                 self._define(op, content)
             elif op == records.Op.STATISTICS:
                 self.statistics = Statistics.parse(content)
             elif op == records.Op.CHUNK_INDEX:
                 index = ChunkIndex.parse(content)
                 self.chunks.append(ChunkPlace(index.offset, index.length, index))
+                known.append((index.offset, index.offset + index.length + index.index_bytes))
             elif op == records.Op.ATTACHMENT_INDEX:
                 attachment = AttachmentIndex.parse(content)
                 self._attachments.append((attachment.offset, attachment.length))
+                known.append((attachment.offset, attachment.offset + attachment.length))
             elif op == records.Op.METADATA_INDEX:
                 metadata = MetadataIndex.parse(content)
                 self._metadata.append((metadata.offset, metadata.length))
+                known.append((metadata.offset, metadata.offset + metadata.length))
+        end = len(records.MAGIC)
+        for begin, known_end in sorted(known):
+            self._walk(end, begin)
+            end = known_end
         self.chunks.sort(key=lambda place: place.offset)
-        if not self.chunks and self.statistics is not None and any(self.statistics.counts.values()):
-            raise BagError(f"{self.path}: written without chunks; make them with `mcap sort` first")
         return True
 
-    def _scan(self) -> None:
-        """Find the chunks, attachments and metadata without a summary."""
-        self.chunks, self._attachments, self._metadata = [], [], []
-        self.schemas, self.channels, self.statistics = {}, {}, None
-        offset = len(records.MAGIC)
-        while offset < self.size:
+    def _find_definitions(self) -> None:
+        """Read chunks until every channel is defined: a summary need not repeat the definitions."""
+        wanted = {channel for place in self.chunks if place.entry for channel in place.entry.channels}
+        if self.statistics is not None:
+            wanted |= self.statistics.counts.keys()
+        for place in self.chunks:
+            listed = place.bare or place.entry or self.statistics
+            if not (listed and wanted <= self.channels.keys()):
+                with suppress(BagDamaged):  # reading the messages raises it
+                    self.read_chunk(place)
+
+    def _walk(self, offset: int, end: int) -> None:
+        """Go from record to record; note chunks, attachments, metadata, and what is outside chunks."""
+        while offset < end:
             head = self._read_at(offset, _PEEK_BYTES)
             if len(head) < records.RECORD_BYTES:
                 return self._note_damage(offset, "the file ends amid a record")
@@ -230,28 +267,33 @@ class FileReader(AbstractContextManager["FileReader"]):
                 op == 0
                 or op > records.Op.DATA_END
                 or (offset == len(records.MAGIC)) != (op == records.Op.HEADER)
+                or (op == records.Op.MESSAGE and self._has_crcs)  # palp writes none outside chunks
             ):
                 return self._note_damage(offset, "no record begins here")
-            if offset + size > self.size:
+            if offset + size > end:
                 return self._note_damage(offset, "the file ends amid a record")
             if op == records.Op.CHUNK:
-                self.chunks.append(ChunkPlace(offset, size, None))
+                self.chunks.append(ChunkPlace(offset, size))
+            elif op == records.Op.MESSAGE:
+                extend_places(self.chunks, offset, size)
+            elif op in DEFINITIONS and not self._has_crcs:
+                try:
+                    self._define(op, memoryview(self._read_at(offset, size))[records.RECORD_BYTES :])
+                except ValueError as error:
+                    return self._note_damage(offset, str(error))
             elif op == records.Op.ATTACHMENT:
                 self._attachments.append((offset, size))
             elif op == records.Op.METADATA:
                 self._metadata.append((offset, size))
             elif op == records.Op.MESSAGE_INDEX and head[11:15] != struct.pack("<I", max(length - 6, 0)):
                 return self._note_damage(offset, "a message index is damaged")
-            elif op == records.Op.MESSAGE:
-                raise BagError(
-                    f"{self.path}: a message outside any chunk; make chunks with `mcap sort` first"
-                )
             elif op == records.Op.DATA_END:
-                if not self.problems:
+                if end == self.size and not self.problems:
                     self.problems.append("the summary is missing")
                 return None
             offset += size
-        self.problems.append("it was not closed: its writer ended without warning")
+        if end == self.size:
+            self.problems.append("it was not closed: its writer ended without warning")
         return None
 
     def _note_damage(self, offset: int, why: str) -> None:

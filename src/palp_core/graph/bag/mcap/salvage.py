@@ -1,4 +1,4 @@
-"""Find every intact chunk of a damaged file, whatever is broken around it."""
+"""Find every intact chunk of a damaged file, and messages outside chunks, whatever is broken around them."""
 
 import mmap
 import re
@@ -8,50 +8,62 @@ from pathlib import Path
 
 import msgspec
 
-from palp_core.errors import BagError
+from palp_core.errors import BagDamaged, BagError
 from palp_core.graph.bag.mcap import records
-from palp_core.graph.bag.mcap.chunk import RawMessage, made_by_palp, open_chunk, read_chunk_head, split_chunk
-from palp_core.graph.bag.mcap.file_reader import FileReader
+from palp_core.graph.bag.mcap.chunk import (
+    DEFINITIONS,
+    RawMessage,
+    made_by_palp,
+    open_chunk,
+    read_chunk_head,
+    split_chunk,
+)
+from palp_core.graph.bag.mcap.file_reader import ChunkPlace, FileReader, extend_places
 
 _CHUNK = re.compile(
     rb"\x06.{5}\x00{3}.{28}(?:\x04\x00{3}zstd|\x03\x00{3}lz4|\x00{4})",
     re.DOTALL,
 )
 """How a chunk begins: opcode, a length below 2**40, times, size, CRC, the name of a compression."""
+_MESSAGE = re.compile(rb"\x05.{5}\x00{3}", re.DOTALL)
+"""How a message begins: opcode, a length below 2**40."""
 
 
 class Salvage(msgspec.Struct, kw_only=True):
     """What is intact in a file.
 
     Attributes:
-        chunks: Offset and length of every chunk whose CRC matches, or that has none.
-        unchecked: Offsets of those that have none: whether they are what was written, nothing tells.
+        chunks: Every chunk whose CRC matches, or that has none, and every stretch of messages outside chunks.
+        unchecked: Offsets of those that no CRC covers.
         torn: Offset of a last chunk that the file's end cuts off and that is not compressed, or -1.
         damaged_chunk_count: Chunks that are not what was written.
         damaged_bytes: Bytes that belong to nothing intact.
+        problems: What is wrong with the file, as far as opening it shows.
     """
 
     path: Path
-    chunks: list[tuple[int, int]] = []
+    chunks: list[ChunkPlace] = []
     unchecked: set[int] = set()
     has_crcs: bool = False
     torn: int = -1
     damaged_chunk_count: int = 0
     damaged_bytes: int = 0
+    problems: list[str] = []
     schemas: dict[int, records.SchemaRecord] = {}
     channels: dict[int, records.ChannelRecord] = {}
     attachments: dict[str, records.Attachment] = {}
     metadata: dict[str, records.Metadata] = {}
 
     def messages(self) -> Iterator[tuple[list[RawMessage], bool]]:
-        """Iterate the messages of the intact chunks, in file order, and whether a CRC vouches for them."""
+        """Iterate the intact messages in file order, stretch by stretch, and whether a CRC covers them."""
         with self.path.open("rb") as file:
-            for offset, length in self.chunks:
-                file.seek(offset)
-                yield split_chunk(open_chunk(file.read(length)), _ignore), offset not in self.unchecked
+            for place in self.chunks:
+                file.seek(place.offset)
+                data = place.open(file.read(place.length), has_crc=self.has_crcs)
+                yield split_chunk(data, _ignore), place.offset not in self.unchecked
 
     def torn_messages(self) -> list[RawMessage]:
-        """Return the whole messages of the chunk that is cut off; no CRC vouches for them."""
+        """Return the whole messages of the chunk that is cut off; no CRC covers them."""
         if self.torn < 0:
             return []
         with self.path.open("rb") as file:
@@ -104,15 +116,17 @@ def _by_summary(found: Salvage, path: Path, data: mmap.mmap) -> int | None:
     """Take what an intact summary names; return the intact bytes, or None if there is no such summary."""
     try:
         reader = FileReader(path)
-    except BagError:
+    except BagDamaged:
+        found.problems = ["not an MCAP file"]
         return None
     with reader:
-        if not reader.closed:
+        if reader.problems:
+            found.problems = reader.problems
             return None
         found.schemas, found.channels = dict(reader.schemas), dict(reader.channels)
         broken = 0
         for place in reader.chunks:
-            if not _take_chunk(found, data, place.offset, place.length):
+            if not _take_place(found, data, place):
                 found.damaged_chunk_count += 1
                 broken += place.length
         for offset, length in reader.extras:
@@ -125,20 +139,27 @@ def _by_search(found: Salvage, data: mmap.mmap) -> int:
     """Walk from record to record, search where none begins; return the intact bytes."""
     offset = len(records.MAGIC) if data[: len(records.MAGIC)] == records.MAGIC else 0
     intact = offset + (len(records.MAGIC) if data[-len(records.MAGIC) :] == records.MAGIC else 0)
-    doubt = offset  # behind the last thing that a CRC vouches for
+    doubt = offset  # behind the last thing that a CRC or what follows it confirms
     while True:
         length = _record_length(data, offset)
         if length is None:
             if _is_torn(data, offset):
                 found.torn = offset
-            offset = _next_chunk(data, doubt, has_crc=found.has_crcs)
+            offset = _next_start(found, data, doubt)
             length = _record_length(data, offset)
             if length is None:
                 return intact
         op = data[offset]
         if op == records.Op.CHUNK:
-            good = proven = _take_chunk(found, data, offset, length)
+            good = proven = _take_place(found, data, ChunkPlace(offset, length))
             found.damaged_chunk_count += not good
+        elif op == records.Op.MESSAGE:
+            good = proven = _is_message(found, data, offset, length)
+            if good:
+                extend_places(found.chunks, offset, length)
+                found.unchecked.add(found.chunks[-1].offset)
+        elif op in DEFINITIONS and not found.has_crcs:
+            good = proven = _take_definition(found, data, offset, length)
         else:
             proven = op == records.Op.ATTACHMENT and _take_extra(found, data, offset, length)
             good = (
@@ -153,17 +174,35 @@ def _by_search(found: Salvage, data: mmap.mmap) -> int:
         offset += length
 
 
-def _next_chunk(data: mmap.mmap, start: int, *, has_crc: bool) -> int:
-    """Return where the next intact chunk begins, or -1."""
+def _next_start(found: Salvage, data: mmap.mmap, start: int) -> int:
+    """Return where the next intact chunk begins, or the next message where there are no chunks; else -1."""
     for match in _CHUNK.finditer(data, start):
         length = _record_length(data, match.start())
         if length is not None:
             try:
-                open_chunk(data[match.start() : match.start() + length], has_crc=has_crc)
+                open_chunk(data[match.start() : match.start() + length], has_crc=found.has_crcs)
             except (ValueError, struct.error):
                 continue
             return match.start()
+    if found.torn >= 0 or not all(place.bare for place in found.chunks):
+        return -1  # what looks like a message is in a damaged chunk
+    for match in _MESSAGE.finditer(data, start):
+        length = _record_length(data, match.start())
+        if length is not None and _is_message(found, data, match.start(), length):
+            return match.start()
     return -1
+
+
+def _is_message(found: Salvage, data: mmap.mmap, offset: int, length: int) -> bool:
+    """Say whether a record is a message of a known channel, and another record, or the end, follows it."""
+    if found.has_crcs or length < records.MESSAGE_BYTES:  # palp writes none outside chunks
+        return False
+    channel = int(records.MESSAGE.unpack_from(data, offset)[2])
+    end = offset + length
+    if channel not in found.channels or end + records.RECORD_BYTES > len(data):
+        return channel in found.channels
+    op, next_length = records.RECORD.unpack_from(data, end)
+    return bool(op <= records.Op.DATA_END and next_length < 1 << 40)
 
 
 def _record_length(data: mmap.mmap, offset: int) -> int | None:
@@ -175,17 +214,25 @@ def _record_length(data: mmap.mmap, offset: int) -> int | None:
     return whole if 0 < op <= records.Op.DATA_END and offset + whole <= len(data) else None
 
 
-def _take_chunk(found: Salvage, data: mmap.mmap, offset: int, length: int) -> bool:
+def _take_place(found: Salvage, data: mmap.mmap, place: ChunkPlace) -> bool:
     schemas, channels = dict(found.schemas), dict(found.channels)
     try:
-        chunk = data[offset : offset + length]
-        split_chunk(open_chunk(chunk, has_crc=found.has_crcs), found.define)
+        chunk = data[place.offset : place.offset + place.length]
+        split_chunk(place.open(chunk, has_crc=found.has_crcs), found.define)
     except (ValueError, struct.error):
         found.schemas, found.channels = schemas, channels
         return False
-    found.chunks.append((offset, length))
-    if not found.has_crcs and not read_chunk_head(chunk)[3]:
-        found.unchecked.add(offset)
+    found.chunks.append(place)
+    if place.bare or not (found.has_crcs or read_chunk_head(chunk)[3]):
+        found.unchecked.add(place.offset)
+    return True
+
+
+def _take_definition(found: Salvage, data: mmap.mmap, offset: int, length: int) -> bool:
+    try:
+        found.define(data[offset], memoryview(data[offset + records.RECORD_BYTES : offset + length]))
+    except ValueError:
+        return False
     return True
 
 

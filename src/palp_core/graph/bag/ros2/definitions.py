@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from palp_core.errors import BagError
 from palp_core.extras import install_line
+from palp_core.foreign import catch_foreign
 from palp_core.graph.messages.schema_reader import FLOAT64_DTYPE
 
 ROS2_KEY = "x-ros2"
@@ -92,14 +93,12 @@ class Definitions:
         Raises:
             BagError: A text cannot be read, or says something else of a type that is known.
         """
-        from rosbags.typesys import TypesysError, get_types_from_msg
+        from rosbags.typesys import get_types_from_msg
 
         found: dict[str, Any] = {}
         for name, text in texts.items():
-            try:
+            with catch_foreign(f"{name}: its definition cannot be read", BagError):
                 found |= get_types_from_msg(text, name)
-            except (TypesysError, ValueError, AssertionError) as error:
-                raise BagError(f"{name}: its definition cannot be read: {error}") from error
         self.take(found)
 
     def take(self, found: Mapping[str, Any]) -> None:
@@ -108,16 +107,12 @@ class Definitions:
         Raises:
             BagError: Something else is known of one of them.
         """
-        from rosbags.typesys import TypesysError
-
         new = {name: described for name, described in found.items() if name not in self}
         for name, described in found.items():
             if name in self and self.store.fielddefs[name][1] != described[1]:
                 raise BagError(f"two different messages are called {name}")
-        try:
+        with catch_foreign("a message's definition cannot be taken", BagError):
             self.store.register(new)
-        except TypesysError as error:
-            raise BagError(f"a message's definition cannot be taken: {error}") from error
 
     def text(self, name: str) -> str:
         """Return the ``.msg`` text of a type and of all that it needs, as ROS 2's bags have it."""

@@ -16,12 +16,14 @@ import msgspec
 
 from palp_core.errors import BagError
 from palp_core.extras import install_line
+from palp_core.foreign import catch_foreign, describe_foreign
 from palp_core.graph.bag.ros2.definitions import ROS2_KEY, Definitions, empty, json_schema, standard
 from palp_core.graph.bag.ros2.values import ToMap, reader
 from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.topic import Topic
 
+_STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
 RATHER = "leave it out with -x REGEX"
 
 
@@ -92,7 +94,7 @@ def _copy(bag: Path, source: Any, chosen: list[Any], definitions: Definitions, w
 
 
 def _messages(bag: Path, source: Any, chosen: list[Any]) -> Iterator[tuple[Any, int, bytes]]:
-    """Yield what the chosen topics carry; what rosbags finds wrong meanwhile is said in words."""
+    """Yield what the chosen topics carry; what rosbags finds wrong meanwhile becomes a BagError."""
     if not chosen:
         return
     try:
@@ -100,7 +102,9 @@ def _messages(bag: Path, source: Any, chosen: list[Any]) -> Iterator[tuple[Any, 
     except BagError:
         raise
     except Exception as error:  # rosbags' storages each have their own
-        raise BagError(f"{bag} is damaged: {_words(error)}; `ros2 bag reindex` may save it") from error
+        raise BagError(
+            f"{bag} cannot be read on: {describe_foreign(error)}; try `ros2 bag reindex` or `mcap sort`"
+        ) from error
 
 
 def _way(connection: Any, definitions: Definitions, writer: BagWriter) -> _Way:
@@ -170,16 +174,14 @@ def _define(found: Definitions, known: Definitions, connection: Any) -> None:
 
 def _idl_types(text: str) -> dict[str, Any]:
     """Return the types of IDL text; several are apart as in MCAP files."""
-    from rosbags.typesys import TypesysError, get_types_from_idl
+    from rosbags.typesys import get_types_from_idl
 
     found: dict[str, Any] = {}
     line = "=" * 80 + "\n"
     parts = [part.partition("\n")[2] for part in text.split(line)[1:]] if text.startswith(line) else [text]
     for part in parts:
-        try:
+        with catch_foreign("its definition cannot be read", BagError):
             found |= get_types_from_idl(part)
-        except (TypesysError, ValueError, AssertionError) as error:
-            raise BagError(f"its definition cannot be read: {error}") from error
     return found
 
 
@@ -197,19 +199,23 @@ def _opened(bag: Path) -> Iterator[Any]:
     if not bag.exists():
         raise BagError(f"{bag}: no such bag; give a rosbag2's folder, an .mcap or a .db3 file")
     if bag.is_dir() and not (bag / "metadata.yaml").exists():
-        held = sorted(path.name for path in bag.iterdir() if path.suffix in (".mcap", ".db3"))
+        held = sorted(path.name for path in bag.iterdir() if path.suffix in _STORAGES)
         advice = f"give one of its files: {', '.join(held[:3])}" if held else "give a rosbag2's folder"
         raise BagError(f"{bag}: no metadata.yaml is in it; {advice}")
-    try:
+    with catch_foreign(f"{bag} cannot be read as a rosbag2", BagError):
         source = Reader(bag)
+        if bag.is_dir():
+            _take_empty_identifier(bag, source.storage)
         source.open()
-    except Exception as error:  # rosbags' storages each have their own
-        raise BagError(f"{bag} cannot be read as a rosbag2: {_words(error)}") from error
     try:
         yield source
     finally:
         source.close()
 
 
-def _words(error: Exception) -> str:
-    return " ".join(str(error).split()) or type(error).__name__
+def _take_empty_identifier(bag: Path, storage: Any) -> None:
+    """Let the files' names tell how they are stored where ``storage_identifier`` is empty."""
+    suffixes = {suffix for path in bag.iterdir() for suffix in path.suffixes if suffix in _STORAGES}
+    if len(suffixes) == 1:
+        plugin = storage.STORAGE_PLUGINS[_STORAGES[suffixes.pop()]]
+        storage.STORAGE_PLUGINS = {**storage.STORAGE_PLUGINS, "": plugin}

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from palp_core.errors import BagError
+from palp_core.foreign import describe_foreign
 from palp_core.graph.bag.ros2.definitions import (
     BYTES,
     FLOATS,
@@ -50,15 +51,13 @@ def reader(definitions: Definitions, name: str) -> ToMap:
 
 
 def _long_reader(definitions: Definitions, name: str) -> ToMap:
-    from rosbags.serde import SerdeError
-
     decode, convert = definitions.store.deserialize_cdr, _message_out(definitions, name)
 
     def read(data: bytes) -> dict[str, Any]:
         try:
             return convert(decode(data, name))
-        except (SerdeError, IndexError, MemoryError) as error:
-            raise BagError(f"no {name}: {error}") from error
+        except Exception as error:  # rosbags decodes by code that it generates, whose errors have no base
+            raise BagError(f"no {name}: {describe_foreign(error)}") from error
 
     return read
 
@@ -87,12 +86,10 @@ def _long_writer(definitions: Definitions, name: str) -> ToCdr:
     def write(value: Mapping[str, Any]) -> bytes:
         try:
             return bytes(encode(build(value), name))
-        except (ValueError, TypeError, OverflowError, AttributeError, UnicodeError) as error:
-            raise BagError(f"no {name}: {error}") from error
-        except Exception as error:  # struct's errors have no common base but this
-            if type(error).__module__ not in ("struct", "_struct"):
-                raise
-            raise BagError(f"no {name}: a number does not fit: {error}") from error
+        except BagError:
+            raise
+        except Exception as error:  # as above
+            raise BagError(f"no {name}: {describe_foreign(error)}") from error
 
     return write
 
