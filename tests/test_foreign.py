@@ -19,7 +19,7 @@ from palp_core.foreign import catch_foreign
         (NameError(), "x.mcap: NameError; try another"),
         (
             OSError(2, "No such file", "x"),
-            "x.mcap: FileNotFoundError: [Errno 2] No such file: 'x'; try another",
+            "x.mcap: No such file; try another",
         ),
         (ModuleNotFoundError("gone", name="pyxdf"), "x.mcap: pyxdf is not installed; type: "),
         (ModuleNotFoundError("No module 'canlib'", name="canlib"), "x.mcap: ModuleNotFoundError: No module"),
@@ -54,6 +54,24 @@ def test_log_lines_and_warnings_are_remarks_once_each_and_nothing_is_printed(
         library.error("also damaged")
     assert remarks == ["Stream 1: it differs", "mean of an empty slice", "also damaged"]
     assert inner == ["damaged"]
+    assert capfd.readouterr().err == ""
+
+
+def test_what_a_half_made_object_logs_as_it_goes_is_a_remark(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Bus:
+        def __init__(self) -> None:
+            raise OSError("no driver")
+
+        def __del__(self) -> None:
+            logging.getLogger("can.bus").warning("not shut down")
+
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    with pytest.raises(DeviceError) as seen, catch_foreign("ati", DeviceError) as remarks:
+        Bus()
+    assert remarks == ["not shut down"]
+    del seen
     assert capfd.readouterr().err == ""
 
 

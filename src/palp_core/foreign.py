@@ -2,6 +2,7 @@
 
 import logging
 import threading
+import traceback
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -63,19 +64,26 @@ def catch_foreign(place: str, error_type: type[PalpError], fix: str = "") -> Ite
     except PalpError:
         raise
     except Exception as error:
+        traceback.clear_frames(
+            error.__traceback__
+        )  # half-made objects go now: some log a complaint as they do
         raise error_type("; ".join(filter(None, (f"{place}: {describe_foreign(error)}", fix)))) from error
     finally:
         _IN_THREAD.remarks = before
 
 
 def describe_foreign(error: BaseException) -> str:
-    """Return another library's exception as one line: its type and text, or the command that installs it.
+    """Return another library's exception as one line.
 
-    >>> describe_foreign(KeyError("fs")), describe_foreign(EOFError())
-    ("KeyError: 'fs'", 'EOFError')
+    It has type and text; the system's errors have the text alone, a missing module the command to install it.
+
+    >>> describe_foreign(KeyError("fs")), describe_foreign(OSError(28, "No space left on device"))
+    ("KeyError: 'fs'", 'No space left on device')
     """
     if isinstance(error, ImportError) and (line := advice(error)):
         return line
+    if isinstance(error, OSError) and error.strerror:
+        return " ".join(error.strerror.split())
     return f"{type(error).__name__}: {' '.join(str(error).split())}".removesuffix(": ")
 
 

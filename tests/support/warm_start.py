@@ -13,6 +13,7 @@ import ctypes
 import fcntl
 import importlib
 import inspect
+import io
 import os
 import signal
 import socket
@@ -199,7 +200,7 @@ def _look_like(request: _Request) -> None:
 
 
 def _begin(request: _Request, descriptors: Sequence[int]) -> None:
-    """Take descriptors, environment, folder and session as they come from ``exec``."""
+    """Take descriptors, environment, folder, session and standard streams as they come from ``exec``."""
     kept = [fcntl.fcntl(descriptor, fcntl.F_DUPFD, HIGH) for descriptor in descriptors]
     os.closerange(3, HIGH)
     for wanted, descriptor in zip([0, 1, 2, *request.passed], kept, strict=True):
@@ -207,6 +208,19 @@ def _begin(request: _Request, descriptors: Sequence[int]) -> None:
         os.close(descriptor)
     os.environ.clear()
     os.environ.update(request.environment)
+    encoding, _, errors = os.environ.get("PYTHONIOENCODING", "utf-8").partition(":")
+    unbuffered = bool(os.environ.get("PYTHONUNBUFFERED"))
+    sys.stdin = open(0, encoding=encoding, errors=errors or None, closefd=False)  # noqa: SIM115
+    sys.stdout, sys.stderr = (
+        io.TextIOWrapper(
+            open(number, "wb", 0 if unbuffered else -1, closefd=False),  # noqa: SIM115
+            encoding,
+            "backslashreplace" if number == 2 else errors or None,
+            line_buffering=number == 2,
+            write_through=unbuffered,
+        )
+        for number in (1, 2)
+    )
     os.chdir(request.folder)
     if request.own_session:
         os.setsid()

@@ -8,6 +8,7 @@ import typer
 
 from palp_core import __version__
 from palp_core.cli.lazy import Verb, lazy_app
+from palp_core.cli.output import escape_foreign_characters
 from palp_core.errors import PalpError
 
 _CLI = "palp_core.cli"
@@ -130,6 +131,7 @@ app = lazy_app(
 def main() -> None:
     """Run the command line; palp's own errors are a message and exit status 2, never a traceback."""
     _open_standard_streams()
+    escape_foreign_characters()
     # One BLAS thread, before anything imports numpy: the same bytes on every machine, no fight for cores.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")

@@ -1,11 +1,31 @@
 """How verbs speak: lines on standard output, notes on standard error, JSON for machines."""
 
+import codecs
+import io
+import json
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from palp_core.errors import PalpError
+
+
+def escape_foreign_characters() -> None:
+    """Let standard output and error write a character that their encoding lacks with the escape of JSON.
+
+    Python fails on it by default, and its own escapes are not those of JSON.
+    """
+
+    def escape(error: UnicodeError) -> tuple[str, int]:
+        if not isinstance(error, UnicodeEncodeError):
+            raise error
+        return json.dumps(error.object[error.start : error.end])[1:-1], error.end
+
+    codecs.register_error("json", escape)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="json")
 
 
 def print_text(text: str) -> None:
@@ -17,7 +37,12 @@ def print_json(value: Any) -> None:
     """Write a value as one line of JSON; NaN and infinity, which JSON lacks, become null."""
     import msgspec
 
-    print_text(msgspec.json.encode(value).decode())
+    try:
+        text = msgspec.json.encode(value).decode()
+    except UnicodeEncodeError:  # the name of a file that is not UTF-8
+        plain = json.dumps(msgspec.to_builtins(value))
+        text = json.dumps(json.loads(plain, parse_constant=lambda _: None))
+    print_text(text)
 
 
 def note(text: str) -> None:

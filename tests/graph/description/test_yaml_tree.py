@@ -60,6 +60,8 @@ def test_scalars_follow_yaml_1_2(tmp_path: Path, text: str, value: Any) -> None:
         ("a: 1\nb:\n  c: 2\n  c: 3\n", 4, "'c' is given twice (first at line 3)"),
         ("a: &x [*x]\n", 1, "refers to itself"),
         ("a: !thing 5\n", 1, "no meaning"),
+        ("a: &x {b: 1}\nc:\n  <<: *x\n  d: 2\n", 3, "merge keys (<<) are not read"),
+        ("a: &x {b: 1}\nc: {d: 2, << : [*x, {e: 1}]}\n", 2, "merge keys (<<) are not read"),
         ("? [a]\n: 1\n", 1, "single word"),
     ],
 )
@@ -68,6 +70,12 @@ def test_what_yaml_allows_but_a_graph_does_not_is_located(
 ) -> None:
     _, problems = tree_of(tmp_path, text)
     assert any(p.line == line and words in p.message for p in problems.listed())
+
+
+def test_a_quoted_key_of_two_angles_is_a_key(tmp_path: Path) -> None:
+    tree, problems = tree_of(tmp_path, "a: {'<<': 1}\n")
+    assert list(tree.items["a"].value.items) == ["<<"]
+    assert not len(problems)
 
 
 @pytest.mark.parametrize(

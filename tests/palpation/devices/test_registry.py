@@ -74,6 +74,8 @@ def test_a_class_from_elsewhere_is_named_by_its_module() -> None:
         ("gripper", "sim", {}, "known: emg, ring, stage, torque"),
         ("ring", "sim", {"sped_m_per_s": 1.0}, "its options are speed_m_per_s"),
         ("emg", "sim", {}, "missing a required argument: 'matrix'"),
+        ("torque", "ati", {"interface": True}, "interface = True: Expected `str`, got `bool`"),
+        ("torque", "ati", {"verified": [0.5]}, "Expected `str`, got `float`"),
         ("torque", "ati", {"rate_hz": "fast"}, "rate_hz = 'fast': Expected `float`, got `str`"),
         ("stage", "aerotech", {"url": "x", "limits": {"y_m": [0.02, -0.02]}}, "y_m high = -0.02 must lie in"),
         ("ring", "palp_core.nowhere:Ring", {}, "cannot import"),
@@ -115,6 +117,24 @@ def test_mistakes_are_told_by_the_nodes_parameter_without_opening_a_device() -> 
     assert list(device_mistakes("ring", "maestro", {"url": "x", "speed_m_per_s": 1.0})) == ["options"]
     assert device_mistakes("stage", "aerotech", {"url": "socket://127.0.0.1:1"}) == {}
     assert device_mistakes("emg", "lsl", {"stream": "arm", "rate_hz": 1500.0}) == {}
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "options", "expected"),
+    [
+        ("torque", "ati", {"channel": 0}, {"channel": 0}),  # python-can's own: a number or a name
+        ("torque", "ati", {"channel": "0"}, {"channel": "0"}),
+        ("torque", "netft", {"host": 1}, {"host": "1"}),
+        ("emg", "lsl", {"stream": 7}, {"stream": "7"}),
+        ("stage", "aerotech", {"url": "x", "axes": [0, 1]}, {"axes": ("0", "1")}),
+        ("stage", "aerotech", {"url": "x", "axes": ["X", 1]}, {"axes": ("X", "1")}),
+    ],
+)
+def test_digits_are_a_text_where_an_option_is_one(
+    kind: Any, name: str, options: dict[str, Any], expected: dict[str, Any]
+) -> None:
+    made = open_device(kind, name, **options)
+    assert {option: getattr(made, option) for option in expected} == expected
 
 
 def test_options_are_what_a_yaml_file_can_say() -> None:

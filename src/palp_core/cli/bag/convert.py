@@ -10,7 +10,7 @@ from palp_core.cli.options import ExcludeRegexOption, RegexOption
 from palp_core.cli.output import print_text
 from palp_core.counted import counted
 from palp_core.errors import BagError
-from palp_core.graph.bag.convert import BagForm, convert
+from palp_core.graph.bag.convert import BagForm, convert, writing
 
 
 class ForeignForm(StrEnum):
@@ -73,9 +73,5 @@ def _by_map(bag: Path, out: Path, types: str) -> int:
     from palp_core.graph.ros2.named_maps import find_map
 
     file, named = find_map(types)
-    try:
+    with writing(bag, out):
         return write(bag, out, outlets_of(file, bag, lenient=named))
-    except OSError as error:
-        raise BagError(
-            f"{out} cannot be written: {error.strerror or error}; it lacks a part of {bag}: remove it"
-        ) from error

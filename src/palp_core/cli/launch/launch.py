@@ -16,6 +16,7 @@ import typer
 from palp_core.cli import completion
 from palp_core.cli.launch.ros_args import (
     LogLevelOption,
+    ParamOption,
     ParamsFileOption,
     RemapOption,
     RosArgsOption,
@@ -58,7 +59,7 @@ def launch(
     ] = None,
     *,
     check: Annotated[bool, typer.Option("--check", help="Check everything, start nothing.")] = False,
-    print_: Annotated[bool, typer.Option("--print", "-p", help="Print the resolved graph.")] = False,
+    print_: Annotated[bool, typer.Option("--print", help="Print the resolved graph.")] = False,
     show_args: Annotated[bool, typer.Option("--show-args", "-s", help="Show the file's arguments.")] = False,
     schema: Annotated[  # noqa: ARG001 - its callback has printed it
         bool,
@@ -73,7 +74,8 @@ def launch(
         str | None,
         typer.Option("--name", metavar="NAME", help="What the running graph is called; default: as in FILE."),
     ] = None,
-    ros_args: RosArgsOption = False,
+    ros_args: RosArgsOption = False,  # noqa: ARG001 - it changes nothing
+    param: ParamOption = None,
     remap: RemapOption = None,
     params_file: ParamsFileOption = None,
     log_level: LogLevelOption = None,
@@ -104,8 +106,7 @@ def launch(
     The exit status is the run's: 0 if it came to its end, 1 if a node failed or the report did, 2 if the
     launch file has mistakes, 130 on Ctrl-C.
     """
-    overrides = launch_words([w for w in arguments or [] if w != RESUMES], remap, params_file)
-    print_ = print_ and not ros_args
+    overrides = launch_words([w for w in arguments or [] if w != RESUMES], remap, params_file, param)
     levels = LogLevels(*log_levels(log_level))
     resume = resume or RESUMES in (arguments or [])
     if operate and not view:

@@ -29,8 +29,12 @@ ParamsFileOption = Annotated[
         help="Parameters of nodes, in ROS 2's form. Repeatable, the last counts.",
     ),
 ]
+ParamOption = Annotated[
+    list[str] | None,
+    typer.Option("--param", "-p", metavar="NODE:NAME:=VALUE", help="A parameter of a node. Repeatable."),
+]
 RosArgsOption = Annotated[
-    bool, typer.Option("--ros-args", help="As in ROS 2: -p is before a parameter, node:name:=value.")
+    bool, typer.Option("--ros-args", help="ROS 2's word before -p and -r; it may be left out.")
 ]
 LogLevelOption = Annotated[
     list[str] | None,
@@ -43,11 +47,23 @@ LogLevelOption = Annotated[
 
 
 def launch_words(
-    arguments: Sequence[str], remaps: Sequence[str] | None, files: Sequence[Path] | None
+    arguments: Sequence[str],
+    remaps: Sequence[str] | None,
+    files: Sequence[Path] | None,
+    params: Sequence[str] | None = None,
 ) -> list[str]:
-    """Return all that is said about the launch file, as one list of words."""
+    """Return all that is said about the launch file, as one list of words.
+
+    Raises:
+        GraphError: A parameter is not of the form ``NODE:NAME:=VALUE``.
+    """
+    for word in params or ():
+        name, sign, _ = word.partition(":=")
+        if not (sign and ":" in name):
+            raise GraphError(f"-p {word}: write -p NODE:NAME:=VALUE")
     return [
         *arguments,
+        *(params or ()),
         *(f"--params-file={file}" for file in files or ()),
         *(f"--remap={remap}" for remap in remaps or ()),
     ]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from palp_core.errors import DeviceError
+from palp_core.foreign import catch_foreign
 from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.protocols import EmgSamples, Mover, TorqueSamples
@@ -84,7 +85,7 @@ def watch(
     sensor: Any = open_device("torque" if kind == "torque" else "emg", device, **options)
     state: Any = sensor.state_type()
     rng, pause = np.random.default_rng(0), Event()
-    with warnings.catch_warnings():
+    with catch_foreign(f"{device}: cannot open it", DeviceError), warnings.catch_warnings():
         warnings.simplefilter("ignore", UnverifiedWarning)  # it is asked for: unverified()
         sensor.open(time.monotonic_ns(), state, rng)
     try:
@@ -153,4 +154,5 @@ def _discover_mover(kind: str, device: str, options: Mapping[str, Any]) -> dict[
     if needed - set(options):
         raise DeviceError(f"{device}: where is it? give {driver.ADDRESS}")
     mover: Mover[Any] = open_device(kind, device, **options)  # type: ignore[call-overload]
-    return mover.discover()
+    with catch_foreign(f"{device}: cannot open it", DeviceError):
+        return mover.discover()

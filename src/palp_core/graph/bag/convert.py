@@ -3,11 +3,13 @@
 Another form is a name here and the module of that name in ``forms``, which has a function ``write``.
 """
 
+from contextlib import AbstractContextManager
 from enum import StrEnum
 from importlib import import_module
 from pathlib import Path
 
 from palp_core.errors import BagError
+from palp_core.foreign import catch_foreign
 
 
 class BagForm(StrEnum):
@@ -32,10 +34,11 @@ def convert(bag: str | Path, out: str | Path, form: BagForm) -> int:
             installed.
         BagDamaged: The bag is damaged.
     """
-    try:
+    with writing(bag, out):
         count: int = import_module(f"palp_core.graph.bag.forms.{form}").write(bag, out)
-    except OSError as error:
-        raise BagError(
-            f"{out} cannot be written: {error.strerror or error}; it lacks a part of {bag}: remove it"
-        ) from error
     return count
+
+
+def writing(bag: str | Path, out: str | Path) -> AbstractContextManager[object]:
+    """Turn what goes wrong as a bag is written in another form into a BagError."""
+    return catch_foreign(f"{out} cannot be written", BagError, f"it lacks a part of {bag}: remove it")

@@ -219,6 +219,10 @@ class _Converter:
                 self.problems.add(
                     place, "a key must be a single word; put the list or mapping on the value's side"
                 )
+            elif key.value == "<<" and not key.style:
+                self.problems.add(
+                    place, "merge keys (<<) are not read: YAML 1.2 has none; write its keys out"
+                )
             elif key.value in items:
                 first = items[key.value].mark
                 self.problems.add(

@@ -2,6 +2,7 @@
 
 import faulthandler
 import gc
+import io
 import logging
 import os
 import resource
@@ -45,15 +46,22 @@ def run_child(work: Callable[[], int], server: int, output: int, release: Callab
 
 
 def _redirect(output: int) -> None:
-    """Send output on without buffering, so that the last words of a crash are there."""
+    """Send output on without buffering, so that the last words of a crash are there.
+
+    It is UTF-8, whatever the encoding of the launcher's own output.
+    """
     os.dup2(output, 1)
     os.dup2(output, 2)
     os.close(output)
     null = os.open(os.devnull, os.O_RDONLY)
     os.dup2(null, 0)
     os.close(null)
-    for stream in (sys.stdout, sys.stderr):
-        stream.reconfigure(write_through=True)  # type: ignore[union-attr]
+    sys.stdout, sys.stderr = (
+        io.TextIOWrapper(
+            io.FileIO(number, "w", closefd=False), "utf-8", "backslashreplace", write_through=True
+        )
+        for number in (1, 2)
+    )
 
 
 def apply_scheduling(name: str, cpus: Sequence[int], realtime_priority: int) -> None:

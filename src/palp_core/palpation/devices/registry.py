@@ -5,6 +5,7 @@ import importlib.util
 import inspect
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, get_type_hints, overload
@@ -13,6 +14,7 @@ import msgspec
 
 from palp_core.errors import DeviceError, in_words
 from palp_core.extras import advice
+from palp_core.foreign import catch_foreign
 from palp_core.moved import present_name
 from palp_core.palpation.devices.protocols import (
     EmgDevice,
@@ -111,14 +113,14 @@ def open_device(kind: str, name: str, **options: Any) -> Any:
             f"{kind} device '{name}': {error}; its options are {', '.join(signature.parameters)}"
         ) from error
     hints = get_type_hints(found)
-    made = found(
-        **{
-            option: _converted(f"{kind} device '{name}': {option}", value, hints[option])
-            if option in hints
-            else value
-            for option, value in options.items()
-        }
-    )
+    given = {
+        option: _converted(f"{kind} device '{name}': {option}", value, hints[option])
+        if option in hints
+        else value
+        for option, value in options.items()
+    }
+    with catch_foreign(f"{kind} device '{name}'", DeviceError):
+        made = found(**given)
     _require_members(made, _PROTOCOLS[kind], f"{kind} device '{name}': {found.__name__}")
     return made
 
@@ -217,7 +219,7 @@ def _require_members(thing: object, protocol: type, who: str) -> None:
 
 
 def _converted(where: str, value: Any, wanted: Any) -> Any:
-    """Return a value as the type of its parameter.
+    """Return a value as the type of its parameter; a whole number, as YAML reads digits, may be a text.
 
     Raises:
         DeviceError: It cannot be.
@@ -225,9 +227,17 @@ def _converted(where: str, value: Any, wanted: Any) -> Any:
     try:
         return msgspec.convert(value, wanted)
     except msgspec.ValidationError as error:
+        with suppress(msgspec.ValidationError):
+            return msgspec.convert(_digits_as_text(value), wanted)
         raise DeviceError(f"{where} = {value!r}: {error}") from error
     except TypeError:  # a type that is not plain data, as an array is
         return value
+
+
+def _digits_as_text(value: Any) -> Any:
+    if isinstance(value, list | tuple):
+        return [_digits_as_text(item) for item in value]
+    return str(value) if type(value) is int else value
 
 
 def _module_at(path: Path, kind: str) -> str:

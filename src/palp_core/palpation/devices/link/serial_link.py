@@ -10,6 +10,7 @@ from typing import Any
 import serial
 
 from palp_core.errors import DeviceError, DeviceTimeout
+from palp_core.foreign import catch_foreign
 from palp_core.palpation.devices.link.guard import LastWords, LinkGuard
 from palp_core.palpation.devices.link.reply_timeout import ReplyTimeout
 
@@ -40,7 +41,8 @@ class SerialLink:
         self.name, self.url = name, url
         self._write_lock = threading.Lock()
         self._guard: LinkGuard | None = None
-        try:
+        fix = "check address, cable and rights, and that no other program has it"
+        with catch_foreign(f"{name}: cannot open {url}", DeviceError, fix):
             self._port: Any = serial.serial_for_url(
                 url, baudrate=baud, timeout=_SLICE_S, write_timeout=1.0, exclusive=True
             )
@@ -52,11 +54,6 @@ class SerialLink:
             self._readable = select.poll()
             if self._connection is not None:
                 self._readable.register(self._connection, select.POLLIN)
-        except (OSError, ValueError, termios.error) as error:
-            raise DeviceError(
-                f"{name}: cannot open {url}: {error};"
-                " check address, cable and rights, and that no other program has it"
-            ) from error
 
     def guard(self, last_words: LastWords) -> bool:
         """Let a process of its own say these words should this one die; tell whether the link can be shared.

@@ -6,6 +6,7 @@ from contextlib import suppress
 from typing import Protocol
 
 from palp_core.errors import DeviceError
+from palp_core.foreign import catch_foreign, describe_foreign
 from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.link.host_time import HostTime
 
@@ -64,12 +65,7 @@ class SessionThread:
             DeviceError: The device does not answer, or the receiver runs already.
         """
         self.refuse_if_running()
-        try:
-            session = self._connect()
-        except DeviceError:  # it says what to do, and may be a time-out of the system's kind as well
-            raise
-        except (OSError, ValueError) as error:
-            raise DeviceError(f"{self._name}: cannot connect: {error}; check address and cable") from error
+        session = self._begin()
         self._monitor.note_data(self._host.now_ns())
         self._stop.clear()
         self._thread = threading.Thread(
@@ -94,19 +90,24 @@ class SessionThread:
             self._thread = None
         self._monitor.report(Condition.CLOSED, self._host.now_ns())
 
+    def _begin(self) -> DeviceSession:
+        with catch_foreign(f"{self._name}: cannot connect", DeviceError, "check address and cable"):
+            return self._connect()
+
     def _run(self, session: DeviceSession | None) -> None:
         while not self._stop.is_set():
             try:
                 if session is None:
-                    session = self._connect()
+                    session = self._begin()
                 session.step(self._stop)
             except Exception as error:  # noqa: BLE001 - or the thread would end, and nobody would know why
                 if session is not None:
                     self.lost_count += 1
                     _close(session)
                     session = None
-                told = str(error) if isinstance(error, DeviceError) else f"{self._name}: {error!r}"
-                self._monitor.report(Condition.LINK_LOST, self._host.now_ns(), told)
+                known = isinstance(error, DeviceError)
+                cause = str(error) if known else f"{self._name}: {describe_foreign(error)}"
+                self._monitor.report(Condition.LINK_LOST, self._host.now_ns(), cause)
                 self._stop.wait(self._retry_s)
         if session is not None:
             _close(session)

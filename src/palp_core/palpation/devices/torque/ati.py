@@ -39,7 +39,7 @@ class AtiTorque:
     the 250 kbit/s it is delivered with, 1 kHz is out of reach; code it for 500 kbit/s (operation E, code 3).
 
     Attributes:
-        channel: The bus, as python-can calls it.
+        channel: The bus, as python-can calls it: a name, or a number where the interface numbers them.
         interface: The kind of bus (``socketcan``, ``slcan``, ``pcan``, ``socketcand`` ...).
         bitrate: Of the bus.
         options: Further arguments of :class:`can.Bus`.
@@ -65,7 +65,7 @@ class AtiTorque:
     LINK: ClassVar[str] = "ATI NETCANOEM: CAN, any interface of python-can"
     state_type: ClassVar[type[WrenchState]] = WrenchState
 
-    channel: str = "can0"
+    channel: str | int = "can0"
     interface: str = "socketcan"
     bitrate: int = 500_000
     options: Mapping[str, Any] = field(default_factory=dict)

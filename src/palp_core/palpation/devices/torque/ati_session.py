@@ -12,6 +12,7 @@ import can
 import numpy as np
 
 from palp_core.errors import DeviceError, DeviceTimeout
+from palp_core.foreign import catch_foreign
 from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.reply_timeout import ReplyTimeout
@@ -268,15 +269,12 @@ def open_bus(options: Mapping[str, Any], greeting_s: float = GREETING_S) -> Any:
     Raises:
         DeviceError: It cannot be opened.
     """
-    try:
-        # python-can warns at every frame that came in two pieces
-        logging.getLogger("can.interfaces.socketcand").setLevel(logging.ERROR)
-        if options.get("interface") == "socketcand":
+    # python-can warns at every frame that came in two pieces
+    logging.getLogger("can.interfaces.socketcand").setLevel(logging.ERROR)
+    interface = options.get("interface")
+    place = f"ati: cannot open the bus {interface} {options.get('channel')}"
+    fix = f"check interface, channel and options, and that the driver of '{interface}' is installed"
+    with catch_foreign(place, DeviceError, fix):
+        if interface == "socketcand":
             return open_socketcand(options, greeting_s)
         return can.Bus(**options)
-    except (can.CanError, OSError, ValueError, TypeError, KeyError, ImportError) as error:
-        raise DeviceError(
-            f"ati: cannot open the bus {options.get('interface')} {options.get('channel')}:"
-            f" {f'no option {error}' if isinstance(error, KeyError) else error};"
-            " check interface, channel and options"
-        ) from error

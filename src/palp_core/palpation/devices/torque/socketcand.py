@@ -14,6 +14,8 @@ from can.interfaces.socketcand.socketcand import (
     convert_can_message_to_ascii_message,
 )
 
+from palp_core.errors import DeviceError
+
 GREETING_S = 1.0
 _LONGEST = 64
 _LONGEST_FRAME, _CHUNK = 200, 4096
@@ -126,11 +128,16 @@ def open_socketcand(options: Mapping[str, Any], greeting_s: float = GREETING_S) 
         greeting_s: Longest wait for what the server says.
 
     Raises:
-        KeyError: One of the three is missing.
+        DeviceError: One of the three is missing.
         OSError: Nobody is there or nothing is said.
         ValueError: It is no socketcand.
         can.CanError: It was, a moment ago.
     """
+    for name in ("host", "port", "channel"):
+        if name not in options:
+            raise DeviceError(
+                f"ati: no option '{name}'; socketcand needs options:='{{host: ..., port: ...}}'"
+            )
     _greet(options["host"], int(options["port"]), options["channel"], greeting_s)
     rest = {name: value for name, value in options.items() if name != "interface"}
     return PatientBus(greeting_s, **{**rest, "port": int(options["port"])})
