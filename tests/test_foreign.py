@@ -2,14 +2,33 @@
 
 from __future__ import annotations
 
+import io
 import logging
+import socket
+import socketserver
 import threading
 import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+from edfio import Bdf, BdfSignal, Edf, EdfSignal
+from mcap.writer import Writer
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosWriter
+from rosbags.typesys import Stores, get_typestore
 
 from palp_core.errors import BagError, DeviceError, PalpError
 from palp_core.foreign import catch_foreign
+from palp_core.graph.bag.stream import Stream
+from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.messages.topic import Topic
+from tests.palpation.identification.emg.xdf_writer import XdfStream, xdf
+from tests.support.palp import PATIENCE_S, Palp
 
 
 @pytest.mark.parametrize(
@@ -91,3 +110,243 @@ def test_palps_own_words_other_threads_and_what_follows_are_not_kept_back(
     logging.getLogger("can").warning("afterwards")
     assert remarks == []
     assert capfd.readouterr().err.splitlines() == ["of palp", "of another thread", "afterwards"]
+
+
+def _bag(folder: Path) -> bytes:
+    with BagWriter(folder / "bag", compression="none") as bag:
+        number = bag.stream(Stream(topic=Topic(name="/emg/block")))
+        for sequence in range(1, 50):
+            bag.write(number, sequence, sequence * 10**6, sequence * 10**6, b"\x81\xa1x\x01")
+    return (folder / "bag" / "bag_0.mcap").read_bytes()
+
+
+def _without_chunks(folder: Path) -> bytes:
+    file = io.BytesIO()
+    writer = Writer(file, use_chunking=False)
+    writer.start("ros2", "libmcap")
+    schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+    channel = writer.register_channel("/é", "cdr", schema, {"offered_qos_profiles": ""})
+    for i in range(40):
+        writer.add_message(channel, i, b"\0\1\0\0\4\0\0\0abc\0", i)
+    writer.finish()  # type: ignore[no-untyped-call]
+    return file.getvalue()
+
+
+def _rosbag(plugin: StoragePlugin, folder: Path) -> bytes:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    text: Any = store.types["std_msgs/msg/String"]
+    with RosWriter(folder / "ros", version=9, storage_plugin=plugin) as bag:
+        connection = bag.add_connection("/é", "std_msgs/msg/String", typestore=store)
+        for i in range(40):
+            bag.write(connection, i, store.serialize_cdr(text("é"), "std_msgs/msg/String"))
+    (file,) = (path for path in (folder / "ros").iterdir() if path.suffix in (".mcap", ".db3"))
+    return file.read_bytes()
+
+
+def _table(folder: Path) -> bytes:
+    rows = [f"{i / 1000:.3f},{np.sin(i):.4f},{np.cos(i * 1.1):.4f}" for i in range(300)]
+    return "\n".join(["time (s),EMG fléchisseur (µV),EMG extenseur (µV)", *rows]).encode()
+
+
+def _arrays(folder: Path) -> bytes:
+    file = io.BytesIO()
+    np.savez(file, fds=np.sin(np.arange(300.0)), edc=np.cos(np.arange(300.0)), fs=1000.0)
+    return file.getvalue()
+
+
+def _edf(folder: Path, *, wide: bool = False) -> bytes:
+    signal, file = (BdfSignal, Bdf) if wide else (EdfSignal, Edf)
+    path = folder / "one.edf"
+    muscles = [
+        signal(np.sin(np.arange(1000.0) * k), 1000, label=f"EMG {k}", physical_dimension="uV") for k in (1, 2)
+    ]
+    file(muscles).write(path)
+    return path.read_bytes()
+
+
+def _xdf(folder: Path) -> bytes:
+    rows, times_s = np.random.default_rng(0).normal(size=(300, 2)), np.arange(300) / 1000
+    return xdf(XdfStream("é", "EMG", 1000.0, rows, list(times_s), ["fds", "edc"]))
+
+
+IMPORT = ("emg", "import", "{file}", "--dry-run")
+READERS: dict[str, tuple[Callable[[Path], bytes], str, tuple[str, ...]]] = {
+    "bag": (_bag, ".mcap", ("bag", "info", "{file}")),
+    "bag to CSV": (_bag, ".mcap", ("bag", "convert", "{file}", "--to", "csv", "-o", "{out}")),
+    "bag to Parquet": (_bag, ".mcap", ("bag", "convert", "{file}", "--to", "parquet", "-o", "{out}")),
+    "bag recover": (_bag, ".mcap", ("bag", "recover", "{file}", "-o", "{out}")),
+    "no chunks": (_without_chunks, ".mcap", ("bag", "info", "{file}")),
+    "no chunks recover": (_without_chunks, ".mcap", ("bag", "recover", "{file}", "-o", "{out}")),
+    "rosbag2 MCAP": (
+        partial(_rosbag, StoragePlugin.MCAP),
+        ".mcap",
+        ("bag", "convert", "{file}", "--from", "ros2", "-o", "{out}"),
+    ),
+    "rosbag2 SQLite": (
+        partial(_rosbag, StoragePlugin.SQLITE3),
+        ".db3",
+        ("bag", "convert", "{file}", "--from", "ros2", "-o", "{out}"),
+    ),
+    "EMG CSV": (_table, ".csv", IMPORT),
+    "EMG NPZ": (_arrays, ".npz", IMPORT),
+    "EMG EDF": (_edf, ".edf", IMPORT),
+    "EMG BDF": (partial(_edf, wide=True), ".bdf", IMPORT),
+    "EMG XDF": (_xdf, ".xdf", IMPORT),
+    "EMG bag": (_bag, ".mcap", IMPORT),
+}
+DAMAGES: dict[str, Callable[[bytes], bytes]] = {
+    "whole": lambda data: data,
+    "empty": lambda data: b"",
+    "cut": lambda data: data[: len(data) * 2 // 3],
+    "only a head": lambda data: data[: len(data) // 20],
+    "noise": lambda data: np.random.default_rng(1).bytes(3000),
+    "head of noise": lambda data: data[:9] + np.random.default_rng(2).bytes(300) + data[309:],
+    "flipped bits": lambda data: _flipped(data, 40),
+    "one flipped bit": lambda data: _flipped(data, 1),
+    "zeros": lambda data: data[: len(data) // 2] + bytes(len(data) - len(data) // 2),
+    "not a number": lambda data: data.replace(b"1", b"x"),
+}
+
+
+def _flipped(data: bytes, count: int) -> bytes:
+    changed, random = bytearray(data), np.random.default_rng(count)
+    for place in random.integers(len(data), size=count).tolist():
+        changed[place] ^= 1 << int(random.integers(8))
+    return bytes(changed)
+
+
+ONE_EACH = {
+    "bag recover": "zeros",
+    "bag to Parquet": "cut",
+    "rosbag2 SQLite": "head of noise",
+    "EMG EDF": "not a number",
+    "EMG XDF": "whole",
+}
+
+
+@pytest.mark.parametrize(
+    ("reader", "damages"),
+    [
+        *((reader, [damage]) for reader, damage in ONE_EACH.items()),
+        *(pytest.param(reader, list(DAMAGES), marks=pytest.mark.nightly) for reader in READERS),
+    ],
+)
+def test_a_damaged_file_is_one_line_of_palp_and_a_status(
+    palp: Palp, reader: str, damages: list[str], tmp_path: Path
+) -> None:
+    palp.environment["PYTHONIOENCODING"] = "ascii"
+    make, suffix, words = READERS[reader]
+    data = make(tmp_path)
+    for place, name in enumerate(damages):
+        file = tmp_path / f"{place}é{suffix}"
+        file.write_bytes(DAMAGES[name](data))
+        process = palp.start(*(word.format(file=file, out=tmp_path / f"out{place}é") for word in words))
+        output, errors = process.communicate(timeout=PATIENCE_S)
+        assert process.returncode in (0, 1, 2), (name, errors)
+        assert len(errors.splitlines()) == (process.returncode == 2), (name, errors)
+        assert not errors or f"{place}\\u00e9" in errors, (name, errors)
+        assert (output + errors).isascii(), name
+
+
+NOISE = b"\xff\xfe\x80caf\xe9\r\n\0<?xml < hi >" * 100
+
+
+@contextmanager
+def speaking(answer: bytes) -> Iterator[int]:
+    """A server that gives each visitor this answer, whatever is asked, and hangs up; its port."""
+
+    class Visitor(socketserver.BaseRequestHandler):
+        def handle(self) -> None:
+            with suppress(OSError):
+                self.request.sendall(answer)
+                self.request.shutdown(socket.SHUT_WR)
+                while self.request.recv(4096):
+                    pass
+
+    with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Visitor) as server:
+        server.daemon_threads = True
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        try:
+            yield server.server_address[1]
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+def page(body: bytes) -> bytes:
+    return b"HTTP/1.1 200 OK\r\nContent-Length: %d\r\n\r\n" % len(body) + body
+
+
+DRIVER = """
+import logging, warnings
+from palp_core.palpation.devices.sim.torque import SimTorque
+
+class Raises(SimTorque):
+    def __post_init__(self):
+        raise NameError("caf\xe9")
+
+class OpensNot(SimTorque):
+    def open(self, now_ns, state, rng):
+        logging.getLogger("maker").error("caf\xe9")
+        warnings.warn("caf\xe9")
+        raise RuntimeError("caf\xe9")
+"""
+NORAXON, NETFT = (
+    ("noraxon", "host:=127.0.0.1", "port:={port}"),
+    ("netft", "host:=127.0.0.1", "http_port:={port}"),
+)
+SOCKETCAND = ("ati", "interface:=socketcand", "options:={{host: 127.0.0.1, port: {port}}}")
+SERIAL = ("aerotech", "maestro", "spikershield")
+ABSENT = ("pcan", "ixxat", "socketcan", "vector", "canalystii", "gs_usb", "udp_multicast", "caf\xe9")
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (b"", ("ati", "interface:=kvaser", "channel:=0")),
+        (b"", ("ati", "interface:=neousys", "channel:=0")),
+        (page(b"[" * 100_000), NORAXON),
+        (b"", ("{driver}:OpensNot",)),
+        *(
+            pytest.param(answer, words, marks=pytest.mark.nightly)
+            for answer, words in (
+                *((NOISE, (name, "url:=socket://127.0.0.1:{port}")) for name in SERIAL),
+                *((b"", (name, "url:=socket://127.0.0.1:{port}")) for name in SERIAL),
+                *((b"", (name, "url:=/dev/caf\xe9")) for name in SERIAL),
+                (b"", ("maestro", "url:=hwgrep://caf\xe9")),
+                (b"", ("maestro", "url:=alt:///dev/null?class=caf\xe9")),
+                (b"", ("maestro", "url:=rfc2217://127.0.0.1:{port}?timeout=0.1")),
+                (NOISE, NORAXON),
+                (page(b'{"headers": [1]}'), NORAXON),
+                (page(b'{"headers": [{"name": "caf\xc3\xa9", "type": "real.emg"}]}'), NORAXON),
+                (b"", ("noraxon", "host:=" + "x" * 70 + ".lab")),
+                (NOISE, NETFT),
+                (page(b"caf\xe9"), NETFT),
+                (page(b"<netft><cfgcpf>0</cfgcpf><cfgcpt>1</cfgcpt></netft>"), NETFT),
+                (b"", ("netft", "host:=" + "x" * 70 + ".lab")),
+                (NOISE, SOCKETCAND),
+                (b"", (*SOCKETCAND, "channel:=caf\xe9")),
+                (NOISE, ("ati", "interface:=slcan", "channel:=socket://127.0.0.1:{port}")),
+                *((b"", ("ati", f"interface:={name}", "channel:=0")) for name in ABSENT),
+                (b"", ("lsl", "stream:=caf\xe9", "find_s:=0.1")),
+                (b"", ("lsl", "stream:='it''s'", "find_s:=0.1")),
+                (b"", ("{driver}:Raises",)),
+            )
+        ),
+    ],
+)
+def test_a_device_that_does_not_open_is_one_line_of_palp_and_a_status(
+    palp: Palp, answer: bytes, words: tuple[str, ...], tmp_path: Path
+) -> None:
+    palp.environment |= {"PYTHONIOENCODING": "ascii"}
+    driver = tmp_path / "driver.py"
+    driver.write_text(DRIVER)
+    with speaking(answer) as port:
+        given = [word.format(port=port, driver=driver) for word in words]
+        process = palp.start("devices", "probe", *given, "--patience", "0.2")
+        output, errors = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, output) == (1, "")
+    (line,) = errors.splitlines()
+    assert given[0] in line
+    assert line.isascii()

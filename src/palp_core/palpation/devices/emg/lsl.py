@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import threading
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from palp_core.errors import DeviceError
 from palp_core.extras import install_line
+from palp_core.foreign import catch_foreign
 from palp_core.palpation.devices.emg.emg_source import EmgDriver
 from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.limits import check_range
@@ -56,10 +60,7 @@ class LslEmg(EmgDriver):
 
 class _LslSession:
     def __init__(self, source: LslEmg, line: SampleLine, monitor: HealthMonitor, host: HostTime) -> None:
-        try:
-            lsl: Any = import_module("pylsl")
-        except (ImportError, RuntimeError) as error:
-            raise DeviceError(f"lsl: pylsl cannot be used: {error}; {install_line('lsl')}") from error
+        lsl = load_lsl("lsl")
         self._source, self._line, self._monitor, self._host = source, line, monitor, host
         found = lsl.resolve_byprop("name", source.stream, 1, source.find_s)
         if not found:
@@ -71,12 +72,10 @@ class _LslSession:
                 f"lsl: '{source.stream}': {found[0].channel_count()} channels, {found[0].nominal_srate()} Hz;"
                 f" asked for channels {source.channels} at {source.rate_hz:g} Hz"
             )
-        try:
+        with catch_foreign(f"lsl: '{source.stream}' was found but does not open", DeviceError):
             self._inlet = lsl.StreamInlet(found[0], max_buflen=60, recover=False)
             self._volt = self._units()
             self._inlet.open_stream(timeout=source.find_s)
-        except RuntimeError as error:  # all that pylsl raises
-            raise DeviceError(f"lsl: '{source.stream}' was found but does not open: {error}") from error
         self._next_s: float | None = None
         self._index = 0
 
@@ -118,6 +117,21 @@ class _LslSession:
         if unknown:
             raise DeviceError(f"lsl: no unit '{unknown[0]}'; known: {', '.join(filter(None, _VOLT))}")
         return np.array([_VOLT[name] for name in names])
+
+
+def load_lsl(place: str) -> Any:
+    """Return the module pylsl; its C library logs nothing unless a file of the user's configures it.
+
+    Raises:
+        DeviceError: It is not installed, or has no C library.
+    """
+    with catch_foreign(f"{place}: pylsl cannot be used", DeviceError, install_line("lsl")):
+        lsl: Any = import_module("pylsl")
+    files = (Path(), Path.home() / "lsl_api", Path("/etc/lsl_api"))
+    if "LSLAPICFG" not in os.environ and not any((folder / "lsl_api.cfg").exists() for folder in files):
+        with suppress(AttributeError, NotImplementedError):  # of an earlier version
+            lsl.set_config_content("[log]\nlevel = -3\n")  # errors, no news
+    return lsl
 
 
 def _runs(

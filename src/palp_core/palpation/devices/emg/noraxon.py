@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from palp_core.errors import DeviceError
+from palp_core.foreign import catch_foreign, describe_foreign
 from palp_core.palpation.devices.emg.emg_source import EmgDriver, EmgSourceState
 from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.limits import check_range
@@ -109,9 +110,9 @@ class _NoraxonSession:
             self._garbled += 1
             if self._garbled >= _TRIES:
                 raise DeviceError(
-                    f"noraxon: {self._garbled} answers in a row are no samples: {error!r}"
+                    f"noraxon: {self._garbled} answers in a row are no samples: {describe_foreign(error)}"
                 ) from error
-            self._monitor.report(Condition.GARBLED, now_ns, repr(error))
+            self._monitor.report(Condition.GARBLED, now_ns, describe_foreign(error))
             return
         self._garbled = 0
         if count:
@@ -123,8 +124,9 @@ class _NoraxonSession:
 
     def _headers(self) -> None:
         wanted = self._source.channels
-        try:
-            headers: list[dict[str, Any]] = json.loads(self._get("/headers"))["headers"]
+        answer = self._get("/headers")
+        with catch_foreign("noraxon: /headers makes no sense", DeviceError, "check the version of MR3"):
+            headers: list[dict[str, Any]] = json.loads(answer)["headers"]
             known = {str(h["name"]): h for h in headers if h["type"] == "real.emg"}
             missing = [name for name in wanted if name not in known]
             if missing:
@@ -134,10 +136,6 @@ class _NoraxonSession:
             self._channels = [int(known[name]["index"]) for name in wanted]
             self._volt = [_VOLT[str(known[name].get("units", self._source.units))] for name in wanted]
             rates = {float(known[name]["samplerate"]) for name in wanted}
-        except (ValueError, KeyError, TypeError) as error:
-            raise DeviceError(
-                f"noraxon: /headers makes no sense: {error!r}; check the version of MR3"
-            ) from error
         if rates != {self._source.rate_hz}:
             raise DeviceError(
                 f"noraxon: MR3 samples at {rates} Hz, not {self._source.rate_hz:g}; set rate_hz"
@@ -151,7 +149,7 @@ class _NoraxonSession:
         except (OSError, http.client.HTTPException) as error:
             self._connection.close()
             raise DeviceError(
-                f"noraxon: no answer from {self._source.host}:{self._source.port}: {error!r};"
+                f"noraxon: no answer from {self._source.host}:{self._source.port}: {describe_foreign(error)};"
                 " is MR3 measuring, with HTTP Streaming on?"
             ) from error
         if reply.status != 200:

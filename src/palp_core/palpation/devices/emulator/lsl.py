@@ -1,12 +1,10 @@
 """An LSL outlet of the simulated muscles."""
 
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
-from palp_core.errors import DeviceError
-from palp_core.extras import install_line
+from palp_core.palpation.devices.emg.lsl import load_lsl
 from palp_core.palpation.devices.emulator.emg import Muscles
 from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import Faults
@@ -34,10 +32,7 @@ class LslOutlet:
         rate_hz: float = 1500.0,
         clock_ppm: float = 0.0,
     ) -> None:
-        try:
-            self._lsl: Any = import_module("pylsl")
-        except (ImportError, RuntimeError) as error:
-            raise DeviceError(f"emulator: no LSL: {error}; {install_line('lsl')}") from error
+        self._lsl = load_lsl("emulator")
         self._loop, self._faults, self._name, self._rate_hz = loop, faults, name, rate_hz
         self._muscles = Muscles(world, rate_hz, clock_ppm)
         self._outlet: Any = None

@@ -6,12 +6,14 @@ import http.client
 import socket
 import threading
 import xml.etree.ElementTree as ElementTree
+from contextlib import closing
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from palp_core.errors import DeviceError
+from palp_core.foreign import catch_foreign
 from palp_core.palpation.devices.health import Condition, DeviceHealth, HealthMonitor
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.link.host_time import HostTime
@@ -236,17 +238,12 @@ def _read_scale(host: str, port: int, timeout_s: float) -> np.ndarray:
     Raises:
         DeviceError: No page, or no scales on it.
     """
+    place = f"netft: cannot read the scales from http://{host}:{port}/netftapi2.xml"
     connection = http.client.HTTPConnection(host, port, timeout=timeout_s)
-    try:
+    with catch_foreign(place, DeviceError, "check the address"), closing(connection):
         connection.request("GET", "/netftapi2.xml")
         tree = ElementTree.fromstring(connection.getresponse().read())
         per_force, per_torque = float(tree.findtext("cfgcpf", "")), float(tree.findtext("cfgcpt", ""))
         force_n = _FORCE_N[tree.findtext("scfgfu", "N").strip()]
         torque_n_m = _TORQUE_N_M[tree.findtext("scfgtu", "Nmm").strip().replace("-m", "m")]
-    except (OSError, ValueError, KeyError, ElementTree.ParseError, http.client.HTTPException) as error:
-        raise DeviceError(
-            f"netft: cannot read the scales from http://{host}:{port}/netftapi2.xml: {error!r}"
-        ) from error
-    finally:
-        connection.close()
-    return np.array([force_n / per_force] * 3 + [torque_n_m / per_torque] * 3)
+        return np.array([force_n / per_force] * 3 + [torque_n_m / per_torque] * 3)
