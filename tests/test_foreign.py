@@ -155,7 +155,8 @@ def _arrays(folder: Path) -> bytes:
 
 
 def _edf(folder: Path, *, wide: bool = False) -> bytes:
-    signal, file = (BdfSignal, Bdf) if wide else (EdfSignal, Edf)
+    signal: Any = BdfSignal if wide else EdfSignal
+    file: Any = Bdf if wide else Edf
     path = folder / "one.edf"
     muscles = [
         signal(np.sin(np.arange(1000.0) * k), 1000, label=f"EMG {k}", physical_dimension="uV") for k in (1, 2)

@@ -119,7 +119,7 @@ def end(
     if name is not None and graph not in (None, name):
         raise typer.BadParameter(f"'{name}' and --graph {graph} name two graphs; name the one that is to end")
     running = find_graph(name or graph, changes=True)
-    with ask_to_end(running) as ending:
+    with ask_to_end(running, "palp graph end") as ending:
         who = running.record.graph
         ended = ending.wait(min(timeout, SILENT_S))
         if not ended and timeout > SILENT_S:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import select
 import signal
+from contextlib import suppress
 from typing import Self
 
 from palp_core.errors import GraphError
+from palp_core.graph.discovery.run_directory import END_ASKED
 from palp_core.graph.discovery.running_graph import RunningGraph
 
 
@@ -42,8 +44,12 @@ class EndingGraph:
         os.close(self._process)
 
 
-def ask_to_end(graph: RunningGraph) -> EndingGraph:
+def ask_to_end(graph: RunningGraph, asked_by: str) -> EndingGraph:
     """Ask a graph to end: its launcher brings every node to its safe state, writes what it writes, and ends.
+
+    Args:
+        graph: Which.
+        asked_by: What asks; the launcher says that the graph was ended by it.
 
     Raises:
         GraphError: It has ended already, or belongs to somebody else.
@@ -57,6 +63,8 @@ def ask_to_end(graph: RunningGraph) -> EndingGraph:
     try:
         if not graph.alive:  # asked once the process is held: its number cannot be another's from here on
             raise GraphError(ended)
+        with suppress(OSError):  # a full disk: then it only knows of the signal
+            (graph.folder / END_ASKED).write_text(asked_by, encoding="utf-8")
         signal.pidfd_send_signal(process, signal.SIGINT)
     except BaseException as error:
         os.close(process)

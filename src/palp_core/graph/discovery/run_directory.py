@@ -26,6 +26,9 @@ KEEP_ENDED_BYTES = 256 << 20
 RECORD = "graph.json"
 
 
+END_ASKED = "end_asked_by"
+
+
 class NodeEntry(msgspec.Struct, frozen=True):
     """A node of a running graph."""
 
@@ -111,6 +114,13 @@ class RunDirectory:
     def log(self, node: str) -> Path:
         """Return the log file of a node."""
         return self.path / "log" / f"{node}.log"
+
+    def end_asked_by(self) -> str:
+        """Return what has asked the graph to end, as it has written here; "" if nothing has."""
+        try:
+            return (self.path / END_ASKED).read_text(encoding="utf-8")
+        except OSError:
+            return ""
 
     def record(
         self,

@@ -185,6 +185,7 @@ class Graph:
                 check_free(self._name)
             self.directory = RunDirectory(self._name or launch_path(self.path).stem)
             stack.callback(self.directory.release)
+            self._interrupt.asked_by = self.directory.end_asked_by
             server = ForkServer(self._interrupt, self._started)
             stack.callback(server.close)
             try:

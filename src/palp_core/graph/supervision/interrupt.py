@@ -7,6 +7,7 @@ breaks into whatever has not looked at the first.
 import contextlib
 import os
 import signal
+from collections.abc import Callable
 from types import FrameType, TracebackType
 from typing import Any, Self
 
@@ -18,16 +19,20 @@ INSIST_NS = 500_000_000
 class Interrupted(BaseException):
     """The user asked for the end; like :class:`KeyboardInterrupt`, no failure of whatever was at work.
 
+    Args:
+        number: What was received.
+        asked_by: What has sent it, where that is known.
+
     Attributes:
         signal: What was received.
     """
 
-    def __init__(self, number: signal.Signals) -> None:
-        super().__init__(f"interrupted by {number.name}")
-        self.signal = number
+    def __init__(self, number: signal.Signals, asked_by: str = "") -> None:
+        super().__init__(f"ended by {asked_by}" if asked_by else f"interrupted by {number.name}")
+        self.signal, self._asked_by = number, asked_by
 
-    def __reduce__(self) -> tuple[type[Self], tuple[signal.Signals]]:
-        return type(self), (self.signal,)  # a pool's worker hands it on as it is
+    def __reduce__(self) -> tuple[type[Self], tuple[signal.Signals, str]]:
+        return type(self), (self.signal, self._asked_by)  # a pool's worker hands it on as it is
 
 
 class Interrupt:
@@ -35,10 +40,12 @@ class Interrupt:
 
     Attributes:
         insisted: The user has asked a second time.
+        asked_by: Returns what has asked for the end, or "" if nothing but a signal did.
     """
 
     def __init__(self) -> None:
         self.insisted = False
+        self.asked_by: Callable[[], str] = str
         self.descriptor, self._write = os.pipe()
         for end in (self.descriptor, self._write):
             os.set_blocking(end, False)
@@ -81,6 +88,7 @@ class Interrupt:
 
     def asked(self, whose: str) -> dict[str, Any]:
         """End as by Ctrl-C, for a tool that asks; return what to answer."""
+        self.asked_by = lambda: "a request to its launcher"
         self.request()
         return {"ending": whose}
 
@@ -88,7 +96,7 @@ class Interrupt:
         """Raise :class:`Interrupted` if a signal has come."""
         if self._received is not None:
             self._raised = True
-            raise Interrupted(self._received)
+            raise Interrupted(self._received, self.asked_by())
 
     def drain(self) -> None:
         """Make the descriptor quiet again."""

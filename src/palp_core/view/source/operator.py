@@ -161,4 +161,4 @@ class GraphOperator:
         Raises:
             GraphError: It may not be pressed, or it has ended.
         """
-        ask_to_end(self.allow()).close()
+        ask_to_end(self.allow(), "its page in the browser").close()
