@@ -32,7 +32,7 @@ def test_a_healthy_graph_has_no_error_and_a_report_says_what_was_looked_at(talk:
     said = talk.run("doctor", "-r").stdout
     for part in ("monotonic clock resolves", "usable", "open files", "no orphans", "2 of 2 nodes answer"):
         assert part in said
-    assert talk.run("wtf").stdout.splitlines()[-1].endswith("1 graphs running")
+    assert talk.run("wtf").stdout.splitlines()[-1].endswith("1 graph running")
 
 
 def test_without_a_graph_the_doctor_looks_at_the_host(palp: Palp) -> None:
@@ -54,7 +54,7 @@ def test_what_a_killed_launcher_leaves_is_found(palp: Palp, tmp_path: Path) -> N
     assert f"ERROR    process {left.pid}: an orphan of graph 'talk'" in done.stdout
     assert f"kill {left.pid}" in done.stdout
     said = graph.run("doctor", "-r").stdout
-    assert f"1 run directories of runs that are over; the latest 20 are kept: {folder.name}" in said
+    assert f"1 run directory of runs that are over; the latest 20 are kept: {folder.name}" in said
     left.communicate()
     assert left.wait() is not None
     assert graph.run("doctor").returncode == 0

@@ -3,12 +3,16 @@
 import codecs
 import io
 import json
+import shutil
 import sys
+import textwrap
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from palp_core.errors import PalpError
+
+LONGEST_LINE = 100
 
 
 def escape_foreign_characters() -> None:
@@ -43,6 +47,19 @@ def print_json(value: Any) -> None:
         plain = json.dumps(msgspec.to_builtins(value))
         text = json.dumps(json.loads(plain, parse_constant=lambda _: None))
     print_text(text)
+
+
+def print_wrapped(text: str, indent: int = 0) -> None:
+    """Write a paragraph in lines as wide as the terminal, 100 characters at most; all but the first hang."""
+    width = min(shutil.get_terminal_size().columns, LONGEST_LINE)
+    wrap = textwrap.TextWrapper(
+        width,
+        initial_indent=" " * indent,
+        subsequent_indent=" " * (indent + 2),
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    print_text(wrap.fill(text))
 
 
 def note(text: str) -> None:

@@ -64,7 +64,7 @@ def test_a_heartbeat_reveals_a_lost_tail_and_a_topic_lost_whole(tmp_path: Path, 
     assert summary.topics["/policy/mode"].gaps == [Gap(0, 2, 4)]
     assert bag_info(tmp_path / "a").topics["/policy/mode"].lost == 3
     assert recorded(kit, tmp_path / "b", [beat]).topics["/policy/mode"].lost == 4
-    assert any("all 4 messages are missing" in problem for problem in bag_info(tmp_path / "b").problems)
+    assert any("all of 4 messages missing" in problem for problem in bag_info(tmp_path / "b").problems)
 
 
 def test_a_recorder_that_comes_late_counts_from_what_it_meets(tmp_path: Path, kit: Any) -> None:

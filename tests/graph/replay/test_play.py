@@ -205,7 +205,7 @@ def test_keys_pause_step_change_the_speed_and_seek(palp: Palp, recorded: tuple[P
         until("playing")
         assert process.wait(PATIENCE_S) == 0
         assert process.stdout is not None
-        assert f"played {COUNT + 3} messages of 1 topics; never more than" in process.stdout.read()
+        assert f"played {COUNT + 3} messages of 1 topic; never more than" in process.stdout.read()
     finally:
         process.kill()
         process.wait()

@@ -54,7 +54,7 @@ def start(palp: Palp, tmp_path: Path) -> tuple[subprocess.Popen[str], subprocess
     bridge = palp.start("ros2", "bridge", tmp_path / "map.yaml")
     assert bridge.stdout is not None
     begun = bridge.stdout.readline()
-    assert "beside ROS 2, as /palp_bridge (2 topics to ROS 2, 1 topics from ROS 2" in begun, (
+    assert "beside ROS 2, as /palp_bridge (2 topics to ROS 2, 1 topic from ROS 2" in begun, (
         bridge.communicate()
     )
     return graph, bridge

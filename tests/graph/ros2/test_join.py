@@ -46,7 +46,7 @@ def test_what_a_map_says_of_a_node_crosses_once_it_has_joined(home: Host, away: 
     bridge = home.start("ros2", "bridge", home.folder / "map.yaml")
     assert bridge.stdout is not None
     begun = bridge.stdout.readline()
-    assert "beside ROS 2, as /palp_bridge (1 topics to ROS 2" in begun, bridge.communicate()
+    assert "beside ROS 2, as /palp_bridge (1 topic to ROS 2" in begun, bridge.communicate()
     assert "what is said of nodes that have yet to join: /guest/tick" in begun
     assert hear(home, "/at_home", "ticker") == "count, rate_hz, size"
     guest = away.start(*joining(home, graph, "nodes.toys:Ticker", "--name", "guest"))

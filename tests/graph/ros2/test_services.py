@@ -99,7 +99,7 @@ def test_a_topic_asks_ros_2_and_what_is_latched_reaches_those_who_come_late_acro
     bridge = home.start("ros2", "bridge", home.folder / "map.yaml")
     assert bridge.stdout is not None
     begun = bridge.stdout.readline()
-    assert "(1 topics to ROS 2, 1 calls)" in begun, bridge.communicate()
+    assert "(1 topic to ROS 2, 1 call)" in begun, bridge.communicate()
     answered(home, "First")
     swap = home.start("swap", "asker", "nodes.asks:Second")
     assert swap.wait(PATIENCE_S) == 0, swap.communicate()

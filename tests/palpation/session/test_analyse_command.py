@@ -216,6 +216,6 @@ def test_trials_that_ran_out_of_stored_sweeps_are_said_beside_a_comparison_witho
     assert told["trials_where_none_ran_out"] == 1
     assert [row["accuracy_where_none_ran_out"] for row in told["results"]] == [1.0, 1.0]
     compared = (
-        "Of the 1 trials that ran out by none, no fair draw from all of them: posterior_threshold 100.0 %"
+        "Of the 1 trial that ran out by none, no fair draw from all of them: posterior_threshold 100.0 %"
     )
     assert compared in run(longer, *rules).output

@@ -14,6 +14,7 @@ from palp_core.cli.keyboard import attended, standard_input
 from palp_core.cli.options import INTERRUPTED, ExcludeRegexOption, GraphOption, RegexOption
 from palp_core.cli.output import note, print_json, print_text
 from palp_core.cli.running import find_graph
+from palp_core.counted import counted
 from palp_core.errors import BagError
 
 if TYPE_CHECKING:
@@ -111,7 +112,7 @@ def play(
         sink: PlaySink = into if graph is not None else PlayRun(bag, described)
         looping = PlayLoop(playback, sink, names, clock_hz=clock, keys=not disable_keyboard_controls)
         where = f"into graph '{graph}'" if graph is not None else "as graph 'play'"
-        note(f"{bag}: {len(names)} topics, {where}")
+        note(f"{bag}: {counted(len(names), 'topic')}, {where}")
         signal.signal(signal.SIGTERM, _end)  # the terminal and the run directory are put in order then, too
         interrupted = False
         try:
@@ -133,7 +134,7 @@ def play(
         print_json(account)
     else:
         print_text(
-            f"{bag}: played {playback.played_count} messages of {len(names)} topics; "
+            f"{bag}: played {counted(playback.played_count, 'message')} of {counted(len(names), 'topic')}; "
             f"never more than {late.max_ns / 1e6:.3f} ms late, 99 % within {p99_s * 1e3:.3f} ms"
         )
     if interrupted:

@@ -8,6 +8,7 @@ import typer
 
 from palp_core.cli.options import GraphOption, JsonOption
 from palp_core.cli.output import print_json, print_text
+from palp_core.counted import counted
 
 if TYPE_CHECKING:
     from palp_core.cli.doctor.diagnostic import Diagnostic
@@ -82,6 +83,7 @@ def _print(findings: list[Diagnostic], counts: dict[str, int], graphs: int, *, r
         if finding.advice:
             print_text(f"         -> {finding.advice}")
     print_text(
-        f"{counts['error']} errors, {counts['warning']} warnings, {counts['note']} notes; "
-        f"{counts['ok']} checks passed; {graphs} graphs running"
+        f"{counted(counts['error'], 'error')}, {counted(counts['warning'], 'warning')}, "
+        f"{counted(counts['note'], 'note')}; "
+        f"{counted(counts['ok'], 'check')} passed; {counted(graphs, 'graph')} running"
     )

@@ -74,7 +74,8 @@ def _node(name: str, info: dict[str, Any]) -> Iterator[Diagnostic]:
     if info.get("rejected"):
         yield warning(
             name,
-            f"{info['rejected']} frames were refused as malformed or of another type",
+            f"{counted(info['rejected'], 'frame was', 'frames were')} refused as malformed or of "
+            "another type",
             "its log names them; was a node rebuilt with another message type while the graph ran?",
         )
     if info.get("unread", 0) > MANY_UNREAD:
@@ -214,7 +215,10 @@ def _pauses(graph: RunningGraph) -> Iterator[Diagnostic]:
         reader.close()
     for node in health.nodes if health is not None else ():
         longest_ms = node.gc_pause_max_s * 1e3
-        said = f"{node.gc_pause_count} pauses of the garbage collector, the longest {longest_ms:.1f} ms"
+        said = (
+            f"{counted(node.gc_pause_count, 'pause')} of the garbage collector, the longest "
+            f"{longest_ms:.1f} ms"
+        )
         if node.gc_pause_max_s > LONGEST_PAUSE_S:
             yield warning(
                 f"/{node.node}", said, "make fewer objects that refer to each other in its handlers"
@@ -224,7 +228,7 @@ def _pauses(graph: RunningGraph) -> Iterator[Diagnostic]:
         if node.missed_deadline_count:
             yield warning(
                 f"/{node.node}",
-                f"{node.missed_deadline_count} deadlines of its inputs were missed",
+                f"{counted(node.missed_deadline_count, 'deadline')} of its inputs missed",
                 "palp topic info on its inputs tells which",
             )
 

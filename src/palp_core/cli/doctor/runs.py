@@ -8,6 +8,7 @@ from pathlib import Path
 import psutil
 
 from palp_core.cli.doctor.diagnostic import Diagnostic, error, fine, warning
+from palp_core.counted import counted
 from palp_core.graph.discovery.run_directory import KEEP_ENDED, KEEP_ENDED_BYTES, runs
 from palp_core.user_folders import folder_mistake, runtime_folder
 
@@ -24,7 +25,8 @@ def examine_runs() -> Iterator[Diagnostic]:
         names = ", ".join(sorted(Path(folder).name for folder in over))
         yield fine(
             str(runtime_folder()),
-            f"{len(over)} run directories of runs that are over; the latest {KEEP_ENDED} are kept: {names} "
+            f"{counted(len(over), 'run directory', 'run directories')} of runs that are over; the "
+            f"latest {KEEP_ENDED} are kept: {names} "
             f"({KEEP_ENDED_BYTES >> 20} MiB of logs at most)",
         )
 

@@ -25,6 +25,7 @@ from palp_core.cli.launch.ros_args import (
     log_levels,
 )
 from palp_core.cli.output import note, print_text
+from palp_core.counted import counted
 from palp_core.errors import GraphError, NodeError, PalpError
 from palp_core.graph.supervision.log_levels import LogLevels
 from palp_core.whole_file import write_whole
@@ -130,7 +131,8 @@ def launch(
         print_text(
             resolved_yaml(checked).rstrip()
             if print_
-            else f"{file}: no mistake: {len(checked.nodes)} nodes, {len(checked.topics)} topics"
+            else f"{file}: no mistake: {counted(len(checked.nodes), 'node')}, "
+            f"{counted(len(checked.topics), 'topic')}"
         )
         return
     if repeat is not None:

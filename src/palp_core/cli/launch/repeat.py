@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from palp_core.cli.output import note, print_text
+from palp_core.counted import counted
 from palp_core.errors import GraphError
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def repeat(file: Path, overrides: Sequence[str], count: int, *, compose: bool, r
     done = f", {count - len(left)} of them done already" if len(left) < count else ""
     seeds = f"seeds {runs[0].seed} to {runs[-1].seed}" if count > 1 else f"seed {runs[0].seed}"
     pace = f", {workers} at a time" if left else ""
-    note(f"{count} runs of {file}, {seeds}{done}{pace}: {out}/{runs[0].folder.name} ...")
+    note(f"{counted(count, 'run')} of {file}, {seeds}{done}{pace}: {out}/{runs[0].folder.name} ...")
     words = [word for word in overrides if word.partition(":=")[0] not in (SEED, OUT)]
     options = ["--compose"] if compose else []
     commands = {f"seed {run.seed}": [str(file), *words, *run.words, *options] for run in left}

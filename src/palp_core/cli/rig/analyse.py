@@ -10,6 +10,7 @@ import typer
 
 from palp_core.cli.options import JsonOption
 from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
+from palp_core.counted import counted
 from palp_core.errors import PalpError
 
 if TYPE_CHECKING:
@@ -200,7 +201,7 @@ def _analyse_sessions(
     else:
         print_table(analysis.rows_of(record))
         print_text("")
-        print_text(f"{len(paths)} sessions; intervals: {record['interval']}")
+        print_text(f"{counted(len(paths), 'session')}; intervals: {record['interval']}")
         for line in analysis.remarks_of(record):
             print_text(line)
     if out is not None:

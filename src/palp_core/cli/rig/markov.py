@@ -25,6 +25,7 @@ from palp_core.cli.rig.emg import (
     ValleyOption,
     WindowOption,
 )
+from palp_core.counted import counted
 from palp_core.palpation.perception.emg.settings import BURSTS, WINDOW_S
 
 app = typer.Typer(help="Strategies of stiffness levels, learnt from EMG.", no_args_is_help=True)
@@ -118,7 +119,7 @@ def fit(
 
 def _print_chain(levels: list[float], chain: dict[str, Any]) -> None:
     of = "all depths" if chain["depth_mm"] is None else f"{chain['depth_mm']:g} mm"
-    print_text(f"{of}: {chain['transitions']} transitions in {chain['trials']} trials")
+    print_text(f"{of}: {counted(chain['transitions'], 'transition')} in {counted(chain['trials'], 'trial')}")
     heads = [f"{level:g}" for level in levels]
     rows = [
         [f"{level:g}", *(f"{m:.2f} ({a:.2f} to {b:.2f})" for m, a, b in zip(*line, strict=True))]

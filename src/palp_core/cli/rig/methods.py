@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from palp_core.cli.options import JsonOption
-from palp_core.cli.output import note, print_json, print_table, print_text
+from palp_core.cli.output import note, print_json, print_text, print_wrapped
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from palp_core.methods import Candidate, Method
     from palp_core.palpation.session.method_choices import TaskChoice
-
-_HEAD = ["method", "cost", "error", "in this scene", "where it fails", "survivor"]
-_SENTENCES = ("in this scene", "where it fails")
-_LEAST_SENTENCE, _GAP = 28, 3
-_STYLES = {"chosen": "bold green", "valid": "", "refused": "dim", "reference": "dim"}
 
 
 def methods(
@@ -58,63 +49,31 @@ def methods(
         return
     for one in found:
         asked = f"asked here: {one.output} within {amount(one.tolerance, one.output)}"
-        print_text(f"{one.task.name}: {one.task.question} (cost: {one.task.per}; {asked})")
-        if sys.stdout.isatty():
-            _print_wrapped(one)
-        else:
-            print_table([_HEAD, *(cells for cells, _ in _rows(one))])
+        print_wrapped(f"{one.task.name}: {one.task.question} (cost: {one.task.per}; {asked})")
+        print_text("method  cost  error")
+        _print_methods(one)
         if one.chosen is None:
             print_text("None is good enough here: relax the tolerance, or declare a finer method.")
         if task:
             print_text("")
             for declared, _ in one.declared():
-                print_text(f"  {declared.name}: {declared.what}")
+                print_wrapped(f"{declared.name}: {declared.what}", indent=2)
         print_text("")
     note(f"This machine takes {slowness():.2f} times as long as the one where costs were measured.")
 
 
-def _rows(choice: TaskChoice) -> Iterator[tuple[list[str], str]]:
-    """Yield a row per method, and its mark."""
+def _print_methods(choice: TaskChoice) -> None:
+    """Write each method as a line with its cost and error, and its sentences below."""
     from palp_core.methods.choice import amount, seconds
 
     for declared, offer in choice.declared():
         error = "-" if offer.bound is None else amount(offer.bound, choice.output)
-        mark = offer.why if offer.mark == "reference" else f"{offer.mark}: {offer.why}"
-        fails, survivor = declared.fails or "-", declared.survivor or "-"
-        yield [declared.name, seconds(declared.cost_s), error, mark, fails, survivor], offer.mark
-
-
-def _print_wrapped(choice: TaskChoice) -> None:
-    """Write the rows as wide as the terminal is; one below the other where sentences would have no room."""
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
-
-    console, rows = Console(highlight=False), list(_rows(choice))
-    words = [i for i, name in enumerate(_HEAD) if name not in _SENTENCES]
-    taken = sum(max(len(cells[i]) for cells, _ in [(_HEAD, ""), *rows]) + _GAP for i in words)
-    if console.width < taken + len(_SENTENCES) * _LEAST_SENTENCE:
-        _print_one_by_one(console, rows)
-        return
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, show_edge=False)
-    for name in _HEAD:
-        table.add_column(name, no_wrap=name not in _SENTENCES, ratio=3 if name in _SENTENCES else None)
-    for cells, mark in rows:
-        table.add_row(*map(escape, cells), style=_STYLES[mark])
-    console.print(table)
-
-
-def _print_one_by_one(console: Console, rows: Sequence[tuple[list[str], str]]) -> None:
-    """Write each method as a line with what is short of it, and its sentences below."""
-    from rich.padding import Padding
-    from rich.text import Text
-
-    for (name, cost, error, marked, fails, survivor), mark in rows:
-        console.print(Text(f"{name}  {cost}  {error}"), style=_STYLES[mark])
-        for words in (marked, f"fails: {fails}", f"survivor: {survivor}"):
-            if not words.endswith(": -"):
-                console.print(Padding(Text(words), (0, 0, 0, 4), expand=False), style=_STYLES[mark])
+        print_wrapped(f"{declared.name}  {seconds(declared.cost_s)}  {error}")
+        print_wrapped(offer.why if offer.mark == "reference" else f"{offer.mark}: {offer.why}", indent=4)
+        if declared.fails:
+            print_wrapped(f"fails: {declared.fails}", indent=4)
+        if declared.survivor:
+            print_wrapped(f"survivor: {declared.survivor}", indent=4)
 
 
 def _record(choice: TaskChoice, declared: Method, offer: Candidate) -> dict[str, Any]:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palp_core.cli.options import JsonOption
-from palp_core.cli.output import note, print_json, print_text
+from palp_core.cli.output import note, print_json, print_wrapped
+from palp_core.counted import counted
 from palp_core.errors import GraphError, PalpError
 
 if TYPE_CHECKING:
@@ -41,7 +42,10 @@ def why(
     summary, rows = _recorded(run)
     record = [*methods_of(summary, rows), *deliveries_of(summary, rows)]
     if summary.ended:
-        note(f"not the whole run: {summary.ended}; this is of the {len(rows)} palpations that there are")
+        note(
+            f"not the whole run: {summary.ended}; this is of the {counted(len(rows), 'palpation')} "
+            "that there are"
+        )
     elif not rows:
         note(f"'{run}' holds no palpation: what its methods met and how often they were used is not known")
     for words in unsaid(summary, rows):
@@ -52,9 +56,9 @@ def why(
         print_json(record)
         return
     for heading, sentences in paragraphs(record):
-        print_text(heading)
+        print_wrapped(heading)
         for sentence in sentences:
-            print_text(f"    {sentence}")
+            print_wrapped(sentence, indent=4)
 
 
 def _recorded(run: str) -> tuple[RunSummary, list[Row]]:

@@ -11,6 +11,7 @@ import typer
 from palp_core.cli.options import GraphOption, until_ctrl_c
 from palp_core.cli.output import note, print_text
 from palp_core.cli.running import find_graph, note_ended
+from palp_core.counted import counted
 from palp_core.errors import GraphError
 
 if TYPE_CHECKING:
@@ -106,14 +107,14 @@ def _run(running: RunningGraph, described: MapFile, plan: BridgePlan, times: Any
 
 
 def _ways(plan: BridgePlan) -> str:
-    counts = {
-        "topics to ROS 2": len(plan.to_ros2),
-        "topics from ROS 2": len(plan.to_palp),
-        "services": len(plan.services),
-        "calls": len(plan.calls),
-        "nodes' parameters": len(plan.parameters),
-    }
-    ways = [f"{count} {what}" for what, count in counts.items() if count]
+    counts = (
+        (plan.to_ros2, "topic to ROS 2", "topics to ROS 2"),
+        (plan.to_palp, "topic from ROS 2", "topics from ROS 2"),
+        (plan.services, "service", "services"),
+        (plan.calls, "call", "calls"),
+        (plan.parameters, "node's parameters", "nodes' parameters"),
+    )
+    ways = [counted(len(ways), one, several) for ways, one, several in counts if ways]
     if plan.awaited is not None and (names := plan.awaited.names):
         ways.append(f"what is said of nodes that have yet to join: {', '.join(names)}")
     return ", ".join(ways)

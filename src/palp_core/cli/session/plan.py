@@ -9,6 +9,7 @@ import typer
 
 from palp_core.cli.options import JsonOption
 from palp_core.cli.output import print_json, print_table, print_text
+from palp_core.counted import counted
 from palp_core.errors import PalpError
 
 
@@ -54,8 +55,8 @@ def plan(
     for phase in PHASES:
         trials = [trial for trial in found.trials if trial.phase == phase]
         counts = Counter(trial.phantom for trial in trials)
-        given = ", ".join(f"{code} {count} times" for code, count in sorted(counts.items()))
-        print_text(f"{phase}: {len(trials)} trials, {given}")
+        given = ", ".join(f"{code} {counted(count, 'time')}" for code, count in sorted(counts.items()))
+        print_text(f"{phase}: {counted(len(trials), 'trial')}, {given}")
         print_table(
             [
                 ["trial", *(str(trial.number) for trial in trials)],

@@ -7,6 +7,7 @@ import typer
 from palp_core.cli.options import GraphOption, JsonOption, TopicsArgument, until_ctrl_c
 from palp_core.cli.output import print_json, print_text
 from palp_core.cli.running import find_graph, find_topics
+from palp_core.counted import counted
 
 
 def bw(
@@ -51,7 +52,7 @@ def bw(
                 continue
             head = f"{name}: " if len(entries) > 1 else ""
             rate = "no rate yet" if wall_hz is None else f"{_size(mean * wall_hz)}/s"
-            print_text(f"{head}{rate} from {found.messages} messages")
+            print_text(f"{head}{rate} from {counted(found.messages, 'message')}")
             print_text(
                 f"\tMessage size mean: {_size(mean)} min: {_size(min(sizes))} max: {_size(max(sizes))}"
             )

@@ -9,6 +9,7 @@ import typer
 from palp_core.cli.options import GraphOption, JsonOption, TopicsArgument, until_ctrl_c
 from palp_core.cli.output import note, print_json, print_text
 from palp_core.cli.running import find_graph, find_topics, note_ended
+from palp_core.counted import counted
 
 if TYPE_CHECKING:
     from palp_core.graph.discovery.running_graph import Edge
@@ -96,10 +97,12 @@ def _latency_text(account: dict[str, Any]) -> str:
     if latency_s is None:
         received = account["received"]
         return (
-            f"{received} messages, all within an instant of simulated time" if received else "no message yet"
+            f"{counted(received, 'message')}, all within an instant of simulated time"
+            if received
+            else "no message yet"
         )
     parts = [f"{name} {latency_s[name] * 1e3:.3f} ms" for name in ("p50", "p90", "p99", "max")]
     if "std" in latency_s:
         spread = [f"{name} {latency_s[name] * 1e3:.3f} ms" for name in ("mean", "std", "min")]
         return f"{' '.join(parts + spread)} of the last {latency_s['messages']} messages"
-    return f"{' '.join(parts)} of {latency_s['messages']} messages"
+    return f"{' '.join(parts)} of {counted(latency_s['messages'], 'message')}"

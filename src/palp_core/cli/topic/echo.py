@@ -12,6 +12,7 @@ from palp_core.cli.options import GraphOption, JsonOption, TopicArgument, until_
 from palp_core.cli.output import note, print_json, print_text, yaml_text
 from palp_core.cli.running import find_graph, note_ended
 from palp_core.cli.text.words import type_name
+from palp_core.counted import counted
 from palp_core.errors import GraphError
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ def echo(
     with until_ctrl_c(), TopicReader(running, [entry], history_depth=depth, reliable=reliable) as listener:
         for heard in _until_silent(listener, entry, timeout):
             if heard.lost and not no_lost_messages:
-                note(f"{entry.name}: {heard.lost} messages lost before {_ordinal(heard)}")
+                note(f"{entry.name}: {counted(heard.lost, 'message')} lost before {_ordinal(heard)}")
             if not heard.is_message:
                 continue
             message = decoded(heard.frame.payload, entry.json_schema)
@@ -102,7 +103,9 @@ def echo(
             if shown == limit:
                 return
         if shown == 0 or limit:
-            raise GraphError(f"graph '{running.record.graph}' ended after {shown} messages of {entry.name}")
+            raise GraphError(
+                f"graph '{running.record.graph}' ended after {counted(shown, 'message')} of {entry.name}"
+            )
         note_ended(running)
 
 

@@ -14,6 +14,7 @@ from palp_core.cli import completion
 from palp_core.cli.options import GraphOption, TopicArgument, until_ctrl_c
 from palp_core.cli.output import note
 from palp_core.cli.running import find_graph
+from palp_core.counted import counted
 from palp_core.errors import GraphError
 from palp_core.graph.messages.schema_reader import FieldKind, fields_of, items_of, kind_of, unit_of
 
@@ -110,7 +111,7 @@ def plot(
         raise GraphError(f"{entry.name}: no message to draw within {timeout:g} s")
     if once is not None:
         if count < once:
-            note(f"{entry.name}: only {count} messages came")
+            note(f"{entry.name}: only {counted(count, 'message')} came")
         size = shutil.get_terminal_size(PLAIN_SIZE) if sys.stdout.isatty() else PLAIN_SIZE
         sys.stdout.write(_picture(entry, series, size) + "\n")
 

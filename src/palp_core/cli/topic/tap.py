@@ -8,6 +8,7 @@ from palp_core.cli import completion
 from palp_core.cli.options import ExcludeRegexOption, GraphOption, RegexOption, until_ctrl_c
 from palp_core.cli.output import note
 from palp_core.cli.running import find_graph
+from palp_core.counted import counted
 
 
 def tap(
@@ -51,12 +52,15 @@ def tap(
         raise GraphError(f"{error.strerror}; choose another --endpoint") from error
     try:
         with until_ctrl_c(), TopicReader(running, list(entries.values())) as listener:
-            note(f"{len(entries)} topics of graph '{running.record.graph}' at {feed.endpoint}; Ctrl-C ends")
+            note(
+                f"{counted(len(entries), 'topic')} of graph '{running.record.graph}' at "
+                f"{feed.endpoint}; Ctrl-C ends"
+            )
             for heard in listener.messages():
                 if heard is None or not heard.is_message:
                     continue
                 name = heard.frame.topic
                 feed.send(name, decoded(heard.frame.payload, entries[name].json_schema), heard.frame.stamp_ns)
-        note(f"graph '{running.record.graph}' has ended; {feed.sent_count} points sent")
+        note(f"graph '{running.record.graph}' has ended; {counted(feed.sent_count, 'point')} sent")
     finally:
         feed.close()

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from palp_core.cli.output import print_text
+from palp_core.counted import counted
 
 RECORDED = "tests/golden/session.mcap"
 """What ``launch/replay.yaml`` of the rig plays, if it is given nothing else."""
@@ -47,7 +48,7 @@ def init(
                 contents[path.relative_to(source)] = path.read_bytes()
         launch, first = "launch/sim.yaml trials:=2 training:=5 --compose", "nodes/policy_markov.py"
     write_new(folder, contents)
-    print_text(f"{folder}: {len(contents)} files; look at {folder / first} first")
+    print_text(f"{folder}: {counted(len(contents), 'file')}; look at {folder / first} first")
     go = "" if folder.resolve() == Path.cwd() else f"  cd {shlex.quote(str(folder))}\n"
     print_text(f"{go}  palp launch {launch}" + ("" if minimal else "\n  pytest"))
 

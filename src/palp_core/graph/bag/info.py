@@ -5,6 +5,7 @@ from typing import TypeVar
 
 import msgspec
 
+from palp_core.counted import counted
 from palp_core.errors import BagDamaged
 from palp_core.graph.bag.account import Gap, TopicAccount
 from palp_core.graph.bag.reader import Bag, RecordedMessage
@@ -131,7 +132,7 @@ def bag_info(path: str | Path) -> BagInfo:
     noted = recording.topics if recording is not None else {}
     topics = {name: tally.report(noted.get(name)) for name, tally in sorted(tallies.items())}
     problems += [
-        f"{name}: all {topic.lost} messages are missing"
+        f"{name}: all of {counted(topic.lost, 'message')} missing"
         for name, topic in noted.items()
         if topic.lost and name not in topics
     ]

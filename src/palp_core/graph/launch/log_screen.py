@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
+from palp_core.counted import counted
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.choice import addressed
 from palp_core.graph.discovery.log_lines import RANK, LineReader, LogLine
@@ -66,7 +67,9 @@ class Shown:
     def flush(self) -> None:
         """Say how many lines were too many."""
         if self._count > MOST_PER_S:
-            text = f"... and {self._count - MOST_PER_S} more lines: " + addressed("palp logs", self._run)
+            text = f"... and {counted(self._count - MOST_PER_S, 'more line')}: " + addressed(
+                "palp logs", self._run
+            )
             self._show(LogLine("", "", "warning", True, text))
         self._count = 0
 

@@ -6,6 +6,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from palp_core.counted import counted
 from palp_core.graph.messages.frame import Frame, Kind, parse
 
 MOST_WAITING = 100_000
@@ -71,7 +72,7 @@ class ShadowComparison:
         """Return how often and how the two differ, for a machine, and as ``text``."""
         equal, differing = sum(self._equal.values()), sum(self._differing.values())
         only_old, only_new = (len(waiting) for waiting in self._waiting)
-        text = f"{equal + differing} messages of both compared: {equal} equal, {differing} differ"
+        text = f"{counted(equal + differing, 'message')} of both compared: {equal} equal, {differing} differ"
         if self._largest:
             text += "; largest differences: " + ", ".join(
                 f"{name} {value:.6g}" for name, value in self._largest.items()

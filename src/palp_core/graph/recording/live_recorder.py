@@ -7,6 +7,7 @@ from pathlib import Path
 
 import msgspec
 
+from palp_core.counted import counted
 from palp_core.errors import BagError, GraphError
 from palp_core.graph.bag.recorder import BagRecorder, RecordingSummary
 from palp_core.graph.bag.selection import topic_selection
@@ -100,7 +101,8 @@ class LiveRecorder:
         self.unheard = []
         kept = f"; the last {self._options.snapshot_s:g} s are kept" if self._options.snapshot_s else ""
         self._say(
-            f"recording {len(chosen)} topics of '{self._graph.record.graph}' to {self._options.out}{kept}"
+            f"recording {counted(len(chosen), 'topic')} of '{self._graph.record.graph}' to "
+            f"{self._options.out}{kept}"
         )
         return True
 

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import msgspec
 
+from palp_core.counted import counted
 from palp_core.errors import GraphError
 from palp_core.graph.clock import WallClock, monotonic_ns
 from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory
@@ -93,7 +94,11 @@ class PlayRun:
                 self._sockets.publisher.offer(executor.ends.publishers.values())
                 self._sockets.requests.add(node, NodeServices(executor).operations(), CHANGING)
             self._announce(source, where, topics)
-            self._bus.report("started", "", f"{source}: {len(classes)} recorded nodes are played")
+            self._bus.report(
+                "started",
+                "",
+                f"{source}: {counted(len(classes), 'recorded node is', 'recorded nodes are')} played",
+            )
             self._stack = stack.pop_all()
         self._next_beat_ns = 0
 

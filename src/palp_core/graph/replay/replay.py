@@ -13,6 +13,7 @@ from typing import Any
 
 import msgspec
 
+from palp_core.counted import counted
 from palp_core.errors import BagError, NodeError
 from palp_core.graph.bag.diff import first_difference
 from palp_core.graph.bag.reader import Bag, RecordedMessage
@@ -351,4 +352,4 @@ def _differing_fields(recorded: bytes, replayed: bytes) -> str:
 
 
 def _shown(value: object) -> object:
-    return f"<{len(value)} bytes>" if isinstance(value, bytes) else value
+    return f"<{counted(len(value), 'byte')}>" if isinstance(value, bytes) else value

@@ -9,6 +9,7 @@ from typing import Any
 
 import msgspec
 
+from palp_core.counted import counted
 from palp_core.errors import GraphError, NodeError, in_words
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import RunRecord
@@ -117,9 +118,11 @@ class LauncherNode:
     def announcing(self, graph: str, count: int, *, resumed: bool = False) -> Iterator[None]:
         """Publish that a graph of so many nodes starts or goes on, and that and why it ends."""
         if resumed:
-            self.report("resumed", "", f"{graph}: {count} nodes go on after an interruption")
+            self.report(
+                "resumed", "", f"{graph}: {counted(count, 'node goes', 'nodes go')} on after an interruption"
+            )
         else:
-            self.report("started", "", f"{graph}: {count} nodes are ready")
+            self.report("started", "", f"{graph}: {counted(count, 'node is', 'nodes are')} ready")
         why = "came to its end"
         try:
             yield

@@ -7,6 +7,7 @@ that ends, or is killed, is waited for no longer: ZeroMQ takes its subscription 
 from dataclasses import dataclass, field
 from typing import Any
 
+from palp_core.counted import counted
 from palp_core.errors import PublishTimeout
 from palp_core.graph.messages.frame import LAST_SEQUENCE
 from palp_core.graph.node.publisher import History, PublisherEnd
@@ -107,7 +108,8 @@ class Backpressure:
         return PublishTimeout(
             hold.topic,
             hold.reader,
-            f"{hold.topic}: reader '{hold.reader}' is {behind} messages behind and has made no room for "
+            f"{hold.topic}: reader '{hold.reader}' is {counted(behind, 'message')} behind and has "
+            "made no room for "
             f"another in {hold.blocking_ms:g} ms (history: keep_all, depth: {hold.depth}); give it less to "
             "do, or its input a greater depth or max_blocking_ms, or publish less",
         )

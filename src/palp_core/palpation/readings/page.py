@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palp_core.counted import counted
 from palp_core.palpation.readings.analysis import Analysis, Result
 from palp_core.palpation.reporting import charts
 from palp_core.palpation.reporting.html_page import picture, write_page
@@ -67,8 +68,9 @@ def remarks(record: dict[str, Any]) -> list[str]:
     """Return what the results rest on, a sentence a line."""
     taught = record["training"]
     return [
-        f"{record['readings']} readings of {len(record['classes'])} classes at {len(record['settings'])} "
-        f"settings in {record['trials']} trials, each judged by what the others taught",
+        f"{counted(record['readings'], 'reading')} of {len(record['classes'])} classes at "
+        f"{len(record['settings'])} "
+        f"settings in {counted(record['trials'], 'trial')}, each judged by what the others taught",
         f"covariance of a cell: {taught['covariance']}; {taught['covariance_why']}",
         *(f"likelihood {one['used']}: {one['why']}" for one in taught["likelihoods"]),
         *record["notes"],

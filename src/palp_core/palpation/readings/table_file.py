@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from palp_core.counted import counted
 from palp_core.errors import PalpError, PerceptionError
 from palp_core.palpation.readings.readings import Readings
 from palp_core.whole_file import read_whole
@@ -52,7 +53,9 @@ def read_table(
     )
     for number, row in rows:
         if len(row) != len(head):
-            raise PalpError(f"{path}: line {number} has {len(row)} cells, the first line names {len(head)}")
+            raise PalpError(
+                f"{path}: line {number} has {counted(len(row), 'cell')}, the first line names {len(head)}"
+            )
     if not rows:
         raise PalpError(f"{path}: has the names of columns only; a line per reading is needed")
     named = {

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.methods import methods as declared
 from palp_core.palpation.mechanics.scene.scene import Scene
@@ -148,7 +149,8 @@ def remarks_of(record: dict[str, Any]) -> list[str]:
         if row["accuracy_where_none_ran_out"] is not None
     )
     count = record["trials_where_none_ran_out"]
-    return [f"{said} Of the {count} trials that ran out by none, no fair draw from all of them: {compared}."]
+    ran = counted(count, "trial")
+    return [f"{said} Of the {ran} that ran out by none, no fair draw from all of them: {compared}."]
 
 
 def _methods_in(row: dict[str, Any], record: dict[str, Any]) -> str:

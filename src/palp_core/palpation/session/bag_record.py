@@ -14,6 +14,7 @@ from typing import Any
 
 import msgspec
 
+from palp_core.counted import counted
 from palp_core.errors import BagDamaged, MechanicsError, PalpError
 from palp_core.graph.bag.reader import Bag, BagMessage
 from palp_core.graph.launch.changes_told import GRAPH_EVENTS, ChangesTold, ChangeTold
@@ -192,7 +193,8 @@ class _Contents:
             last[row.trial] = max(last.get(row.trial, 0), row.iteration)
         lacking = sum(last.values()) - len(rows) + max(last) + 1 - len(last)
         return (
-            f"the bag lacks at least {lacking} palpations: it begins later, or messages are missing, which "
+            f"the bag lacks at least {counted(lacking, 'palpation')}: it begins later, or messages "
+            "are missing, which "
             "`palp bag info` lists"
             if lacking
             else ""

@@ -11,6 +11,7 @@ import numpy as np
 import pywt
 from scipy.stats import t as student_t
 
+from palp_core.counted import counted
 from palp_core.errors import PalpError, PerceptionError
 from palp_core.palpation.mechanics.phantom import Bead
 from palp_core.palpation.mechanics.scene.scene import Scene
@@ -94,7 +95,7 @@ def measure_repeatability(session: RecordedSweeps, *, scene: Scene | None = None
         height_sd_m=_component(found["height"]) if "height" in found else Component(0.0),
         hour_sd_n_m=_component(found["hour"], 2.0**0.5) if "hour" in found else Component(0.0),
         basis=(
-            f"plan repeatability: {len(sweeps)} sweeps over phantom {sweeps[0].phantom}; "
+            f"plan repeatability: {counted(len(sweeps), 'sweep')} over phantom {sweeps[0].phantom}; "
             f"height by the mechanics of a gel of {used.phantom.modulus_pa / 1e3:g} kPa at "
             f"{used.path.indentation_m * 1e3:g} mm"
         ),

@@ -10,6 +10,7 @@ import itertools
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.palpation.session import run_note
 from palp_core.palpation.session.charts.beside import ChartsBeside, worth_it
@@ -139,7 +140,7 @@ def write(folder: Path, summary: RunSummary, beside: ChartsBeside | None = None)
             raise _cannot_report(folder, error) from error
         return (
             f"A blinded session: no report before `palp session unseal {folder}`.\n"
-            f"Kept: {len(rows)} palpations (trials.csv with codes for depths, sweeps/) in {folder}"
+            f"Kept: {counted(len(rows), 'palpation')} (trials.csv with codes for depths, sweeps/) in {folder}"
         )
     if rows == [] and summary.exit_code != 0 and not any(folder.glob(f"{SWEEPS}/*.npz")):
         return f"Nothing is kept: '{folder}' holds no palpation."
@@ -147,7 +148,8 @@ def write(folder: Path, summary: RunSummary, beside: ChartsBeside | None = None)
     found = read_session(folder, rows)
     if not found.rows and (orphans := sum(1 for _ in folder.glob(f"{SWEEPS}/*.npz"))):
         raise PalpError(
-            f"'{folder / TABLE}' has no row, and {folder / SWEEPS} holds {orphans} sweeps: the table was "
+            f"'{folder / TABLE}' has no row, and {folder / SWEEPS} holds "
+            f"{counted(orphans, 'sweep')}: the table was "
             "emptied; restore it, and `palp report` makes the report"
         )
     try:
@@ -157,7 +159,8 @@ def write(folder: Path, summary: RunSummary, beside: ChartsBeside | None = None)
         raise _cannot_report(folder, error) from error
     page = f". Report: {folder / 'report.html'}" if (folder / "report.html").exists() else ""
     return (
-        f"{said}\nKept: {len(found.rows)} palpations (trials.csv, sweeps/) and result.json in {folder}{page}"
+        f"{said}\nKept: {counted(len(found.rows), 'palpation')} (trials.csv, sweeps/) and "
+        f"result.json in {folder}{page}"
     )
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.palpation.mechanics.scene.sealed import is_sealed
 from palp_core.palpation.session.roles import roles_of
@@ -98,7 +99,9 @@ def unfinished_words(folder: Path, done: str) -> str:
 def progress_words(rows: Sequence[Row]) -> str:
     """Return how far a session has come, in words."""
     trials = sum(row.verdict not in ("", "continue") for row in rows)
-    return f"{len(rows)} palpations" + (f" and {trials} trials of estimation" if trials else "")
+    return f"{counted(len(rows), 'palpation')}" + (
+        f" and {counted(trials, 'trial')} of estimation" if trials else ""
+    )
 
 
 def refuse_resuming(folder: Path, table: str = TABLE) -> None:

@@ -26,6 +26,7 @@ from typing import Any, BinaryIO, Protocol, get_args, get_type_hints
 import msgspec
 import numpy as np
 
+from palp_core.counted import counted
 from palp_core.errors import PalpError, in_words
 from palp_core.palpation.session.plan import policy_name
 from palp_core.palpation.session.session_folder import (
@@ -224,8 +225,9 @@ class SessionWriter:
             rows = read_rows(self.folder)
             if len(rows) < row_count or any(row.row != place for place, row in enumerate(rows[:row_count])):
                 raise PalpError(
-                    f"{self.folder / TABLE} cannot be gone on with: it has {len(rows)} palpations, and the "
-                    f"session had come to {row_count}; restore the table, or begin anew in another folder"
+                    f"{self.folder / TABLE} cannot be gone on with: "
+                    f"it has {counted(len(rows), 'palpation')}, and the session had come to {row_count}; "
+                    "restore the table, or begin anew in another folder"
                 )
             self._cut(row_count, len(rows), aside=aside)
             link_latest(self.folder)

@@ -10,6 +10,7 @@ import numpy as np
 from nicegui import ui
 from nicegui.element import Element
 
+from palp_core.counted import counted
 from palp_core.errors import GraphError
 from palp_core.units import Float64Array
 from palp_core.view.pages.parts import Outcome, said
@@ -233,4 +234,4 @@ def in_words(labelled: Sequence[tuple[str, Float64Array]]) -> str:
     end_s = max(part[-1, 0] for part in points)
     cut = any(len(part) >= KEPT_POINTS for part in points)
     more = f", the last {KEPT_POINTS} of a field: no more are kept" if cut else ""
-    return f"{sum(map(len, points))} points, from {begin_s:.10g} s to {end_s:.10g} s{more}"
+    return f"{counted(sum(map(len, points)), 'point')}, from {begin_s:.10g} s to {end_s:.10g} s{more}"

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from palp_core.counted import counted
 from palp_core.errors import DeviceError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.palpation.devices.registry import open_device
@@ -124,5 +125,5 @@ class Subject:
             blocks.append(self.device.drain(self.now(), self.state, self.rng))
             return sum(len(block.times_ns) for block in blocks) >= count
 
-        self.patience.until(enough, f"for {count} samples")
+        self.patience.until(enough, f"for {counted(count, 'sample')}")
         return [block for block in blocks if len(block.times_ns)]

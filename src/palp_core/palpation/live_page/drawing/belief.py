@@ -7,6 +7,7 @@ from typing import Any
 from nicegui import ui
 from nicegui.element import Element
 
+from palp_core.counted import counted
 from palp_core.palpation.live_page.monitor import RigMonitor
 from palp_core.palpation.live_page.probes import JudgedProbe, TrialBelief
 from palp_core.palpation.live_page.roles import policy_at_work
@@ -109,7 +110,7 @@ def trial_words(belief: TrialBelief, progress: dict[str, Any] | None) -> str:
         parts.append(f"{phase}: {progress['done_count']} of {progress['total_count']} {what}s done")
     if belief.estimating and belief.probes:
         count = len(belief.probes)
-        told = f"{count} palpation{'s' if count > 1 else ''} of this trial"
+        told = f"{counted(count, 'palpation')} of this trial"
         parts.append(f"{told}, {belief.verdict}" if belief.verdict != "continue" else told)
     if belief.within_sweep:
         parts.append("believed within the sweep")

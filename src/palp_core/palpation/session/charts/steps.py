@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.palpation.perception.signal.wavelet import denoise
 from palp_core.palpation.reporting.charts import BLUE, GREY, INK, VERMILION, Chart, depth_style, legend, tidy
@@ -82,7 +83,7 @@ def steps_chart(
         "steps",
         "One trial, step by step",
         f"Trial {shown[0].trial}, over phantom {shown[0].phantom}, the true depth {mm(trial.depth_m)} mm: "
-        f"{len(trial.probes)} palpations, {_ending(trial)}. "
+        f"{counted(len(trial.probes), 'palpation')}, {_ending(trial)}. "
         + (f"Shown are the first {_MOST - 1} and the last. " if len(shown) < len(trial.probes) else "")
         + f"Above: the sweep as measured (grey) and de-noised (blue), and the {feature} read off it "
         "(dashed). Middle: what training taught at that ring position, the highest curve scaled to 1; where "

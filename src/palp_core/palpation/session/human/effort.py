@@ -5,6 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
+from palp_core.counted import counted
 from palp_core.palpation.perception.emg.quality import SampleQuality, quality
 from palp_core.units import Float64Array
 
@@ -74,7 +75,7 @@ def mvc_trouble(mvc_v: Float64Array, rest_v: Float64Array, rate_hz: float) -> st
         return "no EMG came: is the amplifier measuring?"
     for name, one in zip(MUSCLES, found, strict=True):
         if one.clipped_count:
-            return f"{name} was clipped at {one.clipped_count} samples: lower the amplifier's gain"
+            return f"{name} was clipped at {counted(one.clipped_count, 'sample')}: lower the amplifier's gain"
         if one.silent:
             return f"{name} is silent: look at its electrodes"
         if one.lost_count > MOST_LOST * one.sample_count:

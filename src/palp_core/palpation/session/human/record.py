@@ -24,6 +24,7 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
+from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.palpation.session.decided.audit import left_out
 from palp_core.palpation.session.session_folder import FolderLock, cannot_write, link_latest, set_aside
@@ -156,8 +157,9 @@ class HumanWriter:
             rows = read_human(self.folder)
             if [row.row for row in rows[:row_count]] != list(range(row_count)):
                 raise PalpError(
-                    f"{self.folder / HUMAN_TABLE} cannot be gone on with: it has {len(rows)} trials, and the "
-                    f"session had come to {row_count}; restore the table, or begin anew in another folder"
+                    f"{self.folder / HUMAN_TABLE} cannot be gone on with: "
+                    f"it has {counted(len(rows), 'trial')}, and the session had come to {row_count}; "
+                    "restore the table, or begin anew in another folder"
                 )
             if aside:
                 self._set_aside(rows[:row_count], rows[row_count:])

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.palpation.session import run_note
 from palp_core.palpation.session.human.record import HUMAN_TABLE, is_by_hand, read_human, refuse_human
@@ -94,7 +95,7 @@ def _ways_on(folder: Path) -> str:
     if not (folder / CHECKPOINT).exists():
         return others
     try:
-        return f"{run_note.unfinished_words(folder, f'{len(read_human(folder))} trials')}. Or {others}"
+        return f"{run_note.unfinished_words(folder, counted(len(read_human(folder)), 'trial'))}. Or {others}"
     except PalpError:
         return others
 
@@ -133,13 +134,16 @@ def write_human(folders: list[Path], out: Path, sheet: SessionSheet | None = Non
     pictures = [picture(one, out / "charts") for one in human_charts(trials, found)]
     lines = sheet_lines(sheet) if sheet is not None else []
     write_page(out / PAGE, "human.html", result=found, rows=trials.rows, pictures=pictures, sheet=lines)
-    return f"{headline(found)}\nKept: {len(trials.rows)} trials ({HUMAN_TABLE}, emg/). Report: {out / PAGE}"
+    return (
+        f"{headline(found)}\nKept: {counted(len(trials.rows), 'trial')} ({HUMAN_TABLE}, emg/). "
+        f"Report: {out / PAGE}"
+    )
 
 
 def headline(found: dict[str, object]) -> str:
     """Return what an analysis tells, in a sentence."""
     trials: dict[str, int] = found["trials"]  # type: ignore[assignment]
-    done = f"{trials['training']} trials of training, {trials['estimation']} of estimation"
+    done = f"{counted(trials['training'], 'trial')} of training, {trials['estimation']} of estimation"
     accuracy: dict[str, float] | None = found["accuracy"]  # type: ignore[assignment]
     if accuracy is None:
         return f"{done}; {found['note']}."

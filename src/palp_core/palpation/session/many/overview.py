@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.graph.launch.changes_told import last_set
 from palp_core.graph.launch.summary import RunSummary
@@ -116,7 +117,7 @@ def _entry(folder: Path) -> SessionEntry:
             return SessionEntry(folder, "empty", "nothing was recorded", began, sheet)
         rows = read_rows(folder)
         if is_blinded(rows) or (not rows and ran_blinded(summary)):
-            words = f"blinded: {len(rows)} palpations; when all is done: palp session unseal"
+            words = f"blinded: {counted(len(rows), 'palpation')}; when all is done: palp session unseal"
             return SessionEntry(folder, "blinded", words, began, sheet)
         return _read(folder, summary, sheet, began, running=running)
     except PalpError as error:
@@ -130,7 +131,7 @@ def _of_person(folder: Path, summary: RunSummary, began: str) -> SessionEntry:
     end = "whole" if summary.exit_code == 0 else f"unfinished, because: {summary.ended}"
     sealed = sum(row.depth_m is None for row in rows)
     blinded = f", {sealed} of them blinded" if sealed else ""
-    words = f"with a person, {len(rows)} trials{blinded}, {end}"
+    words = f"with a person, {counted(len(rows), 'trial')}{blinded}, {end}"
     sheet = SessionSheet(lab="", operator=NONE, subject=subjects)
     return SessionEntry(folder, "person", words, began, sheet, excluded=left_out(folder))
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from palp_core.counted import counted
 from palp_core.palpation.reporting import charts
 from palp_core.palpation.reporting.charts import Chart
 from palp_core.palpation.reporting.html_page import percent, picture, span, write_page
@@ -56,7 +57,7 @@ def pooled_words(record: Mapping[str, Any]) -> Iterator[str]:
 def _group_row(group: Mapping[str, Any]) -> list[str]:
     over = f"{group['units']} {group['unit']}{'s' if group['units'] != 1 else ''}"
     if group["unit"] == "subject" and group["sessions"] != group["units"]:
-        over += f" ({group['sessions']} sessions)"
+        over += f" ({counted(group['sessions'], 'session')})"
     probes, error = group["probes"], group["calibration_error"]
     return [
         group["design"],

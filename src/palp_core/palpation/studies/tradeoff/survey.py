@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import FrameType
 
+from palp_core.counted import counted
 from palp_core.errors import MethodError, PalpError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.methods.measured import REFERENCE, Measured, first_s, measure_of
@@ -198,7 +199,7 @@ def _progress(
     of = f" of {budget_s:g}" if budget_s is not None else ""
     name = tasks[number].choice.task.name
     done = len(tasks) - len(left)
-    return f"{name}: {count} points so far, {done} of {len(tasks)} tasks done, {spent_s:.0f}{of} s"
+    return f"{name}: {counted(count, 'point')} so far, {done} of {len(tasks)} tasks done, {spent_s:.0f}{of} s"
 
 
 @contextmanager
