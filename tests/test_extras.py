@@ -24,27 +24,50 @@ def anew() -> Iterator[None]:
     extras._installed_from.cache_clear()
 
 
+WHEEL = "{url}/pyproject.toml"
+"""Any file that is there."""
+
+
 @pytest.mark.parametrize(
     ("kind", "there", "line"),
     [
         ({"dir_info": {}}, True, "pip install '{folder}[rig]'"),
         ({"dir_info": {"editable": True}}, True, "pip install --editable '{folder}[rig]'"),
-        ({"dir_info": {}}, False, "pip install 'palp-core[rig]'"),
-        ({"archive_info": {}}, True, "pip install 'palp-core[rig]'"),
-        (None, True, "pip install 'palp-core[rig]'"),
+        ({"archive_info": {}, "url": WHEEL}, True, f"pip install 'palp-core[rig] @ {WHEEL}'"),
+        ({"archive_info": {}, "url": "https://lab/p.whl"}, False, "pip install 'palp-core[rig] @ https://lab/p.whl'"),
+        ({"dir_info": {}}, False, "pip install 'scipy>=1.15' 'pyserial>=3.5'"),
+        ({"archive_info": {}}, True, "pip install 'scipy>=1.15' 'pyserial>=3.5'"),
+        ({"vcs_info": {}}, True, "pip install 'scipy>=1.15' 'pyserial>=3.5'"),
+        (None, True, "pip install 'scipy>=1.15' 'pyserial>=3.5'"),
     ],
-)
-def test_an_extra_comes_from_the_checkout_that_palp_was_installed_from(
+)  # fmt: skip
+def test_an_extra_comes_from_where_palp_came_from_or_is_named_by_what_it_needs(
     kind: dict[str, Any] | None, there: bool, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "my palp"
     folder.mkdir()
     if there:
         (folder / "pyproject.toml").touch()
-    said = None if kind is None else json.dumps({"url": folder.as_uri(), **kind})
-    found = SimpleNamespace(read_text=lambda _: said)
+    url = folder.as_uri()
+    origin = None if kind is None else json.dumps({"url": url, **kind}).replace("{url}", url)
+    found = SimpleNamespace(read_text=lambda _: origin)
+    needs = [
+        "msgspec>=0.18",
+        'scipy>=1.15; extra == "rig"',
+        "pyserial>=3.5; extra == 'rig'",
+        "rosbags; extra == 'rosbag'",
+    ]
     monkeypatch.setattr("importlib.metadata.distribution", lambda _: found)
-    assert extras.install_line("rig") == line.format(folder=folder)
+    monkeypatch.setattr("importlib.metadata.requires", lambda _: needs)
+    assert extras.install_line("rig") == line.format(folder=folder, url=url)
+
+
+def test_every_extra_of_this_install_is_named_by_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(extras, "_installed_from", lambda: "")
+    for extra in {"rig", "emg", "rosbag", "lsl", "view"}:
+        line = extras.install_line(extra)
+        assert "palp-core" not in line
+        assert ">=" in line
 
 
 def test_the_page_of_extras_has_each_with_what_it_brings() -> None:

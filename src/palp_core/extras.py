@@ -34,24 +34,41 @@ _EXTRA_OF = {
 
 
 def install_line(extra: str) -> str:
-    """Return the command that installs an extra: from the checkout that palp was installed from, if any."""
-    return f"pip install {_installed_from()}[{extra}]'"
+    """Return the command that installs an extra: from where palp came from, else what the extra needs."""
+    if source := _installed_from():
+        return f"pip install {source.replace('{}', f'[{extra}]')}"
+    return "pip install " + " ".join(f"'{need}'" for need in _needs(extra))
 
 
 @functools.cache
 def _installed_from() -> str:
-    """Return how the installer is told of palp, up to the extras."""
+    """Return what the installer takes, with ``{}`` for the extras; "" if that is not known or gone."""
     from importlib.metadata import PackageNotFoundError, distribution
     from urllib.parse import unquote, urlsplit
 
     try:
-        said = json.loads(distribution(DISTRIBUTION).read_text("direct_url.json") or "{}")
+        origin = json.loads(distribution(DISTRIBUTION).read_text("direct_url.json") or "{}")
     except (PackageNotFoundError, OSError, ValueError):
-        said = {}
-    folder = Path(unquote(urlsplit(str(said.get("url", ""))).path))
-    if "dir_info" not in said or not (folder / "pyproject.toml").is_file():
-        return f"'{DISTRIBUTION}"
-    return f"--editable '{folder}" if said["dir_info"].get("editable") else f"'{folder}"
+        origin = {}
+    url = str(origin.get("url", ""))
+    path = Path(unquote(urlsplit(url).path))
+    if "archive_info" in origin and (path.is_file() or not url.startswith("file:")):
+        return f"'{DISTRIBUTION}{{}} @ {url}'"
+    if "dir_info" not in origin or not (path / "pyproject.toml").is_file():
+        return ""
+    return f"--editable '{path}{{}}'" if origin["dir_info"].get("editable") else f"'{path}{{}}'"
+
+
+def _needs(extra: str) -> list[str]:
+    """Return the requirements of an extra."""
+    from importlib.metadata import PackageNotFoundError, requires
+
+    try:
+        lines = requires(DISTRIBUTION) or []
+    except PackageNotFoundError:
+        lines = []
+    needs = [line.partition(";") for line in lines if f"extra == '{extra}'" in line.replace('"', "'")]
+    return [need.strip() for need, _, _ in needs] or [f"{DISTRIBUTION}[{extra}]"]
 
 
 def advice(missing: ImportError) -> str:

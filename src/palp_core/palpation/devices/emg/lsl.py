@@ -27,7 +27,7 @@ _PULL_S = 0.1
 
 @dataclass
 class LslEmg(EmgDriver):
-    """Parameters and inlet. Needs pylsl: ``pip install 'palp-core[lsl]'``.
+    """Parameters and inlet. Needs pylsl, of the extra ``lsl``.
 
     Samples carry the sender's time: a step of more than ``gap_s`` beyond the nominal is a gap.
 
