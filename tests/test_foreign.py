@@ -27,6 +27,7 @@ from palp_core.foreign import catch_foreign
 from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.topic import Topic
+from palp_core.palpation.reporting.charts import Chart, images
 from tests.palpation.identification.emg.xdf_writer import XdfStream, xdf
 from tests.support.palp import PATIENCE_S, Palp
 
@@ -351,3 +352,21 @@ def test_a_device_that_does_not_open_is_one_line_of_palp_and_a_status(
     (line,) = errors.splitlines()
     assert given[0] in line
     assert line.isascii()
+
+
+def test_what_matplotlib_makes_of_names_is_a_chart_or_an_error_of_palp(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+
+    def named(text: str) -> Chart:
+        def draw(figure: Any) -> None:
+            figure.suptitle(text)
+
+        return Chart("names", "", "", 2.0, [], [], draw)
+
+    image, _ = images(named("\u65e5\U0001f600"))
+    assert image.startswith(b"\x89PNG")
+    with pytest.raises(PalpError, match="chart 'names' cannot be drawn: ValueError"):
+        images(named("$x^{$"))
+    assert capfd.readouterr() == ("", "")

@@ -155,7 +155,7 @@ def test_a_setting_that_a_class_never_felt_is_left_out_and_said() -> None:
 def test_too_few_readings_say_which_cell_and_what_to_do() -> None:
     one_each = made_up(1, 1)
     with pytest.raises(
-        PerceptionError, match=r"'felt' at setting 'press' has 1 readings, of which 0 are left"
+        PerceptionError, match=r"'felt' at setting 'press' has 1 reading, of which 0 are left"
     ):
         analyse(one_each.readings())
     with pytest.raises(PerceptionError, match="readings in more trials"):

@@ -119,11 +119,11 @@ def test_a_column_that_does_not_exist_is_answered_by_those_that_do(table: Path) 
     [
         ("", "is empty"),
         ("a,b\n", "names of columns only"),
-        ("a,b\nx,1\ny\n", "line 3 has 1 cells, the first line names 2"),
+        ("a,b\nx,1\ny\n", "line 3 has 1 cell, the first line names 2"),
         ("a,b\nx,1\ny,one\n", "line 3: 'one' in column b is no number"),
         ("a,b\nx,1\n,2\n", "line 3 has no a"),
         ("a,b,b\nx,1,2\n", "two columns have the name b"),
-        ("a,b\nx,1\ny,2\n", "has 1 readings, of which 0 are left"),
+        ("a,b\nx,1\ny,2\n", "has 1 reading, of which 0 are left"),
         ("a,b\nx,1\nx,2\n", r"table\.csv: all readings are of the class 'x'"),
         ("a,b\nx,1\ny,1\nx,1\ny,1\nx,1\ny,1\n", "all readings of b are 1; it tells nothing"),
     ],

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from palp_core.counted import counted
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.belief.vector_primitives import (
     VectorPrimitives,
@@ -178,8 +179,8 @@ def _too_poor(
     of = f"class '{readings.classes[c]}' at setting '{readings.settings[k]}'"
     trials = ", ".join(f"'{readings.trials[t]}'" for t in judged[:3]) + (" ..." if len(judged) > 3 else "")
     return (
-        f"{of} has {total[c, k]} readings, of which {left} are left to learn from when trial {trials} is "
-        f"judged; {_FEWEST} are the least that have a spread. Give that cell readings in more trials, or "
+        f"{of} has {counted(int(total[c, k]), 'reading')}, of which {left} are left to learn from when "
+        f"trial {trials} is judged; {_FEWEST} are the least that have a spread. Give that cell readings in more trials, or "
         "leave the class or the setting out"
     )
 

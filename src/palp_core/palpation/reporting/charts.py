@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from palp_core.errors import PalpError
+from palp_core.foreign import catch_foreign
 from palp_core.palpation.reporting.table import write_csv
 
 if TYPE_CHECKING:
@@ -106,7 +108,11 @@ def save(chart: Chart, folder: Path) -> bytes:
 
 
 def images(chart: Chart) -> tuple[bytes, bytes]:
-    """Draw a chart; return it as PNG and as SVG."""
+    """Draw a chart; return it as PNG and as SVG.
+
+    Raises:
+        PalpError: It cannot be drawn, as with a formula that is none between two ``$`` of a name.
+    """
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -114,7 +120,10 @@ def images(chart: Chart) -> tuple[bytes, bytes]:
 
     image = io.BytesIO()
     vector = io.BytesIO()
-    with rc_context(_STYLE | {"svg.hashsalt": chart.name}):  # the same file for the same numbers
+    with (
+        catch_foreign(f"chart '{chart.name}' cannot be drawn", PalpError),
+        rc_context(_STYLE | {"svg.hashsalt": chart.name}),  # the same file for the same numbers
+    ):
         figure = Figure(figsize=(chart.width, chart.height), dpi=_DPI, layout="constrained")
         canvas: Any = FigureCanvasAgg(figure)
         chart.draw(figure)
