@@ -180,8 +180,8 @@ def _too_poor(
     trials = ", ".join(f"'{readings.trials[t]}'" for t in judged[:3]) + (" ..." if len(judged) > 3 else "")
     return (
         f"{of} has {counted(int(total[c, k]), 'reading')}, of which {left} are left to learn from when "
-        f"trial {trials} is judged; {_FEWEST} are the least that have a spread. Give that cell readings in more trials, or "
-        "leave the class or the setting out"
+        f"trial {trials} is judged; {_FEWEST} are the least that have a spread. "
+        "Give that cell readings in more trials, or leave the class or the setting out"
     )
 
 
