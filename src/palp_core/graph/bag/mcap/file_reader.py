@@ -79,6 +79,7 @@ class FileReader(AbstractContextManager["FileReader"]):
         self._attachments: list[tuple[int, int]] = []
         self._metadata: list[tuple[int, int]] = []
         self._damage: BagDamaged | None = None
+        self._has_summary = True
         try:
             self._file = path.open("rb", buffering=1 << 16)
         except OSError as error:
@@ -209,6 +210,7 @@ class FileReader(AbstractContextManager["FileReader"]):
             return False
         start, _, crc = struct.unpack_from("<QQI", footer, records.RECORD_BYTES)
         if start == 0:
+            self._has_summary = self._has_crcs  # palp writes one, others need not
             return False
         if not len(records.MAGIC) <= start <= end:
             raise ValueError("its footer points outside the file")
@@ -288,7 +290,7 @@ class FileReader(AbstractContextManager["FileReader"]):
             elif op == records.Op.MESSAGE_INDEX and head[11:15] != struct.pack("<I", max(length - 6, 0)):
                 return self._note_damage(offset, "a message index is damaged")
             elif op == records.Op.DATA_END:
-                if end == self.size and not self.problems:
+                if end == self.size and self._has_summary and not self.problems:
                     self.problems.append("the summary is missing")
                 return None
             offset += size

@@ -137,9 +137,9 @@ def _by_summary(found: Salvage, path: Path, data: mmap.mmap) -> int | None:
 
 def _by_search(found: Salvage, data: mmap.mmap) -> int:
     """Walk from record to record, search where none begins; return the intact bytes."""
-    offset = len(records.MAGIC) if data[: len(records.MAGIC)] == records.MAGIC else 0
-    intact = offset + (len(records.MAGIC) if data[-len(records.MAGIC) :] == records.MAGIC else 0)
-    doubt = offset  # behind the last thing that a CRC or what follows it confirms
+    offset = len(records.MAGIC)
+    intact = offset * ((data[:offset] == records.MAGIC) + (data[-offset:] == records.MAGIC))
+    doubt = 0  # behind the last thing that a CRC or what follows it confirms
     while True:
         length = _record_length(data, offset)
         if length is None:
@@ -194,7 +194,10 @@ def _next_start(found: Salvage, data: mmap.mmap, start: int) -> int:
 
 
 def _is_message(found: Salvage, data: mmap.mmap, offset: int, length: int) -> bool:
-    """Say whether a record is a message of a known channel, and another record, or the end, follows it."""
+    """Say whether a record is a message of a known channel, and another record, or the end, follows it.
+
+    Without that its length may be wrong: of a damaged record, the one before it is not saved either.
+    """
     if found.has_crcs or length < records.MESSAGE_BYTES:  # palp writes none outside chunks
         return False
     channel = int(records.MESSAGE.unpack_from(data, offset)[2])
