@@ -40,7 +40,7 @@ class Talk(Node):
             getattr(self, self.params.deed)()
 
     def mutter(self):
-        print("its last words, without an end of line", end="")
+        print("its last words (é), without an end of line", end="")
         os.kill(os.getpid(), signal.SIGKILL)
 
     def crash(self):

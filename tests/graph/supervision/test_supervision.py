@@ -99,13 +99,14 @@ def test_the_launcher_answers_and_can_be_told_to_stop(palp: Palp, how: tuple[str
 @pytest.mark.parametrize(
     ("deed", "cause", "words"),
     [
-        ("mutter", "its process was killed by SIGKILL", "its last words, without an end of line"),
+        ("mutter", "its process was killed by SIGKILL", "its last words (é), without an end of line"),
         ("crash", "its process was killed by SIGSEGV", "in crash"),
     ],
 )
 def test_the_reason_and_the_last_words_of_a_crash_are_in_the_message(
     talkers: Hostile, deed: str, cause: str, words: str
 ) -> None:
+    talkers.palp.environment["PYTHONIOENCODING"] = "ascii"  # of the terminal: nodes write UTF-8
     done = talkers.palp.here("launch", talkers.file, f"deed:={deed}")
     assert done.returncode == 1
     assert f"talker: {cause}" in done.stderr
