@@ -304,14 +304,14 @@ ABSENT = ("pcan", "ixxat", "socketcan", "vector", "canalystii", "gs_usb", "udp_m
 
 
 @pytest.mark.parametrize(
-    ("answer", "words"),
+    ("answer", "words", "said"),
     [
-        (b"", ("ati", "interface:=kvaser", "channel:=0")),
-        (b"", ("ati", "interface:=neousys", "channel:=0")),
-        (page(b"[" * 100_000), NORAXON),
-        (b"", ("{driver}:OpensNot",)),
+        (b"", ("ati", "interface:=kvaser", "channel:=0"), "ati: cannot open the bus kvaser 0: NameError: "),
+        (b"", ("ati", "interface:=neousys", "channel:=0"), "and that the driver of 'neousys' is installed"),
+        (page(b"[" * 100_000), NORAXON, "noraxon: /headers makes no sense: RecursionError: "),
+        (b"", ("{driver}:OpensNot",), ":OpensNot: cannot open it: RuntimeError: caf\\u00e9"),
         *(
-            pytest.param(answer, words, marks=pytest.mark.nightly)
+            pytest.param(answer, words, "", marks=pytest.mark.nightly)
             for answer, words in (
                 *((NOISE, (name, "url:=socket://127.0.0.1:{port}")) for name in SERIAL),
                 *((b"", (name, "url:=socket://127.0.0.1:{port}")) for name in SERIAL),
@@ -339,7 +339,7 @@ ABSENT = ("pcan", "ixxat", "socketcan", "vector", "canalystii", "gs_usb", "udp_m
     ],
 )
 def test_a_device_that_does_not_open_is_one_line_of_palp_and_a_status(
-    palp: Palp, answer: bytes, words: tuple[str, ...], tmp_path: Path
+    palp: Palp, answer: bytes, words: tuple[str, ...], said: str, tmp_path: Path
 ) -> None:
     palp.environment |= {"PYTHONIOENCODING": "ascii"}
     driver = tmp_path / "driver.py"
@@ -351,6 +351,7 @@ def test_a_device_that_does_not_open_is_one_line_of_palp_and_a_status(
     assert (process.returncode, output) == (1, "")
     (line,) = errors.splitlines()
     assert given[0] in line
+    assert said in line
     assert line.isascii()
 
 

@@ -64,9 +64,7 @@ def catch_foreign(place: str, error_type: type[PalpError], fix: str = "") -> Ite
     except PalpError:
         raise
     except Exception as error:
-        traceback.clear_frames(
-            error.__traceback__
-        )  # half-made objects go now: some log a complaint as they do
+        traceback.clear_frames(error.__traceback__)  # half-made objects go now, and what they log is caught
         raise error_type("; ".join(filter(None, (f"{place}: {describe_foreign(error)}", fix)))) from error
     finally:
         _IN_THREAD.remarks = before

@@ -5,6 +5,9 @@ from __future__ import annotations
 import threading
 from typing import Any
 
+import pytest
+
+from palp_core.errors import DeviceError
 from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.session_thread import SessionThread
@@ -50,3 +53,22 @@ def test_an_error_that_nobody_foresaw_is_a_lost_link_by_name_and_not_the_end(wai
     receiver.stop()
     assert "link lost: odd: ZeroDivisionError: odd" in said
     assert receiver.lost_count == 1
+
+
+@pytest.mark.parametrize(
+    ("raised", "said"),
+    [
+        (NameError("canlib"), "odd: cannot connect: NameError: canlib; check address and cable"),
+        (OSError(113, "No route to host"), "odd: cannot connect: No route to host; check address and cable"),
+        (DeviceError("odd: no answer; is it on?"), "odd: no answer; is it on?"),
+    ],
+)
+def test_whatever_a_library_raises_at_the_first_session_is_a_device_error(
+    raised: Exception, said: str
+) -> None:
+    def connect() -> Any:
+        raise raised
+
+    with pytest.raises(DeviceError) as seen:
+        SessionThread("odd", connect, HealthMonitor(1.0), HostTime()).start()
+    assert str(seen.value) == said
