@@ -4,15 +4,10 @@ Nothing is chosen here: :mod:`palp_core.palpation.identification.emg.muscles` do
 """
 
 import importlib
-import logging
 import re
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-
-import numpy as np
 
 from palp_core.errors import PalpError
 from palp_core.published import EMG_READERS, published
@@ -154,28 +149,6 @@ def read_emg(path: Path) -> EmgFile:
     if not found.columns:
         raise PalpError(f"{path}: holds no column of numbers")
     return found
-
-
-@contextmanager
-def library_quiet(path: Path, kind: str) -> Iterator[None]:
-    """Run another project's reader: its exceptions become errors with the file's name, its log is dropped.
-
-    Raises:
-        PalpError: The reader raised anything else.
-    """
-    logger = logging.getLogger("pyxdf")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL + 1)
-    try:
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore")
-            yield
-    except (PalpError, ImportError, MemoryError):
-        raise
-    except Exception as error:
-        raise PalpError(f"{path}: not a readable {kind} file: {error or type(error).__name__}") from error
-    finally:
-        logger.setLevel(level)
 
 
 def plain_unit(text: str) -> str:

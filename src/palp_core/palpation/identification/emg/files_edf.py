@@ -15,7 +15,8 @@ from edfio import read_edf as read_narrow
 from numpy.typing import NDArray
 
 from palp_core.errors import PalpError
-from palp_core.palpation.identification.emg.files import Column, EmgFile, library_quiet, plain_unit
+from palp_core.foreign import catch_foreign
+from palp_core.palpation.identification.emg.files import Column, EmgFile, plain_unit
 from palp_core.units import Float64Array
 
 _LEAST_PADDING = 8  # samples; EMG does not stay that long at one value
@@ -39,7 +40,7 @@ def read_edf(path: Path) -> EmgFile:
     wide = data[:1] == b"\xff"
     if not wide and data[:8].strip(b" \0") != b"0":
         raise PalpError(f"{path}: not an EDF or BDF file; its first bytes are {data[:8]!r}")
-    with library_quiet(path, "BDF" if wide else "EDF"):
+    with catch_foreign(f"{path}: not a readable {'BDF' if wide else 'EDF'} file", PalpError):
         plain, unusable = _as_edfio_reads(data)
         if set(_labels(plain)) == {_CLOCK}:
             raise PalpError(f"{path}: holds annotations only; name a file with EMG")

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from palp_core.errors import PalpError
-from palp_core.palpation.identification.emg.files import Column, EmgFile, library_quiet, split_unit
+from palp_core.foreign import catch_foreign
+from palp_core.palpation.identification.emg.files import Column, EmgFile, split_unit
 
 _RATE = re.compile(
     r"fs|sr|srate|sfreq|(sampl(e|es|ing)[_ ]?)(rate|freq|frequency)|rate", re.IGNORECASE
@@ -21,7 +22,7 @@ def read_npz(path: Path) -> EmgFile:
     Raises:
         PalpError: It is no archive of plain numbers, or keys state several rates.
     """
-    with library_quiet(path, "NPZ"):
+    with catch_foreign(f"{path}: not a readable NPZ file", PalpError):
         archive = np.load(path, allow_pickle=False)
         if isinstance(archive, np.ndarray):
             raise PalpError(f"{path}: a single array, not an archive; write it with numpy.savez")

@@ -20,11 +20,11 @@ import numpy as np
 from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.extras import install_line
+from palp_core.foreign import catch_foreign
 from palp_core.palpation.identification.emg.files import (
     LARGEST_BYTES,
     Column,
     EmgFile,
-    library_quiet,
     plain_unit,
 )
 from palp_core.units import Float64Array
@@ -62,7 +62,7 @@ def read_xdf(path: Path) -> EmgFile:
         import pyxdf
     except ImportError as error:
         raise PalpError(f"{path}: XDF needs pyxdf; install it with: {install_line('emg')}") from error
-    with library_quiet(path, "XDF"):
+    with catch_foreign(f"{path}: not a readable XDF file", PalpError):
         found, _ = pyxdf.load_xdf(
             io.BytesIO(data), jitter_break_threshold_seconds=_BREAK_S, jitter_break_threshold_samples=1
         )
