@@ -267,6 +267,7 @@ def _check_wire(
         known = [name for name, offer in offers.items() if not offer.vacant]
         if wire.port in offers:
             _check_edge(reader, port, source, offers[wire.port], wire, problems)
+            _check_same_params(reader, port.name, source, problems)
         elif wire.port in source.declared.ports:
             noun = _PLACES[source.declared.ports[wire.port].kind]
             message = (
@@ -278,6 +279,19 @@ def _check_wire(
                 wire.source_mark,
                 f"{reader}: {source} has no {_PLACES[kind]} '{wire.port}'{hint(wire.port, known)}",
             )
+
+
+def _check_same_params(reader: GraphNode, port: str, source: GraphNode, problems: Problems) -> None:
+    """Refuse two nodes that disagree on what both must know."""
+    if not (reader.present and source.present):
+        return
+    for name in reader.declared.same_params.get(port, ()):
+        if name in reader.declared.params and name in source.declared.params:
+            ours, theirs = reader.param(name), source.param(name)
+            if ours != theirs:
+                mark = reader.param_marks.get(name, source.param_marks.get(name, reader.run_mark))
+                message = f"{reader}: {name} = {ours!r}, and {source} has {theirs!r}"
+                problems.add(mark, f"{message}; give both the same")
 
 
 def _an(noun: str) -> str:

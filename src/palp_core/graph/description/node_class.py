@@ -100,6 +100,7 @@ class NodeClass(msgspec.Struct, frozen=True, kw_only=True):
         successors: What parameters name to take a node's place later, by parameter. A parameter says so by
             ``Annotated[str, Meta(extra={"successors": (node, function)})]``, whose function returns the
             classes of a value, in their order.
+        same_params: By input, parameters that must be as those of the node that is wired to it.
         examined: Each fits by itself, and the class has something against them all the same.
     """
 
@@ -115,6 +116,7 @@ class NodeClass(msgspec.Struct, frozen=True, kw_only=True):
     simulates: bool = False
     records: bool = False
     on_probation: bool = False
+    same_params: dict[str, tuple[str, ...]] = {}
 
 
 def inspect_classes(requests: Sequence[NodeClassRequest], workspace: Path) -> list[NodeClass]:
@@ -181,6 +183,7 @@ def _node(cls: type[Node], request: NodeClassRequest) -> NodeClass:
         simulates=cls.simulates,
         records=cls.records,
         on_probation=cls.on_probation,
+        same_params=dict(cls.same_params),
     )
 
 

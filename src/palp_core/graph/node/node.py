@@ -85,6 +85,7 @@ class Node(LifecycleHooks):
         records: The node is the experiment's record and may read ports named ``truth``.
         on_probation: At a swap the handlers are tried on the last messages first, which the predecessor has
             had already; and the old node stands by until the first of them have run well.
+        same_params: By input, the parameters that must be as in the node that is wired to it, if it has them.
         proven_by: What proves the node then, if not every handler does: the name of an attribute that counts
             it from the moment at which the node takes over, as in ``choice_count``.
     """
@@ -93,6 +94,7 @@ class Node(LifecycleHooks):
     simulates: ClassVar[bool] = False
     records: ClassVar[bool] = False
     on_probation: ClassVar[bool] = False
+    same_params: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     proven_by: ClassVar[str] = ""
     params: Params
     state: State
