@@ -36,6 +36,7 @@ class LoadReport(Message):
 class StageReport(Message):
     """Where the stage is and how it does; its heartbeat.
 
+    ``y_m`` and ``z_m`` were measured between ``asked_ns`` and ``answered_ns``; 0: they are not known.
     ``bring_up`` says that the next report may be long in coming: the stage homes. ``acknowledged_count`` is
     that of the last trip which the stage has left behind.
     """
@@ -45,6 +46,8 @@ class StageReport(Message):
     z_m: Metres
     speed_m_s: MetresPerSecond
     moving: bool
+    asked_ns: Nanoseconds
+    answered_ns: Nanoseconds
     bring_up: bool
     acknowledged_count: Count
     condition: str
@@ -66,11 +69,16 @@ class RingReport(Message):
 
 
 class SafetyBeat(Message):
-    """The safety node's heartbeat: whether anything may move, and what is wrong."""
+    """The safety node's heartbeat: whether anything may move, and what is wrong.
+
+    ``permits_sweep`` is whether the stage may sweep, too: first the safety node's own link must have followed
+    it over a small move above the phantom.
+    """
 
     stamp_ns: Nanoseconds
     state: str
     permits: bool
+    permits_sweep: bool
     acknowledged_count: Count
     cause: str = ""
     text: str = ""
@@ -111,16 +119,26 @@ class StatusRequest(Message):
     """Say how things stand."""
 
 
-class StatusReply(Message):
-    """Whether motion is permitted, what is or was wrong, and what stops the stage when processes die."""
+class SafetyCheck(Message):
+    """What safety rests on, one thing; ``verified_ns`` is when it was verified last, 0: it was not."""
 
+    name: str
+    verified_ns: Nanoseconds
+    text: str
+
+
+class StatusReply(Message):
+    """Whether motion is permitted, what is or was wrong, what was verified and what was not."""
+
+    stamp_ns: Nanoseconds
     state: str
     permits: bool
+    permits_sweep: bool
     cause: str
     text: str
     warning: str
     acknowledged_count: Count
-    dead_man: str = ""
+    checks: list[SafetyCheck]
 
 
 class AcknowledgeRequest(Message):

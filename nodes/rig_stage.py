@@ -1,19 +1,28 @@
 """Sweep with a real stage on the machine's clock, by permission of the safety node."""
 
-from collections.abc import Callable
+import math
 from typing import Any, ClassVar
 
 import numpy as np
 
 from msgs.safety import SafetyBeat, StageReport
 from msgs.stage import SweepGoal
-from nodes.stage import Stage, StageParams, StageState, device_options, require_clearance, window_of
+from nodes.stage import (
+    Stage,
+    StageParams,
+    StageState,
+    device_options,
+    require_clearance,
+    stage_mistakes,
+    window_of,
+)
 from palp_core import Pub, ReadOnly, Sub, Timer, on
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.blocks import block_mistakes
 from palp_core.palpation.devices.health import Condition
-from palp_core.palpation.devices.protocols import StageFeedback
+from palp_core.palpation.devices.protocols import StageFeedback, StageOptions
 from palp_core.palpation.devices.registry import device_mistakes, open_device
+from palp_core.palpation.devices.safety.link_check import CHECK_MOVE_M
 from palp_core.palpation.devices.safety.motion_permit import MotionPermit
 from palp_core.palpation.devices.stage.position_history import crossing_ns
 from palp_core.palpation.session.named_files import file_mistakes
@@ -26,7 +35,8 @@ from palp_core.units import (
 AGAIN_NS = 5_000_000
 LAG_NS = 60_000_000  # positions are polled every 20 ms; older ones lie between two polls
 UNFINISHED = ("returning", "sweeping", "swept")  # a goal that a stop cancels
-ACTIVE = (*UNFINISHED, "resting", "retreating", "raising")
+ACTIVE = (*UNFINISHED, "resting", "retreating", "raising", "checking")
+CHECK_AGAIN_NS = 500_000_000
 
 
 class RigStageParams(StageParams):
@@ -34,10 +44,11 @@ class RigStageParams(StageParams):
 
     The travel window is the sweep's path, the place of rest, and ``margin_mm``. ``beat_ms`` is how long the
     stage goes on without a word of the safety node; after a trip it is raised at ``retreat_speed_m_s``,
-    as nobody knows how the probe lies.
+    as nobody knows how the probe lies. ``device`` is the stage's driver, ``options`` what it takes beyond
+    :class:`.StageOptions`: the safety node is given both, too.
     """
 
-    device: ReadOnly[str] = "aerotech"
+    device: ReadOnly[str]
     options: ReadOnly[dict[str, Any]] = {}
     retreat_speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.002
     watch_hz: ReadOnly[HertzPositive] = 100.0
@@ -50,30 +61,14 @@ class RigStageState(StageState):
     acknowledged_count: int = 0
 
 
-def driver_options(p: RigStageParams) -> dict[str, Any]:
-    """Return the options of the driver, those of ``options`` last.
-
-    Raises:
-        DeviceError: The window or a speed is none.
-    """
-    return {"limits": window_of(p), **device_options(p), **p.options}
-
-
 def mistakes(params: RigStageParams) -> dict[str, str]:
     """Return what is wrong with the parameters, by parameter; "" for what concerns several."""
     if found := file_mistakes(params):
         return found
-    checks: tuple[tuple[str, Callable[[], object]], ...] = (
-        ("options" if "lift_m" in params.options else "lift_mm", lambda: require_clearance(params)),
-        ("", lambda: driver_options(params)),
-    )
-    for name, check in checks:
-        try:
-            check()
-        except DeviceError as error:
-            found[name] = str(error)
-    found |= block_mistakes(params.block_samples, params.rate_hz)
-    return found or device_mistakes("stage", params.device, driver_options(params))
+    if twice := sorted(set(StageOptions.__struct_fields__) & set(params.options)):
+        return {"options": f"{', '.join(twice)}: the node's own parameters say this; remove it from options"}
+    found = stage_mistakes(params) | block_mistakes(params.block_samples, params.rate_hz)
+    return found or device_mistakes("stage", params.device, {**device_options(params), **params.options})
 
 
 class RigStage(Stage):
@@ -90,8 +85,9 @@ class RigStage(Stage):
     def on_configure(self) -> None:
         p = self.params
         require_clearance(p)
-        self.device = open_device("stage", p.device, **driver_options(p))
+        self.device = open_device("stage", p.device, **device_options(p), **p.options)
         self.permit = MotionPermit(p.beat_ms * 1e-3)
+        self.permits_sweep, self.check_ns = False, 0
         self.waiting: list[SweepGoal] = []
         self.trouble = ""
         self.text = ""
@@ -121,6 +117,7 @@ class RigStage(Stage):
     @on(safety)
     def note_beat(self, beat: SafetyBeat) -> None:
         self.permit.renew(beat.stamp_ns, permits=beat.permits)
+        self.permits_sweep = beat.permits_sweep
         if not beat.permits and self.state.activity in ACTIVE:
             self._halt("halted", f"the safety node says: {beat.state}: {beat.cause}")
         if beat.acknowledged_count > self.state.acknowledged_count:
@@ -141,6 +138,8 @@ class RigStage(Stage):
                 return  # it took long: the next report has a fresh stamp
             elif activity == "halted":
                 self._raise_probe("retreating", self.params.retreat_speed_m_s)
+            elif activity == "ready" and not self.permits_sweep:
+                self._check_link(now_ns)
             elif activity == "ready" and self.waiting:
                 super().accept(self.waiting.pop(0))
         self._publish_report()
@@ -192,6 +191,16 @@ class RigStage(Stage):
         """Raise the probe where it is: rings move and phantoms are changed above the phantom."""
         self.state.activity = activity
         self._begin_move(lambda: self.device.retreat(speed_m_s, self.now_ns(), self.memory))
+
+    def _check_link(self, now_ns: int) -> None:
+        """Move a little, raised, so that the safety node can see its own link follow this stage."""
+        if now_ns < self.check_ns:
+            return
+        y_m, lift_m = self._feedback().y_m, self.params.lift_mm * 1e-3
+        middle_m = 0.5 * sum(window_of(self.params).y_m)
+        to_m = y_m + math.copysign(CHECK_MOVE_M, middle_m - y_m)
+        self.state.activity, self.state.at_start = "checking", False
+        self._begin_move(lambda: self.device.return_to(to_m, self.now_ns(), self.memory, height_m=lift_m))
 
     def _be_ready(self) -> None:
         self.state.activity, self.state.at_start = "ready", False
@@ -247,6 +256,8 @@ class RigStage(Stage):
         elif self.state.activity == "cancelled":  # a goal may come, and waits until the probe is raised
             self._publish_status("ready")
             self._raise_probe("raising", self.params.lift_speed_m_s)
+        elif self.state.activity == "checking":
+            self.state.activity, self.check_ns = "ready", self.now_ns() + CHECK_AGAIN_NS
         elif self.state.activity == "raising":
             self.state.activity = "ready"
         else:
@@ -293,7 +304,7 @@ class RigStage(Stage):
 
     def _publish_report(self, *, bring_up: bool = False) -> None:
         now_ns, condition, text = self.now_ns(), self.trouble, self.text
-        seen = StageFeedback(0.0, 0.0, 0.0, moving=False)
+        seen = StageFeedback(0.0, 0.0, 0.0, moving=False, asked_ns=0, answered_ns=0)
         if self.state.activity == "down":
             condition = condition or "closed"
         else:
@@ -308,6 +319,8 @@ class RigStage(Stage):
                 z_m=seen.z_m,
                 speed_m_s=seen.speed_m_per_s,
                 moving=seen.moving,
+                asked_ns=seen.asked_ns,
+                answered_ns=seen.answered_ns,
                 bring_up=bring_up,
                 acknowledged_count=self.state.acknowledged_count,
                 condition=condition,

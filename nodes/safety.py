@@ -1,6 +1,8 @@
 """Watch torque, stage and actuator; stop motion on a link of its own; stay stopped until acknowledged."""
 
 from collections import deque
+from collections.abc import Mapping
+from typing import Any, ClassVar, get_args
 
 import numpy as np
 
@@ -10,6 +12,7 @@ from msgs.safety import (
     LoadReport,
     RingReport,
     SafetyBeat,
+    SafetyCheck,
     StageReport,
     StatusReply,
     StatusRequest,
@@ -22,8 +25,8 @@ from palp_core.palpation.devices.limits import TravelLimits, WrenchLimits
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.reconnection import Reconnection
 from palp_core.palpation.devices.protocols import StopLink
-from palp_core.palpation.devices.registry import stop_link_of
-from palp_core.palpation.devices.safety.dead_man import dead_man
+from palp_core.palpation.devices.registry import device_mistakes, open_stop_link, require_stop_link
+from palp_core.palpation.devices.safety.link_check import Direction, LinkCheck, StagePlace
 from palp_core.palpation.devices.safety.process_watch import ProcessWatch
 from palp_core.palpation.devices.safety.state_machine import Action, Cause, Event, SafetyMachine
 from palp_core.palpation.devices.safety.state_machine import SafetyState as Standing
@@ -36,7 +39,6 @@ from palp_core.palpation.devices.safety.watchdog import (
 )
 from palp_core.palpation.nano17 import RANGE_N, RANGE_N_M
 from palp_core.units import (
-    CountPositive,
     DeadlineMilliseconds,
     Float64Array,
     HertzPositive,
@@ -57,11 +59,25 @@ GOES_ON = (
     "and a palpation that was cut is done again, in the same trial; nothing is to be pressed"
 )
 """What follows an acknowledgement, by the rig's own stage and experiment."""
+NO_LINK = "none"
+"""What ``stop_link`` says of a rig without a link of the safety node's own."""
 ONE_LINK = (
-    "one link only (stop_url is empty): a stop reaches the stage through its node alone, and homing is "
+    "stop_link: none: a stop reaches the stage through its node alone, and homing is "
     "stopped by nothing but the emergency stop: keep a hand on it; give the stage segment_m: 0.002 and "
     "home_on_open: false"
 )
+DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
+NOT_VERIFIED = {
+    "emergency stop": "no software can see it: press it, and see that the drives lose power",
+    "death of processes": "not tried in this run: the guard of each link is to stop the stage",
+    "loss of the host or of the controller's link": (
+        "nothing stops the stage: it goes on to the end of the move it was sent, a whole sweep at most,"
+        " or segment_m of the stage"
+    ),
+    "ring": "if its node or link dies, it goes on to the end of its move",
+}
+"""What no check of this node covers."""
+UNSEEN = "own link not yet seen to follow the stage: no sweep before that"
 
 
 class SafetyParams(Params):
@@ -70,16 +86,15 @@ class SafetyParams(Params):
     ``range_n_mm`` and ``range_n`` are the largest torque and force that the sensor can tell (the maker's
     figures for SI-12-0.12); a stop above them could never trip and is refused.
 
-    ``stop_url`` is the controller's second TCP port; empty: the trip reaches the stage through its node only.
-    ``device`` is the stage's driver, which knows how to stop by that port. ``link_ms`` is the longest wait
-    for an answer there: 2 mm at the speed of a sweep. ``watch_processes`` trips when a process of the graph
-    is stopped by a signal, or ends in a sweep.
+    ``device`` and ``options`` are the stage's driver and its options, as the stage's node has them.
+    ``stop_link`` is the address of a second link to that stage's controller, or ``none``: then a trip reaches
+    the stage through its node only. ``link_ms`` is the longest wait for an answer there: 2 mm at the speed of
+    a sweep. ``watch_processes`` trips when a process of the graph is stopped by a signal, or ends in a sweep.
     """
 
-    stop_url: ReadOnly[str] = ""
-    device: ReadOnly[str] = "aerotech"
-    axes: ReadOnly[tuple[str, str]] = ("X", "Y")
-    baud: ReadOnly[CountPositive] = 115200
+    device: ReadOnly[str]
+    stop_link: ReadOnly[str]
+    options: ReadOnly[dict[str, Any]] = {}
     tick_hz: ReadOnly[HertzPositive] = 100.0
     look_hz: ReadOnly[HertzPositive] = 20.0
     link_ms: ReadOnly[MillisecondsPositive] = 100.0
@@ -129,11 +144,15 @@ def mistakes(params: SafetyParams) -> dict[str, str]:
             "warn_n": params.warn_n > params.stop_n,
         }
         return {next((name for name, wrong in guilty.items() if wrong), ""): str(error)}
+    if found := device_mistakes("stage", params.device):
+        return found
+    if not params.stop_link:
+        return {"stop_link": "stop_link is empty; give the address of the stage's second link, or none"}
     try:
-        if params.stop_url:
-            stop_link_of(params.device)
+        if params.stop_link != NO_LINK:
+            require_stop_link(params.device)
     except DeviceError as error:
-        return {"device": str(error)}
+        return {"stop_link": str(error)}
     return {}
 
 
@@ -207,6 +226,13 @@ class Safety(Node):
 
     moves = True
     examine = staticmethod(mistakes)
+    same_params: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "stage": (
+            "device", "options", "from_m", "to_m", "margin_mm", "lift_mm", "speed_m_s", "beat_ms",
+        ),
+        "ring": ("beat_ms",),
+        "load": ("range_n_mm",),
+    }  # fmt: skip
     params: SafetyParams
     state: SafetyNodeState
     load = Sub(LoadReport)
@@ -226,17 +252,17 @@ class Safety(Node):
         self.machine.acknowledged_count = state.acknowledged_count
         self.host, self.processes = HostTime(), ProcessWatch()
         self.link: StopLink | None = None
+        self.check = LinkCheck(self.watchdog.limits.fastest_m_per_s)
         self.again, self.complaint = Reconnection(self._new_link), ""
         self.memory, self.overloads = LastSecond(), list[LimitViolation]()
-        self.stopped_ns = self.permitted_ns = self.search_ns = 0
+        self.stopped_ns = self.permitted_ns = self.search_ns = self.looked_ns = 0
         self.moving = False
 
     def on_activate(self) -> None:
         self.host.observe(self.now_ns())
-        self.link = self._new_link() if self.params.stop_url else None
+        self.link = self._new_link() if self.params.stop_link != NO_LINK else None
         if self.link is None:
             self.log.warning("%s", ONE_LINK)
-        self.log.info("dead-man: %s", dead_man(self.link))
         self._publish_status()
 
     on_resume = on_activate
@@ -277,10 +303,12 @@ class Safety(Node):
         words = report.condition, report.text
         seen = WatchedStage(*place, report.moving, report.bring_up, released, *words)
         self._judge(self.watchdog.check_stage(seen), report.stamp_ns)
+        self.check.note_stage(StagePlace(report.asked_ns, report.answered_ns, report.y_m, report.z_m))
+        self._judge_link(report.stamp_ns)
         self.moving = report.moving
         if report.stamp_ns <= self.stopped_ns:  # said before the stop was done
             return
-        if self.machine.state is Standing.STOPPING and self.link is None and not report.moving:
+        if self.machine.state is Standing.STOPPING and not self._link_stops and not report.moving:
             self._handle(Event.STOPPED)
         elif released:
             self._handle(Event.MOVES if report.moving or report.bring_up else Event.RESTS)
@@ -295,6 +323,7 @@ class Safety(Node):
     @every("tick_hz")
     def watch(self) -> None:
         now_ns = self.now_ns()
+        self.host.observe(now_ns)
         own = self.watchdog.check_itself(now_ns, 1.0 / self.params.tick_hz)
         late = [] if own is None else own or self.watchdog.overdue(now_ns)
         late += self._stopped_processes(now_ns)
@@ -303,7 +332,8 @@ class Safety(Node):
         elif self.machine.state is Standing.STARTING and own is not None and not late:
             self.permitted_ns = now_ns
             self._handle(Event.COMPLETE)
-        if self.machine.state is Standing.STOPPING:
+        written = self.check.contradiction and not self.complaint  # to another controller: once is enough
+        if self.machine.state is Standing.STOPPING and not written:
             self._act((Action.STOP,))
         else:
             self._judge_axes()
@@ -330,12 +360,27 @@ class Safety(Node):
         except DeviceError as error:
             self._judge([LimitViolation(Cause.LINK_LOST, f"the link of its own: {error}")], self.now_ns())
         for axis in axes:
+            self.looked_ns = max(self.looked_ns, axis.answered_ns)
+            self.check.note_axis(axis)
+            self._judge_link(axis.answered_ns)
             if not self.machine.permits:
                 powered = self.machine.tripped and axis.enabled  # by an ENABLE that crossed the DISABLE
                 if (axis.moving or powered) and axis.asked_ns > self.stopped_ns:
                     self._handle(Event.MOVES)
             elif axis.asked_ns > self.permitted_ns:  # before, a fault may have waited for FAULTACK
                 self._judge(self.watchdog.check_axis(axis.axis, axis.fault, axis.following_m), self.now_ns())
+
+    @property
+    def _link_stops(self) -> bool:
+        """Whether a stop that was written to the own link counts as one of this stage."""
+        return self.link is not None and not self.check.contradiction
+
+    def _link_violation(self) -> list[LimitViolation]:
+        return [LimitViolation(Cause.WRONG_LINK, said)] if (said := self.check.contradiction) else []
+
+    def _judge_link(self, cause_ns: int) -> None:
+        if self.machine.permits:
+            self._judge(self._link_violation(), cause_ns)
 
     # What is done
 
@@ -357,14 +402,16 @@ class Safety(Node):
             times = {"cause_ns": cause_ns or now_ns, "written_ns": written_ns, "disabled_ns": disabled_ns}
             self._publish_status()
             self.trip.publish(self.memory.trip(now_ns, cause, text, **times))
-        if disabled_ns:
+        if disabled_ns and self._link_stops:
             self._handle(Event.STOPPED)
 
     def _stop_motion(self) -> tuple[int, int]:
         """ABORT first, then tell stage and ring, then DISABLE; return when both were written."""
         written_ns = disabled_ns = 0
         self.host.observe(self.now_ns())
-        self.link = self.again.fetch() or self.link
+        if (link := self.again.fetch()) is not None:
+            self.link = link
+            self.check.forget()
         try:
             if self.link is not None:
                 written_ns = self.link.abort()
@@ -374,7 +421,7 @@ class Safety(Node):
             self.complaint = ""
         except DeviceError as error:
             self._publish_beat()
-            if str(error) != self.complaint:  # it is tried a hundred times a second
+            if str(error) != self.complaint:  # log once: this runs at tick_hz
                 self.log.warning("the stage cannot be stopped on the own link: %s", error)
             self.complaint = str(error)
             if self.link is not None and self.again.start():
@@ -384,8 +431,14 @@ class Safety(Node):
 
     def _new_link(self) -> StopLink:
         p = self.params
-        timing = {"timeout_s": p.link_ms * 1e-3, "look_hz": p.look_hz}
-        return stop_link_of(p.device)(p.stop_url, p.axes, p.baud, **timing, clock=self.host.now_ns)
+        return open_stop_link(
+            p.device,
+            p.options,
+            p.stop_link,
+            timeout_s=p.link_ms * 1e-3,
+            look_hz=p.look_hz,
+            clock=self.host.now_ns,
+        )
 
     @serve(stop)
     def obey(self, request: StopRequest) -> StatusReply:
@@ -400,13 +453,15 @@ class Safety(Node):
 
     def _status(self) -> StatusReply:
         return StatusReply(
+            stamp_ns=self.now_ns(),
             state=self.state.standing,
             permits=self.machine.permits,
+            permits_sweep=self._permits_sweep,
             cause=self.state.cause,
             text=self.state.text,
             warning=self._warning,
             acknowledged_count=self.state.acknowledged_count,
-            dead_man=dead_man(self.link),
+            checks=self._checks(),
         )
 
     @serve(acknowledge)
@@ -415,7 +470,8 @@ class Safety(Node):
             text = "nothing to acknowledge: there is no trip"
             return AcknowledgeReply(done=False, state=self.machine.state.value, text=text)
         now_ns = self.now_ns()
-        persisting = [*self.overloads, *self.watchdog.overdue(now_ns), *self._stopped_processes(now_ns)]
+        persisting = [*self.overloads, *self._link_violation()]
+        persisting += [*self.watchdog.overdue(now_ns), *self._stopped_processes(now_ns)]
         if self.moving:
             persisting.append(LimitViolation(Cause.UNPERMITTED, "the stage is not known to be at rest yet"))
         self._handle(Event.ACKNOWLEDGE_EARLY if persisting else Event.ACKNOWLEDGE)
@@ -429,7 +485,38 @@ class Safety(Node):
 
     @property
     def _warning(self) -> str:
-        return self.watchdog.warning or ("" if self.params.stop_url else ONE_LINK)
+        if self.watchdog.warning:
+            return self.watchdog.warning
+        if self.link is None:
+            return ONE_LINK
+        return "" if self.check.verified_ns("y") else UNSEEN
+
+    @property
+    def _permits_sweep(self) -> bool:
+        return self.machine.permits and (self.link is None or self.check.verified_ns("y") > 0)
+
+    def _checks(self) -> list[SafetyCheck]:
+        """Return what the rig's safety rests on, and when each was verified."""
+        found = [] if self.link is None else self._link_checks(self.link)
+        if self.link is None:
+            found.append(SafetyCheck(name="own link", verified_ns=0, text=ONE_LINK))
+        heard = {name: ("heard" if at else "not heard", at) for name, at in self.watchdog.heard_ns.items()}
+        found += [SafetyCheck(name=name, verified_ns=at, text=text) for name, (text, at) in heard.items()]
+        found += [SafetyCheck(name=name, verified_ns=0, text=text) for name, text in NOT_VERIFIED.items()]
+        return found
+
+    def _link_checks(self, link: StopLink) -> list[SafetyCheck]:
+        found = [
+            SafetyCheck(
+                name=f"own link, {direction}",
+                verified_ns=self.check.verified_ns(direction),
+                text=self.check.result(direction),
+            )
+            for direction in DIRECTIONS
+        ]
+        guarded_ns, text = (self.looked_ns, "its process is alive") if link.guarded else (0, "there is none")
+        found.append(SafetyCheck(name="guard of own link", verified_ns=guarded_ns, text=text))
+        return found
 
     def _publish_status(self) -> None:
         """Say what a person is to see, wherever he looks."""
@@ -447,6 +534,7 @@ class Safety(Node):
                 stamp_ns=self.host.now_ns(),
                 state=machine.state.value,
                 permits=machine.permits,
+                permits_sweep=self._permits_sweep,
                 acknowledged_count=machine.acknowledged_count,
                 cause=machine.cause or "",
                 text=machine.text,

@@ -1,6 +1,7 @@
 """Sweep the probe over the phantom at constant speed, and return by another path."""
 
 import math
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import msgspec
@@ -12,7 +13,7 @@ from palp_core import Alarm, Node, Params, Pub, ReadOnly, State, Sub, Timer, on
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.blocks import Stream, block_mistakes, late_blocks
 from palp_core.palpation.devices.limits import TravelLimits, check_lift, check_sweep
-from palp_core.palpation.devices.protocols import restored
+from palp_core.palpation.devices.protocols import StageOptions, restored
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.scene import StagePath
@@ -79,23 +80,45 @@ def require_clearance(params: Any) -> None:
         DeviceError: It is one.
         MechanicsError: The scene cannot be read.
     """
-    path = scanning_path(params)
-    lift_m = getattr(params, "options", {}).get("lift_m", params.lift_mm * 1e-3)
-    if isinstance(lift_m, int | float):  # what is no number the driver refuses
-        check_lift(lift_m, path.indentation_m)
+    check_lift(params.lift_mm * 1e-3, scanning_path(params).indentation_m)
 
 
 def device_options(params: StageParams) -> dict[str, Any]:
-    """Return the options of the stage's device."""
-    own = {"sweep_speed_m_per_s": params.sweep_speed_m_s, "lift_speed_m_per_s": params.lift_speed_m_s}
-    return {**own, "lift_m": params.lift_mm * 1e-3}
+    """Return what every stage's driver is handed.
+
+    Raises:
+        DeviceError: The window or a speed is out of range.
+    """
+    return msgspec.structs.asdict(
+        StageOptions(
+            limits=window_of(params),
+            sweep_speed_m_per_s=params.sweep_speed_m_s,
+            lift_speed_m_per_s=params.lift_speed_m_s,
+            lift_m=params.lift_mm * 1e-3,
+        )
+    )
+
+
+def stage_mistakes(params: StageParams) -> dict[str, str]:
+    """Return what is wrong with the stage's height, window and speeds, by parameter; "" for several."""
+    found = {}
+    checks: tuple[tuple[str, Callable[[], object]], ...] = (
+        ("lift_mm", lambda: require_clearance(params)),
+        ("", lambda: device_options(params)),
+    )
+    for name, check in checks:
+        try:
+            check()
+        except DeviceError as error:
+            found[name] = str(error)
+    return found
 
 
 def window_of(params: StageParams) -> TravelLimits:
     """Return where a stage may go and how fast, by the launch file.
 
     Raises:
-        DeviceError: The window or the speed is none.
+        DeviceError: The window or the speed is out of range.
     """
     margin_m, lift_m = params.margin_mm * 1e-3, params.lift_mm * 1e-3
     return TravelLimits.around(params.from_m, params.to_m, margin_m, lift_m, params.speed_m_s)
@@ -142,10 +165,8 @@ class Stage(Node):
     def examine(params: Any) -> dict[str, str]:
         if found := file_mistakes(params):
             return found
-        try:
-            require_clearance(params)
-        except DeviceError as error:
-            return {"lift_mm": str(error)}
+        if found := stage_mistakes(params):
+            return found
         too_long = block_mistakes(params.block_samples, params.rate_hz)
         return too_long | device_mistakes("stage", params.device, device_options(params))
 

@@ -145,14 +145,14 @@ class RunningRig:
         options = self.emulator.options
         can, emg = options["ati"]["options"], options["noraxon"]
         stage, ring, verified = options["aerotech"]["url"], options["maestro"]["url"], 'verified: ["*"]'
-        stop_url = "" if self._single else self.emulator.ask("stop-url")
+        stop_link = "none" if self._single else self.emulator.ask("stop-link")
         segments = ", segment_m: 0.002, poll_hz: 100.0" if self._single else ""
         back = f"return_speed_m_per_s: {self._return_m_per_s}"
         bus = f"{{host: {can['host']}, port: {can['port']}, tcp_tune: true}}"
         addresses = {
-            "socket://192.168.1.10:8001": f'"{stop_url}"',
+            "socket://192.168.1.10:8001": f'"{stop_link}"',
             '{url: "socket://192.168.1.10:8000",': f'{{url: "{stage}", {verified}{segments}, {back},',
-            "sweep_speed_m_s: 0.020": f"sweep_speed_m_s: {self._sweep_m_per_s}",
+            "sweep_speed_m_s: {default: 0.020": f"sweep_speed_m_s: {{default: {self._sweep_m_per_s}",
             "{url: /dev/ttyACM0,": f"{{url: {ring}, {verified},",
             "{channel: can0, interface: socketcan}": (
                 f"{{channel: can0, interface: socketcand, options: {bus}, {verified}}}"

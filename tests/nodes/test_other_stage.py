@@ -16,12 +16,14 @@ from nodes.safety import Safety, SafetyParams
 from palp_core import Bench
 from palp_core.cli.rig.device_catalogue import device_entries
 from palp_core.cli.rig.device_discovery import discover
-from palp_core.errors import DeviceError, NodeError
+from palp_core.errors import DeviceError, GraphError, NodeError
 from palp_core.palpation.devices.protocols import restored
 from palp_core.palpation.devices.registry import BACK_ENDS, device_mistakes, open_device
+from tests.support import made_up_stage
 from tests.support.made_up_stage import MadeUpStage, MadeUpState, MadeUpStop
 
 ROOT = Path(__file__).resolve().parents[2]
+OWN_LINK = {"device": "made_up", "options": {"port": 7}, "stop_link": "port 8", "watch_processes": False}
 GOAL = SweepGoal(stamp_ns=0, goal_id=1, from_m=-0.002, to_m=0.002)
 
 
@@ -35,7 +37,13 @@ def _registered(monkeypatch: pytest.MonkeyPatch) -> None:
 def run(bench: Bench[RigStage], seconds: float) -> None:
     for _ in range(round(seconds * 100)):
         bench.advance(0.01)
-        beat = SafetyBeat(stamp_ns=bench.clock.now_ns(), state="ready", permits=True, acknowledged_count=0)
+        beat = SafetyBeat(
+            stamp_ns=bench.clock.now_ns(),
+            state="ready",
+            permits=True,
+            permits_sweep=True,
+            acknowledged_count=0,
+        )
         bench.feed(RigStage.safety, beat)
 
 
@@ -67,15 +75,33 @@ def test_a_replacement_takes_over_what_it_remembers(successor: Callable[..., Ben
 
 
 def test_the_safety_node_stops_it_on_its_own_link() -> None:
-    bench = Bench(Safety, {"device": "made_up", "stop_url": "port 8", "watch_processes": False})
+    bench = Bench(Safety, OWN_LINK)
     assert bench.call(Safety.stop, StopRequest()).state == "latched"
     assert MadeUpStop.written == ["open port 8", "abort", "disable"]
 
 
-def test_a_stage_without_a_second_link_is_refused_where_one_is_asked_for() -> None:
-    assert "leave stop_url empty" in Safety.examine(SafetyParams(device="sim", stop_url="port 8"))["device"]
-    assert "no stage device 'mad_up'" in Safety.examine(SafetyParams(device="mad_up", stop_url="8"))["device"]
-    assert Safety.examine(SafetyParams(device="sim")) == {}
+@pytest.mark.parametrize(
+    ("device", "link", "guilty", "said"),
+    [
+        ("sim", "port 8", "stop_link", "has no second link to its controller; give stop_link: none"),
+        ("mad_up", "port 8", "device", "no stage device 'mad_up'"),
+        ("made_up", "", "stop_link", "is empty; give the address of the stage's second link, or none"),
+        ("sim", "none", "", ""),
+        ("made_up", "none", "", ""),
+    ],
+)
+def test_a_stop_link_is_the_drivers_own_or_none_and_is_always_given(
+    device: str, link: str, guilty: str, said: str
+) -> None:
+    assert said in Safety.examine(SafetyParams(device=device, stop_link=link)).get(guilty, "")
+    assert bool(Safety.examine(SafetyParams(device=device, stop_link=link))) == bool(guilty)
+
+
+@pytest.mark.parametrize("missing", ["device", "stop_link"])
+def test_the_safety_node_guesses_neither_the_stages_driver_nor_that_there_is_no_link(missing: str) -> None:
+    given = {name: value for name, value in OWN_LINK.items() if name != missing}
+    with pytest.raises(GraphError, match=f"missing required field `{missing}`"):
+        Bench(Safety, given)
 
 
 def test_a_second_link_that_lacks_an_ability_is_refused_before_it_is_needed(
@@ -83,10 +109,18 @@ def test_a_second_link_that_lacks_an_ability_is_refused_before_it_is_needed(
 ) -> None:
     monkeypatch.delattr(MadeUpStop, "finish_stop")
     monkeypatch.delattr(MadeUpStop, "abort")
-    said = Safety.examine(SafetyParams(device="made_up", stop_url="port 8"))["device"]
-    assert said.startswith("stage device 'made_up': MadeUpStop has no abort, no finish_stop; see palp_core.")
-    with pytest.raises(NodeError, match="MadeUpStop has no abort"):
-        Bench(Safety, {"device": "made_up", "stop_url": "port 8", "watch_processes": False})
+    with pytest.raises(NodeError, match="MadeUpStop has no abort, no finish_stop; see palp_core"):
+        Bench(Safety, OWN_LINK)
+
+
+def test_a_driver_that_takes_not_all_that_a_stage_is_handed_is_refused_at_once() -> None:
+    class Short(MadeUpStage):
+        def __init__(self, port: int, lift_m: float) -> None: ...
+
+    vars(made_up_stage)["Short"] = Short
+    name = "tests.support.made_up_stage:Short"
+    said = device_mistakes("stage", name, {"port": 7, "lift_m": 0.01})["options"]
+    assert "Short takes no limits, no sweep_speed_m_per_s, no lift_speed_m_per_s; give its" in said
 
 
 def test_the_command_line_lists_and_finds_it() -> None:
@@ -135,7 +169,8 @@ def test_what_another_device_remembered_is_no_state_of_it(kept: object) -> None:
 
 def test_a_stage_class_that_says_nothing_of_a_second_link_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(MadeUpStage, "stop_link")
-    assert "leave stop_url empty" in Safety.examine(SafetyParams(device="made_up", stop_url="8"))["device"]
+    found = Safety.examine(SafetyParams(device="made_up", stop_link="port 8"))
+    assert "give stop_link: none" in found["stop_link"]
 
 
 def test_the_nodes_name_no_maker() -> None:

@@ -85,6 +85,7 @@ class Permitted:
                 stamp_ns=self.bench.clock.now_ns(),
                 state=state,
                 permits=state == "ready",
+                permits_sweep=True,
                 acknowledged_count=count,
             )
             self.bench.feed(RigActuator.safety, beat)

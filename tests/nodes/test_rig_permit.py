@@ -17,6 +17,7 @@ def permitted(monkeypatch: pytest.MonkeyPatch) -> Permitted:
 def reach(permitted: Permitted, activity: str) -> None:
     """Let the stage work until it does one thing; a retreat begins after a trip in a sweep."""
     count = 0
+    permitted.link_seen = activity != "checking"
     permitted.bench.feed(RigStage.goal, GOAL)
     if activity == "raising":  # what follows a cancel
         reach(permitted, "sweeping")

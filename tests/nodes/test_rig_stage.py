@@ -18,6 +18,7 @@ from palp_core.errors import DeviceError, NodeError
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.palpation.devices.health import HEALTHY, Condition, DeviceHealth
 from palp_core.palpation.devices.protocols import StageFeedback
+from palp_core.palpation.devices.safety.link_check import CHECK_MOVE_M
 from palp_core.palpation.devices.sim.stage import SimStage
 from palp_core.palpation.devices.stage.aerotech import AerotechStage
 
@@ -89,14 +90,19 @@ class Permitted:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.device = ScriptedStage()
         monkeypatch.setattr(rig_stage, "open_device", lambda *_, **__: self.device)
-        self.bench = Bench(RigStage, {"from_m": FROM_M, "to_m": TO_M})
+        self.bench = Bench(RigStage, {"device": "aerotech", "from_m": FROM_M, "to_m": TO_M})
+        self.link_seen = True
 
     def beat(self, state: str = "ready", count: int = 0) -> None:
         permits = state in ("ready", "moving")
         self.bench.feed(
             RigStage.safety,
             SafetyBeat(
-                stamp_ns=self.bench.clock.now_ns(), state=state, permits=permits, acknowledged_count=count
+                stamp_ns=self.bench.clock.now_ns(),
+                state=state,
+                permits=permits,
+                permits_sweep=permits and self.link_seen,
+                acknowledged_count=count,
             ),
         )
 
@@ -155,6 +161,33 @@ def test_between_sweeps_the_probe_is_raised(permitted: Permitted) -> None:
     permitted.bench.feed(RigStage.goal, GOAL)
     permitted.run(12.0)
     assert permitted.device.calls == ["open", "return", "sweep", "retreat 0.02"]
+
+
+def test_before_the_first_sweep_it_moves_a_little_until_the_own_link_of_safety_has_followed(
+    permitted: Permitted,
+) -> None:
+    permitted.link_seen = False
+    permitted.bench.feed(RigStage.goal, GOAL)
+    permitted.run(0.4)
+    assert permitted.device.calls[0] == "open"
+    assert set(permitted.device.calls[1:]) == {"return"}
+    seen = permitted.bench.sent(RigStage.report)
+    assert max(report.y_m for report in seen) == pytest.approx(CHECK_MOVE_M)
+    assert min(report.z_m for report in seen[10:]) == pytest.approx(permitted.device.sim.lift_m)
+    permitted.run(10.0)  # the link is not seen to follow, and it goes on trying about the middle of the path
+    assert max(report.y_m for report in permitted.bench.sent(RigStage.report)) < 0.009
+    assert permitted.words == ["ready"]
+    permitted.link_seen = True
+    permitted.run(12.0)
+    assert permitted.words == ["ready", "sweeping", "swept", "ready"]
+
+
+def test_the_little_move_stays_within_the_window(monkeypatch: pytest.MonkeyPatch) -> None:
+    permitted = Permitted(monkeypatch)
+    permitted.bench = Bench(RigStage, {"device": "aerotech", "from_m": -0.01, "to_m": 0.0, "margin_mm": 0.5})
+    permitted.link_seen = False
+    permitted.run(0.4)
+    assert min(report.y_m for report in permitted.bench.sent(RigStage.report)) == pytest.approx(-CHECK_MOVE_M)
 
 
 def sweeping(permitted: Permitted) -> None:
@@ -300,10 +333,16 @@ def test_a_lost_link_at_the_end_is_no_failure(permitted: Permitted) -> None:
 def test_a_lift_that_leaves_the_probe_in_the_gel_is_refused_at_the_start(tmp_path: Path) -> None:
     scene = tmp_path / "scene.yaml"
     scene.write_text("path: {indentation_m: 0.006}\n", encoding="utf-8")
-    for params in ({"lift_mm": 4.0}, {"lift_mm": 6.4, "scene": str(scene)}, {"options": {"lift_m": 0.004}}):
+    for params in ({"lift_mm": 4.0}, {"lift_mm": 6.4, "scene": str(scene)}):
         with pytest.raises(NodeError, match="dragged through the gel"):
-            Bench(RigStage, params)
-    assert RigStage.examine(RigStageParams(lift_mm=6.5, scene=str(scene), options={"url": "COM1"})) == {}
+            Bench(RigStage, {"device": "aerotech", **params})
+    given: dict[str, Any] = {"device": "aerotech", "scene": str(scene), "options": {"url": "COM1"}}
+    assert RigStage.examine(RigStageParams(lift_mm=6.5, **given)) == {}
+
+
+def test_an_option_of_the_driver_says_nothing_that_the_node_says_itself() -> None:
+    params = RigStageParams(device="aerotech", options={"url": "COM1", "lift_m": 0.004})
+    assert RigStage.examine(params)["options"].startswith("lift_m: the node's own parameters say this")
 
 
 @pytest.mark.parametrize("activity", ["returning", "sweeping", "swept", "resting"])

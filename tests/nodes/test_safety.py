@@ -18,6 +18,17 @@ from palp_core.graph.node.params import describe_params
 from palp_core.palpation.devices.protocols import AxisReport, StopTimes
 from palp_core.palpation.devices.wire.aerotech import Fault
 
+AT_REST = AxisReport(
+    axis="X",
+    direction="y",
+    fault="",
+    moving=False,
+    enabled=True,
+    position_m=0.0,
+    asked_ns=0,
+    answered_ns=0,
+)
+
 
 class ScriptedStop:
     """The link of its own; ``calls`` says what was written to it."""
@@ -25,12 +36,14 @@ class ScriptedStop:
     def __init__(self) -> None:
         self.calls: list[str] = []
         self.broken, self.guarded = False, True
-        self.report = AxisReport("X", "", moving=False, enabled=True)
+        self.report = AT_REST
         self.asked_ns: Callable[[], int] = int
+        self.y_m: Callable[[], float] = float
 
     def reports(self) -> list[AxisReport]:
         self._need_link()
-        return [replace(self.report, asked_ns=self.asked_ns())]
+        asked_ns = self.asked_ns()
+        return [replace(self.report, asked_ns=asked_ns, answered_ns=asked_ns, position_m=self.y_m())]
 
     def abort(self) -> int:
         self._need_link()
@@ -57,15 +70,22 @@ class ScriptedStop:
             raise DeviceError("aerotech: the link is lost")
 
 
+GIVEN: dict[str, Any] = {
+    "device": "aerotech",
+    "stop_link": "socket://nowhere:8001",
+    "watch_processes": False,
+}
+
+
 class Watched:
     """A bench with a sensor, a stage and a ring that speak."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, **params: Any) -> None:
         self.link = ScriptedStop()
-        monkeypatch.setattr(safety, "stop_link_of", lambda _: lambda *_, **__: self.link)
-        given = {"stop_url": "socket://nowhere:8001", "watch_processes": False, **params}
-        self.bench = Bench(Safety, given)
+        monkeypatch.setattr(safety, "open_stop_link", lambda *_, **__: self.link)
+        self.bench = Bench(Safety, {**GIVEN, **params})
         self.link.asked_ns = lambda: self.now_ns
+        self.link.y_m = lambda: self.y_m
         self.torque_n_m, self.condition, self.moving, self.y_m = 0.01, "ok", False, 0.0
         self.released: int | None = None
         self.silent: set[str] = set()
@@ -103,7 +123,8 @@ class Watched:
         count = self.status.acknowledged_count if self.released is None else self.released
         values: dict[str, Any] = {
             "stamp_ns": self.now_ns, "y_m": self.y_m, "z_m": 0.0, "speed_m_s": 0.0, "moving": self.moving,
-            "bring_up": False, "acknowledged_count": count, "condition": self.condition,
+            "asked_ns": self.now_ns, "answered_ns": self.now_ns, "bring_up": False,
+            "acknowledged_count": count, "condition": self.condition,
         }  # fmt: skip
         self.bench.feed(Safety.stage, StageReport(**{**values, **fields}))
 
@@ -216,7 +237,7 @@ def test_what_an_axis_said_before_the_stop_is_no_new_motion(watched: Watched) ->
     sweeping(watched)
     before_ns = watched.now_ns
     watched.link.asked_ns = lambda: before_ns
-    watched.link.report = AxisReport("X", "", moving=True, enabled=True)
+    watched.link.report = replace(AT_REST, moving=True)
     watched.moving = False
     watched.bench.call(Safety.stop, StopRequest())
     watched.run(0.1)
@@ -232,14 +253,14 @@ def test_a_stage_out_of_its_window_trips(watched: Watched) -> None:
 
 def test_an_axis_fault_on_the_own_link_trips(watched: Watched) -> None:
     sweeping(watched)
-    watched.link.report = AxisReport("X", Fault.E_STOP.words, moving=False, enabled=False)
+    watched.link.report = replace(AT_REST, fault=Fault.E_STOP.words, enabled=False)
     watched.run(0.1)
     assert watched.trips() == ["axis fault"]
 
 
 def test_an_axis_that_does_not_follow_trips(watched: Watched) -> None:
     sweeping(watched)
-    watched.link.report = AxisReport("X", "", moving=True, enabled=True, following_m=0.6e-3)
+    watched.link.report = replace(AT_REST, moving=True, following_m=0.6e-3)
     watched.run(0.1)
     assert watched.trips() == ["following error"]
 
@@ -372,12 +393,12 @@ def test_a_sample_from_the_future_is_no_fresh_one(watched: Watched) -> None:
 
 def test_an_axis_that_is_enabled_while_tripped_is_disabled_again(watched: Watched) -> None:
     sweeping(watched)
-    watched.link.report = AxisReport("X", "", moving=False, enabled=False)
+    watched.link.report = replace(AT_REST, enabled=False)
     watched.bench.call(Safety.stop, StopRequest())
     watched.moving = False
     watched.run(0.1)
     assert watched.link.calls == ["abort", "disable"]
-    watched.link.report = AxisReport("X", "", moving=False, enabled=True)
+    watched.link.report = AT_REST
     watched.run(0.01)
     assert watched.link.calls[2:4] == ["abort", "disable"]
 
@@ -411,7 +432,7 @@ def test_without_a_trip_there_is_nothing_to_acknowledge(watched: Watched) -> Non
 
 
 def test_without_a_link_of_its_own_the_stage_tells_that_it_rests(monkeypatch: pytest.MonkeyPatch) -> None:
-    watched = Watched(monkeypatch, stop_url="")
+    watched = Watched(monkeypatch, stop_link="none")
     sweeping(watched)
     watched.bench.call(Safety.stop, StopRequest())
     watched.run(0.05)
@@ -425,9 +446,9 @@ def test_without_a_link_of_its_own_the_stage_tells_that_it_rests(monkeypatch: py
 def test_with_one_link_only_it_says_what_no_software_stops(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    for url, said in (("socket://nowhere:8001", False), ("", True)):
+    for url, said in (("socket://nowhere:8001", False), ("none", True)):
         caplog.clear()
-        watched = Watched(monkeypatch, stop_url=url)
+        watched = Watched(monkeypatch, stop_link=url)
         watched.run(0.1)
         for words in (caplog.text, watched.status.warning, watched.bench.sent(Safety.beat)[-1].warning):
             assert ("homing is stopped by nothing but the emergency stop" in words) == said
@@ -446,10 +467,10 @@ def test_with_one_link_only_it_says_what_no_software_stops(
 def test_a_limit_that_never_trips_or_warns_is_refused_before_the_start_and_at_it(
     limits: dict[str, Any], guilty: str
 ) -> None:
-    assert list(Safety.examine(SafetyParams(**limits))) == [guilty]
+    assert list(Safety.examine(SafetyParams(**GIVEN, **limits))) == [guilty]
     with pytest.raises(NodeError, match=r"can never trip|must lie in"):
-        Bench(Safety, {"watch_processes": False, **limits})
-    assert Safety.examine(SafetyParams()) == {}
+        Bench(Safety, {**GIVEN, **limits})
+    assert Safety.examine(SafetyParams(**GIVEN)) == {}
 
 
 def test_a_stopped_process_of_the_graph_trips(monkeypatch: pytest.MonkeyPatch) -> None:

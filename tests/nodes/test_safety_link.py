@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -13,9 +14,8 @@ from nodes import safety
 from nodes.safety import Safety
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.link.reconnection import Reconnection
-from palp_core.palpation.devices.protocols import AxisReport
 from palp_core.palpation.devices.wire.aerotech import Fault
-from tests.nodes.test_safety import ScriptedStop, Watched, sweeping
+from tests.nodes.test_safety import AT_REST, ScriptedStop, Watched, sweeping
 
 LONG_S = 60.0
 MS = 1_000_000
@@ -35,7 +35,7 @@ def test_a_controller_that_neither_answers_nor_refuses_keeps_nobody_waiting(
         assert answers.wait(LONG_S)
         return second
 
-    monkeypatch.setattr(safety, "stop_link_of", lambda _: connect)
+    monkeypatch.setattr(safety, "open_stop_link", connect)
     watched.link.broken = True
     with caplog.at_level(logging.WARNING):
         watched.run(0.5)
@@ -101,7 +101,7 @@ def watched(monkeypatch: pytest.MonkeyPatch) -> Watched:
 
 
 def test_a_fault_that_an_axis_told_before_motion_was_permitted_is_none_after(watched: Watched) -> None:
-    watched.link.report = AxisReport("X", Fault.E_STOP.words, moving=False, enabled=False)
+    watched.link.report = replace(AT_REST, fault=Fault.E_STOP.words, enabled=False)
     watched.link.asked_ns = lambda: 0
     watched.run(0.1)
     assert (watched.status.state, watched.trips()) == ("ready", [])
@@ -161,7 +161,7 @@ def test_a_sample_from_the_future_does_not_wipe_out_the_last_second(watched: Wat
 
 def test_an_emergency_stop_is_left_only_after_it_is_released(watched: Watched) -> None:
     sweeping(watched)
-    watched.link.report = AxisReport("X", Fault.E_STOP.words, moving=False, enabled=False)
+    watched.link.report = replace(AT_REST, fault=Fault.E_STOP.words, enabled=False)
     watched.moving = False
     watched.run(1.0)
     assert watched.status.state == "latched"
@@ -169,8 +169,86 @@ def test_an_emergency_stop_is_left_only_after_it_is_released(watched: Watched) -
     watched.run(0.1)
     assert watched.status.state == "latched"
     assert watched.trips() == ["axis fault", "axis fault"]
-    watched.link.report = AxisReport("X", "", moving=False, enabled=False)
+    watched.link.report = replace(AT_REST, enabled=False)
     watched.run(0.1)
     assert watched.acknowledge().done
     watched.run(0.1)
     assert watched.status.permits
+
+
+def test_no_sweep_is_permitted_before_the_own_link_has_followed_the_stage(watched: Watched) -> None:
+    watched.run(0.2)
+    assert (watched.status.permits, watched.status.permits_sweep) == (True, False)
+    assert "no sweep before" in watched.status.warning
+    for _ in range(20):
+        watched.y_m += 0.1e-3
+        watched.run(0.02)
+    assert watched.status.permits_sweep
+    assert watched.bench.sent(Safety.beat)[-1].permits_sweep
+    assert watched.status.warning == ""
+    checks = {check.name: check for check in watched.status.checks}
+    assert checks["own link, y"].text == "followed the stage over 2.0 mm"
+    assert watched.now_ns - 100 * MS < checks["own link, y"].verified_ns <= watched.now_ns
+    assert checks["torque samples"].verified_ns == pytest.approx(watched.now_ns, abs=10 * MS)
+    assert checks["guard of own link"].verified_ns > 0
+    unverified = [name for name, check in checks.items() if not check.verified_ns]
+    assert unverified[:2] == ["own link, z", "emergency stop"]
+
+
+@pytest.mark.parametrize("moves", ["the stage", "the other controller"])
+def test_a_link_that_rests_while_the_stage_moves_trips_and_so_the_other_way_round(
+    watched: Watched, moves: str
+) -> None:
+    watched.run(0.1)
+    own_m = [0.0]
+    watched.link.y_m = lambda: own_m[0]
+    for _ in range(30):
+        if moves == "the stage":
+            watched.y_m += 0.1e-3
+        else:
+            own_m[0] += 0.1e-3
+        watched.run(0.01)
+    assert watched.trips() == ["wrong link"]
+    assert "the link leads to another controller" in watched.status.text
+    assert watched.link.calls == ["abort", "disable"]  # once: it is another controller
+    assert not watched.acknowledge().done
+    assert watched.status.state == "latched"  # as the stage itself reports rest
+
+
+def test_a_stop_written_to_another_controller_is_none_of_this_stage(watched: Watched) -> None:
+    watched.run(0.1)
+    watched.link.y_m = lambda: -0.003
+    watched.moving = True
+    watched.run(0.1)
+    assert watched.trips() == ["wrong link"]
+    assert watched.status.state == "stopping"
+    watched.moving = False
+    watched.run(0.05)
+    assert watched.status.state == "latched"
+
+
+def test_without_a_link_of_its_own_it_says_so_and_permits_sweeps(monkeypatch: pytest.MonkeyPatch) -> None:
+    watched = Watched(monkeypatch, stop_link="none")
+    watched.run(0.1)
+    assert watched.status.permits_sweep
+    first = watched.status.checks[0]
+    assert (first.name, first.verified_ns) == ("own link", 0)
+    assert first.text.startswith("stop_link: none: a stop reaches the stage through its node alone")
+
+
+def test_a_link_that_is_connected_again_must_follow_the_stage_again(watched: Watched) -> None:
+    sweeping(watched)
+    for _ in range(20):
+        watched.y_m += 0.1e-3
+        watched.run(0.02)
+    assert watched.status.permits_sweep
+    watched.link.broken = True
+    watched.run(0.1)
+    watched.link.broken, watched.moving = False, False
+    for _ in range(1000):
+        watched.run(0.02)
+        if watched.status.state == "latched":
+            break
+    assert watched.acknowledge().done
+    watched.run(0.1)
+    assert (watched.status.permits, watched.status.permits_sweep) == (True, False)

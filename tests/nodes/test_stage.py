@@ -253,6 +253,6 @@ def test_what_would_change_without_effect_or_past_the_limits_is_refused_while_it
 ) -> None:
     changeable = [name for name, said in describe_params(params).items() if not said.read_only]
     assert changeable == ["rate_hz", "block_samples"]
-    assert RigStage.examine(RigStageParams(options={"url": "nowhere"}, sweep_speed_m_s=0.5))[
-        "options"
-    ].startswith("stage: sweep_speed_m_per_s = 0.5 must lie in")
+    assert RigStage.examine(
+        RigStageParams(device="aerotech", options={"url": "nowhere"}, sweep_speed_m_s=0.5)
+    )["options"].startswith("stage: sweep_speed_m_per_s = 0.5 must lie in")

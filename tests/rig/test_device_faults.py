@@ -70,6 +70,7 @@ class Witness(Node):
                 stamp_ns=self.now_ns(),
                 state="ready",
                 permits=not self.state.tripped,
+                permits_sweep=not self.state.tripped,
                 acknowledged_count=count,
             )
         )

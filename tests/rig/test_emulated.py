@@ -85,7 +85,8 @@ def test_the_rig_differs_in_addresses_and_in_who_puts_phantoms_on() -> None:
     assert emulated["nodes"]["experiment"]["inputs"].pop("guard") == "phantom/guard"  # a real one has none
     for graph in (emulated, rig):
         del graph["nodes"]["phantom"]
-        del graph["nodes"]["safety"]["params"]["stop_url"]
+        del graph["nodes"]["safety"]["params"]["stop_link"]
+        del graph["nodes"]["safety"]["params"]["options"]
         del graph["nodes"]["estimator"]["params"]["run_in"]
         for name in ("stage", "actuator", "torque", "emg"):
             del graph["nodes"][name]["params"]["options"]

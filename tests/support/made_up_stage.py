@@ -40,24 +40,15 @@ class MadeUpStop:
     written: ClassVar[list[str]] = []
     guarded: ClassVar[bool] = False
 
-    def __init__(
-        self,
-        url: str,
-        axes: tuple[str, str],
-        baud: int,
-        *,
-        timeout_s: float,
-        look_hz: float,
-        clock: Callable[[], int],
-    ) -> None:
-        self.axes, self.clock = axes, clock
+    def __init__(self, url: str, clock: Callable[[], int]) -> None:
+        self.clock = clock
         self.written.append(f"open {url}")
 
     def reports(self) -> list[AxisReport]:
         return self.poll()
 
     def poll(self) -> list[AxisReport]:
-        return [AxisReport(axis, "", moving=False, enabled=True) for axis in self.axes]
+        return []
 
     def abort(self) -> int:
         self.written.append("abort")
@@ -81,7 +72,6 @@ class MadeUpStage:
     LINK: ClassVar[str] = "made up"
     ADDRESS: ClassVar[str] = "port:=7"
     state_type: ClassVar[type[MadeUpState]] = MadeUpState
-    stop_link: ClassVar[type[MadeUpStop]] = MadeUpStop
 
     port: int
     limits: TravelLimits = field(default_factory=TravelLimits)
@@ -97,6 +87,11 @@ class MadeUpStage:
 
     def health(self, now_ns: int) -> DeviceHealth:
         return HEALTHY
+
+    def stop_link(
+        self, url: str, *, timeout_s: float, look_hz: float, clock: Callable[[], int]
+    ) -> MadeUpStop:
+        return MadeUpStop(url, clock)
 
     def discover(self) -> dict[str, str]:
         return {"controller": f"answers on port {self.port}"}
@@ -133,7 +128,8 @@ class MadeUpStage:
     def feedback(self, now_ns: int, state: MadeUpState) -> StageFeedback:
         moving = now_ns < state.end_ns
         y_m = float(self._place_m(np.array([now_ns]), state)[0])
-        return StageFeedback(y_m, state.z_m, self.sweep_speed_m_per_s if moving else 0.0, moving)
+        speed_m_per_s = self.sweep_speed_m_per_s if moving else 0.0
+        return StageFeedback(y_m, state.z_m, speed_m_per_s, moving, now_ns, now_ns)
 
     def read(self, times_ns: Int64Array, state: MadeUpState) -> StageReading:
         y_m = self._place_m(times_ns, state)

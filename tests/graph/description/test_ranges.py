@@ -73,8 +73,8 @@ def test_an_argument_out_of_its_range_is_one_mistake_that_names_each_node_that_t
     [
         (["lift_mm:=4.4"], "lift_mm: $(var", "enters by 4 mm where it scans; raise it by at least 4.5 mm"),
         (["lift_mm:=6.0", "scene:=DEEP"], "lift_mm: $(var", "enters by 6 mm where it scans; raise it"),
-        (["range_n_mm:=90.0"], "nodes.safety:Safety", "can never trip; lower it, or state the range"),
-        (["range_n:=9.0"], "nodes.safety:Safety", "stop_force_n = 10 is above the sensor's range of 9"),
+        (["range_n_mm:=90.0"], "stop_n_mm: $(var", "can never trip; lower it, or state the range"),
+        (["range_n:=9.0"], "stop_n: $(var", "stop_force_n = 10 is above the sensor's range of 9"),
         (["answer_s:=-1.0"], "stage: {url:", "stage: stale_s = -1 must lie in [0.001, 600]"),
         (["answer_s:=-1.0"], "actuator: {url:", "ring: stale_s = -1 must lie in [0.001, 60]"),
         (["to_m:=-0.03"], "to_m: $(var", "both -0.03 m: a sweep needs a length"),
@@ -146,19 +146,28 @@ def test_other_positions_may_be_trained_where_the_policy_asks_for_no_others(chos
     [
         ("rate_hz: 1000.0", "rate_hz: -5", "parameter 'rate_hz' does not fit: Expected `float` >= 0.001"),
         ("block_samples: 50", "block_samples: 0", "Expected `int` >= 1; give int of at least 1"),
-        ("sweep_speed_m_s: 0.020", "sweep_speed_m_s: 0.0", "Expected `float` >= 1e-06"),
+        ("sweep_speed_m_s: {default: 0.020", "sweep_speed_m_s: {default: 0.0", "Expected `float` >= 1e-06"),
         ("uniform: {", "uniform: {rings_mm: [4.0, -8.0], ", "Expected `float` >= 0.0 - at `$[1]`"),
-        ("stop_url: $", "stop_n_mm: 150.0", "above the sensor's range of 0.12 and can never trip"),
-        ("stop_url: $", "stop_n: 13.0", "above the sensor's range of 12 and can never trip"),
-        ("stop_url: $", "warn_n: 11.0", "warn_force_n = 11 must lie in [0, 10]"),
+        ("stop_n_mm: $(var stop_n_mm)", "stop_n_mm: 150.0", "above the sensor's range of 0.12 and can never"),
+        ("stop_n: $(var stop_n)", "stop_n: 13.0", "above the sensor's range of 12 and can never trip"),
+        ("stop_link: $", "warn_n: 11.0", "warn_force_n = 11 must lie in [0, 10]"),
         ("device: ati", "device: ait", "no torque device 'ait'; known: ati, netft, sim"),
         ("channel: can0", "chanel: can0", "unexpected keyword argument 'chanel'"),
         ("channel: can0", "range_n_m: 0.5", "the range of the sensor is told as range_n_mm"),
+        ('url: "socket', 'lift_m: 0.003, url: "socket', "lift_m: the node's own parameters say this"),
+        ("margin_mm: $(var margin_mm)", "margin_mm: 3.0", "and node 'stage' (RigStage) has 4.0; give both"),
         (
-            'url: "socket',
-            'lift_m: 0.003, url: "socket',
-            "raised by 3 mm the probe is dragged through the gel",
+            "options: $(var actuator)\n      beat_ms: $(var beat_ms)",
+            "beat_ms: 60.0\n      options: $(var actuator)",
+            "beat_ms = 50.0, and node 'actuator' (RigActuator) has 60.0",
         ),
+        ("range_n_mm: $(var range_n_mm)", "range_n_mm: 110.0", "and node 'torque' (RigTorque) has 120.0"),
+        (
+            "device: $(var stage_device)",
+            "device: palp_core.palpation.devices.stage.aerotech:AerotechStage",
+            "AerotechStage', and node 'stage' (RigStage) has 'aerotech'; give both the same",
+        ),
+        ("stop_link: socket://192.168.1.10:8001", 'stop_link: ""', "the stage's second link, or none"),
         ("level: 5", "level: 0", "Expected `int` >= 1"),
         ("wavelet: db10", "wavelet: db1000", "db1000"),
     ],
@@ -171,7 +180,7 @@ def test_a_line_of_the_launch_file_that_cannot_be_is_a_mistake_at_that_line(
     (tmp_path / "launch" / "parts").mkdir(parents=True)
     texts = {name: (LAUNCH / name).read_text(encoding="utf-8") for name in ("rig.yaml", SHARED)}
     file = next(name for name in (SHARED, "rig.yaml") if old in texts[name])
-    changed = f"{new}\n      {old}" if old == "stop_url: $" else new
+    changed = f"{new}\n      {old}" if old == "stop_link: $" else new
     texts[file] = texts[file].replace(old, changed, 1)
     for name, text in texts.items():
         (tmp_path / "launch" / name).write_text(text, encoding="utf-8")

@@ -96,7 +96,7 @@ def test_without_being_asked_it_tells_nothing() -> None:
 
 
 BEYOND = {
-    "too fast": ({"speed_m_s": 0.0501}, "speed of a move"),
+    "too fast": ({"speed_m_s": 0.0501}, "0.0501 must lie in"),
     "too deep": ({"indentation_m": 0.0041}, "scanning height"),
     "before the window": ({"from_m": 0.0, "to_m": -0.030}, "end of a move"),
     "beyond the window": ({"from_m": 0.038, "to_m": 0.0}, "start of a move"),

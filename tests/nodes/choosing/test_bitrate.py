@@ -142,7 +142,7 @@ def test_nothing_beyond_the_limits_is_ever_asked(
 
 
 def test_its_limits_are_those_of_the_safety_node() -> None:
-    ours, theirs = BitrateParams(), SafetyParams()
+    ours, theirs = BitrateParams(), SafetyParams(device="aerotech", stop_link="none")
     assert (ours.stop_n_mm, ours.stop_n, ours.speed_m_s) == (
         theirs.stop_n_mm, theirs.stop_n, theirs.speed_m_s,
     )  # fmt: skip

@@ -112,8 +112,8 @@ def emulate(
     with until_ctrl_c(), rig:
         for name, options in rig.options.items():
             print_text(f"{name} " + " ".join(f"{key}:={_text(value)}" for key, value in options.items()))
-        if rig.stop_url:
-            print_text(f"aerotech's second port: {rig.stop_url}")
+        if rig.stop_link:
+            print_text(f"aerotech's second port: {rig.stop_link}")
         sys.stdout.flush()
         serve(rig, sys.stdin, sys.stdout)
 

@@ -75,6 +75,17 @@ def _stop_all(timeout_s: float, *, as_json: bool) -> None:
         sys.exit(2)
 
 
+def checks_table(checks: list[dict[str, Any]], now_ns: int) -> str:
+    """Return a line for each check: what was verified, how long ago, and what was not."""
+    width = max(len(check["name"]) for check in checks)
+    lines = {True: ["verified:"], False: ["not verified:"]}
+    for check in checks:
+        seen_ns = check["verified_ns"]
+        ago = f"{max(0.0, (now_ns - seen_ns) * 1e-9):.1f} s ago: " if seen_ns else ""
+        lines[seen_ns > 0].append(f"  {check['name']:{width}}  {ago}{check['text']}")
+    return "\n".join(line for part in lines.values() if len(part) > 1 for line in part)
+
+
 @app.command("ack")
 def acknowledge(
     *,
@@ -102,7 +113,7 @@ def status(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Say whether motion is permitted and, if not, why; the exit status is 1 while it is tripped."""
+    """Show whether motion is permitted, and what was verified and what not; status 1 while it is tripped."""
     with until_ctrl_c():
         reply = call_safety(find_graph(graph), "status", {}, timeout)
     if as_json:
@@ -112,7 +123,6 @@ def status(
         print_text(f"{reply['state']}{why}")
         if reply["warning"]:
             print_text(f"warning: {reply['warning']}")
-        if reply.get("dead_man"):
-            print_text(f"dead-man: {reply['dead_man']}")
+        print_text(checks_table(reply["checks"], reply["stamp_ns"]))
     if reply["cause"]:
         sys.exit(1)

@@ -13,7 +13,7 @@ variable. Whoever holds a state that was serialised gets it back by :func:`resto
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple, Protocol, TypeVar
+from typing import ClassVar, Literal, NamedTuple, Protocol, TypeVar
 
 import msgspec
 import numpy as np
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.health import DeviceHealth
+from palp_core.palpation.devices.limits import TravelLimits
 from palp_core.units import Float64Array
 
 Int64Array = NDArray[np.int64]
@@ -134,12 +135,17 @@ class EmgSamples:
 
 
 class StageFeedback(NamedTuple):
-    """Where the stage was measured last, the larger of its speeds, and whether a path is under way."""
+    """Where the stage was measured last, the larger of its speeds, and whether a path is under way.
+
+    Both places were measured between ``asked_ns`` and ``answered_ns``.
+    """
 
     y_m: float
     z_m: float
     speed_m_per_s: float
     moving: bool
+    asked_ns: int
+    answered_ns: int
 
 
 @dataclass(frozen=True)
@@ -151,20 +157,31 @@ class StopTimes:
     disabled_ns: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class AxisReport:
-    """What an axis says of itself; ``following_m`` is how far it is from where it is sent.
+    """What the controller reports of one axis.
 
-    ``fault`` names its latched faults, empty for none. ``asked_ns`` is when it was asked: what it says may be
-    older than what was done since.
+    Attributes:
+        axis: The controller's name of it.
+        direction: Which way of the stage it is.
+        fault: Names of its latched faults; empty: there are none.
+        moving: It moves.
+        enabled: It is powered.
+        position_m: Where it is, in the stage's coordinates.
+        asked_ns: When it was asked: what was done since may not be in the answer.
+        answered_ns: When it had said where it is.
+        following_m: How far it is from where it is sent.
     """
 
     axis: str
+    direction: Literal["y", "z"]
     fault: str
     moving: bool
     enabled: bool
+    position_m: float
+    asked_ns: int
+    answered_ns: int
     following_m: float = 0.0
-    asked_ns: int = 0
 
 
 class StopLink(Protocol):
@@ -201,24 +218,13 @@ class StopLink(Protocol):
 
 
 class OpenStopLink(Protocol):
-    """Opens a second link to a stage's controller."""
+    """Opens a second link to the controller of a stage, with that stage's axes, origin and signs."""
 
-    def __call__(
-        self,
-        url: str,
-        axes: tuple[str, str],
-        baud: int,
-        *,
-        timeout_s: float,
-        look_hz: float,
-        clock: Callable[[], int],
-    ) -> StopLink:
+    def __call__(self, url: str, *, timeout_s: float, look_hz: float, clock: Callable[[], int]) -> StopLink:
         """Connect.
 
         Args:
             url: Address of the second link.
-            axes: The controller's names of the axes y and z.
-            baud: Of a serial line.
             timeout_s: Longest wait for an answer.
             look_hz: How often an axis is asked how it does.
             clock: Time in ns.
@@ -264,16 +270,33 @@ class Mover(Device[S], Protocol[S]):
         """
 
 
+class StageOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """What a stage's node hands to every driver, by name; the launch file's ``options`` are the driver's own.
+
+    Attributes:
+        limits: Where the stage may go, and how fast.
+        sweep_speed_m_per_s: Speed of a sweep.
+        lift_speed_m_per_s: Speed of raising and lowering.
+        lift_m: Height of the way back above the scanning height.
+    """
+
+    limits: TravelLimits = TravelLimits()
+    sweep_speed_m_per_s: float = 0.020
+    lift_speed_m_per_s: float = 0.020
+    lift_m: float = 0.020
+
+
 class StageDevice(Mover[S], Protocol[S]):
     """Sweep one way over the tissue at constant speed, and come back by another path.
 
-    A sweep is at the driver's own speed unless it is given one (0: its own), and at the scanning height
-    unless it is to be ``height_m`` above.
+    Its class takes the fields of :class:`StageOptions` by name, and options of its own. A sweep is at the
+    driver's own speed unless it is given one (0: its own), and at the scanning height unless it is to be
+    ``height_m`` above.
     """
 
     @property
     def stop_link(self) -> OpenStopLink | None:
-        """What opens a second link to its controller, told by the class; None: nothing does."""
+        """What opens a second link to its controller; None: it has no second link."""
 
     def sweep_start(self, from_m: float, to_m: float, *, speed_m_per_s: float = 0.0) -> float:
         """Return the y from which a sweep over [from_m, to_m] has the room to reach its speed, in m."""

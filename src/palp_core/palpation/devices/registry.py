@@ -4,7 +4,7 @@ import hashlib
 import importlib.util
 import inspect
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -18,9 +18,9 @@ from palp_core.foreign import catch_foreign
 from palp_core.moved import present_name
 from palp_core.palpation.devices.protocols import (
     EmgDevice,
-    OpenStopLink,
     RingDevice,
     StageDevice,
+    StageOptions,
     StopLink,
     TorqueSensor,
 )
@@ -106,6 +106,12 @@ def open_device(kind: str, name: str, **options: Any) -> Any:
     """
     found = back_end(kind, name)
     signature = inspect.signature(found)
+    handed = StageOptions.__struct_fields__ if kind == "stage" else ()
+    if lacking := [option for option in handed if option not in signature.parameters]:
+        raise DeviceError(
+            f"{kind} device '{name}': {found.__name__} takes no {', no '.join(lacking)};"
+            " give its constructor every field of palp_core.palpation.devices.protocols.StageOptions"
+        )
     try:
         signature.bind(**options)
     except TypeError as error:
@@ -185,21 +191,45 @@ def kind_of(name: str) -> str:
     return kind
 
 
-def stop_link_of(name: str) -> OpenStopLink:
-    """Return what opens a second link to a stage's controller.
+def require_stop_link(name: str) -> None:
+    """Refuse a stage's back end without a second link to its controller.
+
+    Raises:
+        DeviceError: There is no such back end, or it has no second link.
+    """
+    if getattr(back_end("stage", name), "stop_link", None) is None:
+        raise DeviceError(f"stage device '{name}' has no second link to its controller; give stop_link: none")
+
+
+def open_stop_link(
+    name: str,
+    options: Mapping[str, Any],
+    url: str,
+    *,
+    timeout_s: float,
+    look_hz: float,
+    clock: Callable[[], int],
+) -> StopLink:
+    """Open the second link to a stage's controller, with that stage's own axes.
 
     Args:
         name: Of the stage's back end.
+        options: Of its driver.
+        url: Address of the link.
+        timeout_s: Longest wait for an answer.
+        look_hz: How often an axis is asked how it does.
+        clock: Time in ns.
 
     Raises:
-        DeviceError: There is no such back end, or it has no second link, or the link's class lacks a member.
+        DeviceError: As for :func:`open_device`; or the stage has no second link, nobody answers there, or the
+            link's class lacks a member.
     """
-    connect: OpenStopLink | None = getattr(back_end("stage", name), "stop_link", None)
-    if connect is None:
-        raise DeviceError(f"stage device '{name}' has no link of its own for stopping; leave stop_url empty")
-    if isinstance(connect, type):  # before a trip asks it for what it lacks
-        _require_members(connect, StopLink, f"stage device '{name}': {connect.__name__}")
-    return connect
+    require_stop_link(name)
+    stage = open_device("stage", name, **{**msgspec.structs.asdict(StageOptions()), **options})
+    assert stage.stop_link is not None
+    link = stage.stop_link(url, timeout_s=timeout_s, look_hz=look_hz, clock=clock)
+    _require_members(link, StopLink, f"stage device '{name}': {type(link).__name__}")
+    return link
 
 
 def _require_members(thing: object, protocol: type, who: str) -> None:

@@ -135,12 +135,14 @@ def _change_row(change: dict[str, Any]) -> list[str]:
 
 
 def _rig(result: dict[str, Any]) -> str:
-    """Return what was swept: by devices or in simulation."""
+    """Return what was swept, by devices or in simulation, and whether the stage had a link for stopping."""
+    linkless = any(node.get("stop_link", {}).get("value") == "none" for node in result["protocol"].values())
+    link = ", without a link of the safety node's own to the stage (stop_link: none)" if linkless else ""
     if result["mechanics"] is None:
-        return "rig with devices"
+        return f"rig with devices{link}"
     stage = result["protocol"].get(result["roles"].get("stage", "stage"), {})
     device = stage.get("device", {}).get("value", SIMULATED)
-    return "simulated rig" if device == SIMULATED else "emulated devices, simulated phantoms"
+    return "simulated rig" if device == SIMULATED else f"emulated devices, simulated phantoms{link}"
 
 
 def _nearest(result: dict[str, Any]) -> str:

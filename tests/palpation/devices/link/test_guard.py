@@ -20,7 +20,6 @@ from palp_core.palpation.devices.emulator import EmulatedRig
 from palp_core.palpation.devices.link import guard_process
 from palp_core.palpation.devices.link.guard import LinkGuard
 from palp_core.palpation.devices.link.serial_link import SerialLink
-from palp_core.palpation.devices.safety.dead_man import dead_man
 from palp_core.palpation.devices.safety.process_watch import ProcessWatch
 from palp_core.palpation.devices.stage.aerotech import AerotechStage, AerotechState
 from palp_core.palpation.devices.stage.aerotech_stop import AerotechStop
@@ -103,8 +102,8 @@ def test_a_link_that_no_other_process_can_hold_is_not_guarded_and_that_is_said(
     port.close()
     monkeypatch.setattr(SerialLink, "guard", lambda *_: False)
     with pytest.warns(UnverifiedWarning, match="cannot be shared with a guard"):
-        stop = AerotechStop(quick_rig("aerotech").stop_url, timeout_s=30.0)
-    assert "has no guard" in dead_man(stop)
+        stop = AerotechStop(quick_rig("aerotech").stop_link, timeout_s=30.0)
+    assert not stop.guarded
     stop.close()
 
 
@@ -135,8 +134,8 @@ def test_a_stage_whose_guard_is_gone_stops_and_goes_on_with_another_once_it_is_o
 
 
 def test_a_second_link_whose_guard_is_gone_is_lost(quick_rig: Callable[..., EmulatedRig], wait: Any) -> None:
-    stop = AerotechStop(quick_rig("aerotech").stop_url, timeout_s=30.0, look_hz=200.0)
-    assert "one or two processes are killed" in dead_man(stop)
+    stop = AerotechStop(quick_rig("aerotech").stop_link, timeout_s=30.0, look_hz=200.0)
+    assert stop.guarded
     kill_guards()
 
     def lost() -> bool:

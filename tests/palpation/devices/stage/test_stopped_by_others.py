@@ -16,6 +16,7 @@ from palp_core.palpation.devices.emulator.axis import AxisSettings
 from palp_core.palpation.devices.emulator.world import WorldSettings
 from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.limits import TravelLimits
+from palp_core.palpation.devices.safety.link_check import CHECK_MOVE_M, LinkCheck, StagePlace
 from palp_core.palpation.devices.stage.aerotech import AerotechStage, AerotechState
 from palp_core.palpation.devices.stage.aerotech_stop import AerotechStop
 
@@ -41,7 +42,7 @@ def test_an_abort_on_the_other_link_ends_the_path_and_not_only_the_leg(
     )
     state = AerotechState()
     stage.open(time.monotonic_ns(), state, RNG)
-    stop = AerotechStop(rig.stop_url, timeout_s=30.0)
+    stop = AerotechStop(rig.stop_link, timeout_s=30.0)
     try:
         stage.return_to(0.010, time.monotonic_ns(), state)
         before = moves(rig)
@@ -61,6 +62,35 @@ def test_an_abort_on_the_other_link_ends_the_path_and_not_only_the_leg(
     finally:
         stop.close()
         stage.stop(time.monotonic_ns(), state)
+        stage.close()
+
+
+@pytest.mark.parametrize("leads_to", ["this stage", "another"])
+def test_the_second_link_is_verified_over_a_move_if_it_leads_to_this_stage(
+    quick_rig: Start, wait: Any, patient: dict[str, dict[str, Any]], leads_to: str
+) -> None:
+    rig = quick_rig("aerotech")
+    other = rig if leads_to == "this stage" else quick_rig("aerotech")
+    stage = AerotechStage(
+        **rig.options["aerotech"], **patient["aerotech"], origin_m=(0.002, 0.0), sign=(-1, 1)
+    )
+    state, check = AerotechState(), LinkCheck(0.0625)
+    stop = stage.stop_link(other.stop_link, timeout_s=30.0, look_hz=200.0, clock=time.monotonic_ns)
+
+    def judged() -> bool:
+        seen = stage.feedback(time.monotonic_ns(), state)
+        check.note_stage(StagePlace(seen.asked_ns, seen.answered_ns, seen.y_m, seen.z_m))
+        for report in stop.reports():
+            check.note_axis(report)
+        return check.verified_ns("y") > 0 or check.contradiction != ""
+
+    try:
+        stage.open(time.monotonic_ns(), state, RNG)
+        stage.return_to(CHECK_MOVE_M, time.monotonic_ns(), state, height_m=stage.lift_m)
+        wait.until(judged)
+        assert (check.contradiction == "") == (leads_to == "this stage")
+    finally:
+        stop.close()
         stage.close()
 
 

@@ -98,8 +98,8 @@ def _obey(rig: EmulatedRig, words: list[str]) -> str:
             return json.dumps(rig.on_world(_axes))
         case ["log", since_ns]:
             return json.dumps(rig.on_world(lambda world, _: [e for e in world.log if e[0] >= int(since_ns)]))
-        case ["stop-url"]:
-            return json.dumps(rig.stop_url)
+        case ["stop-link"]:
+            return json.dumps(rig.stop_link)
         case ["truth"]:
             return json.dumps(rig.on_world(lambda world, now_ns: world.truth(now_ns)))
         case _:

@@ -105,7 +105,7 @@ class EmulatedRig:
         return self
 
     @property
-    def stop_url(self) -> str:
+    def stop_link(self) -> str:
         """Address of the controller's second TCP port, for the safety process; empty on a terminal."""
         return self._second.address if self._second is not None else ""
 

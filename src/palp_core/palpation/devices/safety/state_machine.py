@@ -59,6 +59,7 @@ class Cause(StrEnum):
     HEARTBEAT = "lost heartbeat"
     LATE = "late host"
     OPERATOR = "operator"
+    WRONG_LINK = "wrong link"
     UNPERMITTED = "unpermitted motion"
 
 

@@ -44,6 +44,11 @@ class WatchLimits:
     beat_s: float = 0.050
     bring_up_s: float = 70.0
 
+    @property
+    def fastest_m_per_s(self) -> float:
+        """Speed above which the stage trips."""
+        return self.travel.speed_m_per_s * self.speed_share
+
     def __post_init__(self) -> None:
         for name, low, high in (
             ("slack_m", 0.0, 0.01),
@@ -101,6 +106,16 @@ class Watchdog:
         self._run_ns = self._judges_ns = 0
         self._bring_up = self._hears_first = False
 
+    @property
+    def heard_ns(self) -> dict[str, int]:
+        """When each that is watched was heard last, by what it is; 0: not yet."""
+        return {
+            "sensor's node": self._load_ns,
+            "torque samples": self._sample_ns,
+            "stage's node": self._stage_ns,
+            "ring's node": self._ring_ns,
+        }
+
     def check_load(self, load: WatchedLoad) -> list[LimitViolation]:
         """Take note of a load; return what is wrong with it."""
         limits, found = self.limits.wrench, []
@@ -139,8 +154,7 @@ class Watchdog:
             if stage.moving and not stage.bring_up and not low - slack <= place <= high + slack:
                 window = f"outside of {low * 1e3:.1f} to {high * 1e3:.1f} mm"
                 found.append(LimitViolation(Cause.TRAVEL, f"{axis} = {place * 1e3:.2f} mm, {window}"))
-        fastest = travel.speed_m_per_s * self.limits.speed_share
-        if not stage.bring_up and not abs(stage.speed_m_per_s) <= fastest:
+        if not stage.bring_up and not abs(stage.speed_m_per_s) <= self.limits.fastest_m_per_s:
             limit = f"the limit is {travel.speed_m_per_s * 1e3:g} mm/s (speed_m_s)"
             said = f"{stage.speed_m_per_s * 1e3:.1f} mm/s, {limit}"
             found.append(LimitViolation(Cause.SPEED, said))

@@ -13,7 +13,7 @@ import numpy as np
 
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.health import HEALTHY, DeviceHealth
-from palp_core.palpation.devices.limits import check_range
+from palp_core.palpation.devices.limits import TravelLimits, check_range
 from palp_core.palpation.devices.motion_profile import MotionProfile
 from palp_core.palpation.devices.protocols import Int64Array, StageFeedback, StageReading, SweepTimes
 from palp_core.units import Float64Array
@@ -44,6 +44,9 @@ class SimStageState(msgspec.Struct):
     start_ns: int = 0
 
 
+_TRAVEL = TravelLimits(speed_m_per_s=_TOP_SPEED_M_PER_S)
+
+
 @dataclass(frozen=True)
 class SimStage:
     """Parameters of a stage like the Aerotech ANT130.
@@ -55,8 +58,7 @@ class SimStage:
         return_speed_m_per_s: Speed along y on the way back (assumed).
         lift_speed_m_per_s: Speed of raising and lowering (assumed).
         lift_m: Height of the way back (assumed: clears the tissue).
-        y_limits_m: Travel along y (assumed: the variant with 110 mm, origin in its middle).
-        z_limits_m: Travel along z (assumed).
+        limits: Travel and speed (assumed: the variant with 110 mm, origin in its middle).
         resolution_m: Step of the position (the paper: 1 nm); 0 for none.
 
     Raises:
@@ -74,16 +76,15 @@ class SimStage:
     return_speed_m_per_s: float = 0.050
     lift_speed_m_per_s: float = 0.020
     lift_m: float = 0.020
-    y_limits_m: tuple[float, float] = (-0.055, 0.055)
-    z_limits_m: tuple[float, float] = (0.0, 0.055)
+    limits: TravelLimits = _TRAVEL
     resolution_m: float = 1e-9
 
     def __post_init__(self) -> None:
         for name in ("sweep_speed_m_per_s", "return_speed_m_per_s", "lift_speed_m_per_s"):
-            check_range("stage", name, getattr(self, name), 1e-6, _TOP_SPEED_M_PER_S)
+            check_range("stage", name, getattr(self, name), 1e-6, self.limits.speed_m_per_s)
         check_range("stage", "accel_m_per_s2", self.accel_m_per_s2, 1e-6, 9.81)
         check_range("stage", "lead_m", self.lead_m, 0.0, 1.0)
-        check_range("stage", "lift_m", self.lift_m, *self.z_limits_m)
+        check_range("stage", "lift_m", self.lift_m, *self.limits.z_m)
         check_range("stage", "resolution_m", self.resolution_m, 0.0, 1e-3)
 
     def open(self, now_ns: int, state: SimStageState, rng: np.random.Generator) -> None:
@@ -113,7 +114,7 @@ class SimStage:
             DeviceError: The stage cannot go so fast.
         """
         speed_m_per_s = speed_m_per_s or self.sweep_speed_m_per_s
-        return check_range("stage", "speed_m_per_s", speed_m_per_s, 1e-6, _TOP_SPEED_M_PER_S)
+        return check_range("stage", "speed_m_per_s", speed_m_per_s, 1e-6, self.limits.speed_m_per_s)
 
     def sweep(
         self,
@@ -133,13 +134,13 @@ class SimStage:
         """
         y_m, z_m = self._resting_place(now_ns, state)
         speed = self._speed(speed_m_per_s)
-        check_range("stage", "from_m", from_m, *self.y_limits_m)
-        check_range("stage", "to_m", to_m, *self.y_limits_m)
+        check_range("stage", "from_m", from_m, *self.limits.y_m)
+        check_range("stage", "to_m", to_m, *self.limits.y_m)
         if from_m == to_m:
             raise DeviceError(f"stage: a sweep from {from_m:g} m to the same place has no direction")
         sign = math.copysign(1.0, to_m - from_m)
         start_m, end_m = from_m - sign * self._run_up_m(speed), to_m + sign * self._run_up_m(speed)
-        check_range("stage", "sweep's run-out y_m", end_m, *self.y_limits_m)
+        check_range("stage", "sweep's run-out y_m", end_m, *self.limits.y_m)
         if z_m > height_m + _TOLERANCE_M or sign * (y_m - start_m) > _TOLERANCE_M:
             raise DeviceError(
                 f"stage: at y = {y_m:g} m, z = {z_m:g} m there is no room to speed up before {from_m:g} m;"
@@ -157,8 +158,8 @@ class SimStage:
             DeviceError: The stage moves, or the place is outside of its travel.
         """
         here_y, here_z = self._resting_place(now_ns, state)
-        check_range("stage", "y_m", y_m, *self.y_limits_m)
-        check_range("stage", "height_m", height_m, self.z_limits_m[0], self.lift_m)
+        check_range("stage", "y_m", y_m, *self.limits.y_m)
+        check_range("stage", "height_m", height_m, self.limits.z_m[0], self.lift_m)
         above = max(self.lift_m, here_z)
         corners = [(here_y, here_z), (here_y, above), (y_m, above), (y_m, height_m)]
         speeds = [self.lift_speed_m_per_s, self.return_speed_m_per_s, self.lift_speed_m_per_s]
@@ -214,7 +215,7 @@ class SimStage:
         place = self.read(now, state)
         speed_m_per_s = max((abs(float(p.velocity(now)[0])) for p in _profiles(state)), default=0.0)
         moving = now_ns < path_end_ns(state)
-        return StageFeedback(float(place.y_m[0]), float(place.z_m[0]), speed_m_per_s, moving)
+        return StageFeedback(float(place.y_m[0]), float(place.z_m[0]), speed_m_per_s, moving, now_ns, now_ns)
 
     def read(self, times_ns: Int64Array, state: SimStageState) -> StageReading:
         """Return the positions at ``times_ns``, shape (n,), in steps of the resolution."""

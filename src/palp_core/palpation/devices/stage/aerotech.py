@@ -6,6 +6,7 @@ driver never acknowledges a fault by itself.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -71,7 +72,6 @@ class AerotechStage:
     }
 
     state_type: ClassVar[type[AerotechState]] = AerotechState
-    stop_link: ClassVar[type[AerotechStop]] = AerotechStop
 
     url: str
     baud: int = 115200
@@ -249,9 +249,29 @@ class AerotechStage:
     def feedback(self, now_ns: int, state: AerotechState) -> StageFeedback:
         """Return where the last poll found the stage, and whether legs are under way or waiting."""
         motion = self._opened()
-        y, z, speed_mm_per_s = motion.history.measured()
+        y, z, speed_mm_per_s, asked_ns, answered_ns = motion.history.measured()
         return StageFeedback(
-            float(self._place(0, y)), float(self._place(1, z)), speed_mm_per_s * 1e-3, motion.busy
+            float(self._place(0, y)),
+            float(self._place(1, z)),
+            speed_mm_per_s * 1e-3,
+            motion.busy,
+            asked_ns,
+            answered_ns,
+        )
+
+    def stop_link(
+        self, url: str, *, timeout_s: float, look_hz: float, clock: Callable[[], int]
+    ) -> AerotechStop:
+        """Open a second link to this controller; errors as of :class:`.OpenStopLink`."""
+        return AerotechStop(
+            url,
+            self.axes,
+            self.baud,
+            origin_m=self.origin_m,
+            sign=self.sign,
+            timeout_s=timeout_s,
+            look_hz=look_hz,
+            clock=clock,
         )
 
     def discover(self) -> dict[str, str]:
@@ -298,7 +318,7 @@ class AerotechStage:
         return motion, float(self._place(0, y)), float(self._place(1, z))
 
     def _place(self, axis: int, controller_mm: np.ndarray | float) -> np.ndarray:
-        return np.asarray(self.sign[axis] * (np.asarray(controller_mm) * 1e-3 - self.origin_m[axis]))
+        return wire.place_m(np.asarray(controller_mm), self.origin_m[axis], self.sign[axis])
 
     def _way_to(self, y_m: float, z_m: float) -> list[aerotech_motion.Leg]:
         motion = self._opened()

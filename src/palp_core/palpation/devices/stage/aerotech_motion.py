@@ -156,7 +156,7 @@ class ControllerAxes:
         first_mm = self._link.number(f"PFBKPROG({self.names[0]})")
         error_ns = (self._host.now_ns() - asked_ns) // 2
         second_mm = self._link.number(f"PFBKPROG({self.names[1]})")
-        history.append(asked_ns + error_ns, first_mm, second_mm, error_ns)
+        history.append(asked_ns + error_ns, first_mm, second_mm, error_ns, self._host.now_ns())
 
     def _home(self, axis: str, timeout_s: float, period_s: float) -> None:
         self._link.do(wire.command(f"HOMEASYNC {axis}"), _ENABLING_S)

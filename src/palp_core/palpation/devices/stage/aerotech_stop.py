@@ -24,6 +24,8 @@ class AerotechStop:
         url: Address, as a rule another TCP port of the controller than the driver's.
         axes: The controller's names.
         baud: Of a serial line.
+        origin_m: Controller's position of y = 0 and z = 0.
+        sign: Direction of y and z on the controller's axes.
         timeout_s: Longest wait for an answer.
         rest_s: How long to wait for rest between ABORT and DISABLE.
         look_hz: How often the thread asks about an axis; 0: there is none, call :meth:`poll` once a second.
@@ -38,12 +40,16 @@ class AerotechStop:
         url: str,
         axes: tuple[str, str] = ("X", "Y"),
         baud: int = 115200,
+        *,
+        origin_m: tuple[float, float] = (0.0, 0.0),
+        sign: tuple[int, int] = (1, 1),
         timeout_s: float = 0.1,
         rest_s: float = 0.2,
         look_hz: float = 0.0,
         clock: Callable[[], int] = monotonic_ns,
     ) -> None:
         self._axes, self._rest_ns, self._clock = axes, round(rest_s * 1e9), clock
+        self._origin_m, self._sign = origin_m, sign
         self._turn = 0
         self._link = AerotechLink(url, baud, timeout_s)
         try:
@@ -73,7 +79,7 @@ class AerotechStop:
         Raises:
             DeviceError: No answer, or the link is lost: the rig must not move.
         """
-        return [self._report(axis) for axis in self._axes]
+        return [self._report(number) for number in range(len(self._axes))]
 
     def reports(self) -> list[AxisReport]:
         """Return what the thread has heard since the last call, without waiting.
@@ -92,17 +98,15 @@ class AerotechStop:
 
     def poll_next(self) -> AxisReport:
         """Return what one axis says, each in its turn: less of a wait than :meth:`poll`; errors as there."""
-        axis = self._axes[self._turn % len(self._axes)]
+        number = self._turn % len(self._axes)
         self._turn += 1
-        report = self._report(axis)
+        report = self._report(number)
         if not report.enabled:  # it is sent nowhere
             return report
-        before_mm, sent_mm, after_mm = (
-            self._link.number(f"{what}({axis})") for what in ("PFBKPROG", "PCMDPROG", "PFBKPROG")
-        )
+        sent_m, after_m = self._place_m("PCMDPROG", number), self._place_m("PFBKPROG", number)
         # what the axis moved between the questions is no error of following
-        off_mm = abs(sent_mm - 0.5 * (before_mm + after_mm)) - 0.5 * abs(after_mm - before_mm)
-        return replace(report, following_m=max(0.0, off_mm) * 1e-3)
+        off_m = abs(sent_m - 0.5 * (report.position_m + after_m)) - 0.5 * abs(after_m - report.position_m)
+        return replace(report, following_m=max(0.0, off_m))
 
     def abort(self) -> int:
         """Write ABORT for every axis; return when it was written, in ns.
@@ -158,16 +162,28 @@ class AerotechStop:
             with self._hearing:
                 self._heard = [*self._heard[-_KEPT:], heard]
 
-    def _report(self, axis: str) -> AxisReport:
-        asked_ns = self._clock()
+    def _report(self, number: int) -> AxisReport:
+        axis, asked_ns = self._axes[number], self._clock()
         status = self._link.bits(f"AXISSTATUS({axis})")
         fault = wire.Fault(self._link.bits(f"AXISFAULT({axis})"))
-        moving, enabled = bool(status & wire.AxisStatus.MOVING), bool(status & wire.AxisStatus.ENABLED)
-        return AxisReport(axis, fault.words if fault else "", moving, enabled, asked_ns=asked_ns)
+        return AxisReport(
+            axis=axis,
+            direction="z" if number else "y",
+            fault=fault.words if fault else "",
+            moving=bool(status & wire.AxisStatus.MOVING),
+            enabled=bool(status & wire.AxisStatus.ENABLED),
+            position_m=self._place_m("PFBKPROG", number),
+            asked_ns=asked_ns,
+            answered_ns=self._clock(),
+        )
+
+    def _place_m(self, question: str, number: int) -> float:
+        controller_mm = self._link.number(f"{question}({self._axes[number]})")
+        return wire.place_m(controller_mm, self._origin_m[number], self._sign[number])
 
     def _moves(self) -> bool:
         """Tell whether an axis is known to move; no answer is no reason to wait."""
         try:
-            return any(report.moving for report in self.poll())
+            return any(self._link.bits(f"AXISSTATUS({axis})") & wire.AxisStatus.MOVING for axis in self._axes)
         except DeviceError:
             return False

@@ -15,31 +15,38 @@ class PositionHistory:
     """The last polls of two positions, written by one thread and read by another."""
 
     def __init__(self) -> None:
-        self._rows: deque[tuple[int, float, float, int]] = deque(maxlen=_LENGTH)
+        self._rows: deque[tuple[int, float, float, int, int]] = deque(maxlen=_LENGTH)
 
-    def append(self, stamp_ns: int, first: float, second: float, error_ns: int = 0) -> None:
-        """Add a poll, which may have been answered ``error_ns`` before or after its stamp."""
-        self._rows.append((stamp_ns, first, second, error_ns))
+    def append(
+        self, stamp_ns: int, first: float, second: float, error_ns: int = 0, answered_ns: int = 0
+    ) -> None:
+        """Add a poll, which may have been answered ``error_ns`` before or after its stamp.
+
+        The second position is known to be from before ``answered_ns``; 0: it is as old as the first.
+        """
+        self._rows.append((stamp_ns, first, second, error_ns, answered_ns or stamp_ns + error_ns))
 
     @property
     def last(self) -> tuple[float, float]:
         """The latest positions."""
-        _, first, second, _ = self._rows[-1]
+        _, first, second, *_ = self._rows[-1]
         return first, second
 
-    def measured(self, span_s: float = 0.04) -> tuple[float, float, float]:
-        """Return the latest positions and the larger speed, over polls at least ``span_s`` apart.
+    def measured(self, span_s: float = 0.04) -> tuple[float, float, float, int, int]:
+        """Return the latest positions, the larger speed, and between which times they were measured.
 
-        It is the least speed that the two prove: an answer that was long in coming makes nothing fast.
+        The speed is over polls at least ``span_s`` apart. It is the least that the two prove: an answer that
+        was long in coming makes nothing fast.
         """
         rows = list(self._rows)
         last = rows[-1]
+        between = last[0] - last[3], last[4]
         first = next((row for row in reversed(rows) if last[0] - row[0] >= span_s * 1e9), None)
         if first is None:
-            return last[1], last[2], 0.0
+            return last[1], last[2], 0.0, *between
         ways = (abs(last[1] - first[1]), abs(last[2] - first[2]))
         longest_ns = last[0] + last[3] - (first[0] - first[3])
-        return last[1], last[2], max(ways) / (longest_ns * 1e-9)
+        return last[1], last[2], max(ways) / (longest_ns * 1e-9), *between
 
     def at(self, times_ns: Int64Array, beyond_s: float, *, moving: bool) -> tuple[Float64Array, Float64Array]:
         """Return both positions at times: straight between polls, past the last by its speed if it moves.
@@ -63,7 +70,7 @@ class PositionHistory:
             result.append(np.where(after_s > 0.0, values[-1] + speed * after_s, between))
         return result[0], result[1]
 
-    def _since(self, begin_ns: int) -> list[tuple[int, float, float, int]]:
+    def _since(self, begin_ns: int) -> list[tuple[int, float, float, int, int]]:
         """Return the polls from the last one before a time on, in order; at least two if there are."""
         found = []
         for row in reversed(list(self._rows)):

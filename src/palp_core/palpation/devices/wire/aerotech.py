@@ -2,9 +2,13 @@
 
 from collections.abc import Iterable
 from enum import IntFlag
+from typing import TypeVar
 
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.wire.bits import Bits
+from palp_core.units import Float64Array
+
+P = TypeVar("P", float, Float64Array)
 
 END = b"\n"
 ACKNOWLEDGED = b"%"
@@ -83,6 +87,11 @@ def each(verb: str, axes: Iterable[str]) -> bytes:
 def move(axis: str, position: float, speed: float) -> bytes:
     """Return an absolute move at a speed, both in user units."""
     return command(f"MOVEABS {axis} {position:.3f} {axis}F {speed:.3f}")
+
+
+def place_m(controller_mm: P, origin_m: float, sign: int) -> P:
+    """Return a controller's position in the stage's coordinates, of this origin and direction."""
+    return sign * (controller_mm * 1e-3 - origin_m)
 
 
 def mask(value: bytes) -> int:

@@ -30,7 +30,7 @@ from palp_core.palpation.session.who_chose import swapped_by_hand
 PUBLISHED = "naive"
 """The filter that goes without saying."""
 
-_OF_ONE = ("out", "key", "overwrite", "session", "seed", "host", "folder", "options", "stop_url", "verified")
+_OF_ONE = ("out", "key", "overwrite", "session", "seed", "host", "folder", "options", "stop_link", "verified")
 
 DICTIONARY_FILE = "dictionary.csv"
 """By which a folder of exported tables is told from a session's."""
