@@ -55,12 +55,13 @@ def test_a_workspace_runs_checks_and_tests_as_it_is_with_all_that_can_be_added(
     for words in (
         ("node", "GripForce"), ("message", "grip"), ("policy", "in_turn"),
         ("driver", "my_cell", "--kind", "torque"), ("driver", "my_amp", "--kind", "emg"),
+        ("driver", "my_stage", "--kind", "stage"), ("driver", "my_ring", "--kind", "ring"),
     ):  # fmt: skip
         new(palp, *words)
     checked = check_file("launch/demo.yaml")
     assert [spec.name for spec in checked.nodes] == ["sensor", "average"]
     assert palp.run("launch", "launch/demo.yaml", "count:=20").returncode == 0
-    assert "14 passed" in tool(at / "lab", "pytest", "-q")
+    assert "18 passed" in tool(at / "lab", "pytest", "-q")
     assert "All checks passed!" in tool(at / "lab", "ruff", "check", ".")
     tool(at / "lab", "ruff", "format", "--check", ".")
 
@@ -71,7 +72,8 @@ def test_what_is_written_is_typed(at: Path, palp: Palp, monkeypatch: pytest.Monk
     monkeypatch.chdir(at / "lab")
     for words in (("node", "grip_force"), ("message", "grip"), ("policy", "in_turn")):
         new(palp, *words)
-    new(palp, "driver", "cell", "--kind", "torque")
+    for kind in ("stage", "ring", "torque", "emg"):
+        new(palp, "driver", f"my_{kind}", "--kind", kind)
     assert "Success" in tool(at / "lab", "mypy")
 
 
@@ -160,6 +162,28 @@ def test_a_file_that_hides_one_of_the_rig_is_said_at_once(at: Path, palp: Palp) 
     (at / "nodes").mkdir()
     done = palp.here("new", "node", "policy")
     assert "nodes.policy takes the place of that of 'rig'" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "test"),
+    [
+        (("node", "grip"), "checks/nodes/test_grip.py"),
+        (("policy", "in_turn"), "checks/nodes/test_policy_in_turn.py"),
+        (("driver", "cell", "--kind", "ring"), "checks/test_cell_driver.py"),
+        (("message", "grip"), "checks/test_grip_message.py"),
+    ],
+)
+def test_a_test_is_written_where_the_workspace_keeps_its_tests(
+    at: Path, palp: Palp, words: tuple[str, ...], test: str
+) -> None:
+    (at / "nodes").mkdir()
+    (at / "checks/nodes").mkdir(parents=True)
+    (at / "pyproject.toml").write_text(
+        '[tool.pytest.ini_options]\ntestpaths = ["checks"]\n', encoding="utf-8"
+    )
+    new(palp, *words)
+    assert (at / test).is_file()
+    assert not (at / "tests").exists()
 
 
 def test_a_name_has_both_its_forms() -> None:

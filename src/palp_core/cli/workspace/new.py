@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -33,7 +34,7 @@ NameArgument = Annotated[
 def node(name: NameArgument) -> None:
     """Write nodes/NAME.py and its test."""
     new = _named(name)
-    _write({f"nodes/{new.module}.py": "node.py", f"tests/test_{new.module}.py": "node_test.py"}, new)
+    _write(f"nodes/{new.module}.py", f"test_{new.module}.py", "node", new)
     print_text(
         f"into a launch file, under nodes:\n  {new.module}:\n    run: nodes.{new.module}:{new.class_name}\n"
         f"    inputs: {{heard: NODE/progress}}"
@@ -43,9 +44,7 @@ def node(name: NameArgument) -> None:
 def message(name: NameArgument) -> None:
     """Write msgs/NAME.py and its test."""
     new = _named(name)
-    _write(
-        {f"msgs/{new.module}.py": "message.py", f"tests/test_{new.module}_message.py": "message_test.py"}, new
-    )
+    _write(f"msgs/{new.module}.py", f"test_{new.module}_message.py", "message", new)
     print_text(f"in a node: from msgs.{new.module} import {new.class_name}")
 
 
@@ -53,7 +52,7 @@ def policy(name: NameArgument) -> None:
     """Write nodes/policy_NAME.py, a policy of the rig, and its test."""
     new = _named(name.removeprefix("policy_"))
     module = f"policy_{new.module}"
-    _write({f"nodes/{module}.py": "policy.py", f"tests/test_{module}.py": "policy_test.py"}, new)
+    _write(f"nodes/{module}.py", f"test_{module}.py", "policy", new)
     print_text(
         f"from the first palpation on: palp launch rig:sim.yaml policy:=nodes.{module}:{new.class_name} "
         "trials:=2 training:=3 --compose\n"
@@ -64,18 +63,21 @@ def policy(name: NameArgument) -> None:
 def driver(
     name: NameArgument,
     *,
-    kind: Annotated[Literal["torque", "emg"], typer.Option(help="What the device is.", show_default=False)],
+    kind: Annotated[
+        Literal["stage", "ring", "torque", "emg"],
+        typer.Option(help="What the device is.", show_default=False),
+    ],
 ) -> None:
     """Write drivers/NAME.py, a driver of a device, and its test."""
     new = _named(name)
-    _write(
-        {
-            f"drivers/{new.module}.py": f"driver_{kind}.py",
-            f"tests/test_{new.module}_driver.py": f"driver_{kind}_test.py",
-        },
-        new,
-    )
-    print_text(f"in a launch file, of the node of that device: device: drivers.{new.module}:{new.class_name}")
+    _write(f"drivers/{new.module}.py", f"test_{new.module}_driver.py", f"driver_{kind}", new)
+    run = f"drivers.{new.module}:{new.class_name}"
+    print_text(f"in a launch file, of the node of that device: device: {run}")
+    if kind == "stage":
+        print_text(
+            f"in the rig, which must be told what stops it: palp launch rig:rig.yaml stage_device:={run} "
+            "--ros-args -p safety:stop_link:=none -p 'safety:options:={}' -p 'stage:options:={}'"
+        )
 
 
 def _named(name: str) -> Named:
@@ -84,8 +86,22 @@ def _named(name: str) -> Named:
     return named(name)
 
 
-def _write(templates: dict[str, str], new: Named) -> None:
-    """Write files of a workspace, by path, and say which they are.
+def _tests_of(workspace: Path, package: str) -> Path:
+    """Return where a workspace keeps the tests of its nodes, messages or drivers, from the workspace.
+
+    It is a folder of the package's name in the first folder that pytest is told to look in, or that folder.
+    """
+    settings = {}
+    if (workspace / "pyproject.toml").is_file():
+        settings = tomllib.loads((workspace / "pyproject.toml").read_text(encoding="utf-8"))
+    pytest = settings.get("tool", {}).get("pytest", {}).get("ini_options", {})
+    folders = pytest.get("testpaths", "tests")
+    tests = Path(folders.split()[0] if isinstance(folders, str) else folders[0])
+    return tests / package if (workspace / tests / package).is_dir() else tests
+
+
+def _write(module: str, test: str, template: str, new: Named) -> None:
+    """Write a module of a workspace and its test, and say where they are.
 
     Raises:
         GraphError: One is no workspace, or a file is there already.
@@ -102,9 +118,13 @@ def _write(templates: dict[str, str], new: Named) -> None:
     values = {
         "NAME": new.module, "CLASS": new.class_name, "RIG": "" if own_rig else "palp_core.workspace.",
     }  # fmt: skip
-    write_new(workspace, {Path(path): text(template, values) for path, template in templates.items()})
+    templates = {
+        Path(module): f"{template}.py",
+        _tests_of(workspace, Path(module).parts[0]) / test: f"{template}_test.py",
+    }
+    write_new(workspace, {path: text(name, values) for path, name in templates.items()})
     for path in templates:
         print_text(str(workspace / path))
-    for module, file, hidden, name in hidden_modules(workspace):
-        if str(file.relative_to(workspace)) in templates:
-            note(f"{module} takes the place of that of '{name}', {hidden}")
+    for hiding, file, hidden, name in hidden_modules(workspace):
+        if file.relative_to(workspace) in templates:
+            note(f"{hiding} takes the place of that of '{name}', {hidden}")

@@ -303,3 +303,5 @@ def _load(kind: str, where: str) -> Any:
         raise DeviceError(
             f"{kind} device: cannot import '{where}': {what or f'{error}; check the module and class'}"
         ) from error
+    except Exception as error:
+        raise DeviceError(f"{kind} device: {module_name} fails: {in_words(error)}") from error
