@@ -13,6 +13,7 @@ import pytest
 from benchmarks.rig_bench.running import FORK_SERVER, GUARD_OF, LAUNCHER, TO_M, RunningRig
 from benchmarks.rig_bench.trips import NODES
 from palp_core.graph.bag.reader import read
+from palp_core.palpation.devices.emulator import EmulatedRig
 from tests.support.palp import Palp
 
 SHORT = ("trials:=1", "training:=1")
@@ -130,6 +131,20 @@ def test_a_trip_stops_latches_is_in_the_bag_and_is_left_by_an_acknowledgement_al
     assert trip.cause == "operator"
     assert trip.load_time_s[-1] > trip.load_time_s[0]
     assert len(trip.load_time_s) == len(trip.torque_n_m) == len(trip.force_n)
+
+
+@pytest.mark.nightly
+def test_a_stop_link_that_leads_to_another_controller_trips_before_the_first_sweep(tmp_path: Path) -> None:
+    with EmulatedRig(devices=["aerotech"]) as other:
+        edit = {"socket://192.168.1.10:8001": f'"{other.stop_link}"'}
+        with RunningRig(tmp_path, *LENIENT, edit=edit, patience_s=PATIENCE_S, poll_s=0.05) as rig:
+            rig.put_on()
+            rig.until(lambda: rig.safety()["state"] == "latched", "latch")
+            assert rig.safety()["cause"] == "wrong link"
+            assert not rig.call("safety", "acknowledge")["done"]
+            assert rig.stage.at_rest()
+            moves = [line for _, _, line in rig.stage.log() if line.startswith("MOVEABS")]
+            assert moves[-1].startswith("MOVEABS X")  # raised: it never went down to sweep
 
 
 @pytest.mark.nightly

@@ -9,7 +9,7 @@ import shutil
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -20,6 +20,7 @@ from palp_core.graph.launch.methods_told import MethodTold
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.reporting.charts import Chart, images, save
+from palp_core.palpation.session import report_page
 from palp_core.palpation.session.charts.of_session import charts_of
 from palp_core.palpation.session.charts.rig import rig_chart
 from palp_core.palpation.session.charts.training import primitives_chart
@@ -330,3 +331,24 @@ def test_a_smoother_that_was_left_to_the_register_is_drawn_as_the_run_chose_it(
     by_name = numbers(out, "sweeps")
     session(msgspec.structs.replace(summary(out, denoise="auto"), methods=[chosen]))
     assert numbers(out, "sweeps") == by_name
+
+
+@pytest.mark.parametrize(
+    ("device", "link", "touch", "said"),
+    [
+        ("sim", None, {}, "simulated rig"),
+        ("aerotech", "socket://10.0.0.1:8001", {}, "emulated devices, simulated phantoms"),
+        ("aerotech", "socket://10.0.0.1:8001", None, "rig with devices"),
+        ("newport", "none", None, "rig with devices, without a link of the safety node's own to the stage"),
+        ("newport", "none", {}, "simulated phantoms, without a link of the safety node's own to the stage"),
+    ],
+)
+def test_the_page_says_what_was_swept_and_repeats_that_the_stage_had_no_link_for_stopping(
+    device: str, link: str | None, touch: dict[str, Any] | None, said: str
+) -> None:
+    protocol: dict[str, Any] = {"stage": {"device": {"value": device}}}
+    if link is not None:
+        protocol["safety"] = {"stop_link": {"value": link}}
+    words = report_page._rig({"mechanics": touch, "protocol": protocol, "roles": {}})
+    assert said in words
+    assert ("(stop_link: none)" in words) == (link == "none")
