@@ -227,6 +227,17 @@ def test_a_stop_written_to_another_controller_is_none_of_this_stage(watched: Wat
     assert watched.status.state == "latched"
 
 
+def test_another_controller_is_stopped_once_and_not_a_hundred_times_a_second(watched: Watched) -> None:
+    watched.run(0.1)
+    watched.link.y_m = lambda: -0.003
+    while not watched.trips():
+        watched.run(0.005)
+    watched.silent = {"stage"}
+    watched.run(0.2)
+    assert watched.status.state == "stopping"
+    assert watched.link.calls == ["abort", "disable"]
+
+
 def test_without_a_link_of_its_own_it_says_so_and_permits_sweeps(monkeypatch: pytest.MonkeyPatch) -> None:
     watched = Watched(monkeypatch, stop_link="none")
     watched.run(0.1)
