@@ -76,7 +76,16 @@ def _stop_all(timeout_s: float, *, as_json: bool) -> None:
 
 
 def checks_table(checks: list[dict[str, Any]], now_ns: int) -> str:
-    """Return a line for each check: what was verified, how long ago, and what was not."""
+    """Return a line for each check: what was verified, how long ago, and what was not.
+
+    >>> link = {"name": "own link, y", "verified_ns": 1_000_000_000, "text": "followed the stage over 3.0 mm"}
+    >>> button = {"name": "emergency stop", "verified_ns": 0, "text": "no software can see it"}
+    >>> print(checks_table([button, link], 3_500_000_000))
+    verified:
+      own link, y     2.5 s ago: followed the stage over 3.0 mm
+    not verified:
+      emergency stop  no software can see it
+    """
     width = max(len(check["name"]) for check in checks)
     lines = {True: ["verified:"], False: ["not verified:"]}
     for check in checks:

@@ -188,7 +188,7 @@ def test_what_would_pass_a_limit_is_not_offered(trained: TrainedTraces, known: A
 
 
 def test_the_limits_are_those_at_which_the_safety_node_stops() -> None:
-    params = SafetyParams()
+    params = SafetyParams(device="aerotech", stop_link="none")
     assert (STOP.torque_n_m, STOP.force_n) == (params.stop_n_mm * 1e-3, params.stop_n)
 
 
