@@ -139,6 +139,16 @@ class NoOut(Node):
     def take(self, num): ...
 
 
+class Agreeing(Relay):
+    """It must know its source's rate, and has another."""
+
+    class AgreeingParams(RelayParams):
+        rate_hz: float = 7.0
+
+    params: AgreeingParams
+    same_params = {"num": ("rate_hz",)}
+
+
 class WrongType(Node):
     num = Sub(Num)
     out = Pub(Word)

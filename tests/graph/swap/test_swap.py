@@ -131,6 +131,7 @@ def test_a_reader_that_rejects_what_comes_has_heard_it_and_is_swapped(palp: Palp
 
 
 REFUSED = [
+    ("Agreeing", "rate_hz is 7.0 in node 'relay' and 200.0 in node 'source'; give both the same"),
     ("NoOut", "it has no output 'out', which /sink reads"),
     ("WrongType", "carries Word, not Num"),
     ("Wants", "input 'more' is not wired"),

@@ -19,7 +19,7 @@ from palp_core.graph.description.file_reader import read
 from palp_core.graph.description.fitting import fitted
 from palp_core.graph.description.launch_file import GraphNode, InputEntry, LaunchFile
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, NodePort
-from palp_core.graph.description.wire_check import misfits, type_misfit
+from palp_core.graph.description.wire_check import disagreements, misfits, type_misfit
 from palp_core.graph.messages.qos import on_edge
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.problems import Mark, Problems, hint, nearest
@@ -95,6 +95,7 @@ def check(
     later = _look_at_later(description.workspace, nodes, inspect, problems)
     problems.raise_any()
     checked = recorders_apart(_build(description, nodes))
+    _check_shared(checked, nodes, problems)
     checked = _with_checkpoint(checked, description, problems)
     if succeed is not None:
         _check_later(later, checked, succeed, problems)
@@ -233,6 +234,14 @@ def _check_class(
             problems.add(reader.mark, f"{message}; add {name}: {_source(port, nodes)} under inputs")
 
 
+def _check_shared(checked: CheckedGraph, nodes: _Nodes, problems: Problems) -> None:
+    """Refuse nodes that disagree on what both must know."""
+    for found in disagreements(checked):
+        reader, source = (next(n for n in nodes[name] if n.present) for name in (found.reader, found.source))
+        marks = {**source.param_marks, **reader.param_marks}
+        problems.add(marks.get(found.parameter, reader.run_mark), found.text)
+
+
 def _source(port: NodePort, nodes: _Nodes) -> str:
     """Return a publisher or service that fits a port, or a placeholder."""
     wanted, kind = [t.type_hash for t in port.types], _SOURCES[port.kind]
@@ -267,7 +276,6 @@ def _check_wire(
         known = [name for name, offer in offers.items() if not offer.vacant]
         if wire.port in offers:
             _check_edge(reader, port, source, offers[wire.port], wire, problems)
-            _check_same_params(reader, port.name, source, problems)
         elif wire.port in source.declared.ports:
             noun = _PLACES[source.declared.ports[wire.port].kind]
             message = (
@@ -279,19 +287,6 @@ def _check_wire(
                 wire.source_mark,
                 f"{reader}: {source} has no {_PLACES[kind]} '{wire.port}'{hint(wire.port, known)}",
             )
-
-
-def _check_same_params(reader: GraphNode, port: str, source: GraphNode, problems: Problems) -> None:
-    """Refuse two nodes that disagree on what both must know."""
-    if not (reader.present and source.present):
-        return
-    for name in reader.declared.same_params.get(port, ()):
-        if name in reader.declared.params and name in source.declared.params:
-            ours, theirs = reader.param(name), source.param(name)
-            if ours != theirs:
-                mark = reader.param_marks.get(name, source.param_marks.get(name, reader.run_mark))
-                message = f"{reader}: {name} = {ours!r}, and {source} has {theirs!r}"
-                problems.add(mark, f"{message}; give both the same")
 
 
 def _an(noun: str) -> str:
@@ -348,6 +343,7 @@ def _build(description: LaunchFile, nodes: _Nodes) -> CheckedGraph:
                 action=wire.action,
                 external=wire.external,
                 dispensable=port.optional and not port.lasting,
+                same=node.declared.same_params.get(port_name, ()),
             )
             if wire.external:
                 topics[source] = TopicInfo.of(name, port)

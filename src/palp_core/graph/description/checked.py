@@ -75,6 +75,7 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
         action: What the supervisor does when the edge breaks its promise.
         external: The messages come from outside the graph, on a topic of the reader's.
         dispensable: The topic's publisher may be replaced by a class that does not publish it.
+        same: Parameters that must have the same value in the topic's publisher, if that has them.
     """
 
     topic: str
@@ -83,6 +84,7 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
     action: str = "warn"
     external: bool = False
     dispensable: bool = False
+    same: tuple[str, ...] = ()
 
 
 class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):

@@ -102,10 +102,6 @@ class GraphNode:
         """Tell whether the file or its caller wants a parameter to be what it is, in this assignment."""
         return self.present or (parameter in self.param_marks and parameter not in self.defaulted)
 
-    def param(self, name: str) -> Any:
-        """Return a parameter's value as a plain value: what is given, or its default."""
-        return self.spec.params.get(name, self.declared.params[name].default)
-
     def __str__(self) -> str:
         return f"node '{self.spec.name}' ({self.declared.run.rpartition(':')[2]})"
 

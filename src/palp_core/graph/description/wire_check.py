@@ -6,7 +6,7 @@ judged here, in the same words.
 
 from typing import Literal, NamedTuple
 
-from palp_core.graph.description.checked import TopicInfo
+from palp_core.graph.description.checked import CheckedGraph, TopicInfo
 from palp_core.graph.messages.qos import incompatibility
 from palp_core.graph.node.spec import topic
 
@@ -19,6 +19,32 @@ class Misfit(NamedTuple):
 
     part: Literal["type", "qos", "truth"]
     text: str
+
+
+class Disagreement(NamedTuple):
+    """Two nodes that have different values of a parameter that both must know."""
+
+    reader: str
+    source: str
+    parameter: str
+    text: str
+
+
+def disagreements(checked: CheckedGraph) -> list[Disagreement]:
+    """Return on which shared parameters the nodes of a graph disagree."""
+    params = {spec.name: spec.params for spec in checked.nodes}
+    found = []
+    for reader, readings in checked.readings.items():
+        for reading in (one for one in readings.values() if one.same):
+            source = checked.topics[reading.topic].node
+            ours, theirs = params.get(reader, {}), params.get(source, {})
+            for name in reading.same:
+                if name in ours and name in theirs and ours[name] != theirs[name]:
+                    text = (
+                        f"{name} is {ours[name]!r} in node '{reader}' and {theirs[name]!r} in node '{source}'"
+                    )
+                    found.append(Disagreement(reader, source, name, f"{text}; give both the same"))
+    return found
 
 
 def misfit(wanted: TopicInfo, offered: TopicInfo, *, reads_truth: bool) -> Misfit | None:

@@ -150,7 +150,11 @@ def replaced(
     kept = {key: value for key, value in before.items() if key in new_class.params}
     defaults = {key: known.default for key, known in new_class.params.items() if not known.required}
     readings = {
-        port: msgspec.structs.replace(reading, qos=_requested(new_class.ports[port], reading))
+        port: msgspec.structs.replace(
+            reading,
+            qos=_requested(new_class.ports[port], reading),
+            same=new_class.same_params.get(port, ()),
+        )
         for port, reading in checked.readings[name].items()
         if port in new_class.ports
     }

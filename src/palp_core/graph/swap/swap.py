@@ -12,6 +12,7 @@ import msgspec
 from palp_core.errors import GraphError, NodeError
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
+from palp_core.graph.description.wire_check import disagreements
 from palp_core.graph.messages.builtin import Swap
 from palp_core.graph.messages.frame import Kind, parse, topic_of
 from palp_core.graph.messages.message import decode
@@ -325,6 +326,8 @@ class Swapper:
         if wrong:
             raise SwapFailed(name, "check", f"{run}: " + "; ".join(wrong))
         now = replaced(checked, old, new_class, request.params)
+        if apart := [found.text for found in disagreements(now)]:
+            raise SwapFailed(name, "check", f"{run}: " + "; ".join(apart))
         new = next(spec for spec in now.spawned if spec.name == name)
         usual = Probation() if new_class.on_probation else NO_PROBATION
         swap = CheckedSwap(

@@ -125,6 +125,8 @@ def a_stage_says_where_it_is_and_raises_the_probe(subject: Subject) -> None:
     subject.rest()
     low = stage.feedback(subject.now(), subject.state)
     _near((low.y_m, low.z_m), (0.001, 0.0), 1e-4, "where it is, m")
+    between = f"between {low.asked_ns} and {low.answered_ns} ns, which is not before now"
+    must(0 < low.asked_ns <= low.answered_ns <= subject.now(), f"it says that it was measured {between}")
     subject.reach(stage.retreat(0.010, subject.now(), subject.state))
     subject.rest()
     high = stage.feedback(subject.now(), subject.state)
