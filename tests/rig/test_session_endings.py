@@ -14,6 +14,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.graph.launch.graph import check_start
 from palp_core.graph.messages.frame import topic_of
@@ -98,10 +99,8 @@ def test_a_session_that_is_interrupted_says_how_far_it_came_and_what_is_kept(tmp
     count = len(read_rows(out))
     words = f"nfinished: {count} of 375 palpations of training"
     assert f"U{words}, because: interrupted by SIGINT." in said
-    kept = (
-        f"Kept: {count} palpations (trials.csv, sweeps/) and result.json in {out}. Report: {out}/report.html"
-    )
-    assert said.splitlines()[-1] == kept
+    kept = f"Kept: {counted(count, 'palpation')} (trials.csv, sweeps/) and result.json in {out}. Report: "
+    assert said.splitlines()[-1] == f"{kept}{out}/report.html"
     assert f"(u{words})" in (out / "report.html").read_text()
     unfinished = json.loads((out / "result.json").read_text())["unfinished"]
     assert unfinished == {
