@@ -318,7 +318,7 @@ def test_advice_names_the_run_that_it_is_about_if_another_runs(bench: Bench) -> 
     for _ in range(MOST_PER_S + 1):
         screen.take("2026-11-22T12:00:00.000+00:00 a: [WARNING] [a]: again")
     screen.flush()
-    assert lines[-1] == f"... and 1 more lines: palp logs --graph {mine.id}"
+    assert lines[-1] == f"... and 1 more line: palp logs --graph {mine.id}"
 
 
 @pytest.mark.parametrize(

@@ -109,8 +109,14 @@ def _without_places(summary: RunSummary, out: Path, text: str) -> RunSummary:
     for values in (args, params[node]):
         if "out" in values:
             values["out"] = str(out)
+    given = [word for word in summary.given if word.partition(":=")[0] not in ("session", "out")]
     return msgspec.structs.replace(
-        summary, args=args, params=params, file=Path(summary.file).name, attached={SHEET: text}
+        summary,
+        args=args,
+        given=[*given, f"out:={out}"],
+        params=params,
+        file=Path(summary.file).name,
+        attached={SHEET: text},
     )
 
 
