@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import shutil
+import struct
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -79,7 +80,7 @@ def whole_message_count(bag: Path) -> int:
     """Count the messages that another reader finds before the file is torn."""
     count = 0
     for file in bag.glob("*.mcap"):
-        with file.open("rb") as stream, contextlib.suppress(EndOfFile):
+        with file.open("rb") as stream, contextlib.suppress(EndOfFile, struct.error):
             for record in StreamReader(stream).records:
                 count += isinstance(record, Message)
     return count
