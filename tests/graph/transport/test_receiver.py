@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import select
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 import zmq
@@ -19,9 +22,13 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.process.channel import MessageChannel
+from palp_core.graph.process.control_messages import Spawn, ToNode
+from palp_core.graph.process.wall_loop import WallLoop
 from palp_core.graph.transport import publisher_socket
 from palp_core.graph.transport import receiver as receiver_module
 from palp_core.graph.transport.node_sockets import NodeSockets
+from palp_core.graph.transport.reader_words import WORD
 from palp_core.graph.transport.receiver import MOST_UNREAD_BYTES, TopicReceiver
 from palp_core.graph.transport.subscriber_socket import ARRAY_QUEUE
 from palp_core.units import RatioArray
@@ -297,3 +304,36 @@ def test_what_a_node_is_given_from_outside_waits_at_the_socket_while_too_much_is
     account = wired.executor.ends.subscriptions["/p/word"][0].account
     assert (account.received, account.repeated, account.lost) == (5, 0, 0)
     wired.receiver.close()
+
+
+def test_what_a_node_sends_does_not_hide_what_has_arrived(tmp_path: Path) -> None:
+    """A node that has asked for something waits on descriptors; what it sends takes away their signal."""
+    spec = NodeSpec(name="r", run=f"{__name__}:Reader", inputs={"word": "/p/word"})
+    theirs, ours = socket.socketpair()
+    folder = str(tmp_path)
+    order = Spawn(spec=spec, clock="wall", run_dir=folder, workspace=folder, log=f"{folder}/log", place="r")
+    loop = WallLoop(order, MessageChannel(ours, msgspec.msgpack.Decoder(ToNode)))
+    receiver, context = loop.receiver, loop.sockets.context
+    with context.socket(zmq.XPUB) as publisher, context.socket(zmq.ROUTER) as server:
+        publisher.bind(f"ipc://{folder}/p.pub")
+        server.bind(f"ipc://{folder}/p.srv")
+        while publisher.recv() != b"\x01/p/word\0":
+            pass
+        receiver._requester.ask(f"ipc://{folder}/p.srv", {})
+        asker, question = server.recv_multipart()
+        server.send_multipart([asker, question])
+        while not receiver._requester.replies():
+            pass
+        while select.select(receiver.file_descriptors, (), (), 0.0)[0]:
+            loop._wait()
+        publisher.send(pack(b"/p/word", Kind.DATA, 0, 1, 0, schema_of(Word).type_hash, encode(Word(n=1))))
+        while not receiver._subscriber.wait(1.0):
+            pass
+        while select.select(receiver.file_descriptors, (), (), 0.1)[0]:
+            receiver._subscriber.say(WORD)
+            receiver._requester.pending()
+        loop._wait()
+        assert [frame.sequence for frame in loop.executor.inbox] == [1]
+    loop.close()
+    ours.close()
+    theirs.close()

@@ -221,10 +221,10 @@ class WallLoop:
             else:
                 rung = self.receiver.receive(SLICE_NS, wait_ms)
         else:
-            coming = self.receiver.file_descriptors
-            ready = select.select((*coming, *self._others), (), (), timeout_s)[0]
+            coming, pending = self.receiver.file_descriptors, self.receiver.pending()
+            ready = select.select((*coming, *self._others), (), (), 0.0 if pending else timeout_s)[0]
             rung = bool(ready) and ready[-1] in self._others
-            if self.receiver.more or (ready and ready[0] in coming):
+            if pending or (ready and ready[0] in coming):
                 rung = self.receiver.receive(SLICE_NS) or rung
         if not rung:
             return self.channel.buffered()

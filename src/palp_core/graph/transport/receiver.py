@@ -172,6 +172,13 @@ class TopicReceiver:
         """True once anything was asked of a publisher: its answers come on other descriptors."""
         return bool(self._requester.file_descriptors)
 
+    def pending(self) -> bool:
+        """Tell whether there is something to take in, whatever the descriptors say.
+
+        They signal changes only, and sending a word or a question takes that signal away.
+        """
+        return not self._inbox_is_full() and (self._subscriber.pending() or self._requester.pending())
+
     def receive(self, slice_ns: int, wait_ms: int = 0) -> bool:
         """Take in what has arrived, put it in order, ask for what is missing; tell if the wakeup rang.
 

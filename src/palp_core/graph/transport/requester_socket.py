@@ -52,6 +52,10 @@ class RequesterSocket:
         with contextlib.suppress(zmq.Again):  # whoever asks asks again, or gives up
             self._sockets[endpoint].send(msgpack.packb(request), _NOBLOCK)
 
+    def pending(self) -> bool:
+        """Tell whether a reply has arrived."""
+        return any(readable(socket) for socket in self._sockets.values())
+
     def replies(self) -> list[dict[str, Any]]:
         """Return the replies that have arrived."""
         found = []
