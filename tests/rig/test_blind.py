@@ -26,13 +26,14 @@ from palp_core.graph.problems import GraphProblems
 from palp_core.palpation.mechanics.scene.sealed import own_codes, sealed_phantoms, standing
 from palp_core.palpation.session import plan
 from palp_core.palpation.session.decided.audit import decisions
-from palp_core.palpation.session.operating.unsealing import SEALED_TABLE, unseal
+from palp_core.palpation.session.operating.unsealing import sealed_name, unseal
 from palp_core.palpation.session.recorded_session import believed_depths, read_session
 from palp_core.palpation.session.recorded_sweeps import read_sweeps
 from palp_core.palpation.session.report import write
 from palp_core.palpation.session.result_json import read_result
-from palp_core.palpation.session.run_note import read_note
+from palp_core.palpation.session.run_note import read_note, refuse_resuming
 from palp_core.palpation.session.trials_csv import read_rows
+from palp_core.whole_file import write_whole
 from tests.support.palp import ROOT, SIM
 from tests.support.rig_session import ComposedGraph, check_here
 from tests.support.sessions import no_charts
@@ -323,7 +324,7 @@ def test_unsealed_it_has_the_depths_and_what_was_written_before_is_kept(copy: Pa
     assert done.exit_code == 0, done.output
     rows = read_rows(copy)
     assert [row.depth_m for row in rows] == [DEPTHS_M[own[row.phantom]] for row in rows]
-    assert (copy / SEALED_TABLE).read_bytes() == before
+    assert sealed_name(copy / "trials.csv").read_bytes() == before
     places = sorted(range(3), key=lambda place: DEPTHS_M[own[sorted(own)[place]]])
     for was, now in zip(sealed, rows, strict=True):
         assert now.posterior == ([was.posterior[place] for place in places] if was.posterior else [])
@@ -339,6 +340,41 @@ def test_unsealed_it_has_the_depths_and_what_was_written_before_is_kept(copy: Pa
     assert [(one.deed, one.reason) for one in decisions(copy)] == [("unseal", "all is done")]
     with pytest.raises(PalpError, match="is not sealed"):
         unseal(copy, "again")
+
+
+@pytest.mark.parametrize("done", range(4))
+def test_unsealing_that_was_cut_off_is_finished_by_the_next_run(
+    copy: Path, tmp_path: Path, done: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = Path(shutil.copytree(copy, tmp_path / "whole"))
+    unseal(whole, "all is done")
+    write, left = write_whole, [done]
+
+    def write_some(path: Path, content: str | bytes) -> None:
+        if not left[0]:
+            raise OSError("disk full")
+        left[0] -= 1
+        write(path, content)
+
+    monkeypatch.setattr("palp_core.palpation.session.operating.unsealing.write_whole", write_some)
+    with pytest.raises(OSError, match="disk full"):
+        unseal(copy, "all is done")
+    monkeypatch.undo()
+    unseal(copy, "all is done")
+    names = {path.name for path in whole.iterdir() if path.is_file()} - {"audit.csv"}
+    assert {sealed_name(Path(name)).name for name in ("trials.csv", "primitives.json")} < names
+    for name in names:
+        assert (copy / name).read_bytes() == (whole / name).read_bytes()
+
+
+def test_a_session_is_either_unsealed_or_resumed(copy: Path) -> None:
+    (copy / "checkpoint").touch()
+    with pytest.raises(PalpError, match=r"unfinished.*palp launch --resume, or remove"):
+        unseal(copy, "curious")
+    (copy / "checkpoint").unlink()
+    unseal(copy, "all is done")
+    with pytest.raises(PalpError, match="was unsealed"):
+        refuse_resuming(copy)
 
 
 def test_another_sessions_key_opens_nothing(copy: Path, tmp_path: Path) -> None:

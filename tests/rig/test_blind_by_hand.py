@@ -18,10 +18,10 @@ from palp_core.graph.bag.reader import Bag
 from palp_core.graph.problems import GraphProblems
 from palp_core.palpation.mechanics.scene.sealed import own_codes, standing
 from palp_core.palpation.session.decided.audit import decisions
-from palp_core.palpation.session.human.record import HumanRow, read_human
+from palp_core.palpation.session.human.record import HUMAN_TABLE, HumanRow, read_human
 from palp_core.palpation.session.many.overview import find_sessions
 from palp_core.palpation.session.many.page import rows_of
-from palp_core.palpation.session.operating.unsealing import SEALED_HUMAN_TABLE
+from palp_core.palpation.session.operating.unsealing import sealed_name
 from tests.rig.test_human import HUMAN, session
 from tests.support.rig_session import check_here
 
@@ -72,7 +72,7 @@ def test_unsealed_it_has_the_depths_and_what_was_written_before_is_kept(out: Pat
     assert done.exit_code == 0, done.output
     rows = read_human(copy)
     assert [row.depth_m for row in rows[3:]] == [DEPTHS_M[own[row.phantom]] for row in rows[3:]]
-    assert (copy / SEALED_HUMAN_TABLE).read_bytes() == before
+    assert sealed_name(copy / HUMAN_TABLE).read_bytes() == before
     assert [(one.deed, one.reason) for one in decisions(copy)] == [("unseal", "all is done")]
     learnt = json.loads(CliRunner().invoke(markov.app, ["fit", str(copy), "--json"]).stdout)
     assert [one["depth_m"] for one in learnt["trials"]] == [row.depth_m for row in by_file(rows)]

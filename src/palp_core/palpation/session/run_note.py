@@ -20,6 +20,7 @@ from palp_core.palpation.session.roles import roles_of
 from palp_core.palpation.session.session_folder import (
     CHECKPOINT,
     NEXT_RUN,
+    OPENED,
     RUN,
     TABLE,
     cannot_write,
@@ -114,6 +115,8 @@ def refuse_resuming(folder: Path, table: str = TABLE) -> None:
         raise PalpError(f"the session in '{folder}' goes on already: another run writes its record there")
     if not (folder / table).exists():
         raise PalpError(f"'{folder}' has a checkpoint but no {table}: restore it, or begin in another folder")
+    if (folder / OPENED).exists():
+        raise PalpError(f"'{folder}' was unsealed, so nobody is blind any more; begin in another folder")
 
 
 def refuse_without_key(asked: Mapping[str, Any]) -> None:

@@ -15,6 +15,9 @@ RUN = "run.json"
 SHEET = "session.yaml"
 RESULT = "result.json"
 NEXT_RUN = ".next_run.json"
+OPENED = "key.json"
+"""Which code was which phantom, of a session that was unsealed."""
+
 CHECKPOINT = "checkpoint"
 """Where an unfinished session can go on, as the launch file says."""
 
@@ -26,7 +29,7 @@ OWN_FILES = (
     SWEEPS,
     "primitives.json",
     "audit.csv",
-    "key.json",
+    OPENED,
     "trials.sealed.csv",
     "primitives.sealed.json",
     RUN,

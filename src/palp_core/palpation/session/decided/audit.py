@@ -11,6 +11,7 @@ on does what is marked ``redo`` again at its end, as another trial, and says so 
 
 import csv
 import datetime
+import fcntl
 import getpass
 import io
 import os
@@ -54,7 +55,8 @@ def decide(folder: Path, trial: int, deed: Deed, reason: str) -> Decision:
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
         with os.fdopen(descriptor, "a", encoding="utf-8") as file:
-            if path.stat().st_size == 0:
+            fcntl.flock(file, fcntl.LOCK_EX)  # two commands at once: one of them writes the heading
+            if os.fstat(descriptor).st_size == 0:
                 writer.writerow(Decision.__struct_fields__)
             writer.writerow(msgspec.structs.astuple(made))
             file.write(text.getvalue())

@@ -1,6 +1,7 @@
 """Unsealing a blinded session: the record with depths takes its place beside the one with codes."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,15 +13,11 @@ from palp_core.palpation.mechanics.scene.sealed import is_sealed, own_codes, sea
 from palp_core.palpation.session.decided.audit import decide
 from palp_core.palpation.session.decided.blind import KEY, is_blinded
 from palp_core.palpation.session.human.record import HUMAN_TABLE, human_table_text, read_human
-from palp_core.palpation.session.session_folder import TABLE, is_being_written
+from palp_core.palpation.session.session_folder import CHECKPOINT, OPENED, TABLE, is_being_written
 from palp_core.palpation.session.trials_csv import Row, read_rows, table_text
 from palp_core.whole_file import read_whole, write_json, write_whole
 
-OPENED = "key.json"
-SEALED_TABLE = "trials.sealed.csv"
-SEALED_HUMAN_TABLE = "human_trials.sealed.csv"
-SEALED_PRIMITIVES = "primitives.sealed.json"
-_PRIMITIVES = "primitives.json"
+PRIMITIVES = "primitives.json"
 _BY_DEPTH = ("depths_m", "mean", "sd", "count")
 
 
@@ -73,7 +70,7 @@ def unseal(folder: Path, reason: str, key: Path | None = None) -> OpenedKey:
     Raises:
         PalpError: It is not blinded, still under way, or of another key; nothing was changed then.
     """
-    _refuse_running(folder)
+    _refuse_unfinished(folder)
     rows = read_rows(folder)
     if not is_blinded(rows):
         raise PalpError(f"'{folder}' is not sealed")
@@ -83,15 +80,13 @@ def unseal(folder: Path, reason: str, key: Path | None = None) -> OpenedKey:
             raise PalpError(
                 f"'{folder}': row {row.row} is of phantom {row.phantom}: this is another session's key"
             )
-    told = [_told(row, opened) for row in rows]
-    decide(folder, -1, "unseal", reason)
-    write_whole(folder / SEALED_TABLE, read_whole(folder / TABLE))
-    if (folder / _PRIMITIVES).exists():
-        learnt: dict[str, Any] = json.loads(read_whole(folder / _PRIMITIVES))
-        write_json(folder / SEALED_PRIMITIVES, learnt)
-        write_whole(folder / _PRIMITIVES, json.dumps(_learnt(learnt, opened), indent=1) + "\n")
-    _write_opened(folder, opened)
-    write_whole(folder / TABLE, table_text(told, sorted(opened.depths_m.values())))
+    texts = {}
+    if (folder / PRIMITIVES).exists():
+        kept = sealed_name(folder / PRIMITIVES)
+        learnt = json.loads(read_whole(kept if kept.exists() else folder / PRIMITIVES))
+        texts[PRIMITIVES] = json.dumps(_learnt(learnt, opened), indent=1) + "\n"
+    texts[TABLE] = table_text([_told(row, opened) for row in rows], sorted(opened.depths_m.values()))
+    _open_files(folder, opened, reason, texts)
     return opened
 
 
@@ -103,7 +98,7 @@ def unseal_by_hand(folder: Path, reason: str, key: Path | None = None) -> Opened
     Raises:
         PalpError: It is not blinded, still under way, or of another key; nothing was changed then.
     """
-    _refuse_running(folder)
+    _refuse_unfinished(folder)
     rows = read_human(folder)
     if all(row.depth_m is not None for row in rows):
         raise PalpError(f"'{folder}' is not sealed")
@@ -117,23 +112,40 @@ def unseal_by_hand(folder: Path, reason: str, key: Path | None = None) -> Opened
         row if row.depth_m is not None else msgspec.structs.replace(row, depth_m=opened.depths_m[row.phantom])
         for row in rows
     ]
-    decide(folder, -1, "unseal", reason)
-    write_whole(folder / SEALED_HUMAN_TABLE, read_whole(folder / HUMAN_TABLE))
-    _write_opened(folder, opened)
-    write_whole(folder / HUMAN_TABLE, human_table_text(told))
+    _open_files(folder, opened, reason, {HUMAN_TABLE: human_table_text(told)})
     return opened
 
 
-def _refuse_running(folder: Path) -> None:
+def sealed_name(path: Path) -> Path:
+    """Return where a file with codes stays after its session was unsealed."""
+    return path.with_suffix(f".sealed{path.suffix}")
+
+
+def _refuse_unfinished(folder: Path) -> None:
     if is_being_written(folder):
         raise PalpError(f"'{folder}' is still being written: a session is unsealed when it is over")
+    if (checkpoint := folder / CHECKPOINT).exists():
+        raise PalpError(
+            f"'{folder}' is unfinished, and an unsealed session cannot go on: finish it with palp launch "
+            f"--resume, or remove {checkpoint} to end it here"
+        )
 
 
-def _write_opened(folder: Path, opened: OpenedKey) -> None:
+def _open_files(folder: Path, opened: OpenedKey, reason: str, texts: Mapping[str, str]) -> None:
+    """Keep the files with codes under other names, then replace them, the table last.
+
+    A run that is cut off leaves the table sealed; the next one finishes.
+    """
+    decide(folder, -1, "unseal", reason)
+    for path in (folder / name for name in texts):
+        if not sealed_name(path).exists():
+            write_whole(sealed_name(path), read_whole(path))
     write_json(
         folder / OPENED,
         {code: {"depth_m": d, "phantom": opened.own[code]} for code, d in opened.depths_m.items()},
     )
+    for name, text in texts.items():
+        write_whole(folder / name, text)
 
 
 def _told(row: Row, opened: OpenedKey) -> Row:
