@@ -42,17 +42,18 @@ from tests.support.palp import PATIENCE_S, Palp
             "x.mcap: No such file; try another",
         ),
         (ModuleNotFoundError("gone", name="pyxdf"), "x.mcap: pyxdf is not installed; type: "),
+        (SystemExit(3), "x.mcap: SystemExit: 3; try another"),
         (ModuleNotFoundError("No module 'canlib'", name="canlib"), "x.mcap: ModuleNotFoundError: No module"),
     ],
 )
-def test_an_exception_becomes_an_error_of_the_place_with_a_fix(raised: Exception, text: str) -> None:
+def test_an_exception_becomes_an_error_of_the_place_with_a_fix(raised: BaseException, text: str) -> None:
     with pytest.raises(BagError) as seen, catch_foreign("x.mcap", BagError, "try another"):
         raise raised
     assert str(seen.value).startswith(text)
     assert seen.value.__cause__ is raised
 
 
-@pytest.mark.parametrize("raised", [DeviceError("ati: no answer"), KeyboardInterrupt(), SystemExit(3)])
+@pytest.mark.parametrize("raised", [DeviceError("ati: no answer"), KeyboardInterrupt()])
 def test_palps_own_error_and_an_interruption_pass_as_they_are(raised: BaseException) -> None:
     with pytest.raises(type(raised)) as seen, catch_foreign("x.mcap", BagError):
         raise raised

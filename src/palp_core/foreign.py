@@ -1,5 +1,6 @@
 """The boundary to other people's code: what it raises, logs and warns becomes palp's own."""
 
+import importlib
 import logging
 import threading
 import traceback
@@ -63,11 +64,28 @@ def catch_foreign(place: str, error_type: type[PalpError], fix: str = "") -> Ite
             yield remarks
     except PalpError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         traceback.clear_frames(error.__traceback__)  # half-made objects go now, and what they log is caught
         raise error_type("; ".join(filter(None, (f"{place}: {describe_foreign(error)}", fix)))) from error
     finally:
         _IN_THREAD.remarks = before
+
+
+def import_foreign(target: str, place: str, error_type: type[PalpError]) -> Any:
+    """Import what another package publishes.
+
+    Args:
+        target: ``module:attribute``, or a ``module``.
+        place: What it is; the error begins with it.
+        error_type: Class of the error.
+
+    Raises:
+        PalpError: Of class ``error_type``: it raises or exits as it is imported, or has no such attribute.
+    """
+    module, _, attribute = target.partition(":")
+    with catch_foreign(f"{place}: cannot import '{target}'", error_type):
+        found = importlib.import_module(module)
+        return getattr(found, attribute) if attribute else found
 
 
 def describe_foreign(error: BaseException) -> str:

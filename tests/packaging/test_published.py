@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.errors import DeviceError, PalpError
+from palp_core.cli.rig.device_catalogue import device_entries
+from palp_core.errors import DeviceError, GraphError, PalpError
+from palp_core.graph.ros2.named_maps import find_map
 from palp_core.palpation.devices.registry import (
     back_end,
     device_mistakes,
@@ -35,6 +37,8 @@ def read_trc(path):
 def read_odd(path):
     return None
 """,
+    "gripper_lab/raises.py": "raise RuntimeError('no licence')",
+    "gripper_lab/leaves.py": "raise SystemExit(0)",
     "gripper_lab/grip.py": '''
 def run(out, *, quick=False):
     """How firm is the grip?
@@ -51,11 +55,22 @@ POINTS = {
         "stage.made_up": "gripper_lab.stage:MadeUpStage",
         "stage.sim": "gripper_lab.stage:MadeUpStage",
         "stage.gone": "gripper_lab.gone:Stage",
+        "stage.raises": "gripper_lab.raises:Stage",
+        "stage.leaves": "gripper_lab.leaves:Stage",
     },
     "palp.emg_readers": {
         "trc": "gripper_lab.trc:read_trc", "odd": "gripper_lab.trc:read_odd", "lost": "gripper_lab.lost:read",
+        "raises": "gripper_lab.raises:read", "leaves": "gripper_lab.leaves:read",
+        "fails": "gripper_lab.trc:Column",
     },
-    "palp.studies": {"grip": "gripper_lab.grip:run", "gone": "gripper_lab.gone:run"},
+    "palp.studies": {
+        "grip": "gripper_lab.grip:run", "gone": "gripper_lab.gone:run", "raises": "gripper_lab.raises:run",
+        "leaves": "gripper_lab.leaves:run",
+    },
+    "palp.ros2_maps": {
+        "gone": "gripper_lab.gone:map.yaml", "raises": "gripper_lab.raises:map.yaml",
+        "leaves": "gripper_lab.leaves:map.yaml",
+    },
 }  # fmt: skip
 
 
@@ -77,7 +92,7 @@ def test_a_device_is_known_by_name() -> None:
     assert type(open_device("stage", "made_up", port=7)).__name__ == "MadeUpStage"
     assert back_end("stage", "sim").__name__ == "SimStage"  # palp's own names stay palp's
     assert "cannot import 'gripper_lab.gone:Stage'" in device_mistakes("stage", "gone")["device"]
-    with pytest.raises(DeviceError, match="known: aerotech, gone, made_up, sim, or give"):
+    with pytest.raises(DeviceError, match="known: aerotech, gone, leaves, made_up, raises, sim, or give"):
         open_device("stage", "made_down")
 
 
@@ -86,17 +101,42 @@ def test_a_recording_is_read_by_its_suffix(tmp_path: Path) -> None:
     path.write_text("1 2 3", encoding="utf-8")
     assert is_recording(path)
     assert read_emg(path).columns[0].samples.tolist() == [1.0, 2.0, 3.0]
-    for suffix, words in (("odd", "returned no EmgFile but NoneType"), ("lost", "cannot load its reader")):
+    for suffix, words in (
+        ("odd", "returned no EmgFile but NoneType"),
+        ("lost", "cannot import 'gripper_lab.lost:read'"),
+        ("leaves", "SystemExit: 0"),
+        ("fails", "TypeError: "),
+    ):
         wrong = path.rename(path.with_suffix(f".{suffix}"))
         path = wrong
         with pytest.raises(PalpError, match=words):
             read_emg(wrong)
 
 
+CAUSES = {"gone": "No module named", "raises": "RuntimeError: no licence", "leaves": "SystemExit: 0"}
+
+
+@pytest.mark.parametrize(("name", "cause"), CAUSES.items())
+def test_what_cannot_be_imported_is_an_error_of_its_name(name: str, cause: str) -> None:
+    words = f"cannot import 'gripper_lab.{name}.*': .*{cause}"
+    with pytest.raises(DeviceError, match=f"stage device: {words}"):
+        back_end("stage", name)
+    with pytest.raises(PalpError, match=f"study '{name}': {words}"):
+        study(name)
+    with pytest.raises(GraphError, match=f"map '{name}': {words}"):
+        find_map(name)
+
+
+def test_what_cannot_be_imported_leaves_the_lists_whole() -> None:
+    entries = {one.name: one.link for one in device_entries()}
+    assert {"aerotech", "made_up", *CAUSES} < {*entries}
+    asked = {name: one.question for name, one in studies().items()}
+    for name, cause in CAUSES.items():
+        assert cause in entries[name]
+        assert cause in asked[name]
+
+
 def test_a_study_is_listed_with_its_question_and_runs(tmp_path: Path) -> None:
-    assert list(studies()) == [*STUDIES, "gone", "grip"]
+    assert list(studies()) == [*STUDIES, "gone", "grip", "leaves", "raises"]
     assert study("grip").question == "How firm is the grip?"
     assert study("grip").run(tmp_path, quick=True).read_text() == "quick: True"
-    assert "No module named 'gripper_lab.gone'" in studies()["gone"].question
-    with pytest.raises(PalpError, match="cannot load the study 'gone'"):
-        study("gone")

@@ -80,7 +80,12 @@ def test_a_class_from_elsewhere_is_named_by_its_module() -> None:
         ("stage", "aerotech", {"url": "x", "limits": {"y_m": [0.02, -0.02]}}, "y_m high = -0.02 must lie in"),
         ("ring", "palp_core.nowhere:Ring", {}, "cannot import"),
         ("ring", "palp_core.palpation.devices.sim.ring:Rong", {}, "cannot import"),
-        ("ring", "tests.support.broken_driver:Ring", {}, "broken_driver fails: ZeroDivisionError: division"),
+        (
+            "ring",
+            "tests.support.broken_driver:Ring",
+            {},
+            "'tests.support.broken_driver:Ring': ZeroDivisionError: division",
+        ),
     ],
 )
 def test_an_unknown_name_or_option_lists_what_there_is(

@@ -4,7 +4,8 @@ import inspect
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from palp_core.palpation.devices.registry import back_end, drivers, kind_of
+from palp_core.errors import DeviceError
+from palp_core.palpation.devices.registry import BACK_ENDS, back_end, drivers, kind_of
 
 
 @dataclass(frozen=True)
@@ -23,11 +24,23 @@ def device_entries(names: Sequence[str] = ()) -> list[DeviceEntry]:
     Raises:
         DeviceError: There is no such device.
     """
-    found = [(kind_of(name), name) for name in names] or drivers()
-    return [
-        DeviceEntry(kind, name, getattr(back_end(kind, name), "LINK", "its own"), _options(kind, name))
-        for kind, name in found
-    ]
+    if names:
+        return [_entry(kind_of(name), name) for name in names]
+    return [_entry_or_error(kind, name) for kind, name in drivers()]
+
+
+def _entry(kind: str, name: str) -> DeviceEntry:
+    return DeviceEntry(kind, name, getattr(back_end(kind, name), "LINK", "its own"), _options(kind, name))
+
+
+def _entry_or_error(kind: str, name: str) -> DeviceEntry:
+    """Return a device; of one whose package cannot be imported the error stands where its link would."""
+    try:
+        return _entry(kind, name)
+    except DeviceError as error:
+        if name in BACK_ENDS[kind]:
+            raise
+        return DeviceEntry(kind, name, str(error), {})
 
 
 def _options(kind: str, name: str) -> dict[str, str]:

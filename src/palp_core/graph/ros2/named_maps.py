@@ -1,9 +1,9 @@
 """Maps that come with an installed package, by name: entry points of the group ``palp.ros2_maps``."""
 
-from importlib import import_module
 from pathlib import Path
 
 from palp_core.errors import GraphError
+from palp_core.foreign import import_foreign
 from palp_core.graph.problems import hint
 from palp_core.published import published
 
@@ -26,8 +26,4 @@ def find_map(word: str) -> tuple[Path, bool]:
     if word not in maps:
         raise GraphError(f"no map '{word}'{hint(word, maps)}; or give a file, as in map.yaml")
     package, _, file = maps[word].partition(":")
-    try:
-        folder = Path(str(import_module(package).__file__)).parent
-    except ImportError as error:
-        raise GraphError(f"the map '{word}' is in {package}, which cannot be imported: {error}") from error
-    return folder / file, True
+    return Path(str(import_foreign(package, f"map '{word}'", GraphError).__file__)).parent / file, True

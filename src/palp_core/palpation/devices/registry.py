@@ -6,15 +6,13 @@ import inspect
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, get_type_hints, overload
 
 import msgspec
 
-from palp_core.errors import DeviceError, in_words
-from palp_core.extras import advice
-from palp_core.foreign import catch_foreign
+from palp_core.errors import DeviceError
+from palp_core.foreign import catch_foreign, import_foreign
 from palp_core.moved import present_name
 from palp_core.palpation.devices.protocols import (
     EmgDevice,
@@ -285,10 +283,11 @@ def _module_at(path: Path, kind: str) -> str:
         assert spec.loader is not None
         module = sys.modules[name] = importlib.util.module_from_spec(spec)
         try:
-            spec.loader.exec_module(module)
-        except Exception as error:
+            with catch_foreign(f"{kind} device: {path} fails", DeviceError):
+                spec.loader.exec_module(module)
+        except DeviceError:
             del sys.modules[name]
-            raise DeviceError(f"{kind} device: {path} fails: {in_words(error)}") from error
+            raise
     return name
 
 
@@ -296,12 +295,4 @@ def _load(kind: str, where: str) -> Any:
     module_name, _, class_name = where.rpartition(":")
     if module_name.endswith(".py"):
         module_name = _module_at(Path(module_name).resolve(), kind)
-    try:
-        return getattr(import_module(module_name), class_name)
-    except (ImportError, AttributeError, ValueError) as error:
-        what = advice(error) if isinstance(error, ImportError) else ""
-        raise DeviceError(
-            f"{kind} device: cannot import '{where}': {what or f'{error}; check the module and class'}"
-        ) from error
-    except Exception as error:
-        raise DeviceError(f"{kind} device: {module_name} fails: {in_words(error)}") from error
+    return import_foreign(f"{module_name}:{class_name}", f"{kind} device", DeviceError)

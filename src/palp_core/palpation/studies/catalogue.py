@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from palp_core.errors import PalpError
+from palp_core.foreign import catch_foreign, import_foreign
 from palp_core.palpation.studies.toolkit.checkpoint import read_lines
 from palp_core.published import STUDIES as PUBLISHED
 from palp_core.published import published
@@ -180,13 +181,8 @@ def _published(name: str, target: str) -> Study:
     Raises:
         PalpError: The package cannot be imported, or has no such function.
     """
-    module, _, function_name = target.partition(":")
-    try:
-        function = getattr(importlib.import_module(module), function_name)
+    function = import_foreign(target, f"study '{name}'", PalpError)
+    with catch_foreign(f"study '{name}', {target}", PalpError):
         taken = inspect.signature(function).parameters
-    except Exception as error:
-        raise PalpError(
-            f"cannot load the study '{name}', {target}: {type(error).__name__}: {error}"
-        ) from error
     question = (inspect.getdoc(function) or "no docstring says what it asks").partition("\n")[0]
     return Study(name, question, target, parallel={"workers", "dask"} <= set(taken))

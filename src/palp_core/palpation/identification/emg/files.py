@@ -3,13 +3,13 @@
 Nothing is chosen here: :mod:`palp_core.palpation.identification.emg.muscles` does.
 """
 
-import importlib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from palp_core.errors import PalpError
+from palp_core.foreign import catch_foreign, import_foreign
 from palp_core.published import EMG_READERS, published
 from palp_core.units import Float64Array
 from palp_core.whole_file import check_regular
@@ -133,17 +133,10 @@ def read_emg(path: Path) -> EmgFile:
         raise PalpError(
             f"{path}: cannot read '{path.suffix}' files; convert it to one of {' '.join(readers)}"
         )
-    module, _, name = readers[suffix].partition(":")
-    try:
+    with catch_foreign(str(path), PalpError):
         if suffix != ".mcap":
             check_regular(path, LARGEST_BYTES)
-        found = getattr(importlib.import_module(module), name)(path)
-    except (AttributeError, ModuleNotFoundError) as error:
-        if suffix in _READERS:
-            raise
-        raise PalpError(f"{path}: cannot load its reader {readers[suffix]}: {error}") from error
-    except OSError as error:
-        raise PalpError(f"{path}: cannot be read: {error.strerror or error}") from error
+        found = import_foreign(readers[suffix], "reader", PalpError)(path)
     if not isinstance(found, EmgFile):  # of another package's reader
         raise PalpError(f"{path}: {readers[suffix]} returned no EmgFile but {type(found).__name__}")
     if not found.columns:
