@@ -109,6 +109,8 @@ def _forgiving(graph: Graph) -> list[SwapFailed]:
 PROBATIONS: list[tuple[str, str, int, list[str]]] = [
     ("Novice", "raise", 3, ["Relay", "Novice", "Relay"]),
     ("Novice", "raise", 0, ["Relay"]),
+    ("Novice", "lie", 3, ["Relay", "Novice", "Relay"]),
+    ("Novice", "finish", 3, ["Relay", "Novice", "Relay"]),
     ("Loner", "raise", 0, ["Relay"]),
     ("Novice", "", 0, ["Relay", "Novice"]),
 ]

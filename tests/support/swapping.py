@@ -260,9 +260,14 @@ class Novice(Relay):
     @on(Relay.num)
     def pass_on(self, num):
         self.count += 1
-        if self.count == self.params.after + 1:
+        due = self.count == self.params.after + 1
+        if due:
             do(self.params)
         Relay.pass_on(self, num)
+        if due and self.params.deed == "lie":
+            self.state.drawn = "no list"
+        if due and self.params.deed == "finish":
+            self.finish()
 
 
 class Brittle(Novice):

@@ -31,7 +31,7 @@ def _nothing_was_lost_or_repeated(stage: Stage) -> None:
 
 
 def test_the_old_node_goes_on_from_where_the_new_one_fails(stage: Stage) -> None:
-    for deed, after in (("raise", 5), ("exit", 1), ("kill", 100), ("raise", 0)):
+    for deed, after in (("raise", 5), ("exit", 1), ("kill", 100), ("raise", 0), ("lie", 5), ("finish", 5)):
         failed = _swap(stage, "Novice", deed=deed, after=after)["failed"]
         assert failed["step"] == "probation", failed
         stage.passes(20)
@@ -39,7 +39,7 @@ def test_the_old_node_goes_on_from_where_the_new_one_fails(stage: Stage) -> None
     makers = stage.judgement()[2]  # the work of one turn is taken back as a whole
     assert makers == ["Relay", "Novice"] * (len(makers) // 2) + ["Relay"]
     assert len(makers) >= 3
-    assert len([event for event in stage.events() if event.kind == "swap_failed"]) == 4
+    assert len([event for event in stage.events() if event.kind == "swap_failed"]) == 6
     assert stage.graph.ask("relay", "info")["run"] == "swap_toys:Relay"
     assert "report" in stage.swap("Other")  # nothing is left of it that would keep a node from the next
     stage.passes(20)

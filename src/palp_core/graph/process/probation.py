@@ -5,6 +5,7 @@ from collections.abc import Collection
 
 import msgspec
 
+from palp_core.errors import NodeError, SchemaMismatch
 from palp_core.graph.messages.frame import topic_of
 from palp_core.graph.messages.message import encode_any
 from palp_core.graph.node.executor import Executor
@@ -40,14 +41,24 @@ class FirstWork:
         return self.reports and (bool(self.frames) or self._executor.ends.run_count() != self._reported)
 
     def commit(self, *, last: bool = False) -> Commit:
-        """Report what has been done, at a handler boundary."""
+        """Report what has been done, at a handler boundary.
+
+        Raises:
+            NodeError: The node is done, or its own class cannot read the state that it has.
+        """
         executor = self._executor
+        if executor.exit_code is not None:
+            raise NodeError(executor.name, "it called finish() on probation")
         executor.journal.flush(executor.now_ns())
         self._reported = executor.ends.run_count()
         frames = list(self.frames)
         self.frames.clear()
         # whoever passes the frames on remembers them; in lockstep nobody does
         written = executor.succession.snapshot() if self.reports else executor.succession.copy()
+        try:
+            executor.succession.fitting(written, {})
+        except SchemaMismatch as error:
+            raise NodeError(executor.name, f"its state is not what its class declares: {error}") from error
         run_count, counter = self._reported - self._begun_at, executor.node.proven_by
         return Commit(
             encode_any(written),
@@ -57,7 +68,6 @@ class FirstWork:
             counter.removesuffix("_count") or HANDLER,
             last,
             list(executor.ends.timers),
-            executor.exit_code is not None,
         )
 
 

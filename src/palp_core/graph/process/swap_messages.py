@@ -140,7 +140,6 @@ class Commit(ChannelMessage, frozen=True):
         proof: What that is, a word: handler, choice.
         last: The probation is over: what it publishes now it keeps back.
         ends: Names of its timers, alarms, events and clients.
-        finished: Its work is done.
     """
 
     hand_over: bytes
@@ -150,7 +149,6 @@ class Commit(ChannelMessage, frozen=True):
     proof: str
     last: bool = False
     ends: list[str] = []
-    finished: bool = False
 
 
 class CommitNow(ChannelMessage, frozen=True):

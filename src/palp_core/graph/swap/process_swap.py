@@ -110,7 +110,7 @@ class _ProcessSwap:
         self._new: Standby | None = None
         self._announced = self._paused = self._changed = False
         self._on_probation = self._way_back = False
-        self._proven, self._ran, self._proof, self._finished = -1, 0, swap_messages.HANDLER, False
+        self._proven, self._ran, self._proof = -1, 0, swap_messages.HANDLER
         self._commits: list[swap_messages.Commit] = []
         self._comparison: dict[str, Any] = {}
 
@@ -299,7 +299,7 @@ class _ProcessSwap:
         while (
             (self._proven < probation.run_count if self._way_back else self._ran < 1)
             and monotonic_ns() < end_ns
-            and not (self._cannot_return() or self._finished or supervisor.exit_code is not None)
+            and not (self._cannot_return() or supervisor.exit_code is not None)
         ):
             supervisor.wait_until(lambda: bool(new.replies or new.failure) or self._cannot_return(), end_ns)
             self._pass_on(new)
@@ -329,8 +329,7 @@ class _ProcessSwap:
             if isinstance(commit, swap_messages.Commit):
                 if commit.last and (new.failure or new.process.has_died()):
                     self._fail(new.failure or "its process has died")
-                self._proven, self._proof = commit.proof_count, commit.proof
-                self._ran, self._finished = commit.run_count, commit.finished
+                self._proven, self._proof, self._ran = commit.proof_count, commit.proof, commit.run_count
                 self._commits.append(commit)
                 if self._way_back or commit.last:
                     for waiting in self._commits:
