@@ -26,6 +26,7 @@ from palp_core import (
     on_feedback,
 )
 from palp_core.errors import CancelRejected, GoalRejected, GraphError, NodeError
+from palp_core.graph.actions.server import MOST_LIVE
 from palp_core.graph.node.lifecycle import Transition
 
 ENDS = {"succeeded", "canceled", "aborted"}
@@ -197,6 +198,19 @@ def test_what_becomes_of_a_goal_while_another_is_not_done(
     assert lift.result("second").status == (second or "unknown")
     if when_busy == "preempt":
         assert lift.result("first").reason == "preempted by goal second"
+
+
+@pytest.mark.parametrize("when_busy", ["queue", "parallel"])
+def test_a_server_has_so_many_goals_to_do_and_no_more(when_busy: str) -> None:
+    kind = elevator(when_busy)
+    bench = Bench(kind)
+    lift = bench.action(kind.lift)
+    replies = [lift.send_goal(Lift(floors=1), str(n)) for n in range(MOST_LIVE + 1)]
+    assert [reply.accepted for reply in replies] == [True] * MOST_LIVE + [False]
+    assert "64 goals to do; cancel one" in replies[-1].reason
+    assert len(lift.cancel_goal().goal_ids) == MOST_LIVE
+    bench.advance(0.2)
+    assert lift.send_goal(Lift(floors=1), "next").accepted
 
 
 def test_a_goal_that_outlasts_its_deadline_is_canceled_by_its_server() -> None:

@@ -11,6 +11,9 @@ from palp_core.graph.actions.ledger import GoalLedger, GoalRecord, ServedGoals
 from palp_core.graph.actions.surroundings import Declared, Out, Steps, Surroundings
 from palp_core.graph.messages.message import Message, decode, encode
 
+MOST_LIVE = 64
+"""Goals that a server has accepted and not ended: each change of one publishes how all of them stand."""
+
 WhenBusy = Literal["reject", "queue", "preempt", "parallel"]
 _Execute = Callable[[Any, "ServedGoal"], None]
 
@@ -150,6 +153,8 @@ class ActionServerEnd:
             raise GoalRejected("a goal needs an id that is not empty")
         if busy and self.port.when_busy == "reject":
             raise GoalRejected(f"{self._executor.name} is busy with goal {busy}; cancel it, or ask later")
+        if len(self.ledger.live) >= MOST_LIVE:
+            raise GoalRejected(f"{self._executor.name} has {MOST_LIVE} goals to do; cancel one, or ask later")
         if self._accept is not None:
             self._accept(self._executor.node, request.goal)
         if self.port.when_busy == "preempt":
