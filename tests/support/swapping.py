@@ -8,7 +8,7 @@ NODES = '''
 import os, signal
 from pathlib import Path
 from palp_core import Client, Message, Node, Params, Progress, Pub, Qos, Srv, State, Sub, every, on, serve
-from palp_core import Swap
+from palp_core import ReadOnly, Swap
 
 
 class Num(Message):
@@ -166,6 +166,16 @@ class Wants(Relay):
 
 class Mover(Relay):
     moves = True
+
+
+class FixedParams(RelayParams):
+    base: ReadOnly[int] = 0
+
+
+class Fixed(Relay):
+    """Has a parameter that its state goes by."""
+
+    params: FixedParams
 
 
 class DeedParams(RelayParams):

@@ -159,6 +159,15 @@ def test_a_class_given_by_its_file_is_the_one_that_runs_and_parameters_alone_cha
     assert stage.judgement()[1:] == ("", ["Relay"])
 
 
+def test_a_swap_of_parameters_alone_leaves_those_that_are_read_only(stage: Stage) -> None:
+    assert "report" in stage.swap("Fixed", base=1)
+    failed = stage.swap("Fixed", base=2)["failed"]
+    assert failed["step"] == "check"
+    assert "parameter 'base' is read-only; state it in the launch file" in failed["text"]
+    assert "report" in stage.swap("Fixed", base=1, gain=2)
+    assert stage.graph.ask("relay", "info")["params"] == {"base": 1, "gain": 2}
+
+
 def test_what_does_not_fit_the_graph_is_refused_before_anything_starts(stage: Stage) -> None:
     for run, reason in REFUSED:
         failed = stage.swap(run)["failed"]

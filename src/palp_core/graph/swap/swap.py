@@ -182,6 +182,17 @@ def _run_of(request: SwapRequest, old: NodeSpec, workspace: str) -> str:
     return old.run if same else request.run
 
 
+def _read_only(described: NodeClass, before: Mapping[str, Any], changes: Mapping[str, Any]) -> list[str]:
+    """Return which changes are of a read-only parameter: the state that is handed over goes by its value."""
+    return [
+        f"parameter '{name}' is read-only; state it in the launch file"
+        for name, value in changes.items()
+        if (known := described.params.get(name))
+        and known.read_only
+        and value != before.get(name, known.default)
+    ]
+
+
 class SwapBackend(Protocol):
     """The nodes, as a swap needs them."""
 
@@ -323,6 +334,8 @@ class Swapper:
         new_class = self._backend.inspect_class(wanted, request.timeout_s)
         new_class = msgspec.structs.replace(new_class, run=run)
         wrong = objections(checked, old, new_class)
+        if run == old.run:
+            wrong += _read_only(new_class, old.params, request.params)
         if wrong:
             raise SwapFailed(name, "check", f"{run}: " + "; ".join(wrong))
         now = replaced(checked, old, new_class, request.params)
