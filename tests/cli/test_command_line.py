@@ -37,6 +37,41 @@ def test_the_printed_graph_is_a_launch_file_of_its_own(palp: Palp, tmp_path: Pat
     assert "blocks: 7/7" in done.stdout
 
 
+LOUD = """
+import logging
+from palp_core import Message, Node, Params, Progress, Pub, every
+
+
+class LoudParams(Params):
+    rate_hz: float = 100.0
+
+
+class Loud(Node):
+    params: LoudParams
+    progress = Pub(Progress)
+
+    @every("rate_hz")
+    def go(self):
+        print("\\x1b[2Jprinted")
+        logging.getLogger("loud").warning("\\x1b[2Jlogged")
+        self.progress.publish(Progress(stamp_ns=0, phase="\\x1b[2J", done_count=1, total_count=1))
+        raise ValueError("\\x1b[2Jraised")
+"""
+
+
+def test_a_nodes_text_commands_no_terminal(palp: Palp, tmp_path: Path) -> None:
+    (tmp_path / "nodes").mkdir()
+    (tmp_path / "nodes/loud.py").write_text(LOUD)
+    (tmp_path / "loud.yaml").write_text("graph: loud\nclock: sim\nnodes: {loud: {run: 'nodes.loud:Loud'}}\n")
+    launched = palp.run("launch", tmp_path / "loud.yaml")
+    kept = palp.run("logs", "--graph", "loud")
+    text = launched.stdout + launched.stderr + kept.stdout
+    assert launched.returncode == 1
+    for what in ("printed", "logged", "raised"):
+        assert f"\\x1b[2J{what}" in text
+    assert not {"\x1b", "\x07", "\x9b"} & {*text}
+
+
 def test_arguments_are_shown_in_ros_words(palp: Palp) -> None:
     shown = palp.here("launch", SIM, "--show-args").stdout
     assert shown.startswith("Arguments (pass arguments as '<name>:=<value>'):")

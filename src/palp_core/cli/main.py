@@ -8,7 +8,7 @@ import typer
 
 from palp_core import __version__
 from palp_core.cli.lazy import Verb, lazy_app
-from palp_core.cli.output import escape_foreign_characters
+from palp_core.cli.output import escape_foreign_characters, note
 from palp_core.errors import PalpError
 
 _CLI = "palp_core.cli"
@@ -138,18 +138,18 @@ def main() -> None:
     try:
         app(prog_name="palp")
     except PalpError as error:
-        sys.stderr.write(f"{error}\n")
+        note(str(error))
         sys.exit(2)
     except ModuleNotFoundError as error:
         from palp_core.extras import advice
 
         if not (words := advice(error)):
             raise
-        sys.stderr.write(f"{words}\n")
+        note(words)
         sys.exit(2)
     except OSError as error:  # a disk that is full, a folder that is gone: no fault of the program
         where = f"{error.filename}: " if error.filename else ""
-        sys.stderr.write(f"{where}{error.strerror or error}\n")
+        note(f"{where}{error.strerror or error}")
         sys.exit(2)
 
 

@@ -13,6 +13,7 @@ from typing import Any
 from palp_core.errors import PalpError
 
 LONGEST_LINE = 100
+_ESCAPES = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"}
 
 
 def escape_foreign_characters() -> None:
@@ -32,9 +33,18 @@ def escape_foreign_characters() -> None:
             stream.reconfigure(errors="json")
 
 
+def escape_controls(text: str) -> str:
+    r"""Return text with its control characters, which a terminal obeys, written out.
+
+    >>> escape_controls("cleared: \x1b[2J")
+    'cleared: \\x1b[2J'
+    """
+    return text.translate(_ESCAPES)
+
+
 def print_text(text: str) -> None:
     """Write a line to standard output, unwrapped."""
-    sys.stdout.write(text + "\n")
+    sys.stdout.write(escape_controls(text) + "\n")
 
 
 def print_json(value: Any) -> None:
@@ -62,9 +72,19 @@ def print_wrapped(text: str, indent: int = 0) -> None:
     print_text(wrap.fill(text))
 
 
-def note(text: str) -> None:
-    """Write a line to standard error: what a reader of the output itself is not to see."""
-    sys.stderr.write(text + "\n")
+def note(text: str, colour: str = "") -> None:
+    """Write a line to standard error: what a reader of the output itself is not to see.
+
+    Args:
+        text: The line.
+        colour: Of it on a terminal.
+    """
+    line = escape_controls(text)
+    if colour and sys.stderr.isatty():
+        import typer
+
+        line = typer.style(line, fg=colour)
+    sys.stderr.write(line + "\n")
     sys.stderr.flush()
 
 

@@ -14,10 +14,10 @@ class Bars(Progress):
         self._lines: dict[str, Text] = {}
         self._phases: dict[str, TaskID] = {}
         super().__init__(
-            TextColumn("{task.description:<12}"),
+            TextColumn("{task.description:<12}", markup=False),
             BarColumn(),
             MofNCompleteColumn(),
-            TextColumn("{task.fields[note]}"),
+            TextColumn("{task.fields[note]}", markup=False),
             TimeElapsedColumn(),
         )
 

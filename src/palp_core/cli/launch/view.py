@@ -7,9 +7,7 @@ import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-import typer
-
-from palp_core.cli.output import note
+from palp_core.cli.output import escape_controls, note, print_text
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.launch.diagnostics import time_of_day
 from palp_core.graph.messages.builtin import Progress
@@ -31,8 +29,7 @@ PLAIN_NS = 5_000_000_000
 def show_log_line(line: LogLine) -> None:
     """Show a line of a node's log with the node's name; on a terminal, warnings in yellow, errors in red."""
     text = line.text if line.begins else f"[{line.node}]: {line.text}"
-    colour = COLOURS.get(line.level)
-    note(typer.style(text, fg=colour) if colour and sys.stderr.isatty() else text)
+    note(text, COLOURS.get(line.level, ""))
 
 
 class LaunchView:
@@ -93,12 +90,11 @@ class LaunchView:
 
     def _show(self, progress: Progress, note: str) -> None:
         if self._bars is None:
-            sys.stdout.write(
-                f"{progress.phase}: {progress.done_count}/{progress.total_count} {note}".rstrip() + "\n"
-            )
+            print_text(f"{progress.phase}: {progress.done_count}/{progress.total_count} {note}".rstrip())
             sys.stdout.flush()
             return
-        self._bars.show(progress.phase, progress.done_count, progress.total_count, note)
+        phase = escape_controls(progress.phase)
+        self._bars.show(phase, progress.done_count, progress.total_count, escape_controls(note))
 
     def stand(self, topic: str, incident: Incident | None) -> None:
         """Show what is wrong with a node for as long as it is; on no terminal say when it begins and ends."""
@@ -107,7 +103,11 @@ class LaunchView:
             advice = f" -> {incident.advice}" if incident.advice else ""
             line = f"{incident.at} /{incident.node}: {incident.text}{advice}"
         if self._bars is not None:
-            self._bars.stand(topic, line, "bold red" if incident and incident.level == "error" else "yellow")
+            self._bars.stand(
+                topic,
+                escape_controls(line),
+                "bold red" if incident and incident.level == "error" else "yellow",
+            )
             return
-        sys.stdout.write((line or f"{time_of_day(0)} {topic}: ok again") + "\n")
+        print_text(line or f"{time_of_day(0)} {topic}: ok again")
         sys.stdout.flush()
