@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import resource
 from collections.abc import Iterator
@@ -179,6 +180,12 @@ def _not_utf_8(source: Path) -> Path:
     return source
 
 
+def _pipe(source: Path) -> Path:
+    (source / "source.mcap").unlink()
+    os.mkfifo(source / "source.mcap")
+    return source
+
+
 def _unknown(source: Path) -> Path:
     (source / "metadata.yaml").unlink()
     return source
@@ -192,6 +199,7 @@ def _unknown(source: Path) -> Path:
         (lambda source: source / "none", "no such bag"),
         (_spoken("storage_identifier: rocksdb"), "cannot be read as a rosbag2: ReaderError: .*'rocksdb'"),
         (_spoken("other: ''"), "cannot be read as a rosbag2: ReaderError: .*'storage_identifier'"),
+        (_pipe, "cannot be read as a rosbag2: it is a pipe"),
         (_not_utf_8, "/torque, message 1 at [0-9]+ ns: no geometry_msgs/msg/WrenchStamped: SerdeError"),
     ],
 )
@@ -200,6 +208,32 @@ def test_what_cannot_be_read_is_said_in_words(tmp_path: Path, spoil: Any, words:
     with pytest.raises(BagError, match=words):
         import_bag(spoil(source), tmp_path / "bag")
     assert not (tmp_path / "bag").exists()
+
+
+LINE = "=" * 80
+BOUNDLESS = {
+    "itself": ("Own[] own", "holds itself"),
+    "deep": ("T0 t" + "".join(f"\n{LINE}\nMSG: lab_msgs/T{n}\nT{n + 1} t" for n in range(1500))
+             + f"\n{LINE}\nMSG: lab_msgs/T1500\nint8 x", "more than 32 deep"),
+    "wide": ("T0 t" + "".join(f"\n{LINE}\nMSG: lab_msgs/T{n}\nT{n + 1} a\nT{n + 1} b" for n in range(30))
+             + f"\n{LINE}\nMSG: lab_msgs/T30\nint8 x", "fields, its parts' included"),
+    "long": ("float64[1000000000000000000] x", "palp reads no float64.1000000000000000000"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", BOUNDLESS)
+def test_a_type_beyond_bounds_is_refused_at_once(tmp_path: Path, kind: str) -> None:
+    text, words = BOUNDLESS[kind]
+    with (tmp_path / "bag.mcap").open("wb") as file:
+        bag = FlatWriter(file)
+        bag.start(profile="ros2")
+        schema = bag.register_schema("lab_msgs/msg/Own", "ros2msg", text.encode())
+        channel = bag.register_channel("/own", "cdr", schema)
+        bag.add_message(channel, 1, b"\0\1\0\0" + b"\xff" * 64, 1)
+        bag.finish()  # type: ignore[no-untyped-call]
+    with pytest.raises(BagError, match=f"/own.*{words}"):
+        import_bag(tmp_path / "bag.mcap", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_type_that_nobody_defines_is_named(tmp_path: Path) -> None:

@@ -15,6 +15,9 @@ from palp_core.graph.messages.schema_reader import FLOAT64_DTYPE
 ROS2_KEY = "x-ros2"
 """In the JSON Schema of a message that came from ROS 2: its ``type``, ``definition`` and ``qos`` there."""
 
+DEEPEST, MOST_FIELDS, LONGEST_ARRAY = 32, 1 << 14, 1 << 24
+"""Bounds of a message type (assumed): how deep it is nested, fields with those of its parts, fixed arrays."""
+
 PACKED = frozenset({"float32", "float64"})
 INTEGERS: dict[str, tuple[int, int]] = {
     **{f"int{bits}": (-(1 << bits - 1), (1 << bits - 1) - 1) for bits in (8, 16, 32, 64)},
@@ -70,6 +73,7 @@ class Definitions:
     def __init__(self, store: Any) -> None:
         self.store = store
         self._fields: dict[str, dict[str, FieldType]] = {}
+        self._field_counts: dict[str, int] = {}
 
     def __contains__(self, name: str) -> bool:
         return name in self.store.fielddefs
@@ -80,12 +84,30 @@ class Definitions:
         return sorted(self.store.fielddefs)
 
     def fields(self, name: str) -> dict[str, FieldType]:
-        """Return the fields of a message type by name, in order."""
-        found = self._fields.get(name)
-        if found is None:
-            _, described = self.store.fielddefs[name]
-            found = self._fields[name] = field_types(described)
-        return found
+        """Return the fields of a message type by name, in order.
+
+        Raises:
+            BagError: It is nested in itself, or beyond a bound.
+        """
+        self._count_fields(name, ())
+        return self._fields[name]
+
+    def _count_fields(self, name: str, within: tuple[str, ...]) -> int:
+        if name in self._field_counts:
+            return self._field_counts[name]
+        if name in within or len(within) >= DEEPEST:
+            what = "itself" if name in within else f"messages more than {DEEPEST} deep"
+            raise BagError(f"{(*within, name)[0]} holds {what}; palp reads no such type")
+        found = field_types(self.store.fielddefs[name][1])
+        count = 0
+        for field, kind in found.items():
+            if kind.length > LONGEST_ARRAY:
+                raise BagError(f"{name}: {field}: palp reads no {kind}")
+            count += self._count_fields(kind.base, (*within, name)) if kind.is_message else 1
+        if count > MOST_FIELDS:
+            raise BagError(f"{name} has {count} fields, its parts' included; palp reads {MOST_FIELDS}")
+        self._fields[name], self._field_counts[name] = found, count
+        return count
 
     def add(self, texts: Mapping[str, str]) -> None:
         """Add message types: their ``.msg`` texts, perhaps with those that they need, by full name.

@@ -22,6 +22,7 @@ from palp_core.graph.bag.ros2.values import ToMap, reader
 from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.topic import Topic
+from palp_core.whole_file import check_regular
 
 _STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
 RATHER = "leave it out with -x REGEX"
@@ -153,6 +154,7 @@ def _definitions(bag: Path, connections: list[Any]) -> Definitions:
             )
         try:
             _define(found, known, one)
+            found.fields(one.msgtype)
         except BagError as error:
             raise BagError(f"{bag}: {one.topic}: {error}; {RATHER}") from error
     return found
@@ -203,6 +205,9 @@ def _opened(bag: Path) -> Iterator[Any]:
         advice = f"give one of its files: {', '.join(held[:3])}" if held else "give a rosbag2's folder"
         raise BagError(f"{bag}: no metadata.yaml is in it; {advice}")
     with catch_foreign(f"{bag} cannot be read as a rosbag2", BagError):
+        for path in bag.iterdir() if bag.is_dir() else [bag]:
+            if path.suffix in (*_STORAGES, ".yaml"):
+                check_regular(path)
         source = Reader(bag)
         if bag.is_dir():
             _take_empty_identifier(bag, source.storage)
