@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from palp_core.errors import BagDamaged, BagError
+from palp_core.graph.bag.edit import split_bag
 from palp_core.graph.bag.info import bag_info
+from palp_core.graph.bag.metadata import in_order
 from palp_core.graph.bag.reader import Bag, read
 from palp_core.graph.bag.recover import recover
 
@@ -228,3 +230,31 @@ def test_after_kill_9_everything_that_was_flushed_is_there(tmp_path: Path, seed:
     assert sequences == list(range(1, len(sequences) + 1))
     assert not bag_info(tmp_path / "run").healthy
     assert bag_info(tmp_path / "run").message_count == len(sequences)
+
+
+@pytest.mark.parametrize("lost", [0, 3])
+def test_what_is_saved_of_a_bag_without_one_of_its_files_is_not_complete(
+    tmp_path: Path, bag: Path, lost: int
+) -> None:
+    split_bag(bag, tmp_path / "parts", max_duration_ns=50_000_000)
+    assert bag_info(tmp_path / "parts").complete
+    gone = in_order(tmp_path / "parts")[lost]
+    gone.unlink()
+    report = recover(tmp_path / "parts", tmp_path / "saved")
+    assert f"{gone.name} is missing, with all its messages" in report.text()
+    found = bag_info(tmp_path / "saved")
+    assert (found.complete, found.healthy) == (False, True)
+
+
+def test_files_that_have_each_others_names_are_a_problem(tmp_path: Path, bag: Path) -> None:
+    split_bag(bag, tmp_path / "parts", max_duration_ns=50_000_000)
+    first, second, *_ = in_order(tmp_path / "parts")
+    first.rename(tmp_path / "aside")
+    second.rename(first)
+    (tmp_path / "aside").rename(second)
+    found = bag_info(tmp_path / "parts")
+    assert not found.complete
+    assert found.problems == [
+        f"{first.name}: it is {second.name} by metadata.yaml; rename it",
+        f"{second.name}: it is {first.name} by metadata.yaml; rename it",
+    ]

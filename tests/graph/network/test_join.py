@@ -236,6 +236,27 @@ def test_a_gateway_that_hangs_counts_as_dead(home: Host, graph: Launched, away: 
     book.until("safe")
 
 
+@pytest.mark.parametrize("what", ["bridge", pytest.param("all", marks=pytest.mark.nightly)])
+def test_a_guest_whose_host_slept_learns_that_it_has_left_and_is_safe(
+    home: Host, graph: Launched, away: Host, what: str
+) -> None:
+    book = away.book()
+    guest = away.start(*keeper(home, graph, "sleeper", book))
+    book.until("tick")
+    slept = away.running("network.bridge")
+    if what == "all":
+        slept = [psutil.Process(guest.pid), *psutil.Process(guest.pid).children(recursive=True)]
+    for process in slept:
+        process.suspend()
+    graph.said("/sleeper on away has left: it has not been heard for 3 s")
+    for process in slept:
+        process.resume()
+    status, said = finished(guest)
+    assert status == 1
+    assert "this graph has dropped the connection: it heard nothing for 3 s" in said
+    book.until("safe")
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_when_the_graph_ends_nothing_remains_and_its_guest_is_safe(
     lone_home: Host, lone_away: Host, number: signal.Signals

@@ -32,6 +32,7 @@ from palp_core.graph.network.join_protocol import (
     GraphView,
     HealthReport,
     Join,
+    JoinHello,
     JoinMessage,
     JoinRequest,
     decode_message,
@@ -263,6 +264,7 @@ def test_a_guest_says_of_itself_alone_how_it_does_and_not_too_often(tmp_path: Pa
     )
     guests.show(VIEW)
     words = [
+        JoinHello(protocol=PROTOCOL),
         HealthReport(health=health("torque")),  # of nobody who has joined
         Join(request=JoinRequest(name="guest", run="x:Y", host="h", pid=1)),
         HealthReport(health=b"no health"),

@@ -1,7 +1,7 @@
 """What is in a bag, what is missing, and whether it is healthy."""
 
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -9,7 +9,7 @@ from palp_core.counted import counted
 from palp_core.errors import BagDamaged
 from palp_core.graph.bag.account import Gap, TopicAccount
 from palp_core.graph.bag.reader import Bag, RecordedMessage
-from palp_core.graph.bag.recorder import SUMMARY_NAME, RecordingSummary, TopicRecording
+from palp_core.graph.bag.recorder import RECOVERED_NAME, SUMMARY_NAME, RecordingSummary, TopicRecording
 from palp_core.graph.messages.topic import Topic
 
 T = TypeVar("T")
@@ -136,7 +136,8 @@ def bag_info(path: str | Path) -> BagInfo:
         for name, topic in noted.items()
         if topic.lost and name not in topics
     ]
-    whole = recording is None or recording.complete
+    saved = _json(attachments, RECOVERED_NAME, dict[str, Any]) or {}
+    whole = (recording is None or recording.complete) and saved.get("complete", True)
     return BagInfo(
         path=str(path),
         files=files,

@@ -99,10 +99,14 @@ def bag_files(path: Path) -> list[Path]:
     files = in_order(path)
     if not files:
         raise BagError(f"{path}: not a bag, no .mcap file is in it")
-    missing = _named(path / FILE_NAME) - {file.name for file in files}
-    if missing:
-        raise BagError(f"{path}: {', '.join(sorted(missing))} is missing; read the other files one by one")
+    if missing := missing_files(path):
+        raise BagError(f"{path}: {', '.join(missing)} is missing; read the other files one by one")
     return files
+
+
+def missing_files(folder: Path) -> list[str]:
+    """Return the names of a bag's files that ``metadata.yaml`` names and that are gone."""
+    return sorted(named_files(folder).keys() - {file.name for file in in_order(folder)})
 
 
 def _begins_as_mcap(path: Path) -> bool:
@@ -123,10 +127,18 @@ def _place(file: Path) -> tuple[int, str]:
     return (int(number) if number.isdecimal() else -1, file.name)
 
 
-def _named(file: Path) -> set[str]:
-    """Return the files that ``metadata.yaml`` names; damaged or foreign, it names none."""
+def named_files(folder: Path) -> dict[str, tuple[int, int] | None]:
+    """Return first and last log time, ns, of each file that ``metadata.yaml`` names.
+
+    None where it does not say; damaged or foreign, it names no file.
+    """
     try:
-        names = yaml.safe_load(read_whole(file, _LARGEST_BYTES))[ROOT]["relative_file_paths"]
-        return {Path(str(name)).name for name in names}
-    except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError):
-        return set()
+        content = yaml.safe_load(read_whole(folder / FILE_NAME, _LARGEST_BYTES))[ROOT]
+        spans = {}
+        for one in content.get("files") or ():
+            start_ns = int(one["starting_time"]["nanoseconds_since_epoch"])
+            spans[Path(str(one["path"])).name] = start_ns, start_ns + int(one["duration"]["nanoseconds"])
+        names = [Path(str(name)).name for name in content["relative_file_paths"]]
+        return {name: spans.get(name) for name in names}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, yaml.YAMLError):
+        return {}

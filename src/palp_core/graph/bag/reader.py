@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from palp_core.errors import BagDamaged, BagError
 from palp_core.graph.bag.mcap.file_reader import FileReader
-from palp_core.graph.bag.metadata import bag_files
+from palp_core.graph.bag.metadata import bag_files, named_files
 from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.values import decoder_for
 from palp_core.graph.messages.topic import Topic
@@ -91,7 +91,15 @@ class Bag(AbstractContextManager["Bag"]):
     @property
     def problems(self) -> list[str]:
         """What is wrong with the bag, as far as opening it shows."""
-        return [f"{file.path.name}: {problem}" for file in self.files for problem in file.problems]
+        found = [f"{file.path.name}: {problem}" for file in self.files for problem in file.problems]
+        spans = named_files(self.path)
+        for file in self.files if len(self.files) > 1 else ():
+            if file.statistics is not None:
+                span = file.statistics.start_ns, file.statistics.end_ns
+                others = [name for name, known in spans.items() if known == span]
+                if others and file.path.name not in others:
+                    found.append(f"{file.path.name}: it is {others[0]} by metadata.yaml; rename it")
+        return found
 
     def topics(self) -> dict[str, Topic]:
         """Return the topics by name; of an unclosed file, those of the chunks read so far."""

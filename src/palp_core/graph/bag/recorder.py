@@ -17,7 +17,7 @@ from palp_core.graph.messages.frame import HEADER_BYTES, Frame, Kind, parse
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.topic import Topic, topic_of
 
-SUMMARY_NAME = "palp/recording.json"
+SUMMARY_NAME, RECOVERED_NAME = "palp/recording.json", "palp/recovered.json"
 _KEY_BYTES = 9
 """NUL, version, kind, reserved and epoch: with the topic before them, what tells one stream from another."""
 _PAYLOAD_BYTES = 1 + HEADER_BYTES

@@ -11,8 +11,8 @@ from palp_core.graph.bag.account import TopicAccount
 from palp_core.graph.bag.mcap.chunk import RawMessage
 from palp_core.graph.bag.mcap.compression import Compression
 from palp_core.graph.bag.mcap.salvage import Salvage, salvage
-from palp_core.graph.bag.metadata import bag_files, in_order
-from palp_core.graph.bag.recorder import SUMMARY_NAME
+from palp_core.graph.bag.metadata import bag_files, in_order, missing_files
+from palp_core.graph.bag.recorder import RECOVERED_NAME, SUMMARY_NAME
 from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 
@@ -21,15 +21,18 @@ class RecoverReport(msgspec.Struct, kw_only=True):
     """What was saved and what was not.
 
     Attributes:
+        missing_files: Files that ``metadata.yaml`` names and that are gone.
         message_count: Messages saved, per topic.
         unverified_count: Of them, those that no CRC covers: from a chunk that the file's end cuts off (the
             last ones), or, of another program, from a chunk without a CRC or outside any chunk.
         unchecked_chunk_count: Chunks without a CRC, of those counted as intact.
         gaps: Messages that are missing between saved ones, per topic.
+        complete: Nothing was lost, as far as the damaged bag can tell.
         orphan_count: Messages whose topic is no longer known; they are not saved.
     """
 
     files: list[str] = []
+    missing_files: list[str] = []
     chunk_count: int = 0
     damaged_chunk_count: int = 0
     damaged_bytes: int = 0
@@ -38,12 +41,14 @@ class RecoverReport(msgspec.Struct, kw_only=True):
     unchecked_chunk_count: int = 0
     orphan_count: int = 0
     gaps: dict[str, int] = {}
+    complete: bool = True
 
     def text(self) -> str:
         """Say it in words."""
         lines = [f"{counted(sum(self.message_count.values()), 'message')} saved; {self.damage()}"]
         if self.unverified_count:
             lines.append(f"no CRC covers {self.unverified_count} of them: they may be wrong")
+        lines += [f"{name} is missing, with all its messages" for name in self.missing_files]
         lines += [f"{name}: {lost} missing in between" for name, lost in self.gaps.items() if lost]
         return "\n".join(lines)
 
@@ -72,7 +77,7 @@ def recover(bag: str | Path, out: str | Path, compression: Compression = "zstd")
     Raises:
         BagError: No such bag, the new one exists, or the bag has data and no message could be saved.
     """
-    report = RecoverReport()
+    report = RecoverReport(missing_files=missing_files(Path(bag)))
     accounts: dict[str, TopicAccount] = {}
     seen: set[tuple[str, int, int]] = set()
     problems: list[str] = []
@@ -101,7 +106,10 @@ def recover(bag: str | Path, out: str | Path, compression: Compression = "zstd")
                     writer.add_metadata(metadata.name, metadata.values)
         report.gaps = {name: account.lost for name, account in sorted(accounts.items())}
         report.message_count = {name: account.count for name, account in sorted(accounts.items())}
-        writer.attach("palp/recovered.json", msgspec.json.encode(report), "application/json")
+        report.complete = not (
+            report.missing_files or report.damaged_bytes or report.orphan_count or any(report.gaps.values())
+        )
+        writer.attach(RECOVERED_NAME, msgspec.json.encode(report), "application/json")
     if not report.message_count and (report.damaged_bytes or report.orphan_count):
         shutil.rmtree(out)
         raise BagError("; ".join([f"{bag}: no message could be saved: {report.damage()}", *problems]))

@@ -1,9 +1,11 @@
 """What a gateway and a joined host say to each other over tcp: plain msgpack maps with a key ``op``.
 
 A message that begins with ``/`` is a frame of a topic, as it is on the wire, in one part or two. Everything
-else is one map. The joined host speaks first: ``hello``, some ``clock`` exchanges, then ``join``.
+else is one map. The joined host speaks first: ``hello``, some ``clock`` exchanges, then ``join``. A gateway
+answers ``refused`` to a connection that did not begin with ``hello``, or that it has dropped.
 """
 
+import contextlib
 from typing import Annotated
 
 import msgspec
@@ -181,6 +183,13 @@ def decode_message(parts: list[bytes]) -> JoinMessage:
         return _DECODER.decode(parts[0])
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise SchemaMismatch(f"not a message of this protocol: {error}") from error
+
+
+def is_hello(parts: list[bytes]) -> bool:
+    """Tell whether a message is the first of a caller."""
+    with contextlib.suppress(SchemaMismatch):
+        return isinstance(decode_message(parts), JoinHello)
+    return False
 
 
 def is_frame(parts: list[bytes]) -> bool:

@@ -26,6 +26,7 @@ from palp_core.graph.transport.request_server import NodeRequest
 MOST_PEERS = 64
 MOST_HEALTH_BYTES = 256 << 10
 # What another host may ask the launcher itself: to look, never to start or stop anything.
+NOT_CONNECTED = "this graph has dropped the connection: it heard nothing for 3 s"
 _LOOKING = frozenset({"graph", "info", "history"})
 _LOG = logging.getLogger("palp.gateway")
 
@@ -147,6 +148,9 @@ class RemoteNodes:
                 self._listener.send, message.connection, BytesUnderWay(join_protocol.WINDOW_BYTES)
             )
             peer = Peer(send, message.key, message.address)
+            if not join_protocol.is_hello(message.parts):  # it was dropped, and cannot know it
+                peer.send(join_protocol.JoinRefused(text=NOT_CONNECTED))
+                return
             self._peers[message.connection] = peer
         peer.note_alive()
         try:
