@@ -248,7 +248,7 @@ def test_a_guest_whose_host_slept_learns_that_it_has_left_and_is_safe(
         slept = [psutil.Process(guest.pid), *psutil.Process(guest.pid).children(recursive=True)]
     for process in slept:
         process.suspend()
-    graph.said("/sleeper on away has left: it has not been heard for 3 s")
+    graph.said("has left: it has not been heard for 3 s")
     for process in slept:
         process.resume()
     status, said = finished(guest)

@@ -74,6 +74,9 @@ WORDS: dict[str, dict[str, Any]] = {
 }
 
 
+HELLO = msgpack.packb({"op": "hello", **WORDS["hello"]})
+
+
 class Number(Message):
     number: int
 
@@ -209,12 +212,13 @@ class Door:
         """Say something, and then ask for the time, until that is answered."""
         self._samples += 1
         clock = {"op": "clock", "sent_ns": self._samples}
-        for parts in [*words, [msgpack.packb(clock)]]:
+        for parts in [[HELLO], *words, [HELLO], [msgpack.packb(clock)]]:  # one of the words may be goodbye
             self._host.send_multipart(parts)
         self._until(lambda answer: answer["op"] == "clock" and answer["sent_ns"] == self._samples)
 
     def ask(self, body: bytes) -> dict[str, Any]:
         """Return what the launcher answers."""
+        self._host.send(HELLO)
         self._host.send(msgpack.packb({"op": "request", "ticket": 7, "node": "graph", "body": body}))
         answer = self._until(lambda answer: answer["op"] == "reply")
         return dict(msgpack.unpackb(answer["body"]))
