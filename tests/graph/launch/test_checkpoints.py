@@ -423,6 +423,26 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_one_before(
     assert joined(before, after) == whole
 
 
+def test_the_class_that_had_taken_over_must_be_as_it_was(file: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.py"
+    other.write_text(next(file.parent.glob("walk_*.py")).read_text())
+    frames: list[bytes] = []
+
+    def observe(_: int, frame: bytes) -> None:
+        if parse(frame).topic == "/walker/step" and parse(frame).sequence == 33:
+            raise Killed
+        frames.append(frame)
+
+    graph = ComposedGraph(file, observe=observe, out=file.parent / "out")
+    with graph:
+        graph.plan_swap(0.62, "echo", f"{other}:Other")
+        with pytest.raises(Killed):
+            graph.run()
+    other.write_text(other.read_text() + "print('edited')\n")
+    with pytest.raises(GraphError, match=r"the software has changed: .*other"):
+        run(file, resume=True)
+
+
 def test_a_node_that_had_taken_over_goes_on(file: Path) -> None:
     whole = run(file, swap_at_s=0.62)
     before = run(file, swap_at_s=0.62, until=33)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +45,8 @@ class RunIdentity(msgspec.Struct, frozen=True, kw_only=True):
     sources: dict[str, str]
 
     @classmethod
-    def of(cls, checked: CheckedGraph) -> RunIdentity:
-        """Return what a run of a graph is, here and now."""
+    def of(cls, checked: CheckedGraph, runs: Iterable[str] = ()) -> RunIdentity:
+        """Return what a run of a graph is, here and now, with classes that have taken over nodes' work."""
         nodes: dict[str, dict[str, Any]] = {
             spec.name: msgspec.to_builtins(spec) for spec in (*checked.nodes, *checked.recorders)
         }
@@ -57,7 +57,7 @@ class RunIdentity(msgspec.Struct, frozen=True, kw_only=True):
             args=msgspec.to_builtins(checked.args),
             nodes=nodes,
             versions=versions(),
-            sources=_sources(checked),
+            sources=_sources(checked, runs),
         )
         return msgspec.msgpack.decode(msgspec.msgpack.encode(found), type=cls)  # as one that was kept
 
@@ -219,11 +219,11 @@ def _shown(args: Mapping[str, Any], name: str) -> str:
     return str(value).lower() if isinstance(value, bool) else f"'{value}'" if value == "" else str(value)
 
 
-def _sources(checked: CheckedGraph) -> dict[str, str]:
+def _sources(checked: CheckedGraph, runs: Iterable[str]) -> dict[str, str]:
     """Return a digest of each file that the nodes may be made of."""
     workspace, files = Path(checked.workspace), set[Path]()
-    for spec in checked.nodes:
-        found = source_of(spec.run, checked.workspace)
+    for run in (*(spec.run for spec in checked.nodes), *runs):
+        found = source_of(run, checked.workspace)
         if found is None:
             continue
         path = found[0]

@@ -33,6 +33,7 @@ from palp_core.graph.launch.checkpoint_file import (
     require_same,
     write_checkpoint,
 )
+from palp_core.graph.node.loading import source_of
 from palp_core.graph.process.checkpoint import published
 from palp_core.graph.recording.recorders import Recorders
 from palp_core.graph.swap.compatibility import objections, replaced
@@ -94,6 +95,7 @@ class Checkpoints:
         self._after = b"" if entry is None else entry.after.encode() + b"\0"
         self._launched, self._given = checked, list(given)
         self._identity: RunIdentity | None = None
+        self._runs: set[str] = set()
         self._lock = -1
         self._failed = ""
         self.on_trouble: Callable[[str], None] = lambda _: None
@@ -109,8 +111,11 @@ class Checkpoints:
 
     def _read(self, path: Path) -> KeptRun:
         found = read_checkpoint(path)
-        self._identity = RunIdentity.of(self._launched)
+        self._runs = {node.run for node in found.nodes}
+        self._identity = RunIdentity.of(self._launched, self._runs)
         require_same(path, found.identity, self._identity)
+        if lost := [run for run in self._runs if source_of(run, self._launched.workspace) is None]:
+            raise GraphError(f"{path} cannot be resumed: no source file of {', '.join(lost)} is found")
         return found
 
     @property
@@ -233,12 +238,14 @@ class Checkpoints:
         """
         assert self.path is not None
         self.due, self._tried_ns = False, begun_ns
-        self._identity = self._identity or RunIdentity.of(self._launched)
         nodes = [
             KeptSpec(name=spec.name, run=spec.run, params=spec.params, kept=node)
             for spec, node in zip(checked.spawned, kept, strict=True)
             if node
         ]
+        runs = {node.run for node in nodes}
+        if self._identity is None or runs != self._runs:
+            self._runs, self._identity = runs, RunIdentity.of(self._launched, runs)
         checkpoint = KeptRun(
             identity=self._identity,
             given=self._given,
