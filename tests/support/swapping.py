@@ -173,7 +173,7 @@ class FixedParams(RelayParams):
 
 
 class Fixed(Relay):
-    """Has a parameter that its state goes by."""
+    """Has a read-only parameter."""
 
     params: FixedParams
 

@@ -170,6 +170,7 @@ def run(
     resume: bool = False,
     record: Path | None = None,
     swap_at_s: float = 0.0,
+    swap_to: str = "",
     **args: object,
 ) -> Frames:
     """Return every frame of a run, by topic, up to a step at which it is killed, or asked to end."""
@@ -189,7 +190,7 @@ def run(
     try:
         with graph:
             if swap_at_s:
-                graph.plan_swap(swap_at_s, "echo", f"walk_{file.parent.name}.py:Other")
+                graph.plan_swap(swap_at_s, "echo", swap_to or f"walk_{file.parent.name}.py:Other")
             graph.run()
     except Killed:
         assert until
@@ -426,18 +427,7 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_one_before(
 def test_the_class_that_had_taken_over_must_be_as_it_was(file: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.py"
     other.write_text(next(file.parent.glob("walk_*.py")).read_text())
-    frames: list[bytes] = []
-
-    def observe(_: int, frame: bytes) -> None:
-        if parse(frame).topic == "/walker/step" and parse(frame).sequence == 33:
-            raise Killed
-        frames.append(frame)
-
-    graph = ComposedGraph(file, observe=observe, out=file.parent / "out")
-    with graph:
-        graph.plan_swap(0.62, "echo", f"{other}:Other")
-        with pytest.raises(Killed):
-            graph.run()
+    run(file, swap_at_s=0.62, swap_to=f"{other}:Other", until=33)
     other.write_text(other.read_text() + "print('edited')\n")
     with pytest.raises(GraphError, match=r"the software has changed: .*other"):
         run(file, resume=True)

@@ -92,8 +92,8 @@ class Bag(AbstractContextManager["Bag"]):
     def problems(self) -> list[str]:
         """What is wrong with the bag, as far as opening it shows."""
         found = [f"{file.path.name}: {problem}" for file in self.files for problem in file.problems]
-        spans = named_files(self.path)
-        for file in self.files if len(self.files) > 1 else ():
+        spans = named_files(self.path) if len(self.files) > 1 else {}
+        for file in self.files:
             if file.statistics is not None:
                 span = file.statistics.start_ns, file.statistics.end_ns
                 others = [name for name, known in spans.items() if known == span]

@@ -45,7 +45,7 @@ class RunIdentity(msgspec.Struct, frozen=True, kw_only=True):
     sources: dict[str, str]
 
     @classmethod
-    def of(cls, checked: CheckedGraph, runs: Iterable[str] = ()) -> RunIdentity:
+    def of(cls, checked: CheckedGraph, runs: Iterable[str]) -> RunIdentity:
         """Return what a run of a graph is, here and now, with classes that have taken over nodes' work."""
         nodes: dict[str, dict[str, Any]] = {
             spec.name: msgspec.to_builtins(spec) for spec in (*checked.nodes, *checked.recorders)

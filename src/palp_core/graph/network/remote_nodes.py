@@ -25,8 +25,8 @@ from palp_core.graph.transport.request_server import NodeRequest
 
 MOST_PEERS = 64
 MOST_HEALTH_BYTES = 256 << 10
-# What another host may ask the launcher itself: to look, never to start or stop anything.
 NOT_CONNECTED = "this graph has dropped the connection: it heard nothing for 3 s"
+# What another host may ask the launcher itself: to look, never to start or stop anything.
 _LOOKING = frozenset({"graph", "info", "history"})
 _LOG = logging.getLogger("palp.gateway")
 

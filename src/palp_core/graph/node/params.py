@@ -38,13 +38,11 @@ def changed_params(declared: Declaration, present: Params, changes: Mapping[str,
         GraphError: As :func:`load_params`, or a change of a parameter that is read-only.
     """
     before = msgspec.to_builtins(present)
-    described = describe_params(declared.params)
-    for name, value in changes.items():
-        if name in described and described[name].read_only and value != before[name]:
-            raise GraphError(
-                f"{where}: parameter '{name}' is read-only: it is looked at when the node is configured; "
-                "state it in the launch file"
-            )
+    for name in changed_read_only(describe_params(declared.params), before, changes):
+        raise GraphError(
+            f"{where}: parameter '{name}' is read-only: it is looked at when the node is configured; "
+            "state it in the launch file"
+        )
     return load_params(declared, {**before, **changes}, where)
 
 
@@ -133,3 +131,20 @@ def _type_text(kind: msgspec.inspect.Type) -> str:
         case msgspec.inspect.StructType() | msgspec.inspect.EnumType() | msgspec.inspect.CustomType():
             return kind.cls.__name__
     return type(kind).__name__.removesuffix("Type").lower()
+
+
+def changed_read_only(
+    described: Mapping[str, ParamDescription], before: Mapping[str, Any], changes: Mapping[str, Any]
+) -> list[str]:
+    """Return the names of read-only parameters that changes would give another value.
+
+    Args:
+        described: What is declared, by name.
+        before: Values as they are; one that is missing is the default.
+        changes: New values.
+    """
+    return [
+        name
+        for name, value in changes.items()
+        if (known := described.get(name)) and known.read_only and value != before.get(name, known.default)
+    ]

@@ -20,6 +20,7 @@ from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.schema_reader import array_fields
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.loading import source_of
+from palp_core.graph.node.params import changed_read_only
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.problems import hint
 from palp_core.graph.process.control_messages import Done
@@ -182,17 +183,6 @@ def _run_of(request: SwapRequest, old: NodeSpec, workspace: str) -> str:
     return old.run if same else request.run
 
 
-def _read_only(described: NodeClass, before: Mapping[str, Any], changes: Mapping[str, Any]) -> list[str]:
-    """Return which changes are of a read-only parameter: the state that is handed over goes by its value."""
-    return [
-        f"parameter '{name}' is read-only; state it in the launch file"
-        for name, value in changes.items()
-        if (known := described.params.get(name))
-        and known.read_only
-        and value != before.get(name, known.default)
-    ]
-
-
 class SwapBackend(Protocol):
     """The nodes, as a swap needs them."""
 
@@ -335,7 +325,8 @@ class Swapper:
         new_class = msgspec.structs.replace(new_class, run=run)
         wrong = objections(checked, old, new_class)
         if run == old.run:
-            wrong += _read_only(new_class, old.params, request.params)
+            fixed = changed_read_only(new_class.params, old.params, request.params)
+            wrong += [f"parameter '{one}' is read-only; state it in the launch file" for one in fixed]
         if wrong:
             raise SwapFailed(name, "check", f"{run}: " + "; ".join(wrong))
         now = replaced(checked, old, new_class, request.params)

@@ -75,7 +75,10 @@ def _check_whole(bag: Path, chosen: list[Any], count: int) -> None:
 
 def _copy(bag: Path, source: Any, chosen: list[Any], definitions: Definitions, writer: BagWriter) -> int:
     encode = msgspec.msgpack.Encoder().encode
-    ways = {one.id: _way(one, definitions, writer) for one in chosen}
+    ways = {}
+    for one in chosen:
+        with _named(bag, one.topic):
+            ways[one.id] = _way(one, definitions, writer)
     sequences = dict.fromkeys((one.topic for one in chosen), 0)
     count = 0
     for connection, log_ns, data in _messages(bag, source, chosen):
@@ -152,12 +155,18 @@ def _definitions(bag: Path, connections: list[Any]) -> Definitions:
                 f"{bag}: {one.topic} is in {one.ext.serialization_format}, not cdr; {RATHER}"
                 + ("; a palp bag needs no conversion" if one.ext.serialization_format == "msgpack" else "")
             )
-        try:
+        with _named(bag, one.topic):
             _define(found, known, one)
-            found.fields(one.msgtype)
-        except BagError as error:
-            raise BagError(f"{bag}: {one.topic}: {error}; {RATHER}") from error
     return found
+
+
+@contextmanager
+def _named(bag: Path, topic: str) -> Iterator[None]:
+    """Begin an error with the topic whose type it is about."""
+    try:
+        yield
+    except BagError as error:
+        raise BagError(f"{bag}: {topic}: {error}; {RATHER}") from error
 
 
 def _define(found: Definitions, known: Definitions, connection: Any) -> None:

@@ -136,7 +136,7 @@ def read_emg(path: Path) -> EmgFile:
     with catch_foreign(str(path), PalpError):
         if suffix != ".mcap":
             check_regular(path, LARGEST_BYTES)
-        found = import_foreign(readers[suffix], "reader", PalpError)(path)
+        found = import_foreign(readers[suffix], str(path), PalpError)(path)
     if not isinstance(found, EmgFile):  # of another package's reader
         raise PalpError(f"{path}: {readers[suffix]} returned no EmgFile but {type(found).__name__}")
     if not found.columns:

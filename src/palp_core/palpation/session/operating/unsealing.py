@@ -17,7 +17,7 @@ from palp_core.palpation.session.session_folder import CHECKPOINT, OPENED, TABLE
 from palp_core.palpation.session.trials_csv import Row, read_rows, table_text
 from palp_core.whole_file import read_whole, write_json, write_whole
 
-PRIMITIVES = "primitives.json"
+_PRIMITIVES = "primitives.json"
 _BY_DEPTH = ("depths_m", "mean", "sd", "count")
 
 
@@ -81,10 +81,10 @@ def unseal(folder: Path, reason: str, key: Path | None = None) -> OpenedKey:
                 f"'{folder}': row {row.row} is of phantom {row.phantom}: this is another session's key"
             )
     texts = {}
-    if (folder / PRIMITIVES).exists():
-        kept = sealed_name(folder / PRIMITIVES)
-        learnt = json.loads(read_whole(kept if kept.exists() else folder / PRIMITIVES))
-        texts[PRIMITIVES] = json.dumps(_learnt(learnt, opened), indent=1) + "\n"
+    if (folder / _PRIMITIVES).exists():
+        kept = sealed_name(folder / _PRIMITIVES)
+        learnt = json.loads(read_whole(kept if kept.exists() else folder / _PRIMITIVES))
+        texts[_PRIMITIVES] = json.dumps(_learnt(learnt, opened), indent=1) + "\n"
     texts[TABLE] = table_text([_told(row, opened) for row in rows], sorted(opened.depths_m.values()))
     _open_files(folder, opened, reason, texts)
     return opened
