@@ -15,6 +15,7 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.methods import find, methods
 from palp_core.methods.measured import REFERENCE, Measured, begins_after, cpu_s
 from palp_core.palpation.mechanics import ContactModel, Phantom, Probe, Scene, sweep
+from palp_core.palpation.mechanics.scene.guard import states_finite_strain
 from palp_core.palpation.mechanics.scene.output import answer, answer_error
 from palp_core.units import Float64Array
 
@@ -154,6 +155,7 @@ def _outputs(scene: Scene) -> list[str]:
 
 def _points(one: RungAnswer, truth: RungAnswer, scene: Scene) -> Iterator[Measured]:
     variant = one.variant
+    law = _OTHER_LAW if states_finite_strain(find("contact", variant.rung)) else ""
     cost_s = one.setup_s + (0.0 if np.isnan(one.sweep_s) else one.sweep_s)
     for output in (*_outputs(scene), "normal"):
         if output not in truth.outputs:
@@ -168,7 +170,7 @@ def _points(one: RungAnswer, truth: RungAnswer, scene: Scene) -> Iterator[Measur
             output,
             truth.variant.label,
             usual=variant.usual,
-            condition=REFERENCE if one is truth else _OTHER_LAW if variant.rung == "l5" else "",
+            condition=REFERENCE if one is truth else law,
             fails="" if given is not None else one.words,
         )
 
