@@ -24,7 +24,7 @@ from tests.support.rig_session import ComposedGraph, check_here
 
 ROOT = Path(__file__).resolve().parents[2]
 TASKS_OF_A_SESSION = (
-    "smoother", "denoise", "feature", "likelihood", "filter", "stop", "policy", "burst",
+    "denoise", "feature", "likelihood", "filter", "trace_filter", "stop", "policy", "contact", "motion",
 )  # fmt: skip
 
 
@@ -33,9 +33,7 @@ def offered() -> list[tuple[str, str, str]]:
     found = [("estimator", task, getattr(EstimatorParams(), task)) for task in TASKS]
     known = InformationParams()
     found += [("policy_information", "filter", known.knows), ("policy_information", "feature", known.feature)]
-    found += [
-        ("palp analyse", task, getattr(Methods(), task)) for task in ("smoother", "feature", "filter", "stop")
-    ]
+    found += [("palp analyse", task, getattr(Methods(), task)) for task in ("feature", "filter", "stop")]
     for file in sorted((ROOT / "launch").rglob("*.yaml")):
         arguments = yaml.safe_load(file.read_text(encoding="utf-8")).get("args", {})
         for task in ("filter", "likelihood", "feature", "stop"):
@@ -66,7 +64,6 @@ def test_every_stop_rule_and_policy_of_a_study_is_one_of_the_register() -> None:
     assert all(type(rule) in declared for rule in combinations.STOPS.values())
     without_suffix = {re.sub(r"_(best|stiff|stationary|reversed|permuted|\d+)$", "", name) for name in NAMES}
     assert without_suffix - {"chance", "best_single_probe"} <= set(names("policy"))
-    assert {"sign_flip", "fisher", "permutation"} <= set(names("test"))
 
 
 def test_the_published_session_gets_a_method_for_every_task() -> None:

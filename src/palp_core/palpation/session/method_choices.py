@@ -37,29 +37,15 @@ PUBLISHED: Mapping[str, float] = {
     "slope_error": 0.2,
     "texture_sd_n_m": 0.0002,
     "bin_m": 0.002,
-    "live": 1.0,
-    "window_s": 0.15,
-    "burst_distance_s": 0.4,
-    "relax_share": 0.5,
-    "session_count": 20.0,
-    "session_sd": 1.0,
-    "paired_sd": 1.0,
-    "wall_clock": 1.0,
-    "process_count": 10.0,
-    "array_bytes": 160.0,
 }
 """What methods that are not of the mechanics may know of a session, beside its scene, SI.
 
 Published: ``class_count`` depths told apart, each ``class_ratio`` times the next; ``training_count``
 palpations a cell; ``ring_sd_m`` of a landing (+-0.3 mm, read as uniform); ``stiffest_m``, the largest ring
 position; ``sample_hz``. Simulated: ``class_gap_sd``, the least distance of depths at that ring over a
-reading's spread; logits of being right spread over sessions by ``session_sd``, those of two policies by
-``paired_sd`` more. Assumed: ``height_sd_m`` of a mounting; ``noise_n_m`` of a torque sample, a step of the
+reading's spread. Assumed: ``height_sd_m`` of a mounting; ``noise_n_m`` of a torque sample, a step of the
 sensor's resolution; ``probe_count`` palpations a trial at most; ``outlier_share`` of readings; from
-``trace_height_sd_m`` to ``texture_sd_n_m`` what a filter of whole traces is told; a person
-relaxes by ``relax_share`` of a level; the RMS of EMG is over ``window_s``, bursts ``burst_distance_s`` apart;
-sessions are compared ``session_count`` at a time, as in the README's table. ``live`` is 1 where methods work
-while it is measured, 0 on recordings. The graph is ten processes on the wall clock, blocks have 20 samples.
+``trace_height_sd_m`` to ``texture_sd_n_m`` what a filter of whole traces allows for.
 """
 
 _OF_THE_SCENE = ("contact", "motion")  # whose output and tolerance are what the scene asks for

@@ -103,7 +103,6 @@ def rig_uses(rig: Rig, speed_m_s: float | None, world: WorldModel = PAPER) -> li
         )
         for code, choice in rig.choices.items()
     ]
-    uses.append(used("equilibrium"))
     if speed_m_s is not None:
         uses.append(_chosen(rig.motion(speed_m_s), scene={"speed_m_s": speed_m_s}))
     return uses
