@@ -132,7 +132,7 @@ def test_each_task_says_what_was_used_and_a_person_reads_it(rig_session: RigSess
     assert named == {"denoise", "feature", "likelihood", "filter", "stop", "policy"}  # by the launch file
     assert "(/phantom)\n    the only one that a launched run has (wanted: 'peak'" in text
     assert [one["how"] for one in record if one["task"] == "contact"] == ["chosen"] * 3
-    assert "cheaper but refused: l0 is a reference" in text
+    assert "cheaper: l0 (not available here: a reference" in text
     assert "; not measured" in text
     page = (rig_session.out / "report.html").read_text()
     assert "Why these methods" in page

@@ -311,7 +311,7 @@ def test_the_registers_choice_is_made_once_said_and_used(caplog: pytest.LogCaptu
     }
     assert caplog.text.count("cheapest") + caplog.text.count("within") >= 5
     assert "feature: contrast: 'decision' within 0.5% (asked: 5.0%)" in caplog.text
-    assert "cheaper but refused: peak is within" in caplog.text
+    assert "cheaper: peak (not accurate enough: within" in caplog.text
     said = len(caplog.records)
     bench.feed(Estimator.trial, trial(1, "training", 0.002))
     bench.feed(Estimator.ring, ring(0.016, 1))

@@ -66,7 +66,7 @@ def speed_guard(motion: MethodChoice) -> tuple[str, ...]:
     if motion.bound is not None and motion.bound <= motion.tolerance:
         return ()
     own = next(one for one in motion.candidates if one.name == motion.name)
-    return (f"inertia: {motion.name} {own.why.removeprefix('is asked for by name; ')}",)
+    return (f"inertia: {motion.name}: {own.why}",)
 
 
 def task_of(words: str) -> str:

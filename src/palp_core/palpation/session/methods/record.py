@@ -100,7 +100,7 @@ def _entry(one: MethodTold, every: Sequence[Row], summary: RunSummary, roles: Ro
         "tolerance": use.tolerance,
         "bound": use.bound if use.bounded else None,
         "evidence": use.evidence,
-        "refused": [{"name": refused.name, "why": refused.why} for refused in use.refused],
+        "cheaper": [{"name": one.name, "why": one.why} for one in use.cheaper],
         "from_s": one.at_s,
         "until_s": one.until_s,
         "from_trial": first.trial if first else None,

@@ -40,9 +40,9 @@ def _heading(group: Sequence[dict[str, Any]]) -> str:
 def _sentences(group: Sequence[dict[str, Any]]) -> list[str]:
     one = group[0]
     found = [_why(one)]
-    if one["refused"]:
-        refused = "; ".join(f"{each['name']} {each['why']}" for each in one["refused"])
-        found.append(f"cheaper but refused: {refused}")
+    if one["cheaper"]:
+        cheaper = "; ".join(f"{each['name']} ({each['why']})" for each in one["cheaper"])
+        found.append(f"cheaper: {cheaper}")
     if any(each["guards"] is None for each in group):
         found.append("what its sweeps met is not recorded: the experiment's input 'guard' is not wired")
     met = [guard for each in group for guard in each["guards"] or ()]
@@ -75,8 +75,8 @@ def reason(use: MethodUse) -> str:
     )
     how = "asked for by name; " if use.asked else ""
     said = f"{use.name}: {how}{stated} (asked: {amount(use.tolerance, use.output)}), evidence {use.evidence}"
-    refused = "; ".join(f"{each.name} {each.why}" for each in use.refused)
-    return f"{said}; cheaper but refused: {refused}" if refused else said
+    cheaper = "; ".join(f"{each.name} ({each.why})" for each in use.cheaper)
+    return f"{said}; cheaper: {cheaper}" if cheaper else said
 
 
 def _places(met_by: Sequence[dict[str, Any]]) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from palp_core.graph.messages.builtin import MethodUse, RefusedMethod
+from palp_core.graph.messages.builtin import CheaperMethod, MethodUse
 from palp_core.methods import Candidate, Method, MethodChoice, find, methods, task
 from palp_core.palpation.mechanics.scene.rig import Rig, rig
 from palp_core.palpation.mechanics.scene.scene import Scene
@@ -46,7 +46,7 @@ def used(
 def used_of_class(task_name: str, kind: type[Any] | Any, **known: Any) -> MethodUse:
     """Return what a node says of a method that it has as a class or function; further as :func:`used`.
 
-    One that the register does not know is named by its module, and vouches for nothing.
+    One that the register does not know is named by its module, and states no error.
     """
     declared = next((one.name for one in methods(task_name) if one.target is kind), "")
     if declared:
@@ -140,10 +140,10 @@ def _use(
         bound=own.bound or 0.0,
         bounded=own.bound is not None,
         evidence=method.evidence,
-        refused=[
-            RefusedMethod(name=one.name, why=one.why)
+        cheaper=[
+            CheaperMethod(name=one.name, why=one.state)
             for one in candidates[: names.index(method.name)]
-            if one.mark in ("refused", "reference")
+            if one.mark
         ],
         cost_s=method.cost_s,
         per=task(method.task).per,
