@@ -9,8 +9,6 @@ from typing import Annotated, Any
 
 import msgspec
 
-from palp_core.graph.description.file_reader import read
-from palp_core.graph.workspaces.underlays import launch_path
 from palp_core.methods import (
     Candidate,
     Method,
@@ -143,6 +141,9 @@ def choose_for(
 
 def launch_defaults() -> dict[str, str]:
     """Return what ``launch/sim.yaml`` takes for each task that has an argument there: a name, or ``auto``."""
+    from palp_core.graph.description.file_reader import read
+    from palp_core.graph.workspaces.underlays import launch_path
+
     arguments = read(launch_path("rig:sim.yaml")).arguments
     return {one.name: str(arguments[one.name].default) for one in tasks() if one.name in arguments}
 

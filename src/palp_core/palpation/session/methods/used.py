@@ -8,12 +8,12 @@ from dataclasses import asdict
 from typing import Any
 
 from palp_core.graph.messages.builtin import CheaperMethod, MethodUse
-from palp_core.methods import Candidate, Method, MethodChoice, find, methods, task
+from palp_core.methods import Candidate, Method, MethodChoice, methods, task
 from palp_core.palpation.mechanics.scene.rig import Rig, rig
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.strategy.policies import StiffnessPolicy
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
-from palp_core.palpation.session.method_choices import PUBLISHED, choose_for
+from palp_core.palpation.session.method_choices import AUTO, PUBLISHED, chosen_method
 from palp_core.palpation.world.model import PAPER, WorldModel
 
 
@@ -36,11 +36,8 @@ def used(
         MethodError: There is no such task or method, or none is good enough.
     """
     known = PUBLISHED if given is None else {**PUBLISHED, **given}
-    if asked:
-        find(task_name, asked)  # one of a lab's own is declared by it
-    found = choose_for(task(task_name), scene or Scene(), asked=asked, given=known)
-    name = found.chosen.name if found.chosen else asked
-    return _use(find(task_name, name), found.output, found.tolerance, found.candidates, asked=bool(asked))
+    found = chosen_method(task_name, scene or Scene(), asked=asked or AUTO, given=known)
+    return _use(found.method, found.output, found.tolerance, found.candidates, asked=found.asked)
 
 
 def used_of_class(task_name: str, kind: type[Any] | Any, **known: Any) -> MethodUse:
