@@ -37,7 +37,7 @@ def sweep(peak_n_m: float, seed: int | None = None, count: int = COUNT) -> Float
 
 def trial(number: int, phase: str, depth_m: float = 0.0, *, label_known: bool | None = None) -> Trial:
     known = phase == "training" if label_known is None else label_known
-    return Trial(stamp_ns=0, trial=number, phase=phase, code="", label_known=known, depth_m=depth_m)
+    return Trial(stamp_ns=0, trial=number, number=1, phase=phase, code="", label_known=known, depth_m=depth_m)
 
 
 def ring(ring_m: float, number: int = 0, iteration: int = 1) -> RingState:

@@ -36,7 +36,9 @@ LEARNT = PrimitivesLearnt(
 
 
 def _trial(number: int) -> Trial:
-    return Trial(stamp_ns=0, trial=number, phase="estimation", code="", label_known=False, depth_m=0.0)
+    return Trial(
+        stamp_ns=0, trial=number, number=1, phase="estimation", code="", label_known=False, depth_m=0.0
+    )
 
 
 def _belief(number: int, iteration: int) -> Belief:

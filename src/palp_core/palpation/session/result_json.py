@@ -92,7 +92,11 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
         "trials_unfinished": session.unfinished_count,
         "unfinished": how_far(session, summary, roles),
         "trials_dropped": [_dropped(trial) for trial in session.dropped],
-        **({"left_out": {str(k): v for k, v in session.left_out.items()}} if session.left_out else {}),
+        **(
+            {"left_out": {f"{phase} {trial}": why for (phase, trial), why in session.left_out.items()}}
+            if session.left_out
+            else {}
+        ),
         "mounts": {phase: _mounts(session, phase) for phase in ("training", "estimation")},
         "accuracy": {
             "overall": _accuracy(trials),

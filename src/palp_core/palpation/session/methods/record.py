@@ -103,6 +103,7 @@ def _entry(one: MethodTold, every: Sequence[Row], summary: RunSummary, roles: Ro
         "cheaper": [{"name": one.name, "why": one.why} for one in use.cheaper],
         "from_s": one.at_s,
         "until_s": one.until_s,
+        "from_phase": first.phase if first else None,
         "from_trial": first.trial if first else None,
         "from_iteration": first.iteration if first else None,
         "guards": _guards(use.task, rows) if known else None,

@@ -31,7 +31,7 @@ def _heading(group: Sequence[dict[str, Any]]) -> str:
     of = ", ".join(each["of"] for each in group if each["of"])
     begun = ""
     if one["from_trial"] is not None:
-        begun = f", from {one['from_s']:.1f} s on, trial {one['from_trial']} of trials.csv"
+        begun = f", from {one['from_s']:.1f} s on, {one['from_phase']} trial {one['from_trial']}"
         begun += f", palpation {one['from_iteration']}" if one["from_iteration"] > 1 else ""
     ended = f", until {one['until_s']:.1f} s" if one["until_s"] is not None else ""
     return f"{one['task']}{f' of {of}' if of else ''}: {one['method']} (/{one['node']}{begun}{ended})"

@@ -9,7 +9,7 @@ import msgspec
 
 from palp_core.errors import PalpError
 from palp_core.palpation.mechanics.scene.sealed import is_sealed, own_codes, sealed_phantoms, standing
-from palp_core.palpation.session.decided.audit import decide
+from palp_core.palpation.session.decided.audit import WHOLE_SESSION, decide
 from palp_core.palpation.session.decided.blind import KEY, is_blinded
 from palp_core.palpation.session.human.record import HUMAN_TABLE, human_table_text, read_human
 from palp_core.palpation.session.session_folder import TABLE, is_being_written
@@ -84,7 +84,7 @@ def unseal(folder: Path, reason: str, key: Path | None = None) -> OpenedKey:
                 f"'{folder}': row {row.row} is of phantom {row.phantom}: this is another session's key"
             )
     told = [_told(row, opened) for row in rows]
-    decide(folder, -1, "unseal", reason)
+    decide(folder, WHOLE_SESSION, "unseal", reason)
     write_whole(folder / SEALED_TABLE, read_whole(folder / TABLE))
     if (folder / _PRIMITIVES).exists():
         learnt: dict[str, Any] = json.loads(read_whole(folder / _PRIMITIVES))
@@ -117,7 +117,7 @@ def unseal_by_hand(folder: Path, reason: str, key: Path | None = None) -> Opened
         row if row.depth_m is not None else msgspec.structs.replace(row, depth_m=opened.depths_m[row.phantom])
         for row in rows
     ]
-    decide(folder, -1, "unseal", reason)
+    decide(folder, WHOLE_SESSION, "unseal", reason)
     write_whole(folder / SEALED_HUMAN_TABLE, read_whole(folder / HUMAN_TABLE))
     _write_opened(folder, opened)
     write_whole(folder / HUMAN_TABLE, human_table_text(told))
