@@ -49,7 +49,7 @@ def resumed(out: Path, kept: bytes) -> Lab:
     return lab
 
 
-def said(rows: list[HumanRow]) -> list[tuple[int, int, str, int, str, str]]:
+def said(rows: list[HumanRow]) -> list[tuple[int, int, str, str, str]]:
     return [(one.row, one.trial, one.phase, one.phantom, one.emg) for one in rows]
 
 
