@@ -185,3 +185,9 @@ def test_a_chosen_rung_answers_and_is_as_right_as_it_says() -> None:
         assert answer_error(given, true, scene) <= choice.bound <= scene.tolerance.relative, scene
         chosen.append(choice.rung)
     assert {"l2", "l5"} <= set(chosen)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("offset_m", "bound"), [(0.0, 0.01), (0.004, None)])
+def test_a_bound_on_the_axis_counts_only_there(offset_m: float, bound: float | None) -> None:
+    assert force_table(Scene(), "l5", [offset_m], [0.001]).bound == bound
