@@ -31,13 +31,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from benchmarks.choice_bench import counts, joint, touches, traced, wired
+from benchmarks.choice_bench import counts, joint, touches, traced
 from benchmarks.choice_bench.contest import Case, Verdict, judge
 from benchmarks.choice_bench.table import Line, markdown, write
 from palp_core.errors import PalpError
 
 CONTESTS: dict[str, Callable[[np.random.Generator, int], Case]] = {
-    **wired.CONTESTS,
     **joint.CONTESTS,
     **counts.CONTESTS,
     **touches.CONTESTS,

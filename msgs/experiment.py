@@ -36,6 +36,7 @@ class MountedReply(Message):
 class Trial(Message):
     """A trial begins: forget the belief.
 
+    ``number`` is that of the trial in its phase, from 1; ``trial`` tells messages of one trial from others'.
     ``depth_m`` is the label; it and the phantom's ``code``, which would give it away, count only where
     ``label_known``.
     """
@@ -43,6 +44,7 @@ class Trial(Message):
     stamp_ns: Nanoseconds
     trial: Count
     phase: str
+    number: Count
     code: str
     label_known: bool
     depth_m: Metres

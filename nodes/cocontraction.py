@@ -5,9 +5,8 @@ from dataclasses import fields, replace
 import numpy as np
 
 from msgs.emg import CoContraction, EmgBlock
-from palp_core import Params, Pub, ReadOnly, Sub, on
+from palp_core import Node, Params, Pub, ReadOnly, State, Sub, on
 from palp_core.errors import PerceptionError
-from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.perception.emg.bursts import BurstRule, BurstState
 from palp_core.palpation.perception.emg.calibration import Calibration, calibrate, look_step
 from palp_core.palpation.perception.emg.emg import EmgChain, find_offset
@@ -21,8 +20,6 @@ from palp_core.palpation.perception.emg.settings import (
     MvcRule,
 )
 from palp_core.palpation.perception.emg.stream import CoContractionStream, StreamState
-from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
-from palp_core.palpation.session.methods.used import used_of_class
 from palp_core.units import Float64Array, RatioNonNegative, Seconds, SecondsPositive
 
 UNSCALED = Calibration((), 1.0, 0.0, 0.0)
@@ -54,7 +51,7 @@ class CoContractionParams(Params):
         return BurstSettings(**{one.name: getattr(self, one.name) for one in fields(BurstSettings)})
 
 
-class CoContractionState(MethodTellerState):
+class CoContractionState(State):
     """What a replacement inherits: the stream's memory, and what is known of the muscles.
 
     ``rest_v`` and ``mvc_v`` are envelopes at every look, a list per muscle.
@@ -72,7 +69,7 @@ class CoContractionState(MethodTellerState):
     level: int = 0
 
 
-class Cocontraction(MethodTeller):
+class Cocontraction(Node):
     """Equations (1) to (3), block by block; a burst counts once it has ended, a peak once it has sunk."""
 
     params: CoContractionParams
@@ -87,9 +84,6 @@ class Cocontraction(MethodTeller):
         except PerceptionError as error:
             return {"on_share": str(error)}
         return {}
-
-    def uses(self) -> list[MethodUse]:
-        return [used_of_class("burst", BurstRule)]
 
     @on(emg)
     def process(self, block: EmgBlock) -> None:

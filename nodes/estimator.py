@@ -106,7 +106,7 @@ class Estimator(MethodTeller):
         state = self.state
         if state.phase == "training" and trial.phase == "estimation":
             self._learn()
-        state.trial, state.phase = trial.trial, trial.phase
+        state.trial, state.number, state.phase = trial.trial, trial.number, trial.phase
         state.label_known, state.depth_m = trial.label_known, trial.depth_m
         if self.params.height_stays == "mounting":
             state.earlier += state.probes
@@ -125,7 +125,7 @@ class Estimator(MethodTeller):
             return []
         remount = next((said.remount for said in state.mount if said.trial == state.trial), -1)
         if remount < 0 and len(state.probes) == 1:
-            self.log.warning("trial %d: nobody told its mounting; its height is taken as new", state.trial)
+            self.log.warning("trial %d: nobody told its mounting; its height is taken as new", state.number)
         if remount < 0 or remount != state.remount:
             state.remount, state.earlier = remount, []
         return [TrialReading(*probe) for probe in state.earlier]
@@ -454,7 +454,7 @@ class Estimator(MethodTeller):
     def _drop(self, reading_n_m: float, rings_m: Float64Array) -> None:
         """End a trial whose ring stands where nothing was learnt: its reading says nothing of the depth."""
         state = self.state
-        self.log.warning("trial %d is dropped: %s", state.trial, untrained([state.ring_m], rings_m.tolist()))
+        self.log.warning("trial %d is dropped: %s", state.number, untrained([state.ring_m], rings_m.tolist()))
         flat = np.exp(bayes.flat_prior(len(self._depths_m())))
         posterior = np.array(state.posteriors[-1]) if state.posteriors else flat
         best, count = int(np.argmax(posterior)), len(state.posteriors)

@@ -98,6 +98,7 @@ class EstimatorState(MethodTellerState):
     """What a replacement inherits: the sweep under way, what was learnt, and the belief of this trial."""
 
     trial: int = 0
+    number: int = 0
     phase: str = ""
     label_known: bool = False
     depth_m: float = 0.0

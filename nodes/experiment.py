@@ -134,7 +134,8 @@ class Experiment(Node):
                 return self._rehome()
             case plan.BeginTrial():
                 state = self.state
-                state.phase, state.trial, state.label_m = step.phase, step.index, step.label_m
+                state.phase, state.trial, state.number = step.phase, step.index, step.number
+                state.label_m = step.label_m
                 state.trial_announced = False
                 return "done"
             case plan.Wait():
@@ -301,7 +302,7 @@ class Experiment(Node):
         if not action.refused:
             state.taken = [action] if action.asked else []
         elif state.swept:
-            self.log.warning("trial %d goes on without what was asked for: %s", state.trial, action.refused)
+            self.log.warning("trial %d goes on without what was asked for: %s", state.number, action.refused)
             state.asked, state.swept, state.stage_ready = [], False, True
             self._advance()
 

@@ -88,6 +88,7 @@ class ExperimentState(State):
     remount: int = -1
     depth_m: float = 0.0
     trial: int = 0
+    number: int = 0
     trial_announced: bool = True
     label_m: float = 0.0
     iteration: int = 0
@@ -120,7 +121,7 @@ class ExperimentState(State):
     sweep_s: float = 0.0
     finished: bool = False
     again: list[tuple[int, str]] = []
-    not_again: list[int] = []
+    not_again: list[tuple[str, int]] = []
     mount_again: str = ""
     home_again: bool = False
     policy: str = ""

@@ -138,19 +138,21 @@ def take_up_marked(
     first = _redone_by(state, design)
     try:
         if first is not None:
-            note_redone(folder, first, state.trial)
-        marked = to_be_redone(folder, {trial for trial, _ in state.again} | {*state.not_again})
-        felt = {row.trial: row for row in read_rows(folder)} if marked else {}
+            note_redone(folder, ("estimation", first), state.number)
+        known = {("estimation", trial) for trial, _ in state.again}
+        marked = to_be_redone(folder, known | {*state.not_again})
+        felt = {(row.phase, row.trial): row for row in read_rows(folder)} if marked else {}
     except PalpError as error:
         yield f"nothing is done again: {error}"
         return
-    for trial in marked:
-        if trial in felt and felt[trial].phase == "estimation" and isinstance(design, ExperimentDesign):
-            state.again.append((trial, felt[trial].phantom))
+    for key in marked:
+        phase, trial = key
+        if key in felt and phase == "estimation" and isinstance(design, ExperimentDesign):
+            state.again.append((trial, felt[key].phantom))
             yield f"trial {trial} is done again at the end"
         else:
-            state.not_again.append(trial)
-            yield f"trial {trial} is marked and not done again: only trials of estimation are"
+            state.not_again.append(key)
+            yield f"{phase} trial {trial} is marked and not done again: only trials of estimation are"
 
 
 def _redone_by(state: ExperimentState, design: plan.ExperimentDesign | RepeatDesign) -> int | None:
@@ -193,6 +195,7 @@ def trial_of(state: ExperimentState, now_ns: int) -> Trial:
         stamp_ns=now_ns,
         trial=state.trial,
         phase=state.phase,
+        number=state.number,
         code=state.code if training else "",
         label_known=training,
         depth_m=state.label_m if training else 0.0,

@@ -156,11 +156,15 @@ class PolicyNode(MethodTeller):
             )
         state.chooser = name
 
+    def use(self) -> MethodUse:
+        """Return what it reports of its policy."""
+        return policy_use(self.policy)
+
     def _tell_policy(self) -> None:
         """Say which policy chooses from this command on; parameters and what was learnt may change that."""
         of = (type(self.policy), self.params)
         if self.weighed is None or self.weighed[:2] != of:
-            self.weighed = (*of, policy_use(self.policy))
+            self.weighed = (*of, self.use())
         self.tell_methods([self.weighed[2]])
 
     def on_parameters(self, params: Params) -> None:

@@ -1,8 +1,7 @@
-"""Tasks ``equilibrium``, ``friction``, ``motion``: the joint on random gel, against solvers not palp's.
+"""Task ``motion``: the joint on random gel, against solvers not palp's.
 
-Roots are those of a scan in 513 angles, each found by SciPy's Brent; motion is the equation of
-``equilibrium/dynamics.py`` solved as it is written there by SciPy's Radau, friction being Coulomb's but for a
-turn-over at a ten-thousandth of the stage's speed. Contact forces are L2's throughout: tasks of the joint.
+Motion is the equation of ``equilibrium/dynamics.py`` solved as it is written there by SciPy's LSODA, friction
+being Coulomb's but for a turn-over at a ten-thousandth of the stage's speed. Contact forces are L2's.
 """
 
 from __future__ import annotations
@@ -17,16 +16,13 @@ import scipy
 
 from benchmarks.choice_bench.contest import Case, Reading, log_between
 from palp_core.errors import PalpError
-from palp_core.methods import find
 from palp_core.palpation.mechanics import LayeredHertz, Scene, sweep
-from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics, simulate
-from palp_core.palpation.mechanics.equilibrium.joint import Joint, joint_at
+from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics
 from palp_core.palpation.mechanics.scene.fast import dynamic_sweeps
 from palp_core.palpation.session.method_choices import session_quantities
 from palp_core.palpation.studies.contact.scenes import near_scene, random_scene
 from palp_core.units import Float64Array
 
-_ANGLES = 513
 _TURN_OVER = 1e-4  # of the stage's speed
 
 
@@ -36,64 +32,6 @@ def _scene(rng: np.random.Generator) -> Scene:
 
 def _model(scene: Scene) -> LayeredHertz:
     return LayeredHertz(scene.phantoms[0], scene.probe.tip_radius_m, tip=scene.probe.tip)
-
-
-# the angle at rest
-
-
-def equilibrium(rng: np.random.Generator, _index: int) -> Case:
-    """Draw a sweep of 60 to 200 positions at a ring of a random scene."""
-    scene = _scene(rng)
-    ring_m, path = float(rng.choice(scene.ring_m)), scene.path
-    stage_m = np.linspace(path.from_m, path.to_m, int(rng.integers(60, 201)))
-    direction = 1.0 if path.to_m > path.from_m else -1.0
-    joint = joint_at(_model(scene), scene.probe, ring_m, path.indentation_m, direction)
-    truth = followed(joint, direction * stage_m)
-
-    def measure(name: str, _round: int) -> Reading:
-        found = direction * find("equilibrium", name).target(joint, direction * stage_m) * direction
-        off = np.abs(found - truth) / np.abs(truth)
-        return Reading(float(np.max(off)) if np.isfinite(off).all() else np.inf)
-
-    words = f"ring {ring_m * 1e3:.3g} mm, {stage_m.size} positions, {scene.phantom.modulus_pa:.3g} Pa"
-    tolerance = log_between(rng, 1e-13, 1e-2)
-    return Case("equilibrium", "angle", tolerance, session_quantities(scene), measure, words)
-
-
-def followed(joint: Joint, forward_m: Float64Array) -> Float64Array:
-    """Return the angles of an overdamped joint from upright, each position's roots found for themselves.
-
-    Args:
-        joint: With the direction of the sweep.
-        forward_m: Positions in the direction of the sweep, shape (n,).
-
-    Raises:
-        MechanicsError: There is no lagging equilibrium.
-    """
-    grid = np.linspace(joint.least_rad, joint.lift_off_rad, _ANGLES)
-    back = joint.residual(forward_m[:, None], grid) >= 0.0
-    angles, at = np.empty(forward_m.size), grid[0]
-    for i, here_m in enumerate(forward_m):
-
-        def pushed_back(angle_rad: float, here_m: float = here_m) -> float:
-            return float(joint.residual(np.array([here_m]), np.array([angle_rad]))[0])
-
-        rising = np.flatnonzero(~back[i, :-1] & back[i, 1:])
-        if back[i, 0] or not rising.size:
-            raise joint.refusal(float(here_m))
-        roots = grid[rising]
-        if pushed_back(at) < 0.0:  # it yields, to the next root above
-            above = rising[grid[rising + 1] > at]
-            cell = int(above[0] if above.size else rising[-1])
-        else:
-            below = rising[roots <= at]
-            cell = int(below[-1] if below.size else rising[0])
-        at = scipy.optimize.brentq(pushed_back, grid[cell], grid[cell + 1], xtol=1e-18, rtol=1e-15)
-        angles[i] = at
-    return angles
-
-
-# the joint in motion
 
 
 @dataclass(frozen=True)
@@ -161,34 +99,6 @@ class Moving:
         return torque
 
 
-def friction(rng: np.random.Generator, _index: int) -> Case:
-    """Draw a start from rest on random gel, until the ball slides."""
-    scene = _scene(rng)
-    ring_m = float(rng.choice(scene.ring_m))
-    speed_m_s = log_between(rng, 2e-4, 0.02)
-    duration_s = min(max(0.004 / speed_m_s, 0.05), 0.5)
-    scene = replace(scene, path=replace(scene.path, speed_m_s=speed_m_s))
-    setting, path = Dynamics(), scene.path
-    moving = Moving(_model(scene), scene, ring_m, speed_m_s, setting)
-    end_m = path.from_m + moving.direction * speed_m_s * duration_s
-    count = int(np.ceil(duration_s / setting.step_s))
-    times_s: Float64Array = setting.step_s * np.arange(1, count + 1, dtype=np.float64)
-    truth = moving.torque_n_m(times_s, 0.0, speed_m_s / scene.probe.tip_m)
-
-    def measure(name: str, _round: int) -> Reading:
-        moved = simulate(
-            moving.model, scene.probe, ring_m, path.indentation_m, path.from_m, end_m, speed_m_s, setting,
-            find("friction", name).target, at_rest=True, guard=False,
-        )  # fmt: skip
-        found = moving.direction * moved.torque_n_m[0]
-        size = min(found.size, truth.size)
-        return Reading(float(np.max(np.abs(found[:size] - truth[:size])) / np.max(np.abs(truth))))
-
-    words = f"ring {ring_m * 1e3:.3g} mm, {speed_m_s * 1e3:.3g} mm/s for {duration_s:.2g} s from rest"
-    tolerance = log_between(rng, 3e-3, 0.1)
-    return Case("friction", "torque", tolerance, session_quantities(scene), measure, words)
-
-
 @dataclass(frozen=True)
 class _Motion:
     scene: Scene
@@ -249,8 +159,4 @@ def motion(rng: np.random.Generator, _index: int) -> Case:
     return Case("motion", output, tolerance, session_quantities(asked), moved.measure, words)
 
 
-CONTESTS: dict[str, Callable[[np.random.Generator, int], Case]] = {
-    "equilibrium": equilibrium,
-    "friction": friction,
-    "motion": motion,
-}
+CONTESTS: dict[str, Callable[[np.random.Generator, int], Case]] = {"motion": motion}

@@ -93,27 +93,18 @@ def _words(of: Drawn, conditions: Conditions | None = None) -> str:
     return f"{depths} mm; {rest}"
 
 
-# smoother, denoise: a feature against that of the sweep without noise
-
-
-def smoother(rng: np.random.Generator, index: int) -> Case:
-    """Draw two rings at which a touch is felt, and a tolerance of the feature over the least gap."""
-    return _signal("smoother", rng, index)
+# denoise: a feature against that of the sweep without noise
 
 
 def denoise(rng: np.random.Generator, index: int) -> Case:
-    """Draw as for a smoother."""
-    return _signal("denoise", rng, index)
-
-
-def _signal(task: str, rng: np.random.Generator, index: int) -> Case:
+    """Draw two rings at which a touch is felt, and a tolerance of the feature over the least gap."""
     of = touch(rng, index)
     low, high = (0.004, 0.016) if rng.random() < 0.85 else (0.0005, 0.02)
     rings_m = tuple(sorted(float(one) for one in rng.uniform(low, high, 2)))
     noise = log_between(rng, 0.3, 7.0)
     gel = replace(of.gel, rings_m=rings_m, noise_factor=noise)
     cases = clean_cases(rings_m, gel)
-    made = {one.family: one for one in ways(task)}
+    made = {one.family: one for one in ways()}
 
     def measure(name: str, number: int) -> Reading:
         count, chance = _SWEEPS * 4**number, np.random.default_rng((*of.seed, number))
@@ -124,7 +115,7 @@ def _signal(task: str, rng: np.random.Generator, index: int) -> Case:
     rings = " and ".join(f"{one * 1e3:.3g}" for one in rings_m)
     words = f"{_words(replace(of, gel=replace(gel, rings_m=Gel().rings_m)))}; rings {rings} mm"
     quantities = touch_quantities(gel) | {"ring_m": rings_m}
-    return Case(task, "feature", log_between(rng, 0.008, 1.0), quantities, measure, words)
+    return Case("denoise", "feature", log_between(rng, 0.008, 1.0), quantities, measure, words)
 
 
 # sessions
@@ -230,7 +221,6 @@ def _wrong(ended: Sequence[Outcomes]) -> Float64Array:
 
 
 CONTESTS: dict[str, Callable[[np.random.Generator, int], Case]] = {
-    "smoother": smoother,
     "denoise": denoise,
     "feature": feature,
     "filter": filtering,

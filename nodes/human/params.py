@@ -88,7 +88,7 @@ class HumanState(State):
     lost_count: int = 0
     clipped_count: int = 0
     phantom: str = ""
-    again: list[int] = []
+    again: list[tuple[str, int]] = []
     row: int = 0
     finished: bool = False
 

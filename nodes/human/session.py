@@ -233,7 +233,7 @@ class HumanSession(Node):
         state, params = self.state, self.params
         estimate_m = None if answer_mm is None else questions.nearest_depth(answer_mm, self.design.phantoms)
         row = HumanRow(
-            row=state.row, subject=state.subject, phase=trial.phase, trial=trial.index, number=trial.number,
+            row=state.row, subject=state.subject, phase=trial.phase, trial=trial.number,
             attempt=trial.attempt, phantom=trial.phantom, depth_m=trial.known_depth_m, told=trial.told,
             palpation_s=state.palpated_ns * 1e-9, ended_by=state.ended_by,
             answer_s=None if answer_mm is None else answer_ns * 1e-9, answer_mm=answer_mm,
@@ -261,14 +261,14 @@ class HumanSession(Node):
         state, planned = self.state, sum(self.of.values())
         try:
             if trial.index >= planned:
-                note_redone(self.record.folder, state.again[trial.index - planned], trial.index)
+                note_redone(self.record.folder, state.again[trial.index - planned], trial.number)
             marked = to_be_redone(self.record.folder, state.again)
         except PalpError as error:
             self.log.warning("nothing is done again: %s", error)
             return
         state.again += marked
-        for one in marked:
-            self.log.warning("trial %d is done again at the end", one)
+        for phase, number in marked:
+            self.log.warning("%s trial %d is done again at the end", phase, number)
 
     def _report(self, trial: HumanTrial, *, done: bool) -> None:
         self.progress.publish(

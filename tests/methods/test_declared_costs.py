@@ -14,8 +14,8 @@ from palp_core.palpation.mechanics import Scene
 FACTOR = 3.0
 """Off by more a cost is stale; off by less is another processor, faster with arrays than with words."""
 
-ELSEWHERE = {"codec", "contact"}
-"""Codecs are declared for arrays of two sizes; rungs are held to the signature's data."""
+ELSEWHERE = {"contact"}
+"""Rungs are held to the signature's data."""
 
 
 def costs(task: str) -> dict[str, Measured]:

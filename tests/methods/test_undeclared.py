@@ -11,19 +11,13 @@ from typing import Any
 
 import pytest
 
-from palp_core.graph.messages.message import encode
 from palp_core.methods import methods, tasks
 from palp_core.palpation.perception.belief.stopping import StopRule
-from palp_core.palpation.perception.emg.stream import CoContractionStream
-from palp_core.palpation.perception.signal.smoothers import Smoother
 from palp_core.palpation.perception.strategy.policies import StiffnessPolicy
 
 NO_METHOD = {
     StopRule: "what rules have in common",
-    Smoother: "what smoothers have in common",
     StiffnessPolicy: "what policies have in common",
-    CoContractionStream: "goes by a rule for bursts, which is the method",
-    encode: "the codec 'one_frame' is a name for it",
 }
 """What looks like a method and is none, and why."""
 
@@ -74,9 +68,7 @@ def test_nothing_that_could_be_a_method_is_outside_the_register(task: str) -> No
     assert undeclared(targets_of(task)) == []
 
 
-@pytest.mark.parametrize(
-    "task", ["contact", "policy", "stop", "smoother", "filter", "friction", "equilibrium"]
-)
+@pytest.mark.parametrize("task", ["contact", "policy", "stop", "filter"])
 def test_one_that_is_taken_out_is_found(task: str) -> None:
     targets = targets_of(task)
     for one in targets:

@@ -37,7 +37,7 @@ def sweep(peak_n_m: float, seed: int | None = None, count: int = COUNT) -> Float
 
 def trial(number: int, phase: str, depth_m: float = 0.0, *, label_known: bool | None = None) -> Trial:
     known = phase == "training" if label_known is None else label_known
-    return Trial(stamp_ns=0, trial=number, phase=phase, code="", label_known=known, depth_m=depth_m)
+    return Trial(stamp_ns=0, trial=number, number=1, phase=phase, code="", label_known=known, depth_m=depth_m)
 
 
 def ring(ring_m: float, number: int = 0, iteration: int = 1) -> RingState:
@@ -311,7 +311,7 @@ def test_the_registers_choice_is_made_once_said_and_used(caplog: pytest.LogCaptu
     }
     assert caplog.text.count("cheapest") + caplog.text.count("within") >= 5
     assert "feature: contrast: 'decision' within 0.5% (asked: 5.0%)" in caplog.text
-    assert "cheaper but refused: peak is within" in caplog.text
+    assert "cheaper: peak (not accurate enough: within" in caplog.text
     said = len(caplog.records)
     bench.feed(Estimator.trial, trial(1, "training", 0.002))
     bench.feed(Estimator.ring, ring(0.016, 1))

@@ -267,9 +267,14 @@ def test_training_comes_first_and_each_trial_follows_its_mounting(tmp_path: Path
 
 def test_every_row_has_its_sweep_and_all_its_facts(tmp_path: Path) -> None:
     run(tmp_path)
-    for row in read_rows(tmp_path):
+    rows = read_rows(tmp_path)
+    numbers = [(row.phase, row.trial) for row in rows if row.iteration == 1]
+    assert numbers == [("training", n) for n in range(1, 31)] + [("estimation", n) for n in range(1, 7)]
+    for row in rows:
         torque_n_m, rate_hz = read_sweep(tmp_path, row.row)
-        np.testing.assert_array_equal(torque_n_m, 1e-3 * row.trial + 1e-5 * row.iteration)
+        np.testing.assert_array_equal(
+            torque_n_m, 1e-3 * numbers.index((row.phase, row.trial)) + 1e-5 * row.iteration
+        )
         assert (len(torque_n_m), rate_hz) == (700, 1000.0)
         assert row.true_ring_m is not None
         assert 0.0 < row.true_ring_m - row.ring_m < 1e-4
@@ -293,7 +298,8 @@ def test_the_mounting_of_each_trial_is_told_where_heights_stay_with_it(tmp_path:
     bench = run(tmp_path / "told", height_stays="mounting").bench
     rows = read_rows(tmp_path / "told")
     told = [(mount.trial, mount.remount) for mount in bench.sent(Experiment.trial_mount)]
-    assert told == list(dict.fromkeys((row.trial, row.remount) for row in rows))
+    felt = dict.fromkeys((row.phase, row.trial, row.remount) for row in rows)
+    assert told == [(place, remount) for place, (_, _, remount) in enumerate(felt)]
     assert not run(tmp_path / "untold").bench.sent(Experiment.trial_mount)
 
 
@@ -315,7 +321,7 @@ def test_a_trial_goes_on_as_long_as_its_verdict_is_open(tmp_path: Path) -> None:
     for row in by_phase(read_rows(tmp_path), "estimation"):
         assert row.iteration == len(probes.setdefault(row.trial, [])) + 1
         probes[row.trial].append(row.verdict)
-    for trial, verdicts in probes.items():
+    for trial, verdicts in enumerate(probes.values(), start=30):
         assert verdicts == ["continue"] * (trial % 3) + ["undecided" if trial % 2 else "decided"]
 
 
@@ -404,10 +410,10 @@ def test_a_dropped_trial_is_over_and_judges_nothing(tmp_path: Path) -> None:
     rig = Rig(Bench(Experiment, params_in(tmp_path)))
     rig.dropped = {31, 34}
     rig.run()
-    rows = [row for row in read_rows(tmp_path) if row.trial in rig.dropped]
+    rows = [row for row in read_rows(tmp_path) if row.verdict == "dropped"]
     assert [(row.trial, row.iteration, row.verdict) for row in rows] == [
-        (31, 1, "dropped"),
-        (34, 1, "dropped"),
+        (2, 1, "dropped"),
+        (5, 1, "dropped"),
     ]
     last = rig.bench.sent(Experiment.progress)[-1]
     assert (last.phase, last.done_count, last.total_count) == ("done", 6, 6)

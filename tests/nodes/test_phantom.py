@@ -102,8 +102,8 @@ def test_a_stage_too_fast_to_leave_inertia_out_is_told_and_so_is_one_that_is_slo
     flat.feed(Phantom.pose, pose(rate_hz=300.0))  # 60 mm/s
     (fast,) = flat.sent(Phantom.guard)
     assert fast.words == [
-        "inertia: quasi_static vouches for no 'peak' here (speed_m_s = 0.06 is not in [0, 0.05]); "
-        "dynamic would be the next finer one"
+        "inertia: quasi_static: no error bound for 'peak': speed_m_s = 0.06 is not in [0, 0.05]; "
+        "dynamic is the next finer one"
     ]
     flat.feed(Phantom.ring, ring(0.012))
     flat.feed(Phantom.pose, pose(rate_hz=300.0), pose(rate_hz=300.0), pose())

@@ -25,7 +25,9 @@ def heard(level: int, *, defined: bool = True) -> CoContraction:
 
 
 def trial(number: int) -> Trial:
-    return Trial(stamp_ns=0, trial=number, phase="estimation", code="", label_known=False, depth_m=0.0)
+    return Trial(
+        stamp_ns=0, trial=number, number=1, phase="estimation", code="", label_known=False, depth_m=0.0
+    )
 
 
 def belief(number: int, iteration: int) -> Belief:

@@ -26,7 +26,9 @@ ALL: list[type[PolicyNode]] = [Fixed, Markov, Uniform]
 
 
 def trial(number: int, phase: str = "estimation") -> Trial:
-    return Trial(stamp_ns=0, trial=number, phase=phase, code="", label_known=phase == "training", depth_m=0.0)
+    return Trial(
+        stamp_ns=0, trial=number, number=1, phase=phase, code="", label_known=phase == "training", depth_m=0.0
+    )
 
 
 def belief(number: int, iteration: int, verdict: str = "continue") -> Belief:

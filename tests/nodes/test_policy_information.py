@@ -32,7 +32,7 @@ def learnt(noise_n_m: float = 2e-5) -> PrimitivesLearnt:
 
 
 def trial(number: int, phase: str = "estimation") -> Trial:
-    return Trial(stamp_ns=0, trial=number, phase=phase, code="", label_known=False, depth_m=0.0)
+    return Trial(stamp_ns=0, trial=number, number=1, phase=phase, code="", label_known=False, depth_m=0.0)
 
 
 def belief(number: int, iteration: int, reading_n_m: float = 1.45 * 0.016) -> Belief:

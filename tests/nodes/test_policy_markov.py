@@ -19,7 +19,9 @@ from palp_core.units import Float64Array
 
 
 def trial(number: int) -> Trial:
-    return Trial(stamp_ns=0, trial=number, phase="estimation", code="", label_known=False, depth_m=0.0)
+    return Trial(
+        stamp_ns=0, trial=number, number=1, phase="estimation", code="", label_known=False, depth_m=0.0
+    )
 
 
 def belief(number: int, iteration: int, posterior: tuple[float, ...] = (0.2, 0.5, 0.3)) -> Belief:

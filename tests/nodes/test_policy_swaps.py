@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from msgs.estimation import Belief, PrimitivesLearnt
 from msgs.experiment import Trial
 from nodes.policy import PolicyNode
+from nodes.policy_auto import Auto
 from nodes.policy_emg import Emg
 from nodes.policy_fixed import Fixed
 from nodes.policy_information import Information
@@ -20,7 +21,7 @@ from nodes.policy_markov import Markov
 from nodes.policy_uniform import Uniform
 from palp_core import Bench
 
-POLICIES: list[type[PolicyNode]] = [Fixed, Markov, Uniform, Information, Emg]
+POLICIES: list[type[PolicyNode]] = [Fixed, Markov, Uniform, Information, Emg, Auto]
 RINGS_M = np.array([0.0, 0.004, 0.008, 0.012, 0.016])
 DEPTHS_M = np.array([0.002, 0.004, 0.008])
 LEARNT = PrimitivesLearnt(
@@ -35,7 +36,9 @@ LEARNT = PrimitivesLearnt(
 
 
 def _trial(number: int) -> Trial:
-    return Trial(stamp_ns=0, trial=number, phase="estimation", code="", label_known=False, depth_m=0.0)
+    return Trial(
+        stamp_ns=0, trial=number, number=1, phase="estimation", code="", label_known=False, depth_m=0.0
+    )
 
 
 def _belief(number: int, iteration: int) -> Belief:

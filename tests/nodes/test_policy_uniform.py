@@ -16,7 +16,15 @@ def first_rings_m(**params: object) -> list[float]:
     for number in range(1000):
         bench.feed(
             Uniform.trial,
-            Trial(stamp_ns=0, trial=number, phase="estimation", code="", label_known=False, depth_m=0.0),
+            Trial(
+                stamp_ns=0,
+                trial=number,
+                number=1,
+                phase="estimation",
+                code="",
+                label_known=False,
+                depth_m=0.0,
+            ),
         )
     return [command.ring_m for command in bench.sent(Uniform.command)]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -12,9 +11,9 @@ import yaml
 from nodes.estimator_params import EstimatorParams
 from nodes.policy_information import InformationParams
 from palp_core.graph.problems import GraphProblems
-from palp_core.methods import methods, names
+from palp_core.methods import methods, names, tasks
 from palp_core.palpation.mechanics.scene.scene import Scene
-from palp_core.palpation.session.method_choices import AUTO, chosen_method
+from palp_core.palpation.session.method_choices import AUTO, choose_for, chosen_method, launch_defaults
 from palp_core.palpation.session.methods.estimating import TASKS
 from palp_core.palpation.session.reanalysis import Methods
 from palp_core.palpation.studies.decision import combinations, feature_cases, rungs
@@ -24,7 +23,7 @@ from tests.support.rig_session import ComposedGraph, check_here
 
 ROOT = Path(__file__).resolve().parents[2]
 TASKS_OF_A_SESSION = (
-    "smoother", "denoise", "feature", "likelihood", "filter", "stop", "policy", "burst",
+    "denoise", "feature", "likelihood", "filter", "trace_filter", "stop", "policy", "contact", "motion",
 )  # fmt: skip
 
 
@@ -33,12 +32,10 @@ def offered() -> list[tuple[str, str, str]]:
     found = [("estimator", task, getattr(EstimatorParams(), task)) for task in TASKS]
     known = InformationParams()
     found += [("policy_information", "filter", known.knows), ("policy_information", "feature", known.feature)]
-    found += [
-        ("palp analyse", task, getattr(Methods(), task)) for task in ("smoother", "feature", "filter", "stop")
-    ]
+    found += [("palp analyse", task, getattr(Methods(), task)) for task in ("feature", "filter", "stop")]
     for file in sorted((ROOT / "launch").rglob("*.yaml")):
         arguments = yaml.safe_load(file.read_text(encoding="utf-8")).get("args", {})
-        for task in ("filter", "likelihood", "feature", "stop"):
+        for task in ("denoise", "filter", "likelihood", "feature", "stop"):
             if task in arguments:
                 found.append((file.name, task, arguments[task]["default"]))
         if "knows" in arguments:
@@ -66,7 +63,6 @@ def test_every_stop_rule_and_policy_of_a_study_is_one_of_the_register() -> None:
     assert all(type(rule) in declared for rule in combinations.STOPS.values())
     without_suffix = {re.sub(r"_(best|stiff|stationary|reversed|permuted|\d+)$", "", name) for name in NAMES}
     assert without_suffix - {"chance", "best_single_probe"} <= set(names("policy"))
-    assert {"sign_flip", "fisher", "permutation"} <= set(names("test"))
 
 
 def test_the_published_session_gets_a_method_for_every_task() -> None:
@@ -77,15 +73,38 @@ def test_the_published_session_gets_a_method_for_every_task() -> None:
         assert chosen_method(task, Scene(), asked=chosen.name).asked, task
 
 
-CHOSEN: dict[str, Any] = dict.fromkeys(("feature", "likelihood", "stop"), AUTO)
+KEPT_BECAUSE_PUBLISHED = {
+    "denoise": "soft_universal",
+    "feature": "peak",
+    "filter": "naive",
+    "policy": "markov",
+    "stop": "paper_guarded",
+}
+
+
+def test_each_default_of_a_run_is_chosen_or_kept_because_it_is_published() -> None:
+    defaults, kept = launch_defaults(), {}
+    for one in tasks():
+        choice = choose_for(one, Scene(), default=defaults.get(one.name, AUTO))
+        assert choice.chosen is not None
+        if choice.default not in (AUTO, choice.chosen.name):
+            kept[one.name] = choice.default
+            assert choice.points is not None
+    assert kept == KEPT_BECAUSE_PUBLISHED
+
+
+@pytest.mark.parametrize("file", ["sim.yaml", "parts/experiment.yaml"])
+def test_the_protocol_auto_takes_every_task_from_the_register(file: str) -> None:
+    arguments = yaml.safe_load((ROOT / "launch" / file).read_text(encoding="utf-8"))["args"]
+    left = {one.name for one in tasks()} - {"contact", "motion"}  # no launch file names these
+    assert arguments["protocol"]["sets"][AUTO] == dict.fromkeys(left, AUTO)
 
 
 def test_the_register_chooses_for_a_rig_or_refuses_before_anything_starts() -> None:
-    given = [f"{task}:={AUTO}" for task in CHOSEN]
-    check_here(ROOT / "launch" / "sim.yaml", [*given, "training:=25"])
+    check_here(ROOT / "launch" / "sim.yaml", ["protocol:=auto", "training:=25"])
     with pytest.raises(GraphProblems) as refused:
-        check_here(ROOT / "launch" / "sim.yaml", [*given, "training:=5"])
-    for task in CHOSEN:
+        check_here(ROOT / "launch" / "sim.yaml", ["protocol:=auto", "training:=5"])
+    for task in ("feature", "likelihood", "stop", "policy"):
         assert f"no {task} method gives" in str(refused.value)
 
 
@@ -93,7 +112,7 @@ def test_the_register_chooses_for_a_rig_or_refuses_before_anything_starts() -> N
 def test_the_registers_choice_decides_a_session(tmp_path: Path) -> None:
     with ComposedGraph(
         str(ROOT / "launch" / "sim.yaml"), out=str(tmp_path / "out"), trials=1, training=25,
-        rings_mm="16", policy="fixed", **CHOSEN,
+        rings_mm="16", protocol="auto",
     ) as graph:  # fmt: skip
         graph.run()
     rows = (tmp_path / "out" / "trials.csv").read_text(encoding="utf-8").splitlines()

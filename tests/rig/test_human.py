@@ -133,7 +133,7 @@ def test_a_trial_that_was_excluded_teaches_no_chain(study: list[Path], tmp_path:
     import shutil
 
     folder = Path(shutil.copytree(study[0], tmp_path / "S01"))
-    audit.decide(folder, 4, "exclude", "the subject looked")
+    audit.decide(folder, ("estimation", 2), "exclude", "the subject looked")
     done = CliRunner().invoke(markov.app, ["fit", str(folder), "--json"])
     assert len(json.loads(done.stdout)["trials"]) == 5
 

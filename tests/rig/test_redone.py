@@ -23,7 +23,7 @@ from tests.nodes.test_experiment import Rig, params_in
 from tests.rig.test_experiment_resumed import resumed
 from tests.support.sessions import describe, writer
 
-PLANNED = 30 + 6  # trials of the small session: training, estimation
+PLANNED = 6  # trials of estimation of the small session
 
 
 def ended(out: Path) -> list[Row]:
@@ -45,20 +45,20 @@ def test_a_trial_marked_while_the_session_goes_on_is_done_again_at_its_end(
     rig = Rig(Bench(Experiment, params_in(tmp_path)))
     run_until(rig, tmp_path, 2)
     first = ended(tmp_path)[0]
-    decide(tmp_path, first.trial, "redo", "the phantom slipped")
-    decide(tmp_path, 0, "redo", "and in training")
+    decide(tmp_path, ("estimation", first.trial), "redo", "the phantom slipped")
+    decide(tmp_path, ("training", 1), "redo", "and in training")
     rig.run()
     assert rig.bench.executor.exit_code == 0
     last = ended(tmp_path)[-1]
-    assert [row.trial for row in ended(tmp_path)] == list(range(30, PLANNED + 1))
-    assert (last.trial, last.phantom, last.depth_m) == (PLANNED, first.phantom, first.depth_m)
+    assert [row.trial for row in ended(tmp_path)] == list(range(1, PLANNED + 2))
+    assert (last.trial, last.phantom, last.depth_m) == (PLANNED + 1, first.phantom, first.depth_m)
     assert last.remount == ended(tmp_path)[-2].remount + 1
     why = left_out(tmp_path)
-    assert why[first.trial] == f"redo: the phantom slipped; done again as trial {PLANNED}"
-    assert why[0] == "redo: and in training"
-    assert "trial 0 is marked and not done again: only trials of estimation are" in caplog.text
+    assert why["estimation", first.trial] == f"redo: the phantom slipped; done again as trial {PLANNED + 1}"
+    assert why["training", 1] == "redo: and in training"
+    assert "training trial 1 is marked and not done again: only trials of estimation are" in caplog.text
     counted = [trial.probes[0].trial for trial in read_session(tmp_path).trials]
-    assert counted == [*(n for n in range(30, PLANNED) if n != first.trial), PLANNED]
+    assert counted == [n for n in range(1, PLANNED + 2) if n != first.trial]
     progress = rig.bench.sent(Experiment.progress)[-1]
     assert (progress.done_count, progress.total_count) == (7, 7)
 
@@ -66,12 +66,12 @@ def test_a_trial_marked_while_the_session_goes_on_is_done_again_at_its_end(
 def test_what_was_done_again_may_be_marked_again(tmp_path: Path) -> None:
     rig = Rig(Bench(Experiment, params_in(tmp_path)))
     run_until(rig, tmp_path, 1)
-    decide(tmp_path, 30, "redo", "once")
+    decide(tmp_path, ("estimation", 1), "redo", "once")
     run_until(rig, tmp_path, 5)
-    decide(tmp_path, 31, "redo", "another")
+    decide(tmp_path, ("estimation", 2), "redo", "another")
     rig.run()
-    assert [row.trial for row in ended(tmp_path)] == list(range(30, PLANNED + 2))
-    assert [(one.trial, one.deed) for one in decisions(tmp_path)[-2:]] == [(30, "redone"), (31, "redone")]
+    assert [row.trial for row in ended(tmp_path)] == list(range(1, PLANNED + 3))
+    assert [(one.trial, one.deed) for one in decisions(tmp_path)[-2:]] == [(1, "redone"), (2, "redone")]
 
 
 def test_an_interrupted_session_does_it_again_once(tmp_path: Path) -> None:
@@ -86,14 +86,14 @@ def test_an_interrupted_session_does_it_again_once(tmp_path: Path) -> None:
 
         keeping = Keeping(rig.bench.executor, "/node/trial", keep)
         run_until(rig, out, 1, keeping)
-        decide(out, 30, "redo", "slipped")
+        decide(out, ("estimation", 1), "redo", "slipped")
         run_until(rig, out, stop, keeping)
         for _ in range(3):
             rig.run(1)
             keeping.turn()
         rig.bench.node.record.close()  # as the end of its process does
         resumed(out, kept).run()
-        assert [row.trial for row in ended(out)] == list(range(30, PLANNED + 1))
+        assert [row.trial for row in ended(out)] == list(range(1, PLANNED + 2))
         assert [one.deed for one in decisions(out)] == ["redo", "redone"]
 
 
@@ -114,16 +114,16 @@ def test_a_trial_by_hand_is_done_again_at_the_end(tmp_path: Path) -> None:
     for number in range(3):
         lab.trial()
         if number == 2:
-            decide(lab.out, 3, "redo", "the subject looked")
+            decide(lab.out, ("estimation", 1), "redo", "the subject looked")
         assert lab.say("4").taken
     assert lab.prompt.text.startswith("Estimation trial 4 of 4. ")
     lab.trial()
     assert lab.say("8").taken
     assert "over" in lab.prompt.text
     rows = read_human(lab.out)
-    assert [row.trial for row in rows] == list(range(7))
-    assert (rows[6].phantom, rows[6].phase, rows[6].number) == (rows[3].phantom, "estimation", 4)
-    assert left_out(lab.out) == {3: "redo: the subject looked; done again as trial 6"}
+    assert [row.trial for row in rows] == [1, 2, 3, 1, 2, 3, 4]
+    assert (rows[6].phantom, rows[6].phase, rows[6].trial) == (rows[3].phantom, "estimation", 4)
+    assert left_out(lab.out) == {("estimation", 1): "redo: the subject looked; done again as trial 4"}
 
 
 @pytest.mark.parametrize(

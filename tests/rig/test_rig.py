@@ -80,7 +80,7 @@ def test_a_session_leaves_a_whole_record_and_a_report(rig_session: RigSession) -
     rows = read_rows(out)
     training = [row for row in rows if row.phase == "training"]
     assert len(training) == 2 * 3 * 5
-    assert {row.trial for row in rows if row.phase == "estimation"} == set(range(30, 36))
+    assert {row.trial for row in rows if row.phase == "estimation"} == set(range(1, 7))
     assert [row.row for row in rows] == list(range(len(rows)))
     for row in rows:
         torque_n_m, rate_hz = read_sweep(out, row.row)

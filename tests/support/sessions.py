@@ -91,7 +91,7 @@ def writer(folder: Path) -> Writer:
         for depth_m in depths_m:
             for ring_m in RINGS_M:
                 for _ in range(repeats):
-                    keep(depth_m, ring_m, phase="training", trial=count)
+                    keep(depth_m, ring_m, phase="training", trial=count + 1)
         if primitives and repeats:
             shape = (len(depths_m), len(RINGS_M))
             keeper.primitives(

@@ -112,7 +112,7 @@ app = lazy_app(
         ),
         "methods": Verb(
             f"{_CLI}.rig.methods:methods",
-            "List the methods of every task, cheapest first, and which of them a scene gets.",
+            "List the methods of every task, cheapest first, and their state in a scene.",
         ),
         "tradeoff": Verb(
             f"{_CLI}.rig.tradeoff:tradeoff",

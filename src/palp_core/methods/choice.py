@@ -1,11 +1,17 @@
-"""The one choice: the cheapest method that is good enough, or the one asked for with what it vouches for."""
+"""The one choice: the cheapest method that is accurate enough, or the one asked for."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from palp_core.errors import MethodError
 from palp_core.methods.quantities import require_declared
 from palp_core.methods.register import Method, Quantities, find, left_out, methods, values_of
+
+CHOSEN = "chosen"
+DEFAULT = "default (published)"
+INACCURATE = "not accurate enough"
+UNAVAILABLE = "not available here"
+"""The states of a method; one that is accurate enough but more expensive than the chosen one has none."""
 
 
 @dataclass(frozen=True)
@@ -14,10 +20,10 @@ class Candidate:
 
     Attributes:
         name: Its name.
-        bound: Stated error of what is asked for there; None where it vouches for none.
+        bound: Stated error of what is asked for there; None where it states none.
         cost_s: Seconds of one core for as many uses as the scene takes.
-        mark: ``chosen``, ``valid``, ``refused`` or ``reference``.
-        why: The mark in words.
+        mark: Its state: :data:`CHOSEN`, :data:`DEFAULT`, :data:`INACCURATE`, :data:`UNAVAILABLE`, or empty.
+        why: Why it has this state.
     """
 
     name: str
@@ -26,6 +32,11 @@ class Candidate:
     mark: str
     why: str
 
+    @property
+    def state(self) -> str:
+        """State and reason, as in ``not accurate enough: within 22.0% only``."""
+        return f"{self.mark}: {self.why}" if self.mark else self.why
+
 
 @dataclass(frozen=True)
 class MethodChoice:
@@ -33,8 +44,8 @@ class MethodChoice:
 
     Attributes:
         method: The method as declared.
-        bound: Its stated error of ``output`` there; None where it vouches for none.
-        reason: Why it was chosen, in words.
+        bound: Its stated error of ``output`` there; None where it states none.
+        reason: Why it was chosen.
         output: What must be right.
         tolerance: How right.
         candidates: All methods of the task, cheapest first.
@@ -73,14 +84,13 @@ def choose(
         tolerance: Largest acceptable error; relative, unless the task says otherwise.
         scene: Quantities of the scene by name, SI, as in ``{"depth_m": 0.008}``; a tuple where all its values
             occur, as in ``{"ring_m": (0.004, 0.016)}``.
-        asked: Name of a method to take whatever it vouches for; what it does vouch for is told.
+        asked: Name of a method to take whatever its stated error is.
         uses: How often the method is used there.
         budget_s: Seconds of one core that all uses may take; None: as many as it takes.
 
     Raises:
-        MethodError: None is good enough, the cheapest takes longer than the budget, none has the name asked
-            for, or the scene tells a quantity that nobody declared; the message says what each one vouches
-            for.
+        MethodError: None is accurate enough, the cheapest takes longer than the budget, none has the name
+            asked for, or the scene tells a quantity that nobody declared; the message has each one's state.
     """
     wanted = find(task, asked) if asked else None
     candidates = weigh(task, output, tolerance, scene, asked=asked, uses=uses)
@@ -88,7 +98,7 @@ def choose(
         bound = wanted.bound(output, scene)
         reason = _named(wanted, output, bound)
         return MethodChoice(wanted, bound, reason, output, tolerance, candidates, asked=True)
-    found = next((c for c in candidates if c.mark == "chosen"), None)
+    found = next((c for c in candidates if c.mark == CHOSEN), None)
     if found is None:
         raise MethodError(_none(task, output, tolerance, scene, candidates))
     if budget_s is not None and found.cost_s > budget_s:
@@ -97,9 +107,8 @@ def choose(
     asked_for = amount(tolerance, output)
     why = f"{found.name}: '{output}' within {amount(found.bound or 0.0, output)} (asked: {asked_for})"
     why += f", evidence {chosen.evidence}"
-    refused = [f"{c.name} {c.why}" for c in candidates[: candidates.index(found)]]
-    if refused:
-        why += f"; cheaper but refused: {'; '.join(refused)}"
+    if cheaper := [f"{c.name} ({c.state})" for c in candidates[: candidates.index(found)]]:
+        why += f"; cheaper: {'; '.join(cheaper)}"
     why += "".join(f"; left out: {words}" for words in left_out(task))
     return MethodChoice(chosen, found.bound, why, output, tolerance, candidates)
 
@@ -109,7 +118,7 @@ def weigh(
 ) -> tuple[Candidate, ...]:
     """Return what every method of a task offers a scene, cheapest first; arguments as for :func:`choose`.
 
-    One of them is marked as chosen: the one asked for, or the cheapest that is good enough, if any is.
+    One of them is marked as chosen: the one asked for, or the cheapest that is accurate enough, if any is.
 
     Raises:
         MethodError: The scene tells a quantity that nobody declared.
@@ -117,47 +126,33 @@ def weigh(
     require_declared(scene, f"a scene for task '{task}'")
     name = asked.rpartition(":")[2]
     found: list[Candidate] = []
-    taken = False
+    chosen = False
     for one in methods(task):
-        candidate = _candidate(one, output, tolerance, scene, uses, dearer=taken)
-        taken = taken or candidate.mark == "chosen"
-        if one.name == name:
-            candidate = replace(candidate, mark="chosen", why=f"is asked for by name; {candidate.why}")
-        elif name and candidate.mark == "chosen":
-            candidate = replace(candidate, mark="valid")
-        found.append(candidate)
+        bound, cost_s = one.bound(output, scene), one.cost_s * uses
+        mark, why = _state(one, output, tolerance, scene)
+        if name:
+            mark = CHOSEN if one.name == name else mark
+        elif not mark and not chosen:
+            mark, why, chosen = CHOSEN, f"the cheapest within {amount(tolerance, output)}", True
+        found.append(Candidate(one.name, bound, cost_s, mark, why))
     return tuple(found)
 
 
-def _candidate(
-    one: Method, output: str, tolerance: float, scene: Quantities, uses: int, *, dearer: bool
-) -> Candidate:
-    bound, cost_s = one.bound(output, scene), one.cost_s * uses
+def _state(one: Method, output: str, tolerance: float, scene: Quantities) -> tuple[str, str]:
+    """Return a method's state in a scene and why; no state where it is accurate enough."""
+    bound = one.bound(output, scene)
     if one.reference:
-        mark, why = "reference", f"is a reference: {one.reference}"
-    elif bound is None:
-        mark, why = "refused", f"vouches for no '{output}' here{_because(one, output, scene)}"
-    elif bound > tolerance:
-        mark, why = "refused", f"is within {amount(bound, output)} only"
-    elif dearer:
-        mark, why = "valid", f"is within {amount(bound, output)}, but dearer"
-    else:
-        mark, why = "chosen", f"is the cheapest within {amount(tolerance, output)}: {amount(bound, output)}"
-    return Candidate(one.name, bound, cost_s, mark, why)
-
-
-def _because(one: Method, output: str, scene: Quantities) -> str:
-    strayed = one.missed(output, scene) or _stated(one, output)
-    survivor = f"; {one.survivor} would be the next finer one" if one.survivor else ""
-    return (f" ({strayed})" if strayed else "") + survivor
-
-
-def _stated(one: Method, output: str) -> str:
-    """Return what a method that states no error of an output does state, in words."""
-    outputs = list(dict.fromkeys(bound.output for bound in one.bounds))
-    if output in outputs:
-        return ""
-    return f"it states errors of {', '.join(outputs)} only" if outputs else "it states no error"
+        return UNAVAILABLE, f"a reference: {one.reference}"
+    if bound is not None:
+        if bound > tolerance:
+            return INACCURATE, f"within {amount(bound, output)} only"
+        return "", "accurate enough, but more expensive"
+    finer = f"; {one.survivor} is the next finer one" if one.survivor else ""
+    if missed := one.missed(output, scene):
+        return UNAVAILABLE, f"no error bound for '{output}': {missed}{finer}"
+    others = ", ".join(dict.fromkeys(bound.output for bound in one.bounds))
+    stated = f"it states errors of {others} only" if others else "it states no error"
+    return INACCURATE, f"no error bound for '{output}': {stated}{finer}"
 
 
 def _named(one: Method, output: str, bound: float | None) -> str:
@@ -179,10 +174,12 @@ def _none(
         for name, value in sorted(scene.items())
         if name in told
     )
-    refused = "; ".join([*(f"{c.name} {c.why}" for c in candidates), *left_out(task)]) or "none is declared"
+    states = (
+        "; ".join([*(f"{c.name} ({c.state})" for c in candidates), *left_out(task)]) or "none is declared"
+    )
     return (
         f"no {task} method gives '{output}' within {amount(tolerance, output)} at {where or 'this'}: "
-        f"{refused}; "
+        f"{states}; "
         "relax the tolerance or add a finer method"
     )
 
@@ -202,7 +199,9 @@ def _too_dear(
 ) -> str:
     affordable = [c for c in candidates if c.bound is not None and c.cost_s <= budget_s]
     best = min(affordable, key=lambda c: c.bound or 0.0, default=None)
-    offer = f"{best.name} gives {amount(best.bound or 0.0, output)}" if best else "no method vouches for it"
+    offer = (
+        f"{best.name} gives {amount(best.bound or 0.0, output)}" if best else "no method is accurate enough"
+    )
     return (
         f"'{output}' within {amount(tolerance, output)} takes {found.name}, about {found.cost_s:g} s with "
         f"nothing cached; budget_s is {budget_s:g}, for which {offer}; raise budget_s or relax the tolerance"

@@ -86,7 +86,6 @@ for _name, _unit, _meaning in (
     ("pressed_share", "1", "how deep the tip comes, over the ball's radius or the gel over the bead"),
     ("margin_m", "m", "how far the path goes past the bead, on its shorter side"),
     ("speed_m_s", "m/s", "speed of the stage in a sweep"),
-    ("sweep_s", "s", "duration of a sweep"),
     # of a session and what is decided in it
     ("class_count", "1", "depths told apart"),
     ("class_ratio", "1", "each depth over the next smaller one"),
@@ -108,21 +107,5 @@ for _name, _unit, _meaning in (
     ("slope_error", "1", "what the mechanics' slopes are wrong by, as a share of them"),
     ("texture_sd_n_m", "N m", "torque that the surface adds, where training does not tell it"),
     ("bin_m", "m", "stretch of the path over which the torque is averaged"),
-    ("session_count", "1", "sessions compared"),
-    ("session_sd", "1", "spread over sessions of the logit of being right"),
-    ("paired_sd", "1", "spread over sessions of the difference of two policies' logits"),
-    # of co-contraction
-    ("live", "1", "1 where methods work while it is measured, 0 on recordings"),
-    ("window_s", "s", "window of the RMS of EMG"),
-    ("burst_distance_s", "s", "least time between two bursts"),
-    ("relax_share", "1", "share of a level by which a person relaxes"),
-    # of the graph
-    ("wall_clock", "1", "1 on the machine's clock, 0 in simulated time"),
-    ("process_count", "1", "processes that the nodes are in"),
-    ("array_bytes", "B", "largest array of a message"),
-    ("reader_load", "1", "messages a second times the seconds that the reader takes for each"),
-    ("reader_s", "s", "time that a reader takes for a message"),
-    ("backlog", "1", "messages that wait at most"),
-    ("depth", "1", "last messages that are kept for a reader"),
 ):
     declare_quantity(_name, _unit, _meaning)

@@ -49,8 +49,8 @@ def resumed(out: Path, kept: bytes) -> Lab:
     return lab
 
 
-def said(rows: list[HumanRow]) -> list[tuple[int, int, str, int, str, str]]:
-    return [(one.row, one.trial, one.phase, one.number, one.phantom, one.emg) for one in rows]
+def said(rows: list[HumanRow]) -> list[tuple[int, int, str, str, str]]:
+    return [(one.row, one.trial, one.phase, one.phantom, one.emg) for one in rows]
 
 
 @pytest.mark.parametrize("trials", [1, 2, 3, 4, 5])

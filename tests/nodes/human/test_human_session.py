@@ -122,7 +122,7 @@ def test_a_whole_session_is_asked_answered_and_kept(lab: Lab) -> None:
         assert lab.say("4 mm").taken
     assert lab.bench.sent(HumanSession.progress)[-1].score_defined is False
     rows = read_human(lab.out)
-    assert [(one.phase, one.number) for one in rows] == [
+    assert [(one.phase, one.trial) for one in rows] == [
         (p, n) for p in ("training", "estimation") for n in (1, 2, 3)
     ]
     assert [one.estimate_m for one in rows] == [None] * 3 + [0.004] * 3

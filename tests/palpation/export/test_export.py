@@ -72,7 +72,7 @@ def odd_rows(folder: Path) -> list[Row]:
 
 def source_of(folder: Path, rows: Sequence[Row], recorded: EmgFile | None) -> ExportSource:
     tables = (
-        trials_table(rows, DEPTHS_M, ODD, {1001: ODD}),
+        trials_table(rows, DEPTHS_M, ODD, {("estimation", 1001): ODD}),
         iterations_table(rows, DEPTHS_M, ODD),
         sweeps_table(folder, rows),
         emg_table(recorded),

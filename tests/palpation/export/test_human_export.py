@@ -25,7 +25,7 @@ from tests.palpation.export.test_export import READERS, TABULAR, expected
 from tests.support.sessions import describe
 
 ROW = HumanRow(
-    row=0, subject="S-01", phase="training", trial=0, number=1, attempt=1, phantom="A", depth_m=0.002,
+    row=0, subject="S-01", phase="training", trial=1, attempt=1, phantom="A", depth_m=0.002,
     told=True, palpation_s=2.5, ended_by="subject", answer_s=None, answer_mm=None, estimate_m=None, emg="",
     lost_count=0, clipped_count=0, source="person", answered_by="AB", order="paper", subject_number=1, seed=1,
     end_ns=1_500_000_001,
@@ -53,13 +53,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         replace(ROW, ended_by="repeat", emg=emg("training/01_2mm.npz", 450, discarded=True)),
         replace(ROW, row=1, attempt=2, emg=emg("training/01b_2mm.npz", 450)),
         replace(ROW, row=2, trial=1, emg=emg("estimation/01_2mm.npz", 600), **asked),
-        replace(ROW, row=3, trial=2, number=2, depth_m=None, **asked),
+        replace(ROW, row=3, trial=2, depth_m=None, **asked),
     ]
     for row in rows:
         writer.append(row)
     attached = {SHEET: sheet_text(OF_PERSON)}
     write_json(out / RUN, msgspec.structs.replace(describe(out), attached=attached, exit_code=0))
-    decide(out, 1, "exclude", "the subject looked")
+    decide(out, ("estimation", 1), "exclude", "the subject looked")
     return out
 
 
@@ -87,7 +87,7 @@ def test_the_tables_say_what_the_record_says(folder: Path, source: ExportSource)
     assert trials["excluded"] == [True, False, True, False]
     assert "right" not in trials  # whose answers these are decides whether they are ever scored
     assert recordings["phase"] == ["rest", "mvc", "training", "training", "estimation"]
-    assert recordings["trial"] == [-1, -1, 0, 0, 1]
+    assert recordings["trial"] == [-1, -1, 1, 1, 1]
     emg = source.tables["human_emg"].values
     for number, file in enumerate(recordings["file"]):
         with np.load(folder / file) as kept:

@@ -64,7 +64,7 @@ def test_a_rung_that_knows_the_paraboloid_only_says_so(rung: str) -> None:
         for tip in TIP_FORMS
     ]
     assert forces[0] == forces[1]
-    words = f"{rung} takes the sphere for a paraboloid"
+    words = f"tip: {rung} takes the sphere for a paraboloid"
     assert any(words in said for said in run_scene(scene, rung).guards)
     as_it_is = replace(scene, probe=Probe(tip="paraboloid"))
     assert not any("paraboloid" in said for said in run_scene(as_it_is, rung).guards)

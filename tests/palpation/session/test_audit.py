@@ -43,17 +43,23 @@ def test_what_is_excluded_or_to_be_done_again_counts_nowhere_and_is_still_there(
 ) -> None:
     before = (session / "trials.csv").read_bytes()
     palp("exclude", 1002, session, "--reason", "the phantom slipped")
-    palp("redo", 0, session, "--reason", "the  gel was\ntouched")
-    assert left_out(session) == {1002: "exclude: the phantom slipped", 0: "redo: the gel was touched"}
+    palp("redo", 1, session, "--training", "--reason", "the  gel was\ntouched")
+    assert left_out(session) == {
+        ("estimation", 1002): "exclude: the phantom slipped",
+        ("training", 1): "redo: the gel was touched",
+    }
     assert (session / "trials.csv").read_bytes() == before
     assert [trial.right for trial in read_session(session).trials] == [True, True]
-    sweeps = {sweep.trial for sweep in read_sweeps(session).sweeps}
-    assert not {0, 1002} & sweeps
-    assert len(sweeps) == len({row.trial for row in read_rows(session)}) - 2
+    sweeps = {(sweep.phase, sweep.trial) for sweep in read_sweeps(session).sweeps}
+    every = {(row.phase, row.trial) for row in read_rows(session)}
+    assert every - sweeps == {("training", 1), ("estimation", 1002)}
     write(session, summary(session))
     result = read_result(session)
     assert result["accuracy"]["overall"]["right"] == 2
-    assert result["left_out"] == {"1002": "exclude: the phantom slipped", "0": "redo: the gel was touched"}
+    assert result["left_out"] == {
+        "estimation 1002": "exclude: the phantom slipped",
+        "training 1": "redo: the gel was touched",
+    }
     assert "the phantom slipped" in (session / "report.html").read_text()
 
 
@@ -95,7 +101,7 @@ def test_decisions_are_appended(session: Path) -> None:
 
 
 def test_a_trial_that_is_not_there_or_has_no_reason_is_refused(session: Path) -> None:
-    with pytest.raises(PalpError, match="has no trial 7000; there are 0 to 1002"):
+    with pytest.raises(PalpError, match="has no estimation trial 7000; there are 1000 to 1002"):
         palp("exclude", 7000, session, "--reason", "never")
     with pytest.raises(PalpError, match="needs its reason"):
         palp("exclude", 1000, session, "--reason", " ")

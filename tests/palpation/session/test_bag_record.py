@@ -157,6 +157,17 @@ def test_of_a_bag_that_was_cut_off_what_stands_before_is_reported(
 
 
 @pytest.mark.usefixtures("blank_charts")
+def test_a_bag_that_began_after_training_says_that_it_lacks_some(
+    rig_session: RigSession, tmp_path: Path
+) -> None:
+    first = next(row for row in read_rows(rig_session.out) if row.phase == "estimation")
+    late = part(rig_session, tmp_path / "late", start_ns=first.start_ns - 20 * 10**9)
+    said = report(late)
+    assert {row.phase for row in read_rows(tmp_path / "late_report")} == {"estimation"}
+    assert "the bag lacks at least 1 palpation" in said
+
+
+@pytest.mark.usefixtures("blank_charts")
 def test_a_bag_that_began_late_has_the_rows_from_then_on_and_says_what_it_lacks(
     rig_session: RigSession, tmp_path: Path
 ) -> None:

@@ -92,7 +92,7 @@ def feed(session: RecordedSweeps, **params: Any) -> Iterator[Any]:
             bench.feed(
                 Estimator.trial,
                 Trial(
-                    stamp_ns=0, trial=sweep.trial, phase=sweep.phase, code="", label_known=taught,
+                    stamp_ns=0, trial=sweep.trial, number=1, phase=sweep.phase, code="", label_known=taught,
                     depth_m=depth_m,
                 ),
             )  # fmt: skip

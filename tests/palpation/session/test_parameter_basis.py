@@ -11,6 +11,7 @@ from palp_core.palpation.session.parameter_basis import BASIS, SCENE, basis_of
 PARAMS = {
     "experiment": ("nodes.experiment:ExperimentParams",),
     "policy": (
+        "nodes.policy_auto:AutoParams",
         "nodes.policy_fixed:FixedParams",
         "nodes.policy_markov:MarkovParams",
         "nodes.policy_uniform:UniformParams",

@@ -130,7 +130,7 @@ def test_a_reply_that_does_not_fit_is_refused() -> None:
     step = next(training)
     while not isinstance(step, Palpate):
         step = training.send(StepReply())
-    with pytest.raises(PerceptionError, match="training trial 0"):
+    with pytest.raises(PerceptionError, match="training trial 1"):
         training.send(StepReply("continue"))
 
 

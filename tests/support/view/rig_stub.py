@@ -200,7 +200,7 @@ class Rig(Node):
             stamp_ns=now + 2, trial=2, estimate_m=0.008, confidence=POSTERIOR[1], probe_count=2,
             verdict="decided"))
         self.trial.publish(Trial(
-            stamp_ns=now, trial=3, phase="estimation", code="", label_known=False, depth_m=0.0))
+            stamp_ns=now, trial=3, number=1, phase="estimation", code="", label_known=False, depth_m=0.0))
         self.belief.publish(Belief(
             stamp_ns=now, trial=3, iteration=1, depths_m=np.array(DEPTHS_M), posterior=POSTERIOR,
             gain=POSTERIOR * np.log(3 * POSTERIOR), verdict="continue", estimate_m=DEPTHS_M[1]))

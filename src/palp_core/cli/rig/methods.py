@@ -1,4 +1,4 @@
-"""``palp methods``: every exchangeable method with its cost, its error, where it fails and what survives."""
+"""``palp methods``: exchangeable methods with cost, error and state, and which of them a run takes."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ def methods(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List the methods of every task, cheapest first, and which of them a scene gets.
+    """List the methods of every task, cheapest first, and their state in a scene.
 
-    Costs are seconds of one core on the machine where they were measured, errors relative unless the output
-    is a time. A method is chosen, valid (good enough, but dearer), refused, or a reference (to compare with,
-    never chosen). Runs obey the choice where their launch file does not name a method. Of one task it also
-    says what each method is. A survivor is what to name where a method fails; no run changes over to it by
-    itself.
+    Costs are seconds of one core on the machine where they were measured; errors are relative. A method is
+    chosen (the cheapest that is accurate enough), default (published) (launch/sim.yaml takes it), not
+    accurate enough, or not available here (the scene is outside its range, or it is a reference). One
+    without a state is accurate enough, but more expensive. A survivor is what to name where a method fails;
+    no run changes over to it by itself.
     """
     from palp_core.methods import left_out, tasks
     from palp_core.methods import task as task_of
@@ -37,10 +37,14 @@ def methods(
     from palp_core.methods.machine import UNIT_S, slowness
     from palp_core.palpation.mechanics.scene.file import read_scene
     from palp_core.palpation.mechanics.scene.scene import Scene
-    from palp_core.palpation.session.method_choices import choose_for
+    from palp_core.palpation.session.method_choices import AUTO, choose_for, launch_defaults
 
     given = read_scene(scene) if scene else Scene()
-    found = [choose_for(one, given) for one in ([task_of(task)] if task else tasks())]
+    defaults = launch_defaults()
+    found = [
+        choose_for(one, given, default=defaults.get(one.name, AUTO))
+        for one in ([task_of(task)] if task else tasks())
+    ]
     for words in left_out(task):
         note(f"left out: {words}")
     if as_json:
@@ -53,7 +57,7 @@ def methods(
         print_text("method  cost  error")
         _print_methods(one)
         if one.chosen is None:
-            print_text("None is good enough here: relax the tolerance, or declare a finer method.")
+            print_text("None is accurate enough here: relax the tolerance, or declare a finer method.")
         if task:
             print_text("")
             for declared, _ in one.declared():
@@ -69,11 +73,25 @@ def _print_methods(choice: TaskChoice) -> None:
     for declared, offer in choice.declared():
         error = "-" if offer.bound is None else amount(offer.bound, choice.output)
         print_wrapped(f"{declared.name}  {seconds(declared.cost_s)}  {error}")
-        print_wrapped(offer.why if offer.mark == "reference" else f"{offer.mark}: {offer.why}", indent=4)
+        print_wrapped("; ".join([offer.state, *_taken_by(choice, offer)]), indent=4)
         if declared.fails:
             print_wrapped(f"fails: {declared.fails}", indent=4)
         if declared.survivor:
             print_wrapped(f"survivor: {declared.survivor}", indent=4)
+
+
+def _taken_by(choice: TaskChoice, offer: Candidate) -> list[str]:
+    """Return which run takes a method, and what the default costs."""
+    from palp_core.methods.choice import CHOSEN, DEFAULT
+    from palp_core.palpation.session.method_choices import AUTO
+
+    if offer.mark == CHOSEN:
+        by_default = choice.default in (AUTO, offer.name)
+        return ["launch/sim.yaml takes it" if by_default else f"{choice.task.name}:={AUTO} takes it"]
+    if offer.mark == DEFAULT and choice.chosen is not None and choice.points is not None:
+        than = "worse" if choice.points >= 0.0 else "better"
+        return [f"{abs(choice.points):.1f} points {than} than {choice.chosen.name}"]
+    return []
 
 
 def _record(choice: TaskChoice, declared: Method, offer: Candidate) -> dict[str, Any]:
@@ -95,6 +113,7 @@ def _record(choice: TaskChoice, declared: Method, offer: Candidate) -> dict[str,
         "survivor": declared.survivor,
         "reference": declared.reference,
         "mark": offer.mark,
+        "taken_by": _taken_by(choice, offer),
         "why": offer.why,
         "module": declared.module,
     }

@@ -149,7 +149,7 @@ def _metres(option: str, text: str) -> list[float]:
 
 def _print_candidates(choice: SceneChoice) -> None:
     rows = [["rung", "stated error", "set-up and a sweep", "verdict"]]
-    rows += [[c.name, _percent(c.bound), f"{c.cost_s:g} s", f"{c.mark}: {c.why}"] for c in choice.candidates]
+    rows += [[c.name, _percent(c.bound), f"{c.cost_s:g} s", c.state] for c in choice.candidates]
     print_table(rows)
 
 

@@ -60,7 +60,7 @@ def tradeoff(
     from palp_core.methods.measured import measure_of, measured_tasks, unmeasurable
     from palp_core.palpation.mechanics.scene.file import read_scene
     from palp_core.palpation.mechanics.scene.scene import Scene
-    from palp_core.palpation.session.method_choices import choose_for
+    from palp_core.palpation.session.method_choices import AUTO, choose_for, launch_defaults
     from palp_core.palpation.studies.toolkit.progress import told
     from palp_core.palpation.studies.tradeoff.page import task_rows, write_tradeoff
     from palp_core.palpation.studies.tradeoff.survey import take
@@ -74,7 +74,8 @@ def tradeoff(
     for name in task or ():
         measure_of(name)
     unmeasured = [words for name in names for words in unmeasurable(name)]
-    choices = [choose_for(task_of(name), given) for name in names]
+    defaults = launch_defaults()
+    choices = [choose_for(task_of(name), given, default=defaults.get(name, AUTO)) for name in names]
     for words in left_out() + unmeasured:
         note(f"left out: {words}")
     make_folder(out)

@@ -36,11 +36,11 @@ def why(
     All of it is what the run itself has recorded; nothing is computed again.
     """
     from palp_core.methods import left_out
-    from palp_core.palpation.session.methods.record import deliveries_of, methods_of, unsaid
+    from palp_core.palpation.session.methods.record import methods_of, unsaid
     from palp_core.palpation.session.methods.text import paragraphs
 
     summary, rows = _recorded(run)
-    record = [*methods_of(summary, rows), *deliveries_of(summary, rows)]
+    record = methods_of(summary, rows)
     if summary.ended:
         note(
             f"not the whole run: {summary.ended}; this is of the {counted(len(rows), 'palpation')} "

@@ -12,14 +12,15 @@ from palp_core.cli.output import note, print_json, print_text
 from palp_core.errors import PalpError
 
 if TYPE_CHECKING:
-    from palp_core.palpation.session.decided.audit import Deed
+    from palp_core.palpation.session.decided.audit import Deed, TrialKey
 
 TrialArgument = Annotated[
-    int, typer.Argument(metavar="TRIAL", min=0, help="Its number in the table.", show_default=False)
+    int, typer.Argument(metavar="TRIAL", min=1, help="Its number in its phase.", show_default=False)
 ]
 FolderArgument = Annotated[
     Path, typer.Argument(metavar="DIR", help="The session's folder.", show_default="results/latest")
 ]
+TrainingOption = Annotated[bool, typer.Option("--training", help="A trial of training, not of estimation.")]
 ReasonOption = Annotated[str, typer.Option("--reason", help="Why, in words.", show_default=False)]
 LATEST = Path("results/latest")
 
@@ -29,13 +30,14 @@ def redo(
     folder: FolderArgument = LATEST,
     *,
     reason: ReasonOption,
+    training: TrainingOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Mark a trial that is to be done again: it does not count. Nothing is deleted.
 
     A session that goes on, or is resumed, does it again at its end, as another trial: that one counts.
     """
-    _decide("redo", trial, folder, reason, as_json=as_json)
+    _decide("redo", ("training" if training else "estimation", trial), folder, reason, as_json=as_json)
 
 
 def exclude(
@@ -43,27 +45,30 @@ def exclude(
     folder: FolderArgument = LATEST,
     *,
     reason: ReasonOption,
+    training: TrainingOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Exclude a trial: it does not count. Nothing is deleted."""
-    _decide("exclude", trial, folder, reason, as_json=as_json)
+    _decide("exclude", ("training" if training else "estimation", trial), folder, reason, as_json=as_json)
 
 
-def _decide(deed: Deed, trial: int, folder: Path, reason: str, *, as_json: bool) -> None:
+def _decide(deed: Deed, key: TrialKey, folder: Path, reason: str, *, as_json: bool) -> None:
     from palp_core.palpation.session.decided.audit import AUDIT, decide
     from palp_core.palpation.session.human.record import is_by_hand, read_human
     from palp_core.palpation.session.trials_csv import read_rows
 
     person = is_by_hand(folder)
-    known = {row.trial for row in (read_human(folder) if person else read_rows(folder))}
+    phase, trial = key
+    rows = read_human(folder) if person else read_rows(folder)
+    known = {row.trial for row in rows if row.phase == phase}
     if trial not in known:
         last = f"there are {min(known)} to {max(known)}" if known else "there is none yet"
-        raise PalpError(f"'{folder}' has no trial {trial}; {last}")
-    made = decide(folder, trial, deed, reason)
+        raise PalpError(f"'{folder}' has no {phase} trial {trial}; {last}")
+    made = decide(folder, key, deed, reason)
     if as_json:
         print_json(made)
         return
-    print_text(f"trial {trial}: {deed}: {made.reason} ({folder / AUDIT})")
+    print_text(f"{phase} trial {trial}: {deed}: {made.reason} ({folder / AUDIT})")
     if deed == "redo" and _goes_on(folder):
         note("while the session goes on, or is resumed, it is done again at the end, as another trial")
         return

@@ -156,16 +156,6 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
         }
 
     @property
-    def deliveries(self) -> dict[str, list[str]]:
-        """Inputs, each ``/<node>/<port>``, by how messages come to them: a name of the register's task."""
-        found: dict[str, list[str]] = {}
-        alike = "" if self.clock != "sim" else "composed" if self.composed else "lockstep"
-        for node, wires in self.readings.items():
-            for port, reading in wires.items():
-                found.setdefault(alike or reading.qos.reliability, []).append(f"/{node}/{port}")
-        return found
-
-    @property
     def unpublished(self) -> dict[str, list[str]]:
         """Topics that nobody publishes, with the optional inputs that are wired to them."""
         vacant = (name for spec in self.nodes for name in spec.vacant)

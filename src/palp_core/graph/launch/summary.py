@@ -24,8 +24,6 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
         params: Parameters of every node, by node; what was set while it ran is among the changes.
         publishes: Message type of each topic that a node publishes, by node.
         listens: Topics that each node reads, by node.
-        deliveries: Inputs by how messages came to them, a name of task ``delivery``; empty where nobody noted
-            it.
         clock_s: Time on the graph's clock.
         wall_s: Wall time from activation to the end.
         activation_count: How often a node was given work, in lockstep; None where nobody counted.
@@ -51,7 +49,6 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     params: dict[str, dict[str, Any]]
     publishes: dict[str, dict[str, str]]
     listens: dict[str, list[str]]
-    deliveries: dict[str, list[str]] = {}
     attached: dict[str, str] = {}
     exit_code: int = -1
     ended: str = "it did not say how it ended"
@@ -82,7 +79,6 @@ def summary_of(checked: CheckedGraph, path: Path, **outcome: Any) -> RunSummary:
         params={spec.name: spec.params for spec in checked.nodes},
         publishes=checked.publishes,
         listens=checked.listens,
-        deliveries=checked.deliveries,
         attached=checked.attached,
         composed=checked.composed,
         **outcome,

@@ -46,8 +46,8 @@ class DiagnosticStatus(Message):
     advice: str = ""
 
 
-class RefusedMethod(Message):
-    """A cheaper method that would not do, and why in words."""
+class CheaperMethod(Message):
+    """A cheaper method that was not taken, and why: its state in the register."""
 
     name: str
     why: str
@@ -71,7 +71,7 @@ class MethodUse(Message):
     bound: float = 0.0
     bounded: bool = False
     evidence: str = ""
-    refused: list[RefusedMethod] = []
+    cheaper: list[CheaperMethod] = []
     cost_s: Seconds = 0.0
     per: str = ""
     scene: str = "{}"

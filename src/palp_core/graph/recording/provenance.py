@@ -31,7 +31,6 @@ def launch_provenance(graph: CheckedGraph) -> dict[str, Any]:
             "params": {spec.name: spec.params for spec in graph.nodes},
             "publishes": graph.publishes,
             "listens": graph.listens,
-            "deliveries": graph.deliveries,
             "composed": graph.composed,
             "attached": graph.attached,
             "view": graph.view,

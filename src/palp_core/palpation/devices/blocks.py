@@ -1,48 +1,13 @@
 """How long a block of samples is: what it may be, and from where on it makes somebody wait.
 
 A sensor's samples travel in blocks, since a message costs the same for one sample as for fifty. What a block
-says is known when its last sample is there. The lengths, their costs and ages are task ``block`` of the
-register (:mod:`.block_methods`); the numbers stand here, where nodes read them without it.
+says is known when its last sample is there.
 """
 
 from typing import Literal, NamedTuple
 
 Stream = Literal["torque", "sweep", "emg", "load"]
 
-
-class Length(NamedTuple):
-    """A length of blocks that the register vouches for.
-
-    Attributes:
-        name: Its name there.
-        length_s: Time that a block spans, in s.
-        cost_s: CPU time of codec and sockets at both ends, for a sample of a stream of 1000 Hz, in s.
-        fails: What it is too long, or too short, for.
-        survivor: Name of the length to take there.
-    """
-
-    name: str
-    length_s: float
-    cost_s: float
-    fails: str
-    survivor: str = ""
-
-    def samples(self, rate_hz: float) -> int:
-        """Return how many samples a block has: as many as its time has, so that it is no longer."""
-        return max(1, int(self.length_s * rate_hz * (1.0 + 1e-9)))
-
-
-_WAITS = "what a sample says is known {} ms later"
-
-LENGTHS = (
-    Length("1s", 1.0, 3.0e-8, "what a sample says is known a second later", "50ms"),
-    Length("50ms", 0.05, 4.7e-7, _WAITS.format(50), "20ms"),
-    Length("20ms", 0.02, 1.1e-6, _WAITS.format(20), "10ms"),
-    Length("10ms", 0.01, 2.2e-6, _WAITS.format(10), "5ms"),
-    Length("5ms", 0.005, 4.5e-6, _WAITS.format(5), "1ms"),
-    Length("1ms", 0.001, 2.3e-5, "a message a sample: at 1000 Hz an eighth of a core for both ends"),
-)
-"""Cheapest first."""
 
 LONGEST_S = 1.0
 """No block is longer: of what came before, the estimator keeps a second for a sweep, the safety node for a
@@ -53,26 +18,24 @@ class Wanted(NamedTuple):
     """What a stream's reader needs.
 
     Attributes:
-        output: How its age is named in the register.
         age_s: How old a sample may be when it is acted upon, in s; assumed.
         under_way_s: On the wall clock, from a block's last sample to what comes of it, with a third over the
             longest that was seen. In simulated time it is nothing.
     """
 
-    output: str
     age_s: float
     under_way_s: float
 
 
 WANTED: dict[Stream, Wanted] = {
     # 27 ms were seen with blocks of 20, and the stage is long on its way back then
-    "torque": Wanted("age_s", 0.05, 0.0093),
+    "torque": Wanted(0.05, 0.0093),
     # torque that nobody acts upon before its sweep is over; no block is longer
-    "sweep": Wanted("age_s", LONGEST_S, 0.0093),
+    "sweep": Wanted(LONGEST_S, 0.0093),
     # the same way; a burst lasts tenths of a second
-    "emg": Wanted("age_s", 0.1, 0.0093),
+    "emg": Wanted(0.1, 0.0093),
     # 4.4 ms were seen with a report each 1 ms; wanted are 0.15 mm of a sweep at 20 mm/s
-    "load": Wanted("trip_s", 0.0075, 0.0046),
+    "load": Wanted(0.0075, 0.0046),
 }
 """By what travels in the blocks; what was seen is in docs/devices.md."""
 
@@ -90,7 +53,7 @@ def block_mistakes(block_samples: int, rate_hz: float) -> dict[str, str]:
     most = max(1, int(LONGEST_S * rate_hz))
     return {
         "block_samples": f"a block of {block_samples} samples at {rate_hz:g} Hz lasts {length_s:g} s, and "
-        f"what it says is known at its end; give {most} at most ({LONGEST_S:g} s; see: palp methods block)"
+        f"what it says is known at its end; give {most} at most ({LONGEST_S:g} s)"
     }
 
 
@@ -119,5 +82,5 @@ def late_blocks(stream: Stream, length_s: float, *, wall_clock: bool) -> str:
     age_s = wanted.age_s + length_s - most_s
     return (
         f"the {stream} comes in blocks of {length_s:.3g} s: a sample is up to {age_s:.3g} s old when it is "
-        f"acted upon, and {wanted.age_s:g} s are wanted; see: palp methods block"
+        f"acted upon, and {wanted.age_s:g} s are wanted"
     )

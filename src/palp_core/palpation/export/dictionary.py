@@ -57,7 +57,7 @@ _WHO = _of(
 )
 _WHAT = _of(
     ("phase", "text", "", "training, estimation, or a condition of the plan repeatability"),
-    ("trial", "integer", "1", "number of the trial, from 0, over all phases"),
+    ("trial", "integer", "1", "number of the trial in its phase, from 1"),
 )
 _TOUCHED = _of(
     ("phantom", "text", "", "code of the phantom"),
@@ -159,8 +159,7 @@ DICTIONARY: dict[str, tuple[ExportColumn, ...]] = {
     "human_trials": _of(
         ("subject", "text", "", "code of the subject"),
         ("phase", "text", "", "training, in which the depth is told, or estimation"),
-        ("trial", "integer", "1", "number of the trial, from 0, over both phases"),
-        ("number", "integer", "1", "number of the trial in its phase, from 1"),
+        ("trial", "integer", "1", "number of the trial in its phase, from 1"),
         ("attempt", "integer", "1", "from 1; what was spoilt is done again"),
         ("phantom", "text", "", "code of the phantom"),
         ("depth_m", "number", "m", "true depth of the nodule; missing where it is sealed"),
@@ -187,7 +186,7 @@ DICTIONARY: dict[str, tuple[ExportColumn, ...]] = {
         ("file", "text", "", "in the session's folder"),
         ("subject", "text", "", "code of the subject"),
         ("phase", "text", "", "rest, mvc (maximum voluntary contraction), training or estimation"),
-        ("trial", "integer", "1", "number of the trial; -1 of rest and mvc"),
+        ("trial", "integer", "1", "number of the trial in its phase; -1 of rest and mvc"),
         ("rate_hz", "number", "Hz", "samples a second"),
         ("samples", "integer", "1", "number of samples of each muscle"),
     ),

@@ -11,6 +11,7 @@ import numpy as np
 
 from palp_core.errors import PalpError
 from palp_core.palpation.export.tables import ExportTable, Values, joined, table_of
+from palp_core.palpation.session.decided.audit import TrialKey
 from palp_core.palpation.session.human.record import EMG, HumanRow
 from palp_core.units import Float64Array
 
@@ -61,7 +62,7 @@ def _read(folder: Path, file: str, subject: str, phase: str, trial: int) -> Huma
 
 
 def human_tables(
-    rows: Sequence[HumanRow], recordings: Sequence[HumanRecording], excluded: Mapping[int, str]
+    rows: Sequence[HumanRow], recordings: Sequence[HumanRecording], excluded: Mapping[TrialKey, str]
 ) -> tuple[ExportTable, ...]:
     """Return the tables.
 
@@ -91,10 +92,10 @@ def human_tables(
     )
 
 
-def _trial(row: HumanRow, recording: int, excluded: Mapping[int, str]) -> dict[str, Any]:
+def _trial(row: HumanRow, recording: int, excluded: Mapping[TrialKey, str]) -> dict[str, Any]:
     found: dict[str, Any] = {name: getattr(row, name) for name in row.__struct_fields__}
     answer_mm, spoilt = found.pop("answer_mm"), row.ended_by == "repeat"
-    why = "spoilt, and done again" if spoilt else excluded.get(row.trial, "")
+    why = "spoilt, and done again" if spoilt else excluded.get((row.phase, row.trial), "")
     return found | {
         "answer_m": None if answer_mm is None else answer_mm * 1e-3,
         "end_s": row.end_ns / 1e9,

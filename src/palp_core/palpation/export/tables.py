@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from palp_core.palpation.export.dictionary import FLAG_MISSING, ExportColumn, Kind, class_name, columns_of
 from palp_core.palpation.identification.emg.files import EmgFile
+from palp_core.palpation.session.decided.audit import TrialKey
 from palp_core.palpation.session.trials_csv import Row, read_sweep
 from palp_core.units import Float64Array
 
@@ -41,7 +42,7 @@ class ExportTable:
 
 
 def trials_table(
-    rows: Sequence[Row], depths_m: Sequence[float], subject: str, excluded: Mapping[int, str]
+    rows: Sequence[Row], depths_m: Sequence[float], subject: str, excluded: Mapping[TrialKey, str]
 ) -> ExportTable:
     """Return a row per trial.
 
@@ -57,13 +58,13 @@ def trials_table(
     )  # a grid is counted by what is taught
     records = [
         _trial(list(probes), classes_m, subject, excluded)
-        for _, probes in groupby(rows, key=lambda row: row.trial)
+        for _, probes in groupby(rows, key=lambda row: (row.phase, row.trial))
     ]
     return table_of("trials", depths_m, records)
 
 
 def _trial(
-    probes: Sequence[Row], classes_m: Sequence[float], subject: str, excluded: Mapping[int, str]
+    probes: Sequence[Row], classes_m: Sequence[float], subject: str, excluded: Mapping[TrialKey, str]
 ) -> dict[str, Any]:
     first, last = probes[0], probes[-1]
     estimate_m = last.estimate_m
@@ -84,8 +85,8 @@ def _trial(
         "seed": last.seed,
         "start_s": _seconds(first.start_ns),
         "end_s": _seconds(last.end_ns),
-        "excluded": first.trial in excluded,
-        "excluded_why": excluded.get(first.trial, ""),
+        "excluded": (first.phase, first.trial) in excluded,
+        "excluded_why": excluded.get((first.phase, first.trial), ""),
     }
 
 

@@ -17,7 +17,7 @@ HARMLESS = Harmless(
         "RingState": (WHOLE,),
         "Mount": (WHOLE,),
         "Prompt": (WHOLE,),  # which phantom to put on, by its code
-        "Trial": ("stamp_ns", "trial", "phase"),
+        "Trial": ("stamp_ns", "trial", "phase", "number"),
         "TrialResult": ("stamp_ns", "trial", "probe_count", "verdict"),
         "Progress": ("stamp_ns", "phase", "done_count", "total_count"),
         "EmgBlock": (WHOLE,),

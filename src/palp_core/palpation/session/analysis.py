@@ -10,9 +10,10 @@ import numpy as np
 
 from palp_core.counted import counted
 from palp_core.errors import PalpError
-from palp_core.methods import methods as declared
+from palp_core.methods import names as names_of
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.belief.rig_noise import RigNoise
+from palp_core.palpation.perception.signal.smoothers import SMOOTHERS
 from palp_core.palpation.perception.statistics import statistics
 from palp_core.palpation.perception.statistics.resampling import (
     SessionMean,
@@ -41,12 +42,12 @@ def combinations(
     depth_count: int = 0,
     trace_filter: str = "",
 ) -> list[Methods]:
-    """Return every combination of names given with commas; ``all`` stands for every declared one.
+    """Return every combination of names given with commas; ``all`` stands for every one.
 
     With a ``trace_filter`` whole traces are read, and only it and the stop rules are combined.
 
     Raises:
-        MethodError: A name is not declared.
+        MethodError: There is no method of a name.
     """
     more = {"stop_value": stop_value, "max_probes": max_probes, "depth_count": depth_count}
     if trace_filter:
@@ -63,7 +64,7 @@ def combinations(
 
 def _named(task: str, said: str) -> list[str]:
     if said == "all":
-        return [one.name for one in declared(task)]
+        return list(SMOOTHERS) if task == "smoother" else names_of(task)
     return [word.strip() for word in said.split(",") if word.strip()]
 
 

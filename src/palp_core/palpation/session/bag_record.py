@@ -188,10 +188,13 @@ class _Contents:
                 if self._damage
                 else "the bag ends before the session does"
             )
-        last: dict[int, int] = {}
+        last: dict[tuple[str, int], int] = {}
         for row in rows:
-            last[row.trial] = max(last.get(row.trial, 0), row.iteration)
-        lacking = sum(last.values()) - len(rows) + max(last) + 1 - len(last)
+            key = row.phase, row.trial
+            last[key] = max(last.get(key, 0), row.iteration)
+        trials = dict(sorted(last))  # of each phase the last one's number
+        lacking = sum(last.values()) - len(rows) + sum(trials.values()) - len(last)
+        lacking += "estimation" in trials and "training" not in trials  # which comes first
         return (
             f"the bag lacks at least {counted(lacking, 'palpation')}: it begins later, or messages "
             "are missing, which "
@@ -251,6 +254,7 @@ class _Facts:
     code: str = ""
     remount: int = -1
     trial: int = -1
+    number: int = 0
     depth_m: float = 0.0
     true_ring_m: float | None = None
     true_height_m: float | None = None
@@ -286,7 +290,7 @@ class _Retold:
                 facts.code, facts.remount, facts.touch_changed = value.code, value.remount, True
                 facts.depth_m, facts.true_height_m = value.depth_m, value.height_offset_m
             case "Trial":
-                facts.trial, facts.phase = value.trial, value.phase
+                facts.trial, facts.number, facts.phase = value.trial, value.number, value.phase
             case "RingState":
                 facts.ring_landed |= value.rehome
                 facts.touch_changed |= not value.settled and facts.true_ring_m is None

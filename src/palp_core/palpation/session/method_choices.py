@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated, Any
 
 import msgspec
 
-from palp_core.methods import Candidate, Method, MethodChoice, Quantities, Task, choose, methods, names, weigh
+from palp_core.methods import (
+    Candidate,
+    Method,
+    MethodChoice,
+    Quantities,
+    Task,
+    choose,
+    methods,
+    names,
+    tasks,
+    weigh,
+)
 from palp_core.methods import task as task_of
+from palp_core.methods.choice import CHOSEN, DEFAULT
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.scene import Scene, motion_output
 from palp_core.palpation.nano17 import RESOLUTION_N_M
@@ -37,30 +49,19 @@ PUBLISHED: Mapping[str, float] = {
     "slope_error": 0.2,
     "texture_sd_n_m": 0.0002,
     "bin_m": 0.002,
-    "live": 1.0,
-    "window_s": 0.15,
-    "burst_distance_s": 0.4,
-    "relax_share": 0.5,
-    "session_count": 20.0,
-    "session_sd": 1.0,
-    "paired_sd": 1.0,
-    "wall_clock": 1.0,
-    "process_count": 10.0,
-    "array_bytes": 160.0,
 }
 """What methods that are not of the mechanics may know of a session, beside its scene, SI.
 
 Published: ``class_count`` depths told apart, each ``class_ratio`` times the next; ``training_count``
 palpations a cell; ``ring_sd_m`` of a landing (+-0.3 mm, read as uniform); ``stiffest_m``, the largest ring
 position; ``sample_hz``. Simulated: ``class_gap_sd``, the least distance of depths at that ring over a
-reading's spread; logits of being right spread over sessions by ``session_sd``, those of two policies by
-``paired_sd`` more. Assumed: ``height_sd_m`` of a mounting; ``noise_n_m`` of a torque sample, a step of the
+reading's spread. Assumed: ``height_sd_m`` of a mounting; ``noise_n_m`` of a torque sample, a step of the
 sensor's resolution; ``probe_count`` palpations a trial at most; ``outlier_share`` of readings; from
-``trace_height_sd_m`` to ``texture_sd_n_m`` what a filter of whole traces is told; a person
-relaxes by ``relax_share`` of a level; the RMS of EMG is over ``window_s``, bursts ``burst_distance_s`` apart;
-sessions are compared ``session_count`` at a time, as in the README's table. ``live`` is 1 where methods work
-while it is measured, 0 on recordings. The graph is ten processes on the wall clock, blocks have 20 samples.
+``trace_height_sd_m`` to ``texture_sd_n_m`` what a filter of whole traces allows for.
 """
+
+AUTO = "auto"
+"""In place of a method's name: let the register choose."""
 
 _OF_THE_SCENE = ("contact", "motion")  # whose output and tolerance are what the scene asks for
 
@@ -73,18 +74,28 @@ class TaskChoice:
         task: The task.
         output: What must be right.
         tolerance: How right.
-        candidates: Every method, cheapest first; one is marked as chosen, if any is good enough or asked for.
+        candidates: Every method, cheapest first; one is marked as chosen, if any is accurate enough or asked
+            for, and the launch file's default as :data:`.DEFAULT` where it is another.
+        default: What ``launch/sim.yaml`` takes, :data:`AUTO` where that is the choice.
     """
 
     task: Task
     output: str
     tolerance: float
     candidates: tuple[Candidate, ...]
+    default: str = AUTO
 
     @property
     def chosen(self) -> Candidate | None:
-        """The method that is used; None where none is good enough and none was asked for."""
-        return next((one for one in self.candidates if one.mark == "chosen"), None)
+        """The method that is used; None where none is accurate enough and none was asked for."""
+        return next((one for one in self.candidates if one.mark == CHOSEN), None)
+
+    @property
+    def points(self) -> float | None:
+        """Error of the default less that of the chosen method, in percentage points; None if not stated."""
+        of = {one.mark: one.bound for one in self.candidates}
+        default, chosen = of.get(DEFAULT), of.get(CHOSEN)
+        return None if default is None or chosen is None else 100.0 * (default - chosen)
 
     def declared(self) -> list[tuple[Method, Candidate]]:
         """Return every method as declared, with what it offers here."""
@@ -103,7 +114,7 @@ def session_quantities(scene: Scene, given: Mapping[str, float] = PUBLISHED) -> 
 
 
 def choose_for(
-    task: Task, scene: Scene, *, asked: str = "", given: Mapping[str, float] = PUBLISHED
+    task: Task, scene: Scene, *, asked: str = "", given: Mapping[str, float] = PUBLISHED, default: str = AUTO
 ) -> TaskChoice:
     """Return what a task comes to in a session.
 
@@ -113,6 +124,7 @@ def choose_for(
             tasks have their own.
         asked: Name of the method that the launch file gives, if it does.
         given: See :data:`PUBLISHED`.
+        default: See :func:`launch_defaults`.
 
     Raises:
         MethodError: There is no method of the name asked for.
@@ -120,11 +132,20 @@ def choose_for(
     output, tolerance, uses = _needed(task, scene)
     quantities = session_quantities(scene, given)
     candidates = weigh(task.name, output, tolerance, quantities, asked=asked, uses=uses)
-    return TaskChoice(task, output, tolerance, candidates)
+    marked = (
+        replace(one, mark=DEFAULT) if one.name == default and one.mark != CHOSEN else one
+        for one in candidates
+    )
+    return TaskChoice(task, output, tolerance, tuple(marked), default)
 
 
-AUTO = "auto"
-"""In place of a method's name: let the register choose."""
+def launch_defaults() -> dict[str, str]:
+    """Return what ``launch/sim.yaml`` takes for each task that has an argument there: a name, or ``auto``."""
+    from palp_core.graph.description.file_reader import read
+    from palp_core.graph.workspaces.underlays import launch_path
+
+    arguments = read(launch_path("rig:sim.yaml")).arguments
+    return {one.name: str(arguments[one.name].default) for one in tasks() if one.name in arguments}
 
 
 def chosen_method(

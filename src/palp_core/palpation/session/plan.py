@@ -9,6 +9,7 @@ plan::
 """
 
 import itertools
+from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -54,7 +55,8 @@ class BeginTrial:
     """Begin a trial: forget the belief.
 
     Attributes:
-        index: Number of the trial, from 0, over both phases.
+        index: Place of the trial in the session, from 0, over all phases; messages are matched by it.
+        number: Number of the trial in its phase, from 1: what people are shown and name.
         phase: ``training``, ``estimation``, or a condition of another plan.
         phantom: Code of the mounted phantom.
         label_known: Whether the depth may be told: in training only.
@@ -62,6 +64,7 @@ class BeginTrial:
     """
 
     index: int
+    number: int
     phase: Phase
     phantom: str
     label_known: bool
@@ -190,7 +193,7 @@ def experiment(
     Raises:
         PerceptionError: A reply does not fit its step.
     """
-    index = 0
+    numbers: Counter[str] = Counter()
     homed: tuple[str, float] | None = None
     for phase, phantom, rings_m in _mountings(design, rng):
         yield from _done(MountPhantom(phantom.code))
@@ -198,24 +201,30 @@ def experiment(
             condition = (phase + phantom.code, ring_m)
             homes = design.rehome == "trial" or (design.rehome == "condition" and condition != homed)
             homed = condition
-            yield from _trial(design, index, phase, phantom, ring_m, homes=homes)
-            index += 1
+            yield from _trial(design, numbers, phase, phantom, ring_m, homes=homes)
     by_code = {phantom.code: phantom for phantom in design.phantoms}
     for place in itertools.count():
         if place == len(again):  # asked anew each time: a mark may have come meanwhile
             return
         phantom = by_code[again[place][1]]
         yield from _done(MountPhantom(phantom.code))
-        yield from _trial(design, index, "estimation", phantom, 0.0, homes=design.rehome != "never")
-        index += 1
+        yield from _trial(design, numbers, "estimation", phantom, 0.0, homes=design.rehome != "never")
 
 
 def _trial(
-    design: ExperimentDesign, index: int, phase: Phase, phantom: PlannedPhantom, ring_m: float, *, homes: bool
+    design: ExperimentDesign,
+    numbers: Counter[str],
+    phase: Phase,
+    phantom: PlannedPhantom,
+    ring_m: float,
+    *,
+    homes: bool,
 ) -> Plan:
-    """Yield the steps of a trial, before which the ring is homed if ``homes``."""
-    training = phase == "training"
-    yield from _done(BeginTrial(index, phase, phantom.code, training, phantom.depth_m if training else 0.0))
+    """Yield the steps of a trial and count it; before it the ring is homed if ``homes``."""
+    index, training = numbers.total(), phase == "training"
+    numbers[phase] += 1
+    depth_m = phantom.depth_m if training else 0.0
+    yield from _done(BeginTrial(index, numbers[phase], phase, phantom.code, training, depth_m))
     if homes and design.rehome != "palpation":
         yield from _done(Rehome())
     iteration, word = 1, "continue"
@@ -226,7 +235,9 @@ def _trial(
         if word not in (
             ("done", "failed") if training else ("continue", "decided", "undecided", "dropped", "failed")
         ):
-            raise PerceptionError(f"palpation {iteration} of {phase} trial {index} was answered '{word}'")
+            raise PerceptionError(
+                f"palpation {iteration} of {phase} trial {numbers[phase]} was answered '{word}'"
+            )
         iteration += word != "failed"
 
 

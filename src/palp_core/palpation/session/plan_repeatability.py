@@ -5,6 +5,7 @@ remounted and the ring left alone (``remount``), and before and after a wait (``
 what differs between groups of a condition, and not within, is what the condition did.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -72,8 +73,11 @@ def repeatability(design: RepeatDesign) -> Plan:
     Raises:
         PerceptionError: A step is not answered ``done``, or ``failed`` where a sweep is to be repeated.
     """
+    numbers: Counter[str] = Counter()
     for index, (before, phase, ring_m, count) in enumerate(_groups(design)):
-        for step in (*before, BeginTrial(index, phase, design.phantom, label_known=False, label_m=0.0)):
+        numbers[phase] += 1
+        begin = BeginTrial(index, numbers[phase], phase, design.phantom, label_known=False, label_m=0.0)
+        for step in (*before, begin):
             yield from _until_done(step)
         for iteration in range(1, count + 1):
             yield from _until_done(Palpate(index, iteration, ring_given=True, ring_m=ring_m))

@@ -27,10 +27,10 @@ from palp_core.units import Float64Array
 
 @dataclass(frozen=True)
 class Methods:
-    """Which methods; each a name of the register.
+    """Which methods, by name.
 
     Attributes:
-        smoother: Task ``smoother``.
+        smoother: Of :data:`.SMOOTHERS`.
         feature: Task ``feature``.
         filter: Task ``filter``: ``naive``, eq. (7), or one that knows what stays.
         likelihood: Task ``likelihood``; of the naive filter.
@@ -53,7 +53,8 @@ class Methods:
     trace_filter: str = ""
 
     def __post_init__(self) -> None:
-        for task in ("smoother", "feature", "filter", "likelihood", "stop"):
+        smoother(self.smoother)
+        for task in ("feature", "filter", "likelihood", "stop"):
             find(task, getattr(self, task))
         if self.trace_filter:
             find("trace_filter", self.trace_filter)

@@ -13,7 +13,7 @@ import numpy as np
 from palp_core.errors import PalpError, PerceptionError, in_words
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
-from palp_core.palpation.session.decided.audit import left_out
+from palp_core.palpation.session.decided.audit import TrialKey, left_out
 from palp_core.palpation.session.decided.blind import refuse_blinded, still_blinded
 from palp_core.palpation.session.trials_csv import Row, read_rows
 from palp_core.units import Float64Array
@@ -68,7 +68,7 @@ class RecordedSession:
         trials: Trials of estimation that came to a verdict.
         unfinished_count: Trials of estimation without one: the record ends within them.
         dropped: Trials that ended without one, as the ring stood at an untrained position.
-        left_out: Why trials do not count that were excluded, or are to be done again, by number.
+        left_out: Why trials do not count that were excluded, or are to be done again, by phase and number.
         grid_count: Number of depths the beliefs were about where that was a grid, else 0. What was believed
             of a depth of the grid is counted to the class nearest to it.
     """
@@ -81,12 +81,14 @@ class RecordedSession:
     unfinished_count: int
     grid_count: int = 0
     dropped: tuple[RecordedTrial, ...] = ()
-    left_out: Mapping[int, str] = field(default_factory=dict)
+    left_out: Mapping[TrialKey, str] = field(default_factory=dict)
 
     @property
     def left_out_count(self) -> int:
         """How many trials of estimation the decisions leave out."""
-        return len({row.trial for row in self.rows if row.phase == "estimation"} & {*self.left_out})
+        return len(
+            {(row.phase, row.trial) for row in self.rows if row.phase == "estimation"} & {*self.left_out}
+        )
 
     @property
     def training(self) -> list[Row]:
@@ -147,7 +149,7 @@ def read_session(out: str | Path, rows: Sequence[Row] | None = None) -> Recorded
     every = [
         trial
         for trial in _trials(rows, counted, believed_m, depths_m)
-        if trial.probes[0].trial not in decided
+        if (trial.probes[0].phase, trial.probes[0].trial) not in decided
     ]
     ended = tuple(trial for trial in every if trial.verdict in ("decided", "undecided"))
     dropped = tuple(trial for trial in every if trial.verdict == "dropped")

@@ -136,7 +136,7 @@ def read_sweeps(path: Path) -> RecordedSweeps:
 def _of_record(folder: Path) -> Iterator[RecordedSweep]:
     decided = left_out(folder)
     for row in read_rows(folder):
-        if row.trial in decided:
+        if (row.phase, row.trial) in decided:
             continue
         torque_n_m, rate_hz = read_sweep(folder, row.row)
         yield RecordedSweep(
@@ -223,7 +223,7 @@ def _of_bag(path: Path) -> Iterator[RecordedSweep]:
                 landed = (homed or value.ring_m != ring_m) if told else None
                 homed, ring_m = False, value.ring_m
                 yield RecordedSweep(
-                    trial.phase, code, value.trial, value.iteration, remount, depths.get(code), value.ring_m,
+                    trial.phase, code, trial.number, value.iteration, remount, depths.get(code), value.ring_m,
                     value.torque_n_m, value.rate_hz, landed, value.start_ns, *over, terms,
                 )  # fmt: skip
 

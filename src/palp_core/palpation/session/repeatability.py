@@ -109,7 +109,7 @@ def _groups(
     """Return readings by condition and ring, a group per trial."""
     found: dict[tuple[str, float], list[Float64Array]] = {}
     pairs = list(zip(sweeps, values.tolist(), strict=True))
-    for _, group in groupby(pairs, key=lambda pair: pair[0].trial):
+    for _, group in groupby(pairs, key=lambda pair: (pair[0].phase, pair[0].trial)):
         members = list(group)
         first = members[0][0]
         found.setdefault((first.phase, first.ring_m), []).append(np.array([v for _, v in members]))

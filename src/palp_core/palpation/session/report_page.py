@@ -91,7 +91,7 @@ def write_report(
         changes=[_change_row(one) for one in result.get("changes", ())],
         rig=_rig(result),
         trials=[_trial_row(trial) for trial in trials],
-        methods=paragraphs([*result["methods"], *result["deliveries"]]),
+        methods=paragraphs(result["methods"]),
         published=FIXED,
         human_strategy=HUMAN_STRATEGY_TEXT,
         confusion={

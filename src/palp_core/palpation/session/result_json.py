@@ -27,7 +27,7 @@ from palp_core.palpation.perception.belief.stopping import stop_rule
 from palp_core.palpation.perception.statistics import statistics
 from palp_core.palpation.perception.strategy.trained_rings import PUBLISHED, rings_of
 from palp_core.palpation.session.method_choices import AUTO
-from palp_core.palpation.session.methods.record import deliveries_of, methods_of, unsaid
+from palp_core.palpation.session.methods.record import methods_of, unsaid
 from palp_core.palpation.session.methods.text import reason
 from palp_core.palpation.session.methods.used import rig_of, rig_uses
 from palp_core.palpation.session.parameter_basis import SCENE, basis_of
@@ -48,7 +48,6 @@ if TYPE_CHECKING:
 TIME_KEYS = (
     "began",
     "composed",
-    "deliveries",
     "launch_file",
     "out",
     "palpations_per_wall_s",
@@ -93,7 +92,11 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
         "trials_unfinished": session.unfinished_count,
         "unfinished": how_far(session, summary, roles),
         "trials_dropped": [_dropped(trial) for trial in session.dropped],
-        **({"left_out": {str(k): v for k, v in session.left_out.items()}} if session.left_out else {}),
+        **(
+            {"left_out": {f"{phase} {trial}": why for (phase, trial), why in session.left_out.items()}}
+            if session.left_out
+            else {}
+        ),
         "mounts": {phase: _mounts(session, phase) for phase in ("training", "estimation")},
         "accuracy": {
             "overall": _accuracy(trials),
@@ -114,7 +117,6 @@ def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
         "mechanics": _mechanics(summary, roles, session) if roles.touch_simulated else None,
         **_world(summary),
         "methods": methods_of(summary, session.rows),
-        "deliveries": deliveries_of(summary, session.rows),
         "methods_unsaid": unsaid(summary, session.rows),
         "roles": dict(roles.node),
         "protocol": _protocol(summary, roles, by_hand=bool(by_hand)),

@@ -49,6 +49,8 @@ _log = logging.getLogger("palp")
 class Row(msgspec.Struct, frozen=True, kw_only=True):
     """One palpation; SI units. ``posterior`` and ``gain`` are empty in training.
 
+    ``trial`` is the number of the trial in its phase, from 1.
+
     ``true_ring_m`` and ``true_height_m``, the mounting's offset, are what only a simulation can know; None
     where nobody told. ``landed``: whether the ring was moved or re-homed since the palpation before.
     ``guards``: what the simulated sweep met in which its contact model may be wrong, in words. ``enter_ns``
@@ -102,7 +104,7 @@ class RowFacts(Protocol):
     phase: str
     code: str
     remount: int
-    trial: int
+    number: int
     depth_m: float
     true_ring_m: float | None
     true_height_m: float | None
@@ -133,7 +135,7 @@ def row_of(facts: RowFacts, palpation: Any, belief: Any, *, policy: str, seed: i
         phase=facts.phase,
         phantom=facts.code,
         remount=facts.remount,
-        trial=facts.trial,
+        trial=facts.number,
         depth_m=facts.depth_m,
         iteration=palpation.iteration,
         ring_m=palpation.ring_m,

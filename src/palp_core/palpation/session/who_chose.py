@@ -38,16 +38,15 @@ def swapped_by_hand(rows: Sequence[Row], swaps: str) -> list[dict[str, Any]]:
         its first ``palpation`` there, and when that one's sweep began, ``at_s``, on the graph's clock.
     """
     found: list[dict[str, Any]] = []
-    by_plan, due, numbers = planned(swaps), "", dict[int, int]()
+    by_plan, due = planned(swaps), ""
     before = rows[0].session.rpartition("-")[0] if rows else ""  # the policy with which the session began
     for row in sorted((row for row in rows if row.phase == "estimation"), key=lambda row: row.row):
-        number = numbers.setdefault(row.trial, len(numbers) + 1)
         if row.policy not in (before, due):
             at_s = round(row.start_ns / 1e9, 3)
-            found.append({"policy": row.policy, "trial": number, "palpation": row.iteration, "at_s": at_s})
+            found.append({"policy": row.policy, "trial": row.trial, "palpation": row.iteration, "at_s": at_s})
         before, due = row.policy, ""
-        if row.iteration == 1 and number in by_plan:  # it goes on with the trial that the other one began
-            due = policy_name(by_plan[number])
+        if row.iteration == 1 and row.trial in by_plan:  # it goes on with the trial that the other one began
+            due = policy_name(by_plan[row.trial])
     return found
 
 

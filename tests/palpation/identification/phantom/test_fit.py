@@ -153,7 +153,9 @@ def bag_of(folder: Path, sweeps: Sequence[RecordedSweep], *, truth: bool) -> Pat
             rung="l4",
             bound=0.005,
         )
-        told = Trial(stamp_ns=trial, trial=trial, phase="stay", code="", label_known=False, depth_m=0.0)
+        told = Trial(
+            stamp_ns=trial, trial=trial, number=1, phase="stay", code="", label_known=False, depth_m=0.0
+        )
         felt = Palpation(
             stamp_ns=trial,
             trial=trial,

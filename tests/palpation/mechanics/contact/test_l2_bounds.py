@@ -113,6 +113,6 @@ def test_a_path_that_ends_on_the_bead_has_no_contrast_to_vouch_for() -> None:
         path=StagePath(from_m=-0.01, to_m=0.05), tolerance=Tolerance(output="contrast", relative=0.3)
     )
     assert near.path.margin_m == 0.01
-    with pytest.raises(MethodError, match="vouches for no 'contrast'"):
+    with pytest.raises(MethodError, match="no error bound for 'contrast'"):
         choose_rung(near)
     assert StagePath(from_m=0.05, to_m=0.02).margin_m == -0.02

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palp_core.errors import MechanicsError, MethodError, OutOfRange
-from palp_core.methods import find, methods
+from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.palpation.mechanics import Bead, LayeredHertz, Phantom, Probe, equilibria, sweep
 from palp_core.palpation.mechanics.equilibrium.joint import Joint
 from palp_core.palpation.mechanics.equilibrium.roots import bracketed_newton, inverse_guess, polish
@@ -124,14 +123,3 @@ def test_inverse_interpolation_is_exact_for_straight_lines() -> None:
     grid = np.linspace(0.0, 1.0, 11)
     values = np.stack([grid - 0.237, 3.0 * (grid - 0.91), grid - 0.003])
     assert np.allclose(inverse_guess(values, np.array([2, 9, 0]), np.float64(0.1)), [0.237, 0.91, 0.003])
-
-
-def test_only_the_survivor_vouches_for_the_followed_angle_and_every_other_names_it() -> None:
-    names = {one.name for one in methods("equilibrium")}
-    assert names == {"bracketed_newton", "brentq", "plain_newton", "fixed_point", "lagged_force"}
-    for name in names - {"bracketed_newton"}:
-        declared = find("equilibrium", name)
-        assert declared.survivor == "bracketed_newton"
-        assert declared.fails
-    with pytest.raises(MethodError):
-        find("equilibrium", "hope")

@@ -8,7 +8,6 @@ import pytest
 from palp_core.palpation.mechanics import LayeredHertz, Phantom, Probe, sweep
 from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics, simulate
 from palp_core.palpation.mechanics.equilibrium.friction import (
-    coulomb_explicit,
     coulomb_implicit,
     tanh_explicit,
 )
@@ -48,11 +47,6 @@ def chatter(law, step_s: float) -> float:  # type: ignore[no-untyped-def]
 def test_a_smooth_law_is_quiet_at_a_third_of_its_limit_and_chatters_past_it() -> None:
     assert chatter(tanh_explicit, unit_s() / 3.0) < 0.2
     assert chatter(tanh_explicit, 1.5 * unit_s()) > 1.0
-
-
-@pytest.mark.parametrize("share", [0.05, 1.0])
-def test_coulombs_law_by_the_sign_of_the_last_slip_chatters_at_any_step(share: float) -> None:
-    assert chatter(coulomb_explicit, share * unit_s()) > 0.2
 
 
 @pytest.mark.parametrize("share", [0.05, 1.0, 20.0])

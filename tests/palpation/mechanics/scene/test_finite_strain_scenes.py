@@ -72,21 +72,24 @@ def test_small_strain_is_asked_for_by_default_and_is_what_it_was() -> None:
 @pytest.mark.parametrize(
     ("scene", "words"),
     [
-        (asking("contrast", 0.05, 0.002), r"l5 vouches for no 'finite_contrast' here \(pressed_share = "),
-        (asking("separation", 0.5), "l5 vouches for no 'finite_separation' here"),
-        (asking("contrast", 0.001), "l5 is within 2.0% only"),
+        (
+            asking("contrast", 0.05, 0.002),
+            r"l5 \(not available here: no error bound for 'finite_contrast': pressed_share = ",
+        ),
+        (asking("separation", 0.5), "no error bound for 'finite_separation'"),
+        (asking("contrast", 0.001), r"l5 \(not accurate enough: within 2.0% only"),
         (
             Scene(phantom=Phantom(), tolerance=Tolerance(output="contrast", relative=0.3, strain="finite")),
-            "l5 vouches for no 'finite_contrast' here",
+            r"l5 \(not available here: no error bound for 'finite_contrast'",
         ),
         (
             replace(asking("peak", 0.05), probe=Probe(tip_radius_m=0.009)),
-            "l4 vouches for no 'finite_peak' here",
+            r"l4 \(not available here: no error bound for 'finite_peak'",
         ),
     ],
     ids=["too-deep", "no-such-bound", "too-tight", "no-bead", "another-ball"],
 )
-def test_what_no_rung_vouches_for_is_refused_in_words(scene: Scene, words: str) -> None:
+def test_a_tolerance_that_no_rung_keeps_is_refused_with_why(scene: Scene, words: str) -> None:
     with pytest.raises(MethodError, match=words):
         choose_rung(scene)
 
@@ -182,3 +185,9 @@ def test_a_chosen_rung_answers_and_is_as_right_as_it_says() -> None:
         assert answer_error(given, true, scene) <= choice.bound <= scene.tolerance.relative, scene
         chosen.append(choice.rung)
     assert {"l2", "l5"} <= set(chosen)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("offset_m", "bound"), [(0.0, 0.01), (0.004, None)])
+def test_a_bound_on_the_axis_counts_only_there(offset_m: float, bound: float | None) -> None:
+    assert force_table(Scene(), "l5", [offset_m], [0.001]).bound == bound

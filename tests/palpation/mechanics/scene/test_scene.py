@@ -70,7 +70,7 @@ def test_contrast_over_a_deep_bead_climbs() -> None:
     scene = Phantom(bead=Bead(depth_m=0.008)).scene()
     choice = choose("contact", "contrast", 0.1, scene)
     assert choice.method.name == "l4"
-    assert "l2 is within" in choice.reason
+    assert "l2 (not accurate enough: within" in choice.reason
 
 
 @pytest.mark.parametrize(
@@ -92,8 +92,10 @@ def test_one_ring_outside_a_bound_is_enough_to_climb() -> None:
     assert choose_rung(Scene(ring_m=(0.0, 0.016), tolerance=asked)).rung != "l2"
 
 
-def test_where_no_rung_is_good_enough_the_refusal_says_what_each_vouches_for() -> None:
-    with pytest.raises(MethodError, match=r"l2 vouches for no 'peak' here.*relax the tolerance"):
+def test_where_no_rung_is_good_enough_the_refusal_has_the_state_of_each() -> None:
+    with pytest.raises(
+        MethodError, match=r"l2 \(not available here: no error bound for 'peak'.*relax the tolerance"
+    ):
         choose_rung(Scene(phantom=Phantom(poisson=0.2, bead=Bead(depth_m=0.004))))
 
 
@@ -122,7 +124,10 @@ def test_a_fast_sweep_has_inertia_and_a_slow_one_does_without() -> None:
     assert choose_rung(Scene()).motion.name == "quasi_static"
     fast = choose_rung(Scene(path=StagePath(speed_m_s=0.3))).motion
     assert (fast.name, fast.bound) == ("dynamic", 0.015)
-    assert "quasi_static vouches for no 'peak' here (speed_m_s = 0.3 is not in [0, 0.1])" in fast.reason
+    assert (
+        "quasi_static (not available here: no error bound for 'peak': speed_m_s = 0.3 is not in [0, 0.1]"
+        in fast.reason
+    )
     neither = choose_rung(Scene(tolerance=Tolerance(relative=1e-3)), "l4").motion
     assert (neither.name, neither.asked) == ("quasi_static", True)
 
@@ -285,5 +290,5 @@ def test_a_scene_too_fast_for_either_joint_says_that_inertia_is_left_out() -> No
     path = StagePath(speed_m_s=3.0)  # beyond what the dynamic joint is stated for
     run = run_scene(Scene(path=path, ring_m=(0.004,)))
     assert run.choice.motion.name == "quasi_static"
-    assert any(words.startswith("inertia: quasi_static vouches for no 'peak'") for words in run.guards)
+    assert any(words.startswith("inertia: quasi_static: no error bound for 'peak'") for words in run.guards)
     assert not any("inertia" in words for words in run_scene(Scene(ring_m=(0.004,))).guards)

@@ -36,7 +36,7 @@ def test_explain_says_rung_bound_evidence_cost_and_what_was_refused(file: str) -
         "evidence:",
         "cost:",
         "motion:",
-        "valid: is within 2.0%, but dearer",
+        "accurate enough, but more expensive",
     ):
         assert words in result.output
     told = json.loads(CliRunner().invoke(scene.app, ["explain", file, "--json"]).output)

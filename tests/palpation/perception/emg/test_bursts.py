@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import find
 from palp_core.palpation.perception.emg.bursts import Burst, BurstRule, BurstState, Found
 from palp_core.palpation.perception.emg.peaks import EmgPeak
 from palp_core.palpation.perception.emg.settings import BURSTS, BurstSettings
@@ -203,10 +202,6 @@ def test_a_burst_that_is_open_at_either_end_counts_and_an_empty_recording_has_no
     assert (burst.begin, burst.end) == (0, 999)
     assert rule.whole(np.array([])) == Found((), ())
     assert rule.whole(np.full(1000, 0.01)) == Found((), ())
-
-
-def test_the_rule_is_in_the_register() -> None:
-    assert find("burst", "two_thresholds").target is BurstRule
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 from scipy.signal import find_peaks
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import names
-from palp_core.palpation.perception.emg.peaks import EmgPeak, PeakFinder, PeakState, distance_first
+from palp_core.palpation.perception.emg.peaks import EmgPeak, PeakFinder, PeakState
 
 
 def _signal(seed: int, n: int) -> np.ndarray:
@@ -76,14 +75,6 @@ def test_a_flat_top_counts_once_at_its_middle() -> None:
 def test_the_ends_of_a_recording_are_no_bursts() -> None:
     assert PeakFinder(1.0).whole(np.array([0.5, 0.2, 0.0, 0.2, 0.5])) == []
     assert PeakFinder(1.0).whole(np.array([])) == []
-
-
-def test_both_rules_are_in_the_register_and_agree_on_clear_peaks() -> None:
-    assert {"distance_first", "prominence_first"} < set(names("burst"))
-    t = np.arange(600) / 100.0
-    values = 0.3 * np.sin(np.pi * t) ** 2
-    rule = PeakFinder(100.0)
-    assert [b.index for b in distance_first(rule, values)] == [b.index for b in rule.whole(values)]
 
 
 def test_bad_settings_and_values_are_refused() -> None:

@@ -2,10 +2,13 @@ import numpy as np
 import pytest
 
 from palp_core.errors import MethodError, PerceptionError
-from palp_core.methods import methods
-from palp_core.palpation.perception.signal.smoothers import LowPass, SavitzkyGolay, Smoother, smoother
-
-NAMES = ["db10_soft", "db10_approximation", "savitzky_golay", "low_pass", "none"]
+from palp_core.palpation.perception.signal.smoothers import (
+    SMOOTHERS,
+    LowPass,
+    SavitzkyGolay,
+    Smoother,
+    smoother,
+)
 
 
 def bump(count: int = 3000) -> np.ndarray:
@@ -13,13 +16,12 @@ def bump(count: int = 3000) -> np.ndarray:
     return np.asarray(0.02 + 0.01 * np.exp(-0.5 * ((t - count / 2) / 150.0) ** 2))
 
 
-def test_every_smoother_is_declared() -> None:
-    assert {one.name for one in methods("smoother")} == set(NAMES)
-    with pytest.raises(MethodError, match="savitzky_golay"):
+def test_an_unknown_smoother_is_refused_with_those_there_are() -> None:
+    with pytest.raises(MethodError, match=", ".join(SMOOTHERS)):
         smoother("median")
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", SMOOTHERS)
 def test_the_bump_stays_in_its_place_and_noise_shrinks(name: str) -> None:
     one, clean = smoother(name), bump()
     noise = np.random.default_rng(1).normal(0.0, 5e-4, clean.size)
@@ -31,7 +33,7 @@ def test_the_bump_stays_in_its_place_and_noise_shrinks(name: str) -> None:
     assert abs(int(np.argmax(one.apply(clean))) - clean.size // 2) <= 2
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name != "db10_soft"])
+@pytest.mark.parametrize("name", [name for name in SMOOTHERS if name != "db10_soft"])
 def test_no_sample_depends_on_what_comes_later_than_the_lag(name: str) -> None:
     """The soft rule does: its threshold is the whole sweep's."""
     one, signal = smoother(name), bump()

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import methods
 from palp_core.palpation.perception.statistics.anova import (
     Anova,
     NotTestable,
@@ -116,10 +115,6 @@ def test_the_exact_test_gives_reference_values() -> None:
     assert fisher((3, 4), (1, 4)) == pytest.approx(0.4857142857)  # Fisher's tea, "The Design of Experiments"
     with pytest.raises(PerceptionError, match="no share"):
         fisher((5, 4), (1, 4))
-
-
-def test_the_tests_are_declared() -> None:
-    assert {m.name for m in methods("test")} == {"anova", "fisher", "mixed_logit", "permutation", "sign_flip"}
 
 
 def test_a_lost_outcome_is_not_testable_whichever_the_test() -> None:

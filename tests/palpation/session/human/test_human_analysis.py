@@ -23,7 +23,7 @@ PUBLISHED = {0.002: 24, 0.004: 17, 0.008: 17}
 
 def row(number: int, **more: Any) -> HumanRow:
     plain: dict[str, Any] = {
-        "row": number, "subject": "S01", "phase": "estimation", "trial": number, "number": number + 1,
+        "row": number, "subject": "S01", "phase": "estimation", "trial": number + 1,
         "attempt": 1, "phantom": "A", "depth_m": 0.002, "told": False, "palpation_s": 5.0,
         "ended_by": "subject", "answer_s": 1.0, "answer_mm": 2.0, "estimate_m": 0.002, "emg": "",
         "lost_count": 0, "clipped_count": 0, "source": "person", "answered_by": "terminal",
@@ -110,8 +110,8 @@ def test_what_was_excluded_or_is_to_be_done_again_does_not_count(tmp_path: Path)
         tmp_path / "S01", [row(0), row(1, estimate_m=0.004), row(2, ended_by="repeat", attempt=1), row(3)]
     )
     assert analyse(gather([folder]))["accuracy"]["of"] == 3
-    audit.decide(folder, 1, "exclude", "the subject saw the phantom")
-    audit.decide(folder, 3, "redo", "the phantom slipped")
+    audit.decide(folder, ("estimation", 2), "exclude", "the subject saw the phantom")
+    audit.decide(folder, ("estimation", 4), "redo", "the phantom slipped")
     found = analyse(gather([folder]))
     assert (found["accuracy"]["right"], found["accuracy"]["of"]) == (1, 1)
     assert found["left_out"] == {"spoilt and done again": 1, "exclude": 1, "redo": 1}
@@ -120,13 +120,13 @@ def test_what_was_excluded_or_is_to_be_done_again_does_not_count(tmp_path: Path)
 
 def test_a_damaged_audit_stops_the_analysis(tmp_path: Path) -> None:
     folder = written(tmp_path / "S01", [row(0)])
-    audit.decide(folder, 0, "exclude", "why not")
+    audit.decide(folder, ("estimation", 1), "exclude", "why not")
     path = folder / audit.AUDIT
     path.write_text(path.read_text().replace("exclude", "forget"))
     with pytest.raises(PalpError, match=r"audit\.csv:2"):
         gather([folder])
     with pytest.raises(PalpError, match="needs its reason"):
-        audit.decide(folder, 0, "exclude", "  ")
+        audit.decide(folder, ("estimation", 1), "exclude", "  ")
 
 
 def test_a_session_is_never_replaced_nor_counted_twice(tmp_path: Path) -> None:

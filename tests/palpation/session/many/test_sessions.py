@@ -223,17 +223,23 @@ def test_exported_tables_are_no_session(tmp_path: Path) -> None:
 
 def test_excluded_trials_do_not_count_and_are_told(tmp_path: Path) -> None:
     out = session(tmp_path, "one", [True, True, False, False])
-    audit = 'trial,deed,reason,time,user\n1002,exclude,slipped,t,u\n1003,redo,"late, twice",t,u\n'
-    (out / "audit.csv").write_text(audit + "-1,unseal,x,t,u\n", encoding="utf-8")
+    audit = (
+        "phase,trial,deed,reason,time,user\nestimation,1002,exclude,slipped,t,u\n"
+        'estimation,1003,redo,"late, twice",t,u\n'
+    )
+    (out / "audit.csv").write_text(audit + ",0,unseal,x,t,u\n", encoding="utf-8")
     (entry,) = find_sessions(tmp_path)
-    assert entry.excluded == {1002: "exclude: slipped", 1003: "redo: late, twice"}
+    assert entry.excluded == {
+        ("estimation", 1002): "exclude: slipped",
+        ("estimation", 1003): "redo: late, twice",
+    }
     (group,) = pool([entry])["groups"]
     assert (group["trials"], group["excluded"], group["accuracy"]["value"]) == (2, 2, 1.0)
     assert any("excluded trials, each with its reason: 2" in words for words in remarks(pool([entry])))
 
 
 @pytest.mark.parametrize(
-    "text", ["trial,deed\n1,exclude\n", "trial,deed,reason,time,user\nx,exclude,y,t,u\n"]
+    "text", ["trial,deed\n1,exclude\n", "phase,trial,deed,reason,time,user\nestimation,x,exclude,y,t,u\n"]
 )
 def test_an_audit_that_cannot_be_read_makes_the_session_damaged(tmp_path: Path, text: str) -> None:
     (session(tmp_path, "one", [True]) / "audit.csv").write_bytes(text.encode("latin-1"))
@@ -244,8 +250,10 @@ def test_an_audit_that_cannot_be_read_makes_the_session_damaged(tmp_path: Path, 
 
 def test_an_exclusion_of_a_trial_that_is_not_there_is_told(tmp_path: Path) -> None:
     out = session(tmp_path, "one", [True])
-    (out / "audit.csv").write_text("trial,deed,reason,time,user\n77,exclude,typo,t,u\n", encoding="utf-8")
-    assert "trial 77 is excluded, and the record has none" in find_sessions(tmp_path)[0].words
+    (out / "audit.csv").write_text(
+        "phase,trial,deed,reason,time,user\ntraining,77,exclude,typo,t,u\n", encoding="utf-8"
+    )
+    assert "training trial 77 is excluded, and the record has none" in find_sessions(tmp_path)[0].words
 
 
 def test_a_copy_an_unfinished_and_an_unmeasured_session_do_not_count(tmp_path: Path) -> None:

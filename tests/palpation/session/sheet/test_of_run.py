@@ -156,7 +156,7 @@ def named(tmp_path: Path, sheet: str) -> Path:
     summary = msgspec.structs.replace(summary, attached=texts_to_keep(asked_sheet(summary)))
     write_json(out / "run.json", summary)
     (out / "audit.csv").write_text(
-        "trial,deed,reason,time,user\n1000,exclude,slipped,t,Smith\n", encoding="utf-8"
+        "phase,trial,deed,reason,time,user\nestimation,1000,exclude,slipped,t,Smith\n", encoding="utf-8"
     )
     session(summary)
     (out / "notes.txt").write_text("Smith was late", encoding="utf-8")
@@ -172,7 +172,7 @@ def test_a_redacted_copy_has_the_numbers_and_no_word_of_the_people(named: Path, 
         read = re.sub(rb"base64,[\w+/=]+", b"", path.read_bytes())  # pictures, in which any letters may stand
         for word in (b"Smith", b"S01", b"17-204", b"mounted twice"):
             assert word not in read or path.suffix in (".png", ".npz"), path
-    assert left_out(copy) == left_out(named) == {1000: "exclude: slipped"}
+    assert left_out(copy) == left_out(named) == {("estimation", 1000): "exclude: slipped"}
     assert (copy / "trials.csv").read_bytes() == (named / "trials.csv").read_bytes()
     before, after = (json.loads((one / "result.json").read_text(encoding="utf-8")) for one in (named, copy))
     assert after["accuracy"] == before["accuracy"]

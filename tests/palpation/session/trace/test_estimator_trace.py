@@ -58,7 +58,9 @@ def felt(depth_m: float, ring_m: float = 0.016, seed: int = 1) -> Float64Array:
 def trial(number: int, phase: str, depth_m: float = 0.0) -> Trial:
     known = phase == "training"
     code = f"{depth_m}" if known else ""
-    return Trial(stamp_ns=0, trial=number, phase=phase, code=code, label_known=known, depth_m=depth_m)
+    return Trial(
+        stamp_ns=0, trial=number, number=1, phase=phase, code=code, label_known=known, depth_m=depth_m
+    )
 
 
 def ring(ring_m: float, number: int, iteration: int = 1) -> RingState:

@@ -12,11 +12,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from palp_core.errors import MechanicsError
-from palp_core.methods import find, methods, outside, weigh
+from palp_core.methods import outside, weigh
 from palp_core.palpation.mechanics import Bead, LayeredHertz, Phantom, Probe, Scene, solve, sweep
 from palp_core.palpation.mechanics.contact import fem_failures
 from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics, simulate
-from palp_core.palpation.mechanics.equilibrium.finders import continued_newton
+from palp_core.palpation.mechanics.equilibrium.finders import (
+    brent,
+    continued_newton,
+    fixed_point,
+    lagged_force,
+    plain_newton,
+)
 from palp_core.palpation.mechanics.equilibrium.friction import tanh_explicit
 from palp_core.palpation.mechanics.equilibrium.joint import Joint
 from palp_core.palpation.mechanics.limits import explicit_step_s, stage_step
@@ -27,6 +33,7 @@ from palp_core.palpation.studies.contact.cases_joint import INDENTATION_M, gel, 
 from palp_core.palpation.studies.contact.cases_other import other_cases
 from palp_core.palpation.studies.contact.map import METHODS, MapVerdict, judge, map_chart, points
 from palp_core.palpation.studies.contact.stability_charts import overview
+from palp_core.units import Float64Array
 
 STAGE_M = np.linspace(-0.03, 0.05, 41)
 
@@ -87,15 +94,17 @@ def joint(ring_m: float = 0.008) -> Joint:
     return Joint(LayeredHertz(Phantom(bead=Bead(depth_m=0.004)), 0.006), Probe(), ring_m, 0.004)
 
 
-@pytest.mark.parametrize("name", [one.name for one in methods("equilibrium")])
-def test_only_a_finder_that_brackets_the_root_follows_the_tip_all_the_way(name: str) -> None:
+@pytest.mark.parametrize("finder", [continued_newton, brent, plain_newton, fixed_point, lagged_force])
+def test_only_a_finder_that_brackets_the_root_follows_the_tip_all_the_way(
+    finder: Callable[[Joint, Float64Array], Float64Array],
+) -> None:
     truth = continued_newton(joint(), STAGE_M)
     try:
-        found = find("equilibrium", name).target(joint(), STAGE_M)
+        found = finder(joint(), STAGE_M)
     except (MechanicsError, ValueError, FloatingPointError):
         found = np.full(len(STAGE_M), np.nan)
     followed = bool(np.all(np.abs(found - truth) <= 1e-6))
-    assert followed == (name in ("bracketed_newton", "brentq"))
+    assert followed == (finder in (continued_newton, brent))
 
 
 def test_a_stage_step_that_misses_the_peak_is_replaced_and_the_record_says_so() -> None:
@@ -201,8 +210,7 @@ def met(model: LayeredHertz, probe: Probe, ring_m: float) -> str:
 def finders_lag(friction: float) -> bool:
     """Tell whether every finder that can be taken keeps to the tip that lags."""
     lagging = Joint(gel(0.004), Probe(friction=friction), 0.0005, INDENTATION_M)
-    offered = [one for one in methods("equilibrium") if not one.reference]
-    return all(bool(np.all(one.target(lagging, STAGE_M[:1]) > 0.0)) for one in offered)
+    return all(bool(np.all(one(lagging, STAGE_M[:1]) > 0.0)) for one in (continued_newton, brent))
 
 
 def explicit_step_is_replaced(share: float) -> bool:
@@ -225,11 +233,6 @@ def small_strain_is_said(pressed_mm: float) -> bool:
 
 
 SEEN: dict[str, Callable[[float], bool]] = {
-    "newton_from_upright": lambda mm: refuses("equilibrium", "plain_newton", "angle", {"ring_m": mm * 1e-3}),
-    "fixed_point": lambda mm: refuses("equilibrium", "fixed_point", "angle", {"ring_m": mm * 1e-3}),
-    "force_of_the_last_sample": lambda mm: refuses(
-        "equilibrium", "lagged_force", "angle", {"ring_m": mm * 1e-3}
-    ),
     "no_spring_no_weight": lambda mm: "hardly held" in met(gel(0.004), Probe(tip_mass_kg=0.0), mm * 1e-3),
     "several_equilibria": lambda mm: "several equilibria" in met(gel(mm * 1e-3, 5e3), Probe(), 0.016),
     "leading_tip": finders_lag,
@@ -242,6 +245,9 @@ SEEN: dict[str, Callable[[float], bool]] = {
 }
 
 NOT_OFFERED = {
+    "newton_from_upright": "runs take continued_newton",
+    "fixed_point": "runs take continued_newton",
+    "force_of_the_last_sample": "runs take continued_newton",
     "dead_load": "the stage is held at a height: no parameter presses by a load",
     "stiffness_times_angle": "Probe.joint_torque is the one law of the spring",
     "linear_triangles": "the rungs' elements are Taylor-Hood",

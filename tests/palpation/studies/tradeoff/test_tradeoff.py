@@ -101,7 +101,7 @@ def test_the_page_has_front_choice_failure_and_survivor(
         "tradeoff_toy.csv",
     }
     page = (tmp_path / "index.html").read_text(encoding="utf-8")
-    for words in ("quick is the cheapest within 10.0%", "gave no answer", "toy_task.py", "the truth"):
+    for words in ("quick: the cheapest within 10.0%", "gave no answer", "toy_task.py", "the truth"):
         assert words in page
     kept = strict_json(tmp_path / "tradeoff.json")
     (toy,) = kept["tasks"]

@@ -93,7 +93,7 @@ def _cell(
     mean = np.asarray(smooth.mean(axis=0), dtype=np.float64)
     last = edge + int(np.argmax(mean[edge : count - edge])) if depth_m > 0.0 else count - edge
     points = np.arange(edge, max(last, count // 2), step)
-    landings = {(s.trial if s.phase not in _TOGETHER else s.phase) for s in sweeps}
+    landings = {(s.phase, 0 if s.phase in _TOGETHER else s.trial) for s in sweeps}
     return MeanSweep(
         mount,
         depth_m,

@@ -17,7 +17,11 @@ declare_task(
     tolerance=0.02,
 )
 
+PARABOLOIDS = (ElasticFoundation, PlaneContact)
+"""Rungs that take every tip for a paraboloid."""
+
 __all__ = [
+    "PARABOLOIDS",
     "Bump",
     "ContactModel",
     "ElasticFoundation",

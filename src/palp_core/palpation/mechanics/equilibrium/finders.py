@@ -1,4 +1,4 @@
-"""Ways to find the joint's angle, register task ``equilibrium``: those that fail, and the survivor.
+"""Ways to find the joint's angle: those that fail, and :func:`continued_newton`, which runs take.
 
 Each takes a :class:`.Joint` and stage positions in sweep order, shape (n,), and returns what it takes for the
 angles, shape (n,): NaN where it says itself that it found none. Only the survivor checks its answer. Where
@@ -9,51 +9,20 @@ import numpy as np
 import scipy
 
 from palp_core.errors import MechanicsError
-from palp_core.methods import Bound, declare_task, method
 from palp_core.palpation.mechanics.equilibrium.joint import Joint
 from palp_core.palpation.mechanics.equilibrium.sweep import sweep
 from palp_core.units import Float64Array
 
-_EVIDENCE = (
-    "palp study run contact-stability; tests/palpation/mechanics/equilibrium/test_joint_equilibrium.py"
-)
-_SHOWN = "kept to show where it fails"
 _STEPS = 60
 _SAMPLES = 65
 
-declare_task(
-    "equilibrium",
-    "At which angle does the joint come to rest?",
-    per="a position of the stage",
-    output="angle",
-    tolerance=1e-6,
-)
 
-
-@method(
-    task="equilibrium",
-    name="bracketed_newton",
-    cost_s=1e-6,
-    bounds=[Bound("angle", 1e-12)],
-    evidence=_EVIDENCE,
-    fails="nothing known in the models' ranges; no lagging equilibrium is an error by name",
-)
 def continued_newton(joint: Joint, stage_m: Float64Array) -> Float64Array:
     """Newton inside the bracket from 0 to lift-off, along the branch: :func:`.sweep`."""
     solved = sweep(joint.model, joint.probe, joint.ring_m, joint.indentation_m, joint.direction * stage_m)
     return joint.direction * solved.angle_rad
 
 
-@method(
-    task="equilibrium",
-    name="brentq",
-    cost_s=2.7e-3,
-    bounds=[Bound("angle", 1e-10)],
-    evidence=_EVIDENCE,
-    fails="where there are several equilibria it returns any of them, an unstable one too; slow, a call "
-    "per position",
-    survivor="bracketed_newton",
-)
 def brent(joint: Joint, stage_m: Float64Array) -> Float64Array:
     """Brent's method between 0 and lift-off, each position for itself."""
     found = np.full(stage_m.shape, np.nan)
@@ -68,15 +37,6 @@ def brent(joint: Joint, stage_m: Float64Array) -> Float64Array:
     return found
 
 
-@method(
-    task="equilibrium",
-    name="plain_newton",
-    cost_s=3.1e-5,
-    evidence=_EVIDENCE,
-    fails="wrong roots such as 180 degrees, or cycles, at most ring positions from 0 to 16 mm",
-    survivor="bracketed_newton",
-    reference=_SHOWN,
-)
 def plain_newton(joint: Joint, stage_m: Float64Array) -> Float64Array:
     """Newton from an upright probe, without a bracket."""
     angle_rad = np.zeros(stage_m.shape)
@@ -87,16 +47,6 @@ def plain_newton(joint: Joint, stage_m: Float64Array) -> Float64Array:
     return angle_rad
 
 
-@method(
-    task="equilibrium",
-    name="fixed_point",
-    cost_s=1e-5,
-    evidence=_EVIDENCE,
-    fails="two-cycle: a larger angle unloads the contact, so the next one is too small; at every ring "
-    "up to 16 mm",
-    survivor="bracketed_newton",
-    reference=_SHOWN,
-)
 def fixed_point(joint: Joint, stage_m: Float64Array) -> Float64Array:
     """Repeat q = asin(moment of the contact at q / largest restoring moment)."""
     angle_rad = np.full(stage_m.shape, 0.5 * joint.lift_off_rad)
@@ -105,16 +55,6 @@ def fixed_point(joint: Joint, stage_m: Float64Array) -> Float64Array:
     return angle_rad
 
 
-@method(
-    task="equilibrium",
-    name="lagged_force",
-    cost_s=2.4e-4,
-    evidence=_EVIDENCE,
-    fails="the force of the sample before is a fixed point in time: flips from sample to sample at "
-    "every ring",
-    survivor="bracketed_newton",
-    reference=_SHOWN,
-)
 def lagged_force(joint: Joint, stage_m: Float64Array) -> Float64Array:
     """Balance each position against the contact force at the angle of the position before."""
     found = np.empty(stage_m.shape)

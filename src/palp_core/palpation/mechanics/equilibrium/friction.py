@@ -1,4 +1,4 @@
-"""Friction between ball and gel over one time step; exchangeable, register task ``friction``.
+"""Friction between ball and gel over one time step.
 
 The joint turns by w; the ball's lowest point slips over the gel at v - A w, with v the stage's speed and
 A = L cos q + r_tip. Friction acts on the joint with the moment A f. A law returns the f of the step.
@@ -8,19 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palp_core.methods import Bound, declare_task, method
 from palp_core.units import Float64Array
-
-_EVIDENCE = "palp study run contact-stability; tests/palpation/mechanics/equilibrium/test_friction.py"
-_SHOWN = "kept to show where it fails"
-
-declare_task(
-    "friction",
-    "With what force does the gel hold the ball over a time step?",
-    per="a time step",
-    output="torque",
-    tolerance=0.02,
-)
 
 
 @dataclass(frozen=True)
@@ -52,17 +40,6 @@ class Slip:
     regular_m_s: float
 
 
-@method(
-    task="friction",
-    name="coulomb_implicit",
-    cost_s=4.3e-6,
-    bounds=[
-        Bound("torque", 0.014, within={"speed_m_s": (0.002, 0.02), "modulus_pa": (1e3, 1e9)}),
-        Bound("torque", 0.038),
-    ],
-    evidence=f"{_EVIDENCE}; benchmarks/choices.py: against SciPy's Radau",
-    fails="nothing known: the law is solved with the step, so it neither chatters nor creeps",
-)
 def coulomb_implicit(slip: Slip) -> Float64Array:
     """Coulomb's law as an inclusion: the force that stops the slip at the step's end, within the cone.
 
@@ -75,30 +52,6 @@ def coulomb_implicit(slip: Slip) -> Float64Array:
     return np.where(np.abs(needed_n) <= held, needed_n, np.sign(needed_n) * sliding)
 
 
-@method(
-    task="friction",
-    name="coulomb_explicit",
-    cost_s=1.5e-6,
-    evidence=_EVIDENCE,
-    fails="chatters as soon as the ball comes to rest on the gel, at any step",
-    survivor="coulomb_implicit",
-    reference=_SHOWN,
-)
-def coulomb_explicit(slip: Slip) -> Float64Array:
-    """Coulomb's law with the sign of the slip before the step."""
-    return slip.friction * slip.normal_n * np.sign(slip.stage_m_s - slip.arm_m * slip.before_rad_s)
-
-
-@method(
-    task="friction",
-    name="tanh_explicit",
-    cost_s=1.9e-6,
-    evidence=_EVIDENCE,
-    fails="chatters and blows up once the step passes about 2 I v_r / (mu N A^2); creeps where it "
-    "should stick",
-    survivor="coulomb_implicit",
-    reference=_SHOWN,
-)
 def tanh_explicit(slip: Slip) -> Float64Array:
     """Return mu N tanh(v_slip / v_r) with the slip before the step."""
     at_m_s = slip.stage_m_s - slip.arm_m * slip.before_rad_s

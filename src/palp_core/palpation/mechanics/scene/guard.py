@@ -6,7 +6,8 @@ finds; each answer comes with the words for the record.
 
 import numpy as np
 
-from palp_core.methods import MethodChoice
+from palp_core.methods import Method, MethodChoice, find
+from palp_core.palpation.mechanics.contact import PARABOLOIDS
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
@@ -17,18 +18,23 @@ SMALL_STRAIN_SHARE = 0.5
 BARE_GEL_SHARE = 0.45
 """Of the ball's radius, on gel without a bead; beyond it small strain is off by a twentieth."""
 
-_PARABOLOIDS = ("l1", "l3")
-"""Rungs that know no other form of the ball."""
+_TWENTIETH = 0.05
 
 
 def sweep_guards(phantom: Phantom, probe: Probe, rung: str, solved: Sweep) -> tuple[str, ...]:
     """Return what a sweep met that its record must say, the rung's failing regions included."""
     words = list(solved.guards)
-    if rung in _PARABOLOIDS and probe.tip != "paraboloid":
-        words.append(f"{rung} takes the {probe.tip} for a paraboloid; l2, l4 and l5 take it as it is")
-    if rung != "l5":
+    declared = find("contact", rung)
+    if declared.target in PARABOLOIDS and probe.tip != "paraboloid":
+        words.append(f"tip: {rung} takes the {probe.tip} for a paraboloid; other rungs take it as it is")
+    if not states_finite_strain(declared):
         words += _small_strain(phantom, probe, solved)
     return tuple(words)
+
+
+def states_finite_strain(declared: Method) -> bool:
+    """Return whether a rung states its normal force within a twentieth of that at finite strain."""
+    return any(one.output == "finite_normal" and one.error <= _TWENTIETH for one in declared.bounds)
 
 
 def _small_strain(phantom: Phantom, probe: Probe, solved: Sweep) -> list[str]:
@@ -60,15 +66,13 @@ def speed_guard(motion: MethodChoice) -> tuple[str, ...]:
     if motion.bound is not None and motion.bound <= motion.tolerance:
         return ()
     own = next(one for one in motion.candidates if one.name == motion.name)
-    return (f"inertia: {motion.name} {own.why.removeprefix('is asked for by name; ')}",)
+    return (f"inertia: {motion.name}: {own.why}",)
 
 
 def task_of(words: str) -> str:
     """Return the task whose method a guard's words are about.
 
     >>> task_of("small strain: 2 mm pressed into 2 mm of gel"), task_of("2 snap(s): the torque jumps")
-    ('contact', 'equilibrium')
+    ('contact', 'motion')
     """
-    if words.startswith(("inertia:", "stick-slip:")):
-        return "motion"
-    return "contact" if words.startswith(("small strain:", *_PARABOLOIDS)) else "equilibrium"
+    return "contact" if words.startswith(("small strain:", "tip:")) else "motion"

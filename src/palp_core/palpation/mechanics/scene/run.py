@@ -1,5 +1,6 @@
 """A scene swept, and a table of contact forces: what ``palp scene run`` and ``palp scene table`` print."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -137,18 +138,16 @@ def force_table(
     model = rung_model(rung, scene.phantom, scene.probe.tip_radius_m, scene.probe.tip)
     offsets, depths = np.asarray(offset_m, dtype=np.float64), np.asarray(indentation_m, dtype=np.float64)
     normal_n, lateral_n = model.force(offsets[:, None], depths[None, :])
-    output = "normal" if offsets.any() or rung != "l5" else "normal_on_axis"
-    if scene.tolerance.strain == "finite":
-        output = "finite_normal"
+    outputs = ["finite_normal"] if scene.tolerance.strain == "finite" else ["normal"]
+    if not offsets.any() and scene.tolerance.strain == "small":
+        outputs.append("normal_on_axis")
     bead, thinnest_m = scene.phantom.bead, scene.probe.tip_radius_m
     if bead is not None:
         thinnest_m = min(thinnest_m, bead.depth_m)
-    bounds = [
-        find("contact", rung).bound(
-            output, scene.quantities() | {"indentation_m": depth, "pressed_share": depth / thinnest_m}
-        )
-        for depth in depths.tolist()
-    ]
-    stated = [bound for bound in bounds if bound is not None]
-    bound = max(stated) if stated and len(stated) == len(bounds) else None
-    return ForceTable(offsets, depths, normal_n, lateral_n, rung, bound)
+    bounds = []
+    for depth in depths.tolist():
+        here = scene.quantities() | {"indentation_m": depth, "pressed_share": depth / thinnest_m}
+        stated = [find("contact", rung).bound(output, here) for output in outputs]
+        bounds.append(min((one for one in stated if one is not None), default=math.inf))
+    bound = max(bounds, default=math.inf)
+    return ForceTable(offsets, depths, normal_n, lateral_n, rung, bound if math.isfinite(bound) else None)

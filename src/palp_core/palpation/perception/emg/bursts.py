@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import Bound, method
 from palp_core.palpation.perception.emg.calibration import Calibration, look_step
 from palp_core.palpation.perception.emg.peaks import EmgPeak
 from palp_core.palpation.perception.emg.settings import BURSTS, LOOK_S, BurstSettings
@@ -94,26 +93,6 @@ class Found:
     bursts: tuple[Burst, ...]
 
 
-def _held(error: float, window_s: float, relax_share: float) -> Bound:
-    """Return a bound on levels lost and invented of simulated people who relax by a share or more."""
-    return Bound(
-        "bursts", error, {"window_s": (0.99 * window_s, 1.01 * window_s), "relax_share": (relax_share, 1.0)}
-    )
-
-
-@method(
-    task="burst",
-    name="two_thresholds",
-    cost_s=1.3e-4,
-    bounds=[
-        _held(0.28, 0.15, 0.5),
-        _held(0.003, 0.15, 0.8),
-        _held(0.115, 0.05, 0.5),
-        _held(0.007, 0.05, 0.8),
-    ],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="a person who hardly relaxes between two levels, or holds a lower one for less than half a second",
-)
 @dataclass(frozen=True)
 class BurstRule:
     """The rule of two thresholds.

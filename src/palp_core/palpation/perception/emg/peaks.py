@@ -1,8 +1,7 @@
 """Peaks of co-contraction by prominence, found while it streams: the same ones whatever the blocks.
 
 A peak has a stated prominence; of those closer together than a stated time the highest stay. The prominence
-is judged first, so ripple on a flank never competes with a peak. (:func:`find_bursts` of
-:mod:`palp_core.palpation.perception.emg.levels` judges the distance first, which needs the whole signal.)
+is judged first, so ripple on a flank never competes with a peak.
 Nothing here knows rest, or that the scatter of EMG is in proportion to its strength:
 :mod:`palp_core.palpation.perception.emg.bursts` does, and is what node and commands take.
 """
@@ -14,8 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import Bound, declare_task, method
-from palp_core.palpation.perception.emg.levels import find_bursts
 from palp_core.units import Float64Array
 
 
@@ -57,36 +54,6 @@ class PeakState:
     pending: tuple[tuple[int, float], ...] = ()
 
 
-def _held(error: float, window_s: float, relax_share: float) -> Bound:
-    ranges = {
-        "window_s": (0.99 * window_s, 1.01 * window_s),
-        "relax_share": (relax_share, 1.0),
-        "burst_distance_s": (0.39, 0.41),
-    }
-    return Bound("bursts", error, ranges)
-
-
-_BOUNDS = [_held(0.19, 0.15, 0.5), _held(0.095, 0.15, 0.8), _held(0.52, 0.05, 0.5)]
-"""Bursts lost and invented over levels held, of simulated people who relax by so much of a level or more."""
-
-
-declare_task(
-    "burst",
-    "Where in an EMG are its bursts?",
-    per="a second of EMG",
-    output="bursts",
-    tolerance=0.2,
-)
-
-
-@method(
-    task="burst",
-    name="prominence_first",
-    cost_s=1.1e-4,
-    bounds=_BOUNDS,
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="a person who hardly relaxes; strong EMG and an RMS over 50 ms, whose scatter counts as bursts",
-)
 @dataclass(frozen=True)
 class PeakFinder:
     """The rule for bursts. Neither number was published, and both shape the transition matrix.
@@ -170,21 +137,3 @@ class PeakFinder:
             if all(abs(index - other) >= self.distance_samples for other in kept):
                 kept.append(index)
         return [EmgPeak(index, value, known_at, value) for index, value in peaks if index in kept]
-
-
-@method(
-    task="burst",
-    name="distance_first",
-    cost_s=1.8e-5,
-    bounds=_BOUNDS,
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    valid={"live": (0.0, 0.0)},
-    fails="it needs the whole signal, and ripple on a flank can displace a burst",
-    survivor="prominence_first",
-)
-def distance_first(rule: PeakFinder, values: Float64Array) -> list[EmgPeak]:
-    """Return all bursts of a recording, the distance judged before the prominence, as SciPy does."""
-    indices = find_bursts(
-        values, rate_hz=rule.rate_hz, prominence=rule.prominence, distance_s=rule.distance_s
-    )
-    return [EmgPeak(i, float(values[i]), len(values) - 1, float(values[i])) for i in indices.tolist()]

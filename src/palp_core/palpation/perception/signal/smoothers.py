@@ -1,10 +1,11 @@
-"""Ways to take the noise off a torque sweep; exchangeable, task ``smoother``.
+"""Ways to take the noise off a torque sweep, by the names that ``palp analyse --smoother`` takes.
 
 The source's is db10 at five levels (:mod:`.wavelet`); the others are what it is to be judged against. Each
 gives every sample from samples at most :attr:`lag` later, so each can run while the sweep is measured; the
 study ``features`` charts their errors against lag and cost.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
@@ -12,9 +13,7 @@ from typing import Protocol
 import numpy as np
 import scipy
 
-from palp_core.errors import PerceptionError
-from palp_core.methods import declare_task, find, method
-from palp_core.palpation.perception.ranges import by_noise
+from palp_core.errors import MethodError, PerceptionError
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.units import Float64Array
 
@@ -62,23 +61,6 @@ class _Wavelet:
         return self.lag
 
 
-declare_task(
-    "smoother",
-    "How is a sweep freed of noise?",
-    per="a sweep of 4000 samples",
-    output="feature",
-    tolerance=0.05,
-)
-
-
-@method(
-    task="smoother",
-    name="db10_soft",
-    cost_s=1.4e-4,
-    bounds=by_noise((0.027, 0.057, 0.167), (0.047, 0.101, 0.29)),
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="noise that is not white; as a stream it needs its threshold beforehand",
-)
 @dataclass(frozen=True)
 class WaveletSoft(_Wavelet):
     """db10 at five levels with the soft universal threshold; the default.
@@ -92,15 +74,6 @@ class WaveletSoft(_Wavelet):
         return denoise(signal, wavelet=self.wavelet, level=self.level)
 
 
-@method(
-    task="smoother",
-    name="db10_approximation",
-    cost_s=1.1e-4,
-    bounds=by_noise((0.027, 0.057, 0.167), (0.047, 0.101, 0.29)),
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="steps overshoot; everything above 16 Hz is deleted, wanted or not",
-    survivor="db10_soft",
-)
 @dataclass(frozen=True)
 class WaveletApproximation(_Wavelet):
     """db10 at five levels, the approximation alone; attributes as of :class:`WaveletSoft`."""
@@ -109,15 +82,6 @@ class WaveletApproximation(_Wavelet):
         return denoise(signal, wavelet=self.wavelet, level=self.level, rule="approximation")
 
 
-@method(
-    task="smoother",
-    name="savitzky_golay",
-    cost_s=3.6e-4,
-    bounds=by_noise((0.024, 0.052, 0.141), (0.041, 0.087, 0.245)),
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="features narrower than half its window are flattened",
-    survivor="db10_soft",
-)
 @dataclass(frozen=True)
 class SavitzkyGolay:
     """A polynomial fitted to a window about each sample (Savitzky and Golay, 1964).
@@ -150,15 +114,6 @@ def _low_pass(order: int, cutoff: float) -> Float64Array:
     return np.asarray(scipy.signal.butter(order, 2.0 * cutoff, output="sos"))
 
 
-@method(
-    task="smoother",
-    name="low_pass",
-    cost_s=1e-4,
-    bounds=by_noise((0.039, 0.085, 0.235), (0.068, 0.143, 0.38)),
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="features faster than its cut-off are flattened, and their flanks become unequal",
-    survivor="savitzky_golay",
-)
 @dataclass(frozen=True)
 class LowPass:
     """A causal Butterworth, shifted back by its delay at low frequencies.
@@ -200,15 +155,6 @@ class LowPass:
         return np.asarray(passed[self.lag :])
 
 
-@method(
-    task="smoother",
-    name="none",
-    cost_s=2e-6,
-    bounds=by_noise((0.31, 0.65, 1.72), (0.51, 1.05, 2.8)),
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="a peak is the noise's largest value on top of the signal's",
-    survivor="savitzky_golay",
-)
 @dataclass(frozen=True)
 class Nothing:
     """The sweep as it was measured."""
@@ -227,11 +173,22 @@ class Nothing:
         return _checked(signal, 1)
 
 
-def smoother(name: str, **settings: float) -> Smoother:
-    """Return a declared smoother by name with its settings.
+SMOOTHERS: dict[str, Callable[[], Smoother]] = {
+    "none": Nothing,
+    "low_pass": LowPass,
+    "db10_approximation": WaveletApproximation,
+    "db10_soft": WaveletSoft,
+    "savitzky_golay": SavitzkyGolay,
+}
+"""At their usual settings, the cheapest first."""
+
+
+def smoother(name: str) -> Smoother:
+    """Return a smoother by name, at its usual setting.
 
     Raises:
-        MethodError: No such smoother.
+        MethodError: There is no smoother of that name.
     """
-    found: Smoother = find("smoother", name).target(**settings)
-    return found
+    if name not in SMOOTHERS:
+        raise MethodError(f"no smoother '{name}'; use {', '.join(SMOOTHERS)}")
+    return SMOOTHERS[name]()

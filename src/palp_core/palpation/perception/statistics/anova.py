@@ -3,7 +3,7 @@
 Right-or-wrong outcomes break the assumptions of the analysis of variance: a constant outcome gives a p-value
 made of rounding noise, cells that are all right or all wrong an infinite F, one value a cell nothing. Such
 tables are *not testable*, with the reason. The alternatives, permutation within sessions, Fisher's exact test
-and a mixed logit (:mod:`mixed_logit`), are declared beside it as task ``test``.
+and a mixed logit (:mod:`mixed_logit`), are beside it.
 """
 
 import itertools
@@ -14,7 +14,6 @@ import numpy as np
 import scipy
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import Bound, method
 from palp_core.palpation.perception.statistics.resampling import sign_flip
 from palp_core.units import Float64Array
 
@@ -140,14 +139,6 @@ def _refusal(outcome: Float64Array, *factors: Labels) -> str:
     return ""
 
 
-@method(
-    task="test",
-    name="anova",
-    cost_s=0.6,
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="trials that share a session: it counts them as independent; right-or-wrong outcomes near 0 or 1",
-    survivor="sign_flip",
-)
 def two_way(
     outcome: Sequence[float] | Float64Array, first: Labels, second: Labels, *, names: tuple[str, str]
 ) -> Anova | NotTestable:
@@ -211,15 +202,6 @@ def bonferroni(outcome: Sequence[float] | Float64Array, group: Labels) -> list[P
     return found
 
 
-@method(
-    task="test",
-    name="permutation",
-    cost_s=0.18,
-    bounds=[Bound("level", 0.015, {"session_sd": (0.0, 1.0), "paired_sd": (0.0, 0.0)})],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="labels that are fixed within a session; a difference that varies over sessions, which it believes",
-    survivor="sign_flip",
-)
 def permutation(
     outcome: Sequence[float] | Float64Array,
     group: Labels,
@@ -268,15 +250,6 @@ def permutation(
     return hits / (shuffles + 1)
 
 
-@method(
-    task="test",
-    name="fisher",
-    cost_s=5e-4,
-    bounds=[Bound("level", 0.015, {"session_sd": (0.0, 0.0), "paired_sd": (0.0, 0.0)})],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="trials that share a session; more than two groups need the chi squared test",
-    survivor="sign_flip",
-)
 def fisher(first: tuple[int, int], second: tuple[int, int]) -> float:
     """Return Fisher's exact two-sided p-value of two shares, each (successes, trials).
 

@@ -8,22 +8,12 @@ import numpy as np
 import scipy
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import Bound, method
 from palp_core.palpation.perception.statistics.anova import NOT_FINITE, Effect, NotTestable, checked
 from palp_core.units import Float64Array
 
 Labels = Sequence[Hashable]
 
 
-@method(
-    task="test",
-    name="mixed_logit",
-    cost_s=1.2e-2,
-    bounds=[Bound("level", 0.015, {"session_sd": (0.0, 1.0), "paired_sd": (0.0, 0.0)})],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="a difference that varies over sessions; complete separation, where the prior of sd 2 decides",
-    survivor="sign_flip",
-)
 def mixed_logit(
     correct: Sequence[float] | Float64Array, factors: Mapping[str, Labels], session: Labels
 ) -> tuple[Effect, ...] | NotTestable:

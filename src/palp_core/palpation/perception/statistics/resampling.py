@@ -20,7 +20,6 @@ import scipy
 from numpy.typing import NDArray
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import Bound, declare_task, method
 from palp_core.palpation.perception.statistics.statistics import reliability_bins, wilson
 from palp_core.units import Float64Array
 
@@ -172,24 +171,6 @@ def calibration_interval(
     return max(error - half, 0.0), min(error + half, 1.0)
 
 
-declare_task(
-    "test",
-    "Do policies differ, or depths?",
-    per="1200 trials in 20 sessions",
-    output="level",
-    tolerance=0.02,
-)
-
-
-@method(
-    task="test",
-    name="sign_flip",
-    cost_s=4e-3,
-    bounds=[Bound("level", 0.015, {"session_sd": (0.0, 1.0), "paired_sd": (0.0, 1.0)})],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    valid={"session_count": (6.0, 1e9)},
-    fails="fewer than six sessions: its smallest p is 2 / 2^n, above 0.05 below six",
-)
 def sign_flip(differences: Sequence[float] | Float64Array, rng: np.random.Generator) -> float:
     """Return the two-sided p-value that a paired difference is symmetric about 0.
 

@@ -2,7 +2,7 @@
 
 ::
 
-    OUT/audit.csv    one line per decision: trial, what, why, when, who
+    OUT/audit.csv    one line per decision: phase, trial, what, why, when, who
 
 A trial is ``exclude``d, or is to be done again (``redo``): either way its numbers do not count any more. The
 record itself stays as it was measured; whoever analyses it asks :func:`left_out`. A session that still goes
@@ -28,10 +28,17 @@ AUDIT = "audit.csv"
 
 Deed = Literal["redo", "redone", "exclude", "unseal"]
 
+TrialKey = tuple[str, int]
+"""A trial: its phase, and its number there, from 1."""
+
+WHOLE_SESSION: TrialKey = ("", 0)
+"""What a decision about the session as a whole names."""
+
 
 class Decision(msgspec.Struct, frozen=True, kw_only=True):
-    """One line of the audit; ``trial`` is -1 where it is about the session as a whole."""
+    """One line of the audit; ``phase`` is empty where it is about the session as a whole."""
 
+    phase: str
     trial: int
     deed: Deed
     reason: str
@@ -39,7 +46,7 @@ class Decision(msgspec.Struct, frozen=True, kw_only=True):
     user: str
 
 
-def decide(folder: Path, trial: int, deed: Deed, reason: str) -> Decision:
+def decide(folder: Path, key: TrialKey, deed: Deed, reason: str) -> Decision:
     """Append a decision.
 
     Raises:
@@ -48,7 +55,10 @@ def decide(folder: Path, trial: int, deed: Deed, reason: str) -> Decision:
     if not reason.strip():
         raise PalpError("a decision about a trial needs its reason: --reason '...'")
     now = datetime.datetime.now(tz=datetime.UTC).isoformat(timespec="seconds")
-    made = Decision(trial=trial, deed=deed, reason=" ".join(reason.split()), time=now, user=getpass.getuser())
+    phase, trial = key
+    made = Decision(
+        phase=phase, trial=trial, deed=deed, reason=" ".join(reason.split()), time=now, user=getpass.getuser()
+    )
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     path = folder / AUDIT
@@ -85,34 +95,35 @@ def decisions(folder: Path) -> list[Decision]:
         raise PalpError(f"{path}:{lines.line_num}: the line is damaged: {error}") from error
 
 
-def left_out(folder: Path) -> dict[int, str]:
-    """Return why each trial that does not count does not, by trial."""
-    found: dict[int, str] = {}
+def left_out(folder: Path) -> dict[TrialKey, str]:
+    """Return why each trial that does not count does not, by phase and number."""
+    found: dict[TrialKey, str] = {}
     for one in decisions(folder):
+        key = one.phase, one.trial
         if one.deed == "redone":
-            found[one.trial] = f"{found.get(one.trial, 'redo')}; done again {one.reason}"
-        elif one.trial >= 0:
-            found[one.trial] = f"{one.deed}: {one.reason}"
+            found[key] = f"{found.get(key, 'redo')}; done again {one.reason}"
+        elif key != WHOLE_SESSION:
+            found[key] = f"{one.deed}: {one.reason}"
     return found
 
 
-def to_be_redone(folder: Path, known: Collection[int]) -> list[int]:
+def to_be_redone(folder: Path, known: Collection[TrialKey]) -> list[TrialKey]:
     """Return trials that have been marked to be done again, but for those of which that is known, in order.
 
     Raises:
         PalpError: The file is damaged.
     """
     found = decisions(folder)
-    done = {one.trial for one in found if one.deed == "redone"}
-    marked = dict.fromkeys(one.trial for one in found if one.deed == "redo")
-    return [trial for trial in marked if trial not in done and trial not in known]
+    done = {(one.phase, one.trial) for one in found if one.deed == "redone"}
+    marked = dict.fromkeys((one.phase, one.trial) for one in found if one.deed == "redo")
+    return [key for key in marked if key not in done and key not in known]
 
 
-def note_redone(folder: Path, trial: int, number: int) -> None:
+def note_redone(folder: Path, key: TrialKey, number: int) -> None:
     """Append, once, as which trial another was done again.
 
     Raises:
         PalpError: It cannot be written.
     """
-    if not any(one.trial == trial and one.deed == "redone" for one in decisions(folder)):
-        decide(folder, trial, "redone", f"as trial {number}")
+    if not any((one.phase, one.trial) == key and one.deed == "redone" for one in decisions(folder)):
+        decide(folder, key, "redone", f"as trial {number}")

@@ -55,8 +55,8 @@ def gather(folders: Sequence[Path]) -> HumanTrials:
         for row in read_human(folder):
             if row.ended_by == "repeat":
                 dropped["spoilt and done again"] += 1
-            elif row.trial in decided:
-                dropped[decided[row.trial].partition(":")[0]] += 1
+            elif (row.phase, row.trial) in decided:
+                dropped[decided[row.phase, row.trial].partition(":")[0]] += 1
             else:
                 rows.append(row)
     others = sorted({_whose(row) for row in rows if not is_of_a_person(row)})

@@ -90,7 +90,7 @@ def _confusion(found: dict[str, Any]) -> Chart:
 
 def _durations(trials: HumanTrials) -> Chart:
     rows = [
-        (row.subject, row.phase, row.number, row.palpation_s, "" if row.answer_s is None else row.answer_s)
+        (row.subject, row.phase, row.trial, row.palpation_s, "" if row.answer_s is None else row.answer_s)
         for row in trials.rows
     ]
 

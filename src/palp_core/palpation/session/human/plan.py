@@ -14,6 +14,7 @@ from itertools import pairwise
 from typing import Literal
 
 from palp_core.errors import PerceptionError
+from palp_core.palpation.session.decided.audit import TrialKey
 from palp_core.palpation.session.human.orders import (
     TABLE_3_MM,
     TABLE_4_MM,
@@ -172,7 +173,7 @@ class HumanDesign:
         return counterbalanced(len(self.phantoms), self.repeats, self.subject_number, seed)
 
 
-def human(design: HumanDesign, again: Sequence[int] = ()) -> HumanPlan:
+def human(design: HumanDesign, again: Sequence[TrialKey] = ()) -> HumanPlan:
     """Yield the steps of a session.
 
     Args:
@@ -199,7 +200,7 @@ def human(design: HumanDesign, again: Sequence[int] = ()) -> HumanPlan:
     for place in itertools.count():
         if place == len(again):  # asked anew each time: a mark may have come meanwhile
             return
-        first = done[again[place]]
+        first = next(one for one in done if (one.phase, one.number) == again[place])
         number = 1 + sum(one.phase == first.phase for one in done)
         done.append(replace(first, index=len(done), number=number))
         yield from _trial(done[-1], design.rest_s)

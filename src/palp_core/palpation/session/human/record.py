@@ -49,17 +49,17 @@ def is_by_hand(folder: Path) -> bool:
 class HumanRow(msgspec.Struct, frozen=True, kw_only=True):
     """One trial. What nobody was asked, or what is sealed, is None.
 
-    ``attempt``: of the trial; ``ended_by``: ``subject``, ``limit``, or ``repeat`` where it was spoilt and is
-    done again. ``palpation_s`` is from begin to end of the palpation, ``answer_s`` from the question to the
-    answer. ``answer_mm`` is what was said, ``estimate_m`` the nearest of the phantoms' depths. ``emg``: the
-    file of its EMG. ``source`` and ``answered_by``: whose it was; :func:`is_of_a_person` asks them.
+    ``trial``: its number in its phase, from 1; ``attempt``: of the trial; ``ended_by``: ``subject``,
+    ``limit``, or ``repeat`` where it was spoilt and is done again. ``palpation_s`` is from begin to end of
+    the palpation, ``answer_s`` from the question to the answer. ``answer_mm`` is what was said,
+    ``estimate_m`` the nearest of the phantoms' depths. ``emg``: the file of its EMG. ``source`` and
+    ``answered_by``: whose it was; :func:`is_of_a_person` asks them.
     """
 
     row: int
     subject: str
     phase: str
     trial: int
-    number: int
     attempt: int
     phantom: str
     depth_m: float | None
@@ -216,7 +216,7 @@ class HumanWriter:
         try:
             self._append([_cell(value) for value in msgspec.structs.astuple(row)])
         except OSError as error:
-            raise self._ended(error, f"trial {row.trial + 1}") from error
+            raise self._ended(error, f"{row.phase} trial {row.trial}") from error
 
     def emg(
         self, subject: str, name: str, samples_v: Float64Array, rate_hz: float, *, discarded: bool = False
@@ -309,7 +309,7 @@ def emg_that_does_not_count(out: Path) -> set[Path]:
         PalpError: Record or audit cannot be read.
     """
     decided = left_out(out)
-    return {out / row.emg for row in read_human(out) if row.emg and row.trial in decided}
+    return {out / row.emg for row in read_human(out) if row.emg and (row.phase, row.trial) in decided}
 
 
 def emg_depths(out: Path) -> dict[Path, float | None]:

@@ -14,7 +14,7 @@ from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.graph.launch.changes_told import last_set
 from palp_core.graph.launch.summary import RunSummary
-from palp_core.palpation.session.decided.audit import left_out
+from palp_core.palpation.session.decided.audit import TrialKey, left_out
 from palp_core.palpation.session.decided.blind import is_blinded, ran_blinded
 from palp_core.palpation.session.human.record import is_by_hand, read_human
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, read_session
@@ -53,7 +53,7 @@ class SessionEntry:
         design: What sessions have in common that are one group: policy, reading, depths, what was touched.
         settings: Parameters by ``role.name``, but for those that differ from session to session by nature.
         trials: Trials of estimation that came to a verdict and count.
-        excluded: Why each trial that does not count does not, by trial.
+        excluded: Why each trial that does not count does not, by phase and number.
         digest: Of its record; copies of a session have the same.
     """
 
@@ -66,7 +66,7 @@ class SessionEntry:
     design: str = ""
     settings: dict[str, Any] = field(default_factory=dict)
     trials: tuple[RecordedTrial, ...] = ()
-    excluded: dict[int, str] = field(default_factory=dict)
+    excluded: dict[TrialKey, str] = field(default_factory=dict)
     digest: str = ""
 
     @property
@@ -140,9 +140,11 @@ def _read(
     folder: Path, summary: RunSummary, sheet: SessionSheet | None, began: str, *, running: bool
 ) -> SessionEntry:
     session, roles = read_session(folder), roles_of(summary)
-    unknown = sorted(set(session.left_out) - {one.trial for one in session.rows})
-    if unknown:
-        raise PalpError(f"{folder}: trial {unknown[0]} is excluded, and the record has none of that number")
+    unknown = sorted(set(session.left_out) - {(one.phase, one.trial) for one in session.rows})
+    for phase, number in unknown:
+        raise PalpError(
+            f"{folder}: {phase} trial {number} is excluded, and the record has none of that number"
+        )
     far = how_far(session, summary, roles)
     state: State = "running" if running else "unfinished" if far else "whole"
     words = "whole" if far is None else f"{state}: {far['done']} of {far['of']} {far['what']}"

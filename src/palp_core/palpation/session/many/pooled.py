@@ -78,7 +78,10 @@ def _listed(entry: SessionEntry) -> dict[str, Any]:
         "simulated": entry.sheet.simulated if entry.sheet is not None else None,
         "design": entry.design,
         "trials": len(entry.trials),
-        "excluded": [{"trial": trial, "why": why} for trial, why in sorted(entry.excluded.items())],
+        "excluded": [
+            {"phase": phase, "trial": trial, "why": why}
+            for (phase, trial), why in sorted(entry.excluded.items())
+        ],
     }
 
 

@@ -1,33 +1,31 @@
 """Which methods a run used and why, what they met and what they cost: from what the run has recorded.
 
-The same list is ``methods`` in ``result.json`` and, with its ``deliveries``, what ``palp why --json`` prints.
-Nothing is solved or chosen again: the nodes have said what they use, the phantom what its sweeps met, blocks
-and their bytes follow from parameters, and deliveries from how the run was launched.
+The same list is ``methods`` in ``result.json`` and what ``palp why --json`` prints. Nothing is solved or
+chosen again: the nodes have said what they use, and the phantom what its sweeps met.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from palp_core.graph.launch.methods_told import MethodTold
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.mechanics.scene.guard import task_of
-from palp_core.palpation.session.methods.wires import delivery_uses, wire_uses
 from palp_core.palpation.session.roles import Roles, roles_of
 from palp_core.palpation.session.trials_csv import Row
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
 
-MECHANICS = ("contact", "motion", "equilibrium")
+MECHANICS = ("contact", "motion")
 """Tasks of a simulated touch; guards are about them."""
 
 _ORDER = (*MECHANICS, "denoise", "feature", "likelihood", "filter", "trace_filter", "stop", "policy")
 """Of a palpation; other tasks follow."""
 
-_TASK_OF_ROLE = {"policy": "policy", "estimator": "stop", "phantom": "contact", "cocontraction": "burst"}
+_TASK_OF_ROLE = {"policy": "policy", "estimator": "stop", "phantom": "contact"}
 
 
 def methods_of(summary: RunSummary, rows: Sequence[Row]) -> list[dict[str, Any]]:
@@ -37,17 +35,8 @@ def methods_of(summary: RunSummary, rows: Sequence[Row]) -> list[dict[str, Any]]
         summary: How the run went; it holds what nodes said of their methods.
         rows: Its palpations.
     """
-    return _entries([*summary.methods, *wire_uses(summary)], summary, rows)
-
-
-def deliveries_of(summary: RunSummary, rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Return how the messages of a run came to their readers, in the form of :func:`methods_of`."""
-    return _entries(delivery_uses(summary), summary, rows)
-
-
-def _entries(told: Iterable[MethodTold], summary: RunSummary, rows: Sequence[Row]) -> list[dict[str, Any]]:
     roles = roles_of(summary)
-    return [_entry(one, rows, summary, roles) for one in sorted(told, key=_place)]
+    return [_entry(one, rows, summary, roles) for one in sorted(summary.methods, key=_place)]
 
 
 def unsaid(summary: RunSummary, rows: Sequence[Row]) -> list[str]:
@@ -111,9 +100,10 @@ def _entry(one: MethodTold, every: Sequence[Row], summary: RunSummary, roles: Ro
         "tolerance": use.tolerance,
         "bound": use.bound if use.bounded else None,
         "evidence": use.evidence,
-        "refused": [{"name": refused.name, "why": refused.why} for refused in use.refused],
+        "cheaper": [{"name": one.name, "why": one.why} for one in use.cheaper],
         "from_s": one.at_s,
         "until_s": one.until_s,
+        "from_phase": first.phase if first else None,
         "from_trial": first.trial if first else None,
         "from_iteration": first.iteration if first else None,
         "guards": _guards(use.task, rows) if known else None,
@@ -122,18 +112,11 @@ def _entry(one: MethodTold, every: Sequence[Row], summary: RunSummary, roles: Ro
     }
 
 
-_GIVEN = {
-    "motion": "the only one that sweeps of a simulated phantom have",
-    "block": "what the parameter block_samples comes to",
-    "delivery": "what the launch comes to: its clock, --compose, and the qos of the input",
-    "burst": "the only one that co-contraction has while it is measured",
-}
-"""How a run came to a method that was not chosen, though nobody named it, by task."""
-
-
 def _how(use: MethodUse) -> str:
-    """Return how a run came to a method, in words."""
-    return _GIVEN.get(use.task, "asked for by name") if use.asked else "chosen"
+    """Return how a run came to a method."""
+    if not use.asked:
+        return "chosen"
+    return "the only one that a launched run has" if use.task == "motion" else "asked for by name"
 
 
 def _guards(task: str, rows: Sequence[Row]) -> list[dict[str, Any]]:

@@ -31,7 +31,7 @@ def _heading(group: Sequence[dict[str, Any]]) -> str:
     of = ", ".join(each["of"] for each in group if each["of"])
     begun = ""
     if one["from_trial"] is not None:
-        begun = f", from {one['from_s']:.1f} s on, trial {one['from_trial']} of trials.csv"
+        begun = f", from {one['from_s']:.1f} s on, {one['from_phase']} trial {one['from_trial']}"
         begun += f", palpation {one['from_iteration']}" if one["from_iteration"] > 1 else ""
     ended = f", until {one['until_s']:.1f} s" if one["until_s"] is not None else ""
     return f"{one['task']}{f' of {of}' if of else ''}: {one['method']} (/{one['node']}{begun}{ended})"
@@ -40,9 +40,9 @@ def _heading(group: Sequence[dict[str, Any]]) -> str:
 def _sentences(group: Sequence[dict[str, Any]]) -> list[str]:
     one = group[0]
     found = [_why(one)]
-    if one["refused"]:
-        refused = "; ".join(f"{each['name']} {each['why']}" for each in one["refused"])
-        found.append(f"cheaper but refused: {refused}")
+    if one["cheaper"]:
+        cheaper = "; ".join(f"{each['name']} ({each['why']})" for each in one["cheaper"])
+        found.append(f"cheaper: {cheaper}")
     if any(each["guards"] is None for each in group):
         found.append("what its sweeps met is not recorded: the experiment's input 'guard' is not wired")
     met = [guard for each in group for guard in each["guards"] or ()]
@@ -75,8 +75,8 @@ def reason(use: MethodUse) -> str:
     )
     how = "asked for by name; " if use.asked else ""
     said = f"{use.name}: {how}{stated} (asked: {amount(use.tolerance, use.output)}), evidence {use.evidence}"
-    refused = "; ".join(f"{each.name} {each.why}" for each in use.refused)
-    return f"{said}; cheaper but refused: {refused}" if refused else said
+    cheaper = "; ".join(f"{each.name} ({each.why})" for each in use.cheaper)
+    return f"{said}; cheaper: {cheaper}" if cheaper else said
 
 
 def _places(met_by: Sequence[dict[str, Any]]) -> str:

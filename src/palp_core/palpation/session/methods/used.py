@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from palp_core.graph.messages.builtin import MethodUse, RefusedMethod
-from palp_core.methods import Candidate, Method, MethodChoice, find, methods, task
+from palp_core.graph.messages.builtin import CheaperMethod, MethodUse
+from palp_core.methods import Candidate, Method, MethodChoice, methods, task
 from palp_core.palpation.mechanics.scene.rig import Rig, rig
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.strategy.policies import StiffnessPolicy
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
-from palp_core.palpation.session.method_choices import PUBLISHED, choose_for
+from palp_core.palpation.session.method_choices import AUTO, PUBLISHED, chosen_method
 from palp_core.palpation.world.model import PAPER, WorldModel
 
 
@@ -36,17 +36,14 @@ def used(
         MethodError: There is no such task or method, or none is good enough.
     """
     known = PUBLISHED if given is None else {**PUBLISHED, **given}
-    if asked:
-        find(task_name, asked)  # one of a lab's own is declared by it
-    found = choose_for(task(task_name), scene or Scene(), asked=asked, given=known)
-    name = found.chosen.name if found.chosen else asked
-    return _use(find(task_name, name), found.output, found.tolerance, found.candidates, asked=bool(asked))
+    found = chosen_method(task_name, scene or Scene(), asked=asked or AUTO, given=known)
+    return _use(found.method, found.output, found.tolerance, found.candidates, asked=found.asked)
 
 
 def used_of_class(task_name: str, kind: type[Any] | Any, **known: Any) -> MethodUse:
     """Return what a node says of a method that it has as a class or function; further as :func:`used`.
 
-    One that the register does not know is named by its module, and vouches for nothing.
+    One that the register does not know is named by its module, and states no error.
     """
     declared = next((one.name for one in methods(task_name) if one.target is kind), "")
     if declared:
@@ -103,7 +100,6 @@ def rig_uses(rig: Rig, speed_m_s: float | None, world: WorldModel = PAPER) -> li
         )
         for code, choice in rig.choices.items()
     ]
-    uses.append(used("equilibrium"))
     if speed_m_s is not None:
         uses.append(_chosen(rig.motion(speed_m_s), scene={"speed_m_s": speed_m_s}))
     return uses
@@ -141,10 +137,10 @@ def _use(
         bound=own.bound or 0.0,
         bounded=own.bound is not None,
         evidence=method.evidence,
-        refused=[
-            RefusedMethod(name=one.name, why=one.why)
+        cheaper=[
+            CheaperMethod(name=one.name, why=one.state)
             for one in candidates[: names.index(method.name)]
-            if one.mark in ("refused", "reference")
+            if one.mark
         ],
         cost_s=method.cost_s,
         per=task(method.task).per,

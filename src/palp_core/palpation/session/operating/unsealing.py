@@ -10,7 +10,7 @@ import msgspec
 
 from palp_core.errors import PalpError
 from palp_core.palpation.mechanics.scene.sealed import is_sealed, own_codes, sealed_phantoms, standing
-from palp_core.palpation.session.decided.audit import decide
+from palp_core.palpation.session.decided.audit import WHOLE_SESSION, decide
 from palp_core.palpation.session.decided.blind import KEY, is_blinded
 from palp_core.palpation.session.human.record import HUMAN_TABLE, human_table_text, read_human
 from palp_core.palpation.session.session_folder import CHECKPOINT, OPENED, TABLE, is_being_written
@@ -136,7 +136,7 @@ def _open_files(folder: Path, opened: OpenedKey, reason: str, texts: Mapping[str
 
     A run that is cut off leaves the table sealed; the next one finishes.
     """
-    decide(folder, -1, "unseal", reason)
+    decide(folder, WHOLE_SESSION, "unseal", reason)
     for path in (folder / name for name in texts):
         if not sealed_name(path).exists():
             write_whole(sealed_name(path), read_whole(path))

@@ -12,9 +12,10 @@ import numpy as np
 
 from palp_core.errors import MechanicsError, MethodError
 from palp_core.graph.clock import monotonic_ns
-from palp_core.methods import find, methods
+from palp_core.methods import find, names
 from palp_core.methods.measured import REFERENCE, Measured, begins_after, cpu_s
 from palp_core.palpation.mechanics import ContactModel, Phantom, Probe, Scene, sweep
+from palp_core.palpation.mechanics.scene.guard import states_finite_strain
 from palp_core.palpation.mechanics.scene.output import answer, answer_error
 from palp_core.units import Float64Array
 
@@ -73,13 +74,11 @@ class RungAnswer:
 
 def variants() -> list[RungVariant]:
     """Return the rungs and resolutions to measure, the quick ones first; L4's are references in turn."""
-    declared = {one.name for one in methods("contact")}
 
     def size(rung: str, name: str, length_m: float, usual_m: float) -> RungVariant:
         return RungVariant(rung, f"{length_m * 1e3:g} mm", ((name, length_m),), usual=length_m == usual_m)
 
-    found = [
-        *(RungVariant(name) for name in ("l0", "l1", "l2")),
+    sizes = [
         size("l4", "cell_m", 0.002, 0.001),
         size("l4", "cell_m", 0.001, 0.001),
         size("l5", "facet_m", 0.00075, 0.000375),
@@ -87,7 +86,9 @@ def variants() -> list[RungVariant]:
         size("l5", "facet_m", 0.000375, 0.000375),
         *(size("l3", "facet_m", length_m, 0.001) for length_m in (0.002, 0.001)),
     ]
-    return [one for one in found if one.rung in declared]
+    declared, sized = names("contact"), {one.rung for one in sizes}
+    whole = [RungVariant(name) for name in declared if name not in sized]
+    return whole + [one for one in sizes if one.rung in declared]
 
 
 @begins_after(2.9)
@@ -154,6 +155,7 @@ def _outputs(scene: Scene) -> list[str]:
 
 def _points(one: RungAnswer, truth: RungAnswer, scene: Scene) -> Iterator[Measured]:
     variant = one.variant
+    law = _OTHER_LAW if states_finite_strain(find("contact", variant.rung)) else ""
     cost_s = one.setup_s + (0.0 if np.isnan(one.sweep_s) else one.sweep_s)
     for output in (*_outputs(scene), "normal"):
         if output not in truth.outputs:
@@ -168,7 +170,7 @@ def _points(one: RungAnswer, truth: RungAnswer, scene: Scene) -> Iterator[Measur
             output,
             truth.variant.label,
             usual=variant.usual,
-            condition=REFERENCE if one is truth else _OTHER_LAW if variant.rung == "l5" else "",
+            condition=REFERENCE if one is truth else law,
             fails="" if given is not None else one.words,
         )
 

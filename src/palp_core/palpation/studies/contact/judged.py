@@ -19,9 +19,11 @@ from palp_core.errors import MechanicsError, MethodError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.methods import find, methods
 from palp_core.palpation.mechanics import ContactModel, Scene, choose_rung, run_scene
+from palp_core.palpation.mechanics.contact import PlaneContact
 from palp_core.palpation.mechanics.contact.cache import code
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 from palp_core.palpation.mechanics.scene.choice import rung_model
+from palp_core.palpation.mechanics.scene.guard import states_finite_strain
 from palp_core.palpation.mechanics.scene.output import answer, answer_error
 from palp_core.palpation.studies.contact.cost import asked_for, cold_cache, side_by_side
 from palp_core.palpation.studies.contact.scenes import near_scene, random_scene
@@ -77,7 +79,8 @@ def scene_keys(scene: Scene) -> dict[str, Any]:
 
 def rungs() -> list[str]:
     """Return the rungs to hold against L4: not a cylinder, nor another constitutive law."""
-    return [one.name for one in methods("contact") if one.name not in ("l3", "l5")]
+    offered = (one for one in methods("contact") if one.target is not PlaneContact)
+    return [one.name for one in offered if not states_finite_strain(one)]
 
 
 def reference_models(scene: Scene) -> list[ContactModel]:

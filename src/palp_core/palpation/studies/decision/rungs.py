@@ -151,7 +151,7 @@ def _decide(job: RungJob, feature: str) -> RungWorld:
 
 def _doubt(rung: str, feature: str, gel: Gel) -> str:
     """Return why the register would not take the rung for this feature, or nothing."""
-    vouches = [
+    bounds = [
         find("contact", rung).bound(feature, scene_quantities(gel, depth_m)) for depth_m in gel.depths_m
     ]
-    return "" if all(bound is not None for bound in vouches) else f"vouches for no {feature} here"
+    return "" if all(bound is not None for bound in bounds) else f"no error bound for {feature} here"

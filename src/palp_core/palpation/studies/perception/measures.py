@@ -24,8 +24,7 @@ from palp_core.palpation.perception.strategy.figure5 import RINGS_M
 from palp_core.palpation.perception.strategy.policies import FixedRing, UniformRings, given
 from palp_core.palpation.perception.trace.belief import along, begin_sweep
 from palp_core.palpation.perception.trace.belief import start as trace_start
-from palp_core.palpation.studies.decision.feature_cases import CleanSweep, Way, clean_cases
-from palp_core.palpation.studies.decision.feature_cases import ways as settings
+from palp_core.palpation.studies.decision.feature_cases import CleanSweep, clean_cases
 from palp_core.palpation.studies.frontier.trace_trials import model_of
 from palp_core.palpation.studies.perception import traces
 from palp_core.palpation.studies.perception.beliefs import (
@@ -68,22 +67,12 @@ def gel_of(scene: Scene, rings_m: tuple[float, ...] = RINGS_M) -> Gel:
 
 
 @begins_after(0.2)
-def measure_smoothers(scene: Scene) -> Iterator[Measured]:
-    """Measure every smoother at its usual setting, then at others."""
-    cases, noisy = _sweeps(scene)
-    for way in ways("smoother"):
-        yield _way("smoother", way, cases, noisy)
-    for way in settings(quick=True):
-        if way.family in names("smoother") and way.label != "none":
-            yield _way("smoother", way, cases, noisy, usual=False)
-
-
-@begins_after(0.2)
 def measure_denoising(scene: Scene) -> Iterator[Measured]:
     """Measure every rule for wavelet coefficients."""
     cases, noisy = _sweeps(scene)
-    for way in ways("denoise"):
-        yield _way("denoise", way, cases, noisy)
+    for way in ways():
+        cost_s = cpu_s(partial(way.apply, noisy, RESOLUTION_N_M))
+        yield Measured("denoise", way.family, "", cost_s, worst(way, cases, 1.0, _SWEEPS), "feature", _TRUTH)
 
 
 def _sweeps(scene: Scene) -> tuple[list[CleanSweep], Float64Array]:
@@ -91,14 +80,6 @@ def _sweeps(scene: Scene) -> tuple[list[CleanSweep], Float64Array]:
     cases = clean_cases(rings_m, gel_of(scene, rings_m))
     clean = cases[0].torque_n_m
     return cases, clean + RESOLUTION_N_M * np.random.default_rng(0).standard_normal(clean.size)
-
-
-def _way(
-    task: str, way: Way, cases: list[CleanSweep], noisy: Float64Array, *, usual: bool = True
-) -> Measured:
-    cost_s = cpu_s(partial(way.apply, noisy, RESOLUTION_N_M))
-    error = worst(way, cases, 1.0, _SWEEPS)
-    return Measured(task, way.family, way.label, cost_s, error, "feature", _TRUTH, usual=usual)
 
 
 @begins_after(0.4)

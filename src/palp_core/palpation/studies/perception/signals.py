@@ -1,4 +1,4 @@
-"""Errors of tasks ``smoother`` and ``denoise``: of a feature, over the least gap between depths."""
+"""Errors of task ``denoise``: of a feature, over the least gap between depths."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from palp_core.methods import names
-from palp_core.palpation.perception.signal.smoothers import Smoother, smoother
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.studies.decision.feature_cases import CleanSweep, Way, clean_cases, measure
 from palp_core.palpation.studies.perception.case import Seen, in_words, touch_quantities
@@ -35,16 +34,9 @@ NOISES = (1.0, 2.0, 5.0)
 _SEED = 31
 
 
-def ways(task: str) -> list[Way]:
-    """Return every declared smoother, or rule for wavelet coefficients, at its usual setting."""
-    if task == "denoise":
-        return [Way(rule, "", 0.0, edge_cone(), partial(_denoised, rule=rule)) for rule in names(task)]
-    made = [(name, smoother(name)) for name in names(task)]
-    return [Way(name, "", one.lag, one.edge, partial(_smoothed, one)) for name, one in made]
-
-
-def _smoothed(one: Smoother, signal: Float64Array, _: float) -> Float64Array:
-    return one.apply(signal)
+def ways() -> list[Way]:
+    """Return every rule for wavelet coefficients."""
+    return [Way(rule, "", 0.0, edge_cone(), partial(_denoised, rule=rule)) for rule in names("denoise")]
 
 
 def _denoised(signal: Float64Array, _: float, *, rule: str) -> Float64Array:
@@ -65,7 +57,7 @@ def worst(way: Way, cases: list[CleanSweep], noise_factor: float, sweeps: int) -
 
 
 def seen(*, quick: bool = False) -> list[Seen]:
-    """Return the errors of every smoother and rule on every touch and noise.
+    """Return the errors of every rule on every touch and noise.
 
     Args:
         quick: The published touch and five steps of noise alone, few sweeps.
@@ -76,16 +68,15 @@ def seen(*, quick: bool = False) -> list[Seen]:
         cases = clean_cases(RINGS_M, gel)
         for noise in NOISES[-1:] if quick else NOISES:
             noisy = Gel(rings_m=RINGS_M, noise_factor=noise, **touch)
-            for task in ("smoother", "denoise"):
-                found += [
-                    Seen(
-                        task,
-                        way.family,
-                        "feature",
-                        worst(way, cases, noise, 10 if quick else 60),
-                        touch_quantities(noisy),
-                        in_words(noisy),
-                    )
-                    for way in ways(task)
-                ]
+            found += [
+                Seen(
+                    "denoise",
+                    way.family,
+                    "feature",
+                    worst(way, cases, noise, 10 if quick else 60),
+                    touch_quantities(noisy),
+                    in_words(noisy),
+                )
+                for way in ways()
+            ]
     return found

@@ -8,7 +8,7 @@ from typing import Any
 
 from palp_core.palpation.reporting.html_page import write_page
 from palp_core.palpation.reporting.table import write_records
-from palp_core.palpation.studies.perception import beliefs, counts, signals, traces, trials
+from palp_core.palpation.studies.perception import beliefs, signals, traces, trials
 from palp_core.palpation.studies.perception.case import Seen
 from palp_core.palpation.studies.toolkit.progress import followed
 
@@ -20,8 +20,6 @@ PARTS: Sequence[Callable[..., list[Seen]]] = (
     traces.traces_seen,
     trials.stops_seen,
     trials.policies_seen,
-    counts.bursts_seen,
-    counts.alarms_seen,
 )
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from palp_core.methods.choice import INACCURATE, UNAVAILABLE
 from palp_core.methods.measured import REFERENCE, Measured
 from palp_core.palpation.session.method_choices import TaskChoice
 from palp_core.palpation.studies.toolkit.pareto import pareto_front
@@ -80,7 +81,7 @@ def _judged(choice: TaskChoice, points: Sequence[Measured], home: str) -> list[J
         fails = one.fails
         method, offer = declared.get(one.method, (None, None))
         if method is not None and offer is not None and not fails and one.condition != REFERENCE:
-            doubtful = offer.mark == "reference" or (offer.mark == "refused" and offer.bound is None)
+            doubtful = offer.mark == UNAVAILABLE or (offer.mark == INACCURATE and offer.bound is None)
             fails = (method.fails or offer.why) if doubtful else ""
         survivor = method.survivor if method is not None and fails else ""
         at_home = one.condition == home

@@ -19,7 +19,7 @@ from palp_core.methods.measured import REFERENCE, Measured, first_s, measure_of
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.session.method_choices import TaskChoice
 from palp_core.palpation.studies.contact.case import FailureCase
-from palp_core.palpation.studies.tradeoff.cases import cases_of
+from palp_core.palpation.studies.contact.cases_other import contact_cases
 
 _DRAWING_S = 0.5  # that a task's chart and table take of the budget; no more than a quarter of it in all
 _LONGEST_S = 1e9  # an alarm knows no more than its clock
@@ -164,7 +164,8 @@ def _first_s(one: TaskSurvey) -> float:
 def _all_of(one: TaskSurvey, scene: Scene) -> Iterator[Measured | FailureCase]:
     for measure in measure_of(one.choice.task.name):
         yield from measure(scene)
-    yield from cases_of(one.choice.task.name)
+    if one.choice.task.name == "contact":
+        yield from contact_cases(quick=True)
 
 
 def _step(one: TaskSurvey, found: Iterator[Measured | FailureCase]) -> bool:
