@@ -10,6 +10,8 @@ from msgs.experiment import PolicyChange
 from palp_core import Params, ReadOnly, State
 from palp_core.palpation.perception.belief.trial_filter import DepthCount
 from palp_core.palpation.perception.strategy.trained_rings import PUBLISHED
+from palp_core.palpation.session.operating.orders import GROUPED
+from palp_core.palpation.session.plan import Specimens
 from palp_core.units import Count, CountPositive, Metres, Seconds
 
 TrialCount = Annotated[int, msgspec.Meta(ge=0, le=100_000)]
@@ -47,7 +49,8 @@ class ExperimentParams(Params):
     ``session`` names the session's sheet, which the report checks and copies.
     ``plan`` is the paper's experiment, or how well the rig repeats. ``depths`` and ``stop``: the estimator's.
     ``height_stays``: the estimator's, who is told on which mounting each trial is if that counts.
-    ``mounting``: which phantom when: ``grouped`` to limit remounts, ``block_randomised``, or a CSV of trials.
+    ``mounting``: which phantom when: ``grouped`` to limit remounts, ``each_trial``, ``block_randomised``, or
+    a CSV of trials. ``specimens``: whether trials are of the phantoms of training, or of others.
     ``blind``: what is said and written has codes for depths, and no live accuracy; ``key`` says who is who.
     """
 
@@ -73,7 +76,8 @@ class ExperimentParams(Params):
     from_m: Metres = -0.03
     to_m: Metres = 0.05
     scene: str = ""
-    mounting: ReadOnly[str] = "grouped"
+    mounting: ReadOnly[str] = GROUPED
+    specimens: ReadOnly[Specimens] = "same"
     blind: ReadOnly[bool] = False
     key: ReadOnly[str] = ""
 

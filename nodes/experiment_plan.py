@@ -21,7 +21,7 @@ from palp_core.palpation.session.decided.audit import note_redone, to_be_redone
 from palp_core.palpation.session.decided.blind import blind_mistakes, shown_depths
 from palp_core.palpation.session.method_choices import AUTO
 from palp_core.palpation.session.named_files import file_mistakes
-from palp_core.palpation.session.operating.orders import BLOCKS, GROUPED, ordered
+from palp_core.palpation.session.operating.orders import MOUNTINGS, ordered
 from palp_core.palpation.session.plan import ExperimentDesign
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, repeatability, sweep_count
 from palp_core.palpation.session.trials_csv import read_rows
@@ -67,6 +67,7 @@ def design_of(params: ExperimentParams) -> plan.ExperimentDesign | RepeatDesign:
         raise PerceptionError("training is 0: trials have nothing to compare with; train, or have no trials")
     design = plan.ExperimentDesign(
         phantoms=tuple(plan.PlannedPhantom(code, depth_m) for code, depth_m in depths_m.items()),
+        specimens=params.specimens,
         rings_m=rings_of(params.rings_mm),
         repeats=params.training,
         trials_per_phantom=params.trials,
@@ -109,9 +110,10 @@ def _too_blind(params: ExperimentParams) -> dict[str, str]:
         "depths": params.depths != 0,
         "policy": params.policy == "information",
         "plan": params.plan != "paper",
+        "specimens": params.specimens != "same",
     }
     found = {name: why for name, is_so in wrong.items() if is_so}
-    if params.mounting not in (GROUPED, BLOCKS) and not is_sealed(params.phantoms):
+    if params.mounting not in MOUNTINGS and not is_sealed(params.phantoms):
         found["mounting"] = (
             "a list that names phantoms by their own codes would tell which is which: seal them first "
             "(palp session seal KEY, phantoms:=KEY), and list them by their stickers"

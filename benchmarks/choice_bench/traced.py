@@ -29,7 +29,7 @@ def trace_filter(rng: np.random.Generator, index: int) -> Case:
     height_sd_m = told.conditions.height_sd_m
     conditions = replace(
         of.conditions,
-        specimens=min(3, of.conditions.training),
+        phantoms=min(3, of.conditions.training),
         trials=traces.RIG.trials,
         height_sd_m=float(rng.uniform(0.0, height_sd_m)),
     )

@@ -414,13 +414,15 @@ def check(*given: str, file: Path = SIM) -> CheckedGraph:
         ("policy:=information", "needs the depths themselves"),
         ("overwrite:=true", "a folder of its own"),
         ("mounting:=list.csv", "by their stickers"),
+        ("specimens:=other", "no two of one depth"),
+        ("specimens:=other phantoms:=", "needs the depths themselves"),
     ],
 )
 def test_what_needs_the_depths_is_refused_before_anything_starts(
     given: str, said: str, tmp_path: Path
 ) -> None:
     with pytest.raises(GraphProblems, match=re.escape(said)):
-        check(given, f"out:={tmp_path / 'out'}")
+        check(*given.split(), f"out:={tmp_path / 'out'}")
     assert not (tmp_path / "out").exists()
 
 

@@ -75,6 +75,17 @@ def test_what_a_mounting_is_off_by_is_told_and_the_world_with_the_methods(lab: B
     assert told == {"name": "lab", **LAB.values()}
 
 
+def test_castings_of_a_depth_are_phantoms_of_their_own(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("phantom: {modulus_pa: 15000.0}\n", encoding="utf-8")
+    bench = Bench(Phantom, {"world": "lab", "phantoms": "castings", "scene": str(scene)}, seed=4)
+    for remount, code in enumerate(("A1", "A6", "C1")):
+        bench.feed(Phantom.mount, Mount(stamp_ns=0, code=code, remount=remount))
+    assert [truth.depth_m for truth in bench.sent(Phantom.truth)] == [0.002, 0.002, 0.008]
+    assert len({told.modulus for told in bench.sent(Phantom.world_truth)}) == 3
+    assert {phantom.modulus_pa for phantom in bench.node.rig.phantoms.values()} == {15000.0}
+
+
 def test_a_mounting_keeps_its_surface_and_a_remount_has_another(lab: Bench[Phantom]) -> None:
     smooth = Bench(Phantom, {"world": "lab"}, seed=4)
     one, two = swept(lab), felt(lab, 1)

@@ -73,15 +73,15 @@ def test_of_two_first_decisions_one_writes_the_heading(
         flock(file, how)
 
     monkeypatch.setattr("palp_core.palpation.session.decided.audit.fcntl.flock", lock)
-    other = threading.Thread(target=decide, args=(tmp_path, 1, "redo", "noise"))
+    other = threading.Thread(target=decide, args=(tmp_path, ("training", 2), "redo", "noise"))
     with (tmp_path / AUDIT).open("a") as file:
         flock(file, fcntl.LOCK_EX)
         other.start()
         while other.is_alive() and not waits.wait(0.1):
             pass
-        file.write("trial,deed,reason,time,user\n0,redo,slipped,2026-01-01T00:00:00+00:00,me\n")
+        file.write("phase,trial,deed,reason,time,user\ntraining,1,redo,slipped,2026-01-01T00:00:00+00:00,me\n")
     other.join()
-    assert [one.trial for one in decisions(tmp_path)] == [0, 1]
+    assert [one.trial for one in decisions(tmp_path)] == [1, 2]
 
 
 def test_a_session_without_decisions_says_nothing_of_them(session: Path, summary: Summariser) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.session import plan
-from palp_core.palpation.session.operating.orders import BLOCKS, GROUPED, ordered
+from palp_core.palpation.session.operating.orders import BLOCKS, EACH_TRIAL, GROUPED, ordered
 from palp_core.palpation.session.plan import ExperimentDesign
 
 DESIGN = ExperimentDesign(rings_m=(0.008, 0.016), repeats=2, trials_per_phantom=4)
@@ -50,6 +51,37 @@ def test_block_by_block_every_block_has_each_phantom_once() -> None:
     assert len({tuple(mounts[at : at + 3]) for at in range(0, len(mounts), 3)}) > 1
     assert Counter(found) == Counter(trials(DESIGN)[1])
     assert trials(ordered(DESIGN, BLOCKS), seed=2)[0] != mounts
+
+
+def test_each_trial_training_is_grouped_and_every_trial_has_a_mounting() -> None:
+    mounts, found = trials(ordered(DESIGN, EACH_TRIAL))
+    assert sorted(mounts[:3]) == ["A", "B", "C"]
+    assert mounts[3:] == [phantom for phase, phantom, _ in found if phase == "estimation"]
+
+
+CAST = tuple(plan.PlannedPhantom(f"{code}{n}", d) for code, d in (("A", 0.002), ("B", 0.004)) for n in (1, 2))
+
+
+def test_of_other_specimens_the_first_half_of_each_depth_trains() -> None:
+    design = dataclasses.replace(DESIGN, phantoms=CAST, specimens="other")
+    _, found = trials(design)
+    assert {(phase, phantom) for phase, phantom, _ in found} == {
+        ("training", "A1"),
+        ("training", "B1"),
+        ("estimation", "A2"),
+        ("estimation", "B2"),
+    }
+    assert (design.training_count, design.trial_count) == (8, 8)
+    with pytest.raises(PerceptionError, match="1 phantom cannot be halved at 4 mm; list an even number"):
+        dataclasses.replace(design, phantoms=CAST[:3])
+
+
+def test_a_list_of_other_specimens_may_not_test_on_what_was_trained(tmp_path: Path) -> None:
+    path = tmp_path / "list.csv"
+    path.write_text("phase,phantom,ring_mm\ntraining,A1,16\nestimation,A1,\n")
+    design = dataclasses.replace(DESIGN, phantoms=CAST, specimens="other")
+    with pytest.raises(PerceptionError, match=r"csv:3: no phantom 'A1' in estimation; there are A2, B2"):
+        ordered(design, str(path))
 
 
 def test_a_list_is_followed_line_by_line(tmp_path: Path) -> None:

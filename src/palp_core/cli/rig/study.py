@@ -1,5 +1,6 @@
 """``palp study``: the paper re-run, speed against accuracy, and where methods fail."""
 
+import itertools
 import shlex
 from pathlib import Path
 from typing import Annotated
@@ -42,6 +43,8 @@ def run(
     quick: Annotated[bool, typer.Option("--quick", help="Few values: minutes instead of an hour.")] = False,
     workers: Annotated[int, typer.Option(help="Local processes, where the study can use them.")] = 1,
     dask: Annotated[str, typer.Option(help="Dask scheduler instead, as tcp://host:8786.")] = "",
+    mounting: Annotated[str, typer.Option(help="As mounting:= of a launch file; not a CSV.")] = "",
+    specimens: Annotated[str, typer.Option(help="As specimens:= of a launch file.")] = "",
 ) -> None:
     """Run a study: charts (PNG, SVG), tables (CSV) and a page that explains them; Ctrl-C ends it."""
     import palp_core
@@ -50,19 +53,26 @@ def run(
     from palp_core.palpation.studies.index import StudyNote, write_note
 
     chosen = study(name)
+    options = {
+        option: value
+        for option, value, usual in (
+            ("quick", quick, False),
+            ("workers", workers, 1),
+            ("dask", dask, ""),
+            ("mounting", mounting, ""),
+            ("specimens", specimens, ""),
+        )
+        if value != usual
+    }
     make_folder(out)
     note(f"{chosen.name}: {chosen.question}")
     try:
-        page = chosen.run(out, quick=quick, workers=workers, dask=dask)
+        page = chosen.run(out, **options)
     except KeyboardInterrupt:
         note(chosen.stopped(out))
         raise typer.Exit(INTERRUPTED) from None
-    command = shlex.join(
-        ["palp", "study", "run", name, "--out", str(out)]
-        + (["--quick"] if quick else [])
-        + (["--workers", str(workers)] if workers > 1 else [])
-        + (["--dask", dask] if dask else [])
-    )
+    words = [[f"--{one}"] if value is True else [f"--{one}", str(value)] for one, value in options.items()]
+    command = shlex.join(["palp", "study", "run", name, "--out", str(out), *itertools.chain(*words)])
     date = local_time_name().partition("_")[0]
     write_note(
         out,

@@ -17,6 +17,7 @@ BASIS = {
     "experiment.training_mounts": "not published; assumed",
     "experiment.estimation_mounts": "not published; assumed",
     "experiment.mounting": "not published; assumed",
+    "experiment.specimens": "published: the same set in both phases",
     "experiment.height_stays": "choice: as of the estimator, who is told each trial's mounting for it",
     "experiment.depths": "published: one per phantom's depth (0); as of the estimator",
     "experiment.from_m": "assumed",

@@ -16,11 +16,14 @@ from typing import Literal
 
 import numpy as np
 
+from palp_core.counted import counted
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M, RINGS_M
 
 Phase = Literal["training", "estimation", "stay", "reposition", "remount", "hour"]
 """The experiment's two, and the conditions of the plan ``repeatability``."""
+Specimens = Literal["same", "other"]
+"""Whether trials are of the phantoms of training, or of others."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +124,8 @@ class ExperimentDesign:
 
     Attributes:
         phantoms: The phantoms; one per depth as published, several allowed.
+        specimens: Trials are of the ``same`` phantoms as training, or of ``other`` ones: of each depth the
+            first half is trained on, and the trials are of the second.
         rings_m: Ring positions to train, m.
         repeats: Training palpations per phantom and ring; 25 as published. Each is a trial of one palpation.
         trials_per_phantom: Estimation trials per phantom; 100 as published.
@@ -137,6 +142,7 @@ class ExperimentDesign:
     phantoms: tuple[PlannedPhantom, ...] = tuple(
         PlannedPhantom(code, d) for code, d in zip("ABC", DEPTHS_M, strict=True)
     )
+    specimens: Specimens = "same"
     rings_m: tuple[float, ...] = RINGS_M
     repeats: int = 25
     trials_per_phantom: int = 100
@@ -151,14 +157,30 @@ class ExperimentDesign:
         """Palpations of training in all."""
         if self.listed:
             return sum(len(one.rings_m) for one in self.listed if one.phase == "training")
-        return self.repeats * len(self.phantoms) * len(self.rings_m)
+        return self.repeats * len(self.phantoms_of("training")) * len(self.rings_m)
 
     @property
     def trial_count(self) -> int:
         """Trials of estimation in all."""
         if self.listed:
             return sum(len(one.rings_m) for one in self.listed if one.phase == "estimation")
-        return self.trials_per_phantom * len(self.phantoms)
+        return self.trials_per_phantom * len(self.phantoms_of("estimation"))
+
+    def phantoms_of(self, phase: str) -> tuple[PlannedPhantom, ...]:
+        """Return the phantoms of training or of estimation."""
+        if self.specimens == "same":
+            return self.phantoms
+        later = phase != "training"
+        return tuple(
+            phantom
+            for alike in self._of_each_depth()
+            for place, phantom in enumerate(alike)
+            if (2 * place >= len(alike)) == later
+        )
+
+    def _of_each_depth(self) -> Iterator[list[PlannedPhantom]]:
+        for depth_m in dict.fromkeys(phantom.depth_m for phantom in self.phantoms):
+            yield [phantom for phantom in self.phantoms if phantom.depth_m == depth_m]
 
     def __post_init__(self) -> None:
         if self.order not in ("randomised", "blocked"):
@@ -169,6 +191,12 @@ class ExperimentDesign:
             )
         if len({p.code for p in self.phantoms}) != len(self.phantoms):
             raise PerceptionError("two phantoms have the same code")
+        for alike in self._of_each_depth() if self.specimens == "other" else ():
+            if len(alike) % 2:
+                raise PerceptionError(
+                    f"specimens is other, and {counted(len(alike), 'phantom')} cannot be halved at "
+                    f"{alike[0].depth_m * 1e3:g} mm; list an even number of each depth"
+                )
         for name, mounts, total in (
             ("training_mounts", self.training_mounts, self.repeats),
             ("estimation_mounts", self.estimation_mounts, self.trials_per_phantom),
@@ -265,14 +293,15 @@ def _mountings(
         for share in _shares(design.trials_per_phantom, design.estimation_mounts)
     ]
     for phase, rings_m in rounds:
-        places = np.arange(len(design.phantoms))
+        phantoms = design.phantoms_of(phase)
+        places = np.arange(len(phantoms))
         if design.order == "randomised":
             rng.shuffle(places)
         for place in places:
             order = np.arange(len(rings_m))
             if design.order == "randomised" and phase == "training":
                 rng.shuffle(order)
-            yield phase, design.phantoms[place], [rings_m[i] for i in order]
+            yield phase, phantoms[place], [rings_m[i] for i in order]
 
 
 def _shares(total: int, parts: int) -> list[int]:

@@ -5,12 +5,17 @@ import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from palp_core.errors import PalpError
 from palp_core.foreign import catch_foreign, import_foreign
+from palp_core.palpation.session.operating.orders import GROUPED
 from palp_core.palpation.studies.toolkit.checkpoint import read_lines
 from palp_core.published import STUDIES as PUBLISHED
 from palp_core.published import published
+
+OPTIONS = {"quick": False, "workers": 1, "dask": "", "mounting": GROUPED, "specimens": "same"}
+"""What a study's function may take, and the usual value of each."""
 
 
 @dataclass(frozen=True)
@@ -20,8 +25,7 @@ class Study:
     Attributes:
         name: As in ``palp study run NAME``.
         question: What it answers, in a line.
-        target: ``module:function``, called as ``function(out, quick=...)``; returns its page.
-        parallel: Whether its function takes ``workers`` and ``dask`` too.
+        target: ``module:function``, called with the options that it takes; returns its page.
         picture: Stem of the chart that stands for it; empty: it draws none.
         checkpoint: File of its folder that gets a line for every part that is finished; empty: none.
     """
@@ -30,22 +34,24 @@ class Study:
     question: str
     target: str
     picture: str = ""
-    parallel: bool = False
     checkpoint: str = ""
 
-    def run(self, out: Path, *, quick: bool = False, workers: int = 1, dask: str = "") -> Path:
+    def run(self, out: Path, **options: Any) -> Path:
         """Run it and return its page.
 
+        Args:
+            out: Folder for what it makes.
+            **options: Those of :data:`OPTIONS`, where they are not the usual ones.
+
         Raises:
-            PalpError: Workers were asked for, and the study has no use for them.
+            PalpError: The study's function does not take an option that is given.
         """
         module, _, name = self.target.partition(":")
         function: Callable[..., Path] = getattr(importlib.import_module(module), name)
-        if self.parallel:
-            return function(out, quick=quick, workers=workers, dask=dask)
-        if workers > 1 or dask:
-            raise PalpError(f"the study '{self.name}' runs in one process; leave out --workers and --dask")
-        return function(out, quick=quick)
+        taken = inspect.signature(function).parameters
+        if unknown := [f"--{option}" for option in options if option not in taken]:
+            raise PalpError(f"the study '{self.name}' does not take {', '.join(unknown)}; leave it out")
+        return function(out, **{name: value for name, value in (OPTIONS | options).items() if name in taken})
 
     def stopped(self, out: Path) -> str:
         """Return what there is to say when it was stopped: what is kept, and how to go on."""
@@ -83,28 +89,24 @@ STUDIES = {
             "How near do policies, stop rules and filters come to what no policy can pass?",
             "palp_core.palpation.studies.decision.combinations:run",
             picture="accuracy_against_seconds",
-            parallel=True,
         ),
         Study(
             "frontier",
             "What does a decision cost in seconds of the rig: peak, contrast, whole trace, in two worlds?",
             "palp_core.palpation.studies.frontier.study:run",
             picture="frontier",
-            parallel=True,
         ),
         Study(
             "actions",
             "What is it worth to choose indentation, speed, path and direction too, and to look twice?",
             "palp_core.palpation.studies.frontier.actions:run",
             picture="actions",
-            parallel=True,
         ),
         Study(
             "mismatch",
             "Trained in one world, judged in another: where does each way of deciding fail, and who says so?",
             "palp_core.palpation.studies.frontier.mismatch:run",
             picture="mismatch_lab",
-            parallel=True,
         ),
         Study(
             "method-bounds",
@@ -116,21 +118,18 @@ STUDIES = {
             "Does a probe that varies its stiffness as humans do find nodules better? The paper, re-run.",
             "palp_core.palpation.studies.paper.study:run",
             picture="policies",
-            parallel=True,
         ),
         Study(
             "power",
             "How many trials and sessions does it take to see the paper's differences?",
             "palp_core.palpation.studies.power.study:run",
             picture="power_over_sessions",
-            parallel=True,
         ),
         Study(
             "robustness",
             "Do the results hold for other gels, rigs, contact models, trainings and human chains?",
             "palp_core.palpation.studies.robustness.study:run",
             picture="robustness_to_best_paper",
-            parallel=True,
             checkpoint="cells.jsonl",
         ),
         Study(
@@ -138,7 +137,6 @@ STUDIES = {
             "Which hypotheses make a fixed stiffness stop making progress?",
             "palp_core.palpation.studies.paper.why:run",
             picture="why",
-            parallel=True,
         ),
         Study(
             "features",
@@ -183,6 +181,6 @@ def _published(name: str, target: str) -> Study:
     """
     function = import_foreign(target, f"study '{name}'", PalpError)
     with catch_foreign(f"study '{name}', {target}", PalpError):
-        taken = inspect.signature(function).parameters
+        inspect.signature(function)
     question = (inspect.getdoc(function) or "no docstring says what it asks").partition("\n")[0]
-    return Study(name, question, target, parallel={"workers", "dask"} <= set(taken))
+    return Study(name, question, target)

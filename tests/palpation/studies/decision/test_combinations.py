@@ -123,7 +123,7 @@ def test_independent_readings_are_a_limit_that_rises_with_probes() -> None:
 
 def test_information_gain_does_not_pass_the_optimum_of_its_own_model(felt: ReadingTable) -> None:
     """It once did, by two points: the optimum's settings were chosen beforehand, four of them at most."""
-    conditions = Conditions(height_sd_m=0.1e-3, remount=True, trials=60, distribution="normal")
+    conditions = Conditions(height_sd_m=0.1e-3, mounting="each_trial", trials=60, distribution="normal")
     (best,) = shared_optimum(what_stays(felt, conditions), [0.005], np.random.default_rng(1), trial_count=600)
     ended = [
         run_policy(
@@ -151,7 +151,7 @@ def test_one_probe_takes_the_least_seconds_and_each_further_one_a_move_and_a_swe
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("tradeoff")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(combinations, "UNKNOWN", Conditions(remount=True, trials=4))
+        patch.setattr(combinations, "UNKNOWN", Conditions(mounting="each_trial", trials=4))
         patch.setattr(combinations, "POLICIES", ("fixed_16", "uniform", "information_gain_latent"))
         patch.setattr(combinations, "STOPS", {"paper": PaperVerbatim()})
         study("decision-limits").run(folder, quick=True)

@@ -27,7 +27,9 @@ from palp_core.palpation.world.model import LAB
 RINGS = Gel(depths_m=(0.002, 0.008), rings_m=(0.004, 0.016))
 PLAN = WorldPlan(
     world=LAB,
-    conditions=Conditions(training=25, trials=20, specimens=3, remount=True, rehome=False),
+    conditions=Conditions(
+        training=25, trials=20, specimens="other", phantoms=3, mounting="each_trial", rehome=False
+    ),
     gel=RINGS,
     path_m=SWIFT.path_m,
 )

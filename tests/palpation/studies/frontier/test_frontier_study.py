@@ -3,14 +3,16 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 import yaml
 from matplotlib.figure import Figure
 
-from palp_core.palpation.studies.catalogue import study
+from nodes.experiment_params import ExperimentParams
+from palp_core.palpation.session.plan import Specimens
+from palp_core.palpation.studies.catalogue import OPTIONS, study
 from palp_core.palpation.studies.frontier import depth_error, tables
 from palp_core.palpation.studies.frontier.frontier_charts import frontier_chart
 from palp_core.palpation.studies.frontier.mismatch import MismatchJob, WorldDifference, mismatch_session
@@ -24,7 +26,13 @@ from palp_core.palpation.studies.frontier.trace_trials import (
     run_trace_trials,
     settings_of,
 )
-from palp_core.palpation.studies.frontier.world_session import Stopwatch, WorldPlan, WorldSession, begin
+from palp_core.palpation.studies.frontier.world_session import (
+    Stopwatch,
+    WorldPlan,
+    WorldSession,
+    begin,
+    worlds,
+)
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.reading_table import Gel
 from palp_core.palpation.studies.simulation.trace_table import TraceTable
@@ -34,7 +42,9 @@ from palp_core.units import Float64Array
 LAUNCH = Path(__file__).parents[4] / "launch"
 RINGS = Gel(rings_m=(0.004, 0.016))
 PLAN = WorldPlan(
-    world=LAB, conditions=Conditions(training=25, trials=20, specimens=3, remount=True), gel=RINGS
+    world=LAB,
+    conditions=Conditions(training=25, trials=20, specimens="other", phantoms=3, mounting="each_trial"),
+    gel=RINGS,
 )
 
 
@@ -65,6 +75,15 @@ def test_the_swift_protocol_is_that_of_the_launch_files(file: str) -> None:
     assert not SWIFT.rehome
 
 
+@pytest.mark.parametrize("file", ["sim.yaml", "parts/experiment.yaml"])
+def test_mounting_and_specimens_have_one_default_in_launch_files_and_studies(file: str) -> None:
+    args = yaml.safe_load((LAUNCH / file).read_text(encoding="utf-8"))["args"]
+    for name in ("mounting", "specimens"):
+        usual = {getattr(one(), name) for one in (Conditions, ExperimentParams)} | {OPTIONS[name]}
+        assert usual == {args[name]["default"]}
+    assert tuple(args["specimens"]["choices"]) == get_args(Specimens)
+
+
 @pytest.mark.slow
 def test_the_most_bits_a_second_are_not_at_the_softest_ring() -> None:
     session = begin(PLAN, (3, 2))
@@ -81,7 +100,7 @@ def test_friction_ruins_the_peak_and_neither_contrast_nor_trace() -> None:
         Scheme("contrast", "fixed_best", "threshold"),
         Scheme("trace", "fixed_best", "threshold", "swift"),
     )
-    less = MismatchJob("paper", WorldDifference("", (("friction", -0.2),)), (23, 1, 0), schemes)
+    less = MismatchJob(WorldPlan(), WorldDifference("", (("friction", -0.2),)), (23, 1, 0), schemes)
     found = {name: run.ended.correct.mean() for name, run in mismatch_session(less).items()}
     assert found[schemes[0].name] < 0.8
     assert found[schemes[1].name] > 0.95
@@ -198,9 +217,10 @@ def test_the_chart_has_every_scheme_limits_a_cross_and_a_front(whole: WorldSessi
 def test_trials_whose_friction_is_off_are_told_and_those_of_training_are_not() -> None:
     schemes = (Scheme("peak", "fixed_best", "paper"), Scheme("trace", "fixed_best", "threshold", "swift"))
     seeds, less = [(23, 1, number) for number in range(4)], WorldDifference("", (("friction", -0.25),))
-    usual = [mismatch_session(MismatchJob("lab", WorldDifference(""), one, schemes)) for one in seeds]
+    plan = worlds("each_trial", "other")["lab"]
+    usual = [mismatch_session(MismatchJob(plan, WorldDifference(""), one, schemes)) for one in seeds]
     assert sum(run.shift is not None for one in usual for run in one.values()) <= 1
-    off = [mismatch_session(MismatchJob("lab", less, one, schemes)) for one in seeds]
+    off = [mismatch_session(MismatchJob(plan, less, one, schemes)) for one in seeds]
     told = [shift for one in off if (shift := one[schemes[1].name].shift)]
     assert len(told) >= 2
     assert all(one.scores < 0.0 for one in told if one.name in ("friction", "modulus", "height_m"))

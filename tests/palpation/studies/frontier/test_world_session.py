@@ -1,23 +1,30 @@
 """Sessions in a world: features as the chain reads them, equal luck, and what differs in the trials."""
 
+import contextlib
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
 
+from nodes.experiment_params import ExperimentParams
+from nodes.experiment_plan import design_of
 from palp_core.errors import PalpError
 from palp_core.methods import find
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
+from palp_core.palpation.session import plan
+from palp_core.palpation.session.operating.orders import MOUNTINGS
 from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, SWIFT
 from palp_core.palpation.studies.frontier.trace_features import feature_of
-from palp_core.palpation.studies.frontier.world_session import WorldPlan, begin
+from palp_core.palpation.studies.frontier.world_session import WorldPlan, begin, worlds
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.reading_table import Gel, sweep_torque
+from palp_core.palpation.world.latents import LATENTS
 from palp_core.palpation.world.model import LAB, PAPER
 
 SMALL = Gel(rings_m=(0.016,))
-FEW = Conditions(training=4, trials=3, specimens=2, remount=True)
+FEW = Conditions(training=4, trials=3, specimens="other", phantoms=2, mounting="each_trial")
 
 
 @pytest.mark.parametrize("feature", ["peak", "contrast"])
@@ -35,15 +42,70 @@ def test_bins_give_the_feature_that_the_chain_reads(feature: str) -> None:
 
 
 def test_sessions_of_one_seed_share_their_luck_and_differ_in_what_is_told() -> None:
-    plan = WorldPlan(world=LAB, conditions=FEW, gel=SMALL)
-    one, again = begin(plan, (1, 2)), begin(plan, (1, 2))
-    other = begin(replace(plan, shift=(("friction", 0.2),)), (1, 2))
+    few = WorldPlan(world=LAB, conditions=FEW, gel=SMALL)
+    one, again = begin(few, (1, 2)), begin(few, (1, 2))
+    other = begin(replace(few, shift=(("friction", 0.2),)), (1, 2))
     every, ring = np.arange(len(one.depth)), np.zeros(len(one.depth), dtype=np.int64)
     felt = [s.traces(every, ring, s.kept_landing_m, 0) for s in (one, again, other)]
     np.testing.assert_array_equal(felt[0], felt[1])
     np.testing.assert_array_equal(one.training.traces, other.training.traces)
     assert (felt[2][:, 40:] > felt[0][:, 40:]).all()  # more friction, more drag
-    assert not np.array_equal(begin(plan, (1, 3)).training.traces, one.training.traces)
+    assert not np.array_equal(begin(few, (1, 3)).training.traces, one.training.traces)
+
+
+def mountings(design: plan.ExperimentDesign, phase: str) -> list[str]:
+    """Return the phantom of each mounting of a phase, as the graph's experiment has it."""
+    found, step, mounted = [], next(steps := plan.experiment(design, np.random.default_rng(1))), ""
+    with contextlib.suppress(StopIteration):
+        while True:
+            word = "done"
+            if isinstance(step, plan.MountPhantom):
+                mounted = step.phantom
+            elif isinstance(step, plan.BeginTrial) and mounted and step.phase == phase:
+                found.append(mounted)
+                mounted = ""
+            elif isinstance(step, plan.Palpate) and not step.ring_given:
+                word = "decided"
+            step = steps.send(plan.StepReply(word))  # type: ignore[arg-type]
+    return found
+
+
+@pytest.mark.parametrize("specimens", get_args(plan.Specimens))
+@pytest.mark.parametrize("mounting", MOUNTINGS)
+def test_mounting_and_specimens_make_the_same_world_on_the_graph_and_in_a_study(
+    mounting: str, specimens: plan.Specimens
+) -> None:
+    """Phantoms and mountings are as many in both, and as many trials are of phantoms of training."""
+    few = worlds(mounting, specimens)["lab"]
+    conditions = replace(few.conditions, training=6, trials=6)
+    session = begin(replace(few, conditions=conditions, gel=SMALL), (1, 8))
+    design = design_of(
+        ExperimentParams(
+            mounting=mounting,
+            specimens=specimens,
+            phantoms="castings" if specimens == "other" else "",
+            rings_mm="16",
+            training=6 // conditions.phantoms,
+            trials=6 // conditions.phantoms,
+        )
+    )
+    assert isinstance(design, plan.ExperimentDesign)
+    trained, tested = mountings(design, "training"), mountings(design, "estimation")
+    assert len(set(session.training.mounting.tolist())) == len(trained)
+    assert len(np.unique(session.tracks[:, 0, 0])) == len(tested)
+    assert len(set(session.phantom.tolist())) == len(set(tested))
+    assert len(np.unique(session.parts[:, LATENTS.index("modulus")])) == len(set(tested))
+    assert ({*trained} == {*tested}, bool({*trained} & {*tested})) == (specimens == "same",) * 2
+
+
+@pytest.mark.parametrize("specimens", get_args(plan.Specimens))
+def test_trials_feel_the_phantoms_of_training_or_others(specimens: plan.Specimens) -> None:
+    alike = Conditions(repeatability_m=0.0, height_sd_m=0.0, training=4, trials=4, specimens=specimens)
+    session = begin(WorldPlan(replace(PAPER, modulus_specimen_sd=0.1), alike, SMALL), (1, 9))
+    every = np.arange(12)
+    felt = session.feature("peak").reading(every, np.zeros_like(every), np.zeros(12), 0).reshape(3, 4)
+    off = np.abs(felt.mean(axis=1) / session.feature("peak").training().reshape(3, 4).mean(axis=1) - 1.0)
+    assert (off < 1e-3).all() if specimens == "same" else (off > 1e-3).all()
 
 
 def test_the_papers_world_has_no_texture_and_the_lab_has() -> None:
@@ -63,10 +125,10 @@ def test_other_depths_are_felt_in_trials_than_were_trained() -> None:
 
 
 def test_training_that_lands_once_a_cell_does_not_scatter_by_landing() -> None:
-    plan = WorldPlan(conditions=replace(FEW, height_sd_m=0.0), gel=SMALL)
+    few = WorldPlan(conditions=replace(FEW, height_sd_m=0.0), gel=SMALL)
     spread = {}
     for lands in ("each", "cell"):
-        session = begin(replace(plan, conditions=replace(plan.conditions, training_lands=lands)), (1, 7))
+        session = begin(replace(few, conditions=replace(few.conditions, training_lands=lands)), (1, 7))
         shallow = session.training.depth == 0
         spread[lands] = float(session.feature("peak").training()[shallow].std())
     assert spread["cell"] < 0.3 * spread["each"]

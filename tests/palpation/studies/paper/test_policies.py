@@ -103,7 +103,7 @@ def test_policies_meet_the_same_luck(sessions: list[SimulatedSession]) -> None:
 
 def test_a_gain_policy_knows_what_a_naive_filter_does_not(felt: ReadingTable) -> None:
     """Height unknown: the filter that knows it is right more often, and knows how often."""
-    unknown = Conditions(height_sd_m=0.2e-3, remount=True, trials=60)
+    unknown = Conditions(height_sd_m=0.2e-3, mounting="each_trial", trials=60)
     stop, found = PosteriorThreshold(), {}
     for name, filter_name in (("information_gain", "naive"), ("information_gain_latent", "latent")):
         found[filter_name] = summarise(

@@ -4,10 +4,15 @@ from dataclasses import replace
 
 import pytest
 
-from palp_core.palpation.studies.frontier.mismatch import WORLDS
 from palp_core.palpation.studies.frontier.schemes import Scheme
 from palp_core.palpation.studies.paper import readings
-from palp_core.palpation.studies.paper.readings import ReadingSize, by_readings, gathered, side_by_side
+from palp_core.palpation.studies.paper.readings import (
+    WORLDS,
+    ReadingSize,
+    by_readings,
+    gathered,
+    side_by_side,
+)
 from palp_core.palpation.studies.simulation.reading_table import Gel
 from tests.palpation.studies.paper.made_readings import made_session
 

@@ -256,9 +256,20 @@ def test_no_worker_is_too_few() -> None:
         run_jobs(len, ["job"], label="jobs", workers=0)
 
 
-def test_a_study_that_cannot_use_workers_says_so(tmp_path: Path) -> None:
-    with pytest.raises(PalpError, match="leave out --workers and --dask"):
-        study("contact-validity").run(tmp_path, workers=2)
+@pytest.mark.parametrize(
+    ("name", "option", "value", "said"),
+    [
+        ("contact-validity", "workers", 2, "'contact-validity' does not take --workers; leave it out"),
+        ("paper", "mounting", "each_trial", "'paper' does not take --mounting; leave it out"),
+        ("frontier", "mounting", "grooped", "no mounting 'grooped'; use one of grouped, each_trial, block_"),
+        ("frontier", "specimens", "others", "no specimens 'others'; use one of same, other"),
+    ],
+)
+def test_a_study_refuses_an_option_that_it_cannot_use(
+    name: str, option: str, value: object, said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(PalpError, match=said):
+        study(name).run(tmp_path, **{option: value})
 
 
 def test_the_papers_counts_carry_its_statements_or_not() -> None:

@@ -11,7 +11,7 @@ from palp_core.palpation.studies.simulation.policies import SimulatedSession, be
 from palp_core.palpation.studies.simulation.reading_table import Gel, ReadingTable, tabulate
 
 EXACT = Conditions(repeatability_m=0.0, height_sd_m=0.0, trials=4, training=4)
-POURED = replace(EXACT, specimens=2, specimen_sd_m=0.2e-3)
+POURED = replace(EXACT, phantoms=2, specimen_sd_m=0.2e-3)
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def heights_m(session: SimulatedSession) -> np.ndarray:
 def test_one_phantom_per_depth_is_the_default_and_its_own_offset_is_learnt_with_it(
     felt: ReadingTable,
 ) -> None:
-    assert Conditions().specimens == 1
+    assert Conditions().phantoms == 1
     assert Conditions().specimen_sd_m == 0.0
     one = begin_session(felt, replace(EXACT, specimen_sd_m=0.2e-3), (1, 2))
     assert np.ptp(heights_m(one), axis=1).max() == 0.0
@@ -48,8 +48,15 @@ def test_phantoms_take_turns_in_training_and_are_the_same_in_estimation(felt: Re
     assert session.latent.offset_sd[1] == pytest.approx(0.2e-3 / np.sqrt(2.0))
 
 
+def test_trials_of_other_phantoms_share_none_with_training(felt: ReadingTable) -> None:
+    same, other = (begin_session(felt, replace(POURED, specimens=one), (1, 2)) for one in ("same", "other"))
+    assert np.array_equal(same.trained.readings, other.trained.readings)
+    assert not set(heights_m(same).ravel()) & set(heights_m(other).ravel())
+    assert other.latent.offset_sd[1] == pytest.approx(0.2e-3 * np.sqrt(1.5))
+
+
 def test_a_mounting_is_one_phantoms(felt: ReadingTable) -> None:
-    met = heights_m(begin_session(felt, replace(EXACT, specimens=2, height_sd_m=0.1e-3), (3, 4)))
+    met = heights_m(begin_session(felt, replace(EXACT, phantoms=2, height_sd_m=0.1e-3), (3, 4)))
     assert np.array_equal(met[:, :2], met[:, 2:])
     assert (met[:, 0] != met[:, 1]).all()
 
@@ -65,4 +72,4 @@ def test_phantoms_do_not_touch_the_rest_of_a_sessions_luck(felt: ReadingTable) -
 @pytest.mark.parametrize("count", [0, 5])
 def test_phantoms_that_nobody_touches_are_refused(count: int) -> None:
     with pytest.raises(PalpError, match="phantoms per depth"):
-        replace(EXACT, specimens=count)
+        replace(EXACT, phantoms=count)

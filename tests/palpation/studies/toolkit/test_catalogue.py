@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 
-from palp_core.palpation.studies.catalogue import STUDIES
+from palp_core.palpation.studies.catalogue import OPTIONS, STUDIES
 
 
 def test_a_study_is_found_from_its_line_of_the_catalogue() -> None:
@@ -14,5 +14,5 @@ def test_a_study_is_found_from_its_line_of_the_catalogue() -> None:
         module = importlib.import_module(module_name)
         taken = list(inspect.signature(getattr(module, function)).parameters)
         assert taken[:2] == ["out", "quick"], name
-        assert one.parallel == ({"workers", "dask"} <= set(taken)), name
+        assert {*taken[2:]} <= {*OPTIONS, "seed"}, name
         assert f'"studies/{name.replace("-", "_")}.html"' in inspect.getsource(module), name

@@ -45,12 +45,7 @@ def ran(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(
         catalogue,
         "STUDIES",
-        STUDIES
-        | {
-            "why": Study(
-                "why", STUDIES["why"].question, f"{__name__}:run_of_why", picture="why", parallel=True
-            )
-        },
+        STUDIES | {"why": Study("why", STUDIES["why"].question, f"{__name__}:run_of_why", picture="why")},
     )
     monkeypatch.setattr("palp_core.palpation.studies.catalogue.study", lambda name: catalogue.STUDIES[name])
     done = CliRunner().invoke(

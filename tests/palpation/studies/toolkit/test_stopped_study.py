@@ -61,7 +61,7 @@ def run(out, *, quick, workers, dask):
     page.write_text(" ".join(str(one["square"]) for one in found))
     return page
 """
-STUDY = Study("toy", "Does it stop?", "toy:run", parallel=True, checkpoint="cells.jsonl")
+STUDY = Study("toy", "Does it stop?", "toy:run", checkpoint="cells.jsonl")
 MAIN = (
     "from palp_core.cli.main import main; from palp_core.palpation.studies.catalogue import STUDIES, Study; "
     f"STUDIES['toy'] = {STUDY}; main()"

@@ -18,12 +18,15 @@ PAPER_PHANTOMS = {
 }
 """The published three: 30 mm of gel, a bead of 15 mm at 2, 4 and 8 mm."""
 
+CASTINGS, CAST_COUNT = "castings", 6
+"""Name of a set, and how often each of the published three is cast for it: A1 to A6, B1 to B6, C1 to C6."""
+
 
 def load_phantoms(path: str, gel: Phantom | None = None) -> dict[str, Phantom]:
-    """Return the phantoms of a file, or of a sealed one, by code; the paper's three for an empty path.
+    """Return the phantoms of a file, plain or sealed, by code.
 
     Args:
-        path: The file, or nothing.
+        path: The file; empty: the paper's three; ``castings``: six of each of these.
         gel: Gel and bead radius in which the paper's three depths are put where no file is given.
 
     Raises:
@@ -31,20 +34,23 @@ def load_phantoms(path: str, gel: Phantom | None = None) -> dict[str, Phantom]:
     """
     if path and is_sealed(path):
         return sealed_phantoms(path)
-    if path:
+    if path not in ("", CASTINGS):
         root = read_mapping(path, "phantoms")
         entries = root.items("the file of phantoms")
         if not entries:
             raise root.error("give phantoms by code, as in 'A: {bead: {depth_m: 0.002}}'")
         return {code: phantom_of(entry, f"phantom '{code}'") for code, entry in entries.items()}
-    if gel is None:
-        return dict(PAPER_PHANTOMS)
-    radius_m = gel.bead.radius_m if gel.bead is not None else Bead(depth_m=0.002).radius_m
-    return {
-        code: dataclasses.replace(gel, bead=Bead(depth_m=paper.bead.depth_m, radius_m=radius_m))
-        for code, paper in PAPER_PHANTOMS.items()
-        if paper.bead is not None
-    }
+    three = dict(PAPER_PHANTOMS)
+    if gel is not None:
+        radius_m = gel.bead.radius_m if gel.bead is not None else Bead(depth_m=0.002).radius_m
+        three = {
+            code: dataclasses.replace(gel, bead=Bead(depth_m=paper.bead.depth_m, radius_m=radius_m))
+            for code, paper in PAPER_PHANTOMS.items()
+            if paper.bead is not None
+        }
+    if not path:
+        return three
+    return {f"{code}{n}": one for code, one in three.items() for n in range(1, CAST_COUNT + 1)}
 
 
 def file_mistakes(params: object) -> dict[str, str]:

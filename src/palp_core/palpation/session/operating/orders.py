@@ -16,7 +16,8 @@ from palp_core.errors import PerceptionError
 from palp_core.palpation.session.plan import ExperimentDesign, ListedMounting
 from palp_core.whole_file import read_whole
 
-GROUPED, BLOCKS = "grouped", "block_randomised"
+GROUPED, EACH_TRIAL, BLOCKS = MOUNTINGS = ("grouped", "each_trial", "block_randomised")
+"""The orders by name; any other word names a file."""
 
 
 def ordered(design: ExperimentDesign, order: str) -> ExperimentDesign:
@@ -25,6 +26,7 @@ def ordered(design: ExperimentDesign, order: str) -> ExperimentDesign:
     Args:
         design: The numbers.
         order: ``grouped``: as the design has it, each phantom as few times as its mounts say;
+            ``each_trial``: the same in training, and every trial of estimation on a mounting of its own;
             ``block_randomised``: in each block every phantom is put on once, for one trial of estimation, or
             in training once for every ring; or a file of a list.
 
@@ -33,10 +35,10 @@ def ordered(design: ExperimentDesign, order: str) -> ExperimentDesign:
     """
     if order == GROUPED:
         return design
-    if order == BLOCKS:
+    if order in MOUNTINGS:
         return dataclasses.replace(
             design,
-            training_mounts=max(1, design.repeats),
+            training_mounts=max(1, design.repeats) if order == BLOCKS else design.training_mounts,
             estimation_mounts=max(1, design.trials_per_phantom),
         )
     return dataclasses.replace(design, listed=listed(Path(order), design))
@@ -52,7 +54,9 @@ def listed(path: Path, design: ExperimentDesign) -> tuple[ListedMounting, ...]:
         lines = csv.DictReader(io.StringIO(read_whole(path).decode("utf-8-sig"), newline=""))
         rows = [(lines.line_num, row) for row in lines]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise PerceptionError(f"{path}: the list of trials cannot be read: {error}") from error
+        raise PerceptionError(
+            f"{path}: the list of trials cannot be read: {error}; use {', '.join(MOUNTINGS)} or a CSV"
+        ) from error
     if not rows:
         raise PerceptionError(f"{path}: the list has no trial; give lines of phase, phantom and ring_mm")
     checked = [_checked(path, number, row, design) for number, row in rows]
@@ -67,12 +71,16 @@ def listed(path: Path, design: ExperimentDesign) -> tuple[ListedMounting, ...]:
 
 def _checked(path: Path, number: int, row: dict[str, Any], design: ExperimentDesign) -> tuple[Any, ...]:
     """Return phase, phantom, mount and ring of a line."""
-    where, codes = f"{path}:{number}", [phantom.code for phantom in design.phantoms]
-    phase, code = (row.get("phase") or "").strip(), (row.get("phantom") or "").strip()
+    where, phase, code = (
+        f"{path}:{number}",
+        (row.get("phase") or "").strip(),
+        (row.get("phantom") or "").strip(),
+    )
     if phase not in ("training", "estimation"):
         raise PerceptionError(f"{where}: phase is '{phase}'; it must be training or estimation")
+    codes = [phantom.code for phantom in design.phantoms_of(phase)]
     if code not in codes:
-        raise PerceptionError(f"{where}: no phantom '{code}'; there are {', '.join(codes)}")
+        raise PerceptionError(f"{where}: no phantom '{code}' in {phase}; there are {', '.join(codes)}")
     ring_m = 0.0
     if phase == "training":
         text = (row.get("ring_mm") or "").strip()

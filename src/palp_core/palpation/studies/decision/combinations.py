@@ -43,7 +43,7 @@ STOPS: dict[str, StopRule] = {
 }
 FEATURES = ("peak", "contrast")
 FILTERS = ("naive", "latent_ring", "latent_trial", "latent")
-UNKNOWN = Conditions(height_sd_m=0.1e-3, remount=True, trials=30)
+UNKNOWN = Conditions(height_sd_m=0.1e-3, mounting="each_trial", trials=30)
 """Remounted for every trial, so that the height is a trial's own, as the latent filter takes it."""
 
 

@@ -123,7 +123,7 @@ def rung_world(job: RungJob) -> dict[str, RungWorld]:
 
 def _decide(job: RungJob, feature: str) -> RungWorld:
     gel = Gel(rung=job.rung, rings_m=STIFF_M, feature=feature)
-    conditions = Conditions(remount=True, trials=20)
+    conditions = Conditions(mounting="each_trial", trials=20)
     try:
         sweep_torque(gel, gel.depths_m[0], gel.rings_m[0])  # sets the rung up
         felt = tabulate(gel, noisy_sweeps=8, coarse=job.rung in _COARSE)

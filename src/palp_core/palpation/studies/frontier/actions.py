@@ -12,9 +12,12 @@ import numpy as np
 
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap, share_interval
 from palp_core.palpation.perception.statistics.statistics import calibration
+from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M
 from palp_core.palpation.perception.trace.actions import SweepAction
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.reporting.table import write_records
+from palp_core.palpation.session.operating.orders import GROUPED
+from palp_core.palpation.session.plan import Specimens
 from palp_core.palpation.studies.frontier.action_charts import action_chart, look_chart
 from palp_core.palpation.studies.frontier.action_trials import (
     INDENTATIONS_M,
@@ -25,13 +28,14 @@ from palp_core.palpation.studies.frontier.action_trials import (
     run_action_trials,
     time_of,
 )
-from palp_core.palpation.studies.frontier.mismatch import WORLDS, sessions_of
+from palp_core.palpation.studies.frontier.mismatch import sessions_of
 from palp_core.palpation.studies.frontier.protocols import SWIFT
 from palp_core.palpation.studies.frontier.schemes import SURE
 from palp_core.palpation.studies.frontier.second_look import LOOKS, LookOutcome, second_looks
-from palp_core.palpation.studies.frontier.world_session import WorldJob, WorldPlan
+from palp_core.palpation.studies.frontier.world_session import WorldJob, worlds
 from palp_core.palpation.studies.simulation.policy_summary import paired, summarise
 from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
+from palp_core.palpation.world.model import LAB
 from palp_core.whole_file import write_json
 
 STIFFEST, RING, ALL = "stiffest ring", "ring", "all"
@@ -43,12 +47,8 @@ SCHEMES: dict[str, frozenset[str]] = {
     ALL: frozenset({"direction", "path", "speed", "indentation"}),
 }
 """What may be chosen for each sweep."""
-ROUGH = "lab, rough"
-LOOKED: dict[str, WorldPlan] = {
-    **WORLDS,
-    ROUGH: replace(WORLDS["lab"], world=replace(WORLDS["lab"].world, name=ROUGH, texture_sd_n_m=0.5e-3)),
-}
-"""Worlds of second looks: a surface of 0.5 N mm is the roughest that is assumed of cast silicone."""
+ROUGH = replace(LAB, name="lab, rough", texture_sd_n_m=0.5e-3)
+"""A world of second looks alone: a surface of 0.5 N mm is the roughest that is assumed of cast silicone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,13 +70,13 @@ class ActionSession:
 
 def action_session(job: WorldJob) -> ActionSession:
     """Return what every scheme did in a session, and what second looks told."""
-    session = sessions_of(LOOKED[job.world], job.seed)(SWIFT)
+    session = sessions_of(job.plan, job.seed)(SWIFT)
     rig, rings_m = time_of(SWIFT), session.rings_m
     wanted = {
         name: action_set(rings_m[-1:] if name == STIFFEST else rings_m, varied).actions
         for name, varied in SCHEMES.items()
     }
-    schemes = tuple(SCHEMES) if job.world in WORLDS else ()
+    schemes = tuple(SCHEMES) if job.plan.world != ROUGH else ()
     known = offer(session, wanted[ALL] if schemes else action_set(rings_m[-1:], DIRECTION).actions)
     runs: dict[str, ActionOutcomes] = {}
     choosing_s = 0.0
@@ -91,12 +91,11 @@ def action_session(job: WorldJob) -> ActionSession:
 
 def scheme_rows(world: str, sessions: Sequence[ActionSession]) -> list[dict[str, Any]]:
     """Return a line per scheme, each against the ring alone."""
-    depths_m = WORLDS[world].gel.depths_m
     rows = []
     for scheme in SCHEMES:
         runs = [one.runs[scheme] for one in sessions]
         ended = [one.ended for one in runs]
-        line = summarise(ended, depths_m)
+        line = summarise(ended, DEPTHS_M)
         seconds = cluster_bootstrap(
             [one.seconds.mean() for one in ended], np.random.default_rng(26), within=(0.0, np.inf)
         )
@@ -171,7 +170,16 @@ def look_rows(world: str, sessions: Sequence[ActionSession]) -> list[dict[str, A
     return rows
 
 
-def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", seed: int = 1) -> Path:
+def run(
+    out: Path,
+    *,
+    quick: bool = False,
+    workers: int = 1,
+    dask: str = "",
+    seed: int = 1,
+    mounting: str = GROUPED,
+    specimens: Specimens = "same",
+) -> Path:
     """Run every scheme and second look, write tables and charts, and return the page.
 
     Args:
@@ -180,22 +188,28 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         workers: Local processes.
         dask: Address of a Dask scheduler instead.
         seed: Of the sessions.
+        mounting: As of a launch file; see :func:`.worlds`.
+        specimens: Likewise.
     """
     count = 2 if quick else 40
-    jobs = [WorldJob(world, one) for world in LOOKED for one in seeds(28, seed, count)]
+    plans = worlds(mounting, specimens)
+    looked = {**plans, ROUGH.name: replace(plans["lab"], world=ROUGH)}
+    jobs = [WorldJob(plan, one) for plan in looked.values() for one in seeds(28, seed, count)]
     found = run_jobs(action_session, jobs, label="sessions", workers=workers, dask=dask)
-    by_world = {world: found[i * count : (i + 1) * count] for i, world in enumerate(LOOKED)}
-    rows = [row for world in WORLDS for row in scheme_rows(world, by_world[world])]
+    by_world = {world: found[i * count : (i + 1) * count] for i, world in enumerate(looked)}
+    rows = [row for world in plans for row in scheme_rows(world, by_world[world])]
     looks = [row for world, sessions in by_world.items() for row in look_rows(world, sessions)]
     reasons = Counter(why for one in found for why in one.refused.values())
     report: dict[str, Any] = {
         "quick": quick,
         "sessions": count,
+        "mounting": mounting,
+        "specimens": specimens,
         "rows": rows,
         "looks": looks,
         "refused": list(reasons),
         "choosing_s": {
-            world: float(np.median([one.choosing_s for one in by_world[world]])) for world in WORLDS
+            world: float(np.median([one.choosing_s for one in by_world[world]])) for world in plans
         },
     }
     out.mkdir(parents=True, exist_ok=True)

@@ -15,16 +15,23 @@ from typing import Any
 import numpy as np
 
 from palp_core.palpation.perception.statistics.statistics import wilson
+from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.reporting.table import write_records
+from palp_core.palpation.session.operating.orders import GROUPED
+from palp_core.palpation.session.plan import Specimens
 from palp_core.palpation.studies.frontier.mismatch_charts import map_chart, power_chart
 from palp_core.palpation.studies.frontier.protocols import Protocol
 from palp_core.palpation.studies.frontier.schemes import Scheme, SchemeRun, run_schemes
-from palp_core.palpation.studies.frontier.world_session import Shift, WorldPlan, WorldSession, begin
-from palp_core.palpation.studies.simulation.conditions import Conditions
+from palp_core.palpation.studies.frontier.world_session import (
+    Shift,
+    WorldPlan,
+    WorldSession,
+    begin,
+    worlds,
+)
 from palp_core.palpation.studies.simulation.policy_summary import summarise
 from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
-from palp_core.palpation.world.model import LAB, PAPER
 from palp_core.whole_file import write_json
 
 SWIFT = Scheme("trace", "fixed_best", "threshold", "swift")
@@ -77,17 +84,13 @@ DIFFERENCES = (
     WorldDifference("contact by L4", rung="l4"),
     *(WorldDifference(f"bead {x:+g} mm along", (("along_m", 1e-3 * x),), wanted=False) for x in (-2.0, 2.0)),
 )
-WORLDS: dict[str, WorldPlan] = {
-    "paper": WorldPlan(world=PAPER),
-    "lab": WorldPlan(world=LAB, conditions=Conditions(specimens=3, remount=True)),
-}
 
 
 @dataclass(frozen=True)
 class MismatchJob:
     """A session of a world whose trials differ in one thing."""
 
-    world: str
+    plan: WorldPlan
     difference: WorldDifference
     seed: tuple[int, ...]
     schemes: tuple[Scheme, ...] = SCHEMES
@@ -107,14 +110,12 @@ def sessions_of(plan: WorldPlan, seed: tuple[int, ...]) -> Callable[[Protocol], 
 def mismatch_session(job: MismatchJob) -> dict[str, SchemeRun]:
     """Return what each scheme did in a session."""
     one = job.difference
-    plan = replace(
-        WORLDS[job.world], shift=one.shift, test_rung=one.rung, test_repeatability_m=one.repeatability_m
-    )
+    plan = replace(job.plan, shift=one.shift, test_rung=one.rung, test_repeatability_m=one.repeatability_m)
     return run_schemes(sessions_of(plan, job.seed), job.schemes)
 
 
 def mismatch_rows(
-    world: str,
+    plan: WorldPlan,
     differences: Sequence[WorldDifference],
     count: int,
     *,
@@ -123,7 +124,8 @@ def mismatch_rows(
     seed: int = 1,
 ) -> list[dict[str, Any]]:
     """Return a line per difference and scheme, over sessions that all differences share."""
-    jobs = [MismatchJob(world, one, s) for one in differences for s in seeds(23, seed, count)]
+    world = plan.world.name
+    jobs = [MismatchJob(plan, one, s) for one in differences for s in seeds(23, seed, count)]
     found = run_jobs(mismatch_session, jobs, label=f"sessions, {world}", workers=workers, dask=dask)
     rows = []
     for number, one in enumerate(differences):
@@ -137,8 +139,7 @@ def mismatch_rows(
 
 
 def _line(runs: Sequence[SchemeRun]) -> dict[str, Any]:
-    depths_m = WORLDS["paper"].gel.depths_m
-    line = summarise([one.ended for one in runs], depths_m)
+    line = summarise([one.ended for one in runs], DEPTHS_M)
     kept = {key: line[key] for key in ("accuracy", "ci", "ece", "ece_ci", "probes", "seconds", "undecided")}
     fit = np.concatenate([one.fit for one in runs])
     right = np.concatenate([one.ended.correct for one in runs])
@@ -163,7 +164,16 @@ def fails(row: Mapping[str, Any]) -> bool:
     return bool(row["accuracy"] < 0.95 or row["ece"] > 0.05)
 
 
-def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", seed: int = 1) -> Path:
+def run(
+    out: Path,
+    *,
+    quick: bool = False,
+    workers: int = 1,
+    dask: str = "",
+    seed: int = 1,
+    mounting: str = GROUPED,
+    specimens: Specimens = "same",
+) -> Path:
     """Run every difference in both worlds, write tables and charts, and return the page.
 
     Args:
@@ -172,16 +182,22 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         workers: Local processes.
         dask: Address of a Dask scheduler instead.
         seed: Of the sessions.
+        mounting: As of a launch file; see :func:`.worlds`.
+        specimens: Likewise.
     """
     count = 2 if quick else 20
     chosen = [DIFFERENCES[0], DIFFERENCES[4], DIFFERENCES[9]] if quick else DIFFERENCES
     rows: list[dict[str, Any]] = []
-    for world in WORLDS:
-        rows += mismatch_rows(world, chosen, count, workers=workers, dask=dask, seed=seed)
+    plans = worlds(mounting, specimens)
+    for plan in plans.values():
+        rows += mismatch_rows(plan, chosen, count, workers=workers, dask=dask, seed=seed)
     out.mkdir(parents=True, exist_ok=True)
-    write_json(out / "mismatch.json", {"quick": quick, "sessions": count, "rows": rows})
+    write_json(
+        out / "mismatch.json",
+        {"quick": quick, "sessions": count, "mounting": mounting, "specimens": specimens, "rows": rows},
+    )
     write_records(out / "mismatch.csv", rows)
-    charts = [*(map_chart(rows, world) for world in WORLDS), power_chart(rows)]
+    charts = [*(map_chart(rows, world) for world in plans), power_chart(rows)]
     swift = [row for row in rows if row["scheme"] == SWIFT.name]
     return write_page(
         out / "index.html",
@@ -189,6 +205,8 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         rows=rows,
         quick=quick,
         session_count=count,
+        mounting=mounting,
+        specimens=specimens,
         pictures=[picture(chart, out) for chart in charts],
         swift=[{**row, "fails": fails(row)} for row in swift],
     )

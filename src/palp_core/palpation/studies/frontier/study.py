@@ -10,12 +10,15 @@ from typing import Any
 
 import numpy as np
 
+from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.reporting.table import write_records
+from palp_core.palpation.session.operating.orders import GROUPED
+from palp_core.palpation.session.plan import Specimens
 from palp_core.palpation.studies.frontier.depth_error import DepthJob, depth_errors
 from palp_core.palpation.studies.frontier.frontier_charts import frontier_chart, threshold_chart
 from palp_core.palpation.studies.frontier.limits import most_accurate
-from palp_core.palpation.studies.frontier.mismatch import WORLDS, sessions_of
+from palp_core.palpation.studies.frontier.mismatch import sessions_of
 from palp_core.palpation.studies.frontier.protocols import SWIFT
 from palp_core.palpation.studies.frontier.schemes import SCHEMES, Scheme, SchemeRun, run_schemes
 from palp_core.palpation.studies.frontier.tables import Runs, compared, depth_rows, scheme_rows
@@ -26,7 +29,7 @@ from palp_core.palpation.studies.frontier.trace_trials import (
     run_trace_trials,
     settings_of,
 )
-from palp_core.palpation.studies.frontier.world_session import WorldJob
+from palp_core.palpation.studies.frontier.world_session import WorldJob, worlds
 from palp_core.palpation.studies.simulation.policy_summary import summarise
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
@@ -61,8 +64,7 @@ class FrontierSession:
 
 def frontier_session(job: WorldJob) -> FrontierSession:
     """Return what every scheme did in a session."""
-    plan = WORLDS[job.world]
-    swept = sessions_of(plan, job.seed)
+    swept = sessions_of(job.plan, job.seed)
     runs = run_schemes(swept, SCHEMES)
     session = swept(SWIFT)
     model = model_of(session, settings_of(session))
@@ -78,10 +80,9 @@ def frontier_session(job: WorldJob) -> FrontierSession:
 
 def threshold_rows(world: str, sessions: Sequence[FrontierSession]) -> list[dict[str, Any]]:
     """Return what looking often costs: a line per threshold, decided in the sweep at the stiffest ring."""
-    depths_m = WORLDS[world].gel.depths_m
     rows = []
     for value in THRESHOLDS:
-        line = summarise([one.looked[value] for one in sessions], depths_m)
+        line = summarise([one.looked[value] for one in sessions], DEPTHS_M)
         kept = {key: line[key] for key in ("accuracy", "ci", "seconds", "probes", "ece", "overconfidence")}
         rows.append({"world": world, "threshold": value, **kept})
     return rows
@@ -94,7 +95,16 @@ def comparisons(sessions: Runs) -> list[dict[str, Any]]:
     return [compared(sessions, first, second) for first, second in dict.fromkeys(asked)]
 
 
-def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", seed: int = 1) -> Path:
+def run(
+    out: Path,
+    *,
+    quick: bool = False,
+    workers: int = 1,
+    dask: str = "",
+    seed: int = 1,
+    mounting: str = GROUPED,
+    specimens: Specimens = "same",
+) -> Path:
     """Run every scheme in both worlds, write tables and charts, and return the page.
 
     Args:
@@ -103,22 +113,23 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         workers: Local processes.
         dask: Address of a Dask scheduler instead.
         seed: Of the sessions.
+        mounting: As of a launch file; see :func:`.worlds`.
+        specimens: Likewise.
     """
     count = 2 if quick else 40
-    jobs = [WorldJob(world, one) for world in WORLDS for one in seeds(SEEDS, seed, count)]
+    plans = worlds(mounting, specimens)
+    jobs = [WorldJob(plan, one) for plan in plans.values() for one in seeds(SEEDS, seed, count)]
     found = run_jobs(frontier_session, jobs, label="sessions", workers=workers, dask=dask)
-    by_world = {world: found[i * count : (i + 1) * count] for i, world in enumerate(WORLDS)}
+    by_world = {world: found[i * count : (i + 1) * count] for i, world in enumerate(plans)}
     rows = [
         row
         for world, sessions in by_world.items()
         for row in scheme_rows(world, [one.runs for one in sessions])
     ]
     few = max(1, count // 4)
-    told = [DepthJob(plan, one) for plan in WORLDS.values() for one in seeds(SEEDS, seed, few)]
+    told = [DepthJob(plan, one) for plan in plans.values() for one in seeds(SEEDS, seed, few)]
     off = run_jobs(depth_errors, told, label="sessions, 31 depths", workers=workers, dask=dask)
-    depths = [
-        row for i, world in enumerate(WORLDS) for row in depth_rows(world, off[i * few : (i + 1) * few])
-    ]
+    depths = [row for i, world in enumerate(plans) for row in depth_rows(world, off[i * few : (i + 1) * few])]
     looked = [row for world, sessions in by_world.items() for row in threshold_rows(world, sessions)]
     limits = {
         world: np.mean([one.limits for one in sessions], axis=0).tolist()
@@ -127,6 +138,8 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     report: dict[str, Any] = {
         "quick": quick,
         "sessions": count,
+        "mounting": mounting,
+        "specimens": specimens,
         "rows": rows,
         "thresholds": looked,
         "limits": limits,

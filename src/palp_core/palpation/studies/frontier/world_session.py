@@ -15,8 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palp_core.errors import PalpError
+from palp_core.palpation.mechanics.scene.phantom_file import CAST_COUNT
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.trace.actions import SweepAction
+from palp_core.palpation.session.operating.orders import GROUPED
+from palp_core.palpation.session.plan import Specimens
 from palp_core.palpation.studies.frontier.trace_features import FEATURES, feature_of
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.reading_table import FROM_M, SPEED_M_PER_S, TO_M, Gel
@@ -30,7 +33,7 @@ from palp_core.palpation.world.draws import (
     wear_part,
 )
 from palp_core.palpation.world.latents import LATENTS
-from palp_core.palpation.world.model import PAPER, WorldModel
+from palp_core.palpation.world.model import PAPER, WORLDS, WorldModel
 from palp_core.palpation.world.texture import track
 from palp_core.units import Float64Array
 
@@ -49,13 +52,13 @@ class WorldPlan:
 
     Attributes:
         world: Of training and, but for what follows, of the trials.
-        conditions: The rig and the experiment; ``specimens`` are training's, trials have as many others.
+        conditions: The rig and the experiment.
         gel: The nominal touch.
         shift: What the trials' sweeps differ by from those of training, by latent.
         test_rung: Contact model of the trials; empty: that of training.
         test_repeatability_m: The ring's in the trials; negative: that of training.
         path_m: Ends of the sweep.
-        test_depths_m: Depths of the trials' phantoms, where they are not those of training.
+        test_depths_m: Depths of the trials' phantoms, which then are others than those of training.
     """
 
     world: WorldModel = PAPER
@@ -69,7 +72,7 @@ class WorldPlan:
 
     def __post_init__(self) -> None:
         usual, ours = Conditions(), self.conditions
-        for name in ("training_mounts", "specimen_sd_m", "landing", "drift_n_m", "same_reading"):
+        for name in ("specimen_sd_m", "landing", "drift_n_m", "same_reading"):
             if getattr(ours, name) != getattr(usual, name):
                 raise PalpError(f"whole sweeps know no {name} '{getattr(ours, name)}'; leave it out")
 
@@ -89,16 +92,31 @@ class WorldPlan:
         return tabulate_traces(gel, run_in=self.run_in, width_m=FINE_M, path_m=self.path_m)
 
 
+def worlds(mounting: str = GROUPED, specimens: Specimens = "same") -> dict[str, WorldPlan]:
+    """Return the plans of the paper's world and the lab's, by name.
+
+    Args:
+        mounting: Of a launch file, where it is not a list; see :class:`.Conditions`.
+        specimens: Of a launch file: ``other`` are three of each depth in training and three in the trials.
+
+    Raises:
+        PalpError: There is no such order, or no such specimens.
+    """
+    count = CAST_COUNT // 2 if specimens == "other" else 1
+    conditions = Conditions(mounting=mounting, specimens=specimens, phantoms=count)
+    return {name: WorldPlan(world, conditions) for name, world in WORLDS.items()}
+
+
 @dataclass(frozen=True)
 class WorldJob:
     """A session of a world.
 
     Attributes:
-        world: Its name.
+        plan: How it is run, and in which world.
         seed: Of the session.
     """
 
-    world: str
+    plan: WorldPlan
     seed: tuple[int, ...]
 
 
@@ -179,7 +197,7 @@ class WorldSession:
     @property
     def phantom(self) -> NDArray[np.int64]:
         """Number of the phantom of each trial, shape (n,)."""
-        return self.depth * self.plan.conditions.specimens + _in_turn(self.plan, len(self.depths_m))
+        return self.depth * self.plan.conditions.phantoms + _in_turn(self.plan, len(self.depths_m))
 
     @property
     def rings_m(self) -> tuple[float, ...]:
@@ -308,26 +326,25 @@ class FeatureTrials:
 
 
 def begin(plan: WorldPlan, seed: tuple[int, ...]) -> WorldSession:
-    """Draw a session: its gel and ball, its phantoms, training, and the luck of its trials.
-
-    Where the world makes all phantoms of a depth alike, trials have those of training.
-    """
+    """Draw a session: its gel and ball, its phantoms, training, and the luck of its trials."""
     pouring, training, estimation = (
         np.random.default_rng(s) for s in np.random.SeedSequence(list(seed)).spawn(3)
     )
     shared = session_part(plan.world, pouring)
     trained = shared + _phantoms(plan, pouring, plan.gel.depths_m)
-    others = shared + _phantoms(plan, pouring, plan.test_gel.depths_m)
+    felt = trained
+    if plan.conditions.specimens == "other" or plan.test_depths_m:
+        felt = shared + _phantoms(plan, pouring, plan.test_gel.depths_m)
     swept = _train(plan, training, trained)
-    return _draw(plan, estimation, others, swept, len(swept.depth) * _length_m(plan))
+    return _draw(plan, estimation, felt, swept, len(swept.depth) * _length_m(plan))
 
 
 def _phantoms(plan: WorldPlan, rng: np.random.Generator, depths_m: tuple[float, ...]) -> Float64Array:
-    """Return what phantoms are off by, shape (depths, specimens, 7)."""
+    """Return what phantoms are off by, shape (depths, phantoms, 7)."""
     return specimen_parts(
         plan.world,
         rng,
-        np.repeat(np.asarray(depths_m)[:, None], plan.conditions.specimens, axis=1),
+        np.repeat(np.asarray(depths_m)[:, None], plan.conditions.phantoms, axis=1),
         tip_radius_m=plan.gel.tip_radius_m,
         indentation_m=plan.gel.indentation_m,
     )
@@ -338,22 +355,20 @@ def _length_m(plan: WorldPlan) -> float:
 
 
 def _train(plan: WorldPlan, rng: np.random.Generator, specimens: Float64Array) -> TrainingSweeps:
-    """Sweep every phantom of training, mounted once, at every ring position."""
+    """Sweep every phantom of training at every ring position."""
     conditions, gel = plan.conditions, plan.gel
-    m, phantoms, k = len(gel.depths_m), conditions.specimens, len(gel.rings_m)
-    mounted = specimens + mounting_parts(plan.world, rng, m * phantoms, conditions.height_sd_m).reshape(
-        m, phantoms, -1
-    )
-    tracks = track(rng, m * phantoms)
+    m, mounts, k = len(gel.depths_m), conditions.training_mounts, len(gel.rings_m)
+    mounted = mounting_parts(plan.world, rng, m * mounts, conditions.height_sd_m)
+    tracks = track(rng, m * mounts)
     depth, ring, turn = (x.ravel() for x in np.indices((m, k, conditions.training)))
-    which = turn % phantoms
+    number = depth * mounts + turn % mounts
+    parts = specimens[depth, turn % conditions.phantoms] + mounted[number]
     landing_m = conditions.landings_m(rng, depth.shape)
     if conditions.training_lands == "cell":
         landing_m = landing_m.reshape(m * k, -1)[:, 0].repeat(conditions.training)
     order = rng.permutation(len(depth)) * _length_m(plan)
-    rows = together(mounted[depth, which], ring_part(landing_m), wear_part(plan.world, order))
+    rows = together(parts, ring_part(landing_m), wear_part(plan.world, order))
     table = plan.table(gel)
-    number = depth * phantoms + which
     traces = table.traces(depth, ring, rows) + table.texture(plan.world, depth, ring, tracks[number])
     traces += _hum(plan, table, depth, ring, rng.random(len(depth)))
     luck = rng.standard_normal((len(depth), 2 * traces.shape[1] + 2))
@@ -370,7 +385,7 @@ def _draw(
     which = _in_turn(plan, m)
     mounted = mounting_parts(plan.world, rng, m * count, conditions.height_sd_m)
     tracks = track(rng, m * count)
-    if not conditions.remount:  # the first trial of a phantom mounts it for all of its own
+    if conditions.mounting == GROUPED:  # the first trial of a phantom mounts it for all of its own
         first = depth * count + which
         mounted, tracks = mounted[first], tracks[first]
     worn = wear_part(plan.world, path_m + rng.permutation(m * count) * _length_m(plan))
@@ -400,7 +415,7 @@ def _draw(
 
 def _in_turn(plan: WorldPlan, depths: int) -> NDArray[np.int64]:
     """Return which of its depth's phantoms each trial feels, shape (n,)."""
-    return np.tile(np.arange(plan.conditions.trials) % plan.conditions.specimens, depths)
+    return np.tile(np.arange(plan.conditions.trials) % plan.conditions.phantoms, depths)
 
 
 def _hum(

@@ -24,15 +24,15 @@ READINGS = ("markov", "markov_gaussian_reset", "markov_mean")
 GRID_M = tuple(float(d) for d in np.round(np.linspace(0.002, 0.008, 31), 7))
 
 SCENES: dict[str, tuple[Gel, Conditions]] = {
-    "easy": (Gel(), Conditions(height_sd_m=0.0, remount=True)),
+    "easy": (Gel(), Conditions(height_sd_m=0.0, mounting="each_trial")),
     "noisy": (
         Gel(modulus_pa=30e3, noise_factor=5.0),
-        Conditions(height_sd_m=0.1e-3, remount=True, training_lands="cell"),
+        Conditions(height_sd_m=0.1e-3, mounting="each_trial", training_lands="cell"),
     ),
-    "unknown_height": (Gel(), Conditions(height_sd_m=0.2e-3, remount=True)),
+    "unknown_height": (Gel(), Conditions(height_sd_m=0.2e-3, mounting="each_trial")),
     "noisy_re_homed": (
         Gel(modulus_pa=30e3, noise_factor=5.0),
-        Conditions(height_sd_m=0.1e-3, remount=True),
+        Conditions(height_sd_m=0.1e-3, mounting="each_trial"),
     ),
 }
 """Fixed in advance: ring error only; noise, stiff gel and blocked training as well; height not known.

@@ -10,15 +10,16 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from palp_core.palpation.studies.frontier.depth_error import DEPTH_SCHEMES, DepthJob, depth_errors
-from palp_core.palpation.studies.frontier.mismatch import WORLDS, sessions_of
+from palp_core.palpation.studies.frontier.mismatch import sessions_of
 from palp_core.palpation.studies.frontier.schemes import SCHEMES, TRACE, Scheme, SchemeRun, run_schemes
 from palp_core.palpation.studies.frontier.study import SEEDS
 from palp_core.palpation.studies.frontier.tables import Runs, compared, depth_rows, scheme_rows
-from palp_core.palpation.studies.frontier.world_session import WorldPlan
+from palp_core.palpation.studies.frontier.world_session import WorldPlan, worlds
 from palp_core.palpation.studies.paper.jobs import SCENES
 from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
 
 SHOWN = tuple(one for one in SCHEMES if one.protocol == "paper" or one.reading == TRACE)
+WORLDS = worlds()
 _FIXED, _HUMAN = "fixed_best", "markov"
 
 

@@ -170,7 +170,7 @@ def _grid(size: PaperSize, seed: int, workers: int, dask: str) -> dict[str, dict
     """Return the root mean square error in mm after each probe, by filter, with 95 % intervals."""
     if not size.grid_sessions:
         return {}
-    conditions = Conditions(height_sd_m=0.2e-3, remount=True)
+    conditions = Conditions(height_sd_m=0.2e-3, mounting="each_trial")
     trained, grid = run_jobs(
         tabulate, [Gel(), Gel(depths_m=GRID_M)], label="gels", workers=workers, dask=dask
     )

@@ -30,7 +30,7 @@ from palp_core.whole_file import write_json
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-NONE = Conditions(repeatability_m=0.0, height_sd_m=0.0, remount=False)
+NONE = Conditions(repeatability_m=0.0, height_sd_m=0.0)
 """The control: no shared error at all."""
 
 HYPOTHESES: dict[str, tuple[str, dict[str, Any]]] = {

@@ -28,7 +28,7 @@ from palp_core.palpation.studies.simulation.trials import Outcomes, TabledTrials
 from palp_core.palpation.studies.toolkit.parallel import seeds
 from palp_core.units import Float64Array
 
-REMOUNTED = Conditions(remount=True, trials=50)
+REMOUNTED = Conditions(mounting="each_trial", trials=50)
 """Remounted for every trial: a session's height is not one number for all of its trials."""
 _REACH = {"height_reach_m": 0.9e-3}  # 4.5 standard deviations; deeper the contact models end
 _SEED = 32

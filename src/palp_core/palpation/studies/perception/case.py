@@ -78,7 +78,7 @@ def in_words(gel: Gel, conditions: Conditions | None = None) -> str:
     """Return where a simulated session differs from the usual one."""
     usual: list[tuple[object, object]] = [(gel, Gel())]
     if conditions is not None:
-        usual.append((conditions, Conditions(remount=True)))
+        usual.append((conditions, Conditions(mounting="each_trial")))
     words = [
         f"{name} {value}"
         for one, other in usual

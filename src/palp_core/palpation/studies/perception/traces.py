@@ -28,7 +28,7 @@ from palp_core.units import Float64Array
 TASK = "trace_filter"
 SURE = 0.99
 """Belief at which a sweep that is read as it comes is decided."""
-RIG = Conditions(remount=True, specimens=3, trials=60)
+RIG = Conditions(mounting="each_trial", specimens="other", phantoms=3, trials=60)
 """Every trial is mounted anew, and none of its phantoms was trained on."""
 SESSIONS = 6
 """Of a case."""
@@ -118,7 +118,7 @@ def cases(*, quick: bool = False) -> Iterator[TraceCase]:
         yield from (spread_as_told(share, run_in) for share in (0.1, 0.5, 1.0, 2.0))
         yield from (spread_as_told(1.0, run_in, touch) for touch in TOUCHES)
         yield from (replace(usual, conditions=replace(rig, training=count)) for count in (3, 6, 60))
-        yield replace(usual, conditions=replace(rig, training=2, specimens=1))
+        yield replace(usual, conditions=replace(rig, training=2, phantoms=1))
         yield replace(usual, conditions=replace(rig, repeatability_m=0.0))
         yield spread_as_told(1.0, run_in, Gel(noise_factor=5.0))
         yield replace(usual, told={**usual.told, "depths": 31})

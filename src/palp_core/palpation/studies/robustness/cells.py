@@ -121,7 +121,7 @@ FACTORS = (
         "order of training",
         (
             ("one mounting, re-homed", {}),
-            ("re-mounted each time", {"training_mounts": "palpation"}),
+            ("re-mounted in blocks", {"mounting": "block_randomised"}),
             ("not re-homed", {"training_lands": "cell"}),
         ),
         "one mounting, re-homed",

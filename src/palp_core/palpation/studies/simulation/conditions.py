@@ -5,6 +5,7 @@ same mountings, landings and noise at the same probe of the same trial.
 """
 
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,8 @@ from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.latent import OffsetModel
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
 from palp_core.palpation.perception.belief.ring_curve import LEAST_RINGS, ring_curve
+from palp_core.palpation.session.operating.orders import BLOCKS, GROUPED, MOUNTINGS
+from palp_core.palpation.session.plan import Specimens
 from palp_core.palpation.studies.simulation.reading_table import ReadingTable
 from palp_core.units import Float64Array
 
@@ -33,14 +36,14 @@ class Conditions:
         training: Palpations per depth and ring position; 25 as published.
         training_lands: ``each`` palpation of training lands anew, or once a ``cell`` of depth and ring
             (blocked, not re-homed). Not published.
-        training_mounts: Training mounts the phantom ``once`` a depth (blocked by depth), or anew for each
-            ``palpation``, as an order that alternates between depths (Table 3) has to.
-        specimens: Phantoms per depth, in turn in training and in estimation; 1 as published, so that a depth
+        mounting: Of a launch file: ``grouped`` mounts each phantom once a phase, ``each_trial`` for every
+            trial, ``block_randomised`` also for every round of the ring positions in training.
+        specimens: Of a launch file: trials are of the ``same`` phantoms as training, or of ``other`` ones.
+        phantoms: Phantoms per depth, in turn in training and in estimation; 1 as published, so that a depth
             cannot be told from its phantom.
         specimen_sd_m: Spread of the phantoms of a depth, as the height of the surface that feels alike; not
             published. Of the gel's modulus 4 % are as much as 0.1 mm of 4 mm, force being E h^1.5.
         trials: Trials per depth; 100 as published.
-        remount: Whether the phantom is put on anew for every trial, or once a phase. Not published.
         rehome: Whether the ring is re-homed before each trial. If not, a fixed ring keeps one landing for all
             trials of a phantom; a policy that moves it begins a trial elsewhere than it ended the last, and
             lands anew either way (that it may begin where it ended is left out). Not published.
@@ -55,11 +58,11 @@ class Conditions:
     height_sd_m: float = 0.1e-3
     training: int = 25
     training_lands: str = "each"
-    training_mounts: str = "once"
-    specimens: int = 1
+    mounting: str = GROUPED
+    specimens: Specimens = "same"
+    phantoms: int = 1
     specimen_sd_m: float = 0.0
     trials: int = 100
-    remount: bool = False
     rehome: bool = True
     landing: str = "move"
     drift_n_m: float = 0.0
@@ -70,18 +73,24 @@ class Conditions:
         for name, allowed in (
             ("distribution", tuple(_SPREAD)),
             ("training_lands", ("each", "cell")),
-            ("training_mounts", ("once", "palpation")),
+            ("mounting", MOUNTINGS),
+            ("specimens", get_args(Specimens)),
             ("landing", ("move", "level")),
         ):
             if getattr(self, name) not in allowed:
                 raise PalpError(f"no {name} '{getattr(self, name)}'; use one of {', '.join(allowed)}")
         if self.training < 2 or self.trials < 1 or self.max_probes < 1:
             raise PalpError("training needs 2 palpations a cell, a session one trial of one probe, at least")
-        if not 1 <= self.specimens <= min(self.training, self.trials):
+        if not 1 <= self.phantoms <= min(self.training, self.trials):
             raise PalpError(
-                f"{self.specimens} phantoms per depth; choose 1 or more, no more than there are trials and "
+                f"{self.phantoms} phantoms per depth; choose 1 or more, no more than there are trials and "
                 "palpations of a cell of training"
             )
+
+    @property
+    def training_mounts(self) -> int:
+        """Mountings per depth in training."""
+        return self.training if self.mounting == BLOCKS else self.phantoms
 
     @property
     def ring_sd_m(self) -> float:
@@ -140,8 +149,8 @@ class Draws:
 
 
 def specimens(table: ReadingTable, conditions: Conditions, rng: np.random.Generator) -> Float64Array:
-    """Return what the phantoms of each depth are off by, as heights, shape (m, specimens)."""
-    shape = (len(table.gel.depths_m), conditions.specimens)
+    """Return what the phantoms of each depth are off by, as heights, shape (m, phantoms)."""
+    shape = (len(table.gel.depths_m), conditions.phantoms)
     return np.asarray(conditions.specimen_sd_m * rng.standard_normal(shape))
 
 
@@ -157,13 +166,11 @@ def train(
         off_m: What the phantoms are off by, as of :func:`specimens`; None: nothing.
     """
     m, k = len(table.gel.depths_m), len(table.gel.rings_m)
-    count, phantoms = conditions.training, conditions.specimens
-    turn = np.arange(count) % phantoms
-    once = conditions.training_mounts == "once"
-    height_m = conditions.height_sd_m * rng.standard_normal((m, 1, phantoms) if once else (m, k, count))
-    height_m = height_m[..., turn] if once else height_m
+    count, mounts = conditions.training, conditions.training_mounts
+    turn = np.arange(count)
+    height_m = (conditions.height_sd_m * rng.standard_normal((m, 1, mounts)))[..., turn % mounts]
     if off_m is not None:
-        height_m = height_m + off_m[:, None, turn]
+        height_m = height_m + off_m[:, None, turn % conditions.phantoms]
     landing_m = conditions.landings_m(rng, (m, k, count if conditions.training_lands == "each" else 1))
     depth, ring, _ = np.indices((m, k, count))
     readings = table.reading(
@@ -192,8 +199,8 @@ def draw(
     shape = (m * count, conditions.max_probes)
     depth = np.repeat(np.arange(m), count)
     height_m = conditions.height_sd_m * rng.standard_normal((m, count))
-    turn = np.arange(count) % conditions.specimens
-    if not conditions.remount:
+    turn = np.arange(count) % conditions.phantoms
+    if conditions.mounting == GROUPED:
         height_m = height_m[:, turn]
     if off_m is not None:
         height_m = height_m + off_m[:, turn]
@@ -220,7 +227,7 @@ def offset_model(trained: Trained, table: ReadingTable, conditions: Conditions) 
     from the rig, not from this session: the spreads of landing and height, the sensor's noise, and how a
     reading answers to both offsets. A height counts against that of the training's mounting, hence its
     variance twice; against their mean where training had many. A phantom counts against the mean of its
-    depth's, which it is part of.
+    depth's in training, which it is part of unless it is another one.
     """
     mean, rings_m = trained.primitives.mean, trained.primitives.rings_m
     landings = conditions.training if conditions.training_lands == "each" else 1
@@ -234,11 +241,10 @@ def offset_model(trained: Trained, table: ReadingTable, conditions: Conditions) 
         root = error_sd[..., None] * np.eye(len(rings_m))
     own = np.stack([ring, table.height_slope()], axis=-1)
     slope = np.concatenate([own, root], axis=-1)[:, :, None, :]
-    phantoms = conditions.specimens
-    mounts = phantoms if conditions.training_mounts == "once" else conditions.training
+    share = 1.0 / conditions.phantoms
     height_sd = np.hypot(
-        np.sqrt(1.0 + 1.0 / mounts) * conditions.height_sd_m,
-        np.sqrt(1.0 - 1.0 / phantoms) * conditions.specimen_sd_m,
+        np.sqrt(1.0 + 1.0 / conditions.training_mounts) * conditions.height_sd_m,
+        np.sqrt(1.0 - share if conditions.specimens == "same" else 1.0 + share) * conditions.specimen_sd_m,
     )
     left = root.shape[-1]
     offset_sd = np.array([sd, height_sd, *[1.0] * left])

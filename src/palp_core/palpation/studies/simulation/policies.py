@@ -106,6 +106,8 @@ def begin_session(table: ReadingTable, conditions: Conditions, seed: Sequence[in
     )
     off_m = specimens(table, conditions, pouring)
     trained = train(table, conditions, training, off_m)
+    if conditions.specimens == "other":
+        off_m = specimens(table, conditions, pouring)
     return SimulatedSession(
         table,
         conditions,

@@ -21,10 +21,11 @@ from palp_core.palpation.session.method_choices import choose_for
 from palp_core.palpation.studies.contact.cost import measure_contact
 from palp_core.palpation.studies.decision.combinations import Combinations, decision_rows
 from palp_core.palpation.studies.decision.rungs import RungJob, rows_of
-from palp_core.palpation.studies.frontier.mismatch import WORLDS, sessions_of
+from palp_core.palpation.studies.frontier.mismatch import sessions_of
 from palp_core.palpation.studies.frontier.schemes import SCHEMES, run_schemes
 from palp_core.palpation.studies.frontier.study import SEEDS
 from palp_core.palpation.studies.frontier.tables import scheme_rows
+from palp_core.palpation.studies.frontier.world_session import WorldPlan
 from palp_core.palpation.studies.toolkit.parallel import seeds
 from palp_core.palpation.studies.tradeoff.judge import panels
 from palp_core.palpation.studies.tradeoff.page import made_with, point_record
@@ -91,7 +92,7 @@ def reading_rows() -> list[dict[str, Any]]:
     """Return a line per scheme of contrast or trace: those of the study ``frontier`` in the paper's world."""
     schemes = tuple(one for one in SCHEMES if one.reading != "peak")
     sessions = seeds(SEEDS, 1, _READING_SESSIONS)
-    return scheme_rows("paper", [run_schemes(sessions_of(WORLDS["paper"], s), schemes) for s in sessions])
+    return scheme_rows("paper", [run_schemes(sessions_of(WorldPlan(), s), schemes) for s in sessions])
 
 
 def draw_signature(folder: Path) -> Path:
