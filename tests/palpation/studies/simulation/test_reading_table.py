@@ -7,7 +7,7 @@ from palp_core.palpation.studies.simulation.reading_table import (
     ReadingTable,
     measured,
     read,
-    scene_quantities,
+    scene_of,
     sweep_torque,
     tabulate,
 )
@@ -57,11 +57,11 @@ def test_a_stiffer_joint_and_a_higher_phantom_feel_more(felt: ReadingTable) -> N
 def test_the_register_is_asked_with_the_rings_and_what_the_joint_gives_way() -> None:
     """A soft gel under a stiff joint: there L2's peak is as wrong as its force."""
     soft, usual = Gel(modulus_pa=8e3), Gel()
-    asked = scene_quantities(soft, 0.004)
+    asked = scene_of(soft, 0.004).quantities()
     assert asked["ring_m"] == soft.rings_m
     assert asked["depth_per_tip"] == pytest.approx(0.004 / 0.006)
     assert np.min(asked["yielding"]) < 0.4
-    bounds = [find("contact", "l2").bound("peak", scene_quantities(gel, 0.004)) for gel in (usual, soft)]
+    bounds = [find("contact", "l2").bound("peak", scene_of(gel, 0.004).quantities()) for gel in (usual, soft)]
     assert [bound is not None and bound <= 0.02 for bound in bounds] == [True, False]
 
 

@@ -24,7 +24,7 @@ def load_phantoms(path: str, gel: Phantom | None = None) -> dict[str, Phantom]:
 
     Args:
         path: The file, or nothing.
-        gel: Gel and bead radius in which the paper's three depths are put where no file is given.
+        gel: Gel and bead that the paper's three depths are given where there is no file.
 
     Raises:
         MechanicsError: No such file, no YAML, an unknown key or a value out of range; the message says where.
@@ -39,9 +39,10 @@ def load_phantoms(path: str, gel: Phantom | None = None) -> dict[str, Phantom]:
         return {code: phantom_of(entry, f"phantom '{code}'") for code, entry in entries.items()}
     if gel is None:
         return dict(PAPER_PHANTOMS)
-    radius_m = gel.bead.radius_m if gel.bead is not None else Bead(depth_m=0.002).radius_m
     return {
-        code: dataclasses.replace(gel, bead=Bead(depth_m=paper.bead.depth_m, radius_m=radius_m))
+        code: dataclasses.replace(
+            gel, bead=dataclasses.replace(gel.bead or paper.bead, depth_m=paper.bead.depth_m)
+        )
         for code, paper in PAPER_PHANTOMS.items()
         if paper.bead is not None
     }
