@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from palp_core.palpation.mechanics.scene.choice import choose_rung
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.reporting.table import write_records
 from palp_core.palpation.studies.frontier.depth_error import DepthJob, depth_errors
@@ -27,7 +28,9 @@ from palp_core.palpation.studies.frontier.trace_trials import (
     settings_of,
 )
 from palp_core.palpation.studies.frontier.world_session import WorldJob
+from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.policy_summary import summarise
+from palp_core.palpation.studies.simulation.reading_table import Gel, scene_of
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
 from palp_core.units import Float64Array
@@ -39,6 +42,14 @@ SWIFTEST = Scheme("trace", "information_gain", "threshold", "swift")
 THRESHOLDS = (0.9, 0.95, 0.98, 0.99, 0.995, 0.999)
 SEEDS = 24
 """First number of the seeds of its sessions."""
+GEL_RUNGS = ("l2", "l4")
+"""Contact models that simulate the gel of both training and trials, whichever the filters choose."""
+GEL_SCHEMES = (
+    Scheme("peak", "fixed_best", "threshold"),
+    Scheme("contrast", "fixed_best", "threshold"),
+    Scheme("trace", "fixed_best", "threshold"),
+    Scheme("trace", "fixed_best", "threshold", "swift"),
+)
 _FIXED = "fixed_best"
 
 
@@ -74,6 +85,38 @@ def frontier_session(job: WorldJob) -> FrontierSession:
     }
     wall_s = (time.perf_counter() - before) / len(THRESHOLDS) / len(session.depth)
     return FrontierSession(runs, looked, most_accurate(model, stiffest, SWIFT, BIN_M), wall_s)
+
+
+@dataclass(frozen=True)
+class GelJob:
+    """A session of the lab's world whose gel is simulated by a contact model by name.
+
+    Attributes:
+        rung: The contact model.
+        seed: Of the session.
+        conditions: The rig and the experiment, where these are not the world's.
+    """
+
+    rung: str
+    seed: tuple[int, ...]
+    conditions: Conditions = WORLDS["lab"].conditions
+
+
+def gel_session(job: GelJob) -> dict[str, SchemeRun]:
+    """Return what schemes did whose filters choose their own contact model, whatever the gel's is."""
+    plan = replace(WORLDS["lab"], gel=Gel(rung=job.rung), conditions=job.conditions)
+    return run_schemes(sessions_of(plan, job.seed), GEL_SCHEMES)
+
+
+def gel_rows(found: Mapping[str, Runs]) -> list[dict[str, Any]]:
+    """Return a line per contact model of the gel and scheme, with those of the filter."""
+    rows = []
+    for rung, sessions in found.items():
+        for row in scheme_rows("lab", sessions):
+            scenes = [scene_of(Gel(), depth_m).read_by(row["reading"]) for depth_m in Gel().depths_m]
+            chosen = ", ".join(dict.fromkeys(choose_rung(scene).rung for scene in scenes))
+            rows.append({"gel": rung, "filter": chosen, **row})
+    return rows
 
 
 def threshold_rows(world: str, sessions: Sequence[FrontierSession]) -> list[dict[str, Any]]:
@@ -119,6 +162,9 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     depths = [
         row for i, world in enumerate(WORLDS) for row in depth_rows(world, off[i * few : (i + 1) * few])
     ]
+    jobs_of_gels = [GelJob(rung, one) for rung in GEL_RUNGS for one in seeds(SEEDS, seed, few)]
+    done = run_jobs(gel_session, jobs_of_gels, label="sessions, gels", workers=workers, dask=dask)
+    gels = gel_rows({rung: done[i * few : (i + 1) * few] for i, rung in enumerate(GEL_RUNGS)})
     looked = [row for world, sessions in by_world.items() for row in threshold_rows(world, sessions)]
     limits = {
         world: np.mean([one.limits for one in sessions], axis=0).tolist()
@@ -135,6 +181,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         },
         "depth_sessions": few,
         "depths": depths,
+        "gels": gels,
         "batch_100000_s": {
             world: 1e5 * float(np.median([one.wall_s for one in sessions]))
             for world, sessions in by_world.items()
@@ -144,6 +191,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     write_json(out / "frontier.json", report)
     write_records(out / "frontier.csv", [_flat(row) for row in rows])
     write_records(out / "depths.csv", depths)
+    write_records(out / "gels.csv", [_flat(row) for row in gels])
     charts = [frontier_chart(rows, depths, limits), threshold_chart(looked)]
     return write_page(
         out / "index.html",
