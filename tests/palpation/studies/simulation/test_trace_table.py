@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from palp_core.palpation.mechanics import Bead, Phantom
+from palp_core.palpation.mechanics.scene.choice import choose_rung
 from palp_core.palpation.nano17 import RESOLUTION_N_M
+from palp_core.palpation.session.trace.settings import TraceSettings
 from palp_core.palpation.studies.simulation.reading_table import Gel, scene_of
 from palp_core.palpation.studies.simulation.trace_table import TraceTable, tabulate_traces
 from palp_core.palpation.world.drag import drag
@@ -73,6 +75,12 @@ def test_slopes_of_the_scene_file_alone_are_those_of_the_table(table: TraceTable
         np.testing.assert_allclose(
             known.slope[0, 0, :, latent] * REACH[latent], found * REACH[latent], atol=0.05e-3
         )
+
+
+def test_what_a_filter_knows_of_traces_is_of_a_contact_model_that_is_right_in_them() -> None:
+    scene, _ = TraceSettings().of_rig(scene=scene_of(GEL, 0.004))
+    assert scene == scene_of(GEL, 0.004).read_by("trace")
+    assert choose_rung(scene).rung == "l4"
 
 
 def test_a_scene_whose_bead_is_beside_the_path_has_its_traces_there(table: TraceTable) -> None:

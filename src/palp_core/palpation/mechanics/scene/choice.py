@@ -141,7 +141,7 @@ def contact_model(
     Args:
         phantom: What is touched.
         tip_radius_m: Radius of the ball.
-        output: What must be right: ``peak`` (largest torque) or ``contrast`` (peak minus local base).
+        output: What must be right: ``peak``, ``contrast`` or ``trace``.
         tolerance: Largest acceptable relative error of it.
         indentation_m: Nominal indentation, by the published joint; None leaves it out of the choice.
         tip: Form of the ball, the probe's.
