@@ -112,6 +112,7 @@ class Phantom(MethodTeller):
             indentation_m=params.indentation_mm * 1e-3,
             friction=params.friction,
             tip_mass_kg=params.tip_mass_kg,
+            ends_m=(params.from_m, params.to_m),
         )
         self.models: dict[str, ContactModel] = {code: self.rig.model(code) for code in self.rig.by_depth}
         self.table: SweepTable | WorldTrace | None = None

@@ -70,6 +70,11 @@ def test_the_gel_is_right_in_what_the_run_reads(given: dict[str, str], asked: st
     assert [choice.name for choice in touched.choices.values()] == rungs.split()
 
 
+def test_a_path_that_ends_near_the_bead_has_no_contrast_to_be_right_in() -> None:
+    with pytest.raises(NodeError, match=r"no contact method gives 'contrast'.*margin_m = 0.015 is not in"):
+        Bench(Phantom, {"feature": "contrast", "from_m": -0.015})
+
+
 def test_a_pose_is_answered_at_its_own_times(flat: Bench[Phantom]) -> None:
     torque_n_m(flat)
     contact = flat.sent(Phantom.contact)[0]

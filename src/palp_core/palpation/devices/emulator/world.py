@@ -146,6 +146,7 @@ class World:
             scene=settings.scene,
             read=settings.read,
             indentation_m=settings.indentation_m,
+            ends_m=settings.lands_m,
         )
         self._models = {code: self._rig.model(code) for code in self._rig.by_depth}
         ends_m = settings.from_m, settings.to_m

@@ -76,6 +76,7 @@ def rig(
     indentation_m: float = StagePath.indentation_m,
     friction: float = Probe.friction,
     tip_mass_kg: float = Probe.tip_mass_kg,
+    ends_m: tuple[float, float] | None = None,
 ) -> Rig:
     """Return a rig's touch: from a scene file, or without one from the numbers given.
 
@@ -88,6 +89,7 @@ def rig(
         indentation_m: Nominal indentation.
         friction: Coulomb coefficient.
         tip_mass_kg: Mass of the tip link.
+        ends_m: Where sweeps begin and end; None: as of the scene.
 
     Raises:
         MechanicsError: A file is wrong; the message says where.
@@ -101,6 +103,8 @@ def rig(
     )
     if scene:
         given = read_scene(scene)
+    if ends_m is not None:
+        given = replace(given, path=replace(given.path, from_m=ends_m[0], to_m=ends_m[1]))
     given = given.read_by(read)
     found, asked = load_phantoms(phantoms, given.phantom if scene else None), given.tolerance
     chosen = {code: choose_rung(replace(given, phantom=found[code])).contact for code in _by_depth(found)}

@@ -80,6 +80,8 @@ def rig_of(phantom: Mapping[str, Any]) -> Rig:
     given = {name: phantom[name] for name in names if name in phantom}
     if "indentation_mm" in phantom:
         given["indentation_m"] = phantom["indentation_mm"] * 1e-3
+    if "from_m" in phantom:
+        given["ends_m"] = phantom["from_m"], phantom["to_m"]
     if "reading" in phantom:
         given["read"] = what_is_read(phantom["reading"], phantom["feature"])
     return rig(**given)
