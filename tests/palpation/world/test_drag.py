@@ -52,6 +52,11 @@ def test_a_bead_beside_the_path_is_felt_at_its_distance(felt: Touch) -> None:
     by_depth = (one.energy(offset_m, depth_m + step) - one.energy(offset_m, depth_m - step)) / (2 * step)
     np.testing.assert_allclose(lateral_n, by_place, atol=2e-6)
     np.testing.assert_allclose(normal_n, by_depth, rtol=1e-6)
+    aside = rung_model("l2", Phantom(bead=Bead(depth_m=0.004, beside_m=0.002)), PROBE.tip_radius_m)
+    alone = Single(felt, latents(beside_m2=4e-6)[0])
+    assert (aside.rung, aside.reach_m) == (alone.rung, felt.models[1].reach_m)
+    np.testing.assert_allclose(aside.energy(offset_m, depth_m), alone.energy(offset_m, depth_m))
+    np.testing.assert_allclose(aside.force(offset_m, depth_m), alone.force(offset_m, depth_m), atol=1e-12)
     over = drag(felt, latents(2, beside_m2=[0.0, 9e-6]), RINGS_M, 0.004, STAGE_M).sliding_n_m.max(axis=1)
     assert drag(felt, latents(2), RINGS_M, 0.004, STAGE_M).sliding_n_m.max(axis=1)[1] > over[1]
 
