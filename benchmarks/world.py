@@ -18,8 +18,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from palp_core.palpation.reporting.charts import BLUE, GREY, VERMILION, Chart, save, tidy
-from palp_core.palpation.studies.simulation.reading_table import Gel
-from palp_core.palpation.studies.simulation.trace_table import TraceTable, scene_of, tabulate_traces
+from palp_core.palpation.studies.simulation.reading_table import Gel, scene_of
+from palp_core.palpation.studies.simulation.trace_table import TraceTable, tabulate_traces
 from palp_core.palpation.world.drag import drag
 from palp_core.palpation.world.draws import latent_spread
 from palp_core.palpation.world.joints import joints_of

@@ -18,6 +18,7 @@ from palp_core.palpation.devices.sim.mount import MountVariation
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import read_noise
 from palp_core.palpation.session.decided.blind import phantoms_file, shown_depth
+from palp_core.palpation.session.method_choices import FeatureName, Reading, what_is_read
 from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
 from palp_core.palpation.session.methods.used import rig_uses
 from palp_core.palpation.session.named_files import file_mistakes
@@ -57,6 +58,8 @@ class EmulatedPhantomParams(Params):
     can_bitrate: ReadOnly[CountPositive] = 500_000
     phantoms: ReadOnly[str] = ""
     scene: ReadOnly[str] = ""
+    reading: ReadOnly[Reading] = "feature"
+    feature: ReadOnly[FeatureName] = "peak"
     ring_error: ReadOnly[Literal["uniform", "normal"]] = "uniform"
     repeatability_mm: ReadOnly[MillimetresNonNegative] = 0.3
     noise_sd_n_mm: ReadOnly[NewtonMillimetresNonNegative] = RESOLUTION_N_M * 1e3
@@ -100,6 +103,7 @@ class EmulatedPhantom(MethodTeller):
             seed=p.seed,
             phantoms=phantoms_file(p),
             scene=p.scene,
+            read=what_is_read(p.reading, p.feature),
             from_m=min(p.from_m, p.to_m) - MARGIN_M,
             to_m=max(p.from_m, p.to_m) + MARGIN_M,
             z_axis=AxisSettings(soft_low_m=-0.001, home_m=p.lift_mm * 1e-3),

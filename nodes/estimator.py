@@ -19,9 +19,8 @@ from palp_core.palpation.perception.belief.trial_filter import TrialFilter, Tria
 from palp_core.palpation.perception.signal.sweep_cut import SweepCut
 from palp_core.palpation.perception.strategy.trained_rings import untrained
 from palp_core.palpation.session.filters import filter_by
-from palp_core.palpation.session.method_choices import names_of
+from palp_core.palpation.session.method_choices import TRACE, names_of
 from palp_core.palpation.session.methods.estimating import (
-    TRACE,
     asked,
     checks,
     mistakes,

@@ -17,6 +17,7 @@ from palp_core.palpation.session.method_choices import (
     FeatureName,
     FilterName,
     LikelihoodName,
+    Reading,
     StopName,
     TraceFilterName,
 )
@@ -56,7 +57,7 @@ class EstimatorParams(Params):
     ``blind``: numbers stand for depths, so that only what takes them as names can be used.
     """
 
-    reading: ReadOnly[Literal["feature", "trace"]] = "feature"
+    reading: ReadOnly[Reading] = "feature"
     wavelet: str = "db10"
     level: CountPositive = 5
     denoise: DenoiseName = "soft_universal"

@@ -16,6 +16,7 @@ from palp_core.palpation.mechanics.equilibrium.sweep_table import SweepTable, so
 from palp_core.palpation.mechanics.scene.rig import rig
 from palp_core.palpation.perception.belief.rig_noise import read_noise
 from palp_core.palpation.session.decided.blind import phantoms_file, shown_depth
+from palp_core.palpation.session.method_choices import FeatureName, Reading, what_is_read
 from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
 from palp_core.palpation.session.methods.used import rig_uses
 from palp_core.palpation.session.named_files import file_mistakes
@@ -40,9 +41,10 @@ SPEED_M_S = 0.02
 class PhantomParams(Params):
     """Set in the launch file.
 
-    ``phantoms`` is a YAML file of phantoms by code; empty means the paper's three. ``output`` and
-    ``tolerance`` choose the contact rung. ``scene`` is a scene file: where given, gel, probe, indentation and
-    tolerance are its own, and the parameters of that name are not used. ``height_sd_mm`` is the spread of
+    ``phantoms`` is a YAML file of phantoms by code; empty means the paper's three. ``reading`` and
+    ``feature`` are the estimator's: the contact model must get right what is read, within ``tolerance``.
+    ``scene`` is a scene file: where given, gel, probe, indentation and tolerance are its own, and the
+    parameters of that name are not used. ``height_sd_mm`` is the spread of
     the surface's height over remounts (assumed: set down by hand against a stop); a noise file in ``noise``
     has its own. ``world`` is the paper's own design, ``lab``, or a YAML file of what else is on. Friction,
     tip mass and indentation are assumed, as the paper gives none. In a ``blind`` session what is touched is
@@ -51,7 +53,8 @@ class PhantomParams(Params):
 
     phantoms: str = ""
     scene: str = ""
-    output: str = "peak"
+    reading: ReadOnly[Reading] = "feature"
+    feature: FeatureName = "peak"
     tolerance: Probability = 0.02
     from_m: Metres = -0.03
     to_m: Metres = 0.05
@@ -104,11 +107,12 @@ class Phantom(MethodTeller):
         self.rig = rig(
             phantoms=phantoms_file(params),
             scene=params.scene,
-            output=params.output,
+            read=what_is_read(params.reading, params.feature),
             tolerance=params.tolerance,
             indentation_m=params.indentation_mm * 1e-3,
             friction=params.friction,
             tip_mass_kg=params.tip_mass_kg,
+            ends_m=(params.from_m, params.to_m),
         )
         self.models: dict[str, ContactModel] = {code: self.rig.model(code) for code in self.rig.by_depth}
         self.table: SweepTable | WorldTrace | None = None

@@ -43,6 +43,7 @@ file the codes are A, B and C: the paper's beads, 2, 4 and 8 mm deep.
 # phantoms.yaml
 A: {modulus_pa: 20000.0, bead: {depth_m: 0.002}}
 deep: {modulus_pa: 20000.0, bead: {depth_m: 0.010}}
+aside: {modulus_pa: 20000.0, bead: {depth_m: 0.004, beside_m: 0.003}}
 bare: {modulus_pa: 20000.0, bead: none}
 ```
 

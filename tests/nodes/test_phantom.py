@@ -55,6 +55,26 @@ def flat() -> Bench[Phantom]:
     return Bench(Phantom, {"height_sd_mm": 0.0})
 
 
+@pytest.mark.parametrize(
+    ("given", "asked", "rungs"),
+    [
+        ({}, "peak", "l2 l2 l2"),
+        ({"feature": "contrast"}, "contrast", "l4 l4 l4"),
+        ({"reading": "trace"}, "trace", "l4 l4 l2"),
+        ({"feature": "auto"}, "trace", "l4 l4 l2"),
+    ],
+)
+def test_the_gel_is_right_in_what_the_run_reads(given: dict[str, str], asked: str, rungs: str) -> None:
+    touched = Bench(Phantom, given).node.rig
+    assert {choice.output for choice in touched.choices.values()} == {asked}
+    assert [choice.name for choice in touched.choices.values()] == rungs.split()
+
+
+def test_a_path_that_ends_near_the_bead_has_no_contrast_to_be_right_in() -> None:
+    with pytest.raises(NodeError, match=r"no contact method gives 'contrast'.*margin_m = 0.015 is not in"):
+        Bench(Phantom, {"feature": "contrast", "from_m": -0.015})
+
+
 def test_a_pose_is_answered_at_its_own_times(flat: Bench[Phantom]) -> None:
     torque_n_m(flat)
     contact = flat.sent(Phantom.contact)[0]

@@ -15,6 +15,7 @@ import pytest
 from nodes.phantom import Phantom
 from palp_core import Bench
 from palp_core.errors import NodeError
+from palp_core.graph.launch.summary import summary_of
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 from tests.support.palp import SIM
 from tests.support.rig_session import BriefGraph, ComposedGraph, RigSession, check_here
@@ -109,4 +110,12 @@ def test_a_label_never_leaves_the_experiment_in_estimation(tmp_path: Path) -> No
 def test_a_tolerance_that_no_contact_model_meets_is_refused_by_name() -> None:
     said = "no contact method gives 'contrast' within 0.1%"
     with pytest.raises(NodeError, match=f"on_configure failed: {said}"):
-        Bench(Phantom, {"output": "contrast", "tolerance": 0.001})
+        Bench(Phantom, {"feature": "contrast", "tolerance": 0.001})
+
+
+@pytest.mark.parametrize("file", ["sim.yaml", "emulated.yaml"])
+def test_the_simulated_phantom_and_the_estimator_read_the_same(file: str) -> None:
+    checked = check_here(SIM.with_name(file), ["reading:=trace", "feature:=contrast"])
+    params = summary_of(checked, SIM).params
+    for name, value in (("reading", "trace"), ("feature", "contrast")):
+        assert params["phantom"][name] == params["estimator"][name] == value

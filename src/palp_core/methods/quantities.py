@@ -75,6 +75,7 @@ for _name, _unit, _meaning in (
     ("beads", "1", "how many beads the gel holds"),
     ("bead_radius_m", "m", "radius of the bead"),
     ("depth_m", "m", "gel over the bead"),
+    ("beside_m", "m", "distance of the bead from the path, seen from above"),
     ("depth_per_tip", "1", "gel over the bead, in radii of the ball"),
     ("depth_ratio", "1", "least ratio of neighbouring depths that are compared"),
     ("tip_radius_m", "m", "radius of the ball"),

@@ -79,7 +79,9 @@ def test_of_two_first_decisions_one_writes_the_heading(
         other.start()
         while other.is_alive() and not waits.wait(0.1):
             pass
-        file.write("phase,trial,deed,reason,time,user\ntraining,1,redo,slipped,2026-01-01T00:00:00+00:00,me\n")
+        file.write(
+            "phase,trial,deed,reason,time,user\ntraining,1,redo,slipped,2026-01-01T00:00:00+00:00,me\n"
+        )
     other.join()
     assert [one.trial for one in decisions(tmp_path)] == [1, 2]
 

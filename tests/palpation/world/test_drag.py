@@ -1,6 +1,6 @@
 """Many sweeps side by side are the sweeps one by one, and their run-in is that of the joint in motion."""
 
-from dataclasses import replace
+import math
 
 import numpy as np
 import pytest
@@ -33,10 +33,10 @@ def test_a_sliding_tip_is_the_sweep_of_a_phantom_and_probe_like_that(
 ) -> None:
     """The register's solver, with gel, ball, friction, ring, height and bead set as the latents say."""
     rows = drawn(4)
-    rows[:, LATENTS.index("beside_m2")] = 0.0
     found = drag(felt, rows, RINGS_M[[0, 1, 0, 1]], 0.004, stage_m)
-    for i, (ring, height, modulus, _, along, _, tip) in enumerate(rows.tolist()):
-        gel = replace(PHANTOM, modulus_pa=PHANTOM.modulus_pa * (1.0 + modulus))
+    for i, (ring, height, modulus, _, along, beside_m2, tip) in enumerate(rows.tolist()):
+        bead = Bead(depth_m=0.004, beside_m=math.sqrt(beside_m2))
+        gel = Phantom(bead=bead, modulus_pa=PHANTOM.modulus_pa * (1.0 + modulus))
         model = rung_model("l2", gel, PROBE.tip_radius_m + tip)
         probe = probe_of(PROBE, rows[i])
         own = sweep(model, probe, RINGS_M[i % 2] + ring, 0.004 + height, stage_m - along)
@@ -52,6 +52,11 @@ def test_a_bead_beside_the_path_is_felt_at_its_distance(felt: Touch) -> None:
     by_depth = (one.energy(offset_m, depth_m + step) - one.energy(offset_m, depth_m - step)) / (2 * step)
     np.testing.assert_allclose(lateral_n, by_place, atol=2e-6)
     np.testing.assert_allclose(normal_n, by_depth, rtol=1e-6)
+    aside = rung_model("l2", Phantom(bead=Bead(depth_m=0.004, beside_m=0.002)), PROBE.tip_radius_m)
+    alone = Single(felt, latents(beside_m2=4e-6)[0])
+    assert (aside.rung, aside.reach_m) == (alone.rung, felt.models[1].reach_m)
+    np.testing.assert_allclose(aside.energy(offset_m, depth_m), alone.energy(offset_m, depth_m))
+    np.testing.assert_allclose(aside.force(offset_m, depth_m), alone.force(offset_m, depth_m), atol=1e-12)
     over = drag(felt, latents(2, beside_m2=[0.0, 9e-6]), RINGS_M, 0.004, STAGE_M).sliding_n_m.max(axis=1)
     assert drag(felt, latents(2), RINGS_M, 0.004, STAGE_M).sliding_n_m.max(axis=1)[1] > over[1]
 

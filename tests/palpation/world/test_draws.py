@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palp_core.palpation.mechanics import Bead, Phantom, Probe
 from palp_core.palpation.world.draws import (
     latent_spread,
     layer_weight,
@@ -16,6 +17,7 @@ from palp_core.palpation.world.draws import (
     wear_part,
 )
 from palp_core.palpation.world.latents import LATENTS
+from palp_core.palpation.world.luck import Luck
 from palp_core.palpation.world.model import LAB, PAPER, WorldModel
 from palp_core.palpation.world.texture import GRID_M, bias, texture, texture_map, track, white_sd_n_m
 
@@ -100,3 +102,19 @@ def test_the_zero_walks_and_a_bin_averages_the_noise() -> None:
     assert made[:, 0].std() == pytest.approx(np.sqrt(LAB.tare_sd_n_m**2 + walk**2 * 16.1), rel=0.03)
     assert made[:, -1].std() == pytest.approx(np.sqrt(LAB.tare_sd_n_m**2 + walk**2 * 20.0), rel=0.03)
     assert white_sd_n_m(15e-6, 15e-6, 100) == pytest.approx(15e-6 * np.sqrt(1 + 1 / 12) / 10)
+
+
+def test_a_bead_beside_the_path_is_where_casting_and_mounting_put_it() -> None:
+    """The nominal distance, which has a sign like theirs, and what both are off by; at its reach it ends."""
+    probe, at = Probe(), LATENTS.index("beside_m2")
+    under, aside = (
+        np.array([
+            Luck(LAB, seed, probe, 0.004).row("A", Phantom(bead=Bead(depth_m=0.004, beside_m=beside_m)), 1)
+            for seed in range(1, 40)
+        ])
+        for beside_m in (0.0, 0.003)
+    )  # fmt: skip
+    np.testing.assert_array_equal(np.delete(under, at, axis=1), np.delete(aside, at, axis=1))
+    off_m = np.sqrt(aside[:, at]) - 0.003
+    np.testing.assert_allclose(np.abs(off_m), np.sqrt(under[:, at]), atol=1e-12)
+    assert off_m.min() < 0.0 < off_m.max()

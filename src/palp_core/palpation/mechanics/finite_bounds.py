@@ -26,6 +26,7 @@ _GEOMETRY: _Box = {
     "height_m": (0.0295, 0.0305),
     "poisson": (0.488, 0.492),
     "pressed_share": (0.0, PRESSED_MAX),
+    "beside_m": (0.0, 0.0),
 }
 _LOAD: _Box = {
     "modulus_pa": (8e3, 40e3),

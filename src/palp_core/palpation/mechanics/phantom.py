@@ -13,17 +13,20 @@ class Bead:
     Attributes:
         depth_m: From the exposed surface to the top of the bead.
         radius_m: Half of the published 15 mm diameter.
+        beside_m: Distance from the path of the sweep to the bead's centre, seen from above.
 
     Raises:
-        OutOfRange: A length is not positive or not a number.
+        OutOfRange: A length is out of range or not a number.
     """
 
     depth_m: float
     radius_m: float = 0.0075
+    beside_m: float = 0.0
 
     def __post_init__(self) -> None:
         require("depth_m", self.depth_m, 1e-6, 1.0, "give the metres of gel over the bead, as in 0.004")
         require("radius_m", self.radius_m, 1e-6, 1.0, "give the bead's radius in metres, as in 0.0075")
+        require("beside_m", self.beside_m, 0.0, 1.0, "give metres from the path, as in 0.003")
 
     @property
     def centre_depth_m(self) -> float:
@@ -79,6 +82,7 @@ class Phantom:
         scene["beads"] = 0.0 if self.bead is None else 1.0
         if self.bead is not None:
             scene |= {"depth_m": self.bead.depth_m, "bead_radius_m": self.bead.radius_m}
+            scene["beside_m"] = self.bead.beside_m
         if tip_radius_m is not None:
             scene["tip_radius_m"] = tip_radius_m
             if self.bead is not None:

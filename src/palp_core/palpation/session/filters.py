@@ -81,7 +81,7 @@ def height_slope(
     Raises:
         MethodError: No contact rung is good enough for the scene.
     """
-    probe, path = scene.probe, scene.path
+    scene, probe, path = scene.read_by(feature), scene.probe, scene.path
     stage = np.arange(min(path.from_m, path.to_m), max(path.from_m, path.to_m), _STAGE_STEP_M)
     of = find("feature", feature).target
     slope = np.zeros((len(depths_m), len(rings_m)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -180,6 +180,19 @@ def _needed(task: Task, scene: Scene) -> tuple[str, float, int]:
 
 
 # what a node's parameters name, or leave to the register
+
+TRACE = "trace"
+"""The reading that is the whole torque of a sweep."""
+
+Reading = Literal["feature", "trace"]
+
+
+def what_is_read(reading: str, feature: str) -> str:
+    """Return what a run reads off a sweep, which its contact models must get right: see ``Scene.read_by``.
+
+    A feature left to the register may be any: it follows from the trace.
+    """
+    return TRACE if reading == TRACE or feature == AUTO else feature
 
 
 def _choices(task: str) -> list[str]:

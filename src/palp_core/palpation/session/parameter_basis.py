@@ -72,7 +72,8 @@ BASIS = {
     "stage.lift_speed_m_s": "assumed",
     "phantom.phantoms": "published when empty: 30 mm of gel, 15 mm bead at 2, 4, 8 mm; modulus assumed",
     "phantom.scene": "choice: scene file; empty: gel and probe of the paper and its assumptions",
-    "phantom.output": "choice: what the contact model must get right",
+    "phantom.reading": "choice, as of the estimator: the contact model must get right what is read",
+    "phantom.feature": "choice, as of the estimator",
     "phantom.tolerance": "choice: how wrong the contact model may be",
     "phantom.from_m": "assumed",
     "phantom.to_m": "assumed",
@@ -158,6 +159,7 @@ SCENE = {
     "height_m": "published: 30 mm",
     "depth_m": "published: 2, 4, 8 mm",
     "radius_m": "published: 15 mm in diameter",
+    "beside_m": "assumed: the path leads over the bead",
 }
 """What each number of the simulated probe and of the paper's phantoms rests on."""
 

@@ -17,6 +17,9 @@ from palp_core.palpation.world.latents import LATENTS
 from palp_core.palpation.world.model import WorldModel
 from palp_core.units import Float64Array
 
+PARTS = tuple("beside_m" if name == "beside_m2" else name for name in LATENTS)
+"""What a part is of: the latents, but for the bead's distance beside the path, which has a sign."""
+
 _RING, _HEIGHT, _MODULUS, _FRICTION, _ALONG, _BESIDE, _TIP = range(len(LATENTS))
 _PRESSED = 0.5
 """Of the nominal indentation is what the dragged tip keeps: assumed, 0.3 to 0.6 from soft to stiff joint."""
@@ -121,6 +124,13 @@ def ring_part(error_m: ArrayLike) -> Float64Array:
     errors_m = np.asarray(error_m, dtype=np.float64)
     part = np.zeros((*errors_m.shape, len(LATENTS)))
     part[..., _RING] = errors_m
+    return part
+
+
+def bead_part(beside_m: float) -> Float64Array:
+    """Return the part that a bead's nominal distance beside the path is, shape (7,)."""
+    part = np.zeros(len(LATENTS))
+    part[_BESIDE] = beside_m
     return part
 
 

@@ -9,7 +9,7 @@ from palp_core.units import Float64Array
 LATENTS = ("ring_m", "height_m", "modulus", "friction", "along_m", "beside_m2", "tip_radius_m")
 """Ring's landing; height of the surface, indentation error included; modulus and friction, relative; the
 bead's place along the path; the square of its distance beside the path, in which the torque is smooth; the
-ball's radius. All as differences from nominal, SI."""
+ball's radius. All but that square as differences from nominal, SI."""
 
 REACH = np.array([0.75e-3, 0.75e-3, 0.25, 0.3, 3e-3, 9e-6, 0.4e-3])
 """How far each may go where sweeps are tabulated; the square beside the path from 0 on."""

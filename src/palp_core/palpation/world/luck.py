@@ -10,12 +10,20 @@ import numpy as np
 
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.world.draws import mounting_parts, session_part, specimen_parts, together, wear_part
+from palp_core.palpation.world.draws import (
+    bead_part,
+    mounting_parts,
+    session_part,
+    specimen_parts,
+    together,
+    wear_part,
+)
 from palp_core.palpation.world.latents import LATENTS, LOWEST, REACH, latents
 from palp_core.palpation.world.model import WorldModel
 from palp_core.palpation.world.texture import track
 from palp_core.units import Float64Array
 
+_BESIDE = LATENTS.index("beside_m2")
 _SESSION, _SPECIMEN, _MOUNTING, _SWEEP = range(4)
 
 
@@ -42,6 +50,8 @@ class Luck:
     ) -> Float64Array:
         """Return the latents of a mounting's sweeps, shape (7,); one beyond its reach is at its end.
 
+        The reach beside the path is about the phantom's own distance.
+
         Args:
             code: Name of the phantom.
             phantom: The nominal one.
@@ -49,8 +59,10 @@ class Luck:
             height_m: Of the surface over nominal, which the rig draws itself.
             path_m: What the tip has swept so far.
         """
-        depth_m = phantom.bead.depth_m if phantom.bead is not None else phantom.height_m
+        bead = phantom.bead
+        depth_m, beside_m = (phantom.height_m, 0.0) if bead is None else (bead.depth_m, bead.beside_m)
         row = together(
+            bead_part(beside_m),
             session_part(self.world, self._of(_SESSION)),
             specimen_parts(
                 self.world,
@@ -64,7 +76,9 @@ class Luck:
             wear_part(self.world, path_m),
             latents(1, height_m=height_m)[0],
         )
-        return np.clip(row, LOWEST, REACH)
+        reach = REACH.copy()
+        reach[_BESIDE] = (beside_m + math.sqrt(REACH[_BESIDE])) ** 2
+        return np.clip(row, LOWEST, reach)
 
     def track(self, mounting: int) -> Float64Array:
         """Return the random numbers of the surface under a mounting's track, shape (2, places)."""

@@ -120,7 +120,7 @@ def trace_slopes(
     """Return what the binned trace of each depth and ring is, and how it answers to the latents.
 
     Slopes are differences over a twentieth of each latent's reach to either side; to the square beside the
-    path from 0 on.
+    path from the scene's own on.
 
     Args:
         scene: Gel, probe and path.
@@ -144,6 +144,8 @@ def trace_slopes(
     step = SMALL * REACH if steps is None else np.minimum(steps, REACH)
     low = np.where(LOWEST < 0.0, -step, 0.0)
     rows = np.concatenate([np.zeros((1, count)), np.diag(low), np.diag(step)])
+    if scene.phantom.bead is not None:
+        rows[:, LATENTS.index("beside_m2")] += scene.phantom.bead.beside_m**2
     width = np.maximum(step - low, 1e-12)
     many = len(rows)
     mean = np.empty((len(depths_m), len(rings_m), len(bins.mean)))

@@ -9,6 +9,7 @@ import numpy as np
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
+from palp_core.palpation.mechanics.scene.beside import distance
 from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.palpation.world.latents import LATENTS, REACH
 from palp_core.units import Float64Array
@@ -46,10 +47,8 @@ class Touch:
             indentation_m: Depth under the surface, shape (n, p).
             rows: Latents, shape (n, 7).
         """
-        past_m = offset_m - rows[:, ALONG, None]
-        away_m = np.sqrt(past_m * past_m + rows[:, BESIDE, None])
-        along = np.divide(past_m, away_m, out=np.zeros_like(past_m), where=away_m > 0.0)
-        normal_n, lateral_n = np.zeros_like(past_m), np.zeros_like(past_m)
+        away_m, along = distance(offset_m - rows[:, ALONG, None], rows[:, BESIDE, None])
+        normal_n, lateral_n = np.zeros_like(away_m), np.zeros_like(away_m)
         for model, weight in zip(self.models, self.weights(rows[:, TIP]), strict=True):
             own_normal, own_lateral = model.force(away_m, indentation_m)
             normal_n += weight[:, None] * own_normal
@@ -69,7 +68,7 @@ def touch(phantom: Phantom, probe: Probe, rung: str, *, tips: bool = True) -> To
     """Return the contact with a phantom.
 
     Args:
-        phantom: The nominal one.
+        phantom: The nominal one; how far its bead is beside the path is a latent of each sweep.
         probe: With the nominal ball.
         rung: Name of the contact rung.
         tips: Whether balls of other radii are wanted.
@@ -80,7 +79,8 @@ def touch(phantom: Phantom, probe: Probe, rung: str, *, tips: bool = True) -> To
     """
     step_m = float(REACH[TIP])
     radii = probe.tip_radius_m + (np.array([-step_m, 0.0, step_m]) if tips else np.zeros(1))
-    models = tuple(rung_model(rung, phantom, float(radius_m), probe.tip) for radius_m in radii)
+    under = phantom if phantom.bead is None else replace(phantom, bead=replace(phantom.bead, beside_m=0.0))
+    models = tuple(rung_model(rung, under, float(radius_m), probe.tip) for radius_m in radii)
     return Touch(probe, models, step_m)
 
 
@@ -131,7 +131,7 @@ class Single:
 
     def energy(self, offset_m: Float64Array, indentation_m: Float64Array) -> Float64Array:
         """Return the elastic energy in J, of the nominal ball's interpolation; see :class:`.ContactModel`."""
-        away_m = np.hypot(offset_m - self.row[ALONG], np.sqrt(self.row[BESIDE]))
+        away_m, _ = distance(offset_m - self.row[ALONG], self.row[BESIDE])
         weights = self.touch.weights(self.row[None, TIP])
         parts = [
             w[0] * m.energy(away_m, indentation_m) for m, w in zip(self.touch.models, weights, strict=True)

@@ -51,6 +51,12 @@ def test_the_emulated_torque_is_the_mechanics(code: str, ring_m: float, y_m: flo
     world.close()
 
 
+def test_the_emulated_gel_is_right_in_what_the_run_reads() -> None:
+    world = World(WorldSettings(read="trace"))
+    assert [choice.name for choice in world.rig.choices.values()] == ["l4", "l4", "l2"]
+    world.close()
+
+
 def test_the_emulated_torque_in_a_world_is_that_worlds() -> None:
     """Sweeping on and back: the joint lags the other way, and starts where the probe was lowered."""
     world = World(WorldSettings(code="A", repeatability_m=0.0, beside=LAB, lands_m=(-0.03, 0.05)))

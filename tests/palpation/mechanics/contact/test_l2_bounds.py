@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,6 +25,8 @@ from palp_core.palpation.mechanics import (
 )
 from palp_core.palpation.mechanics.contact.l2_bounds import _ABOUT, _NEAR, _PAPER, _PUBLISHED
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
+from palp_core.palpation.mechanics.scene.beside import BesideBead
+from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, peak_n_m
 
 STAGE_M = np.linspace(-0.03, 0.05, 81)
@@ -44,9 +47,12 @@ def corner(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("beside_m", [0.0, 0.002])
 @pytest.mark.parametrize("depth_m", [0.0015, 0.0019, 0.004, 0.0085])
 @pytest.mark.parametrize("name", BOXES)
-def test_stated_bounds_are_kept_at_the_corners_of_their_boxes(name: str, depth_m: float) -> None:
+def test_stated_bounds_are_kept_at_the_corners_of_their_boxes(
+    name: str, depth_m: float, beside_m: float
+) -> None:
     l2, checked = find("contact", "l2"), 0
     for at in HALF:
         try:
@@ -55,12 +61,13 @@ def test_stated_bounds_are_kept_at_the_corners_of_their_boxes(name: str, depth_m
             continue
         fine = HarmonicContact(soft, tip_m)
         for modulus_pa, friction, indentation_m, mass_kg in LOADS:
-            phantom = Phantom(
-                bead=soft.bead, height_m=soft.height_m, poisson=soft.poisson, modulus_pa=modulus_pa
-            )
+            assert soft.bead is not None
+            bead = replace(soft.bead, beside_m=beside_m)
+            phantom = replace(soft, bead=bead, modulus_pa=modulus_pa)
             probe = Probe(tip_radius_m=tip_m, friction=friction, tip_mass_kg=mass_kg)
-            models = HarmonicContact(phantom, tip_m), LayeredHertz(phantom, tip_m)
-            models[0].__dict__["_table"] = fine._table
+            small_strain = HarmonicContact(phantom, tip_m)
+            small_strain.__dict__["_table"] = fine._table
+            models = [BesideBead(one, beside_m) for one in (small_strain, LayeredHertz(phantom, tip_m))]
             for ring_m in RINGS_M:
                 scene = Scene(
                     phantom=phantom,
@@ -69,18 +76,37 @@ def test_stated_bounds_are_kept_at_the_corners_of_their_boxes(name: str, depth_m
                     ring_m=(ring_m,),
                     tolerance=Tolerance(output="peak", relative=1.0),
                 )
-                bounds = [l2.bound(output, scene.quantities()) for output in ("peak", "contrast")]
-                if bounds == [None, None]:
+                bounds = [l2.bound(output, scene.quantities()) for output in ("peak", "contrast", "trace")]
+                if bounds == [None, None, None]:
                     continue
                 try:
                     true, given = (sweep(m, probe, ring_m, indentation_m, STAGE_M) for m in models)
                 except MechanicsError:  # the tip leads
                     continue
                 errors = [of(given) / of(true) - 1.0 for of in (peak_n_m, contrast_n_m)]
+                errors.append(float(np.abs(given.torque_n_m - true.torque_n_m).max() / peak_n_m(true)))
                 for bound, error in zip(bounds, errors, strict=True):
                     assert bound is None or abs(error) <= bound, scene
                     checked += bound is not None
     assert checked > 100
+
+
+@pytest.mark.parametrize("depth_m", [0.002, 0.004])
+def test_past_a_bead_2_mm_beside_the_path_bounds_hold_and_at_5_mm_the_contrast_would_not(
+    depth_m: float,
+) -> None:
+    """Against L4, at the nominal load; from box to box the slow test above."""
+    errors = {}
+    for beside_m in (0.002, 0.005):
+        scene = Scene(phantom=Phantom(bead=Bead(depth_m=depth_m, beside_m=beside_m)), ring_m=(0.016,))
+        models = [rung_model(rung, scene.phantom, 0.006) for rung in ("l2", "l4")]
+        given, true = (sweep(one, scene.probe, 0.016, 0.004, STAGE_M) for one in models)
+        errors[beside_m] = [abs(of(given) / of(true) - 1.0) for of in (peak_n_m, contrast_n_m)]
+    over = Scene(phantom=Phantom(bead=Bead(depth_m=depth_m, beside_m=0.002)), ring_m=(0.016,))
+    bounds = [find("contact", "l2").bound(output, over.quantities()) for output in ("peak", "contrast")]
+    stated = [bound for bound in bounds if bound is not None]
+    assert all(error <= bound for error, bound in zip(errors[0.002], stated, strict=True))
+    assert errors[0.005][1] > stated[1]
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,15 @@ from palp_core.palpation.mechanics import (
     run_scene,
 )
 from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
-from palp_core.palpation.mechanics.scene.output import contrast_n_m, decisions, peak_n_m, separation_n_m
+from palp_core.palpation.mechanics.scene.choice import rung_model
+from palp_core.palpation.mechanics.scene.output import (
+    answer,
+    answer_error,
+    contrast_n_m,
+    decisions,
+    peak_n_m,
+    separation_n_m,
+)
 from palp_core.palpation.mechanics.scene.rig import Rig, rig
 
 TEXT = """\
@@ -270,7 +279,6 @@ def test_a_rig_takes_gel_probe_and_tolerance_from_its_scene(tmp_path: Path) -> N
     assert touched.probe == Probe(friction=0.35)
     assert [p.bead.depth_m for p in touched.phantoms.values() if p.bead] == [0.002, 0.004, 0.008]
     assert {p.modulus_pa for p in touched.phantoms.values()} == {25e3}
-    assert {code: c.method.name for code, c in touched.choices.items()} == {"A": "l2", "B": "l2", "C": "l4"}
     phantoms = tmp_path / "phantoms.yaml"
     phantoms.write_text("X: {bead: {depth_m: 0.003}}\nbare: {bead: none}\n", encoding="utf-8")
     named = rig(scene=str(file), phantoms=str(phantoms))
@@ -284,6 +292,71 @@ def test_a_rig_takes_gel_probe_and_tolerance_from_its_scene(tmp_path: Path) -> N
     phantoms.write_text("X: {bed: none}\n", encoding="utf-8")
     with pytest.raises(MechanicsError, match=r"phantoms\.yaml:1:5: phantom 'X' has no key 'bed'"):
         rig(phantoms=str(phantoms))
+
+
+@pytest.mark.parametrize(
+    ("read", "tolerance", "asked", "rungs"),
+    [
+        ("peak", "{output: contrast, relative: 0.1}", "peak", "l2 l2 l2"),
+        ("contrast", "{relative: 0.1}", "contrast", "l2 l2 l4"),
+        ("trace", "{relative: 0.1}", "trace", "l4 l2 l2"),
+        ("trace", "{output: decision, relative: 0.1}", "trace", "l4 l2 l2"),
+        ("area", "{relative: 0.02}", "trace", "l4 l4 l2"),
+        ("peak", "{output: decision, relative: 0.1}", "decision", "l2 l2 l2"),
+    ],
+)
+def test_a_rig_gets_right_what_its_run_reads(
+    read: str, tolerance: str, asked: str, rungs: str, tmp_path: Path
+) -> None:
+    file = written(tmp_path, TEXT.replace("{output: contrast, relative: 0.1}", tolerance))
+    touched = rig(scene=str(file), read=read)
+    assert touched.output == asked
+    assert [choice.name for choice in touched.choices.values()] == rungs.split()
+
+
+def test_the_error_of_a_trace_is_its_largest_anywhere_over_the_peak() -> None:
+    scene = Scene(ring_m=(0.008, 0.016), tolerance=Tolerance(output="trace"))
+    models = [rung_model(rung, scene.phantom, 0.006) for rung in ("l2", "l4")]
+    given, true = (answer([model], scene) for model in models)
+    off = np.abs(given - true).max(axis=1) / np.abs(true).max(axis=1)
+    assert answer_error(given, true, scene) == off.max()
+    peaks, bound = replace(scene, tolerance=Tolerance()), choose_rung(scene, "l2").bound
+    assert answer_error(given.max(axis=1), true.max(axis=1), peaks) < off.max() <= (bound or 0.0)
+
+
+@pytest.mark.parametrize(
+    ("output", "relative", "beside_m", "rung"),
+    [
+        ("peak", 0.02, 0.002, "l2"),
+        ("peak", 0.02, 0.0021, "l4"),
+        ("contrast", 0.1, 0.002, "l2"),
+        ("contrast", 0.1, 0.003, "l4"),
+        ("contrast", 0.1, 0.0061, ""),
+        ("trace", 0.1, 0.003, "l4"),
+        ("separation", 0.3, 0.001, ""),
+    ],
+)
+def test_a_bead_beside_the_path_climbs_or_is_refused(
+    output: str, relative: float, beside_m: float, rung: str, tmp_path: Path
+) -> None:
+    bead = f"depth_m: 0.004, beside_m: {beside_m}"
+    asked = f"output: {output}, relative: {relative}"
+    text = TEXT.replace("depth_m: 0.004", bead).replace("output: contrast, relative: 0.1", asked)
+    scene = read_scene(written(tmp_path, text))
+    assert scene.quantities()["beside_m"] == beside_m
+    if rung:
+        assert choose_rung(scene).rung == rung
+        return
+    with pytest.raises(MethodError, match=rf"beside_m = {beside_m:g} is not in"):
+        choose_rung(scene)
+
+
+def test_the_papers_depths_in_a_scenes_gel_are_as_far_beside_the_path(tmp_path: Path) -> None:
+    file = written(tmp_path, TEXT.replace("depth_m: 0.004", "depth_m: 0.004, beside_m: 0.002"))
+    assert {one.bead.beside_m for one in rig(scene=str(file)).phantoms.values() if one.bead} == {0.002}
+    wrong = written(tmp_path, TEXT.replace("depth_m: 0.004", "depth_m: 0.004, beside_m: -0.001"))
+    with pytest.raises(MechanicsError, match=r"scene\.yaml:1:\d+: beside_m: -0\.001 is not in"):
+        read_scene(wrong)
 
 
 def test_a_scene_too_fast_for_either_joint_says_that_inertia_is_left_out() -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from nodes.safety import SafetyParams
 from palp_core.errors import PerceptionError
+from palp_core.palpation.mechanics.scene.choice import choose_rung
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.trace.actions import ActionModel, LoadLimits, SweepAction
 from palp_core.palpation.perception.trace.belief import begin_sweep, observe, start
@@ -40,10 +41,10 @@ def swept(
 
     With the surface of a lab where tracks are given.
     """
-    scene = Scene().with_bead(depth_m)
+    scene = Scene().with_bead(depth_m).read_by("trace")
     low_m, high_m = sorted((action.from_m, action.from_m + action.sign * 0.06))
     bins = bins_of(np.linspace(low_m, high_m, 31), forward=not action.backward)
-    contact = touch(scene.phantom, scene.probe, "l2")
+    contact = touch(scene.phantom, scene.probe, choose_rung(scene).rung)
     found = drag(contact, rows, np.full(len(rows), action.ring_m), action.indentation_m, bins.node_m)
     torque = binned(bins, found)
     if tracks is not None:

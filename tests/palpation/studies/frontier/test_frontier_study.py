@@ -18,6 +18,7 @@ from palp_core.palpation.studies.frontier.frontier_charts import frontier_chart
 from palp_core.palpation.studies.frontier.mismatch import MismatchJob, WorldDifference, mismatch_session
 from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, SWIFT
 from palp_core.palpation.studies.frontier.schemes import SURE, DepthTask, Scheme, run_schemes
+from palp_core.palpation.studies.frontier.study import GEL_SCHEMES, gel_rows
 from palp_core.palpation.studies.frontier.tables import compared, scheme_rows
 from palp_core.palpation.studies.frontier.trace_trials import (
     Keep,
@@ -211,6 +212,15 @@ def test_the_chart_has_every_scheme_limits_a_cross_and_a_front(whole: WorldSessi
         assert len(crosses) == 1
     assert len([line for line in speed.lines if line.get_linestyle() in (":", "--")]) == 2
     assert [row[1] for row in chart.rows] == [fixed.name, uniform.name]
+
+
+def test_a_filter_chooses_its_contact_model_by_what_it_reads_whatever_the_gel_is(whole: WorldSession) -> None:
+    runs = [run_schemes(lambda _: whole, GEL_SCHEMES)]
+    rows = gel_rows({"l2": runs, "l4": runs})
+    assert [row["gel"] for row in rows] == ["l2"] * len(GEL_SCHEMES) + ["l4"] * len(GEL_SCHEMES)
+    chosen = {(row["reading"], row["filter"]) for row in rows}
+    assert chosen == {("peak", "l2"), ("contrast", "l4"), ("trace", "l4, l2")}
+    assert set(whole.table.rungs) == {"l4", "l2"}  # what is felt has to be right all along the sweep
 
 
 @pytest.mark.slow

@@ -20,6 +20,7 @@ from palp_core.palpation.studies.frontier.trace_features import feature_of
 from palp_core.palpation.studies.frontier.world_session import WorldPlan, begin, worlds
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.reading_table import Gel, sweep_torque
+from palp_core.palpation.world.draws import PARTS
 from palp_core.palpation.world.latents import LATENTS
 from palp_core.palpation.world.model import LAB, PAPER
 
@@ -50,6 +51,10 @@ def test_sessions_of_one_seed_share_their_luck_and_differ_in_what_is_told() -> N
     np.testing.assert_array_equal(felt[0], felt[1])
     np.testing.assert_array_equal(one.training.traces, other.training.traces)
     assert (felt[2][:, 40:] > felt[0][:, 40:]).all()  # more friction, more drag
+    aside = begin(replace(few, shift=(("beside_m", 3e-3),)), (1, 2))
+    np.testing.assert_allclose(aside.parts - one.parts, 3e-3 * np.eye(7)[[PARTS.index("beside_m")] * 9])
+    lower = aside.traces(every, ring, aside.kept_landing_m, 0).max(axis=1)[:3] - felt[0].max(axis=1)[:3]
+    assert (lower < 0.0).all()  # past a shallow bead, not over it
     assert not np.array_equal(begin(few, (1, 3)).training.traces, one.training.traces)
 
 

@@ -1,13 +1,19 @@
+from typing import Any
+
 import numpy as np
 import pytest
 
 from palp_core.methods import find
+from palp_core.palpation.mechanics import Scene
+from palp_core.palpation.mechanics.contact.model import ContactModel
+from palp_core.palpation.mechanics.scene.choice import rung_model
+from palp_core.palpation.session.filters import height_slope
 from palp_core.palpation.studies.simulation.reading_table import (
     Gel,
     ReadingTable,
     measured,
     read,
-    scene_quantities,
+    scene_of,
     sweep_torque,
     tabulate,
 )
@@ -57,12 +63,30 @@ def test_a_stiffer_joint_and_a_higher_phantom_feel_more(felt: ReadingTable) -> N
 def test_the_register_is_asked_with_the_rings_and_what_the_joint_gives_way() -> None:
     """A soft gel under a stiff joint: there L2's peak is as wrong as its force."""
     soft, usual = Gel(modulus_pa=8e3), Gel()
-    asked = scene_quantities(soft, 0.004)
+    asked = scene_of(soft, 0.004).quantities()
     assert asked["ring_m"] == soft.rings_m
     assert asked["depth_per_tip"] == pytest.approx(0.004 / 0.006)
     assert np.min(asked["yielding"]) < 0.4
-    bounds = [find("contact", "l2").bound("peak", scene_quantities(gel, 0.004)) for gel in (usual, soft)]
+    bounds = [find("contact", "l2").bound("peak", scene_of(gel, 0.004).quantities()) for gel in (usual, soft)]
     assert [bound is not None and bound <= 0.02 for bound in bounds] == [True, False]
+
+
+@pytest.mark.parametrize(("feature", "rung"), [("peak", "l2"), ("contrast", "l4")])
+def test_tables_and_slopes_are_of_the_contact_model_that_the_feature_needs(
+    feature: str, rung: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    used: list[str] = []
+
+    def noted(name: str, *given: Any) -> ContactModel:
+        used.append(name)
+        return rung_model(name, *given)
+
+    for module in ("session.filters", "studies.simulation.reading_table"):
+        monkeypatch.setattr(f"palp_core.palpation.{module}.rung_model", noted)
+    gel = Gel(depths_m=(0.004,), rings_m=(0.016,), feature=feature)
+    sweep_torque(gel, 0.004, 0.016)
+    height_slope(gel.depths_m, gel.rings_m, feature, Scene(ring_m=gel.rings_m))
+    assert used == [rung, rung]
 
 
 def test_a_coarse_table_has_slopes_too() -> None:

@@ -1,11 +1,16 @@
 """The table of traces against whole sweeps, and the slopes of a filter against the table."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from palp_core.palpation.mechanics import Bead, Phantom
+from palp_core.palpation.mechanics.scene.choice import choose_rung
 from palp_core.palpation.nano17 import RESOLUTION_N_M
-from palp_core.palpation.studies.simulation.reading_table import Gel
-from palp_core.palpation.studies.simulation.trace_table import TraceTable, scene_of, tabulate_traces
+from palp_core.palpation.session.trace.settings import TraceSettings
+from palp_core.palpation.studies.simulation.reading_table import Gel, scene_of
+from palp_core.palpation.studies.simulation.trace_table import TraceTable, tabulate_traces
 from palp_core.palpation.world.drag import drag
 from palp_core.palpation.world.draws import latent_spread
 from palp_core.palpation.world.latents import LATENTS, LOWEST, REACH, latents
@@ -57,7 +62,9 @@ def test_the_table_is_the_sweep_it_stands_for(
 
 
 def test_slopes_of_the_scene_file_alone_are_those_of_the_table(table: TraceTable) -> None:
-    known = trace_slopes(scene_of(GEL, 0.004), GEL.depths_m[1:], GEL.rings_m, forward=table.forward)
+    known = trace_slopes(
+        scene_of(GEL, 0.004).read_by("trace"), GEL.depths_m[1:], GEL.rings_m, forward=table.forward
+    )
     step = 0.05 * REACH
     for latent in range(len(LATENTS)):
         up, down = latents(1), latents(1)
@@ -68,6 +75,22 @@ def test_slopes_of_the_scene_file_alone_are_those_of_the_table(table: TraceTable
         np.testing.assert_allclose(
             known.slope[0, 0, :, latent] * REACH[latent], found * REACH[latent], atol=0.05e-3
         )
+
+
+def test_what_a_filter_knows_of_traces_is_of_a_contact_model_that_is_right_in_them() -> None:
+    scene, _ = TraceSettings().of_rig(scene=scene_of(GEL, 0.004))
+    assert scene == scene_of(GEL, 0.004).read_by("trace")
+    assert choose_rung(scene).rung == "l4"
+
+
+def test_a_scene_whose_bead_is_beside_the_path_has_its_traces_there(table: TraceTable) -> None:
+    scene = scene_of(GEL, 0.004).read_by("trace")
+    aside = replace(scene, phantom=Phantom(bead=Bead(depth_m=0.004, beside_m=0.002)))
+    known = trace_slopes(aside, GEL.depths_m[1:], GEL.rings_m, forward=table.forward, run_in=True)
+    at = np.array([1, 1]), np.array([0, 1])
+    found = table.traces(*at, latents(2, beside_m2=4e-6))
+    np.testing.assert_allclose(known.mean_n_m[0], found, atol=0.04e-3)
+    assert np.abs(found - table.traces(*at, latents(2))).max() > 0.15e-3
 
 
 def test_traces_do_not_depend_on_who_is_asked_with_whom(table: TraceTable) -> None:

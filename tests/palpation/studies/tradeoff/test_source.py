@@ -15,8 +15,10 @@ from palp_core.palpation.studies.tradeoff.source import method_digest
 
 ROOM = {
     "__init__.py": "",
-    "law.py": "from a_room import part\nfrom a_room.hall.far import FAR\ndef law():\n    return part.HALF\n",
+    "law.py": "from a_room import part, part_bounds\n"
+    "from a_room.hall.far import FAR\ndef law():\n    return part.HALF\n",
     "part.py": "HALF = 0.5\n",
+    "part_bounds.py": "BOUNDS = 1\n",
     "other.py": "SOME = 1\n",
     "hall/__init__.py": "",
     "hall/far.py": "FAR = 1\n",
@@ -56,6 +58,7 @@ def digest(module: str = "a_room.law") -> str:
         ("part.py", "HALF = 0.25\n", True),
         ("part.py", '"""Words."""\n\n# more of them\nHALF   =  (0.5)\n', False),
         ("law.py", ROOM["law.py"].replace("law():\n", 'law():\n    """Words."""\n'), False),
+        ("part_bounds.py", "BOUNDS = 2\n", False),
         ("other.py", "SOME = 2\n", False),
         ("hall/far.py", "FAR = 2\n", False),
     ],

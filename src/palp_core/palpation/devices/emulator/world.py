@@ -61,6 +61,7 @@ class WorldSettings:
     seed: int = 1
     phantoms: str = ""
     scene: str = ""
+    read: str = "peak"
     code: str = ""
     height_offset_m: float = 0.0
     indentation_m: float = 0.004
@@ -141,7 +142,11 @@ class World:
         self.log: deque[tuple[int, int, str]] = deque(maxlen=_LOG_LENGTH)
         self.guards: deque[GuardMet] = deque(maxlen=_LOG_LENGTH)
         self._rig = rig(
-            phantoms=settings.phantoms, scene=settings.scene, indentation_m=settings.indentation_m
+            phantoms=settings.phantoms,
+            scene=settings.scene,
+            read=settings.read,
+            indentation_m=settings.indentation_m,
+            ends_m=settings.lands_m,
         )
         self._models = {code: self._rig.model(code) for code in self._rig.by_depth}
         ends_m = settings.from_m, settings.to_m

@@ -80,7 +80,7 @@ def scene_text(found: tuple[PhantomFit, Component, RigNoise]) -> str:
         "modulus_pa": scene.phantom.modulus_pa,
         "poisson": scene.phantom.poisson,
         "height_m": scene.phantom.height_m,
-        "bead": {"radius_m": bead.radius_m, "depth_m": bead.depth_m} if bead else "none",
+        "bead": dict(vars(bead)) if bead else "none",
     }
     content = {
         "phantom": phantom,

@@ -9,6 +9,7 @@ from palp_core.methods import Candidate, Method, MethodChoice, Quantities, choos
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
+from palp_core.palpation.mechanics.scene.beside import BesideBead
 from palp_core.palpation.mechanics.scene.scene import RINGS_M, Scene, motion_output, pressed
 from palp_core.palpation.mechanics.tip import TipForm
 
@@ -116,12 +117,15 @@ def rung_model(rung: str, phantom: Phantom, tip_radius_m: float, tip: TipForm = 
         tip_radius_m: Radius of the ball.
         tip: Form of the ball, the probe's.
 
+    A bead beside the path is felt at its distance.
+
     Raises:
         MethodError: There is no such rung.
         MechanicsError: It cannot be set up for this phantom and ball.
     """
     model: ContactModel = find("contact", rung).target(phantom, tip_radius_m, tip=tip)
-    return model
+    bead = phantom.bead
+    return model if bead is None or bead.beside_m == 0.0 else BesideBead(model, bead.beside_m)
 
 
 def contact_model(
@@ -137,7 +141,7 @@ def contact_model(
     Args:
         phantom: What is touched.
         tip_radius_m: Radius of the ball.
-        output: What must be right: ``peak`` (largest torque) or ``contrast`` (peak minus local base).
+        output: What must be right: ``peak``, ``contrast`` or ``trace``.
         tolerance: Largest acceptable relative error of it.
         indentation_m: Nominal indentation, by the published joint; None leaves it out of the choice.
         tip: Form of the ball, the probe's.

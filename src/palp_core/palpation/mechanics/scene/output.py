@@ -1,4 +1,4 @@
-"""What a scene is asked for: peak, contrast, separation of depths, and decisions between them."""
+"""What a scene is asked for: peak, contrast, trace, separation of depths, and decisions between them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,6 +32,10 @@ def contrast_n_m(solved: Sweep) -> float:
     at = int(np.argmax(torque))
     share = (stage[at] - stage[0]) / (stage[-1] - stage[0])
     return float(torque[at] - (torque[0] + share * (torque[-1] - torque[0])))
+
+
+def _torque_n_m(solved: Sweep) -> Float64Array:
+    return solved.torque_n_m
 
 
 def separation_n_m(peaks_n_m: Sequence[float]) -> float:
@@ -113,14 +117,14 @@ def _response(
 
 
 def outputs(models: Sequence[ContactModel], scene: Scene) -> Float64Array:
-    """Return the scene's output, ``peak``, ``contrast`` or ``separation``, one entry per ring.
+    """Return the scene's output, one entry per ring; of ``trace`` the torques, shape (rings, positions).
 
     Args:
         models: One per phantom of the scene.
         scene: What is swept; its tolerance says which output.
     """
     stage, depth_m = grid_m(scene), scene.path.indentation_m
-    of = contrast_n_m if scene.tolerance.output == "contrast" else peak_n_m
+    of = {"contrast": contrast_n_m, "trace": _torque_n_m}.get(scene.tolerance.output, peak_n_m)
     found = np.array(
         [
             [of(sweep(model, scene.probe, ring_m, depth_m, stage)) for ring_m in scene.ring_m]
@@ -151,6 +155,8 @@ def answer(models: Sequence[ContactModel], scene: Scene, seed: int = 1) -> Float
 def answer_error(given: Float64Array, true: Float64Array, scene: Scene) -> float:
     """Return the largest relative error of the scene's output over its rings, or the share of decisions.
 
+    A trace's is its largest error anywhere, over its peak.
+
     Args:
         given: From :func:`answer`.
         true: Likewise, taken for the truth.
@@ -158,5 +164,6 @@ def answer_error(given: Float64Array, true: Float64Array, scene: Scene) -> float
     """
     if scene.tolerance.output == "decision":
         return float(np.mean(given != true))
-    scale = np.where(true == 0.0, 1.0, np.abs(true))
+    size = np.abs(true).max(axis=1, keepdims=True) if scene.tolerance.output == "trace" else np.abs(true)
+    scale = np.where(size == 0.0, 1.0, size)
     return float(np.max(np.where(given == true, 0.0, np.abs(given - true) / scale)))

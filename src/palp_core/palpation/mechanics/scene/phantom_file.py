@@ -27,7 +27,7 @@ def load_phantoms(path: str, gel: Phantom | None = None) -> dict[str, Phantom]:
 
     Args:
         path: The file; empty: the paper's three; ``castings``: six of each of these.
-        gel: Gel and bead radius in which the paper's three depths are put where no file is given.
+        gel: Gel and bead that the paper's three depths are given where there is no file.
 
     Raises:
         MechanicsError: No such file, no YAML, an unknown key or a value out of range; the message says where.
@@ -42,9 +42,10 @@ def load_phantoms(path: str, gel: Phantom | None = None) -> dict[str, Phantom]:
         return {code: phantom_of(entry, f"phantom '{code}'") for code, entry in entries.items()}
     three = dict(PAPER_PHANTOMS)
     if gel is not None:
-        radius_m = gel.bead.radius_m if gel.bead is not None else Bead(depth_m=0.002).radius_m
         three = {
-            code: dataclasses.replace(gel, bead=Bead(depth_m=paper.bead.depth_m, radius_m=radius_m))
+            code: dataclasses.replace(
+                gel, bead=dataclasses.replace(gel.bead or paper.bead, depth_m=paper.bead.depth_m)
+            )
             for code, paper in PAPER_PHANTOMS.items()
             if paper.bead is not None
         }

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from palp_core.methods import MethodChoice, at_work, choose
+from palp_core.methods import MethodChoice, at_work
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
 from palp_core.palpation.mechanics.phantom import Phantom
@@ -13,7 +13,7 @@ from palp_core.palpation.mechanics.scene.choice import choose_rung, moved_by, ru
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.guard import speed_guard, sweep_guards
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
-from palp_core.palpation.mechanics.scene.scene import RINGS_M, pressed
+from palp_core.palpation.mechanics.scene.scene import RINGS_M, Scene, StagePath, Tolerance
 
 
 @dataclass(frozen=True)
@@ -71,50 +71,45 @@ def rig(
     *,
     phantoms: str = "",
     scene: str = "",
-    output: str = "peak",
-    tolerance: float = 0.02,
-    indentation_m: float | None = 0.004,
-    friction: float = 0.3,
-    tip_mass_kg: float = 0.008,
+    read: str = "peak",
+    tolerance: float = Tolerance.relative,
+    indentation_m: float = StagePath.indentation_m,
+    friction: float = Probe.friction,
+    tip_mass_kg: float = Probe.tip_mass_kg,
+    ends_m: tuple[float, float] | None = None,
 ) -> Rig:
     """Return a rig's touch: from a scene file, or without one from the numbers given.
 
     Args:
         phantoms: File of phantoms by code; without it the paper's three depths, in the scene's gel if there
             is one.
-        scene: Scene file; it gives probe, indentation and tolerance, and the arguments below are not used.
-        output: What the contact must get right.
+        scene: Scene file; it gives probe, indentation and tolerance, and the numbers below are not used.
+        read: What the run reads off a sweep, as of :meth:`.Scene.read_by`: the contact must get it right.
         tolerance: How right.
-        indentation_m: Nominal indentation; None leaves it out of the choice.
+        indentation_m: Nominal indentation.
         friction: Coulomb coefficient.
         tip_mass_kg: Mass of the tip link.
+        ends_m: Where sweeps begin and end; None: as of the scene.
 
     Raises:
         MechanicsError: A file is wrong; the message says where.
         MethodError: No rung is good enough for a phantom.
     """
-    choices: dict[str, MethodChoice] = {}
+    given = Scene(
+        probe=Probe(friction=friction, tip_mass_kg=tip_mass_kg),
+        path=StagePath(indentation_m=indentation_m),
+        ring_m=RINGS_M,
+        tolerance=Tolerance(relative=tolerance),
+    )
     if scene:
         given = read_scene(scene)
-        found = load_phantoms(phantoms, given.phantom)
-        for code in _by_depth(found):
-            choices[code] = choose_rung(replace(given, phantom=found[code])).contact
-        asked = given.tolerance
-        choices = {code: choices[code] for code in found}
-        return Rig(given.probe, given.path.indentation_m, asked.bound_on, asked.relative, found, choices)
-    probe, found = Probe(friction=friction, tip_mass_kg=tip_mass_kg), load_phantoms(phantoms)
-    for code in _by_depth(found):
-        phantom = found[code]
-        quantities: dict[str, float | tuple[float, ...]] = {
-            **phantom.scene(probe.tip_radius_m),
-            "friction": probe.friction,
-            "tip_mass_kg": probe.tip_mass_kg,
-        }
-        if indentation_m is not None:
-            quantities |= pressed((phantom,), probe, indentation_m, RINGS_M)
-        choices[code] = choose("contact", output, tolerance, quantities)
-    choices = {code: choices[code] for code in found}
-    return Rig(probe, 0.004 if indentation_m is None else indentation_m, output, tolerance, found, choices)
+    if ends_m is not None:
+        given = replace(given, path=replace(given.path, from_m=ends_m[0], to_m=ends_m[1]))
+    given = given.read_by(read)
+    found, asked = load_phantoms(phantoms, given.phantom if scene else None), given.tolerance
+    chosen = {code: choose_rung(replace(given, phantom=found[code])).contact for code in _by_depth(found)}
+    choices = {code: chosen[code] for code in found}
+    return Rig(given.probe, given.path.indentation_m, asked.bound_on, asked.relative, found, choices)
 
 
 def _by_depth(phantoms: Mapping[str, Phantom]) -> list[str]:

@@ -15,9 +15,9 @@ from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.units import Float64Array
 
-OUTPUTS = ("peak", "contrast", "separation", "decision")
-"""Largest torque; that minus its local base; smallest gap between the peaks of named depths; share of depth
-decisions that differ."""
+OUTPUTS = ("peak", "contrast", "trace", "separation", "decision")
+"""Largest torque; that minus its local base; the torque all along the sweep, over its peak; smallest gap
+between the peaks of named depths; share of depth decisions that differ."""
 
 STRAINS = ("small", "finite")
 """Laws that an output must be right against: linear elasticity, or neo-Hookean gel at any strain."""
@@ -79,9 +79,9 @@ class StagePath:
 def motion_output(output: str) -> str:
     """Return what the joint's motion must get right where a scene is asked for ``output``.
 
-    Depths are told apart by their peaks.
+    Depths are told apart by their peaks. Its bounds are on peak and contrast; a trace takes the stricter.
     """
-    return "contrast" if output == "contrast" else "peak"
+    return "contrast" if output in ("contrast", "trace") else "peak"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,7 +122,7 @@ class Tolerance:
 
     @property
     def compared_m(self) -> tuple[float, ...]:
-        """Depths that the output compares; none for ``peak`` and ``contrast``."""
+        """Depths that the output compares; none for ``peak``, ``contrast`` and ``trace``."""
         return (self.depths_m or PAPER_DEPTHS_M) if self.output in ("separation", "decision") else ()
 
 
@@ -173,6 +173,20 @@ class Scene:
             return (self.phantom,)
         bead = self.phantom.bead or Bead(depth_m=depths_m[0])
         return tuple(replace(self.phantom, bead=replace(bead, depth_m=d)) for d in depths_m)
+
+    def read_by(self, output: str) -> Scene:
+        """Return the scene of a run that reads its sweeps by ``output``: within the same tolerance.
+
+        Separations of depths and decisions are read off peaks: a scene asked for these stays for a peak.
+
+        Args:
+            output: ``peak``, ``contrast`` or ``trace``; anything else a run may read follows from the trace.
+        """
+        asked = self.tolerance
+        if output == "peak" and asked.compared_m:
+            return self
+        read = output if output in ("peak", "contrast") else "trace"
+        return replace(self, tolerance=replace(asked, output=read))
 
     def with_bead(self, depth_m: float) -> Scene:
         """Return the scene with its bead, or the published one, at a depth; at 0 it is bare gel."""

@@ -13,7 +13,7 @@ from palp_core.palpation.perception.belief.stopping import stop_rule
 from palp_core.palpation.perception.belief.trial_filter import NAIVE, require_height, require_likelihood
 from palp_core.palpation.perception.signal.features import Peak
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
-from palp_core.palpation.session.method_choices import AUTO, checks_of, given_by, names_of
+from palp_core.palpation.session.method_choices import AUTO, TRACE, checks_of, given_by, names_of
 from palp_core.palpation.session.methods.used import used
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.palpation.session.trace.settings import TraceSettings
@@ -21,9 +21,6 @@ from palp_core.units import Float64Array
 
 TASKS = ("denoise", "feature", "filter", "likelihood", "stop")
 """Tasks whose method is a parameter of the same name."""
-
-TRACE = "trace"
-"""The reading that is the whole torque of a sweep."""
 
 TRACE_TASKS = ("denoise", "feature", "trace_filter", "stop")
 """Tasks of a node that reads traces: the feature is still what its primitives and its record are of."""

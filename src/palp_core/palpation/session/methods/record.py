@@ -65,7 +65,7 @@ def unsaid(summary: RunSummary, rows: Sequence[Row]) -> list[str]:
 def _by_parameters(roles: Roles, role: str) -> str:
     names = {
         "estimator": ("reading", "denoise", "feature", "filter", "likelihood", "trace_filter", "stop"),
-        "phantom": ("scene", "phantoms", "output", "tolerance"),
+        "phantom": ("scene", "phantoms", "reading", "feature", "tolerance"),
     }.get(role, ())
     params = roles.params(role)
     if role == "policy":

@@ -13,7 +13,7 @@ from palp_core.palpation.mechanics.scene.rig import Rig, rig
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.strategy.policies import StiffnessPolicy
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
-from palp_core.palpation.session.method_choices import AUTO, PUBLISHED, chosen_method
+from palp_core.palpation.session.method_choices import AUTO, PUBLISHED, chosen_method, what_is_read
 from palp_core.palpation.world.model import PAPER, WorldModel
 
 
@@ -73,9 +73,15 @@ def rig_of(phantom: Mapping[str, Any]) -> Rig:
         MechanicsError: A file is wrong.
         MethodError: No rung is good enough.
     """
-    names = ("phantoms", "scene", "output", "tolerance", "friction", "tip_mass_kg")
-    indentation_m = phantom["indentation_mm"] * 1e-3 if "indentation_mm" in phantom else None
-    return rig(**{name: phantom[name] for name in names if name in phantom}, indentation_m=indentation_m)
+    names = ("phantoms", "scene", "tolerance", "friction", "tip_mass_kg")
+    given = {name: phantom[name] for name in names if name in phantom}
+    if "indentation_mm" in phantom:
+        given["indentation_m"] = phantom["indentation_mm"] * 1e-3
+    if "from_m" in phantom:
+        given["ends_m"] = phantom["from_m"], phantom["to_m"]
+    if "reading" in phantom:
+        given["read"] = what_is_read(phantom["reading"], phantom["feature"])
+    return rig(**given)
 
 
 def rig_uses(rig: Rig, speed_m_s: float | None, world: WorldModel = PAPER) -> list[MethodUse]:

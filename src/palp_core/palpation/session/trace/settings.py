@@ -126,9 +126,9 @@ class TraceSettings:
         return model_of(self.trace_filter, trained, known, grid)
 
     def of_rig(self, noise: RigNoise | None = None, scene: Scene | None = None) -> tuple[Scene, RigNoise]:
-        """Return the settings' scene and spreads of landing and height, but for what is given."""
+        """Return the settings' scene, read by trace, and spreads of landing and height; or those given."""
         return (
-            scene or (read_scene(self.scene) if self.scene else Scene()),
+            (scene or (read_scene(self.scene) if self.scene else Scene())).read_by("trace"),
             noise or noise_of(self.noise, self.ring_sd_mm * 1e-3, self.trace_height_sd_mm * 1e-3),
         )
 

@@ -247,7 +247,7 @@ def judge(index: int, *, timed: bool = True) -> Judged:
         except MechanicsError as error:
             return Judged(index, scene, {}, setup_s, {}, [], str(error))
         errors = {scene.tolerance.output: _errors(ready, truth, scene)}
-        for output in ("peak", "contrast"):
+        for output in ("peak", "contrast", "trace"):
             if output not in errors and not (output == "contrast" and scene.phantom.bead is None):
                 other = asked_for(scene, output)
                 errors[output] = _errors(ready, answer(reference, other), other)

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from palp_core.errors import PalpError
 from palp_core.methods import find, names
 from palp_core.methods.measured import cpu_s
+from palp_core.palpation.mechanics.scene.choice import choose_rung
 from palp_core.palpation.perception.belief.stopping import PosteriorThreshold
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.policies import STIFF_M, begin_session, run_policy
-from palp_core.palpation.studies.simulation.reading_table import Gel, scene_quantities, sweep_torque, tabulate
+from palp_core.palpation.studies.simulation.reading_table import Gel, scene_of, sweep_torque, tabulate
 from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
 
 REFERENCE = "l4"
@@ -84,11 +85,11 @@ def rows_of(jobs: Sequence[RungJob], *, workers: int = 1, dask: str = "") -> lis
         workers: Local processes.
         dask: Address of a Dask scheduler instead.
     """
-    chosen = set(tabulate(Gel()).rungs)
+    chosen = {feature: _chosen(Gel(feature=feature)) for feature in jobs[0].features}
     worlds = run_jobs(rung_world, jobs, label="rungs", workers=workers, dask=dask)
     found = {job.rung: world for job, world in zip(jobs, worlds, strict=True)}
     return [
-        _row(rung, feature, filter_name, found, rung in chosen)
+        _row(rung, feature, filter_name, found, rung in chosen[feature])
         for rung in sorted(names("contact"))
         for feature in jobs[0].features
         for filter_name in jobs[0].filters
@@ -114,6 +115,10 @@ def _row(
         "unstable": bool(words),
         "words": words,
     }
+
+
+def _chosen(gel: Gel) -> set[str]:
+    return {choose_rung(scene_of(gel, depth_m)).rung for depth_m in gel.depths_m}
 
 
 def rung_world(job: RungJob) -> dict[str, RungWorld]:
@@ -152,6 +157,6 @@ def _decide(job: RungJob, feature: str) -> RungWorld:
 def _doubt(rung: str, feature: str, gel: Gel) -> str:
     """Return why the register would not take the rung for this feature, or nothing."""
     bounds = [
-        find("contact", rung).bound(feature, scene_quantities(gel, depth_m)) for depth_m in gel.depths_m
+        find("contact", rung).bound(feature, scene_of(gel, depth_m).quantities()) for depth_m in gel.depths_m
     ]
     return "" if all(bound is not None for bound in bounds) else f"no error bound for {feature} here"

@@ -24,8 +24,7 @@ from palp_core.palpation.studies.frontier.trace_trials import (
     settings_of,
 )
 from palp_core.palpation.studies.frontier.world_session import WorldSession
-from palp_core.palpation.studies.simulation.reading_table import SPEED_M_PER_S
-from palp_core.palpation.studies.simulation.trace_table import scene_of
+from palp_core.palpation.studies.simulation.reading_table import SPEED_M_PER_S, scene_of
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.units import Float64Array
 

@@ -58,7 +58,7 @@ class WorldDifference:
 
     Attributes:
         name: In words.
-        shift: Of latents.
+        shift: Of the trials' sweeps, as of :class:`.WorldPlan`.
         rung: Contact model of the trials; empty: that of training.
         repeatability_m: The ring's in the trials; negative: that of training.
         wanted: Whether it is one of those that a scheme is asked to bear.
@@ -81,8 +81,9 @@ DIFFERENCES = (
     *(WorldDifference(f"modulus {x:+.0%}", (("modulus", x),)) for x in (-0.1, -0.05, 0.05, 0.1)),
     *(WorldDifference(f"tip radius {x:+g} mm", (("tip_radius_m", 1e-3 * x),)) for x in (-0.3, 0.3)),
     WorldDifference("ring +-0.6 mm", repeatability_m=0.6e-3),
-    WorldDifference("contact by L4", rung="l4"),
+    WorldDifference("contact by L2", rung="l2"),
     *(WorldDifference(f"bead {x:+g} mm along", (("along_m", 1e-3 * x),), wanted=False) for x in (-2.0, 2.0)),
+    WorldDifference("bead 3 mm beside", (("beside_m", 3e-3),), wanted=False),
 )
 
 

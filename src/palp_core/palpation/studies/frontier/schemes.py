@@ -55,7 +55,7 @@ from palp_core.palpation.studies.frontier.trace_trials import (
 )
 from palp_core.palpation.studies.frontier.world_session import FeatureTrials, WorldSession
 from palp_core.palpation.studies.simulation.policies import best_ring
-from palp_core.palpation.studies.simulation.trace_table import scene_of
+from palp_core.palpation.studies.simulation.reading_table import scene_of
 from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
 from palp_core.units import Float64Array
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from palp_core.palpation.mechanics.scene.choice import choose_rung
 from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.reporting.table import write_records
@@ -31,6 +32,7 @@ from palp_core.palpation.studies.frontier.trace_trials import (
 )
 from palp_core.palpation.studies.frontier.world_session import WorldJob, worlds
 from palp_core.palpation.studies.simulation.policy_summary import summarise
+from palp_core.palpation.studies.simulation.reading_table import Gel, scene_of
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
 from palp_core.units import Float64Array
@@ -42,6 +44,14 @@ SWIFTEST = Scheme("trace", "information_gain", "threshold", "swift")
 THRESHOLDS = (0.9, 0.95, 0.98, 0.99, 0.995, 0.999)
 SEEDS = 24
 """First number of the seeds of its sessions."""
+GEL_RUNGS = ("l2", "l4")
+"""Contact models that simulate the gel of both training and trials, whichever the filters choose."""
+GEL_SCHEMES = (
+    Scheme("peak", "fixed_best", "threshold"),
+    Scheme("contrast", "fixed_best", "threshold"),
+    Scheme("trace", "fixed_best", "threshold"),
+    Scheme("trace", "fixed_best", "threshold", "swift"),
+)
 _FIXED = "fixed_best"
 
 
@@ -76,6 +86,22 @@ def frontier_session(job: WorldJob) -> FrontierSession:
     }
     wall_s = (time.perf_counter() - before) / len(THRESHOLDS) / len(session.depth)
     return FrontierSession(runs, looked, most_accurate(model, stiffest, SWIFT, BIN_M), wall_s)
+
+
+def gel_session(job: WorldJob) -> dict[str, SchemeRun]:
+    """Return what schemes did whose filters choose their own contact model, whatever the gel's is."""
+    return run_schemes(sessions_of(job.plan, job.seed), GEL_SCHEMES)
+
+
+def gel_rows(found: Mapping[str, Runs]) -> list[dict[str, Any]]:
+    """Return a line per contact model of the gel and scheme, with those of the filter."""
+    rows = []
+    for rung, sessions in found.items():
+        for row in scheme_rows("lab", sessions):
+            scenes = [scene_of(Gel(), depth_m).read_by(row["reading"]) for depth_m in Gel().depths_m]
+            chosen = ", ".join(dict.fromkeys(choose_rung(scene).rung for scene in scenes))
+            rows.append({"gel": rung, "filter": chosen, **row})
+    return rows
 
 
 def threshold_rows(world: str, sessions: Sequence[FrontierSession]) -> list[dict[str, Any]]:
@@ -130,6 +156,10 @@ def run(
     told = [DepthJob(plan, one) for plan in plans.values() for one in seeds(SEEDS, seed, few)]
     off = run_jobs(depth_errors, told, label="sessions, 31 depths", workers=workers, dask=dask)
     depths = [row for i, world in enumerate(plans) for row in depth_rows(world, off[i * few : (i + 1) * few])]
+    of_gels = [replace(plans["lab"], gel=Gel(rung=rung)) for rung in GEL_RUNGS]
+    gel_jobs = [WorldJob(plan, one) for plan in of_gels for one in seeds(SEEDS, seed, few)]
+    done = run_jobs(gel_session, gel_jobs, label="sessions, gels", workers=workers, dask=dask)
+    gels = gel_rows({rung: done[i * few : (i + 1) * few] for i, rung in enumerate(GEL_RUNGS)})
     looked = [row for world, sessions in by_world.items() for row in threshold_rows(world, sessions)]
     limits = {
         world: np.mean([one.limits for one in sessions], axis=0).tolist()
@@ -148,6 +178,7 @@ def run(
         },
         "depth_sessions": few,
         "depths": depths,
+        "gels": gels,
         "batch_100000_s": {
             world: 1e5 * float(np.median([one.wall_s for one in sessions]))
             for world, sessions in by_world.items()
@@ -157,6 +188,7 @@ def run(
     write_json(out / "frontier.json", report)
     write_records(out / "frontier.csv", [_flat(row) for row in rows])
     write_records(out / "depths.csv", depths)
+    write_records(out / "gels.csv", [_flat(row) for row in gels])
     charts = [frontier_chart(rows, depths, limits), threshold_chart(looked)]
     return write_page(
         out / "index.html",

@@ -27,7 +27,7 @@ from palp_core.palpation.perception.trace.training import TrainedTraces, learn
 from palp_core.palpation.session.trace.settings import TraceSettings
 from palp_core.palpation.studies.frontier.protocols import Protocol
 from palp_core.palpation.studies.frontier.world_session import FINE_M, WorldSession
-from palp_core.palpation.studies.simulation.trace_table import scene_of
+from palp_core.palpation.studies.simulation.reading_table import scene_of
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.units import Float64Array
 

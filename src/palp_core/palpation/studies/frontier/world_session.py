@@ -25,6 +25,7 @@ from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.reading_table import FROM_M, SPEED_M_PER_S, TO_M, Gel
 from palp_core.palpation.studies.simulation.trace_table import TraceTable, tabulate_traces
 from palp_core.palpation.world.draws import (
+    PARTS,
     mounting_parts,
     ring_part,
     session_part,
@@ -32,7 +33,6 @@ from palp_core.palpation.world.draws import (
     together,
     wear_part,
 )
-from palp_core.palpation.world.latents import LATENTS
 from palp_core.palpation.world.model import PAPER, WORLDS, WorldModel
 from palp_core.palpation.world.texture import track
 from palp_core.units import Float64Array
@@ -54,7 +54,7 @@ class WorldPlan:
         world: Of training and, but for what follows, of the trials.
         conditions: The rig and the experiment.
         gel: The nominal touch.
-        shift: What the trials' sweeps differ by from those of training, by latent.
+        shift: What the trials' sweeps differ by from those of training, by name in :data:`.PARTS`.
         test_rung: Contact model of the trials; empty: that of training.
         test_repeatability_m: The ring's in the trials; negative: that of training.
         path_m: Ends of the sweep.
@@ -224,19 +224,17 @@ class WorldSession:
 
         Of bins from its beginning on, as many as the plan's path has.
         """
-        plan, gel = self.plan, self.plan.test_gel
-        if action.indentation_m != gel.indentation_m:  # one contact, however deep
-            (rung,) = set(self.table.rungs)
-            gel = replace(gel, indentation_m=action.indentation_m, rung=rung)
+        plan = self.plan
         end_m = action.from_m + action.sign * _length_m(plan)
         low_m, high_m = (round(m, 9) for m in sorted((action.from_m, end_m)))
         with self.simulating:
             table = tabulate_traces(
-                gel,
+                plan.test_gel,
                 forward=not action.backward,
                 run_in=plan.run_in,
                 width_m=FINE_M,
                 path_m=(low_m, high_m),
+                indentation_m=action.indentation_m,
             )
         ring = np.full(len(trials), np.argmin(np.abs(np.asarray(self.rings_m) - action.ring_m)))
         felt = self._felt(table, trials, ring, error_m, probe, action.speed_m_per_s)
@@ -389,9 +387,9 @@ def _draw(
         first = depth * count + which
         mounted, tracks = mounted[first], tracks[first]
     worn = wear_part(plan.world, path_m + rng.permutation(m * count) * _length_m(plan))
-    shift = np.zeros(len(LATENTS))
+    shift = np.zeros(len(PARTS))
     for name, value in plan.shift:
-        shift[LATENTS.index(name)] = value
+        shift[PARTS.index(name)] = value
     lands = conditions
     if plan.test_repeatability_m >= 0.0:
         lands = replace(conditions, repeatability_m=plan.test_repeatability_m)

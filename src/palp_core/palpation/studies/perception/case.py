@@ -12,7 +12,7 @@ from palp_core.palpation.studies.simulation.reading_table import (
     RATE_HZ,
     SPEED_M_PER_S,
     Gel,
-    scene_quantities,
+    scene_of,
 )
 
 
@@ -52,7 +52,7 @@ def touch_quantities(gel: Gel) -> dict[str, float | tuple[float, ...]]:
     depths_m = sorted(gel.depths_m)
     ratio = min(b / a for a, b in itertools.pairwise(depths_m))
     return {
-        **scene_quantities(gel, depths_m[0]),
+        **scene_of(gel, depths_m[0]).quantities(),
         "depth_m": gel.depths_m,
         "speed_m_s": SPEED_M_PER_S,
         "sample_hz": RATE_HZ,

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
-from palp_core.methods import Quantities, choose, find
+from palp_core.methods import find
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.mechanics.scene.choice import rung_model
-from palp_core.palpation.mechanics.scene.scene import Scene, StagePath
+from palp_core.palpation.mechanics.scene.choice import choose_rung, rung_model
+from palp_core.palpation.mechanics.scene.scene import Scene, StagePath, Tolerance
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M, RINGS_M
@@ -42,8 +42,8 @@ class Gel:
         tip_radius_m: Radius of the ball (assumed).
         indentation_m: Nominal indentation (assumed).
         noise_factor: Sensor noise in units of one step of the resolution, 1/64 N mm (1: assumed).
-        rung: Contact model; empty: the cheapest that vouches for the peak within ``tolerance``.
-        tolerance: Largest relative error of the peak.
+        rung: Contact model; empty: the cheapest that gets right within ``tolerance`` what is read.
+        tolerance: Largest relative error of that.
         feature: ``peak`` or ``contrast``.
         denoising: Rule of the wavelet's coefficients.
         height_reach_m: Heights up to this far from nominal are tabulated; less than the usual 1.5 mm where
@@ -147,7 +147,7 @@ def tabulate(gel: Gel, *, noisy_sweeps: int = 24, coarse: bool = False) -> Readi
             sweep; the reading is bilinear then.
 
     Raises:
-        MethodError: No contact model vouches for the peak in this gel.
+        MethodError: No contact model is good enough for the feature in this gel.
         MechanicsError: A sweep has no solution.
     """
     return _tabulated(gel, noisy_sweeps, coarse)
@@ -160,9 +160,8 @@ def _tabulated(gel: Gel, noisy_sweeps: int, coarse: bool) -> ReadingTable:
     errors_m, heights_m = (x[[0, -1]] if coarse else x for x in (ERRORS_M, gel.heights_m))
     degree = 1 if coarse else 3
     for depth_m in gel.depths_m:
-        rung = _rung(gel, depth_m)
-        rungs.append(rung)
-        model = _model(rung, gel, depth_m)
+        model = _model(gel, depth_m)
+        rungs.append(model.rung)
         for ring_m in gel.rings_m:
             table = np.array(
                 [
@@ -184,7 +183,7 @@ def _tabulated(gel: Gel, noisy_sweeps: int, coarse: bool) -> ReadingTable:
 
 def sweep_torque(gel: Gel, depth_m: float, ring_m: float, height_m: float = 0.0) -> Float64Array:
     """Return the true torque of one sweep at 1 kHz, N m."""
-    model = _model(_rung(gel, depth_m), gel, depth_m)
+    model = _model(gel, depth_m)
     return _torque(model, _probe(gel), ring_m, gel.indentation_m + height_m)
 
 
@@ -210,26 +209,18 @@ def _probe(gel: Gel) -> Probe:
     return Probe(friction=gel.friction, tip_radius_m=gel.tip_radius_m)
 
 
-def _model(rung: str, gel: Gel, depth_m: float) -> ContactModel:
-    probe = _probe(gel)
-    return rung_model(rung, _phantom(gel, depth_m), probe.tip_radius_m, probe.tip)
+def _model(gel: Gel, depth_m: float) -> ContactModel:
+    scene = scene_of(gel, depth_m)
+    rung = choose_rung(scene, gel.rung or None).rung
+    return rung_model(rung, scene.phantom, scene.probe.tip_radius_m, scene.probe.tip)
 
 
-def _phantom(gel: Gel, depth_m: float) -> Phantom:
-    return Phantom(bead=Bead(depth_m=depth_m), modulus_pa=gel.modulus_pa)
-
-
-def scene_quantities(gel: Gel, depth_m: float) -> Quantities:
-    """Return what the register asks of a scene before it chooses a contact model."""
-    scene = Scene(
-        phantom=_phantom(gel, depth_m),
+def scene_of(gel: Gel, depth_m: float) -> Scene:
+    """Return the scene of a gel at one depth, read by its feature."""
+    return Scene(
+        phantom=Phantom(bead=Bead(depth_m=depth_m), modulus_pa=gel.modulus_pa),
         probe=_probe(gel),
         path=StagePath(indentation_m=gel.indentation_m, speed_m_s=SPEED_M_PER_S, from_m=FROM_M, to_m=TO_M),
         ring_m=gel.rings_m,
-    )
-    return scene.quantities()
-
-
-def _rung(gel: Gel, depth_m: float) -> str:
-    scene = scene_quantities(gel, depth_m)
-    return choose("contact", "peak", gel.tolerance, scene, asked=gel.rung).method.name
+        tolerance=Tolerance(relative=gel.tolerance),
+    ).read_by(gel.feature)

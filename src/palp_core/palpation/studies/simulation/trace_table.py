@@ -17,12 +17,16 @@ import scipy
 from numpy.typing import NDArray
 
 from palp_core.errors import OutOfRange
-from palp_core.methods import choose
-from palp_core.palpation.mechanics.phantom import Bead, Phantom
-from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.mechanics.scene.scene import Scene, StagePath
+from palp_core.palpation.mechanics.scene.choice import choose_rung
 from palp_core.palpation.nano17 import RESOLUTION_N_M
-from palp_core.palpation.studies.simulation.reading_table import FROM_M, RATE_HZ, SPEED_M_PER_S, TO_M, Gel
+from palp_core.palpation.studies.simulation.reading_table import (
+    FROM_M,
+    RATE_HZ,
+    SPEED_M_PER_S,
+    TO_M,
+    Gel,
+    scene_of,
+)
 from palp_core.palpation.world.drag import drag
 from palp_core.palpation.world.joints import joints_of
 from palp_core.palpation.world.latents import LATENTS, LOWEST, REACH, latents
@@ -30,7 +34,7 @@ from palp_core.palpation.world.model import WorldModel
 from palp_core.palpation.world.slopes import Bins, bin_edges_m, bins_of
 from palp_core.palpation.world.stick_slip import stick_slip
 from palp_core.palpation.world.texture import bias, texture, texture_map, white_sd_n_m
-from palp_core.palpation.world.touch import touch
+from palp_core.palpation.world.touch import Touch, touch
 from palp_core.units import Float64Array
 
 _RUN_IN_M = 0.034  # a tip slides before the stage has gone so far, whatever the latents
@@ -51,6 +55,7 @@ class TraceTable:
 
     Attributes:
         gel: What it was made from; its feature and denoising play no part.
+        pressed_m: Nominal indentation of the sweeps.
         bins: Bins of the stage position, rising, whichever way it is swept.
         forward: Whether the stage goes towards +Y; torques of a sweep back are negative.
         run_in: Whether a sweep begins upright, with a tip that sticks.
@@ -63,6 +68,7 @@ class TraceTable:
     """
 
     gel: Gel
+    pressed_m: float
     bins: Bins
     forward: bool
     run_in: bool
@@ -133,7 +139,7 @@ class TraceTable:
             speed_m_per_s: Of the stage.
         """
         edges_m, excess = tuple(self.bins.edges_m.tolist()), world.static_friction_excess
-        known = _cycles(self.gel, self.forward, self.run_in, edges_m, excess, speed_m_per_s)
+        known = _cycles(self.gel, self.pressed_m, self.forward, self.run_in, edges_m, excess, speed_m_per_s)
         return np.asarray(known[depth, ring, np.rint(phase * PHASES).astype(np.int64) % PHASES])
 
     def sensor(
@@ -224,16 +230,6 @@ def latent_basis(rows: Float64Array) -> Float64Array:
     return made.T
 
 
-def scene_of(gel: Gel, depth_m: float) -> Scene:
-    """Return the scene of a gel at one depth, with its output ``peak``."""
-    return Scene(
-        phantom=Phantom(bead=Bead(depth_m=depth_m), modulus_pa=gel.modulus_pa),
-        probe=Probe(friction=gel.friction, tip_radius_m=gel.tip_radius_m),
-        path=StagePath(indentation_m=gel.indentation_m, speed_m_s=SPEED_M_PER_S, from_m=FROM_M, to_m=TO_M),
-        ring_m=gel.rings_m,
-    )
-
-
 def tabulate_traces(
     gel: Gel,
     *,
@@ -241,6 +237,7 @@ def tabulate_traces(
     run_in: bool = True,
     width_m: float = 0.002,
     path_m: tuple[float, float] = (FROM_M, TO_M),
+    indentation_m: float | None = None,
 ) -> TraceTable:
     """Solve sweeps of every cell all over the latents' reach and fit the polynomials.
 
@@ -250,20 +247,22 @@ def tabulate_traces(
         run_in: Whether a sweep begins upright, with a tip that sticks.
         width_m: Of a bin.
         path_m: Ends of the path, the lower first.
+        indentation_m: Nominal indentation of these sweeps; None: the gel's, by which the contact is chosen.
 
     Raises:
-        MethodError: No contact model vouches for the peak in this gel.
+        MethodError: No contact model is good enough for the trace in this gel.
         MechanicsError: A sweep has no solution.
         OutOfRange: The bins are no parts of the path.
     """
     if not 0.5e-3 <= width_m <= 0.02:
         raise OutOfRange("width_m", f"bins of {width_m:g} m; use 0.5 mm to 20 mm")
-    return _tabulated(gel, forward, run_in, width_m, path_m)
+    pressed_m = gel.indentation_m if indentation_m is None else indentation_m
+    return _tabulated(gel, pressed_m, forward, run_in, width_m, path_m)
 
 
 @functools.lru_cache(maxsize=32)
 def _tabulated(
-    gel: Gel, forward: bool, run_in: bool, width_m: float, path_m: tuple[float, float]
+    gel: Gel, pressed_m: float, forward: bool, run_in: bool, width_m: float, path_m: tuple[float, float]
 ) -> TraceTable:
     bins = bins_of(bin_edges_m(*path_m, width_m), forward=forward)
     rows = _design()
@@ -281,16 +280,17 @@ def _tabulated(
     every = np.concatenate([np.zeros((1, len(LATENTS))), rows])
     rungs = []
     for i, depth_m in enumerate(gel.depths_m):
-        scene = scene_of(gel, depth_m)
-        rungs.append(_rung(gel, depth_m))
-        felt = touch(scene.phantom, scene.probe, rungs[-1])
+        felt = _touch(gel, depth_m)
+        rungs.append(felt.models[0].rung)
         for j, ring_m in enumerate(gel.rings_m):
-            found = drag(felt, every, np.full(count, ring_m), gel.indentation_m, bins.node_m, run_in=run_in)
+            found = drag(felt, every, np.full(count, ring_m), pressed_m, bins.node_m, run_in=run_in)
             sliding[i, j] = solver @ found.sliding_n_m[1:]
             loose[i, j] = solver @ found.loose_m[1:]
             sticking[i, j] = solver @ found.sticking_n_m[1:, :held_nodes]
             tip_m[i, j], normal_n[i, j] = found.tip_m[0], found.normal_n[0]
-    return TraceTable(gel, bins, forward, run_in, tuple(rungs), sliding, sticking, loose, tip_m, normal_n)
+    return TraceTable(
+        gel, pressed_m, bins, forward, run_in, tuple(rungs), sliding, sticking, loose, tip_m, normal_n
+    )
 
 
 def _design() -> Float64Array:
@@ -302,19 +302,28 @@ def _design() -> Float64Array:
 
 @functools.lru_cache(maxsize=64)
 def _cycles(
-    gel: Gel, forward: bool, run_in: bool, edges_m: tuple[float, ...], excess: float, speed_m_per_s: float
+    gel: Gel,
+    pressed_m: float,
+    forward: bool,
+    run_in: bool,
+    edges_m: tuple[float, ...],
+    excess: float,
+    speed_m_per_s: float,
 ) -> Float64Array:
     """Return what stick-slip adds to each bin by depth, ring and phase, shape (m, k, phases, K)."""
     bins = bins_of(np.array(edges_m), forward=forward)
     width_m = edges_m[1] - edges_m[0]
     parts = round(width_m / _CYCLE_M)
     fine_m = bins.edges_m[0] + width_m * (np.arange(len(bins.mean) * parts) + 0.5) / parts
-    whole = _stick_slip(gel, bins.node_m, fine_m, excess, run_in=run_in, speed_m_per_s=speed_m_per_s)
+    whole = _stick_slip(
+        gel, pressed_m, bins.node_m, fine_m, excess, run_in=run_in, speed_m_per_s=speed_m_per_s
+    )
     return np.asarray(whole.reshape(*whole.shape[:3], -1, parts).mean(axis=-1))
 
 
 def _stick_slip(
     gel: Gel,
+    pressed_m: float,
     node_m: Float64Array,
     stage_m: Float64Array,
     excess: float,
@@ -326,6 +335,7 @@ def _stick_slip(
 
     Args:
         gel: What is touched.
+        pressed_m: Nominal indentation.
         node_m: Positions that are solved for, in the order of the sweep.
         stage_m: Positions wanted, shape (f,).
         excess: Static friction over sliding friction, minus 1.
@@ -335,17 +345,16 @@ def _stick_slip(
     k, direction = len(gel.rings_m), 1.0 if node_m[-1] > node_m[0] else -1.0
     made = np.zeros((len(gel.depths_m), k, PHASES, len(stage_m)))
     for i, depth_m in enumerate(gel.depths_m):
-        scene = scene_of(gel, depth_m)
-        felt = touch(scene.phantom, scene.probe, _rung(gel, depth_m), tips=False)
+        felt = _touch(gel, depth_m, tips=False)
         rows, rings_m = latents(k), np.asarray(gel.rings_m)
-        found = drag(felt, rows, rings_m, gel.indentation_m, node_m, run_in=run_in)
-        joints = joints_of(felt, rows, rings_m, gel.indentation_m, direction)
+        found = drag(felt, rows, rings_m, pressed_m, node_m, run_in=run_in)
+        joints = joints_of(felt, rows, rings_m, pressed_m, direction)
         cycles = stick_slip(joints, found, excess, speed_m_per_s)
         for n in range(PHASES):
             made[i, :, n] = cycles.added(node_m, stage_m, speed_m_per_s, np.full(k, n / PHASES))
     return made
 
 
-def _rung(gel: Gel, depth_m: float) -> str:
-    asked = scene_of(gel, depth_m).quantities()
-    return choose("contact", "peak", gel.tolerance, asked, asked=gel.rung).method.name
+def _touch(gel: Gel, depth_m: float, *, tips: bool = True) -> Touch:
+    scene = scene_of(gel, depth_m).read_by("trace")
+    return touch(scene.phantom, scene.probe, choose_rung(scene, gel.rung or None).rung, tips=tips)
