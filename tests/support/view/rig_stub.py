@@ -100,6 +100,7 @@ class Trial(Message):
     stamp_ns: Nanoseconds
     trial: Count
     phase: str
+    number: Count
     code: str
     label_known: bool
     depth_m: Metres

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from palp_core.errors import MechanicsError
 from palp_core.methods import outside, weigh
+from palp_core.methods.choice import INACCURATE, UNAVAILABLE
 from palp_core.palpation.mechanics import Bead, LayeredHertz, Phantom, Probe, Scene, solve, sweep
 from palp_core.palpation.mechanics.contact import fem_failures
 from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics, simulate
@@ -199,7 +200,7 @@ def test_every_case_says_where_the_rig_is_or_varies_nothing_of_it(cases: dict[st
 def refuses(task: str, name: str, output: str, quantities: dict[str, float]) -> bool:
     """Tell whether the register would never take a method there."""
     (own,) = [one for one in weigh(task, output, 1e9, quantities) if one.name == name]
-    return own.mark in ("refused", "reference")
+    return own.mark in (INACCURATE, UNAVAILABLE)
 
 
 def met(model: LayeredHertz, probe: Probe, ring_m: float) -> str:
