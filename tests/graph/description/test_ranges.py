@@ -111,7 +111,7 @@ def test_what_contradicts_scene_sensor_or_driver_is_a_mistake_where_it_stands(
 
 def test_what_is_wrong_in_all_branches_of_a_node_is_said_once() -> None:
     ((_, message),) = found(LAUNCH / "sim.yaml", "rings_mm:=0,x")
-    assert message.endswith("; argument 'rings_mm' is also for 'policy' (Fixed)")
+    assert message.endswith("; argument 'rings_mm' is also for 'policy' (Markov)")
 
 
 def test_a_file_that_several_nodes_read_is_wrong_once_and_who_reads_it_is_named(tmp_path: Path) -> None:
