@@ -16,7 +16,8 @@ _HEAD = """# Launch file: every key
 
 A launch file names nodes, their parameters and their wires. `palp launch FILE --check` tells every mistake
 with file,
-line and column and starts nothing; this page, that check and the schema for editors are made from the same structs.
+line and column and starts nothing; this page, that check and the schema for editors are made from the same
+structs.
 YAML is read by version 1.2: `on` is a text and `1e-3` a number; a key that is given twice is an error.
 
 ```yaml

@@ -1,9 +1,9 @@
 """Read a launch file, and those it includes, into a description."""
 
 import os
-from collections.abc import Iterator, Sequence
 from collections.abc import Mapping as Lookup
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,10 +12,8 @@ import msgspec
 from palp_core.errors import GraphError
 from palp_core.graph.clock import local_time_name
 from palp_core.graph.description.arguments import (
-    Argument,
     Given,
     assign,
-    branch_name,
     declare,
     from_command_line,
     refuse_unknown,
@@ -23,41 +21,32 @@ from palp_core.graph.description.arguments import (
 from palp_core.graph.description.checkpoint_entry import CheckpointEntry
 from palp_core.graph.description.launch_file import (
     GraphNode,
-    InputEntry,
     LaunchFile,
     Located,
     find_overlay,
     find_workspace,
 )
 from palp_core.graph.description.launch_keys import (
-    RUN,
     FileKeys,
     IncludeKeys,
-    InputKeys,
-    NodeKeys,
-    QosKeys,
-    RestartKeys,
 )
+from palp_core.graph.description.node_reader import SHARED, NodeReader
+from palp_core.graph.description.source_file import SourceFile, locate
 from palp_core.graph.description.substitution import Scope, sole_variable
-from palp_core.graph.description.tree_reader import TreeReader, fields_of
+from palp_core.graph.description.tree_reader import TreeReader
 from palp_core.graph.description.yaml_tree import (
     UNKNOWN,
     Entry,
     Mapping,
-    Scalar,
     Tree,
     parse_tree,
     plain_tree,
     read_tree,
 )
 from palp_core.graph.description.yaml_tree import Sequence as TreeSequence
-from palp_core.graph.node.spec import NodeSpec, name_mistake, topic
+from palp_core.graph.node.spec import name_mistake, topic
 from palp_core.graph.problems import GraphProblems, Mark, Problem, Problems, hint, nearest
 from palp_core.graph.workspaces.underlays import is_installed_name, launch_path
-
-SELECT, ELSE = "select", "else"
-SHARED = "shared"
-"""In place of a node's name in ``shared.NAME:=VALUE``."""
 
 MOST_BRANCHES = 200
 _MOST_FILES = 64
@@ -123,79 +112,6 @@ class _Files:
             problems = Problems()
             self.trees[path] = read_tree(path, problems), problems.listed()
         return self.trees[path]
-
-
-@dataclass
-class _File:
-    """A launch file, the root or an included one, and what is known of its arguments.
-
-    Attributes:
-        path: Where it is.
-        fields: Its keys.
-        scope: What its substitutions see.
-        own: Arguments that it declares.
-        outer: The file that includes it; None for the root.
-        given: Values given for its arguments by the include, or on the command line.
-        included: Files that it includes.
-        taken: Arguments of included files that are arguments of this one, too.
-        namespace: What goes before the names of its nodes; "" for nothing.
-    """
-
-    path: Path
-    fields: dict[str, Entry]
-    scope: Scope
-    own: dict[str, Argument]
-    outer: "_File | None" = None
-    given: dict[str, Given] = field(default_factory=dict)
-    included: list["_File"] = field(default_factory=list)
-    taken: dict[str, Argument] = field(default_factory=dict)
-    namespace: str = ""
-
-    @property
-    def arguments(self) -> dict[str, Argument]:
-        """All that it takes, what came up from included files first."""
-        return {**self.taken, **self.own}
-
-    def take(self, inner: "_File") -> None:
-        """Make the arguments of an included file this one's, but those whose value the include gives."""
-        for name, argument in inner.arguments.items():
-            if name in inner.scope.values and name not in inner.given and name not in self.arguments:
-                self.taken[name] = argument
-                self.scope.values[name] = inner.scope.values[name]
-                self.scope.origins[name] = inner.scope.origins[name]
-
-    def offer(self, argument: Argument, problems: Problems) -> Given | None:
-        """Return the value that this file or one around it has for an included file's argument, if any."""
-        name = argument.name
-        if name in self.arguments:
-            ours = self.arguments[name]
-            self.scope.used.add(name)
-            if clash := ours.clash(argument):
-                problems.add(ours.mark, clash)
-            value = UNKNOWN if clash else self.scope.values[name]
-            return Given(value, ours.mark, origin=self.scope.origins[name])
-        if name in self.given:
-            return self.given[name]
-        return self.outer.offer(argument, problems) if self.outer is not None else None
-
-    def uses(self, name: str) -> bool:
-        """Tell whether this file asks for an argument, or one around it that has taken it."""
-        outer = self.outer
-        around = outer is not None and outer.taken.get(name) is self.arguments[name] and outer.uses(name)
-        return name in self.scope.used or around
-
-    def chain(self) -> "list[_File]":
-        """Return the files from the root to this one, each included by the one before it."""
-        return [*(self.outer.chain() if self.outer is not None else ()), self]
-
-    def unused(self) -> Iterator[Problem]:
-        """Yield its arguments, and those of the files it includes, that nothing asks for."""
-        for name, argument in self.own.items():
-            if not self.uses(name):
-                text = f"argument '{name}' is never used; use $(var {name}) or remove it"
-                yield Problem(*argument.mark, text)
-        for included in self.included:
-            yield from included.unused()
 
 
 class _Word(NamedTuple):
@@ -309,11 +225,13 @@ class _Reader:
         assert isinstance(tree, Mapping)
         return fields or {}, tree.mark, set(tree.items)
 
-    def _file(self, path: Path, fields: dict[str, Entry], outer: _File | None = None) -> _File:
+    def _file(self, path: Path, fields: dict[str, Entry], outer: SourceFile | None = None) -> SourceFile:
         scope = Scope(path, self.files.environ, now=self.files.now, forced=self.forced)
         shared = fields["shared"].value if "shared" in fields else None
         names = list(shared.items) if isinstance(shared, Mapping) else []
-        return _File(path, fields, scope, declare(fields.get("args"), names, scope, self.problems), outer)
+        return SourceFile(
+            path, fields, scope, declare(fields.get("args"), names, scope, self.problems), outer
+        )
 
     def _word(self, text: str, caller: Mark) -> _Word | None:
         """Return ``node.parameter:=value`` of the command line, or None after reporting what is wrong."""
@@ -353,7 +271,7 @@ class _Reader:
 
     # included files
 
-    def _includes(self, outer: _File) -> None:
+    def _includes(self, outer: SourceFile) -> None:
         """Open what a file includes; when it is done, every argument has its value."""
         if "include" not in outer.fields:
             return
@@ -369,7 +287,7 @@ class _Reader:
             if fields is not None and "file" in fields:
                 self._include(outer, reader, fields)
 
-    def _include(self, outer: _File, reader: TreeReader, keys: dict[str, Entry]) -> None:
+    def _include(self, outer: SourceFile, reader: TreeReader, keys: dict[str, Entry]) -> None:
         place = keys["file"].value.mark
         target = self._target(outer, reader.evaluate(keys["file"].value), place)
         if target is None:
@@ -400,7 +318,7 @@ class _Reader:
         outer.take(file)  # what came up from further down, too
         refuse_unknown(file.given, file.arguments, place, target, self.problems)
 
-    def _target(self, outer: _File, text: Any, mark: Mark) -> Path | None:
+    def _target(self, outer: SourceFile, text: Any, mark: Mark) -> Path | None:
         """Return the file to include, or None after reporting what is wrong with it."""
         if text is UNKNOWN or (target := self._place(outer, str(text), mark)) is None:
             return None
@@ -422,7 +340,7 @@ class _Reader:
             return None
         return target
 
-    def _place(self, outer: _File, text: str, mark: Mark) -> Path | None:
+    def _place(self, outer: SourceFile, text: str, mark: Mark) -> Path | None:
         """Return where an include's file is: from the file that includes it, or in an installed workspace."""
         beside = Path(os.path.normpath(outer.path.parent / text))
         try:
@@ -447,7 +365,7 @@ class _Reader:
 
     # nodes
 
-    def _shared_of(self, file: _File) -> dict[str, Located]:
+    def _shared_of(self, file: SourceFile) -> dict[str, Located]:
         """Return the shared parameters of a file and of those it includes without a namespace."""
         found: dict[str, Located] = {}
         for included in file.included:
@@ -455,13 +373,13 @@ class _Reader:
                 found |= self._shared_of(included)
         if "shared" in file.fields:
             reader = TreeReader(file.scope, self.problems)
-            found |= _located(reader, file, file.fields["shared"].value, "shared")
+            found |= locate(reader, file, file.fields["shared"].value, "shared")
         for name, preset in file.scope.preset.items():
             if name in found and preset.value is not UNKNOWN:
                 found[name] = Located(preset.value, preset.mark)
         return found
 
-    def _nodes_of(self, file: _File, shared: dict[str, Located], written: dict[str, Located]) -> None:
+    def _nodes_of(self, file: SourceFile, shared: dict[str, Located], written: dict[str, Located]) -> None:
         """Read the nodes of a file and of those it includes, in the order in which they stand.
 
         Args:
@@ -477,10 +395,11 @@ class _Reader:
                     else:
                         self._nodes_of(included, shared, written)
             elif key == "nodes":
+                reader = NodeReader(file, self.files.workspace, self.problems, self.branches)
                 for name, item in self._node_entries(entry.value).items():
                     if self._is_new(name, item.mark):
                         self._marks[name] = item.mark
-                        node = _NodeReader(self, file, name, item.mark).read(item.value, shared | written)
+                        node = reader.read(name, item, shared | written)
                         if node is None:
                             self._unread.add(name)
                         else:
@@ -492,7 +411,9 @@ class _Reader:
         self.problems.add(tree.mark, "nodes must map each node's name to {run, params, inputs, ...}")
         return {}
 
-    def _nodes_within(self, file: _File, shared: dict[str, Located], written: dict[str, Located]) -> None:
+    def _nodes_within(
+        self, file: SourceFile, shared: dict[str, Located], written: dict[str, Located]
+    ) -> None:
         """Read an included file's nodes; in a namespace they, and the wires between them, have its name."""
         outside, marks, unread = self._nodes, self._marks, self._unread
         self._nodes, self._marks, self._unread = {}, {}, set()
@@ -515,235 +436,3 @@ class _Reader:
         if mistake := name_mistake(name):
             self.problems.add(mark, mistake)
         return True
-
-    def branch(self, file: _File, tree: Tree, what: str) -> tuple[Tree, bool] | None:
-        """Return a part of a node, of a selection the branch that its argument picks.
-
-        Returns:
-            The part, and whether it is for a class that is named in place of a choice; None after reporting
-            what is wrong with the selection.
-        """
-        if not isinstance(tree, Mapping) or SELECT not in tree.items:
-            return tree, False
-        selector = tree.items[SELECT].value
-        branches = {name: entry.value for name, entry in tree.items.items() if name != SELECT}
-        variable = sole_variable(selector)
-        if variable is None:
-            self.problems.add(
-                selector.mark, f"select of {what} must name one argument; write select: $(var name)"
-            )
-            return None
-        file.scope.used.add(variable)
-        if variable not in file.arguments:
-            text = f"no argument '{variable}' in this file's args{hint(variable, file.arguments)}"
-            self.problems.add(selector.mark, text)
-            return None
-        argument, value = file.arguments[variable], file.scope.values[variable]
-        if not argument.sound:
-            return None
-        names = {branch_name(choice): choice for choice in argument.choices}
-        self._check_branches(tree, what, variable, [*names, *([ELSE] if argument.or_class else [])])
-        present = "" if value is UNKNOWN else branch_name(value)
-        is_own = argument.names_class(value) and present not in names
-        others = [choice for name, choice in names.items() if name != present and name in branches]
-        self.branches.setdefault(file.scope.origins[variable], others)
-        if argument.or_class and not is_own and ELSE in branches:
-            TreeReader(file.scope, self.problems).evaluate(branches[ELSE])  # its mistakes are met today
-        picked = branches.get(ELSE if is_own else present)
-        if picked is None and not names and present:
-            self.problems.add(
-                selector.mark, f"{what} has no branch for {variable}={present}; add a key '{present}'"
-            )
-        return None if picked is None else (picked, is_own)
-
-    def _check_branches(self, tree: Mapping, what: str, variable: str, names: list[str]) -> None:
-        """Report branches that an argument never picks, and choices without a branch."""
-        if not names:
-            return
-        missing = [name for name in names if name not in tree.items]
-        for name in tree.items:
-            if name not in (SELECT, *names):
-                match = nearest(name, missing)
-                missing = [other for other in missing if other != match]
-                text = (
-                    f"branch '{name}' of {what} is not a choice of argument '{variable}'{hint(name, names)}"
-                )
-                self.problems.add(tree.items[name].mark, text)
-        for name in missing:
-            self.problems.add(
-                tree.items[SELECT].value.mark,
-                f"{what} has no branch for {variable}={name}; add a key '{name}'",
-            )
-
-
-def _located(reader: TreeReader, file: _File, tree: Tree, what: str) -> dict[str, Located]:
-    """Return named values, each with where it is given, and by which argument."""
-    if not isinstance(tree, Mapping):
-        if not (isinstance(tree, Scalar) and tree.value is None):
-            reader.refuse(tree, f"{what} must map each parameter to its value")
-        return {}
-    found = {}
-    for name, entry in tree.items.items():
-        value = reader.evaluate(entry.value)
-        if value is not UNKNOWN:
-            argument = sole_variable(entry.value) or ""
-            declared = file.arguments.get(argument)
-            found[name] = Located(
-                value,
-                file.scope.marks.get(argument, entry.mark),
-                declared is not None and value == declared.default,
-                file.scope.origins.get(argument, ""),
-            )
-    return found
-
-
-class _NodeReader:
-    """Reads one node: what runs, its parameters, its wires, what happens when it ends."""
-
-    def __init__(self, reader: _Reader, file: _File, name: str, mark: Mark) -> None:
-        self._reader, self._file, self._name, self._mark = reader, file, name, mark
-        self._what = f"node '{name}'"
-        self._values = TreeReader(file.scope, reader.problems)
-
-    def read(self, tree: Tree, shared: dict[str, Located]) -> GraphNode | None:
-        """Return the node; None where nothing is known to run."""
-        before = len(self._reader.problems)
-        fields = self._values.keys(NodeKeys, tree, self._what)
-        if fields is None:
-            return None
-        run, own = self._run(fields["run"].value) if "run" in fields else (None, False)
-        given: dict[str, Located] = {}
-        if "params" in fields:
-            picked = self._reader.branch(self._file, fields["params"].value, f"params of {self._what}")
-            if picked is not None:
-                given = _located(self._values, self._file, picked[0], f"params of {self._what}")
-        inputs: dict[str, InputEntry] = {}
-        if "inputs" in fields:
-            picked = self._reader.branch(self._file, fields["inputs"].value, f"inputs of {self._what}")
-            inputs = {} if picked is None else self._inputs(picked[0])
-        rest = {key for key in fields if key not in ("run", "params", "inputs")}
-        read = {key: self._values.key(NodeKeys, key, fields[key].value, self._what) for key in rest}
-        said: dict[str, Any] = {key: value for key, value in read.items() if value is not UNKNOWN}
-        if run is None:
-            return None
-        restart = said.pop("restart", "never")
-        if isinstance(restart, RestartKeys):
-            said |= {"max_restarts": restart.max_restarts, "backoff_s": restart.backoff_s}
-            restart = restart.when
-        params = {name: one for name, one in shared.items() if name not in given} | given
-        spec = NodeSpec(
-            name=self._name,
-            run=run.value,
-            params={name: one.value for name, one in params.items()},
-            restart=restart,
-            shutdown_on_exit=said.pop("on_exit", "") == "shutdown",
-            **said,
-        )
-        sources = {name: one.argument for name, one in given.items() if one.argument}
-        sources |= {
-            name: one.argument or f"{SHARED}.{name}" for name, one in shared.items() if name not in given
-        }
-        return GraphNode(
-            spec=spec,
-            mark=self._mark,
-            run_mark=run.mark,
-            param_marks={name: one.mark for name, one in params.items()},
-            inputs=inputs,
-            defaulted=frozenset(name for name, one in params.items() if one.defaulted),
-            arguments=sources,
-            offered=frozenset(params if own else set(params) - set(given)),
-            own=own,
-            complete=self._values.complete and len(self._reader.problems) == before,
-        )
-
-    def _run(self, tree: Tree) -> tuple[Located | None, bool]:
-        """Return what runs, and whether it is a class that is named in place of a choice."""
-        what = f"run of {self._what}"
-        picked = self._reader.branch(self._file, tree, what)
-        if picked is None:
-            return None, False
-        tree, own = picked
-        if isinstance(tree, Mapping) and (wrong := nearest(SELECT, tree.items)) is not None:
-            text = f"{what} has no key '{wrong}'; did you mean '{SELECT}'?"
-            self._reader.problems.add(tree.items[wrong].mark, text)
-            return None, own
-        text = self._values.key(NodeKeys, "run", tree, self._what)
-        if text is UNKNOWN:
-            return None, own
-        found = RUN.fullmatch(text)
-        assert found is not None
-        if not found["module"].endswith(".py"):
-            return Located(text, tree.mark), own
-        path = self._path(what, found["module"], tree)
-        return (None if path is None else Located(self._target(path, found["name"]), tree.mark)), own
-
-    def _path(self, what: str, path: str, tree: Tree) -> Path | None:
-        """Return the file that a path means: beside the launch file, in the workspace, or where one types."""
-        workspace = self._reader.files.workspace
-        places = {self._file.path.parent.resolve(): "beside this file", workspace: "in the workspace"}
-        if sole_variable(tree) is not None:
-            places.setdefault(Path.cwd(), "where you are")
-        for place in places:
-            if (place / path).exists():
-                return (place / path).resolve()
-        files = [file.name for place in places for file in (place / path).parent.glob("*.py")]
-        looked = ", nor ".join(f"{words} ({place})" for place, words in places.items())
-        if Path(path).is_absolute():
-            looked = "there"
-        match = nearest(Path(path).name, files)
-        advice = f"did you mean '{match}'?" if match else "check the path"
-        self._values.refuse(tree, f"{what}: no file {path} {looked}; {advice}")
-        return None
-
-    def _target(self, path: Path, name: str) -> str:
-        """Return a path in the workspace as a module, another path as an absolute one."""
-        workspace = self._reader.files.workspace
-        if path.is_relative_to(workspace):
-            parts = path.relative_to(workspace).with_suffix("").parts
-            if all(part.isidentifier() for part in parts):
-                return f"{'.'.join(parts)}:{name}"
-        return f"{path}:{name}"
-
-    def _inputs(self, tree: Tree) -> dict[str, InputEntry]:
-        if not isinstance(tree, Mapping):
-            if not (isinstance(tree, Scalar) and tree.value is None):
-                self._values.refuse(tree, f"inputs of {self._what} must map each port to node/port")
-            return {}
-        found = {}
-        for port, entry in tree.items.items():
-            if sole_variable(entry.value) is not None and self._values.evaluate(entry.value) == "":
-                continue  # an argument's empty value leaves an input open
-            wire = self._input(f"input '{port}' of {self._what}", entry)
-            if wire is not None:
-                found[port] = wire
-        return found
-
-    def _input(self, what: str, entry: Entry) -> InputEntry | None:
-        """Return a wire, or None after reporting what is wrong with it."""
-        tree = entry.value
-        if not isinstance(tree, Mapping):
-            source = self._values.read(fields_of(InputKeys)["from"].type, tree, what)
-            if source is UNKNOWN:
-                return None
-            node, port = source.split("/")
-            return InputEntry(entry.mark, tree.mark, node, port, {})
-        keys = self._values.struct(InputKeys, tree, what)
-        if keys is None:
-            return None
-        stated = {name: getattr(keys, name) for name in tree.items if name in fields_of(QosKeys)}
-        if keys.external:
-            if "from" in tree.items:
-                self._reader.problems.add(
-                    tree.items["from"].mark, f"{what} is external and comes from a node; remove one of both"
-                )
-                return None
-            return InputEntry(entry.mark, entry.mark, "", "", stated, keys.on_event, external=True)
-        if isinstance(keys.source, str):
-            node, port = keys.source.split("/")
-            mark = tree.items["from"].value.mark
-            return InputEntry(entry.mark, mark, node, port, stated, keys.on_event)
-        if "from" not in tree.items and nearest("from", set(tree.items) - set(fields_of(InputKeys))) is None:
-            text = f"{what} does not say where it comes from; add from: node/port, or external: true"
-            self._reader.problems.add(entry.mark, text)
-        self._values.complete = False
-        return None
