@@ -170,7 +170,7 @@ class RunningRig:
             (self.folder / "launch" / name).write_text(text, encoding="utf-8")
         launch_file, sheet = self.folder / "launch" / "rig.yaml", self.folder / "sheet.yaml"
         sheet.write_text(SHEET, encoding="utf-8")
-        given = [f"from_m:={FROM_M}", f"to_m:={TO_M}", f"lift_mm:={LIFT_M * 1e3}"]
+        given = [f"shared.from_m:={FROM_M}", f"shared.to_m:={TO_M}", f"shared.lift_mm:={LIFT_M * 1e3}"]
         environment = {
             **os.environ,
             "XDG_RUNTIME_DIR": str(self.run_folder),

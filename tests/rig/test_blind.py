@@ -408,8 +408,8 @@ def check(*given: str, file: Path = SIM) -> CheckedGraph:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ("depths:=31", "needs the depths themselves"),
-        ("filter:=latent", "needs the depths themselves"),
+        ("shared.depths:=31", "needs the depths themselves"),
+        ("shared.filter:=latent", "needs the depths themselves"),
         ("reading:=trace", "needs the depths themselves"),
         ("policy:=information", "needs the depths themselves"),
         ("overwrite:=true", "a folder of its own"),

@@ -272,7 +272,12 @@ def assign(
 
 
 def refuse_unknown(
-    given: dict[str, Given], arguments: dict[str, Argument], caller: Mark, file: Path, problems: Problems
+    given: dict[str, Given],
+    arguments: dict[str, Argument],
+    caller: Mark,
+    file: Path,
+    problems: Problems,
+    shared: Collection[str] = (),
 ) -> None:
     """Report values that are given for arguments which a file does not take.
 
@@ -282,10 +287,12 @@ def refuse_unknown(
         caller: Where one is reported that comes from the command line.
         file: The file.
         problems: Receives the mistakes.
+        shared: Names of shared parameters, which may be meant.
     """
     for name, value in given.items():
         if name not in arguments:
-            problems.add(value.mark or caller, f"no argument '{name}' in {file.name}{hint(name, arguments)}")
+            advice = f"; write shared.{name}:=..." if name in shared else hint(name, arguments)
+            problems.add(value.mark or caller, f"no argument '{name}' in {file.name}{advice}")
 
 
 def _fit(argument: Argument, given: Given, problems: Problems) -> Any:

@@ -122,9 +122,9 @@ def _check_shared_names(description: LaunchFile, drafts: Sequence[_Nodes], probl
     if any(found.error is not None for found in classes):
         return
     known = {name for found in classes for name in found.params}
-    for name, mark in description.shared.items():
+    for name, one in description.shared.items():
         if name not in known:
-            problems.add(mark, f"no node has the shared parameter '{name}'{hint(name, known)}")
+            problems.add(one.mark, f"no node has the shared parameter '{name}'{hint(name, known)}")
 
 
 def _with_checkpoint(checked: CheckedGraph, description: LaunchFile, problems: Problems) -> CheckedGraph:

@@ -157,15 +157,20 @@ class _Reader:
         file.given = from_command_line(arguments, caller, self.problems)
         assign(file.own, file.given, caller, file.scope, self.problems)
         self._includes(file)
-        refuse_unknown(file.given, file.arguments, caller, path, self.problems)
-        given = [word for text in words if (word := self._word(text, caller)) is not None]
         shared = self._shared_of(file)
+        refuse_unknown(file.given, file.arguments, caller, path, self.problems, shared)
+        given = [word for text in words if (word := self._word(text, caller)) is not None]
         for word in given:
             if word.node == SHARED and word.parameter not in shared:
                 self._unknown(caller, f"no shared parameter '{word.parameter}'", word.parameter, shared)
-        written = {word.parameter: Located(word.value, caller) for word in given if word.node == SHARED}
+        written = {
+            word.parameter: Located(word.value, shared[word.parameter].mark)
+            for word in given
+            if word.node == SHARED and word.parameter in shared
+        }
         self._nodes_of(file, shared, written)
-        self._set_parameters([word for word in given if word.node != SHARED], caller)
+        if not self.forced:  # meant for the branch that is picked
+            self._set_parameters([word for word in given if word.node != SHARED], caller)
         reader = TreeReader(file.scope, self.problems)
         said: dict[str, Any] = {
             key: reader.key(FileKeys, key, fields[key].value)
@@ -206,7 +211,7 @@ class _Reader:
             nodes=self._nodes,
             report=functions.get("report"),
             problems=self.problems.listed(),
-            shared={name: one.mark for name, one in (shared | written).items()},
+            shared=shared | written,
             unread=frozenset(self._unread),
             listen=listen,
             view=functions.get("view"),

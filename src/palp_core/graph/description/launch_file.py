@@ -140,7 +140,7 @@ class LaunchFile:
         values: Value of each argument.
         nodes: By name, in the file's order; those of an included file where ``include`` stands.
         variants: The same with each other branch of each selection.
-        shared: Where each shared parameter is stated.
+        shared: Shared parameters by name, but those of namespaces.
         unread: Nodes of which it is not known what they run, after a mistake.
         report: ``module:function`` to run at the end.
         problems: Mistakes found so far.
@@ -162,7 +162,7 @@ class LaunchFile:
     report: Located | None
     problems: tuple[Problem, ...]
     variants: tuple[dict[str, GraphNode], ...] = ()
-    shared: dict[str, Mark] = field(default_factory=dict)
+    shared: dict[str, Located] = field(default_factory=dict)
     unread: frozenset[str] = frozenset()
     listen: str = ""
     view: Located | None = None
@@ -202,4 +202,7 @@ def arguments_text(description: LaunchFile) -> str:
             lines.append(f"        ({choice} sets: {set_by})")
     if len(lines) == 1:
         lines += ["", "    No arguments."]
+    if description.shared:
+        lines += ["", "Shared parameters (pass them as 'shared.<name>:=<value>'):", ""]
+        lines += [f"    {name}: {show(one.value)}" for name, one in description.shared.items()]
     return "\n".join(lines) + "\n"
