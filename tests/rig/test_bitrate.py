@@ -213,8 +213,19 @@ def test_processes_and_one_process_give_the_same_bytes(palp: Palp, tmp_path: Pat
 @pytest.mark.nightly
 def test_emulated_devices_take_what_is_chosen_and_nothing_trips(palp: Palp, tmp_path: Path) -> None:
     out, host = tmp_path / "out", f"127.{os.getpid() >> 8 & 255}.{os.getpid() & 255}.12"
-    lenient = ("shared.stale_ms:=10000.0", "shared.beat_ms:=10000.0", "shared.link_ms:=20000.0", "answer_s:=20.0")
-    small = ("trials:=1", "training:=1", "rings_mm:=8, 16", "shared.trace_filter:=linear", "shared.stop_value:=0.9")
+    lenient = (
+        "shared.stale_ms:=10000.0",
+        "shared.beat_ms:=10000.0",
+        "shared.link_ms:=20000.0",
+        "answer_s:=20.0",
+    )
+    small = (
+        "trials:=1",
+        "training:=1",
+        "rings_mm:=8, 16",
+        "shared.trace_filter:=linear",
+        "shared.stop_value:=0.9",
+    )
     given = ("protocol:=swift", "policy:=bitrate", *small, f"host:={host}", f"out:={out}")
     emulated = ROOT / "launch" / "emulated.yaml"
     done = palp.run("launch", emulated, *given, *lenient, "--record", tmp_path / "bag")

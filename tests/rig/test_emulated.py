@@ -24,10 +24,24 @@ ROOT = Path(__file__).parents[2]
 EMULATED, RIG, SIM = (ROOT / "launch" / f"{name}.yaml" for name in ("emulated", "rig", "sim"))
 SHARED = ROOT / "launch" / "parts" / "experiment.yaml"
 HOST = f"127.{os.getpid() >> 8 & 255}.{os.getpid() & 255}.9"  # several runs on one machine do not meet
-SMALL = ("trials:=1", "training:=1", f"host:={HOST}", "shared.from_m:=-0.015", "shared.to_m:=0.02", "shared.lift_mm:=5.0")
+SMALL = (
+    "trials:=1",
+    "training:=1",
+    f"host:={HOST}",
+    "shared.from_m:=-0.015",
+    "shared.to_m:=0.02",
+    "shared.lift_mm:=5.0",
+)
 # What depends on how fast the machine is: a busy one is no fault of the rig.
 LENIENT = ("shared.stale_ms:=10000.0", "shared.beat_ms:=10000.0", "shared.link_ms:=20000.0", "answer_s:=20.0")
-SHORTEST = ("trials:=1", "training:=1", f"host:={HOST}", "shared.from_m:=-0.012", "shared.to_m:=0.012", "shared.lift_mm:=5.0")
+SHORTEST = (
+    "trials:=1",
+    "training:=1",
+    f"host:={HOST}",
+    "shared.from_m:=-0.012",
+    "shared.to_m:=0.012",
+    "shared.lift_mm:=5.0",
+)
 
 
 @functools.cache
@@ -103,7 +117,13 @@ def test_the_window_is_the_path_of_the_experiment() -> None:
 def test_the_experiment_comes_to_its_end_and_reports(palp: Palp, tmp_path: Path) -> None:
     out = tmp_path / "out"
     bag = tmp_path / "bag"
-    fixed = ("rings_mm:=8, 16", "policy:=fixed", "policy.ring_mm:=16.0", "shared.rehome:=never", "shared.max_probes:=2")
+    fixed = (
+        "rings_mm:=8, 16",
+        "policy:=fixed",
+        "policy.ring_mm:=16.0",
+        "shared.rehome:=never",
+        "shared.max_probes:=2",
+    )
     given = (*SHORTEST, *fixed, *LENIENT, f"out:={out}", "--record", bag)
     code, said = finished(palp.start("launch", EMULATED, *given))
     assert code == 0, said

@@ -103,7 +103,13 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for name, stiff, record in (("Mine", 16, folder / "bag"), ("Bare", 12, None)):
-            small = ["trials:=1", "training:=1", "seed:=3", f"rings_mm:=4, {stiff}", f"policy.ring_mm:={stiff}.0"]
+            small = [
+                "trials:=1",
+                "training:=1",
+                "seed:=3",
+                f"rings_mm:=4, {stiff}",
+                f"policy.ring_mm:={stiff}.0",
+            ]
             own = [f"policy:=my_policy.py:{name}", f"out:={name}"]
             path = list(sys.path)
             with ComposedGraph(SIM, overrides=[*small, *own], record=record) as graph:

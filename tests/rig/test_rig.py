@@ -21,7 +21,14 @@ from tests.support.palp import SIM
 from tests.support.rig_session import BriefGraph, ComposedGraph, RigSession, check_here
 from tests.support.sessions import without_times
 
-SHORT = ("trials:=1", "training:=1", "seed:=1", "policy:=markov", "shared.from_m:=-0.012", "shared.to_m:=0.012")
+SHORT = (
+    "trials:=1",
+    "training:=1",
+    "seed:=1",
+    "policy:=markov",
+    "shared.from_m:=-0.012",
+    "shared.to_m:=0.012",
+)
 
 
 @dataclasses.dataclass(frozen=True)
