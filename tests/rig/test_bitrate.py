@@ -45,7 +45,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("action")
     with ComposedGraph(
         SIM, record=path / "bag", out=path / "out", **SETTINGS, trials=2, policy="bitrate",
-        stop_value=MOST, max_probes=6,
+        overrides=[f"shared.stop_value:={MOST}", "shared.max_probes:=6"],
     ) as graph:  # fmt: skip
         assert graph.run().exit_code == 0
     return path
@@ -164,8 +164,8 @@ def test_estimator_policy_and_phantom_swapped_in_the_midst_of_sweeps_change_noth
         ("phantom", "nodes.phantom:Phantom"),
     ]
     with ComposedGraph(
-        SIM, out=tmp_path / "out", **SETTINGS, trials=2, policy="bitrate", stop_value=MOST,
-        max_probes=6,
+        SIM, out=tmp_path / "out", **SETTINGS, trials=2, policy="bitrate",
+        overrides=[f"shared.stop_value:={MOST}", "shared.max_probes:=6"],
     ) as graph:  # fmt: skip
         for row, (node, run) in zip(rows[1:], swapped, strict=False):
             graph.plan_swap(row.start_ns * 1e-9 + 0.2, node, run)
@@ -180,7 +180,7 @@ def test_policies_swapped_in_mid_trial_go_on_and_it_takes_over_again(tmp_path: P
     with ComposedGraph(
         SIM, record=tmp_path / "bag", out=tmp_path / "out", **SETTINGS, trials=2,
         policy="bitrate",
-        vary="speed, direction", swaps=swaps,
+        swaps=swaps, overrides=["shared.vary:=speed, direction"],
     ) as graph:  # fmt: skip
         assert graph.run().exit_code == 0
     rows = [row for row in read_rows(tmp_path / "out") if row.phase == "estimation"]

@@ -22,7 +22,6 @@ from tests.support.rig_session import check_here
 
 ROOT = Path(__file__).parents[2]
 EMULATED, RIG, SIM = (ROOT / "launch" / f"{name}.yaml" for name in ("emulated", "rig", "sim"))
-SHARED = ROOT / "launch" / "parts" / "experiment.yaml"
 HOST = f"127.{os.getpid() >> 8 & 255}.{os.getpid() & 255}.9"  # several runs on one machine do not meet
 SMALL = (
     "trials:=1",
@@ -67,8 +66,8 @@ def until(holds: Callable[[], object]) -> bool:
     return True
 
 
-TOUCH = {"world", "run_in"}
-"""Arguments by which a simulated touch differs from a real one: a real probe sticks before it drags."""
+TOUCH = {"world"}
+"""Arguments of a simulated touch."""
 
 
 def rows_of(out: Path) -> list[dict[str, str]]:
@@ -77,16 +76,6 @@ def rows_of(out: Path) -> list[dict[str, str]]:
         return []
     text = table.read_text(encoding="utf-8")  # at once: it is being written, and the last line may be half
     return list(csv.DictReader(text[: text.rfind("\n") + 1].splitlines()))
-
-
-def test_it_takes_the_arguments_of_the_simulated_rig() -> None:
-    theirs = arguments(SIM)
-    del theirs["block_samples"]  # a rig has no choice: its safety acts on each block
-    assert {name: arguments(EMULATED)[name] for name in theirs} == theirs
-    ours = arguments(RIG)
-    assert {name: ours[name] for name in theirs if name not in TOUCH} == {
-        name: known for name, known in theirs.items() if name not in TOUCH
-    }
 
 
 def test_the_rig_differs_in_addresses_and_in_who_puts_phantoms_on() -> None:
@@ -108,9 +97,11 @@ def test_the_rig_differs_in_addresses_and_in_who_puts_phantoms_on() -> None:
 
 
 def test_the_window_is_the_path_of_the_experiment() -> None:
-    nodes = yaml.safe_load(SHARED.read_text(encoding="utf-8"))["nodes"]
-    for end in ("from_m", "to_m"):
-        assert {nodes[name]["params"][end] for name in ("experiment", "stage", "safety")} == {f"$(var {end})"}
+    nodes = yaml.safe_load(resolved_yaml(check_here(RIG, ["shared.from_m:=-0.01", "shared.to_m:=0.02"])))[
+        "nodes"
+    ]
+    for node in ("experiment", "stage", "safety"):
+        assert (nodes[node]["params"]["from_m"], nodes[node]["params"]["to_m"]) == (-0.01, 0.02)
 
 
 @pytest.mark.slow

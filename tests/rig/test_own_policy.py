@@ -108,9 +108,9 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Path:
                 "training:=1",
                 "seed:=3",
                 f"rings_mm:=4, {stiff}",
-                f"policy.ring_mm:={stiff}.0",
             ]
             own = [f"policy:=my_policy.py:{name}", f"out:={name}"]
+            own += [f"policy.ring_mm:={stiff}.0"] if name == "Bare" else []
             path = list(sys.path)
             with ComposedGraph(SIM, overrides=[*small, *own], record=record) as graph:
                 assert graph.run().exit_code == 0

@@ -229,7 +229,7 @@ def _check_class(
         problems.add(reader.run_mark, f"node '{reader.spec.name}': {reader.declared.error}")
         return
     for name, error in reader.declared.param_errors.items():
-        is_stated = name in reader.param_marks and name not in reader.defaulted
+        is_stated = reader.selected and name in reader.param_marks and name not in reader.defaulted
         if reader.declared.examined and is_variant and not is_stated:
             continue  # a branch that is not taken; with these arguments it could not be
         what = f"{reader.spec.name} {reader.spec.params.get(name)} {error}"  # of several branches of a node

@@ -378,7 +378,10 @@ class _Reader:
                 found |= self._shared_of(included)
         if "shared" in file.fields:
             reader = TreeReader(file.scope, self.problems)
-            found |= locate(reader, file, file.fields["shared"].value, "shared")
+            own = locate(reader, file, file.fields["shared"].value, "shared")
+            found |= {
+                name: replace(one, defaulted=one.defaulted or not one.argument) for name, one in own.items()
+            }
         for name, preset in file.scope.preset.items():
             if name in found and preset.value is not UNKNOWN:
                 found[name] = Located(preset.value, preset.mark)

@@ -70,6 +70,7 @@ class GraphNode:
         defaulted: Parameters whose value is an argument's default.
         arguments: Parameters whose value is an argument's or shared, and what that is called.
         offered: Parameters that count only if its class has them.
+        selected: An argument selects a part of it.
         own: Its class is the caller's, named in place of a choice.
         inputs: Wires by port.
         complete: Its description has no mistake of its own.
@@ -84,6 +85,7 @@ class GraphNode:
     defaulted: frozenset[str] = frozenset()
     arguments: dict[str, str] = field(default_factory=dict)
     offered: frozenset[str] = frozenset()
+    selected: bool = False
     own: bool = False
     complete: bool = True
     answer: NodeClass | None = None

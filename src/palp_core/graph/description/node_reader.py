@@ -18,6 +18,10 @@ SHARED = "shared"
 """In place of a node's name in ``shared.NAME:=VALUE``."""
 
 
+def _selects(tree: Tree) -> bool:
+    return isinstance(tree, Mapping) and SELECT in tree.items
+
+
 class NodeReader:
     """Reads the nodes of one launch file.
 
@@ -91,6 +95,7 @@ class NodeReader:
             defaulted=frozenset(name for name, one in params.items() if one.defaulted),
             arguments=sources,
             offered=frozenset(params if own else set(params) - set(given)),
+            selected=any(_selects(fields[key].value) for key in ("run", "params", "inputs") if key in fields),
             own=own,
             complete=self._values.complete and len(self._problems) == before,
         )
@@ -194,7 +199,7 @@ class NodeReader:
             The part, and whether it is for a class that is named in place of a choice; None after reporting
             what is wrong with the selection.
         """
-        if not isinstance(tree, Mapping) or SELECT not in tree.items:
+        if not isinstance(tree, Mapping) or not _selects(tree):
             return tree, False
         selector = tree.items[SELECT].value
         branches = {name: entry.value for name, entry in tree.items.items() if name != SELECT}

@@ -97,10 +97,8 @@ def locate(reader: TreeReader, file: SourceFile, tree: Tree, what: str) -> dict[
         if value is not UNKNOWN:
             argument = sole_variable(entry.value) or ""
             declared = file.arguments.get(argument)
-            found[name] = Located(
-                value,
-                file.scope.marks.get(argument, entry.mark),
-                declared is not None and value == declared.default,
-                file.scope.origins.get(argument, ""),
-            )
+            origin = file.scope.origins.get(argument, "")
+            is_default = declared is not None and value == declared.default
+            mark = file.scope.marks.get(argument, entry.mark)
+            found[name] = Located(value, mark, is_default or origin in file.scope.forced, origin)
     return found
