@@ -4,7 +4,7 @@ One session a policy and seed: its own training, its own mounting of the phantom
 share seeds. With several sessions, intervals are over sessions, which is what an interval ought to be over.
 
 Run: .venv/bin/python benchmarks/policies.py [--out DIR] [--sessions 1] [--trials 100] [--training 25]
-         [--policies fixed_16,markov] [rehome:=palpation height_sd_mm:=0.0 ...]
+         [--policies fixed_16,markov] [shared.rehome:=palpation shared.height_sd_mm:=0.0 ...]
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from tests.support.view.page_socket import PageServer, PageSocket
 
 WIDTH, COLOURS = 1100, 64
 LARGEST_BYTES = 150_000
-PATH = ("from_m:=-0.02", "to_m:=0.03", "lift_mm:=5.0")
+PATH = ("shared.from_m:=-0.02", "shared.to_m:=0.03", "shared.lift_mm:=5.0")
 POLICY = "nodes.policy_uniform:Uniform"
 SWEPT_S = 12.0
 """Of torque in the plot: two sweeps."""

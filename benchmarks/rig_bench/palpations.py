@@ -79,7 +79,7 @@ def run_emulated(
     """
     arguments = (
         "launch/emulated.yaml", "trials:=1", *training(count), "host:=127.0.99.1",
-        f"from_m:={path_m[0]}", f"to_m:={path_m[1]}", f"out:={out}", "--record", str(bag),
+        f"shared.from_m:={path_m[0]}", f"shared.to_m:={path_m[1]}", f"out:={out}", "--record", str(bag),
     )  # fmt: skip
     with (folder / "said.log").open("w", encoding="utf-8") as said:
         process = subprocess.Popen(

@@ -34,7 +34,7 @@ FROM_M, TO_M = -0.015, 0.020
 PATIENCE_S = 60.0
 LAUNCHER, FORK_SERVER = "launcher", "fork server"
 GUARD_OF = "guard of "
-LAUNCH_FILES = ("rig.yaml", "parts/experiment.yaml")
+LAUNCH_FILES = ("rig.yaml", "parts/devices.yaml", "parts/experiment.yaml")
 SHEET = """\
 lab: bench
 operator: B1
@@ -152,7 +152,6 @@ class RunningRig:
         addresses = {
             "socket://192.168.1.10:8001": f'"{stop_link}"',
             '{url: "socket://192.168.1.10:8000",': f'{{url: "{stage}", {verified}{segments}, {back},',
-            "sweep_speed_m_s: {default: 0.020": f"sweep_speed_m_s: {{default: {self._sweep_m_per_s}",
             "{url: /dev/ttyACM0,": f"{{url: {ring}, {verified},",
             "{channel: can0, interface: socketcan}": (
                 f"{{channel: can0, interface: socketcand, options: {bus}, {verified}}}"
@@ -170,7 +169,13 @@ class RunningRig:
             (self.folder / "launch" / name).write_text(text, encoding="utf-8")
         launch_file, sheet = self.folder / "launch" / "rig.yaml", self.folder / "sheet.yaml"
         sheet.write_text(SHEET, encoding="utf-8")
-        given = [f"from_m:={FROM_M}", f"to_m:={TO_M}", f"lift_mm:={LIFT_M * 1e3}"]
+        path = {
+            "from_m": FROM_M,
+            "to_m": TO_M,
+            "lift_mm": LIFT_M * 1e3,
+            "sweep_speed_m_s": self._sweep_m_per_s,
+        }
+        given = [f"shared.{name}:={value}" for name, value in path.items()]
         environment = {
             **os.environ,
             "XDG_RUNTIME_DIR": str(self.run_folder),

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
-from palp_core.graph.description.keys import SECTIONS, SUBSTITUTIONS, Key, Table
+import msgspec
+import yaml
+from msgspec import inspect
+
+from palp_core.graph.description.launch_keys import SECTIONS, SUBSTITUTIONS, Keys
+from palp_core.graph.description.tree_reader import fields_of
 
 _HEAD = """# Launch file: every key
 
 A launch file names nodes, their parameters and their wires. `palp launch FILE --check` tells every mistake
 with file,
-line and column and starts nothing; this page, that check and the schema for editors are made from one table.
+line and column and starts nothing; this page, that check and the schema for editors are made from the same
+structs.
 YAML is read by version 1.2: `on` is a text and `1e-3` a number; a key that is given twice is an error.
 
 ```yaml
@@ -63,50 +70,72 @@ What files that share nodes share, and what `sets` does, is told in
 def launch_page() -> str:
     """Return the page as Markdown."""
     parts = [_HEAD]
-    parts += ["\n".join(_section(place, title, table)) for place, (title, table) in SECTIONS.items()]
+    parts += ["\n".join(_section(place, keys)) for place, keys in SECTIONS.items()]
     parts.append(_SUBSTITUTIONS + "\n".join(f"- {text}" for text in SUBSTITUTIONS.values()) + "\n")
     parts.append(_SELECTIONS)
     return "\n".join(parts)
 
 
-def _section(place: str, title: str, table: Table) -> Iterator[str]:
-    yield f"## {title}\n"
+def _section(place: str, keys: type[Keys]) -> Iterator[str]:
+    yield f"## {str(keys.__doc__).rstrip('.')}\n"
     yield f"At `{place}`.\n" if place else "At the top.\n"
     yield "| key | what stands there | without it | what it is for |"
     yield "|---|---|---|---|"
-    for name, key in table.items():
-        scope = " Of the file that is launched, not of one that it includes." if key.root_only else ""
-        example = f" As in `{_cell(key.example)}`." if key.example else ""
-        yield f"| `{name}` | {_cell(form_of(key))} | {_without(key)} | {_cell(key.says)}{scope}{example} |"
+    for name, field in fields_of(keys).items():
+        about = _about(field.type)
+        scope = " Of the file that is launched, not of one that it includes." if about.get("root") else ""
+        example = f" As in `{_cell(_written(about['examples'][0]))}`." if about.get("examples") else ""
+        yield (
+            f"| `{name}` | {_cell(form_of(field.type))} | {_without(field)} "
+            f"| {_cell(about['description'])}{scope}{example} |"
+        )
     yield ""
 
 
-def form_of(key: Key) -> str:
+def _about(kind: inspect.Type) -> dict[str, Any]:
+    """Return what is said of a key beside its type."""
+    found: dict[str, Any] = {}
+    while isinstance(kind, inspect.Metadata):
+        found = {**(kind.extra or {}), **(kind.extra_json_schema or {}), **found}
+        kind = kind.type
+    return found
+
+
+def form_of(kind: inspect.Type) -> str:
     """Return in words what stands at a key."""
-    match key.form:
-        case "word":
-            text = " or ".join(f"`{word}`" for word in key.words)
-        case "flag":
-            text = "`true` or `false`"
-        case "whole" | "number":
-            noun = "whole number" if key.form == "whole" else "number"
-            text = (
-                f"{noun}, at least {key.least}"
-                if key.most is None
-                else f"{noun}, {key.least} to {key.most:,}"
-            )
-        case "any":
-            text = "text, number, `true` or `false`, mapping"
-        case _:
-            text = key.form
-    short = f"; or {form_of(key.short)}" if key.short is not None else ""
-    return f"{text}{short}" + ("; or a selection" if key.selects else "")
+    if isinstance(kind, inspect.Metadata):
+        text = form_of(kind.type)
+        return f"{text}; or a selection" if (kind.extra or {}).get("selects") else text
+    match kind:
+        case inspect.LiteralType(values=words):
+            return " or ".join(f"`{word}`" for word in words)
+        case inspect.BoolType():
+            return "`true` or `false`"
+        case inspect.IntType(ge=low, le=high) | inspect.FloatType(ge=low, le=high):
+            noun = "whole number" if isinstance(kind, inspect.IntType) else "number"
+            return f"{noun}, at least {low}" if high is None else f"{noun}, {low} to {high:,}"
+        case inspect.AnyType():
+            return "text, number, `true` or `false`, mapping"
+        case inspect.UnionType(types=kinds):
+            return "; or ".join(form_of(one) for one in kinds)
+        case inspect.StrType():
+            return "text"
+        case inspect.ListType():
+            return "list"
+    return "mapping"
 
 
-def _without(key: Key) -> str:
-    if key.required:
+def _without(field: inspect.Field) -> str:
+    if field.required:
         return "an error"
-    return f"`{key.default}`" if key.default else ""
+    shown = "" if field.default in (msgspec.NODEFAULT, "", 0) else _written(field.default)
+    return f"`{shown}`" if shown else ""
+
+
+def _written(value: Any) -> str:
+    """Return a value as YAML writes it in a line."""
+    text: str = yaml.safe_dump(value, default_flow_style=True, width=1000)
+    return text.removesuffix("\n").removesuffix("\n...")
 
 
 def _cell(text: str) -> str:

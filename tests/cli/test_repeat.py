@@ -44,7 +44,7 @@ def checked() -> CheckedGraph:
 def test_each_run_has_its_seed_and_folder_and_all_are_pooled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    small = ["trials:=1", "training:=2", "rings_mm:=8, 16", "policy:=fixed", "stop:=fixed_number"]
+    small = ["trials:=1", "training:=2", "rings_mm:=8, 16", "policy:=fixed", "shared.stop:=fixed_number"]
     ran: list[list[str]] = []
 
     def one_after_another(commands: Mapping[str, Sequence[str]], workers: int) -> dict[str, str]:

@@ -18,7 +18,8 @@ from docs.site.units_page import quantities
 from palp_core import units
 from palp_core.cli.lazy import LazyGroup, load
 from palp_core.cli.main import app
-from palp_core.graph.description.keys import SECTIONS
+from palp_core.graph.description.launch_keys import SECTIONS
+from palp_core.graph.description.tree_reader import fields_of
 from palp_core.palpation.devices.contract.promises import PROMISES
 from palp_core.palpation.mechanics.scene.schema import SECTIONS as SCENE_SECTIONS
 from tests.support.palp import ROOT
@@ -84,7 +85,8 @@ def text_of(site: Path, page: str) -> str:
 
 def test_every_key_of_a_launch_file_has_an_entry(site: Path) -> None:
     html = (site / "reference/launch_file.html").read_text(encoding="utf-8")
-    for title, table in SECTIONS.values():
+    for keys in SECTIONS.values():
+        title, table = str(keys.__doc__).rstrip("."), fields_of(keys)
         section = html.split(f">{title}<a", 1)[1].split("<h2", 1)[0]
         missing = [name for name in table if f"<td><code>{name}</code></td>" not in section]
         assert missing == [], title

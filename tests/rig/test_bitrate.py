@@ -45,7 +45,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("action")
     with ComposedGraph(
         SIM, record=path / "bag", out=path / "out", **SETTINGS, trials=2, policy="bitrate",
-        stop_value=MOST, max_probes=6,
+        overrides=[f"shared.stop_value:={MOST}", "shared.max_probes:=6"],
     ) as graph:  # fmt: skip
         assert graph.run().exit_code == 0
     return path
@@ -164,8 +164,8 @@ def test_estimator_policy_and_phantom_swapped_in_the_midst_of_sweeps_change_noth
         ("phantom", "nodes.phantom:Phantom"),
     ]
     with ComposedGraph(
-        SIM, out=tmp_path / "out", **SETTINGS, trials=2, policy="bitrate", stop_value=MOST,
-        max_probes=6,
+        SIM, out=tmp_path / "out", **SETTINGS, trials=2, policy="bitrate",
+        overrides=[f"shared.stop_value:={MOST}", "shared.max_probes:=6"],
     ) as graph:  # fmt: skip
         for row, (node, run) in zip(rows[1:], swapped, strict=False):
             graph.plan_swap(row.start_ns * 1e-9 + 0.2, node, run)
@@ -180,7 +180,7 @@ def test_policies_swapped_in_mid_trial_go_on_and_it_takes_over_again(tmp_path: P
     with ComposedGraph(
         SIM, record=tmp_path / "bag", out=tmp_path / "out", **SETTINGS, trials=2,
         policy="bitrate",
-        vary="speed, direction", swaps=swaps,
+        swaps=swaps, overrides=["shared.vary:=speed, direction"],
     ) as graph:  # fmt: skip
         assert graph.run().exit_code == 0
     rows = [row for row in read_rows(tmp_path / "out") if row.phase == "estimation"]
@@ -213,8 +213,19 @@ def test_processes_and_one_process_give_the_same_bytes(palp: Palp, tmp_path: Pat
 @pytest.mark.nightly
 def test_emulated_devices_take_what_is_chosen_and_nothing_trips(palp: Palp, tmp_path: Path) -> None:
     out, host = tmp_path / "out", f"127.{os.getpid() >> 8 & 255}.{os.getpid() & 255}.12"
-    lenient = ("stale_ms:=10000.0", "beat_ms:=10000.0", "link_ms:=20000.0", "answer_s:=20.0")
-    small = ("trials:=1", "training:=1", "rings_mm:=8, 16", "trace_filter:=linear", "stop_value:=0.9")
+    lenient = (
+        "shared.stale_ms:=10000.0",
+        "shared.beat_ms:=10000.0",
+        "shared.link_ms:=20000.0",
+        "answer_s:=20.0",
+    )
+    small = (
+        "trials:=1",
+        "training:=1",
+        "rings_mm:=8, 16",
+        "shared.trace_filter:=linear",
+        "shared.stop_value:=0.9",
+    )
     given = ("protocol:=swift", "policy:=bitrate", *small, f"host:={host}", f"out:={out}")
     emulated = ROOT / "launch" / "emulated.yaml"
     done = palp.run("launch", emulated, *given, *lenient, "--record", tmp_path / "bag")
@@ -232,7 +243,7 @@ def test_emulated_devices_take_what_is_chosen_and_nothing_trips(palp: Palp, tmp_
 @pytest.mark.parametrize("file", ["sim.yaml", "emulated.yaml"])
 def test_what_may_vary_is_one_argument(file: str) -> None:
     graph = check_here(
-        ROOT / "launch" / file, ["protocol:=swift", "policy:=bitrate", "vary:=speed", "out:=results"]
+        ROOT / "launch" / file, ["protocol:=swift", "policy:=bitrate", "shared.vary:=speed", "out:=results"]
     )
     by_name = {spec.name: spec.params for spec in graph.nodes}
     policy, stage = by_name["policy"], by_name["stage"]

@@ -41,7 +41,7 @@ from tests.support.sessions import no_charts
 DEPTHS_M = {"A": 0.0021373, "B": 0.0042917, "C": 0.0067131}
 """Numbers that nothing else in a run has."""
 
-SMALL = {"policy": "fixed", "ring_mm": 16.0, "rings_mm": "8, 16", "blind": True}
+SMALL = {"policy": "fixed", "policy.ring_mm": 16.0, "rings_mm": "8, 16", "blind": True}
 MEASURED = {"/phantom/contact", "/torque/block", "/estimator/palpation", "/estimator/primitives"}
 """What is felt: it answers to the depth, or there was nothing to measure."""
 
@@ -408,8 +408,8 @@ def check(*given: str, file: Path = SIM) -> CheckedGraph:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ("depths:=31", "needs the depths themselves"),
-        ("filter:=latent", "needs the depths themselves"),
+        ("shared.depths:=31", "needs the depths themselves"),
+        ("shared.filter:=latent", "needs the depths themselves"),
         ("reading:=trace", "needs the depths themselves"),
         ("policy:=information", "needs the depths themselves"),
         ("overwrite:=true", "a folder of its own"),

@@ -40,7 +40,7 @@ def test_what_comes_out_has_the_same_bytes(samples: int, usual: tuple[str, Path]
         topic = parse(frame).topic.encode()
         counts[topic] = counts.get(topic, 0) + 1
 
-    overrides = [*SMALL, f"out:={out}", f"block_samples:={samples}", f"world:={world}"]
+    overrides = [*SMALL, f"out:={out}", f"stage.block_samples:={samples}", f"world:={world}"]
     with ComposedGraph(SIM, observe=observe, overrides=overrides) as graph:
         assert graph.run().exit_code == 0
     for name in RESULTS:

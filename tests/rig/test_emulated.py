@@ -22,12 +22,25 @@ from tests.support.rig_session import check_here
 
 ROOT = Path(__file__).parents[2]
 EMULATED, RIG, SIM = (ROOT / "launch" / f"{name}.yaml" for name in ("emulated", "rig", "sim"))
-SHARED = ROOT / "launch" / "parts" / "experiment.yaml"
 HOST = f"127.{os.getpid() >> 8 & 255}.{os.getpid() & 255}.9"  # several runs on one machine do not meet
-SMALL = ("trials:=1", "training:=1", f"host:={HOST}", "from_m:=-0.015", "to_m:=0.02", "lift_mm:=5.0")
+SMALL = (
+    "trials:=1",
+    "training:=1",
+    f"host:={HOST}",
+    "shared.from_m:=-0.015",
+    "shared.to_m:=0.02",
+    "shared.lift_mm:=5.0",
+)
 # What depends on how fast the machine is: a busy one is no fault of the rig.
-LENIENT = ("stale_ms:=10000.0", "beat_ms:=10000.0", "link_ms:=20000.0", "answer_s:=20.0")
-SHORTEST = ("trials:=1", "training:=1", f"host:={HOST}", "from_m:=-0.012", "to_m:=0.012", "lift_mm:=5.0")
+LENIENT = ("shared.stale_ms:=10000.0", "shared.beat_ms:=10000.0", "shared.link_ms:=20000.0", "answer_s:=20.0")
+SHORTEST = (
+    "trials:=1",
+    "training:=1",
+    f"host:={HOST}",
+    "shared.from_m:=-0.012",
+    "shared.to_m:=0.012",
+    "shared.lift_mm:=5.0",
+)
 
 
 @functools.cache
@@ -53,8 +66,8 @@ def until(holds: Callable[[], object]) -> bool:
     return True
 
 
-TOUCH = {"world", "run_in"}
-"""Arguments by which a simulated touch differs from a real one: a real probe sticks before it drags."""
+TOUCH = {"world"}
+"""Arguments of a simulated touch."""
 
 
 def rows_of(out: Path) -> list[dict[str, str]]:
@@ -63,16 +76,6 @@ def rows_of(out: Path) -> list[dict[str, str]]:
         return []
     text = table.read_text(encoding="utf-8")  # at once: it is being written, and the last line may be half
     return list(csv.DictReader(text[: text.rfind("\n") + 1].splitlines()))
-
-
-def test_it_takes_the_arguments_of_the_simulated_rig() -> None:
-    theirs = arguments(SIM)
-    del theirs["block_samples"]  # a rig has no choice: its safety acts on each block
-    assert {name: arguments(EMULATED)[name] for name in theirs} == theirs
-    ours = arguments(RIG)
-    assert {name: ours[name] for name in theirs if name not in TOUCH} == {
-        name: known for name, known in theirs.items() if name not in TOUCH
-    }
 
 
 def test_the_rig_differs_in_addresses_and_in_who_puts_phantoms_on() -> None:
@@ -94,16 +97,24 @@ def test_the_rig_differs_in_addresses_and_in_who_puts_phantoms_on() -> None:
 
 
 def test_the_window_is_the_path_of_the_experiment() -> None:
-    nodes = yaml.safe_load(SHARED.read_text(encoding="utf-8"))["nodes"]
-    for end in ("from_m", "to_m"):
-        assert {nodes[name]["params"][end] for name in ("experiment", "stage", "safety")} == {f"$(var {end})"}
+    nodes = yaml.safe_load(resolved_yaml(check_here(RIG, ["shared.from_m:=-0.01", "shared.to_m:=0.02"])))[
+        "nodes"
+    ]
+    for node in ("experiment", "stage", "safety"):
+        assert (nodes[node]["params"]["from_m"], nodes[node]["params"]["to_m"]) == (-0.01, 0.02)
 
 
 @pytest.mark.slow
 def test_the_experiment_comes_to_its_end_and_reports(palp: Palp, tmp_path: Path) -> None:
     out = tmp_path / "out"
     bag = tmp_path / "bag"
-    fixed = ("rings_mm:=8, 16", "policy:=fixed", "ring_mm:=16.0", "rehome:=never", "max_probes:=2")
+    fixed = (
+        "rings_mm:=8, 16",
+        "policy:=fixed",
+        "policy.ring_mm:=16.0",
+        "shared.rehome:=never",
+        "shared.max_probes:=2",
+    )
     given = (*SHORTEST, *fixed, *LENIENT, f"out:={out}", "--record", bag)
     code, said = finished(palp.start("launch", EMULATED, *given))
     assert code == 0, said

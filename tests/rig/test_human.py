@@ -126,7 +126,7 @@ def test_what_they_did_becomes_chains_that_the_policy_follows(study: list[Path],
     ]
     write_chains(chain_file(found), tmp_path / "chain.json")
     markov_policy(str(tmp_path / "chain.json"))
-    check_here(ROOT / "launch/sim.yaml", [f"chain:={tmp_path / 'chain.json'}", "policy:=markov"])
+    check_here(ROOT / "launch/sim.yaml", [f"shared.chain:={tmp_path / 'chain.json'}", "policy:=markov"])
 
 
 def test_a_trial_that_was_excluded_teaches_no_chain(study: list[Path], tmp_path: Path) -> None:

@@ -103,8 +103,14 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for name, stiff, record in (("Mine", 16, folder / "bag"), ("Bare", 12, None)):
-            small = ["trials:=1", "training:=1", "seed:=3", f"rings_mm:=4, {stiff}", f"ring_mm:={stiff}.0"]
+            small = [
+                "trials:=1",
+                "training:=1",
+                "seed:=3",
+                f"rings_mm:=4, {stiff}",
+            ]
             own = [f"policy:=my_policy.py:{name}", f"out:={name}"]
+            own += [f"policy.ring_mm:={stiff}.0"] if name == "Bare" else []
             path = list(sys.path)
             with ComposedGraph(SIM, overrides=[*small, *own], record=record) as graph:
                 assert graph.run().exit_code == 0
@@ -156,7 +162,7 @@ def test_every_launch_file_of_the_rig_takes_one_with_what_it_has_for_the_class(
     here: Path, monkeypatch: pytest.MonkeyPatch, file: str
 ) -> None:
     monkeypatch.chdir(here)
-    checked = check_here(ROOT / "launch" / file, ["policy:=my_policy.py:Further", "ring_mm:=8.0"])
+    checked = check_here(ROOT / "launch" / file, ["policy:=my_policy.py:Further", "policy.ring_mm:=8.0"])
     policy = next(spec for spec in checked.nodes if spec.name == "policy")
     assert policy.params == {"ring_mm": 8.0, "trained_mm": "0, 4, 8, 12, 16"}
     assert checked.unpublished == {}

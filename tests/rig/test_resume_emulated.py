@@ -16,8 +16,15 @@ from tests.support.palp import Palp
 
 HOST = f"127.{os.getpid() >> 8 & 255}.{os.getpid() & 255}.11"
 SHORT = (
-    *("trials:=1", "training:=1", "rings_mm:=8, 16", "policy:=fixed", "rehome:=never", "max_probes:=2"),
-    *("from_m:=-0.012", "to_m:=0.012", "lift_mm:=5.0", f"host:={HOST}", *LENIENT),
+    *(
+        "trials:=1",
+        "training:=1",
+        "rings_mm:=8, 16",
+        "policy:=fixed",
+        "shared.rehome:=never",
+        "shared.max_probes:=2",
+    ),
+    *("shared.from_m:=-0.012", "shared.to_m:=0.012", "shared.lift_mm:=5.0", f"host:={HOST}", *LENIENT),
 )
 
 

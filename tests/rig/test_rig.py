@@ -21,7 +21,14 @@ from tests.support.palp import SIM
 from tests.support.rig_session import BriefGraph, ComposedGraph, RigSession, check_here
 from tests.support.sessions import without_times
 
-SHORT = ("trials:=1", "training:=1", "seed:=1", "policy:=markov", "from_m:=-0.012", "to_m:=0.012")
+SHORT = (
+    "trials:=1",
+    "training:=1",
+    "seed:=1",
+    "policy:=markov",
+    "shared.from_m:=-0.012",
+    "shared.to_m:=0.012",
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,7 +122,7 @@ def test_a_tolerance_that_no_contact_model_meets_is_refused_by_name() -> None:
 
 @pytest.mark.parametrize("file", ["sim.yaml", "emulated.yaml"])
 def test_the_simulated_phantom_and_the_estimator_read_the_same(file: str) -> None:
-    checked = check_here(SIM.with_name(file), ["reading:=trace", "feature:=contrast"])
+    checked = check_here(SIM.with_name(file), ["reading:=trace", "shared.feature:=contrast"])
     params = summary_of(checked, SIM).params
     for name, value in (("reading", "trace"), ("feature", "contrast")):
         assert params["phantom"][name] == params["estimator"][name] == value

@@ -18,7 +18,13 @@ from tests.support.palp import Palp
 SHORT = ("trials:=1", "training:=1")
 # What depends on how fast the machine is; what is asserted here is in which order things happen. The way of a
 # sweep takes longer than the limits, so that what stops it is not its end.
-LENIENT = (*SHORT, "stale_ms:=2000.0", "beat_ms:=2000.0", "link_ms:=20000.0", "answer_s:=10.0")
+LENIENT = (
+    *SHORT,
+    "shared.stale_ms:=2000.0",
+    "shared.beat_ms:=2000.0",
+    "shared.link_ms:=20000.0",
+    "answer_s:=10.0",
+)
 SWEEP_M_PER_S, RETURN_M_PER_S, PATIENCE_S = 0.004, 0.010, 200.0
 DEFAULT = ("stage", signal.SIGKILL)
 EVERY = [

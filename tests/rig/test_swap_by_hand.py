@@ -19,7 +19,14 @@ from tests.support.palp import SIM
 from tests.support.rig_session import BriefGraph, ComposedGraph
 from tests.support.sessions import no_charts
 
-SMALL = ("trials:=2", "training:=1", "seed:=4", "policy:=markov", "stop:=fixed_number", "stop_value:=4")
+SMALL = (
+    "trials:=2",
+    "training:=1",
+    "seed:=4",
+    "policy:=markov",
+    "shared.stop:=fixed_number",
+    "shared.stop_value:=4",
+)
 
 
 def run(out: Path, *, bag: Path | None = None, compose: bool = True) -> None:

@@ -233,7 +233,14 @@ def test_a_policy_that_asks_for_what_was_not_trained_costs_its_trials_and_not_th
         "        return FixedRing(float('nan') if self.state.iteration > 3 else 0.016)\n"
     )
     out = tmp_path / "out"
-    small = ("trials:=2", "training:=1", "seed:=4", "policy:=fixed", "stop:=fixed_number", f"out:={out}")
+    small = (
+        "trials:=2",
+        "training:=1",
+        "seed:=4",
+        "policy:=fixed",
+        "shared.stop:=fixed_number",
+        f"out:={out}",
+    )
     path = list(sys.path)
     with ComposedGraph(SIM, overrides=[*small, f"swaps:=1={odd}:Odd,3=nodes.policy_fixed:Fixed"]) as graph:
         assert graph.run().exit_code == 0
@@ -322,7 +329,7 @@ def test_a_bad_policy_costs_the_session_nothing(tmp_path: Path) -> None:
 
     path, small = (
         list(sys.path),
-        ("trials:=1", "training:=2", "seed:=4", "policy:=fixed", "stop:=fixed_number"),
+        ("trials:=1", "training:=2", "seed:=4", "policy:=fixed", "shared.stop:=fixed_number"),
     )
     with ComposedGraph(SIM, overrides=[*small, f"out:={tmp_path / 'out'}"], observe=take) as graph:
         failures = _forgiving(graph)
@@ -378,7 +385,14 @@ def test_the_rigs_policies_take_over_in_the_middle_of_a_trial(
     palp: Palp, tmp_path: Path, how: list[str]
 ) -> None:
     swaps = "2=nodes.policy_uniform:Uniform,4=nodes.policy_markov:Markov"
-    small = ("trials:=2", "training:=3", "seed:=4", "policy:=fixed", "stop:=fixed_number", f"out:={tmp_path}")
+    small = (
+        "trials:=2",
+        "training:=3",
+        "seed:=4",
+        "policy:=fixed",
+        "shared.stop:=fixed_number",
+        f"out:={tmp_path}",
+    )
     done = palp.run("launch", SIM, *how, f"swaps:={swaps}", *small)
     assert done.returncode == 0, done.stderr
     with (tmp_path / "trials.csv").open(newline="") as file:

@@ -132,7 +132,9 @@ def test_processes_and_one_process_give_the_same_bytes(palp: Palp, tmp_path: Pat
 
 @pytest.mark.parametrize("file", ["sim.yaml", "emulated.yaml"])
 def test_each_setting_of_the_protocol_can_be_given(file: str) -> None:
-    swift = check_here(ROOT / "launch" / file, ["protocol:=swift", "stop_value:=0.9", "lift_mm:=7"])
+    swift = check_here(
+        ROOT / "launch" / file, ["protocol:=swift", "shared.stop_value:=0.9", "shared.lift_mm:=7"]
+    )
     by_name = {spec.name: spec.params for spec in swift.nodes}
     assert (by_name["estimator"]["reading"], by_name["estimator"]["stop_value"]) == ("trace", 0.9)
     assert (by_name["experiment"]["rehome"], by_name["stage"]["lift_mm"]) == ("never", 7.0)
@@ -145,8 +147,17 @@ def test_on_emulated_devices_it_decides_within_the_sweep_and_nothing_trips(
     palp: Palp, tmp_path: Path
 ) -> None:
     out, host = tmp_path / "out", f"127.{os.getpid() >> 8 & 255}.{os.getpid() & 255}.11"
-    lenient = ("stale_ms:=10000.0", "beat_ms:=10000.0", "link_ms:=20000.0", "answer_s:=20.0")
-    few = ("trials:=1", "training:=1", "trace_filter:=linear")  # for so little training none is vouched for
+    lenient = (
+        "shared.stale_ms:=10000.0",
+        "shared.beat_ms:=10000.0",
+        "shared.link_ms:=20000.0",
+        "answer_s:=20.0",
+    )
+    few = (
+        "trials:=1",
+        "training:=1",
+        "shared.trace_filter:=linear",
+    )  # for so little training none is vouched for
     small = ("policy:=fixed", *few, "rings_mm:=8, 16", f"host:={host}", f"out:={out}")
     emulated = ROOT / "launch" / "emulated.yaml"
     done = palp.run("launch", emulated, "protocol:=swift", *small, *lenient, "--record", tmp_path / "bag")

@@ -19,7 +19,13 @@ from tests.support.view.page_socket import PageServer, PageSocket
 pytest.importorskip("nicegui")
 POLICIES = ("nodes.policy_uniform:Uniform", "nodes.policy_markov:Markov")
 SWAPPED = re.compile(r" since ([\d.]+) s; gap")
-ENDLESS = ("stop:=fixed_number", "stop_value:=100000", "max_probes:=100000", "trials:=1", "training:=1")
+ENDLESS = (
+    "shared.stop:=fixed_number",
+    "shared.stop_value:=100000",
+    "shared.max_probes:=100000",
+    "trials:=1",
+    "training:=1",
+)
 """A trial that goes on for as long as anybody looks."""
 
 

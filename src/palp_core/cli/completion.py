@@ -80,13 +80,15 @@ def launch_arguments(ctx: typer.Context, incomplete: str) -> list[str]:
     from palp_core.graph.description.file_reader import read
 
     with _quietly():
-        known = read(ctx.params["file"]).arguments
+        found = read(ctx.params["file"])
+        known = found.arguments
         name, has_value, _ = incomplete.partition(":=")
         if has_value:
             words = [branch_name(choice) for choice in known[name].choices]
             return _matching([f"{name}:={word}" for word in words], incomplete)
         given = {word.partition(":=")[0] for word in ctx.params.get("arguments") or ()}
-        return _matching([f"{name}:=" for name in known if name not in given], incomplete)
+        names = [*known, *(f"shared.{name}" for name in found.shared)]
+        return _matching([f"{name}:=" for name in names if name not in given], incomplete)
     return []
 
 

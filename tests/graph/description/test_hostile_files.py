@@ -21,13 +21,10 @@ HUGE = "1" + "0" * 30
 LAUGHS = "".join(f"  a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 9))
 RESTART = NODES + "    restart: {{when: on_failure, {}}}\n"
 WIRE = NODES + "  two:\n    run: nodes.record:Record\n    inputs: {{truth: {{from: one/truth, {}}}}}\n"
-TWENTY = [f"c{i}" for i in range(20)]
-SELECTED = "".join(f"  s{i}: {{default: c0, choices: [{', '.join(TWENTY)}]}}\n" for i in range(3))
-VARIANTS = (
-    f"args:\n{SELECTED}nodes:\n  one:\n"
-    + f"    run: {{select: $(var s0), {', '.join(f'{c}: nodes.torque:TorqueSensor' for c in TWENTY)}}}\n"
-    + f"    params: {{select: $(var s1), {', '.join(f'{c}: {{}}' for c in TWENTY)}}}\n"
-    + f"    inputs: {{select: $(var s2), {', '.join(f'{c}: {{}}' for c in TWENTY)}}}\n"
+MANY = [f"c{i}" for i in range(300)]
+BRANCHES = (
+    f"args:\n  s: {{default: c0, choices: [{', '.join(MANY)}]}}\nnodes:\n  one:\n"
+    + f"    run: {{select: $(var s), {', '.join(f'{c}: nodes.torque:TorqueSensor' for c in MANY)}}}\n"
 )
 
 # the text behind HEAD, the place within the file, words of the message
@@ -61,7 +58,7 @@ FILES: dict[str, tuple[str, str, str]] = {
     "a depth of 10**30": (WIRE.format(f"depth: {HUGE}"), "8:46", "at most 64 bits"),
     "a depth of 10**18": (WIRE.format(f"depth: {10**18}"), "8:46", "from 1 to 1,000,000"),
     "a deadline of infinity": (WIRE.format("deadline_ms: .inf"), "8:52", "from 0 to 1,000,000,000"),
-    "8,000 variants of a node": (VARIANTS, "8:3", "has 8000 variants"),
+    "300 branches": (BRANCHES, "5:1", "have 299 branches, more than 200"),
 }
 
 

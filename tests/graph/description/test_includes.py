@@ -267,4 +267,4 @@ def test_an_input_whose_argument_is_empty_is_left_open(workspace: Any) -> None:
         assert set(graph.nodes[1].inputs) == {"torque", "tare", *more}
     (mistake,) = mistakes(workspace, WHOLE.replace("source: torque", 'source: torque, hint: "1"'))
     assert "parts/part.yaml:14:" in mistake
-    assert "comes from '1'; write node/port" in mistake
+    assert "input 'hint' of node 'estimator' is '1'; write node/port" in mistake

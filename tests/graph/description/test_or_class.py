@@ -160,7 +160,7 @@ def test_a_wrong_one_is_told_with_a_hint(here: Any, beside: Path, given: str, wo
 
 
 def test_a_parameter_that_is_given_by_word_must_be_there(here: Any) -> None:
-    (one,) = mistakes(here, "policy:=my.py:Mine", "policy:order:=4")
+    (one,) = mistakes(here, "policy:=my.py:Mine", "policy.order:=4")
     assert "there is no parameter 'order'; there are: level" in one
 
 
@@ -177,7 +177,10 @@ def test_its_branch_is_asked_for_read_and_for_nobody_else(here: Any) -> None:
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ("choices: [fixed, markov], or_class: maybe", "or_class of argument 'policy' must be true or false"),
+        (
+            "choices: [fixed, markov], or_class: maybe",
+            "'policy' is 'maybe'; it must be true or false",
+        ),
         ("or_class: true", "argument 'policy' has or_class, but no words to choose from; give it choices"),
     ],
 )

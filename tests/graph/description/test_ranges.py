@@ -18,7 +18,7 @@ from palp_core.graph.problems import GraphProblems
 
 ROOT = Path(__file__).parents[3]
 LAUNCH = ROOT / "launch"
-SHARED = "parts/experiment.yaml"  # of rig.yaml and emulated.yaml
+SHARED = ("parts/experiment.yaml", "parts/devices.yaml")  # of rig.yaml and emulated.yaml
 PLACES = {"from_m", "to_m", "indentation_mm"}  # what lies on an axis; all else is a size, a rate or a count
 
 
@@ -27,7 +27,10 @@ def found(path: Path, *arguments: str) -> list[tuple[str, str]]:
     with pytest.raises(GraphProblems) as caught:
         load(path, arguments, inspect_classes)
     problems = caught.value.problems
-    assert {problem.file for problem in problems} <= {str(path), str(path.parent / SHARED)}
+    assert {problem.file for problem in problems} <= {
+        str(path),
+        *(str(path.parent / part) for part in SHARED),
+    }
     lines = {p.file: Path(p.file).read_text(encoding="utf-8").splitlines() for p in problems}
     return [(lines[p.file][p.line - 1][p.column - 1 :], p.message) for p in problems]
 
@@ -35,34 +38,34 @@ def found(path: Path, *arguments: str) -> list[tuple[str, str]]:
 @pytest.mark.parametrize(
     ("name", "argument", "nodes"),
     [
-        ("sim", "height_sd_mm:=-1.0", ["Information", "Phantom", "Estimator"]),
+        ("sim", "shared.height_sd_mm:=-1.0", ["Information", "Phantom", "Estimator"]),
         ("sim", "trials:=-3", ["Experiment"]),
         ("sim", "training:=-1", ["Experiment", "Information", "Estimator"]),
         ("sim", "training:=1000000000", ["Experiment"]),
-        ("sim", "depths:=1000000000", ["Experiment", "Information", "Estimator"]),
-        ("sim", "ring_mm:=99.0", ["Fixed"]),
-        ("sim", "max_probes:=0", ["Estimator"]),
-        ("sim", "stop_value:=-1.0", ["Estimator"]),
-        ("emulated", "height_sd_mm:=-1.0", ["EmulatedPhantom", "Information", "Estimator"]),
-        ("rig", "height_sd_mm:=-1.0", ["Information", "Estimator", "Operator"]),
-        ("rig", "lift_mm:=-5.0", ["Safety", "Bitrate", "RigStage"]),
-        ("rig", "stale_ms:=1e9", ["Safety"]),
-        ("rig", "beat_ms:=0.0", ["Safety", "RigStage", "RigActuator"]),
-        ("rig", "link_ms:=-1.0", ["Safety"]),
-        ("rig", "range_n_mm:=0.0", ["Safety", "RigTorque"]),
+        ("sim", "shared.depths:=1000000000", ["Experiment", "Information", "Estimator"]),
+        ("sim", "shared.trace_filter:=5", ["Estimator"]),
+        ("sim", "shared.max_probes:=0", ["Estimator"]),
+        ("sim", "shared.stop_value:=-1.0", ["Estimator"]),
+        ("emulated", "shared.height_sd_mm:=-1.0", ["EmulatedPhantom", "Information", "Estimator"]),
+        ("rig", "shared.height_sd_mm:=-1.0", ["Information", "Estimator", "Operator"]),
+        ("rig", "shared.lift_mm:=-5.0", ["Safety", "Bitrate", "RigStage"]),
+        ("rig", "shared.stale_ms:=1e9", ["Safety"]),
+        ("rig", "shared.beat_ms:=0.0", ["Safety", "RigStage", "RigActuator"]),
+        ("rig", "shared.link_ms:=-1.0", ["Safety"]),
+        ("rig", "shared.range_n_mm:=0.0", ["Safety", "RigTorque"]),
     ],
 )
 def test_an_argument_out_of_its_range_is_one_mistake_that_names_each_node_that_takes_it(
     name: str, argument: str, nodes: list[str]
 ) -> None:
-    variable = argument.partition(":=")[0]
+    variable = argument.partition(":=")[0].rpartition(".")[2]
     mistakes = found(LAUNCH / f"{name}.yaml", argument)
-    assert [one for _, message in mistakes for one in re.findall(r"' \((\w+)\)", message)] == nodes
+    named = [one for _, message in mistakes for one in re.findall(r"' \((\w+)\)", message)]
+    assert sorted(named) == sorted(nodes)
     assert len({message.partition(": ")[2].partition("; argument")[0] for _, message in mistakes}) == len(
         mistakes
     )
     for place, message in mistakes:
-        assert place.partition(":")[2].partition("}")[0].startswith(f" $(var {variable}")
         assert place.startswith(f"{variable}:")
         assert "does not fit: Expected" in message
         assert "give" in message
@@ -71,33 +74,36 @@ def test_an_argument_out_of_its_range_is_one_mistake_that_names_each_node_that_t
 @pytest.mark.parametrize(
     ("arguments", "place", "words"),
     [
-        (["lift_mm:=4.4"], "lift_mm: $(var", "enters by 4 mm where it scans; raise it by at least 4.5 mm"),
-        (["lift_mm:=6.0", "scene:=DEEP"], "lift_mm: $(var", "enters by 6 mm where it scans; raise it"),
-        (["range_n_mm:=90.0"], "stop_n_mm: $(var", "can never trip; lower it, or state the range"),
-        (["range_n:=9.0"], "stop_n: $(var", "stop_force_n = 10 is above the sensor's range of 9"),
+        (
+            ["shared.lift_mm:=4.4"],
+            "lift_mm: 20.0",
+            "enters by 4 mm where it scans; raise it by at least 4.5 mm",
+        ),
+        (["shared.lift_mm:=6.0", "scene:=DEEP"], "lift_mm: 20.0", "enters by 6 mm where it scans; raise it"),
+        (["shared.range_n_mm:=90.0"], "stop_n_mm: 100.0", "can never trip; lower it, or state the range"),
+        (["shared.range_n:=9.0"], "stop_n: 10.0", "stop_force_n = 10 is above the sensor's range of 9"),
         (["answer_s:=-1.0"], "stage: {url:", "stage: stale_s = -1 must lie in [0.001, 600]"),
         (["answer_s:=-1.0"], "actuator: {url:", "ring: stale_s = -1 must lie in [0.001, 60]"),
-        (["to_m:=-0.03"], "to_m: $(var", "both -0.03 m: a sweep needs a length"),
+        (["shared.to_m:=-0.03"], "to_m: 0.05", "both -0.03 m: a sweep needs a length"),
         (["training:=0"], "nodes.experiment:Experiment", "trials have nothing to compare with"),
         (["swaps:=3"], "swaps: $(var", "is not TRIAL=MODULE:CLASS"),
         (["swaps:=3=nodes.policy_x:Y"], "swaps: $(var", "nodes.policy_x:Y: no module 'nodes.policy_x'"),
         (["swaps:=3=nodes.policy_emg:Amg"], "swaps: $(var", "no class 'Amg' in nodes.policy_emg"),
-        (
-            ["ring_mm:=20"],
-            "ring_mm: $(var",
-            "ring position 20 mm is not trained; trained are 0, 4, 8, 12, 16",
-        ),
-        (["policy:=fixed", "ring_mm:=13.0"], "ring_mm: $(var", "ring position 13 mm is not trained"),
+        (["policy:=fixed", "policy.ring_mm:=13.0"], "graph: rig", "ring position 13 mm is not trained"),
         (
             ["rings_mm:=0,16"],
             "nodes.policy_markov:Markov",
             "(Markov): ring position 4, 8, 12 mm is not trained",
         ),
-        (["rings_mm:=0,x"], "rings_mm: $(var", "'x' is no ring position in mm; write 0, 4, 8, 12, 16"),
-        (["filter:=latent", "likelihood:=robust"], "likelihood: $(var", "'latent' needs 'normal'"),
-        (["stop:=fixed_number", "stop_value:=20.0"], "stop: $(var", "max_probes is 15"),
+        (["rings_mm:=0,x"], "trained_mm: $(var", "'x' is no ring position in mm; write 0, 4, 8, 12, 16"),
+        (
+            ["shared.filter:=latent", "shared.likelihood:=robust"],
+            "likelihood: normal",
+            "'latent' needs 'normal'",
+        ),
+        (["shared.stop:=fixed_number", "shared.stop_value:=20.0"], "stop: paper_guarded", "max_probes is 15"),
         (["noise:=nowhere.yaml"], "noise: $(var", "cannot read the noise file"),
-        (["chain:=nowhere.yaml"], "chain: $(var", "cannot read the chain"),
+        (["shared.chain:=nowhere.yaml"], "chain: ", "cannot read the chain"),
     ],
 )
 def test_what_contradicts_scene_sensor_or_driver_is_a_mistake_where_it_stands(
@@ -111,22 +117,22 @@ def test_what_contradicts_scene_sensor_or_driver_is_a_mistake_where_it_stands(
 
 def test_what_is_wrong_in_all_branches_of_a_node_is_said_once() -> None:
     ((_, message),) = found(LAUNCH / "sim.yaml", "rings_mm:=0,x")
-    assert message.endswith("; argument 'rings_mm' is also for 'policy' (Fixed)")
+    assert message.endswith("; argument 'rings_mm' is also for 'experiment' (Experiment)")
 
 
 def test_a_file_that_several_nodes_read_is_wrong_once_and_who_reads_it_is_named(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     ((_, message),) = found(LAUNCH / "sim.yaml", f"noise:={tmp_path}/pipe")
     assert message.startswith(
-        f"node 'policy' (Information): {tmp_path}/pipe: cannot read the noise file: it is a pipe, not a file"
+        f"node 'estimator' (Estimator): {tmp_path}/pipe: cannot read the noise file: it is a pipe, not a file"
     )
-    assert re.findall(r"'(\w+)' \(", message) == ["policy", "actuator", "phantom", "torque", "estimator"]
+    assert re.findall(r"'(\w+)' \(", message) == ["estimator", "actuator", "phantom", "torque", "policy"]
 
 
 @pytest.mark.parametrize("kind", ["actuator", "stage", "torque"])
 def test_the_class_of_a_simulated_device_is_imported_by_the_check(kind: str, tmp_path: Path) -> None:
-    for folder in ("nodes", "msgs"):
-        (tmp_path / folder).symlink_to(ROOT / folder)
+    for folder in ("nodes", "msgs", "launch/parts"):
+        (tmp_path / Path(folder).name).symlink_to(ROOT / folder)
     before, _, after = (LAUNCH / "sim.yaml").read_text(encoding="utf-8").partition(f"  {kind}:\n")
     (tmp_path / "sim.yaml").write_text(
         f"{before}  {kind}:\n{after.replace('device: sim', 'device: my_lab:Device', 1)}", encoding="utf-8"
@@ -146,38 +152,25 @@ def test_other_positions_may_be_trained_where_the_policy_asks_for_no_others(chos
     [
         ("rate_hz: 1000.0", "rate_hz: -5", "parameter 'rate_hz' does not fit: Expected `float` >= 0.001"),
         ("block_samples: 50", "block_samples: 0", "Expected `int` >= 1; give int of at least 1"),
-        ("sweep_speed_m_s: {default: 0.020", "sweep_speed_m_s: {default: 0.0", "Expected `float` >= 1e-06"),
-        ("uniform: {", "uniform: {rings_mm: [4.0, -8.0], ", "Expected `float` >= 0.0 - at `$[1]`"),
-        ("stop_n_mm: $(var stop_n_mm)", "stop_n_mm: 150.0", "above the sensor's range of 0.12 and can never"),
-        ("stop_n: $(var stop_n)", "stop_n: 13.0", "above the sensor's range of 12 and can never trip"),
-        ("stop_link: $", "warn_n: 11.0", "warn_force_n = 11 must lie in [0, 10]"),
+        ("sweep_speed_m_s: 0.020", "sweep_speed_m_s: 0.0", "Expected `float` >= 1e-06"),
+        ("stop_n_mm: 100.0", "stop_n_mm: 150.0", "above the sensor's range of 0.12 and can never"),
+        ("stop_n: 10.0", "stop_n: 13.0", "above the sensor's range of 12 and can never trip"),
+        ("stop_link)}", "stop_link), warn_n: 11.0}", "warn_force_n = 11 must lie in [0, 10]"),
         ("device: ati", "device: ait", "no torque device 'ait'; known: ati, netft, sim"),
         ("channel: can0", "chanel: can0", "unexpected keyword argument 'chanel'"),
         ("channel: can0", "range_n_m: 0.5", "the range of the sensor is told as range_n_mm"),
         ('url: "socket', 'lift_m: 0.003, url: "socket', "lift_m: the node's own parameters say this"),
+        ("stop_link)}", "stop_link), margin_mm: 3.0}", "is 3.0 in node 'safety' and 4.0 in node 'stage'"),
+        ("actuator)}", "actuator), beat_ms: 60.0}", "is 50.0 in node 'safety' and 60.0 in node 'actuator'"),
+        ("stop_link)}", "stop_link), range_n_mm: 110.0}", "is 110.0 in node 'safety' and 120.0"),
         (
-            "margin_mm: $(var margin_mm)",
-            "margin_mm: 3.0",
-            "is 3.0 in node 'safety' and 4.0 in node 'stage'",
-        ),
-        (
-            "options: $(var actuator)\n      beat_ms: $(var beat_ms)",
-            "beat_ms: 60.0\n      options: $(var actuator)",
-            "beat_ms is 50.0 in node 'safety' and 60.0 in node 'actuator'",
-        ),
-        (
-            "range_n_mm: $(var range_n_mm)",
-            "range_n_mm: 110.0",
-            "is 110.0 in node 'safety' and 120.0",
-        ),
-        (
-            "device: $(var stage_device)",
-            "device: palp_core.palpation.devices.stage.aerotech:AerotechStage",
+            "{device: $(var stage_device), options: $(var stage), stop",
+            "{device: palp_core.palpation.devices.stage.aerotech:AerotechStage, options: $(var stage), stop",
             "AerotechStage' in node 'safety' and 'aerotech' in node 'stage'; give both the same",
         ),
         ("stop_link: socket://192.168.1.10:8001", 'stop_link: ""', "the stage's second link, or none"),
-        ("level: 5", "level: 0", "Expected `int` >= 1"),
-        ("wavelet: db10", "wavelet: db1000", "db1000"),
+        ("$(var reading)}", "$(var reading), level: 0}", "Expected `int` >= 1"),
+        ("$(var reading)}", "$(var reading), wavelet: db1000}", "db1000"),
     ],
 )
 def test_a_line_of_the_launch_file_that_cannot_be_is_a_mistake_at_that_line(
@@ -186,15 +179,15 @@ def test_a_line_of_the_launch_file_that_cannot_be_is_a_mistake_at_that_line(
     for folder in ("nodes", "msgs"):
         (tmp_path / folder).symlink_to(ROOT / folder)
     (tmp_path / "launch" / "parts").mkdir(parents=True)
-    texts = {name: (LAUNCH / name).read_text(encoding="utf-8") for name in ("rig.yaml", SHARED)}
-    file = next(name for name in (SHARED, "rig.yaml") if old in texts[name])
-    changed = f"{new}\n      {old}" if old == "stop_link: $" else new
-    texts[file] = texts[file].replace(old, changed, 1)
+    texts = {name: (LAUNCH / name).read_text(encoding="utf-8") for name in (*SHARED, "rig.yaml")}
+    file = next(name for name in texts if old in texts[name])
+    texts[file] = texts[file].replace(old, new, 1)
     for name, text in texts.items():
         (tmp_path / "launch" / name).write_text(text, encoding="utf-8")
     ((place, message),) = found(tmp_path / "launch" / "rig.yaml")
     assert words in message
-    assert place.startswith((new.partition(":")[0], "stage: {", "torque: {", "rings_mm:"))
+    keys = re.findall(r"(\w+): ", new)
+    assert place.startswith((*keys[:1], *keys[-1:], "stage: {", "torque: {", "rings_mm:"))
 
 
 def numbers() -> Iterator[tuple[str, ParamDescription]]:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import jsonschema
 import pytest
 import yaml
+from msgspec import inspect
 
 from palp_core.graph.description.file_reader import read
-from palp_core.graph.description.keys import ARGUMENT, INCLUDE, LAUNCH_FILE, SECTIONS, Key
-from palp_core.graph.description.schema import launch_schema
+from palp_core.graph.description.launch_keys import SECTIONS, launch_schema
+from palp_core.graph.description.tree_reader import fields_of
 from tests.support.palp import ROOT, Palp
 
 SCHEMA = launch_schema()
@@ -82,63 +82,67 @@ def mistakes(folder: Path, values: dict[str, Any]) -> str:
     return "\n".join(line for line in found if not any(words in line for words in expected))
 
 
-def wrong(key: Key) -> Iterator[Any]:
-    """Yield values that a key cannot have."""
-    match key.form:
-        case "word":
-            yield "unheard_of"
-        case "flag":
-            yield from ("yes please", 3)
-        case "whole" | "number":
-            yield from (key.least - 1, "many")
-            if key.most is not None:
-                yield key.most + 1
-            if key.form == "whole":
-                yield 1.5
-        case "text" if key.pattern is not None:
-            yield from ("not one of those!", 7)
-        case "mapping":
-            if key.short is None:
-                yield 7
-        case "list":
-            yield {"a": 1}
+def plain(kind: inspect.Type) -> inspect.Type:
+    """Return the type of a key without what is said of it; of several forms the plain one."""
+    while isinstance(kind, inspect.Metadata | inspect.UnionType):
+        kind = kind.type if isinstance(kind, inspect.Metadata) else kind.types[0]
+    return kind
 
 
-def right(key: Key) -> Any:
+def wrong(kind: inspect.Type) -> list[Any]:
+    """Return values that a key cannot have."""
+    match plain(kind):
+        case inspect.LiteralType() | inspect.BoolType():
+            return ["unheard_of", 3]
+        case inspect.IntType(ge=low) | inspect.FloatType(ge=low):
+            return [(low or 0) - 1, "many"]
+        case inspect.StrType(pattern=str()):
+            return ["not one of those!", 7]
+        case inspect.DictType() | inspect.StructType():
+            return [7]
+        case inspect.ListType():
+            return [{"a": 1}]
+    return []
+
+
+def right(name: str, kind: inspect.Type) -> Any:
     """Return a value that a key may have."""
-    if key is LAUNCH_FILE["checkpoint"]:
+    if name == "checkpoint":
         return {"file": "kept", "after": "NODE/port", "nodes": ["NODE"]}
-    if key is ARGUMENT["sets"] or key is INCLUDE["args"]:
+    if name in ("sets", "args"):
         return {}  # what it may name depends on what else stands there
-    if key.words:
-        return key.words[-1]
-    if key.example and "$(" not in key.example:
-        return yaml.safe_load(key.example)
-    return {"flag": True, "whole": max(1, key.least), "number": 1.5, "mapping": {}}.get(key.form, "text")
+    about = kind.extra_json_schema if isinstance(kind, inspect.Metadata) else None
+    example = (about or {}).get("examples", [None])[0]
+    if example is not None and "$(" not in str(example):
+        return example
+    match plain(kind):
+        case inspect.LiteralType(values=words):
+            return words[-1]
+        case inspect.BoolType():
+            return True
+        case inspect.IntType() | inspect.FloatType():
+            return 1
+        case inspect.DictType():
+            return {}
+    return "text"
 
 
-KEYS = [(place, name, key) for place, (_, table) in SECTIONS.items() for name, key in table.items()]
-IDS = [f"{place}.{name}" for place, name, _ in KEYS]
-
-
-@pytest.mark.parametrize(("place", "name", "key"), KEYS, ids=IDS)
-def test_checker_and_schema_take_each_key_and_refuse_the_same_values(
-    place: str, name: str, key: Key, tmp_path: Path
-) -> None:
-    good = with_value(place, name, right(key))
-    assert objections(good) == []
-    said = mistakes(tmp_path, good)
-    assert f"key '{name}'" not in said
-    assert f"{name} of" not in said
-    assert f"{name} is" not in said
-    for value in wrong(key):
-        bad = with_value(place, name, value)
-        assert objections(bad), f"the schema takes {name}: {value}"
-        assert mistakes(tmp_path, bad), f"the checker takes {name}: {value}"
+@pytest.mark.parametrize("place", SECTIONS)
+def test_checker_and_schema_take_each_key_and_refuse_the_same_values(place: str, tmp_path: Path) -> None:
+    for name, field in fields_of(SECTIONS[place]).items():
+        good = with_value(place, name, right(name, field.type))
+        assert objections(good) == [], name
+        said = mistakes(tmp_path, good)
+        assert f"key '{name}'" not in said
+        assert f"{name} of" not in said
+        assert f"{name} is" not in said
+        for value in wrong(field.type):
+            bad = with_value(place, name, value)
+            assert objections(bad), f"the schema takes {name}: {value}"
+            assert mistakes(tmp_path, bad), f"the checker takes {name}: {value}"
 
 
 def test_a_misspelt_key_is_refused_by_both(tmp_path: Path) -> None:
     values = base() | {"colck": "sim"}
     assert any("colck" in text for text in objections(values))
     assert "did you mean 'clock'?" in mistakes(tmp_path, values)
-    assert set(SCHEMA["properties"]) == set(LAUNCH_FILE)

@@ -92,12 +92,12 @@ def test_what_a_word_sets_is_shown(workspace: Any) -> None:
         (
             "{fast: {gian: 3.0}}",
             "6:19",
-            "'gian' is no argument of this file that it alone sets; did you mean",
+            "'gian' is no argument or shared parameter that it alone sets; did you mean",
         ),
-        ("{fast: {speed: fast}}", "6:19", "'speed' is no argument of this file that it alone sets"),
+        ("{fast: {speed: fast}}", "6:19", "'speed' is no argument or shared parameter that it alone sets"),
         ("{fast: {gain: much}}", "6:25", "argument 'gain' is given as 'much' (text); it must be a number"),
-        ("{fast: 3}", "6:18", "'fast' must map arguments of this file to defaults"),
-        ("[fast]", "6:11", "must map its choices to defaults; write {choice: {name: value}}"),
+        ("{fast: 3}", "6:18", "'fast' must map names to values"),
+        ("[fast]", "6:11", "must map its choices to values; write {choice: {name: value}}"),
         ("{fast: {gain: $(var nobody)}}", "6:25", "no argument 'nobody'"),
     ],
 )

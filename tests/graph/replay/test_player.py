@@ -7,7 +7,6 @@ import inspect
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -125,10 +124,7 @@ def test_a_player_that_takes_over_goes_on_where_the_other_was(bag: Path) -> None
         executor.run_timers()
     follower = Executor(Player, spec, clock, frames.append)
     follower.transition(Transition.CONFIGURE)
-    handed = msgspec.structs.replace(
-        executor.succession.hand_over(), node_class="palp_core.bag.player:Player"
-    )  # as an earlier version calls it
-    follower.succession.take_over(handed)
+    follower.succession.take_over(executor.succession.hand_over())
     clock.set(40_000_000)
     for _ in range(40):
         follower.run_timers()

@@ -77,7 +77,7 @@ def _plan(described: MapFile, problems: Problems) -> None:
             "2:5: an entry of services lacks type; add type: std_srvs/srv",
         ),
         ("parameters: 3", "1:13: parameters must be a list of nodes, or all"),
-        ("clock: 3", "1:8: clock is '3'; it must be true or false"),
+        ("clock: 3", "1:8: external of clock is '3'; it must be true or false"),
         ("node: a b", "1:7: node is 'a b'; a name has letters, digits and _"),
         (
             HEAD + "qos: {reliabilty: reliable}}",

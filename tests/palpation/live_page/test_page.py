@@ -93,7 +93,7 @@ class ToldRig:
     def __init__(self, clock: str = "wall") -> None:
         self.said = {kind: list(entries) for kind, entries in SAID.items()}
         self.clock, self.now_s, self.alive = clock, 1.0, True
-        self.said_launch: dict[str, Any] = {"args": {"from_m": -0.03, "to_m": 0.05}}
+        self.said_launch: dict[str, Any] = {"params": {"stage": {"from_m": -0.03, "to_m": 0.05}}}
         value = {"type": "array", "items": {"type": "number"}}
         schema = {"type": "object", "properties": {"value": value}}
         self._topics = [

@@ -83,7 +83,7 @@ def test_the_tip_leans_with_the_torque_until_it_leaves_the_gel() -> None:
 
 def test_the_path_is_the_launch_files() -> None:
     assert path_of({}) == (-0.03, 0.05)
-    assert path_of({"args": {"from_m": 0.05, "to_m": "x"}}) == (0.05, 0.05)
+    assert path_of({"params": {"stage": {"from_m": 0.05, "to_m": "x"}}}) == (0.05, 0.05)
 
 
 def test_of_two_topics_of_a_type_the_one_that_the_experiment_hears_is_meant() -> None:

@@ -81,7 +81,9 @@ def test_a_bag_and_the_folder_of_its_run_give_the_same_session(
 def test_a_policy_that_took_over_and_a_grid_of_depths_are_in_the_bag_too(tmp_path: Path) -> None:
     out, bag = tmp_path / "out", tmp_path / "bag"
     swaps = "swaps:=2=nodes.policy_uniform:Uniform"
-    with ComposedGraph(SIM, out=out, record=bag, trials=1, training=2, depths=16, overrides=[swaps]) as graph:
+    with ComposedGraph(
+        SIM, out=out, record=bag, trials=1, training=2, overrides=["shared.depths:=16", swaps]
+    ) as graph:
         graph.run()
     write(tmp_path / "again", write_record(bag, tmp_path / "again"))
     same_record(tmp_path / "again", out)

@@ -25,8 +25,7 @@ ROOT = Path(__file__).resolve().parents[3]
 
 def params(launch: str, node: str, defaults: Any, *overrides: str) -> Any:
     """Return the parameters that a node has in a launch file, those of its class among them."""
-    drafts = read(ROOT / "launch" / launch, overrides).nodes[node]
-    stated = next(draft for draft in drafts if draft.present).spec.params
+    stated = read(ROOT / "launch" / launch, overrides).nodes[node].spec.params
     fields = defaults.__struct_fields__
     return {name: stated.get(name, getattr(defaults, name)) for name in fields}
 

@@ -61,9 +61,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Beliefs]:
         pytest.MonkeyPatch.context() as patch,
         ComposedGraph(
             SIM, record=folder / "bag", out=folder / "out", trials=1, training=3,
-            rings_mm="8, 16", depths=31,
-            policy="information", knows="latent", filter="latent", noise=folder / "noise.yaml",
-            stop="fixed_number", stop_value=6.0,
+            rings_mm="8, 16", policy="information", noise=folder / "noise.yaml",
+            overrides=[
+                "shared.depths:=31", "shared.filter:=latent", "shared.stop:=fixed_number",
+                "shared.stop_value:=6.0",
+            ],
         ) as graph,
     ):  # fmt: skip
         patch.setattr(latent.Belief, "with_classes", spy)

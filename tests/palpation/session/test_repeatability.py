@@ -32,7 +32,7 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with ComposedGraph(
         str(ROOT / "launch" / "sim.yaml"),
         plan="repeatability",
-        ring_error="normal",
+        overrides=["shared.ring_error:=normal"],
         out=str(out),
     ) as graph:
         graph.run()

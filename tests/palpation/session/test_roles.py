@@ -38,17 +38,16 @@ RENAMED = {
 
 def renamed(folder: Path) -> Path:
     """Return a copy of ``launch/sim.yaml`` with every node renamed."""
-    text = SIM.read_text(encoding="utf-8")
-    head, nodes = text.split("\nnodes:\n")
-    for old, new in RENAMED.items():
-        nodes = re.sub(rf"^  {old}:$", f"  {new}:", nodes, flags=re.MULTILINE)
-        nodes = re.sub(rf": {old}/", f": {new}/", nodes)
     for name in ("nodes", "msgs"):
         shutil.copytree(ROOT / name, folder / name)
-    target = folder / "launch" / "renamed.yaml"
-    target.parent.mkdir()
-    target.write_text(f"{head}\nnodes:\n{nodes}", encoding="utf-8")
-    return target
+    (folder / "launch" / "parts").mkdir(parents=True)
+    for name in ("sim.yaml", "parts/experiment.yaml"):
+        head, nodes = (SIM.parent / name).read_text(encoding="utf-8").split("\nnodes:\n")
+        for old, new in RENAMED.items():
+            nodes = re.sub(rf"^  {old}:$", f"  {new}:", nodes, flags=re.MULTILINE)
+            head, nodes = (re.sub(rf": {old}/", f": {new}/", text) for text in (head, nodes))
+        (folder / "launch" / name).write_text(f"{head}\nnodes:\n{nodes}", encoding="utf-8")
+    return folder / "launch" / "sim.yaml"
 
 
 def run_of(file: Path, out: Path) -> RunSummary:

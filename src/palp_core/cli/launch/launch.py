@@ -16,12 +16,7 @@ import typer
 from palp_core.cli import completion
 from palp_core.cli.launch.ros_args import (
     LogLevelOption,
-    ParamOption,
-    ParamsFileOption,
-    RemapOption,
-    RosArgsOption,
     check_levels,
-    launch_words,
     log_levels,
 )
 from palp_core.cli.output import note, print_text
@@ -44,7 +39,7 @@ RESUMES = "resume:=true"
 def _schema(wanted: bool) -> None:
     """Print the JSON Schema before anything else is asked for, a launch file among it."""
     if wanted:
-        from palp_core.graph.description.schema import launch_schema
+        from palp_core.graph.description.launch_keys import launch_schema
 
         print_text(json.dumps(launch_schema(), indent=1))
         raise typer.Exit
@@ -55,7 +50,9 @@ def launch(
     arguments: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[name:=value]...", help="Its arguments.", autocompletion=completion.launch_arguments
+            metavar="[name:=value]...",
+            help="Its arguments; NODE.PARAM:=VALUE and shared.PARAM:=VALUE too.",
+            autocompletion=completion.launch_arguments,
         ),
     ] = None,
     *,
@@ -75,10 +72,6 @@ def launch(
         str | None,
         typer.Option("--name", metavar="NAME", help="What the running graph is called; default: as in FILE."),
     ] = None,
-    ros_args: RosArgsOption = False,  # noqa: ARG001 - it changes nothing
-    param: ParamOption = None,
-    remap: RemapOption = None,
-    params_file: ParamsFileOption = None,
     log_level: LogLevelOption = None,
     compose: Annotated[bool, typer.Option("--compose", help="All nodes in this process.")] = False,
     record: Annotated[
@@ -107,7 +100,7 @@ def launch(
     The exit status is the run's: 0 if it came to its end, 1 if a node failed or the report did, 2 if the
     launch file has mistakes, 130 on Ctrl-C.
     """
-    overrides = launch_words([w for w in arguments or [] if w != RESUMES], remap, params_file, param)
+    overrides = [word for word in arguments or [] if word != RESUMES]
     levels = LogLevels(*log_levels(log_level))
     resume = resume or RESUMES in (arguments or [])
     if operate and not view:

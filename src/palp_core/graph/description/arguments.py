@@ -1,24 +1,25 @@
 """Arguments of a launch file: declared under ``args``, given as ``name:=value`` or by an including file."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable
 from collections.abc import Mapping as Lookup
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from palp_core.graph.description.keys import ARGUMENT, RUN
+from palp_core.graph.description.launch_keys import RUN, ArgumentKeys
 from palp_core.graph.description.substitution import Scope, evaluate
+from palp_core.graph.description.tree_reader import TreeReader
 from palp_core.graph.description.yaml_tree import (
     UNKNOWN,
     Entry,
     Mapping,
     Scalar,
+    Sequence,
     Tree,
     parse_scalar,
     shortened,
 )
-from palp_core.graph.description.yaml_tree import Sequence as TreeSequence
 from palp_core.graph.problems import Mark, Problems, hint
 
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text", dict: "a mapping"}
@@ -35,7 +36,7 @@ class Argument:
         choices: All values it may have; empty when any of its type will do.
         help: What it means.
         sound: Its declaration has no mistake.
-        sets: By its value, the defaults that it gives to other arguments of its file.
+        sets: By its value, what it sets of other arguments and of shared parameters of its file.
         or_class: A class will do as well as a choice.
     """
 
@@ -50,7 +51,7 @@ class Argument:
 
     @property
     def targets(self) -> set[str]:
-        """Arguments to which one of its values gives a default."""
+        """What one of its values sets."""
         return {name for defaults in self.sets.values() for name in defaults}
 
     @property
@@ -91,110 +92,112 @@ class Given:
     origin: str | None = None
 
 
-def unknown_keys(mapping: Mapping, known: Iterable[str], what: str, problems: Problems) -> dict[str, Entry]:
-    """Return the known entries of a mapping; report the others at their line, with the nearest known name."""
-    names = tuple(known)
-    for name, entry in mapping.items.items():
-        if name not in names:
-            problems.add(entry.mark, f"{what} has no key '{name}'{hint(name, names)}")
-    return {name: entry for name, entry in mapping.items.items() if name in names}
+def declare(
+    entry: Entry | None, shared: Collection[str], scope: Scope, problems: Problems
+) -> dict[str, Argument]:
+    """Read the ``args`` of a launch file.
 
-
-def declare(entry: Entry | None, scope: Scope, problems: Problems) -> dict[str, Argument]:
-    """Read the ``args`` of a launch file."""
+    Args:
+        entry: What stands there.
+        shared: Names of the file's shared parameters.
+        scope: Of the file.
+        problems: Receives the mistakes.
+    """
     if entry is None:
         return {}
     if not isinstance(entry.value, Mapping):
         problems.add(entry.value.mark, "args must map each name to {default, choices, help}")
         return {}
-    found = {name: _declare(name, item, scope, problems) for name, item in entry.value.items.items()}
-    trees = {
-        name: item.value.items["sets"].value
-        for name, item in entry.value.items.items()
-        if isinstance(item.value, Mapping) and "sets" in item.value.items
-    }
+    found, trees = {}, {}
+    for name, item in entry.value.items.items():
+        found[name], sets = _declare(name, item, scope, problems)
+        if sets is not None:
+            trees[name] = sets
     plain = {name: argument for name, argument in found.items() if name not in trees}
+    free = set(shared)
     for name, tree in trees.items():
         scope.used.add(name)
-        found[name] = replace(found[name], sets=_sets(found[name], tree, plain, scope, problems))
+        found[name] = replace(found[name], sets=_sets(found[name], tree, plain, free, scope, problems))
         plain = {other: argument for other, argument in plain.items() if other not in found[name].targets}
+        free -= found[name].targets
     return found
 
 
 def _sets(
-    argument: Argument, tree: Tree, others: dict[str, Argument], scope: Scope, problems: Problems
+    argument: Argument,
+    tree: Tree,
+    others: dict[str, Argument],
+    shared: Collection[str],
+    scope: Scope,
+    problems: Problems,
 ) -> dict[str, dict[str, Given]]:
-    """Read which defaults an argument's values give to others; those of every value are checked.
+    """Read what an argument's values set; what every value sets is checked.
 
     Args:
         argument: The argument.
         tree: Its ``sets``.
         others: Arguments that no other argument sets and that set none themselves.
+        shared: Shared parameters that no other argument sets.
         scope: Of the file.
         problems: Receives the mistakes.
     """
     what, names = f"sets of argument '{argument.name}'", [branch_name(choice) for choice in argument.choices]
     if not isinstance(tree, Mapping):
-        problems.add(tree.mark, f"{what} must map its choices to defaults; write {{choice: {{name: value}}}}")
+        problems.add(tree.mark, f"{what} must map its choices to values; write {{choice: {{name: value}}}}")
         return {}
     found: dict[str, dict[str, Given]] = {}
     for choice, entry in tree.items.items():
         if names and choice not in names:
             problems.add(entry.mark, f"{what}: '{choice}' is not one of its choices{hint(choice, names)}")
         elif not isinstance(entry.value, Mapping):
-            problems.add(entry.value.mark, f"{what}: '{choice}' must map arguments of this file to defaults")
+            problems.add(entry.value.mark, f"{what}: '{choice}' must map names to values")
         else:
             found[choice] = {}
             for name, item in entry.value.items.items():
-                if name not in others:
-                    text = (
-                        f"{what}: '{name}' is no argument of this file that it alone sets{hint(name, others)}"
-                    )
+                if name not in others and name not in shared:
+                    known = hint(name, [*others, *shared])
+                    text = f"{what}: '{name}' is no argument or shared parameter that it alone sets{known}"
                     problems.add(item.mark, text)
                     continue
                 value = Given(evaluate(item.value, scope, problems), item.value.mark)
-                _fit(others[name], value, problems)
+                if name in others:
+                    _fit(others[name], value, problems)
                 found[choice][name] = value
     return found
 
 
-def _declare(name: str, entry: Entry, scope: Scope, problems: Problems) -> Argument:
+def _declare(name: str, entry: Entry, scope: Scope, problems: Problems) -> tuple[Argument, Tree | None]:
+    """Return an argument, and what its values set."""
     before = len(problems)
     if not name.isidentifier():
         problems.add(entry.mark, f"'{name}' cannot be an argument's name; use letters, digits and _")
     if not isinstance(entry.value, Mapping):
         problems.add(entry.value.mark, f"argument '{name}' must be a mapping; write {name}: {{default: ...}}")
-        return Argument(name, entry.mark, sound=False)
-    fields = unknown_keys(entry.value, ARGUMENT, f"argument '{name}'", problems)
-    default: Any = UNKNOWN
-    if "default" in fields:
-        default = evaluate(fields["default"].value, scope, problems)
-        if default is not UNKNOWN and type(default) not in _KINDS:
-            message = f"the default of argument '{name}' must be text, a number, true or false, or a mapping"
-            problems.add(fields["default"].value.mark, message)
-            default = UNKNOWN
-    unread = "default" in fields and default is UNKNOWN
+        return Argument(name, entry.mark, sound=False), None
+    what, reader = f"argument '{name}'", TreeReader(scope, problems)
+    fields = reader.keys(ArgumentKeys, entry.value, what) or {}
+    trees = {key: item.value for key, item in fields.items()}
+    default = evaluate(trees["default"], scope, problems) if "default" in trees else UNKNOWN
+    if default is not UNKNOWN and type(default) not in _KINDS:
+        message = f"the default of {what} must be text, a number, true or false, or a mapping"
+        problems.add(trees["default"].mark, message)
+        default = UNKNOWN
+    unread = "default" in trees and default is UNKNOWN
     choices = _choices(name, default, fields.get("choices"), scope, problems)
-    or_class = _or_class(name, choices, fields["or_class"], problems) if "or_class" in fields else False
-    text = ""
-    if "help" in fields:
-        tree = fields["help"].value
-        text = tree.text if isinstance(tree, Scalar) else ""
+    or_class = "or_class" in trees and reader.key(ArgumentKeys, "or_class", trees["or_class"], what) is True
+    if or_class and not (choices and isinstance(choices[0], str)):
+        problems.add(
+            fields["or_class"].mark, f"{what} has or_class, but no words to choose from; give it choices"
+        )
+    about = trees.get("help")
     if default is not UNKNOWN and choices and default not in choices:
-        message = f"the default {show(default)} of argument '{name}' is not one of its choices"
-        problems.add(fields["default"].value.mark, message + hint(str(default), map(str, choices)))
-    sound = len(problems) == before and not unread
-    return Argument(name, entry.mark, default, choices, text, sound=sound, or_class=or_class)
-
-
-def _or_class(name: str, choices: tuple[Any, ...], entry: Entry, problems: Problems) -> bool:
-    value = entry.value.value if isinstance(entry.value, Scalar) else None
-    if not isinstance(value, bool):
-        problems.add(entry.value.mark, f"or_class of argument '{name}' must be true or false")
-    elif value and not (choices and isinstance(choices[0], str)):
-        message = f"argument '{name}' has or_class, but no words to choose from; give it choices"
-        problems.add(entry.mark, message)
-    return value is True
+        message = f"the default {show(default)} of {what} is not one of its choices"
+        problems.add(trees["default"].mark, message + hint(str(default), map(str, choices)))
+    argument = Argument(
+        name, entry.mark, default, choices, about.text if isinstance(about, Scalar) else "",
+        sound=len(problems) == before and not unread, or_class=or_class,
+    )  # fmt: skip
+    return argument, trees.get("sets")
 
 
 def _choices(
@@ -202,7 +205,7 @@ def _choices(
 ) -> tuple[Any, ...]:
     if entry is None:
         return ()
-    if not isinstance(entry.value, TreeSequence) or not entry.value.items:
+    if not isinstance(entry.value, Sequence) or not entry.value.items:
         problems.add(entry.value.mark, f"choices of argument '{name}' must be a list of values; write [a, b]")
         return ()
     found: list[Any] = []
@@ -221,7 +224,7 @@ def _choices(
     return tuple(found)
 
 
-def from_command_line(overrides: Sequence[str], mark: Mark, problems: Problems) -> dict[str, Given]:
+def from_command_line(overrides: Iterable[str], mark: Mark, problems: Problems) -> dict[str, Given]:
     """Read ``name:=value`` words; of two for one name the last counts, as in ROS 2."""
     given = {}
     for word in overrides:
@@ -258,16 +261,23 @@ def assign(
             problems.add(
                 caller, f"argument '{name}' has no default and is not given; pass {name}:=value{choices}"
             )
+        value = given.get(name, Given(chosen))
+        origin = scope.origins[name] = value.origin or f"{scope.file}:{name}"
+        chosen = scope.forced.get(origin, chosen)
         scope.values[name] = chosen
         preset |= argument.sets.get(branch_name(chosen), {})
-        value = given.get(name, Given(chosen))
-        scope.origins[name] = value.origin or f"{scope.file}:{name}"
         if value.mark is not None and value.origin is None:
             scope.marks[name] = value.mark
+    scope.preset |= {name: one for name, one in preset.items() if name not in arguments}
 
 
 def refuse_unknown(
-    given: dict[str, Given], arguments: dict[str, Argument], caller: Mark, file: Path, problems: Problems
+    given: dict[str, Given],
+    arguments: dict[str, Argument],
+    caller: Mark,
+    file: Path,
+    problems: Problems,
+    shared: Collection[str] = (),
 ) -> None:
     """Report values that are given for arguments which a file does not take.
 
@@ -277,10 +287,12 @@ def refuse_unknown(
         caller: Where one is reported that comes from the command line.
         file: The file.
         problems: Receives the mistakes.
+        shared: Names of shared parameters, which may be meant.
     """
     for name, value in given.items():
         if name not in arguments:
-            problems.add(value.mark or caller, f"no argument '{name}' in {file.name}{hint(name, arguments)}")
+            advice = f"; write shared.{name}:=..." if name in shared else hint(name, arguments)
+            problems.add(value.mark or caller, f"no argument '{name}' in {file.name}{advice}")
 
 
 def _fit(argument: Argument, given: Given, problems: Problems) -> Any:

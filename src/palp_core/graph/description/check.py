@@ -1,7 +1,7 @@
 """Check a whole launch file, every branch of a selection too, before any process starts."""
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -24,6 +24,7 @@ from palp_core.graph.messages.qos import on_edge
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.problems import Mark, Problems, hint, nearest
 
+_Nodes = dict[str, GraphNode]
 InspectFunction = Callable[[list[NodeClassRequest], Path], list[NodeClass]]
 SucceedFunction = Callable[[CheckedGraph, NodeSpec, NodeClass], tuple[list[str], CheckedGraph]]
 
@@ -69,28 +70,30 @@ def check(
         GraphProblems: All its mistakes, those found while reading among them.
     """
     problems = Problems(description.problems)
-    requests = [
-        NodeClassRequest(node.spec.run, node.spec.params, name=node.spec.name, offered=tuple(node.offered))
-        for assigned in description.nodes.values()
-        for node in assigned
-    ]
     named = {"report": description.report, "view": description.view}
     functions = {key: located for key, located in named.items() if located is not None}
+    drafts = [description.nodes, *description.variants]
+    requests = [_request(node) for nodes in drafts for node in nodes.values()]
     requests += [NodeClassRequest(located.value, kind="function") for located in functions.values()]
-    answers = iter(inspect(requests, description.workspace) if requests else [])
-    nodes = {
-        name: [replace(node, answer=next(answers)) for node in assigned]
-        for name, assigned in description.nodes.items()
-    }
-    nodes = fitted(nodes)
+    each = {_key(request): request for request in requests}  # variants differ in a node or two
+    found = inspect(list(each.values()), description.workspace) if each else []
+    answers = dict(zip(each, found, strict=True))
+    asked = [
+        {name: replace(node, answer=answers[_key(_request(node))]) for name, node in nodes.items()}
+        for nodes in drafts
+    ]
+    nodes, *variants = (fitted(one) for one in asked)
     said: set[str] = set()
     wrong = _ParamMistakes()
-    for assigned in nodes.values():
-        for node in assigned:
-            _check_class(node, nodes, problems, said, wrong)
+    for graph in (nodes, *variants):
+        for node in graph.values():
+            _check_class(node, problems, said, wrong, is_variant=graph is not nodes)
+            _check_wires(node, graph, description.unread, problems)
     wrong.report(problems)
+    _check_shared_names(description, asked, problems)
     for key, located in functions.items():
-        if (error := next(answers).error) not in (None, *said):
+        error = answers[_key(NodeClassRequest(located.value, kind="function"))].error
+        if error not in (None, *said):
             problems.add(located.mark, f"{key}: {error}")
     later = _look_at_later(description.workspace, nodes, inspect, problems)
     problems.raise_any()
@@ -103,6 +106,27 @@ def check(
     return checked
 
 
+def _request(node: GraphNode) -> NodeClassRequest:
+    return NodeClassRequest(
+        node.spec.run, node.spec.params, name=node.spec.name, offered=tuple(sorted(node.offered))
+    )
+
+
+def _key(request: NodeClassRequest) -> bytes:
+    return msgspec.json.encode(request)
+
+
+def _check_shared_names(description: LaunchFile, drafts: Sequence[_Nodes], problems: Problems) -> None:
+    """Refuse shared parameters that no node's class has, in no branch."""
+    classes = [node.declared for nodes in drafts for node in nodes.values()]
+    if any(found.error is not None for found in classes):
+        return
+    known = {name for found in classes for name in found.params}
+    for name, one in description.shared.items():
+        if name not in known:
+            problems.add(one.mark, f"no node has the shared parameter '{name}'{hint(name, known)}")
+
+
 def _with_checkpoint(checked: CheckedGraph, description: LaunchFile, problems: Problems) -> CheckedGraph:
     readers = {name: {node for node, _ in ends} for name, ends in checked.edges.items()}
     here = [spec.name for spec in checked.spawned]
@@ -113,9 +137,6 @@ def _with_checkpoint(checked: CheckedGraph, description: LaunchFile, problems: P
     keeps_at = dict.fromkeys(found.nodes if checked.clock == "wall" else (), found.after)
     nodes = [msgspec.structs.replace(spec, keeps_at=keeps_at.get(spec.name, "")) for spec in checked.nodes]
     return msgspec.structs.replace(checked, checkpoint=found, nodes=nodes)
-
-
-_Nodes = dict[str, list[GraphNode]]
 
 
 class _Later(NamedTuple):
@@ -137,9 +158,9 @@ def _look_at_later(
 ) -> list[_Later]:
     """Look at the classes that are to take over later, so that a mistake is not met after hours."""
     named, requests = [], []
-    for planner in (node for assigned in nodes.values() for node in assigned):
+    for planner in nodes.values():
         for parameter, wanted in planner.declared.successors.items():
-            before = next((node.spec for node in nodes.get(wanted.node, []) if node.present), None)
+            before = nodes[wanted.node].spec if wanted.node in nodes else None
             for run in wanted.runs:
                 same = before is not None and run == before.run  # it keeps what it was given
                 named.append((planner, parameter, wanted.node))
@@ -161,8 +182,6 @@ def _check_later(
 ) -> None:
     """Let each class take its node's place, after those before it; say what speaks against it."""
     for one in later:
-        if not one.planner.present:
-            continue
         specs = {spec.name: spec for spec in checked.spawned}
         if one.node not in specs:
             one.blame(
@@ -199,7 +218,7 @@ class _ParamMistakes:
 
 
 def _check_class(
-    reader: GraphNode, nodes: _Nodes, problems: Problems, said: set[str], wrong: _ParamMistakes
+    reader: GraphNode, problems: Problems, said: set[str], wrong: _ParamMistakes, *, is_variant: bool
 ) -> None:
     """Check one node against its class; what is wrong in a source, or in all branches, is said once."""
     if reader.declared.error is not None:
@@ -210,7 +229,8 @@ def _check_class(
         problems.add(reader.run_mark, f"node '{reader.spec.name}': {reader.declared.error}")
         return
     for name, error in reader.declared.param_errors.items():
-        if reader.declared.examined and not reader.chose(name):
+        is_stated = reader.selected and name in reader.param_marks and name not in reader.defaulted
+        if reader.declared.examined and is_variant and not is_stated:
             continue  # a branch that is not taken; with these arguments it could not be
         what = f"{reader.spec.name} {reader.spec.params.get(name)} {error}"  # of several branches of a node
         if reader.declared.examined and what in said:
@@ -218,10 +238,17 @@ def _check_class(
         said.add(what)
         if name in reader.param_marks or reader.complete:
             wrong.add(reader, name, error)
+
+
+def _check_wires(reader: GraphNode, nodes: _Nodes, unread: Collection[str], problems: Problems) -> None:
+    """Check what a node reads; of nodes in ``unread`` nothing is known."""
+    if reader.declared.error is not None:
+        return
     readable = reader.ports(*_SOURCES)
     for name, wire in reader.inputs.items():
         if name in readable:
-            _check_wire(reader, readable[name], wire, nodes, problems)
+            if wire.node not in unread:
+                _check_wire(reader, readable[name], wire, nodes, problems)
         elif name in reader.declared.ports:
             noun = _PLACES[reader.declared.ports[name].kind]
             problems.add(wire.mark, f"{reader}: '{name}' is its {noun}, not an input; remove it from inputs")
@@ -237,7 +264,7 @@ def _check_class(
 def _check_shared(checked: CheckedGraph, nodes: _Nodes, problems: Problems) -> None:
     """Refuse nodes that disagree on what both must know."""
     for found in disagreements(checked):
-        reader, source = (next(n for n in nodes[name] if n.present) for name in (found.reader, found.source))
+        reader, source = nodes[found.reader], nodes[found.source]
         marks = {**source.param_marks, **reader.param_marks}
         problems.add(marks.get(found.parameter, reader.run_mark), found.text)
 
@@ -247,8 +274,7 @@ def _source(port: NodePort, nodes: _Nodes) -> str:
     wanted, kind = [t.type_hash for t in port.types], _SOURCES[port.kind]
     fitting = [
         f"{name}/{other.name}"
-        for name, assigned in nodes.items()
-        for node in assigned
+        for name, node in nodes.items()
         for other in node.ports(kind).values()
         if [t.type_hash for t in other.types] == wanted
     ]
@@ -269,24 +295,22 @@ def _check_wire(
         problems.add(wire.source_mark, message)
         return
     kind = _SOURCES[port.kind]
-    for source in nodes[wire.node]:
-        if source.declared.error is not None or not source.agrees(reader):
-            continue
-        offers = source.ports(kind)
+    source = nodes[wire.node]
+    if source.declared.error is not None:
+        return
+    offers = source.ports(kind)
+    if wire.port in offers:
+        _check_edge(reader, port, source, offers[wire.port], wire, problems)
+    elif wire.port in source.declared.ports:
+        noun = _PLACES[source.declared.ports[wire.port].kind]
+        message = (
+            f"{reader}: '{wire.port}' of {source} is its {noun}; {_PLACES[port.kind]} '{port.name}' needs"
+        )
+        problems.add(wire.source_mark, f"{message} {_an(_PLACES[kind])}{hint(wire.port, offers)}")
+    else:
         known = [name for name, offer in offers.items() if not offer.vacant]
-        if wire.port in offers:
-            _check_edge(reader, port, source, offers[wire.port], wire, problems)
-        elif wire.port in source.declared.ports:
-            noun = _PLACES[source.declared.ports[wire.port].kind]
-            message = (
-                f"{reader}: '{wire.port}' of {source} is its {noun}; {_PLACES[port.kind]} '{port.name}' needs"
-            )
-            problems.add(wire.source_mark, f"{message} {_an(_PLACES[kind])}{hint(wire.port, offers)}")
-        else:
-            problems.add(
-                wire.source_mark,
-                f"{reader}: {source} has no {_PLACES[kind]} '{wire.port}'{hint(wire.port, known)}",
-            )
+        text = f"{reader}: {source} has no {_PLACES[kind]} '{wire.port}'{hint(wire.port, known)}"
+        problems.add(wire.source_mark, text)
 
 
 def _an(noun: str) -> str:
@@ -325,12 +349,11 @@ def _check_edge(
 
 
 def _build(description: LaunchFile, nodes: _Nodes) -> CheckedGraph:
-    chosen = {name: next(node for node in assigned if node.present) for name, assigned in nodes.items()}
     edges: dict[str, list[list[str]]] = {}
     topics: dict[str, TopicInfo] = {}
-    readings: dict[str, dict[str, Reading]] = {name: {} for name in chosen}
-    requests: dict[str, dict[str, list[str]]] = {name: {} for name in chosen}
-    for name, node in chosen.items():
+    readings: dict[str, dict[str, Reading]] = {name: {} for name in nodes}
+    requests: dict[str, dict[str, list[str]]] = {name: {} for name in nodes}
+    for name, node in nodes.items():
         for port in (port for port in node.declared.ports.values() if port.kind == "pub"):
             topics[topic(name, port.name)] = TopicInfo.of(name, port)
         for port_name, wire in node.wires.items():
@@ -356,10 +379,10 @@ def _build(description: LaunchFile, nodes: _Nodes) -> CheckedGraph:
             edges[source + own] = [[name, port_name]]
             topics[own] = TopicInfo.of(name, port)
             topics[source + own] = TopicInfo.of(
-                wire.node, chosen[wire.node].declared.ports[wire.port], reply=True
+                wire.node, nodes[wire.node].declared.ports[wire.port], reply=True
             )
     specs = [
-        _spec(node, description.seed, readings[name], requests[name], topics) for name, node in chosen.items()
+        _spec(node, description.seed, readings[name], requests[name], topics) for name, node in nodes.items()
     ]
     return CheckedGraph(
         graph=description.graph,
@@ -372,7 +395,7 @@ def _build(description: LaunchFile, nodes: _Nodes) -> CheckedGraph:
         readings=readings,
         edges=edges,
         topics=topics,
-        docs={name: node.declared.doc for name, node in chosen.items()},
+        docs={name: node.declared.doc for name, node in nodes.items()},
         report=description.report.value if description.report else "",
         listen=description.listen,
         view=description.view.value if description.view else "",

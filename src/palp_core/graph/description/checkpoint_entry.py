@@ -3,20 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import Any
 
 import msgspec
 
-from palp_core.graph.description.arguments import unknown_keys
-from palp_core.graph.description.input_reader import flat
-from palp_core.graph.description.keys import CHECKPOINT, WIRE
-from palp_core.graph.description.substitution import Scope, evaluate
-from palp_core.graph.description.yaml_tree import UNKNOWN, Entry, Sequence, Tree
-from palp_core.graph.description.yaml_tree import Mapping as TreeMapping
-from palp_core.graph.node.spec import topic
 from palp_core.graph.problems import Mark, Problems, hint
-
-_FORM = "write {file: $(var out)/checkpoint, after: node/port}"
 
 
 class CheckpointEntry(msgspec.Struct, frozen=True, kw_only=True):
@@ -31,57 +21,6 @@ class CheckpointEntry(msgspec.Struct, frozen=True, kw_only=True):
     file: str
     after: str
     nodes: list[str] = []
-
-
-def read_checkpoint(
-    entry: Entry | None, clock: str, scope: Scope, problems: Problems
-) -> tuple[CheckpointEntry, Mark] | None:
-    """Return what the key says and where, or None after reporting what is wrong with it."""
-    if entry is None:
-        return None
-    if not isinstance(entry.value, TreeMapping):
-        problems.add(entry.value.mark, f"checkpoint must be a mapping; {_FORM}")
-        return None
-    fields = unknown_keys(entry.value, CHECKPOINT, "checkpoint", problems)
-    for key in ("file", "after"):
-        if key not in fields:
-            problems.add(entry.mark, f"checkpoint does not state its {key}; {_FORM}")
-    file = _file(fields["file"].value, scope, problems) if "file" in fields else None
-    after = _topic(fields["after"].value, scope, problems) if "after" in fields else None
-    nodes = _names(fields["nodes"].value, scope, problems) if "nodes" in fields else []
-    if clock == "wall" and not nodes and "nodes" not in fields:
-        problems.add(entry.mark, "on the wall clock a checkpoint names its nodes; add nodes: [name, ...]")
-    if file is None or after is None:
-        return None
-    return CheckpointEntry(file=file, after=after, nodes=nodes), entry.mark
-
-
-def _file(tree: Tree, scope: Scope, problems: Problems) -> str | None:
-    value = evaluate(tree, scope, problems)
-    if value is UNKNOWN or (isinstance(value, str) and value):
-        return None if value is UNKNOWN else value
-    problems.add(tree.mark, f"file of checkpoint is '{flat(value)}'; it must be a path")
-    return None
-
-
-def _topic(tree: Tree, scope: Scope, problems: Problems) -> str | None:
-    value = evaluate(tree, scope, problems)
-    if value is UNKNOWN:
-        return None
-    if not isinstance(value, str) or WIRE.fullmatch(value) is None:
-        problems.add(tree.mark, f"after of checkpoint is '{flat(value)}'; write node/port")
-        return None
-    return topic(*value.split("/"))
-
-
-def _names(tree: Tree, scope: Scope, problems: Problems) -> list[str]:
-    values: Any = evaluate(tree, scope, problems) if isinstance(tree, Sequence) else None
-    if values is UNKNOWN:
-        return []
-    if not isinstance(values, list) or not values or not all(isinstance(name, str) for name in values):
-        problems.add(tree.mark, "nodes of checkpoint must be a list of names, as in [experiment, policy]")
-        return []
-    return values
 
 
 def check_checkpoint(

@@ -1,4 +1,4 @@
-"""What a launch file has for a class that its caller names, fitted to what that class has."""
+"""What a launch file offers to a class, cut down to what that class has."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -9,24 +9,32 @@ from palp_core.graph.description.launch_file import GraphNode
 from palp_core.graph.description.node_class import NodePort
 
 
-def fitted(nodes: Mapping[str, list[GraphNode]]) -> dict[str, list[GraphNode]]:
-    """Leave away what the callers' own classes lack: parameters, inputs, and outputs that nobody needs.
+def fitted(nodes: Mapping[str, GraphNode]) -> dict[str, GraphNode]:
+    """Leave away what classes lack: shared parameters, and of callers' own classes inputs and outputs too.
 
     An output that only optional inputs are wired to stays, vacant, for a class that comes later.
 
     Args:
         nodes: By name, asked what they declare.
     """
-    readers = [node for assigned in nodes.values() for node in assigned if node.declared.error is None]
-    return {
-        name: [
-            _fitted(node, readers) if node.own and node.declared.error is None else node for node in assigned
-        ]
-        for name, assigned in nodes.items()
-    }
+    readers = [node for node in nodes.values() if node.declared.error is None]
+    found = {}
+    for name, node in nodes.items():
+        if node.declared.error is None:
+            node = _with_own_params(node)
+            node = _with_own_ports(node, readers) if node.own else node
+        found[name] = node
+    return found
 
 
-def _fitted(node: GraphNode, readers: list[GraphNode]) -> GraphNode:
+def _with_own_params(node: GraphNode) -> GraphNode:
+    declared = node.declared.params
+    left = {name for name in node.offered if name not in declared}
+    params = {name: value for name, value in node.spec.params.items() if name not in left}
+    return replace(node, spec=msgspec.structs.replace(node.spec, params=params))
+
+
+def _with_own_ports(node: GraphNode, readers: list[GraphNode]) -> GraphNode:
     declared, vacant, needed = node.declared, dict[str, NodePort](), set[str]()
     for reader in readers:
         for name, wire in reader.inputs.items():
@@ -38,14 +46,8 @@ def _fitted(node: GraphNode, readers: list[GraphNode]) -> GraphNode:
                     wire.port, "pub", port.types, wire.requested(port.qos), vacant=True
                 )
     ports = {name: port for name, port in vacant.items() if name not in needed}
-    params = {
-        key: value
-        for key, value in node.spec.params.items()
-        if key in declared.params or key not in node.offered
-    }
     return replace(
         node,
-        spec=msgspec.structs.replace(node.spec, params=params),
         inputs={port: wire for port, wire in node.inputs.items() if port in declared.ports},
         answer=msgspec.structs.replace(declared, ports={**declared.ports, **ports}),
     )

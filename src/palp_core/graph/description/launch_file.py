@@ -60,35 +60,33 @@ class InputEntry:
 
 @dataclass(frozen=True)
 class GraphNode:
-    """One node of a launch file, under one assignment of the arguments that select its parts.
+    """One node of a launch file, with its arguments filled in.
 
     Attributes:
         spec: What the file says of it: what runs, the parameters given, what happens when it ends.
-        assignment: Branch per selecting argument; empty when nothing is selected.
-        present: The arguments pick this assignment.
         mark: Where it is named.
         run_mark: Where it is written what runs.
         param_marks: Where each parameter is given.
         defaulted: Parameters whose value is an argument's default.
-        arguments: Parameters whose value is an argument's, as it is called on the command line.
+        arguments: Parameters whose value is an argument's or shared, and what that is called.
+        offered: Parameters that count only if its class has them.
+        selected: An argument selects a part of it.
         own: Its class is the caller's, named in place of a choice.
-        offered: Parameters that the file has for such a class, if it declares them.
         inputs: Wires by port.
         complete: Its description has no mistake of its own.
         answer: What its class declares; None until the class has been asked.
     """
 
     spec: NodeSpec
-    assignment: dict[str, str]
-    present: bool
     mark: Mark
     run_mark: Mark
     param_marks: dict[str, Mark]
     inputs: dict[str, InputEntry]
     defaulted: frozenset[str] = frozenset()
     arguments: dict[str, str] = field(default_factory=dict)
-    own: bool = False
     offered: frozenset[str] = frozenset()
+    selected: bool = False
+    own: bool = False
     complete: bool = True
     answer: NodeClass | None = None
 
@@ -98,16 +96,8 @@ class GraphNode:
         assert self.answer is not None
         return self.answer
 
-    def chose(self, parameter: str) -> bool:
-        """Tell whether the file or its caller wants a parameter to be what it is, in this assignment."""
-        return self.present or (parameter in self.param_marks and parameter not in self.defaulted)
-
     def __str__(self) -> str:
         return f"node '{self.spec.name}' ({self.declared.run.rpartition(':')[2]})"
-
-    def agrees(self, other: GraphNode) -> bool:
-        """Tell whether both can be present in one graph: they share no argument with different branches."""
-        return all(other.assignment.get(name, branch) == branch for name, branch in self.assignment.items())
 
     def renamed(self, names: Mapping[str, str]) -> GraphNode:
         """Return the node, and the wires from others, with new names of nodes."""
@@ -150,8 +140,10 @@ class LaunchFile:
         seed: Of the graph's random numbers.
         arguments: Declared arguments, those of included files among them.
         values: Value of each argument.
-        nodes: Every assignment of each node, by its name, in the file's order; those of an included file
-            where ``include`` stands.
+        nodes: By name, in the file's order; those of an included file where ``include`` stands.
+        variants: The same with each other branch of each selection.
+        shared: Shared parameters by name, but those of namespaces.
+        unread: Nodes of which it is not known what they run, after a mistake.
         report: ``module:function`` to run at the end.
         problems: Mistakes found so far.
         listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.
@@ -168,9 +160,12 @@ class LaunchFile:
     seed: int
     arguments: dict[str, Argument]
     values: dict[str, Any]
-    nodes: dict[str, list[GraphNode]]
+    nodes: dict[str, GraphNode]
     report: Located | None
     problems: tuple[Problem, ...]
+    variants: tuple[dict[str, GraphNode], ...] = ()
+    shared: dict[str, Located] = field(default_factory=dict)
+    unread: frozenset[str] = frozenset()
     listen: str = ""
     view: Located | None = None
     blind: bool = False
@@ -209,4 +204,7 @@ def arguments_text(description: LaunchFile) -> str:
             lines.append(f"        ({choice} sets: {set_by})")
     if len(lines) == 1:
         lines += ["", "    No arguments."]
+    if description.shared:
+        lines += ["", "Shared parameters (pass them as 'shared.<name>:=<value>'):", ""]
+        lines += [f"    {name}: {show(one.value)}" for name, one in description.shared.items()]
     return "\n".join(lines) + "\n"

@@ -30,7 +30,6 @@ from palp_core.graph.node.params import ParamDescription, describe_params, load_
 from palp_core.graph.node.ports import Client, Port, Pub, Srv, Sub
 from palp_core.graph.problems import hint, nearest
 from palp_core.graph.workspaces.underlays import underlays
-from palp_core.moved import present_name
 from palp_core.whole_file import check_regular
 
 LARGEST_MODULE_BYTES = 16 << 20
@@ -226,7 +225,7 @@ def _module(name: str, workspace: Path) -> ModuleType:
     if name.endswith(".py"):
         return _module_at(workspace / name, workspace)
     try:
-        module = importlib.import_module(present_name(name))
+        module = importlib.import_module(name)
     except ModuleNotFoundError as error:
         missing = error.name or ""
         if name != missing and not name.startswith(f"{missing}."):

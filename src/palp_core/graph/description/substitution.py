@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from palp_core.graph.clock import local_time_name
-from palp_core.graph.description.keys import SUBSTITUTIONS
+from palp_core.graph.description.launch_keys import SUBSTITUTIONS
 from palp_core.graph.description.yaml_tree import UNKNOWN, Mapping, Scalar, Sequence, Tree, parse_scalar
 from palp_core.graph.problems import Mark, Problems, hint
 
@@ -26,6 +26,8 @@ class Scope:
         used: Arguments that the file has asked for.
         marks: Where an include states the value of an argument.
         now: The host's local time at launch, as names of files have it.
+        forced: Values of arguments, by origin, in place of those that they have.
+        preset: What values of arguments set of the file's shared parameters.
     """
 
     file: Path
@@ -35,6 +37,8 @@ class Scope:
     used: set[str] = field(default_factory=set)
     marks: dict[str, Mark] = field(default_factory=dict)
     now: str = field(default_factory=local_time_name)
+    forced: Lookup[str, Any] = field(default_factory=dict)
+    preset: dict[str, Any] = field(default_factory=dict)
 
 
 def sole_variable(tree: Tree) -> str | None:

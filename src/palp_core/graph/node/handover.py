@@ -15,7 +15,6 @@ from palp_core.graph.messages.message import decode_any, encode_any
 from palp_core.graph.node.node import State
 from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.node.service_client import Pending
-from palp_core.moved import present_name
 
 VERSION = 2
 
@@ -105,7 +104,7 @@ def adopt_state(state_class: type[State], node_class: str, hand_over: HandOver) 
     Raises:
         SchemaMismatch: The state does not fit, or the class defines no way to take it.
     """
-    same_class = present_name(hand_over.node_class) == node_class
+    same_class = hand_over.node_class == node_class
     if same_class and hand_over.state_version == state_class.version:
         return decode_any(state_class, hand_over.state, writable=True)
     hook = getattr(state_class, "migrate" if same_class else "adopt", None)

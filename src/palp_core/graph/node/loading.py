@@ -11,7 +11,6 @@ from types import ModuleType
 from palp_core.errors import GraphError
 from palp_core.graph.node.node import Node
 from palp_core.graph.workspaces.modules import install_finders, module_file, short_name
-from palp_core.moved import present_name
 
 
 def endpoints(run_dir: str, name: str) -> tuple[str, str]:
@@ -42,7 +41,7 @@ def load_module(name: str, workspace: str) -> ModuleType:
     """
     enter_workspace(workspace)
     if not name.endswith(".py"):
-        return importlib.import_module(present_name(name))
+        return importlib.import_module(name)
     path = Path(workspace, name).resolve()
     # A name of its own: a file called random.py must not take the place of a module of that name.
     own_name = f"{path.stem}_{hashlib.blake2b(str(path).encode(), digest_size=6).hexdigest()}"
@@ -66,7 +65,7 @@ def load_class(run: str, workspace: str, *, fresh: bool = False) -> type[Node]:
     Raises:
         GraphError: No such class, or it is not a node.
     """
-    module_name, _, class_name = present_name(run).rpartition(":")
+    module_name, _, class_name = run.rpartition(":")
     module_name = short_name(module_name, workspace)
     if fresh:
         _forget(module_name, workspace)
@@ -83,7 +82,7 @@ def source_of(run: str, workspace: str) -> tuple[Path, str] | None:
         run: ``module:Class`` or ``path.py:Class``.
         workspace: Where modules are looked for first.
     """
-    module, _, class_name = present_name(run).rpartition(":")
+    module, _, class_name = run.rpartition(":")
     if module.endswith(".py"):
         return Path(workspace, module).resolve(), class_name
     file = module_file(module, workspace)

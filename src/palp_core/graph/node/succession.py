@@ -16,7 +16,6 @@ from palp_core.graph.node.lifecycle import Lifecycle, Transition, successor
 from palp_core.graph.node.node import Params, State, class_name
 from palp_core.graph.node.params import load_params
 from palp_core.graph.rng import rng_from_text, rng_to_text
-from palp_core.moved import present_name
 
 if TYPE_CHECKING:
     from palp_core.graph.node.executor import Executor
@@ -124,7 +123,7 @@ class Succession:
             raise SchemaMismatch(f"a hand-over of version {hand_over.version}; this end speaks {VERSION}")
         own_class = class_name(type(executor.node))
         state = adopt_state(executor.declaration.state, own_class, hand_over)
-        if present_name(hand_over.node_class) != own_class:
+        if hand_over.node_class != own_class:
             return state, None
         known = executor.declaration.params.__struct_fields__  # another version of the class may have others
         kept = {name: value for name, value in hand_over.params.items() if name in known}

@@ -33,7 +33,6 @@ from palp_core.graph.node.loading import load_class
 from palp_core.graph.node.node import class_name
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.replay.streams import OrderedMessages, RecordedInputs, key_of
-from palp_core.moved import present_name
 
 RECENT = 5
 Close = Callable[[float, float], bool]
@@ -203,13 +202,13 @@ class _Replay:
         return True
 
     def _has_class(self, name: str) -> bool:
-        return class_name(load_class(self._spec.run, self._workspace)) == present_name(name)
+        return class_name(load_class(self._spec.run, self._workspace)) == name
 
     def _was_replaced(self, hand_over: HandOver) -> bool:
         """Tell whether another class, or this one with other parameters, is at work since the last batch."""
         assert self._executor is not None
         node = self._executor.node
-        if class_name(type(node)) != present_name(hand_over.node_class):
+        if class_name(type(node)) != hand_over.node_class:
             return True
         return encode_any(msgspec.to_builtins(node.params)) != encode_any(hand_over.params)
 

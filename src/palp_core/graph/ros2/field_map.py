@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palp_core.errors import GraphError, SchemaMismatch
-from palp_core.graph.description.arguments import unknown_keys
+from palp_core.graph.description.tree_reader import unknown_keys
 from palp_core.graph.description.yaml_tree import UNKNOWN, Scalar, Tree, plain_tree
 from palp_core.graph.description.yaml_tree import Mapping as TreeMapping
 from palp_core.graph.description.yaml_tree import Sequence as TreeSequence

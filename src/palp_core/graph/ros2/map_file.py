@@ -14,9 +14,9 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from palp_core.graph.description.arguments import unknown_keys
-from palp_core.graph.description.input_reader import flat, read_flag, read_qos
+from palp_core.graph.description.launch_keys import InputKeys, QosKeys
 from palp_core.graph.description.substitution import Scope, evaluate
+from palp_core.graph.description.tree_reader import TreeReader, flat, unknown_keys
 from palp_core.graph.description.yaml_tree import UNKNOWN, Entry, Mapping, Sequence, Tree, read_tree
 from palp_core.graph.problems import Mark, Problems, nearest
 
@@ -171,7 +171,7 @@ class _Reader:
             self._ways(fields.get("services"), "services", _SERVICE_KEYS),
             self._ways(fields.get("calls"), "calls", _CALL_KEYS),
             self._parameters(fields.get("parameters")),
-            read_flag(fields["clock"].value, "clock", self.scope, self.problems)
+            TreeReader(self.scope, self.problems).key(InputKeys, "external", fields["clock"].value, "clock")
             if "clock" in fields
             else None,
             [self.path.parent / text for text in self._texts(fields.get("interfaces"), "interfaces")],
@@ -293,7 +293,9 @@ class _Reader:
             self.problems.add(entry.value.mark, "qos must be a mapping, as in {reliability: best_effort}")
             return {}
         fields = unknown_keys(entry.value, _QOS, "qos", self.problems)
-        return read_qos("qos", fields, self.scope, self.problems)
+        reader = TreeReader(self.scope, self.problems)
+        read = {name: reader.key(QosKeys, name, entry.value, "qos") for name, entry in fields.items()}
+        return {name: value for name, value in read.items() if value is not UNKNOWN}
 
     def _parameters(self, entry: Entry | None) -> dict[str, Mark] | None:
         if entry is None:

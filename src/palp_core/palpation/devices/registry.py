@@ -13,7 +13,6 @@ import msgspec
 
 from palp_core.errors import DeviceError
 from palp_core.foreign import catch_foreign, import_foreign
-from palp_core.moved import present_name
 from palp_core.palpation.devices.protocols import (
     EmgDevice,
     RingDevice,
@@ -161,7 +160,7 @@ def back_end(kind: str, name: str) -> Any:
             f"no {kind} device '{name}'; known: {', '.join(known)}, "
             "or give package.module:Class or FILE.py:Class"
         )
-    return _load(kind, present_name(where))
+    return _load(kind, where)
 
 
 _TELLING = {"stage": "sweep", "ring": "command", "torque": "tare", "emg": "drain"}
@@ -181,7 +180,7 @@ def kind_of(name: str) -> str:
         raise DeviceError(
             f"no device '{name}'; known: {', '.join(kinds)}, or give package.module:Class or FILE.py:Class"
         )
-    found = _load("your", present_name(name))
+    found = _load("your", name)
     kind = next((kind for kind, ability in _TELLING.items() if hasattr(found, ability)), None)
     if kind is None:
         wanted = ", ".join(f"{ability} ({kind})" for kind, ability in _TELLING.items())

@@ -42,11 +42,19 @@ def lean_rad(torque_n_m: float, ring_m: float, probe: Probe | None = None) -> fl
     return max(-farthest, min(farthest, math.asin(max(-1.0, min(1.0, sine)))))
 
 
+def parameters_of(launch: dict[str, Any]) -> dict[str, Any]:
+    """Return the parameters of a launched graph's nodes; of one that several have, the first node's."""
+    found: dict[str, Any] = {}
+    for params in launch.get("params", {}).values():
+        found = params | found
+    return found
+
+
 def path_of(launch: dict[str, Any]) -> tuple[float, float]:
     """Return where sweeps begin and end, by the launch file; the published path where it does not say."""
-    path, args = StagePath(), launch.get("args", {})
+    path, given = StagePath(), parameters_of(launch)
     found = []
     for name, usual in (("from_m", path.from_m), ("to_m", path.to_m)):
-        value = args.get(name, usual)
+        value = given.get(name, usual)
         found.append(float(value) if isinstance(value, int | float) else usual)
     return found[0], found[1]

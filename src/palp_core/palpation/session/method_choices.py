@@ -140,12 +140,13 @@ def choose_for(
 
 
 def launch_defaults() -> dict[str, str]:
-    """Return what ``launch/sim.yaml`` takes for each task that has an argument there: a name, or ``auto``."""
+    """Return what ``launch/sim.yaml`` takes for each task that it names a method of, or ``auto``."""
     from palp_core.graph.description.file_reader import read
     from palp_core.graph.workspaces.underlays import launch_path
 
-    arguments = read(launch_path("rig:sim.yaml")).arguments
-    return {one.name: str(arguments[one.name].default) for one in tasks() if one.name in arguments}
+    found = read(launch_path("rig:sim.yaml"))
+    known = {name: one.value for name, one in found.shared.items()} | found.values
+    return {one.name: str(known[one.name]) for one in tasks() if one.name in known}
 
 
 def chosen_method(

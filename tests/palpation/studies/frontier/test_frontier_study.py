@@ -67,18 +67,18 @@ def test_a_decision_in_the_sweep_is_that_of_the_whole_sweep_sooner() -> None:
     assert (early.way_m <= late.way_m[0] + 1e-12).all()
 
 
-@pytest.mark.parametrize("file", ["sim.yaml", "parts/experiment.yaml"])
-def test_the_swift_protocol_is_that_of_the_launch_files(file: str) -> None:
-    told = yaml.safe_load((LAUNCH / file).read_text(encoding="utf-8"))["args"]["protocol"]["sets"]["swift"]
+def test_the_swift_protocol_is_that_of_the_launch_files() -> None:
+    told = yaml.safe_load((LAUNCH / "parts/experiment.yaml").read_text(encoding="utf-8"))["args"]["protocol"][
+        "sets"
+    ]["swift"]
     assert (told["from_m"], told["to_m"]) == SWIFT.path_m
     assert told["lift_mm"] == pytest.approx(SWIFT.lift_m * 1e3)
     assert (told["rehome"], told["stop_value"]) == ("never", SURE)
     assert not SWIFT.rehome
 
 
-@pytest.mark.parametrize("file", ["sim.yaml", "parts/experiment.yaml"])
-def test_mounting_and_specimens_have_one_default_in_launch_files_and_studies(file: str) -> None:
-    args = yaml.safe_load((LAUNCH / file).read_text(encoding="utf-8"))["args"]
+def test_mounting_and_specimens_have_one_default_in_launch_files_and_studies() -> None:
+    args = yaml.safe_load((LAUNCH / "parts/experiment.yaml").read_text(encoding="utf-8"))["args"]
     for name in ("mounting", "specimens"):
         usual = {getattr(one(), name) for one in (Conditions, ExperimentParams)} | {OPTIONS[name]}
         assert usual == {args[name]["default"]}

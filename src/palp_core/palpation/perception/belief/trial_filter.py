@@ -131,7 +131,7 @@ def require_height(name: str, stays: str, depth_count: int) -> None:
     if stays == "mounting" and depth_count:
         raise PerceptionError(
             "heights that stay with a mounting count against those of training, and between trained depths "
-            "there was none; with depths:=0 they do"
+            "there was none; with shared.depths:=0 they do"
         )
 
 
