@@ -1,19 +1,17 @@
 """Stand in for the laboratory: emulated devices over one phantom, put on as the experiment asks."""
 
 import sys
-from functools import partial
 from typing import Annotated, Literal
 
 import msgspec
 
-from msgs.action import PalpationAction
 from msgs.experiment import Mount, PhantomTruth, WorldTruth
 from msgs.torque import ContactGuard
 from palp_core import Params, Pub, ReadOnly, Sub, every, on
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
 from palp_core.palpation.devices.emulator.axis import AxisSettings
-from palp_core.palpation.devices.emulator.world import GuardMet, SweepToCome, World, WorldSettings
+from palp_core.palpation.devices.emulator.world import GuardMet, World, WorldSettings
 from palp_core.palpation.devices.sim.mount import MountVariation
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import read_noise
@@ -90,7 +88,6 @@ class EmulatedPhantom(MethodTeller):
     params: EmulatedPhantomParams
     state: EmulatedPhantomState
     mount = Sub(Mount)
-    action = Sub(PalpationAction, optional=True)
     truth = Pub(PhantomTruth)
     guard = Pub(ContactGuard)
     world_truth = Pub(WorldTruth)
@@ -169,15 +166,6 @@ class EmulatedPhantom(MethodTeller):
             )
             self.world_truth.publish(told)
 
-    @on(action)
-    def expect(self, action: PalpationAction) -> None:
-        """Let the touch be that of the sweeps that the stage makes from now on."""
-        if action.refused:
-            return
-        ends_m = (action.from_m, action.to_m)
-        come = SweepToCome(*ends_m, action.indentation_m, action.speed_m_s) if action.asked else None
-        self.rig.on_world(partial(_prepare, come=come))
-
     @every("guard_hz")
     def tell_guards(self) -> None:
         """Say what the contacts felt since the last look have met: once per mounting, ring and speed."""
@@ -195,10 +183,6 @@ class EmulatedPhantom(MethodTeller):
                     words=list(met.words),
                 )
             )
-
-
-def _prepare(world: World, _: int, come: SweepToCome | None) -> None:
-    world.to_come = come
 
 
 def _taken(world: World, _: int) -> list[GuardMet]:

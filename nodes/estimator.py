@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from msgs.action import ActionPromise, ActionQuestion, PalpationAction
 from msgs.actuator import RingState
 from msgs.estimation import Belief, Outlook, Palpation, PrimitivesLearnt
 from msgs.experiment import Trial, TrialMount
@@ -29,7 +28,6 @@ from palp_core.palpation.session.methods.estimating import (
     uses_of,
 )
 from palp_core.palpation.session.methods.teller import MethodTeller
-from palp_core.palpation.session.trace.asking import promised, terms_of
 from palp_core.palpation.session.trace.reader import SweepUnderWay
 from palp_core.palpation.session.trace.settings import TraceSettings
 from palp_core.palpation.session.trace.watch import TraceWatch
@@ -51,11 +49,8 @@ class Estimator(MethodTeller):
     ring = Sub(RingState)
     sweep = Sub(SweepStatus)
     torque = Sub(TorqueBlock)
-    action = Sub(PalpationAction, optional=True)
-    question = Sub(ActionQuestion, optional=True)
     belief = Pub(Belief)
     outlook = Pub(Outlook)
-    promise = Pub(ActionPromise)
     palpation = Pub(Palpation)
     primitives = Pub(PrimitivesLearnt)
     diagnostics = Pub(DiagnosticStatus, qos=Qos(durability="transient_local", depth=1))
@@ -111,7 +106,6 @@ class Estimator(MethodTeller):
             state.earlier += state.probes
         state.probes, state.posteriors, state.gains = [], [], []
         state.trace.begin_trial(trial.code)
-        self._answer()
 
     @on(mount)
     def note_mount(self, mount: TrialMount) -> None:
@@ -128,35 +122,6 @@ class Estimator(MethodTeller):
         if remount < 0 or remount != state.remount:
             state.remount, state.earlier = remount, []
         return [TrialReading(*probe) for probe in state.earlier]
-
-    @on(question)
-    def hear(self, question: ActionQuestion) -> None:
-        self.state.question = [question]
-        self._answer()
-
-    def _answer(self) -> None:
-        """Say what palpations of this trial would tell; a question about one to come is answered then."""
-        state = self.state
-        if not state.question or state.question[0].trial > state.trial:
-            return
-        question, state.question = state.question[0], []
-        if question.trial == state.trial and state.phase == "estimation":
-            bits, refused = promised(self._watch() if self.traces else None, state.trace, question)
-            self.promise.publish(
-                ActionPromise(
-                    stamp_ns=self.now_ns(),
-                    trial=question.trial,
-                    iteration=question.iteration,
-                    bits=bits,
-                    refused=refused,
-                )
-            )
-
-    @on(action)
-    def note_action(self, action: PalpationAction) -> None:
-        """See how the stage is going to sweep a goal, where not as the launch file says."""
-        if not action.refused:
-            self.state.action = [action] if action.asked else []
 
     @on(ring)
     def note_ring(self, ring: RingState) -> None:
@@ -186,9 +151,7 @@ class Estimator(MethodTeller):
         state = self.state
         self._forget_sweep()
         told = (status.enter_ns, status.leave_ns) if self.traces else (0, 0)
-        asked = [terms_of(one) for one in state.action if one.goal_id == status.goal_id]
-        terms = asked[0] if asked else None
-        state.trace.sweep = SweepUnderWay(*told, terms=terms) if self.traces else None
+        state.trace.sweep = SweepUnderWay(*told) if self.traces else None
         if state.stream is not None:
             state.stream.hold(*told)
 
@@ -253,9 +216,8 @@ class Estimator(MethodTeller):
     def _palpated(self, torque_n_m: Float64Array) -> None:
         """Take the peak of a sweep; learn from it or update the belief with it."""
         state, sweep = self.state, self.state.trace.sweep
-        whole = sweep is None or (sweep.whole and sweep.terms is None)
-        sign = 1.0 if sweep is None else sweep.sign(self._watch().settings)
-        peak = peak_of(sign * torque_n_m, self.params, self._methods(), whole=whole)
+        whole = sweep is None or sweep.whole
+        peak = peak_of(torque_n_m, self.params, self._methods(), whole=whole)
         if state.phase == "training" and state.label_known:
             state.training.append((state.depth_m, state.ring_m, peak.value_n_m))
             if self.traces and not state.trace.teach(state.depth_m, state.ring_m, self._watch().settings):
@@ -282,7 +244,7 @@ class Estimator(MethodTeller):
     def _watch(self) -> TraceWatch:
         if self.watch is None or self.watch[0] != self.params:
             settings = TraceSettings.of(self.params, self._methods())
-            self.watch = (self.params, TraceWatch(settings, self.params.sweep_speed_m_s))
+            self.watch = (self.params, TraceWatch(settings))
         return self.watch[1]
 
     def _follow_stream(self, stream: SweepCut) -> None:

@@ -4,7 +4,6 @@ from typing import Literal
 
 import msgspec
 
-from msgs.action import ActionQuestion, PalpationAction
 from msgs.experiment import TrialMount
 from palp_core import Params, ReadOnly
 from palp_core.palpation.nano17 import RESOLUTION_N_M
@@ -115,8 +114,6 @@ class EstimatorState(MethodTellerState):
     training: list[tuple[float, float, float]] = []
     primitives: dict[str, list[float]] = {}
     landed: bool = False
-    question: list[ActionQuestion] = []
-    action: list[PalpationAction] = []
     probes: list[tuple[float, int, bool]] = []
     earlier: list[tuple[float, int, bool]] = []
     remount: int = -1

@@ -2,9 +2,6 @@
 
 from typing import Literal
 
-import msgspec
-
-from msgs.action import PalpationAction
 from msgs.actuator import RingCommand, RingState, RingTruth
 from msgs.estimation import Belief, Outlook, Palpation, PrimitivesLearnt
 from msgs.experiment import Mount, PhantomTruth, PolicyChange, Trial, TrialMount, TrialResult
@@ -47,11 +44,8 @@ class Experiment(Node):
     ring_truth = Sub(RingTruth, optional=True)
     phantom_truth = Sub(PhantomTruth)
     guard = Sub(ContactGuard, optional=True)
-    wanted = Sub(PalpationAction, optional=True)
-    taken = Sub(PalpationAction, optional=True)
     policy_change = Sub(PolicyChange, lasting=True)  # or the record would not say who chose
     trial = Pub(Trial)
-    action = Pub(PalpationAction)
     goal = Pub(SweepGoal)
     ring = Pub(RingCommand)
     mount = Pub(Mount)
@@ -177,11 +171,10 @@ class Experiment(Node):
         state.iteration = step.iteration
         if not state.trial_announced:
             self._announce_trial()
-        ring_m = step.ring_m if step.ring_given else self._ring_wanted()
-        if ring_m is not None and not state.commanded:
+        if step.ring_given and not state.commanded:
             state.commanded = True
             self.ring.publish(
-                RingCommand(stamp_ns=now_ns, trial=step.trial, iteration=step.iteration, ring_m=ring_m)
+                RingCommand(stamp_ns=now_ns, trial=step.trial, iteration=step.iteration, ring_m=step.ring_m)
             )
         if not state.palpation or not (state.belief or state.phase != "estimation"):
             if not (state.swept or state.decided):
@@ -193,17 +186,6 @@ class Experiment(Node):
         self._write_row(palpation, belief)
         return belief.verdict if belief else "done"  # type: ignore[return-value]
 
-    def _wanted_now(self) -> PalpationAction | None:
-        """Return what a policy has asked for as the palpation under way, if it has chosen the whole of it."""
-        state = self.state
-        of = (state.trial, state.iteration)
-        return next((one for one in state.asked if (one.trial, one.iteration) == of), None)
-
-    def _ring_wanted(self) -> float | None:
-        """Return the ring of a palpation that a policy has chosen as a whole; others send it themselves."""
-        wanted = self._wanted_now()
-        return None if wanted is None else wanted.ring_m
-
     def _sweep(self, step: plan.Palpate) -> None:
         """Send the goal once ring and stage are ready for it."""
         state = self.state
@@ -211,20 +193,19 @@ class Experiment(Node):
         if ring_there and state.ring_settled and state.stage_ready:
             state.swept, state.stage_ready = True, False
             state.goal_id += 1
-            state.taken = []
             if state.touch_changed:  # what the sweep meets is told anew
                 state.guards, state.touch_changed = [], False
             self._send_goal(cancel=False)
 
     def _send_goal(self, *, cancel: bool) -> None:
-        from_m, to_m = self.params.from_m, self.params.to_m
-        goal_id, now_ns = self.state.goal_id, self.now_ns()
-        if (wanted := self._wanted_now()) is not None:
-            from_m, to_m = wanted.from_m, wanted.to_m
-            if not cancel:
-                self.action.publish(msgspec.structs.replace(wanted, stamp_ns=now_ns, goal_id=goal_id))
         self.goal.publish(
-            SweepGoal(stamp_ns=now_ns, goal_id=goal_id, from_m=from_m, to_m=to_m, cancel=cancel)
+            SweepGoal(
+                stamp_ns=self.now_ns(),
+                goal_id=self.state.goal_id,
+                from_m=self.params.from_m,
+                to_m=self.params.to_m,
+                cancel=cancel,
+            )
         )
 
     def _announce_trial(self) -> None:
@@ -282,29 +263,10 @@ class Experiment(Node):
         if guard.code == self.state.code:  # and not of a phantom that is being taken off
             self.state.guards = list(guard.words)
 
-    @on(wanted)
-    def _note_wanted(self, action: PalpationAction) -> None:
-        if self._is_present(action):
-            self.state.asked = [action]
-            self._advance()
-
     @on(policy_change)
     def _note_policy(self, change: PolicyChange) -> None:
         """Know who chooses from a palpation on; the one before it may not be written yet."""
         self.state.policy_changes.append(change)
-
-    @on(taken)
-    def _note_taken(self, action: PalpationAction) -> None:
-        """See how the stage sweeps this goal; what it refuses is swept as the launch file says."""
-        state = self.state
-        if action.goal_id != state.goal_id:
-            return
-        if not action.refused:
-            state.taken = [action] if action.asked else []
-        elif state.swept:
-            self.log.warning("trial %d goes on without what was asked for: %s", state.number, action.refused)
-            state.asked, state.swept, state.stage_ready = [], False, True
-            self._advance()
 
     @on(sweep)
     def note_sweep(self, status: SweepStatus) -> None:
@@ -338,7 +300,7 @@ class Experiment(Node):
             self.state.belief = [belief]
             self._advance()
 
-    def _is_present(self, said: Outlook | Palpation | Belief | PalpationAction) -> bool:
+    def _is_present(self, said: Outlook | Palpation | Belief) -> bool:
         """Tell whether something is of the palpation under way, and not of one that was ended before."""
         return (said.trial, said.iteration) >= (self.state.trial, self.state.iteration)
 

@@ -4,7 +4,6 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from msgs.action import PalpationAction
 from msgs.estimation import Belief, Palpation
 from msgs.experiment import PolicyChange
 from palp_core import Params, ReadOnly, State
@@ -131,5 +130,3 @@ class ExperimentState(State):
     policy: str = ""
     next_policy: str = ""
     policy_changes: list[PolicyChange] = []
-    asked: list[PalpationAction] = []
-    taken: list[PalpationAction] = []

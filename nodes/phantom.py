@@ -1,6 +1,5 @@
 """Simulate the phantom under the probe: the true torque of each stage position."""
 
-from msgs.action import PalpationAction
 from msgs.actuator import RingTruth
 from msgs.experiment import Mount, PhantomTruth, WorldTruth
 from msgs.stage import StagePose
@@ -83,7 +82,6 @@ class PhantomState(MethodTellerState):
     worn_m: float = 0.0
     goal_id: int = -1
     goal_from_m: float = 0.0
-    action: list[PalpationAction] = []
 
 
 class Phantom(MethodTeller):
@@ -95,7 +93,6 @@ class Phantom(MethodTeller):
     state: PhantomState
     mount = Sub(Mount)
     ring = Sub(RingTruth)
-    action = Sub(PalpationAction, optional=True)
     pose = Sub(StagePose)
     contact = Pub(Contact)
     truth = Pub(PhantomTruth)
@@ -116,8 +113,6 @@ class Phantom(MethodTeller):
         )
         self.models: dict[str, ContactModel] = {code: self.rig.model(code) for code in self.rig.by_depth}
         self.table: SweepTable | WorldTrace | None = None
-        self.asked: PalpationAction | None = None
-        self.solved: dict[tuple[bool, float], SweepTable] = {}
         self.moments = GridMoments()
         self.sweeps: LiveSweeps | None = None
         self.world = read_world(params.world)
@@ -170,18 +165,9 @@ class Phantom(MethodTeller):
             self.state.ring_m = ring.ring_m
             self._forget()
 
-    @on(action)
-    def note_action(self, action: PalpationAction) -> None:
-        """See how deep and which way the stage is going to sweep a goal."""
-        if not action.refused:
-            self.state.action = [action] if action.asked else []
-
     @on(pose)
     def touch(self, pose: StagePose) -> None:
         self._note_speed(pose)
-        asked = next((one for one in self.state.action if one.goal_id == pose.goal_id), None)
-        if asked is not self.asked:
-            self.asked, self.table = asked, None
         if not self.world.plain:
             self._note_sweep(pose)
         if self.table is None:
@@ -199,7 +185,6 @@ class Phantom(MethodTeller):
 
     def _forget(self) -> None:
         self.table, self.sweeps, self.state.guard_told = None, None, False
-        self.solved = {}
         self.state.worn_m = self.state.path_m
 
     def _note_speed(self, pose: StagePose) -> None:
@@ -231,19 +216,14 @@ class Phantom(MethodTeller):
     def _solve(self) -> SweepTable:
         state, params = self.state, self.params
         ends_m = (params.from_m - MARGIN_M, params.to_m + MARGIN_M)
-        action = self.asked
-        turned = action is not None and (action.to_m - action.from_m) * (ends_m[1] - ends_m[0]) < 0.0
-        pressed_m = self.rig.indentation_m if action is None else action.indentation_m
-        if (turned, pressed_m) not in self.solved:
-            self.solved[turned, pressed_m] = solve(
-                self.models[state.code],
-                self.rig.probe,
-                state.ring_m,
-                pressed_m + state.height_offset_m,
-                *(ends_m[::-1] if turned else ends_m),
-                moments=self.moments,
-            )
-        return self.solved[turned, pressed_m]
+        return solve(
+            self.models[state.code],
+            self.rig.probe,
+            state.ring_m,
+            self.rig.indentation_m + state.height_offset_m,
+            *ends_m,
+            moments=self.moments,
+        )
 
     @property
     def live(self) -> LiveWorld:
@@ -272,12 +252,8 @@ class Phantom(MethodTeller):
         went_m = float(pose.position_m[-1]) - state.goal_from_m
         ends_m = self.sweeps.ends_m
         forward = went_m > 0.0 if went_m else state.goal_from_m < 0.5 * (ends_m[0] + ends_m[1])
-        speed_m_s, pressed_m = state.speed_m_s or SPEED_M_S, None
-        if self.asked is not None:
-            speed_m_s, pressed_m = self.asked.speed_m_s, self.asked.indentation_m
-        return self.sweeps.of(
-            state.goal_from_m, state.goal_id, speed_m_s, forward=forward, indentation_m=pressed_m
-        )
+        speed_m_s = state.speed_m_s or SPEED_M_S
+        return self.sweeps.of(state.goal_from_m, state.goal_id, speed_m_s, forward=forward)
 
     def _tell_guards(self, table: SweepTable | WorldTrace, *, again: bool = False) -> None:
         """Say what the sweeps of this mounting and ring meet: once, and again where that has changed."""

@@ -6,7 +6,6 @@ from typing import Annotated, Any, Self
 import msgspec
 import numpy as np
 
-from msgs.action import ActionPromise, ActionQuestion, PalpationAction
 from msgs.actuator import RingCommand
 from msgs.emg import CoContraction
 from msgs.estimation import Belief, PrimitivesLearnt
@@ -23,7 +22,6 @@ from palp_core.palpation.perception.strategy.trained_rings import (
     rings_of,
     untrained,
 )
-from palp_core.palpation.perception.trace.actions import SweepAction
 from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
 from palp_core.palpation.session.methods.used import policy_use
 from palp_core.palpation.session.plan import policy_name
@@ -50,9 +48,7 @@ class PolicyNodeState(MethodTellerState):
 
     ``primitives`` is what training left, by name, row by row; ``tried_m`` the rings of this trial, ``landed``
     whether the ring came anew to each, ``readings_n_m`` what was read there; ``heard`` the level of a
-    person's latest burst, -1 before any. ``chosen`` are the palpations of this trial that were chosen as a
-    whole, by number, as indentation, speed, and ends of the path; ``asked`` are the palpations that are asked
-    about, ring first, until the answer comes; ``posterior`` is what was known last, empty before the first.
+    person's latest burst, -1 before any. ``posterior`` is what was known last, empty before the first.
     ``chooser`` is the name of the policy that chose last, or that was there first.
     """
 
@@ -67,8 +63,6 @@ class PolicyNodeState(MethodTellerState):
     landed: list[bool] = []
     readings_n_m: list[float] = []
     heard: int = -1
-    chosen: dict[int, tuple[float, float, float, float]] = {}
-    asked: list[tuple[float, float, float, float, float]] = []
     posterior: list[float] = []
     chooser: str = ""
 
@@ -95,10 +89,7 @@ class PolicyNode(MethodTeller):
     belief = Sub(Belief)
     primitives = Sub(PrimitivesLearnt, optional=True)
     cocontraction = Sub(CoContraction, optional=True)
-    promise = Sub(ActionPromise, optional=True)
     command = Pub(RingCommand)
-    question = Pub(ActionQuestion)
-    action = Pub(PalpationAction)
     change = Pub(PolicyChange)
 
     @classmethod
@@ -198,7 +189,7 @@ class PolicyNode(MethodTeller):
             self._tell_policy()
             self.state.trial, self.state.iteration = trial.trial, 0
             self.state.tried_m, self.state.landed, self.state.readings_n_m = [], [], []
-            self.state.chosen, self.state.asked, self.state.posterior = {}, [], []
+            self.state.posterior = []
             self._next()
 
     @on(belief)
@@ -220,19 +211,6 @@ class PolicyNode(MethodTeller):
         else:
             belief = self.known(np.array(known))
             self._ask(lambda: self.policy.step(self._present(), belief, self.rng.random))
-
-    @on(promise)
-    def _answered(self, promise: ActionPromise) -> None:
-        """Choose now what waited for an answer; a policy that has no use for it has taken over meanwhile."""
-        state = self.state
-        asked, of = state.asked, (state.trial, state.iteration + 1)
-        if state.active and asked and (promise.trial, promise.iteration) == of:
-            state.asked = []
-            self._with_promise([SweepAction(*one) for one in asked], promise)
-
-    def _with_promise(self, actions: Sequence[SweepAction], promise: ActionPromise) -> None:
-        """Choose the next palpation, told what each of those asked about would tell."""
-        self._next()
 
     @on(primitives)
     def _remember(self, learnt: PrimitivesLearnt) -> None:

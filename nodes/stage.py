@@ -7,12 +7,11 @@ from typing import Any, ClassVar
 import msgspec
 import numpy as np
 
-from msgs.action import PalpationAction
 from msgs.stage import StagePose, SweepGoal, SweepStatus
 from palp_core import Alarm, Node, Params, Pub, ReadOnly, State, Sub, Timer, on
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.blocks import Stream, block_mistakes, late_blocks
-from palp_core.palpation.devices.limits import TravelLimits, check_lift, check_sweep
+from palp_core.palpation.devices.limits import TravelLimits, check_lift
 from palp_core.palpation.devices.protocols import StageOptions, restored
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.mechanics.scene.file import read_scene
@@ -35,9 +34,8 @@ class StageParams(Params):
     """Set in the launch file.
 
     ``scene`` is the scene file that says how deep the probe enters the gel (empty: the default scene), which
-    ``lift_mm``, the height of the way back, must clear. A palpation that a policy asks for stays within the
-    path of the launch file and ``margin_mm``, is no faster than ``speed_m_s`` and no deeper than the scene's.
-    ``within_sweep`` says whether anybody acts on torque while a sweep lasts, for whom long blocks are late.
+    ``lift_mm``, the height of the way back, must clear.
+    ``within_sweep``: somebody acts on torque while a sweep lasts, for whom long blocks are late.
     """
 
     device: ReadOnly[str] = "sim"
@@ -138,23 +136,16 @@ class StageState(State):
     next_sample: int = 0
     sample_count: int = 0
     at_start: bool = False
-    asked: list[PalpationAction] = []
-    taken: list[PalpationAction] = []
 
 
 class Stage(Node):
-    """Follow sweep goals one at a time; publish positions only while over the phantom.
-
-    A goal is swept as the launch file says, or as an action of its number, told just before it, asks.
-    """
+    """Follow sweep goals one at a time; publish positions only while over the phantom."""
 
     LAG_NS: ClassVar[int] = 0
     moves = True
     params: StageParams
     state: StageState
     goal = Sub(SweepGoal)
-    wanted = Sub(PalpationAction, optional=True)
-    action = Pub(PalpationAction)
     pose = Pub(StagePose)
     status = Pub(SweepStatus)
     block = Timer(hz="block_hz")
@@ -194,10 +185,6 @@ class Stage(Node):
         self.device.stop(self.now_ns(), self.memory)
         self.device.close()
 
-    @on(wanted)
-    def note_action(self, action: PalpationAction) -> None:
-        self.state.asked = [action]
-
     @on(goal)
     def accept(self, goal: SweepGoal) -> None:
         state = self.state
@@ -209,69 +196,12 @@ class Stage(Node):
             raise ValueError(
                 f"goal {goal.goal_id} came while goal {state.goal_id} is {state.activity}; wait for 'ready'"
             )
-        asked = [one for one in state.asked if one.goal_id == goal.goal_id]
-        state.asked = []
-        if asked and (why := self.refusal(asked[0])):
-            self.log.warning("goal %d is refused: %s; it may come as the launch file says", goal.goal_id, why)
-            self._tell_action(msgspec.structs.replace(asked[0], refused=why))
-            return
-        same = self._take(goal, asked)
-        state.at_start = same and state.at_start and (goal.from_m, goal.to_m) == (state.from_m, state.to_m)
+        state.at_start = state.at_start and (goal.from_m, goal.to_m) == (state.from_m, state.to_m)
         state.goal_id, state.from_m, state.to_m = goal.goal_id, goal.from_m, goal.to_m
         if state.at_start:
             self._sweep()
         else:
             self._return("returning")
-
-    def refusal(self, action: PalpationAction) -> str:
-        """Return why a palpation must not be made, by the launch file's bounds; empty if it may."""
-        from_m, to_m, speed = action.from_m, action.to_m, action.speed_m_s
-        nominal_m = scanning_path(self.params).indentation_m
-        try:
-            if from_m == to_m:
-                raise DeviceError("a sweep needs a length")
-            start_m = self.device.sweep_start(from_m, to_m, speed_m_per_s=speed)
-            end_m = to_m + (from_m - start_m)
-            check_sweep(window_of(self.params), start_m, end_m, speed, nominal_m - action.indentation_m)
-        except DeviceError as error:
-            return str(error)
-        return ""
-
-    def _take(self, goal: SweepGoal, asked: list[PalpationAction]) -> bool:
-        """Sweep this goal as is asked, and say so; of others only the first. Tell whether nothing changes."""
-        before, self.state.taken = self.state.taken, asked
-        if not asked and not before:
-            return True
-        back = PalpationAction(
-            stamp_ns=0,
-            trial=0,
-            iteration=0,
-            ring_m=0.0,
-            indentation_m=max(scanning_path(self.params).indentation_m, 0.0),
-            speed_m_s=self.params.sweep_speed_m_s,
-            from_m=goal.from_m,
-            to_m=goal.to_m,
-            goal_id=goal.goal_id,
-            asked=False,
-        )
-        self._tell_action(asked[0] if asked else back)
-        return bool(asked and before) and _how(asked[0]) == _how(before[0])
-
-    def _tell_action(self, action: PalpationAction) -> None:
-        self.action.publish(msgspec.structs.replace(action, stamp_ns=self.now_ns()))
-
-    @property
-    def _speed(self) -> dict[str, float]:
-        """What the device is told of the speed of this goal's sweep, where that is not its own."""
-        return {"speed_m_per_s": self.state.taken[0].speed_m_s} if self.state.taken else {}
-
-    @property
-    def _height(self) -> dict[str, float]:
-        """What the device is told of the height of this goal's sweep, if that is not the scanning height."""
-        if not self.state.taken:
-            return {}
-        above_m = scanning_path(self.params).indentation_m - self.state.taken[0].indentation_m
-        return {"height_m": max(round(above_m, 9), 0.0)}
 
     def cancels(self, goal: SweepGoal) -> bool:
         """Tell whether there is anything to cancel: not a goal that is over, nor another than asked for."""
@@ -291,21 +221,12 @@ class Stage(Node):
 
     def _go_back(self) -> int:
         """Send the device to where the sweep starts; return the time of arrival in ns."""
-        start_m = self.device.sweep_start(self.state.from_m, self.state.to_m, **self._speed)
-        return int(self.device.return_to(start_m, self.now_ns(), self.memory, **self._height))
-
-    def _rest(self) -> None:
-        """Be ready for another sweep like this; after one that was asked for, for one from anywhere."""
-        if not self.state.taken:
-            self._return("resting")
-            return
-        self.state.activity = "raising"
-        self.arrival.set(self.device.retreat(self.params.lift_speed_m_s, self.now_ns(), self.memory))
+        start_m = self.device.sweep_start(self.state.from_m, self.state.to_m)
+        return int(self.device.return_to(start_m, self.now_ns(), self.memory))
 
     def _sweep(self) -> None:
         state = self.state
-        how = {**self._speed, **self._height}
-        times = self.device.sweep(state.from_m, state.to_m, self.now_ns(), self.memory, **how)
+        times = self.device.sweep(state.from_m, state.to_m, self.now_ns(), self.memory)
         state.activity, state.at_start = "sweeping", False
         state.enter_ns, state.leave_ns, state.end_ns = times.enter_ns, times.leave_ns, times.end_ns
         state.next_sample = self._first_sample(times.enter_ns)
@@ -321,7 +242,7 @@ class Stage(Node):
         if activity == "returning":
             self._sweep()
         elif activity == "swept":
-            self._rest()
+            self._return("resting")
         else:
             self.state.activity, self.state.at_start = "ready", activity == "resting"
             self._publish_status("ready")
@@ -393,7 +314,3 @@ class Stage(Node):
                 sample_count=state.sample_count,
             )
         )
-
-
-def _how(action: PalpationAction) -> tuple[float, ...]:
-    return (action.indentation_m, action.speed_m_s, action.from_m, action.to_m)

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from msgs.action import PalpationAction
 from msgs.actuator import RingTruth
 from msgs.experiment import Mount
 from msgs.stage import StagePose
@@ -20,7 +19,6 @@ from nodes.phantom import Phantom
 from palp_core import Bench
 from palp_core.errors import MechanicsError, NodeError
 from palp_core.palpation.mechanics.contact.model import ContactModel
-from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.phantom import Phantom as Touched
 from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.palpation.mechanics.scene.phantom_file import PAPER_PHANTOMS
@@ -206,45 +204,6 @@ def test_a_replacement_feels_the_same_mounting(successor, frames_of) -> None:  #
         bench.feed(Phantom.pose, pose())
         bench.feed(Phantom.mount, mount("A", 1))
     assert frames_of(first) + frames_of(second) == frames_of(whole)
-
-
-def asked(from_m: float, to_m: float, indentation_m: float, **more: Any) -> PalpationAction:
-    return PalpationAction(
-        stamp_ns=0, trial=0, iteration=1, ring_m=0.016, indentation_m=indentation_m,
-        speed_m_s=0.02, from_m=from_m, to_m=to_m, **{"goal_id": 9, **more},
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize("world", ["paper", "lab"])
-def test_it_is_touched_as_deep_and_that_way_as_the_stage_says(world: str) -> None:
-    bench = Bench(Phantom, {"height_sd_mm": 0.0, "world": world}, seed=5)
-    plain = torque_n_m(bench)
-    bench.feed(Phantom.action, asked(-0.03, 0.05, 0.003))
-    bench.feed(Phantom.pose, pose())
-    shallow = bench.sent(Phantom.contact)[-1].torque_n_m
-    assert 0.3 * plain.max() < shallow.max() < 0.9 * plain.max()
-    bench.feed(Phantom.action, asked(0.05, -0.03, 0.004, goal_id=10))
-    bench.feed(
-        Phantom.pose, StagePose(stamp_ns=0, goal_id=10, start_ns=0, rate_hz=100.0, position_m=PATH_M[::-1])
-    )
-    back = bench.sent(Phantom.contact)[-1].torque_n_m
-    assert np.median(back) < 0.0  # it lags the other way
-    assert -back.min() == pytest.approx(plain.max(), rel=0.1 if world == "paper" else 0.3)
-    bench.feed(Phantom.action, asked(-0.03, 0.05, 0.003, refused="too fast"))
-    bench.feed(Phantom.action, asked(-0.03, 0.05, 0.004, asked=False))
-    bench.feed(Phantom.pose, pose())
-    if world == "paper":
-        np.testing.assert_array_equal(bench.sent(Phantom.contact)[-1].torque_n_m, plain)
-
-
-def test_an_asked_touch_is_that_of_the_mechanics(flat: Bench[Phantom]) -> None:
-    torque_n_m(flat)
-    flat.feed(Phantom.action, asked(0.05, -0.03, 0.003))
-    flat.feed(Phantom.pose, pose(PATH_M[::-1]))
-    found = flat.sent(Phantom.contact)[-1].torque_n_m
-    rig = flat.node.rig
-    true = solve(rig.model("A"), rig.probe, 0.016, 0.003, 0.052, -0.032).torque_n_m(PATH_M[::-1])
-    np.testing.assert_allclose(found, true)
 
 
 def blind(tmp_path: Path, **given: Any) -> tuple[Bench[Phantom], dict[str, str]]:

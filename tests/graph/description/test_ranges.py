@@ -48,7 +48,7 @@ def found(path: Path, *arguments: str) -> list[tuple[str, str]]:
         ("sim", "shared.stop_value:=-1.0", ["Estimator"]),
         ("emulated", "shared.height_sd_mm:=-1.0", ["EmulatedPhantom", "Information", "Estimator"]),
         ("rig", "shared.height_sd_mm:=-1.0", ["Information", "Estimator", "Operator"]),
-        ("rig", "shared.lift_mm:=-5.0", ["Safety", "Bitrate", "RigStage"]),
+        ("rig", "shared.lift_mm:=-5.0", ["Safety", "RigStage"]),
         ("rig", "shared.stale_ms:=1e9", ["Safety"]),
         ("rig", "shared.beat_ms:=0.0", ["Safety", "RigStage", "RigActuator"]),
         ("rig", "shared.link_ms:=-1.0", ["Safety"]),

@@ -13,7 +13,6 @@ from palp_core.graph.problems import GraphProblems
 from tests.support.palp import SIM
 
 POLICIES = """
-from msgs.action import ActionQuestion, PalpationAction
 from msgs.actuator import RingCommand
 from msgs.experiment import PolicyChange, Trial
 from nodes.policy_fixed import Fixed
@@ -21,8 +20,6 @@ from palp_core import Node, Params, Pub, Sub, on
 
 class Mute(Node):
     trial = Sub(Trial)
-    action = Pub(PalpationAction)
-    question = Pub(ActionQuestion)
     change = Pub(PolicyChange)
     @on(trial)
     def hear(self, message): ...
@@ -37,8 +34,6 @@ class Blind(Node):
     '''Has all that is read of it, and reads no belief.'''
     trial = Sub(Trial)
     command = Pub(RingCommand)
-    action = Pub(PalpationAction)
-    question = Pub(ActionQuestion)
     change = Pub(PolicyChange)
     @on(trial)
     def choose(self, message): ...
@@ -54,8 +49,9 @@ def mistakes(*swaps: str) -> list[str]:
     """Return what the check says of swaps, without the place, which is that of the parameter."""
     with pytest.raises(GraphProblems) as caught:
         load(SIM, [f"swaps:={','.join(swaps)}"], inspect_classes, succeed)
-    line = SIM.read_text(encoding="utf-8").splitlines().index("      swaps: $(var swaps)") + 1
-    assert {(p.file, p.line, p.column) for p in caught.value.problems} == {(str(SIM), line, 7)}
+    part = SIM.parent / "parts/experiment.yaml"
+    line = part.read_text(encoding="utf-8").splitlines().index("      swaps: $(var swaps)") + 1
+    assert {(p.file, p.line, p.column) for p in caught.value.problems} == {(str(part), line, 7)}
     return [p.message.removeprefix("node 'experiment' (Experiment): swaps: ") for p in caught.value.problems]
 
 
@@ -67,10 +63,9 @@ def policies(tmp_path: Path) -> Path:
 
 def test_a_class_that_does_not_fit_is_refused_in_the_words_of_the_swap_once(policies: Path) -> None:
     assert mistakes(f"3={policies}:Other", f"5={policies}:Mute", f"9={policies}:Mute") == [
-        f"{policies}:Mute: it has no output 'command', which /actuator reads; there are: action, change, "
-        "question",
+        f"{policies}:Mute: it has no output 'command', which /actuator reads; there are: change",
         f"{policies}:Other: input 'torque' is not wired in the launch file; there are: belief, "
-        "cocontraction, primitives, promise, trial",
+        "cocontraction, primitives, trial",
         f"{policies}:Other: output 'command': /policy/command carries Trial, not RingCommand",
     ]
 

@@ -61,8 +61,8 @@ def test_figures_beside_are_those_of_the_page_of_results_and_say_their_command()
 
 
 def test_another_protocol_is_told() -> None:
-    assert other_protocol({"args": {"reading": "feature", "stop": "paper_guarded", "world": "paper"}}) == ""
-    assert "world:=lab" in other_protocol({"args": {"world": "lab"}})
+    assert other_protocol({"reading": "feature", "stop": "paper_guarded", "world": "paper"}) == ""
+    assert "world:=lab" in other_protocol({"world": "lab"})
     assert other_protocol({}) == ""
 
 

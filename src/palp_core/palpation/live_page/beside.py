@@ -6,7 +6,6 @@ from typing import Any
 
 import msgspec
 
-from palp_core.palpation.live_page.geometry import parameters_of
 from palp_core.palpation.session.published import FIXED, HUMAN_STRATEGY_TEXT
 
 
@@ -32,9 +31,8 @@ BESIDE = (
 """Of the peak under the paper's stop rule; the README has the same figures."""
 
 
-def other_protocol(launch: dict[str, Any]) -> str:
+def other_protocol(given: dict[str, Any]) -> str:
     """Return what to say of a session that reads or stops otherwise than those figures'; "" of others."""
-    given = parameters_of(launch) | launch.get("args", {})
     usual = {
         "reading": "feature",
         "feature": "peak",

@@ -38,7 +38,7 @@ HEALTH = topic(LAUNCHER, "health")
 _NAMED_BY = "--out"
 _HEARD = (
     *("Belief", "Palpation", "PrimitivesLearnt", "RingState", "RingTruth", "PhantomTruth", "SweepStatus"),
-    *("PalpationAction", "PolicyChange"),
+    "PolicyChange",
     GUARD,
 )
 _SAID = ("Trial", "SweepGoal", "Mount", "Progress", "Swap")
@@ -267,7 +267,6 @@ class _Facts:
     touch_changed: bool = False
     enter_ns: int | None = None
     leave_ns: int | None = None
-    taken: list[Any] = dataclasses.field(default_factory=list)
 
 
 class _Retold:
@@ -298,13 +297,10 @@ class _Retold:
                 facts.touch_changed |= value.ring_m != facts.true_ring_m
                 facts.true_ring_m = value.ring_m
             case "SweepGoal":
-                facts.taken = facts.taken if value.cancel else []
                 if facts.touch_changed:  # what the sweep meets is told anew
                     facts.guards, facts.touch_changed = [], False
             case "SweepStatus" if value.status == "sweeping":
                 facts.enter_ns, facts.leave_ns = value.enter_ns, value.leave_ns
-            case "PalpationAction" if value.goal_id and not value.refused:  # of the stage, not of the policy
-                facts.taken = [value] if value.asked else []
             case "ContactGuard" if value.code == facts.code:
                 facts.guards = list(value.words)
             case "Swap":

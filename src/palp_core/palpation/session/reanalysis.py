@@ -140,8 +140,7 @@ def reanalyse(
             phantom's height; None: the default scene, assumed.
 
     Raises:
-        PalpError: There is no training or no trial, the latent filter has no noise file, or sweeps that were
-            not made alike are to be decided by a feature.
+        PalpError: There is no training or no trial, or the latent filter has no noise file.
     """
     training, estimation = session.phase("training"), session.phase("estimation")
     primitives = learn(training, readings(training, methods), session.path)
@@ -149,11 +148,6 @@ def reanalyse(
         raise PalpError(f"{session.path}: has no trial of estimation to decide again")
     if methods.trace_filter:
         return _by_traces(session, methods, primitives, noise, scene)
-    if chosen := [sweep for sweep in estimation if sweep.terms is not None]:
-        raise PalpError(
-            f"{session.path}: {len(chosen)} of its sweeps were chosen in depth, speed or way, and features "
-            "compare sweeps that were made alike; decide them by the whole trace: --trace-filter second_order"
-        )
     values = dict(zip(map(id, estimation), readings(estimation, methods).tolist(), strict=True))
     if methods.filter != NAIVE and noise is None:
         raise PalpError(
@@ -198,8 +192,7 @@ def _by_traces(
         TraceSettings.of(session.read_by), depths=methods.depth_count, trace_filter=methods.trace_filter
     )
     try:
-        speed = float(session.read_by.get("sweep_speed_m_s", 0.020))
-        reader = trace_reader(session, settings, noise, scene, speed)
+        reader = trace_reader(session, settings, noise, scene)
     except PerceptionError as error:
         raise PalpError(f"{session.path}: {error}") from error
     rule, depths_m = stop_rule(methods.stop, methods.stop_value), reader.depths_m

@@ -14,18 +14,16 @@ from palp_core.errors import PalpError
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
-from palp_core.palpation.perception.trace.terms import SweepTerms
 from palp_core.palpation.session.decided.audit import left_out
 from palp_core.palpation.session.decided.blind import refuse_blinded
 from palp_core.palpation.session.method_choices import AUTO
 from palp_core.palpation.session.roles import roles_of
-from palp_core.palpation.session.trials_csv import Row, read_rows, read_sweep
+from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 from palp_core.units import Float64Array
 from palp_core.whole_file import read_whole
 
 _NEEDED = ("Mount", "Trial", "Palpation")  # types of messages; what their topics are called is the graph's
 _TOLD = ("RingState", "PhantomTruth", "SweepStatus")
-_ACTION = "PalpationAction"  # told by policy, experiment and stage
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +44,6 @@ class RecordedSweep:
         start_ns: Time of the first sample; None where nobody told, as for the two below.
         enter_ns: When the stage would come over the path, as it said when the sweep began.
         leave_ns: When it would leave it.
-        terms: How it was made; None: as training's.
     """
 
     phase: str
@@ -62,7 +59,6 @@ class RecordedSweep:
     start_ns: int | None = None
     enter_ns: int | None = None
     leave_ns: int | None = None
-    terms: SweepTerms | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,14 +137,8 @@ def _of_record(folder: Path) -> Iterator[RecordedSweep]:
         torque_n_m, rate_hz = read_sweep(folder, row.row)
         yield RecordedSweep(
             row.phase, row.phantom, row.trial, row.iteration, row.remount, row.depth_m, row.ring_m,
-            torque_n_m, rate_hz, row.landed, row.start_ns, row.enter_ns, row.leave_ns, _terms_of(row),
+            torque_n_m, rate_hz, row.landed, row.start_ns, row.enter_ns, row.leave_ns,
         )  # fmt: skip
-
-
-def _terms_of(row: Row) -> SweepTerms | None:
-    """Return how a palpation was made, where that was not as the launch file says."""
-    numbers = (row.indentation_m, row.speed_m_s, row.from_m, row.to_m)
-    return None if None in numbers else SweepTerms(*numbers)  # type: ignore[arg-type]
 
 
 def _rehomes(folder: Path) -> bool | None:
@@ -198,8 +188,6 @@ def _of_bag(path: Path) -> Iterator[RecordedSweep]:
     depths: dict[str, float] = {}
     code, remount, trial = "", -1, None
     homed, ring_m = False, -1.0
-    action: Any = None
-    terms: SweepTerms | None = None
     over: tuple[int | None, int | None] = (None, None)
     for message in messages:
         value: Any = message.value
@@ -214,25 +202,15 @@ def _of_bag(path: Path) -> Iterator[RecordedSweep]:
                 depths[value.code] = value.depth_m
             case "RingState":
                 homed = homed or value.rehome
-            case "PalpationAction" if not value.refused:
-                action = value
             case "SweepStatus" if value.status == "sweeping":
-                terms = _terms_told(action, value.goal_id)
                 over = (value.enter_ns, value.leave_ns)
             case "Palpation" if trial is not None and value.trial == trial.trial:
                 landed = (homed or value.ring_m != ring_m) if told else None
                 homed, ring_m = False, value.ring_m
                 yield RecordedSweep(
                     trial.phase, code, trial.number, value.iteration, remount, depths.get(code), value.ring_m,
-                    value.torque_n_m, value.rate_hz, landed, value.start_ns, *over, terms,
+                    value.torque_n_m, value.rate_hz, landed, value.start_ns, *over,
                 )  # fmt: skip
-
-
-def _terms_told(action: Any, goal_id: int) -> SweepTerms | None:
-    """Return how a goal was swept, as the stage told it; None: as the launch file says."""
-    if action is None or not action.asked or action.goal_id != goal_id:
-        return None
-    return SweepTerms(action.indentation_m, action.speed_m_s, action.from_m, action.to_m)
 
 
 def _topics(path: Path, types: dict[str, str]) -> dict[str, str]:
@@ -242,8 +220,6 @@ def _topics(path: Path, types: dict[str, str]) -> dict[str, str]:
         PalpError: One is missing, or there are two of a type.
     """
     found = {name: kind for name, kind in types.items() if kind in (*_NEEDED, *_TOLD)}
-    stages = {name.rpartition("/")[0] for name, kind in found.items() if kind == "SweepStatus"}
-    found |= {n: kind for n, kind in types.items() if kind == _ACTION and n.rpartition("/")[0] in stages}
     missing = [kind for kind in _NEEDED if kind not in found.values()]
     if missing:
         raise PalpError(

@@ -55,7 +55,6 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     where nobody told. ``landed``: whether the ring was moved or re-homed since the palpation before.
     ``guards``: what the simulated sweep met in which its contact model may be wrong, in words. ``enter_ns``
     and ``leave_ns``: when the stage would come over the path and leave it, as it said when the sweep began.
-    From ``indentation_m`` on: how it was made, where a policy chose that; None: as the launch file says.
 
     A field is a column, but a list of numbers is a column per class. A new one needs a line here and a line
     in :func:`row_of`; records without it are read with its default.
@@ -87,17 +86,12 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     guards: list[str] = []
     enter_ns: int | None = None
     leave_ns: int | None = None
-    indentation_m: float | None = None
-    speed_m_s: float | None = None
-    from_m: float | None = None
-    to_m: float | None = None
 
 
 class RowFacts(Protocol):
     """What is known when a palpation is written down; the names are those of the experiment's state.
 
-    ``policy`` is the one that took over last, empty before; ``ring_landed``: the ring was re-homed;
-    ``taken``: how the stage swept, where that is not as the launch file says.
+    ``policy`` is the one that took over last, empty before; ``ring_landed``: the ring was re-homed.
     """
 
     row: int
@@ -114,7 +108,6 @@ class RowFacts(Protocol):
     policy: str
     enter_ns: int | None
     leave_ns: int | None
-    taken: list[Any]
 
 
 def row_of(facts: RowFacts, palpation: Any, belief: Any, *, policy: str, seed: int) -> Row:
@@ -128,7 +121,6 @@ def row_of(facts: RowFacts, palpation: Any, belief: Any, *, policy: str, seed: i
         seed: Of the session.
     """
     policy = policy_name(policy)
-    action = facts.taken[-1] if facts.taken else None
     return Row(
         row=facts.row,
         session=f"{policy}-{seed}",
@@ -156,10 +148,6 @@ def row_of(facts: RowFacts, palpation: Any, belief: Any, *, policy: str, seed: i
         guards=list(facts.guards),
         enter_ns=facts.enter_ns,
         leave_ns=facts.leave_ns,
-        indentation_m=action.indentation_m if action else None,
-        speed_m_s=action.speed_m_s if action else None,
-        from_m=action.from_m if action else None,
-        to_m=action.to_m if action else None,
     )
 
 

@@ -97,12 +97,6 @@ STUDIES = {
             picture="frontier",
         ),
         Study(
-            "actions",
-            "What is it worth to choose indentation, speed, path and direction too, and to look twice?",
-            "palp_core.palpation.studies.frontier.actions:run",
-            picture="actions",
-        ),
-        Study(
             "mismatch",
             "Trained in one world, judged in another: where does each way of deciding fail, and who says so?",
             "palp_core.palpation.studies.frontier.mismatch:run",

@@ -17,7 +17,7 @@ from palp_core.errors import DeviceError
 from palp_core.palpation.devices import open_device
 from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
 from palp_core.palpation.devices.emulator.__main__ import serve
-from palp_core.palpation.devices.emulator.world import SweepToCome, World, WorldSettings
+from palp_core.palpation.devices.emulator.world import World, WorldSettings
 from palp_core.palpation.devices.link.serial_link import SerialLink
 from palp_core.palpation.devices.ring.maestro import MaestroState
 from palp_core.palpation.devices.stage.aerotech import AerotechState
@@ -26,7 +26,7 @@ from palp_core.palpation.mechanics import Probe, contact_model, solve
 from palp_core.palpation.mechanics.scene.phantom_file import PAPER_PHANTOMS
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.world.live import live_world
-from palp_core.palpation.world.model import LAB, PAPER, WorldModel
+from palp_core.palpation.world.model import LAB
 
 LINK = "is not a folder of this user but a symbolic link"
 RNG = np.random.default_rng(0)
@@ -74,38 +74,6 @@ def test_the_emulated_torque_in_a_world_is_that_worlds() -> None:
     zero = [world.wrench(now_ns + k * 1000 * S)[3] for k in range(1, 60)]
     world.close()
     assert np.std(zero) > 3 * RESOLUTION_N_M
-
-
-@pytest.mark.parametrize("beside", [PAPER, LAB], ids=["paper", "lab"])
-def test_sweeps_to_come_are_felt_as_deep_and_that_way_once_the_probe_was_raised(beside: WorldModel) -> None:
-    world = World(WorldSettings(code="A", repeatability_m=0.0, beside=beside, lands_m=(-0.03, 0.05)))
-    world.move_rod(0.017, 6.5e-3, 0)
-    world.axes["y"].move(0.003, 0.05, 0)
-    before = world.true_wrench(30 * S)[3]
-    come = SweepToCome(0.03, -0.02, 0.003, 0.04)
-    world.to_come = come
-    assert world.true_wrench(30 * S)[3] == before  # the probe lies where it lay
-    world.axes["z"].move(0.006, 0.05, 30 * S)
-    assert world.true_wrench(60 * S)[3] == 0.0
-    world.axes["z"].move(0.001, 0.05, 60 * S)  # 3 mm deep where the settings have 4
-    world.axes["y"].move(0.002, 0.05, 60 * S)
-    found = world.true_wrench(90 * S)[3]
-    at_m = np.array([0.002])
-    if beside.plain:
-        table = solve(world.rig.model("A"), world.rig.probe, 0.016, 0.003, 0.052, -0.032)
-        true = table.torque_n_m(at_m)[0]
-    else:
-        sweeps = live_world(world.rig, LAB, 1, -0.032, 0.052).sweeps("A", 1, 0.016, 0.0, 0.0)
-        true = sweeps.of(0.03, 1, 0.04, forward=False, indentation_m=0.003).torque_n_m(at_m)[0]
-    assert found == pytest.approx(true, abs=1e-6)
-    assert found < 0.0
-    world.axes["z"].move(0.006, 0.05, 90 * S)
-    world.to_come = None
-    world.true_wrench(120 * S)
-    world.axes["z"].move(0.0, 0.05, 120 * S)
-    world.axes["y"].move(0.003, 0.05, 120 * S)
-    assert world.true_wrench(150 * S)[3] > 0.0
-    world.close()
 
 
 def test_terminals_are_laid_in_no_folder_that_a_link_leads_to(tmp_path: Path) -> None:

@@ -79,23 +79,6 @@ class WorldSettings:
 
 
 @dataclass(frozen=True)
-class SweepToCome:
-    """How the next sweeps are made, where that is not as the settings say.
-
-    Attributes:
-        from_m: Where the probe is lowered.
-        to_m: Where they end; smaller than ``from_m`` towards -Y.
-        indentation_m: Nominal indentation; the stage sweeps by so much less than the settings' higher.
-        speed_m_s: Speed of the stage.
-    """
-
-    from_m: float
-    to_m: float
-    indentation_m: float
-    speed_m_s: float
-
-
-@dataclass(frozen=True)
 class GuardMet:
     """What the mechanics have to say of the contact that the probe felt: a region in which a method fails."""
 
@@ -113,7 +96,6 @@ class World:
         felt_ns: When the sensor took the first sample with it; 0: none yet.
         felt_y_m: Where the stage was then.
         swept_m_s: Speed that the latest move in touch with the phantom was ordered with; 0: none yet.
-        to_come: How the next sweeps are made, set by who knows; felt once the probe is raised.
         guards: What was met, once per mounting and ring that touched; whoever tells it takes it away.
     """
 
@@ -153,9 +135,6 @@ class World:
         self._live = live_world(self._rig, settings.beside, settings.seed, *ends_m)
         self._lands_m = settings.lands_m or ends_m
         self._forward = True
-        self.to_come: SweepToCome | None = None
-        self._prepared: SweepToCome | None = None
-        self._next: tuple[Future[tuple[Float64Array, GuardMet]], float] | None = None
         self._solver = ThreadPoolExecutor(1, thread_name_prefix="palp-emulator-mechanics")
         self.ring.open(0, self.ring_state, self._rng)
         self.mount(settings.code or min(self._rig.phantoms), settings.height_offset_m)
@@ -226,11 +205,7 @@ class World:
     def _touch(self, now_ns: int) -> list[float]:
         """Return the same as plain numbers: it is asked for at every sample."""
         wrench = [0.0] * 6
-        if self.to_come != self._prepared:
-            self._next = self._solved(), self._pressed()
         above_m = self._indentation_m - self.axes["z"].position_m(now_ns)  # of the ball's lowest point
-        if above_m <= 0.0 and self._next is not None:
-            (self._contact, self._pressed_m), self._next = self._next, None
         share = above_m / self._pressed_m
         if share > 0.0:
             contact, guard = self._contact.result()
@@ -304,20 +279,18 @@ class World:
         self._solver.shutdown(wait=True, cancel_futures=True)
 
     def _solve(self) -> None:
-        self._contact, self._pressed_m, self._next = self._solved(), self._pressed(), None
+        self._contact, self._pressed_m = self._solved(), self._pressed()
 
     def _pressed(self) -> float:
         """Return how deep the probe is where it sweeps."""
-        nominal_m = self.to_come.indentation_m if self.to_come else self._rig.indentation_m
-        return nominal_m + self._height_m
+        return self._rig.indentation_m + self._height_m
 
     def _solved(self) -> Future[tuple[Float64Array, GuardMet]]:
         ring_m = max(_LOWEST_RING_M, self.ring_state.true_m[-1] - self.settings.ring_zero_m)
-        come = self._prepared = self.to_come
         if not self.settings.beside.plain:
             sweeps = self._live.sweeps(self._code, self._mounting, ring_m, self._height_m, self._way_m)
             return self._solver.submit(
-                _contact_in_world, self._rig, self._code, sweeps, self._mounting, self._lands_m, come
+                _contact_in_world, self._rig, self._code, sweeps, self._mounting, self._lands_m
             )
         return self._solver.submit(
             _contact,
@@ -328,7 +301,6 @@ class World:
             self._pressed(),
             self.settings.from_m,
             self.settings.to_m,
-            forward=come is None or come.to_m > come.from_m,
         )
 
 
@@ -340,15 +312,12 @@ def _contact(
     indentation_m: float,
     from_m: float,
     to_m: float,
-    *,
-    forward: bool,
 ) -> tuple[Float64Array, GuardMet]:
     """Return lateral and normal force and torque at every step of the stretch, shape (1, n, 3), and guards.
 
     A straight line over 50 um misses a curve of the nodule's width by a few nN m.
     """
-    ends_m = (from_m, to_m) if forward else (to_m, from_m)
-    table = solve(model, rig.probe, ring_m, indentation_m, *ends_m)
+    table = solve(model, rig.probe, ring_m, indentation_m, from_m, to_m)
     words = rig.met(code, table.solved)
     stage_m = np.clip(
         from_m + _STEP_M * np.arange(round((to_m - from_m) / _STEP_M) + 1), table.low_m, table.high_m
@@ -363,20 +332,14 @@ def _contact_in_world(
     sweeps: LiveSweeps,
     mounting: int,
     lands_m: tuple[float, float],
-    come: SweepToCome | None,
 ) -> tuple[Float64Array, GuardMet]:
-    """Return the same in a world, of a sweep there and of one back, shape (2, n, 3); or of one to come."""
+    """Return the same in a world, of a sweep there and of one back, shape (2, n, 3)."""
     from_m, to_m = sweeps.ends_m
     stage_m = np.asarray(from_m + _STEP_M * np.arange(round((to_m - from_m) / _STEP_M) + 1), np.float64)
-    if come is None:
-        both = [
-            sweeps.of(lands_m[0], mounting, SPEED_M_S, forward=True),
-            sweeps.of(lands_m[1], mounting, SPEED_M_S, forward=False),
-        ]
-    else:
-        forward, pressed_m = come.to_m > come.from_m, come.indentation_m
-        made = (come.from_m, mounting, come.speed_m_s)
-        both = [sweeps.of(*made, forward=forward, indentation_m=pressed_m)]
+    both = [
+        sweeps.of(lands_m[0], mounting, SPEED_M_S, forward=True),
+        sweeps.of(lands_m[1], mounting, SPEED_M_S, forward=False),
+    ]
     loads = [
         np.column_stack([one.lateral_n(stage_m), one.normal_n(stage_m), one.torque_n_m(stage_m)])
         for one in both

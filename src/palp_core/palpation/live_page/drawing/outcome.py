@@ -10,6 +10,7 @@ from typing import Any
 from nicegui import ui
 
 from palp_core.palpation.live_page.beside import BESIDE, SOURCES, other_protocol
+from palp_core.palpation.live_page.geometry import parameters_of
 from palp_core.palpation.live_page.monitor import RigMonitor
 from palp_core.palpation.live_page.roles import session_folder
 from palp_core.palpation.live_page.trials import TrialRow
@@ -91,7 +92,8 @@ class OutcomePanel:
             with ui.element("p").classes("quiet"):
                 said("span", f"{what}: ")
                 said("code", source)
-        if other := other_protocol(self._source.launch()):
+        launch = self._source.launch()
+        if other := other_protocol(parameters_of(launch) | launch.get("args", {})):
             said("p", other, "quiet")
 
 

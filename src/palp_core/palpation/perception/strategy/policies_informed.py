@@ -117,34 +117,6 @@ class EmgDriven:
         return RingChoice.at(at.level if self.heard is None else np.full_like(at.level, self.heard))
 
 
-@method(
-    task="policy",
-    name="bitrate",
-    cost_s=0.15,
-    evidence="tests/palpation/studies/frontier/test_action_trials.py",
-    fails="one number a sweep, and speeds or depths at which the gel is not what training found it to be",
-    survivor="information_gain_latent",
-)
-@dataclass(frozen=True)
-class BitsPerSecond:
-    """Choose the whole palpation that tells most a second; the stiffest ring where nothing can be promised.
-
-    What palpations tell only their reader knows, :meth:`.ActionModel.expected_bits`: these are the choices
-    that are left without it.
-
-    Attributes:
-        rings_m: Positions, m.
-    """
-
-    rings_m: tuple[float, ...] = figure5.RINGS_M
-
-    def start(self, uniform: UniformDraw, trial_count: int | None = None) -> RingChoice:
-        return everywhere(int(np.argmax(self.rings_m)), trial_count)
-
-    def step(self, at: RingChoice, belief: latent.Belief, uniform: UniformDraw) -> RingChoice:
-        return RingChoice.at(np.full_like(at.level, np.argmax(self.rings_m)))
-
-
 @dataclass(frozen=True, eq=False)
 class Actions:
     """What could be done next, one column per action, and what it promises.

@@ -14,7 +14,6 @@ from palp_core.palpation.perception.belief.information import gain_vector
 from palp_core.palpation.perception.belief.rig_noise import RigNoise
 from palp_core.palpation.perception.belief.stopping import StopRule, decide
 from palp_core.palpation.perception.trace.bins import sample_times_ns
-from palp_core.palpation.perception.trace.terms import ANY
 from palp_core.palpation.perception.trace.training import TrainedTraces
 from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps
 from palp_core.palpation.session.trace.reader import (
@@ -22,8 +21,6 @@ from palp_core.palpation.session.trace.reader import (
     TaughtSweep,
     TraceMemory,
     TraceReader,
-    action_reader,
-    home_of,
     reader_of,
     trained_traces,
 )
@@ -53,20 +50,13 @@ def trace_reader(
     settings: TraceSettings,
     noise: RigNoise | None,
     scene: Scene | None,
-    speed_m_per_s: float = 0.020,
 ) -> TraceReader:
-    """Return what reads a session's trials, as its training taught it, however they were swept.
+    """Return what reads a session's trials, as its training taught it.
 
     Raises:
         PalpError: Training is missing, or does not go together with the settings.
     """
-    taught = _taught(session, settings)
-    trials = session.phase("estimation")
-    if all(sweep.terms is None for sweep in trials):
-        return reader_of(taught, settings, noise=noise, scene=scene)
-    home = home_of(settings, speed_m_per_s, scene)
-    made = dict.fromkeys((sweep.terms or home).at(sweep.ring_m) for sweep in trials)
-    return action_reader(taught, settings, list(made), home, ANY, noise=noise, scene=scene)
+    return reader_of(_taught(session, settings), settings, noise=noise, scene=scene)
 
 
 def trained_by(session: RecordedSweeps, settings: TraceSettings) -> TrainedTraces:
@@ -93,7 +83,7 @@ def decide_again(
     """
     for number, group in groupby(session.phase("estimation"), key=lambda sweep: sweep.trial):
         sweeps = tuple(sorted(group, key=lambda sweep: sweep.iteration))
-        if any(reader.setting(sweep.ring_m, sweep.terms) is None for sweep in sweeps):
+        if any(reader.setting(sweep.ring_m) is None for sweep in sweeps):
             yield TracedTrial(number, sweeps, (), "dropped")
         else:
             yield TracedTrial(number, sweeps, *_decide(session, sweeps, reader, settings, rule, max_probes))
@@ -111,7 +101,7 @@ def _decide(
     for sweep in sweeps:
         lands = sweep.landed if sweep.landed is not None else bool(session.ring_moves_each_time)
         felt = felt_of(session, sweep, settings)
-        whole = felt.felt(settings, sweep.ring_m, landed=memory.lands(sweep.ring_m) or lands)
+        whole = felt.felt(sweep.ring_m, landed=memory.lands(sweep.ring_m) or lands)
         seen = reader.look(memory.felt, whole, 0, rule, posteriors)
         memory.felt.append(structs.replace(whole, torque_n_m=whole.torque_n_m[: seen.bins]))
         posteriors.append(seen.posterior)
@@ -133,7 +123,7 @@ def felt_of(session: RecordedSweeps, sweep: RecordedSweep, settings: TraceSettin
             f"{session.path}: does not tell when a sweep came over the path and left it, as earlier "
             "versions; its traces cannot be laid along the path"
         )
-    felt = SweepUnderWay(sweep.enter_ns, sweep.leave_ns, terms=sweep.terms)
+    felt = SweepUnderWay(sweep.enter_ns, sweep.leave_ns)
     times_ns = sample_times_ns(sweep.start_ns, sweep.rate_hz, 0, len(sweep.torque_n_m))
     felt.add(settings, times_ns, sweep.torque_n_m)
     felt.finish(settings)

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from palp_core.errors import PalpError
 from palp_core.palpation.mechanics.scene.phantom_file import CAST_COUNT
 from palp_core.palpation.nano17 import RESOLUTION_N_M
-from palp_core.palpation.perception.trace.actions import SweepAction
 from palp_core.palpation.session.operating.orders import GROUPED
 from palp_core.palpation.session.plan import Specimens
 from palp_core.palpation.studies.frontier.trace_features import FEATURES, feature_of
@@ -216,29 +215,6 @@ class WorldSession:
         with self.simulating:
             table = self.table
         return self._felt(table, trials, ring, error_m, probe)
-
-    def swept(
-        self, action: SweepAction, trials: NDArray[np.int64], error_m: Float64Array, probe: int
-    ) -> Float64Array:
-        """Return the torque against the sweep of an action, in its order, N m, shape (n, fine).
-
-        Of bins from its beginning on, as many as the plan's path has.
-        """
-        plan = self.plan
-        end_m = action.from_m + action.sign * _length_m(plan)
-        low_m, high_m = (round(m, 9) for m in sorted((action.from_m, end_m)))
-        with self.simulating:
-            table = tabulate_traces(
-                plan.test_gel,
-                forward=not action.backward,
-                run_in=plan.run_in,
-                width_m=FINE_M,
-                path_m=(low_m, high_m),
-                indentation_m=action.indentation_m,
-            )
-        ring = np.full(len(trials), np.argmin(np.abs(np.asarray(self.rings_m) - action.ring_m)))
-        felt = self._felt(table, trials, ring, error_m, probe, action.speed_m_per_s)
-        return -felt[:, ::-1] if action.backward else felt
 
     def _felt(
         self,

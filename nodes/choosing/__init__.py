@@ -1,1 +1,0 @@
-"""Policies that choose more than the ring."""
