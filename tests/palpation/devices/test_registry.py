@@ -95,26 +95,6 @@ def test_an_unknown_name_or_option_lists_what_there_is(
         open_device(kind, name, **options)
 
 
-@pytest.mark.parametrize(
-    ("kind", "name", "place"),
-    [
-        ("stage", "sim", "sim.stage:SimStage"),
-        ("stage", "aerotech", "aerotech:AerotechStage"),
-        ("ring", "sim", "sim.ring:SimRing"),
-        ("ring", "maestro", "maestro:MaestroRing"),
-        ("torque", "sim", "sim.torque:SimTorque"),
-        ("torque", "ati", "ati:AtiTorque"),
-        ("torque", "netft", "netft:NetFtTorque"),
-        ("emg", "sim", "sim.emg:SimEmg"),
-        ("emg", "noraxon", "noraxon:NoraxonEmg"),
-        ("emg", "lsl", "lsl:LslEmg"),
-        ("emg", "spikershield", "spikershield:SpikerShieldEmg"),
-    ],
-)
-def test_a_class_is_found_by_its_place_in_earlier_versions(kind: str, name: str, place: str) -> None:
-    assert back_end(kind, f"palp_core.devices.{place}") is back_end(kind, name)
-
-
 def test_mistakes_are_told_by_the_nodes_parameter_without_opening_a_device() -> None:
     assert device_mistakes("torque", "nano71", {}) == {
         "device": "no torque device 'nano71'; known: ati, netft, sim, "

@@ -17,7 +17,6 @@ PARAMS = {
         "nodes.policy_uniform:UniformParams",
         "nodes.policy_information:InformationParams",
         "nodes.policy_emg:EmgPolicyParams",
-        "nodes.choosing.bitrate:BitrateParams",
     ),
     "actuator": ("nodes.actuator:ActuatorParams",),
     "stage": ("nodes.stage:StageParams",),

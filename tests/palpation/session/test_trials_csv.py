@@ -18,13 +18,11 @@ FACTS: dict[str, Any] = {
     "estimate_m": 0.002, "outlier": True, "policy": "fixed", "seed": 7, "start_ns": 1, "end_ns": 2**60,
     "landed": False, "guards": ["lift-off; at last", "stuck, too"],
     "enter_ns": 3, "leave_ns": 2**61,
-    "indentation_m": 0.004, "speed_m_s": 0.02, "from_m": -0.02, "to_m": 0.05,
 }  # fmt: skip
 NOTHING: dict[str, Any] = {
     "row": 1, "posterior": [], "gain": [], "gamma": None, "estimate_m": None, "true_ring_m": None,
     "true_height_m": None, "outlier": False, "landed": None, "guards": [],
     "enter_ns": None, "leave_ns": None,
-    "indentation_m": None, "speed_m_s": None, "from_m": None, "to_m": None,
 }  # fmt: skip
 
 

@@ -101,8 +101,8 @@ def test_a_last_row_that_was_cut_short_is_left_out_and_said(
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
-        (lambda line: line[:30], r"trials.csv:2: the row is damaged \(\d+ cells under 32 columns\)"),
-        (lambda line: line[:-1] + line, r"trials.csv:2: the row is damaged \(63 cells under 32 columns\)"),
+        (lambda line: line[:30], r"trials.csv:2: the row is damaged \(\d+ cells under 28 columns\)"),
+        (lambda line: line[:-1] + line, r"trials.csv:2: the row is damaged \(55 cells under 28 columns\)"),
         (
             lambda line: "x" + line,
             "trials.csv:2: the row is damaged",

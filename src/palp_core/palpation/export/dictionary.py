@@ -134,15 +134,6 @@ DICTIONARY: dict[str, tuple[ExportColumn, ...]] = {
         ("guards", "text", "", "what the simulated sweep met in which its contact model may be wrong"),
         ("enter_s", "number", "s", "when the stage was to come over the path; missing where nobody told"),
         ("leave_s", "number", "s", "when the stage was to leave the path; missing where nobody told"),
-        (
-            "indentation_m",
-            "number",
-            "m",
-            "how deep the tip was pressed, where a policy chose it; else missing",
-        ),
-        ("speed_m_s", "number", "m/s", "speed of the sweep, likewise"),
-        ("from_m", "number", "m", "where the sweep began, likewise"),
-        ("to_m", "number", "m", "where the sweep ended, likewise"),
     ),
     "sweeps": _of(
         ("row", "integer", "1", "number of the palpation; key of table iterations"),

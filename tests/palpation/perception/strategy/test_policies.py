@@ -127,7 +127,6 @@ def test_bad_settings_are_refused(settings_: dict[str, Any], match: str) -> None
 
 def test_every_policy_is_declared() -> None:
     assert {m.name for m in methods("policy")} == {
-        "bitrate",
         "emg_driven",
         "fixed",
         "information_gain",
