@@ -10,7 +10,6 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import HEADER_BYTES, PLAIN_DATA, Frame, Kind, parse, quick_header
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.messages.runs import one_by_one
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.transport.migration import PATIENCE_NS, Migration
@@ -145,7 +144,7 @@ class TopicReader:
             for received in self._hear(raw, arrived_ns):
                 take(received)
 
-        self._dispatch(one_by_one(arrive))
+        self._dispatch(arrive)
         now_ns = monotonic_ns()
         self._migration.tick(now_ns)
         for buffer in self._buffers.values():
@@ -162,7 +161,7 @@ class TopicReader:
             yield received
             return
         try:
-            frame = parse(b"".join((raw, *self._subscriber.pieces())))
+            frame = parse(raw)
         except SchemaMismatch:
             return  # not ours; the readers count such frames
         yield from self._take(frame, arrived_ns)

@@ -53,7 +53,6 @@ class WallLoop:
         node_class = load_class(order.spec.run, order.workspace, fresh=order.fresh)
         self.executor = Executor(node_class, order.spec, self, self.sockets.publisher.send)
         self.executor.resend = self.sockets.publisher.send
-        self.executor.send_pieces = self.sockets.publisher.send_pieces
         self.executor.events.report = self._report
         publishers = {
             name: endpoints(order.run_dir, name.split("/")[1]) for name in self.executor.ends.subscriptions
@@ -93,8 +92,6 @@ class WallLoop:
                 publisher.send = self._send_event
             elif shown:
                 publisher.send = partial(self._send_shown, passing=publisher.message is Progress)
-        for port in order.spec.external:
-            self.receiver.own.watch(self.executor.ends.publishers[order.spec.inputs[port]])
         self.sockets.requests.add(
             order.spec.name,
             NodeServices(self.executor, self.receiver.monitor.account).operations(),
@@ -187,7 +184,7 @@ class WallLoop:
     def _perform(self) -> None:
         """Do what has been asked, and at once what comes of it, unless the node may change hands."""
         if not self.executor.succession.paused:
-            self.sockets.requests.perform(then=self.receiver.own.take)
+            self.sockets.requests.perform()
 
     def _wait(self) -> bool:
         """Wait until there is something to do and take in what arrives; tell if the supervisor spoke."""

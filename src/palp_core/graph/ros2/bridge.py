@@ -246,9 +246,8 @@ class _Sender:
         self.account = account
 
     def send(self, frame: Frame) -> None:
-        payload = frame.payload if not frame.rest else b"".join((frame.payload, *frame.rest))
         try:
-            for _, message in self._convert(self._decode(payload), frame.stamp_ns):
+            for _, message in self._convert(self._decode(frame.payload), frame.stamp_ns):
                 self._publish(self._encode(message))
         except (BagError, LookupError, ValueError, TypeError, msgspec.MsgspecError) as error:
             self.account.refuse(_words(error))

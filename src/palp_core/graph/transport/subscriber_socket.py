@@ -6,14 +6,13 @@ from collections.abc import Callable, Iterable, Mapping
 import zmq
 
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.messages.runs import singles
 from palp_core.graph.transport.matched_readers import READER
 from palp_core.graph.transport.requester_socket import RECONNECT_MS, readable
 from palp_core.graph.transport.wakeup import RING
 
 RECEIVE_QUEUE = 1000  # the rest waits at the publisher
 ARRAY_QUEUE = 256  # places; a message of 5 MB takes 5. With 16, small arrays travelled at half the rate
-_NOBLOCK, _RCVMORE = int(zmq.NOBLOCK), int(zmq.RCVMORE)  # an enum costs a microsecond a call
+_NOBLOCK = int(zmq.NOBLOCK)  # an enum costs a microsecond a call
 BURST_NS = 20_000
 """Messages that are no further apart are a burst, of which the next is there already, nearly always."""
 
@@ -113,11 +112,10 @@ class SubscriberSocket:
             self._socket.disconnect(endpoint)
 
     def receive(self) -> list[bytes]:
-        """Return the frames that have arrived, each whole and of one message, without waiting."""
+        """Return the frames that have arrived, without waiting."""
         frames = list[bytes]()
         while self.pending():
-            parts = self._socket.recv_multipart()
-            frames.extend(singles(parts[0] if len(parts) == 1 else b"".join(parts)))
+            frames.append(self._socket.recv())
         return frames
 
     def wake_on(self, endpoint: str) -> None:
@@ -131,8 +129,7 @@ class SubscriberSocket:
         """Hand on what has arrived; return whether there may be more, and whether the wakeup has rung.
 
         Args:
-            arrive: Takes a frame, a run perhaps, and the time; asks :meth:`pieces` if its header says that
-                pieces follow.
+            arrive: Takes a frame and the time.
             slice_ns: After so long, leave the rest to the next call.
             wait_ms: How long to wait if nothing has arrived; :data:`UNTIL_RUNG`: also for what comes next, as
                 long as :attr:`at_leisure` says so, and until the wakeup rings.
@@ -177,14 +174,6 @@ class SubscriberSocket:
             return self._socket.recv(_NOBLOCK)
         except zmq.Again:
             return b""
-
-    def pieces(self) -> list[memoryview]:
-        """Return the pieces that follow the one that was handed on last, as views of what ZeroMQ received."""
-        pieces: list[memoryview] = []
-        while self._socket.getsockopt(_RCVMORE):
-            piece: zmq.Frame = self._socket.recv(copy=False)
-            pieces.append(piece.buffer)
-        return pieces
 
     def pending(self) -> bool:
         """Tell whether something has arrived; also re-arms the descriptor, which signals changes only."""
