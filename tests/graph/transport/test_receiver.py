@@ -150,9 +150,9 @@ def test_what_waits_for_a_slow_reader_of_arrays_is_bounded_in_bytes(tmp_path: Pa
     while len(executor.inbox) * len(payload) < MOST_UNREAD_BYTES:
         sent += 1
         publisher.send(pack(b"/p/block", Kind.DATA, 0, sent, 0, kind, payload))
-        receiver.receive(1_000_000_000, 10)
+        receiver.receive(1_000_000_000)
     unread = len(executor.inbox)
-    receiver.receive(1_000_000_000, 10)
+    receiver.receive(1_000_000_000)
     assert len(executor.inbox) == unread
     assert unread * len(payload) < MOST_UNREAD_BYTES + (ARRAY_QUEUE + 1) * len(payload)
     publisher.close(linger=0)
@@ -183,7 +183,7 @@ def test_what_a_slow_reader_of_arrays_loses_is_in_its_account(
     account = executor.ends.subscriptions["/p/block"][0].account
     while account.sequence < 100:
         sockets.publisher.send_heartbeats()
-        receiver.receive(1_000_000_000, 10)
+        receiver.receive(1_000_000_000)
         while executor.inbox:
             receiver.deliver_next()
     assert account.lost > 50

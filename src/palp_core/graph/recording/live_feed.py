@@ -134,7 +134,7 @@ class LiveFeed:
 
     def receive(self, wait_ms: int) -> bool:
         """Take what has arrived, for a slice of time, after waiting for it; tell if there may be more."""
-        more, _ = self._subscriber.dispatch(self._arrive, SLICE_NS, wait_ms)
+        more = self._subscriber.dispatch(self._arrive, SLICE_NS, wait_ms)
         self._migration.tick(monotonic_ns())
         if self._questions:
             self._take_answers()

@@ -79,7 +79,6 @@ class Ros2Bridge:
         self._latched: dict[str, tuple[int, int]] = {}
         self._latest_ns, self._clock_told_ns, self._clock_due_ns = 0, 0, 0
         self._reader = TopicReader(graph, [], reliable=True)
-        self._reader.hasten()
         self._ports = Ports(graph)
         self._parameters = ParameterServices(graph)
         self._services = Services(graph, plan.definitions, times, self._account)

@@ -45,7 +45,6 @@ class TopicReceiver:
         listening: Is told a topic and the second place where it is listened to.
 
     Attributes:
-        more: The last :meth:`receive` left something in the socket.
         buffers: Puts each input topic in order.
         monitor: Looks how the edges do.
     """
@@ -58,7 +57,6 @@ class TopicReceiver:
         offsets: Path | None,
         listening: Callable[[str, str], None] = lambda *_: None,
     ) -> None:
-        self.more = False
         self._executor, self._inbox = executor, executor.inbox
         places = {name: publish for name, (publish, _) in publishers.items()}
         self._subscriber = SubscriberSocket(
@@ -147,21 +145,6 @@ class TopicReceiver:
             if len(subscriptions) == 1 and subscriptions[0].is_prompt
         }  # where a deadline holds, what is due at its time comes before a message that is late
 
-    def wake_on(self, endpoint: str, at_leisure: Callable[[], bool]) -> None:
-        """Let a wakeup end the waiting of :meth:`receive`, which goes on while the node is at leisure."""
-        self._subscriber.wake_on(endpoint)
-        self._subscriber.at_leisure = at_leisure
-
-    @property
-    def heard_count(self) -> int:
-        """How many messages have arrived."""
-        return sum(buffer.latency.count for buffer in self.buffers.values())
-
-    @property
-    def asking(self) -> bool:
-        """True once anything was asked of a publisher: its answers come on other descriptors."""
-        return bool(self._requester.file_descriptors)
-
     def pending(self) -> bool:
         """Tell whether there is something to take in, whatever the descriptors say.
 
@@ -169,18 +152,15 @@ class TopicReceiver:
         """
         return not self._inbox_is_full() and (self._subscriber.pending() or self._requester.pending())
 
-    def receive(self, slice_ns: int, wait_ms: int = 0) -> bool:
-        """Take in what has arrived, put it in order, ask for what is missing; tell if the wakeup rang.
+    def receive(self, slice_ns: int) -> None:
+        """Take in what has arrived, put it in order, ask for what is missing.
 
         What is next in its order is handed to the node at once, for a slice of time; then the rest waits in
         the socket, whose queue is bounded: what does not fit is a gap, and is asked for or counted.
-        ``wait_ms`` is how long to wait for something to arrive; :data:`.UNTIL_RUNG`: as in the subscription.
         """
-        if self._inbox_is_full():
-            return False
-        self.more, rung = self._subscriber.dispatch(self._arrive, slice_ns, wait_ms)
-        self._take_answers()
-        return rung
+        if not self._inbox_is_full():
+            self._subscriber.dispatch(self._arrive, slice_ns)
+            self._take_answers()
 
     def _take_answers(self) -> None:
         if not self._requester.file_descriptors:

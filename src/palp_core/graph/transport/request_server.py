@@ -98,11 +98,9 @@ class RequestServer:
     Attributes:
         file_descriptor: Becomes readable when :meth:`poll` has something to do.
         stirred: :meth:`poll` may have something to do all the same: sending swallows the descriptor's signal.
-        asked_count: How many requests have come.
     """
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: str) -> None:
-        self.asked_count = 0
         self._socket = context.socket(zmq.ROUTER)
         self._socket.setsockopt(zmq.LINGER, 200)
         self._socket.setsockopt(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
@@ -151,7 +149,6 @@ class RequestServer:
             parts = [self._socket.recv()]
             while self._socket.getsockopt(_RCVMORE):
                 parts.append(self._socket.recv())
-            self.asked_count += 1
             payload = parts.pop() if len(parts) > 1 else b""
             reply = self.reply_to(parts, payload)
             if reply is not None:
