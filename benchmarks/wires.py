@@ -39,10 +39,10 @@ from wire_bench.peers import DEFAULT, PALP, PEERS, Contenders, contenders, versi
 from wire_bench.plan import Phase
 
 QUICK_S = 34.0  # of 40; starting, ending and a run that takes longer than the one before have the rest
-ALONE = (("latency",), ("64k",), ("trip", "call"), ("rate", "rate_all"), ("1mib", "1mib_kept"))
-TOGETHER = (("latency", "64k", "trip", "call"), ("rate", "rate_all", "1mib", "1mib_kept"))
+ALONE = (("latency",), ("64k",), ("trip", "call"), ("rate",), ("1mib",))
+TOGETHER = (("latency", "64k", "trip", "call"), ("rate", "1mib"))
 KINDS = (*(kind for kinds in ALONE for kind in kinds), "fan", "startup")
-OF_PALP = ("call", "rate_all", "1mib_kept")  # others have nothing of the kind, or make no difference
+OF_PALP = ("call",)  # others have nothing of the kind
 CACHE = Path.home() / ".cache" / "palp-peers"
 
 
@@ -56,11 +56,7 @@ def measures(quick: bool) -> dict[str, Measure]:
         "trip": Measure("trip", Phase("echo", 48, 1000.0, trip_s)),
         "call": Measure("call", Phase("call", 48, 1000.0, trip_s)),
         "rate": Measure("rate", Phase("search", 48, 16000.0, stage_s, resolution=fine)),
-        "rate_all": Measure(
-            "rate_all", Phase("search", 48, 16000.0, stage_s, resolution=fine, together=True)
-        ),
         "1mib": Measure("1mib", Phase("search", 1 << 20, 400.0, stage_s, 512, fine)),
-        "1mib_kept": Measure("1mib_kept", Phase("search", 1 << 20, 400.0, stage_s, 512, fine, kept=True)),
         "fan": Measure("fan", Phase("stream", 48, 1000.0, 0.7 if quick else 5.0)),
     }
 

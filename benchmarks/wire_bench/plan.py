@@ -33,9 +33,6 @@ class Phase:
         seconds: Length of a phase; of one stage of a search.
         most: A stage of a search has at most that many messages: fewer than wait in a queue at most.
         resolution: Ratio of rates at which a search ends.
-        kept: The publisher may write to the array again: palp copies it; else it is given away. The others
-            send a large array without a copy, and nothing keeps its owner from writing to it.
-        together: palp publishes what is due at once by ``publish_all``; the others, each message on its own.
     """
 
     kind: str
@@ -44,8 +41,6 @@ class Phase:
     seconds: float
     most: int = 90_000
     resolution: float = 1.03
-    kept: bool = False
-    together: bool = False
 
     @property
     def count(self) -> int:

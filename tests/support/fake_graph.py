@@ -37,7 +37,6 @@ class FakeNode:
     """A process of the node ``source``: one place to publish and to answer."""
 
     publishing = True
-    send_pieces = None
 
     def __init__(
         self, graph: FakeGraph, place: str, *, depth: int, epoch: int = 0, port: str = "sample"

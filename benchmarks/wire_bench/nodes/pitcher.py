@@ -44,8 +44,6 @@ class Pitcher(Node):
         self.folder = Path(self.params.out)
         self.phases = read_plan(self.folder)
         self.values = [samples(phase.size) for phase in self.phases]
-        for phase, values in zip(self.phases, self.values, strict=True):
-            values.flags.writeable = phase.kept  # as ``publish(owned=True)`` has it: no copy of a large one
         self.meter = Meter(self.folder)
         self.profile = Profile(self.folder / "pitcher.prof" if self.params.profile else None)
         self.at = -1
@@ -92,18 +90,6 @@ class Pitcher(Node):
         values = self.values[self.at]
         self.block.publish(Block(index=index, sent_ns=time.monotonic_ns(), torque_n_m=values))
 
-    def _send_all(self, stage: int, due: int, total: int) -> None:
-        values, numbers = self.values[self.at], range(self.number + 1, due + 1)
-        self.number = due
-        self.block.publish_all(
-            Block(
-                index=index_of(self.at, stage, number, asked=number == total),
-                sent_ns=time.monotonic_ns(),
-                torque_n_m=values,
-            )
-            for number in numbers
-        )
-
     def _call(self, index: int) -> None:
         values = self.values[self.at]
         self.ask.call(Block(index=index, sent_ns=time.monotonic_ns(), torque_n_m=values))
@@ -137,8 +123,6 @@ class Pitcher(Node):
         search, passed_ns = self.search, time.monotonic_ns() - self.begin_ns
         total = search.total
         due = min(total, int(passed_ns * search.rate_hz / 1e9) + 1)
-        if self.phase.together:
-            self._send_all(search.stage, due, total)
         while self.number < due:
             self.number += 1
             self._send(index_of(self.at, search.stage, self.number, asked=self.number == total))

@@ -10,18 +10,13 @@ socket.connect(graph.topics.find((entry) => entry.name === topic).publish);
 socket.subscribe(`${topic}\0`);
 const floats = (bytes) => [...new Float64Array(new Uint8Array(bytes).buffer)]; // a copy is aligned
 let left = Number(count);
-for await (const parts of socket) {
-  const frame = Buffer.concat(parts);
+for await (const [frame] of socket) {
   const header = Buffer.byteLength(topic) + 1;
   const [version, kind] = frame.subarray(header);
-  if (version !== 2 || (kind !== 0 && kind !== 4)) continue; // another version, or a heartbeat
-  const found = decode(frame.subarray(header + 32)); // one message, or a run of them
-  let sequence = frame.readBigUInt64LE(header + 8);
-  for (const fields of (kind === 4 ? found : [found]).slice(0, left)) {
-    const message = Object.entries(fields).map(([name, value]) => [name, value instanceof Uint8Array ? floats(value) : value]);
-    console.log(`${sequence++} ${JSON.stringify(Object.fromEntries(message))}`);
-    left--;
-  }
-  if (left <= 0) break;
+  if (version !== 2 || kind !== 0) continue; // another version, or a heartbeat
+  const fields = decode(frame.subarray(header + 32));
+  const message = Object.entries(fields).map(([name, value]) => [name, value instanceof Uint8Array ? floats(value) : value]);
+  console.log(`${frame.readBigUInt64LE(header + 8)} ${JSON.stringify(Object.fromEntries(message))}`);
+  if (--left <= 0) break;
 }
 socket.close();

@@ -38,8 +38,7 @@ class Sensor(Node):
     @every("block_hz")
     def read(self) -> None:
         torque_n_m = np.full(6, self.state.load_n_m - self.state.offset_n_m)
-        block = TorqueBlock(stamp_ns=self.now_ns(), torque_n_m=torque_n_m)
-        self.torque.publish_all([block, block])  # one frame, as a driver's buffer may be read
+        self.torque.publish(TorqueBlock(stamp_ns=self.now_ns(), torque_n_m=torque_n_m))
 
     @serve(tare)
     def zero(self, request: TareRequest) -> TareReply:

@@ -13,11 +13,10 @@ socket = zmq.Context().socket(zmq.SUB)
 socket.connect({entry["name"]: entry["publish"] for entry in graph["topics"]}[sys.argv[2]])
 socket.subscribe(topic + b"\0")
 while count > 0:
-    frame, body = b"".join(socket.recv_multipart()), len(topic) + 33
+    frame, body = socket.recv(), len(topic) + 33
     version, kind, _, epoch, sequence, stamp_ns, type_hash = struct.unpack_from("<BBHIQqQ", frame, body - 32)
-    if version == 2 and kind in (0, 4):  # the others are heartbeats
-        found = msgpack.unpackb(frame[body:])  # of kind 4, several messages
-        for number, fields in list(enumerate(found if kind == 4 else [found], sequence))[:count]:
-            arrays = {k: memoryview(v).cast("d").tolist() for k, v in fields.items() if isinstance(v, bytes)}
-            print(number, json.dumps(fields | arrays), flush=True)
-            count -= 1
+    if version == 2 and kind == 0:  # the others are heartbeats
+        fields = msgpack.unpackb(frame[body:])
+        arrays = {k: memoryview(v).cast("d").tolist() for k, v in fields.items() if isinstance(v, bytes)}
+        print(sequence, json.dumps(fields | arrays), flush=True)
+        count -= 1

@@ -38,12 +38,6 @@ class Latency:
         if len(self._new) >= BATCH:
             self._sort()
 
-    def add_many(self, duration_ns: int, count: int) -> None:
-        """Add the same duration so many times."""
-        self._new.extend([duration_ns] * count)
-        if len(self._new) >= BATCH:
-            self._sort()
-
     def _sort(self) -> None:
         """Put what is new into its buckets: in batches, away from the message's way."""
         new, self._new = self._new, []

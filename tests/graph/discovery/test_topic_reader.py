@@ -106,13 +106,3 @@ def test_whatever_arrives_everything_is_in_order_once_and_accounted_for(
 @pytest.mark.parametrize("kind", [Kind.MOVED])
 def test_frames_of_other_kinds_change_nothing(tmp_path: Path, kind: Kind) -> None:
     assert follow(tmp_path, History(0, 0), [frame(5, kind)]) == ([], 0)
-
-
-def test_who_is_in_haste_still_has_its_turns_while_nothing_comes(tmp_path: Path) -> None:
-    graph = RunningGraph(record(tmp_path), History(0, 0))
-    with TopicReader(graph, [graph.topic(TOPIC)]) as listener:
-        listener.hasten()
-        heard: list[ReceivedFrame] = []
-        for _ in range(3):
-            listener.turn(heard.append)
-        assert heard == []

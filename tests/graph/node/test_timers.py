@@ -13,7 +13,6 @@ from palp_core.graph.node.timers import AlarmEnd, TimerEnd
 
 class Owner:
     publishing = True
-    send_pieces = None
 
     def __init__(self, rate_hz: float) -> None:
         self.rate_hz = rate_hz

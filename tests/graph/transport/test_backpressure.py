@@ -93,7 +93,7 @@ class Pair:
         self.listeners.append(executor)
         while not receiver.matched:
             self.sockets.poll()
-            receiver.receive(SLICE_NS, 10)
+            receiver.receive(SLICE_NS)
         self.hear(lambda: not holds(qos) or name in backpressure_of(self).holders)
         receiver.set_start(monotonic_ns())
         return receiver
@@ -105,7 +105,7 @@ class Pair:
     def take(self, receiver: TopicReceiver, up_to: int) -> None:
         """Let a reader take up what comes, until it has a message."""
         while receiver.buffers["/p/word"].next <= up_to or receiver._executor.inbox:
-            receiver.receive(SLICE_NS, 10)
+            receiver.receive(SLICE_NS)
             while receiver._executor.inbox:
                 receiver.deliver_next()
 
@@ -245,7 +245,7 @@ def test_every_loss_is_counted_at_both_ends_and_told_at_most_once_a_second(pair:
         pair.sockets.publisher.send_heartbeats()
         buffer = reader.buffers["/p/word"]
         while buffer.give_up_ns is None:
-            reader.receive(SLICE_NS, 10)
+            reader.receive(SLICE_NS)
         buffer.expire(buffer.give_up_ns)
         skipped += lost
         while reader._executor.inbox:

@@ -150,9 +150,9 @@ def test_what_waits_for_a_slow_reader_of_arrays_is_bounded_in_bytes(tmp_path: Pa
     while len(executor.inbox) * len(payload) < MOST_UNREAD_BYTES:
         sent += 1
         publisher.send(pack(b"/p/block", Kind.DATA, 0, sent, 0, kind, payload))
-        receiver.receive(1_000_000_000, 10)
+        receiver.receive(1_000_000_000)
     unread = len(executor.inbox)
-    receiver.receive(1_000_000_000, 10)
+    receiver.receive(1_000_000_000)
     assert len(executor.inbox) == unread
     assert unread * len(payload) < MOST_UNREAD_BYTES + (ARRAY_QUEUE + 1) * len(payload)
     publisher.close(linger=0)
@@ -172,7 +172,7 @@ def test_what_a_slow_reader_of_arrays_loses_is_in_its_account(
     executor.transition(Transition.CONFIGURE)
     executor.transition(Transition.ACTIVATE)
     receiver.set_start(0)
-    outlet = PublisherEnd("/p/block", Block, qos, 0, _Owner(sockets), sockets.publisher.send)
+    outlet = PublisherEnd("/p/block", Block, qos, 0, _Owner(), sockets.publisher.send)
     sockets.publisher.offer([outlet])
     while not sockets.publisher.readers:
         sockets.poll()
@@ -183,7 +183,7 @@ def test_what_a_slow_reader_of_arrays_loses_is_in_its_account(
     account = executor.ends.subscriptions["/p/block"][0].account
     while account.sequence < 100:
         sockets.publisher.send_heartbeats()
-        receiver.receive(1_000_000_000, 10)
+        receiver.receive(1_000_000_000)
         while executor.inbox:
             receiver.deliver_next()
     assert account.lost > 50
@@ -197,9 +197,6 @@ class _Owner:
     """The node of a publisher."""
 
     publishing = True
-
-    def __init__(self, sockets: NodeSockets) -> None:
-        self.send_pieces = sockets.publisher.send_pieces
 
     def now_ns(self) -> int:
         return 0
@@ -222,88 +219,6 @@ def test_what_a_predecessor_rejected_it_has_heard(tmp_path: Path, context: Any) 
     assert new.work() == ["word 4", "word 5"]
     for wired in (old, new):
         wired.receiver.close()
-
-
-def own(wired: Wired) -> tuple[PublisherEnd[Word], list[bytes]]:
-    """Return an end that publishes what the node reads, and what has gone to the socket."""
-    sent: list[bytes] = []
-    out = PublisherEnd("/p/word", Word, Qos(), 0, wired.executor, sent.append)
-    wired.receiver.own.watch(out)
-    return out, sent
-
-
-def test_what_a_node_is_given_from_outside_is_handled_without_the_socket_and_once(
-    tmp_path: Path, context: Any
-) -> None:
-    wired = Wired(tmp_path, context, Qos())
-    out, sent = own(wired)
-    wired.arrive(1, 0)
-    out.sequence = 1
-    for n in (2, 3):
-        out.put(Word(n=n))
-    wired.receiver.own.take()
-    assert wired.work() == ["word 1", "word 2", "word 3"]
-    for raw in sent:
-        wired.receiver._arrive(raw, 1)
-    wired.arrive(4, 1)
-    assert wired.work() == ["word 1", "word 2", "word 3", "word 4"]
-    account = wired.executor.ends.subscriptions["/p/word"][0].account
-    assert (account.received, account.repeated, account.lost) == (4, 0, 0)
-    wired.receiver.close()
-
-
-def test_what_is_not_next_in_its_order_waits_for_its_turn_at_the_socket(tmp_path: Path, context: Any) -> None:
-    wired = Wired(tmp_path, context, Qos())
-    out, sent = own(wired)
-    wired.arrive(1, 0)
-    out.sequence = 2
-    out.put(Word(n=3))
-    wired.receiver.own.take()
-    assert wired.work() == ["word 1"]
-    wired.arrive(2, 0)
-    wired.receiver._arrive(sent[0], 1)
-    assert wired.work() == ["word 1", "word 2", "word 3"]
-    wired.receiver.close()
-
-
-def test_what_waits_in_the_inbox_comes_before_what_is_given_from_outside(
-    tmp_path: Path, context: Any
-) -> None:
-    wired = Wired(tmp_path, context, Qos())
-    out, sent = own(wired)
-    wired.arrive(1, 0)
-    wired.executor.succession.pause()
-    wired.arrive(2, 0)
-    out.sequence = 2
-    out.put(Word(n=3))
-    wired.receiver.own.take()
-    wired.receiver._arrive(sent[0], 1)
-    wired.executor.succession.resume()
-    assert wired.work() == ["word 1", "word 2", "word 3"]
-    wired.receiver.close()
-
-
-def test_what_a_node_is_given_from_outside_waits_at_the_socket_while_too_much_is_unread(
-    tmp_path: Path, context: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(receiver_module, "MOST_UNREAD", 2)
-    wired = Wired(tmp_path, context, Qos())
-    out, sent = own(wired)
-    wired.arrive(1, 0)
-    wired.executor.succession.pause()
-    out.sequence = 1
-    for n in range(2, 6):
-        out.put(Word(n=n))
-    wired.receiver.own.take()
-    assert len(wired.executor.inbox) == 2
-    wired.executor.succession.resume()
-    assert wired.work() == ["word 1", "word 2"]
-    for raw in sent:
-        wired.receiver._arrive(raw, 1)
-    assert wired.work() == [f"word {n}" for n in range(1, 6)]
-    account = wired.executor.ends.subscriptions["/p/word"][0].account
-    assert (account.received, account.repeated, account.lost) == (5, 0, 0)
-    wired.receiver.close()
 
 
 def test_what_a_node_sends_does_not_hide_what_has_arrived(tmp_path: Path) -> None:

@@ -10,16 +10,13 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import HEADER_BYTES, PLAIN_DATA, Frame, Kind, parse, quick_header
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.messages.runs import one_by_one
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.transport.migration import PATIENCE_NS, Migration
 from palp_core.graph.transport.reorder_buffer import ReorderBuffer
-from palp_core.graph.transport.subscriber_socket import UNTIL_RUNG, SubscriberSocket
-from palp_core.graph.transport.wakeup import ENDPOINT, Wakeup
+from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
 TICK_MS = 100
-TICK_NS = TICK_MS * 1_000_000
 SLICE_NS = 500_000
 HISTORY_TIMEOUT_S = 2.0
 LOOK_AT_LAUNCHER_NS = 500_000_000
@@ -85,8 +82,6 @@ class TopicReader:
         self._buffers: dict[str, ReorderBuffer] = {}
         self._quick: dict[bytes, ReorderBuffer] = {}
         self._migration = Migration(self._subscriber, {}, self._buffers)
-        self._wakeup: Wakeup | None = None
-        self._rung = False
         self.follow(topics)
 
     def follow(self, topics: Sequence[Topic]) -> None:
@@ -110,24 +105,7 @@ class TopicReader:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._wakeup is not None:
-            self._wakeup.close()
         self._subscriber.close()
-
-    def hasten(self) -> None:
-        """Have a thread keep the time from now on: a wait that ends by itself is woken later by a message."""
-        self._wakeup = Wakeup(self._subscriber.context, ())
-        self._subscriber.wake_on(ENDPOINT)
-        self._subscriber.at_leisure = lambda: True
-
-    def _dispatch(self, arrive: Callable[[bytes, int], None]) -> None:
-        if self._wakeup is None:
-            self._subscriber.dispatch(arrive, SLICE_NS, TICK_MS)
-            return
-        self._wakeup.ring_at(monotonic_ns() + TICK_NS)
-        if self._rung:
-            self._wakeup.rearm()
-        self._rung = self._subscriber.dispatch(arrive, TICK_NS, UNTIL_RUNG)[1]
 
     def messages(self) -> Iterator[ReceivedFrame | None]:
         """Yield messages as they come, and None every tenth of a second; end when the graph has."""
@@ -145,7 +123,7 @@ class TopicReader:
             for received in self._hear(raw, arrived_ns):
                 take(received)
 
-        self._dispatch(one_by_one(arrive))
+        self._subscriber.dispatch(arrive, SLICE_NS, TICK_MS)
         now_ns = monotonic_ns()
         self._migration.tick(now_ns)
         for buffer in self._buffers.values():
@@ -162,7 +140,7 @@ class TopicReader:
             yield received
             return
         try:
-            frame = parse(b"".join((raw, *self._subscriber.pieces())))
+            frame = parse(raw)
         except SchemaMismatch:
             return  # not ours; the readers count such frames
         yield from self._take(frame, arrived_ns)

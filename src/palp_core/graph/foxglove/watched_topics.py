@@ -9,14 +9,13 @@ from collections.abc import Iterable, Mapping
 
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.messages.frame import IN_PIECES, Frame, Kind, parse
-from palp_core.graph.messages.runs import one_by_one
+from palp_core.graph.messages.frame import Frame, Kind, parse
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.transport.migration import Migration, Unordered
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
 SLICE_NS = 20_000_000
-_KIND_OFFSET, _FLAGS_OFFSET = 2, 3  # from the NUL: version, kind, flags
+_KIND_OFFSET = 2  # from the NUL: version, kind
 
 
 class _Watched:
@@ -41,7 +40,6 @@ class WatchedTopics:
         self._period_ns = round(1e9 / fastest_hz) if fastest_hz else 0
         self._watched: dict[bytes, _Watched] = {}
         self._ready: list[bytes] = []
-        self._take = one_by_one(self._arrive)
         self._subscriber = SubscriberSocket({})
         self._migration = Migration(self._subscriber, {}, defaultdict(Unordered))
 
@@ -72,7 +70,7 @@ class WatchedTopics:
 
     def receive(self, wait_ms: int) -> list[Frame]:
         """Return the messages that have arrived and are due, after waiting for some so long."""
-        self._subscriber.dispatch(self._take, SLICE_NS, wait_ms)
+        self._subscriber.dispatch(self._arrive, SLICE_NS, wait_ms)
         now_ns = monotonic_ns()
         self._migration.tick(now_ns)
         for watched in self._watched.values():
@@ -88,10 +86,8 @@ class WatchedTopics:
 
     def _arrive(self, raw: bytes, now_ns: int) -> None:
         end = raw.find(0)
-        if len(raw) <= end + _FLAGS_OFFSET:
+        if len(raw) <= end + _KIND_OFFSET:
             return
-        if raw[end + _FLAGS_OFFSET] & IN_PIECES:
-            raw = b"".join((raw, *self._subscriber.pieces()))
         watched = self._watched.get(raw[:end])
         if watched is None:
             return

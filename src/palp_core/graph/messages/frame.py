@@ -23,13 +23,8 @@ _SEQUENCE = struct.Struct("<Q")
 _FORMER = struct.Struct("<IQ")
 HEADER_BYTES = _HEADER.size
 MAX_TOPIC_BYTES = 255
-MOST_PIECES = 3
 LAST_SEQUENCE = 2**53
 """No publisher comes that far (285 years at 1 MHz), and sums of a few such numbers can be said everywhere."""
-
-
-IN_PIECES = 1
-"""Flag: the payload goes on in the frames that follow; joined, they are the message."""
 
 
 class Kind(IntEnum):
@@ -39,14 +34,10 @@ class Kind(IntEnum):
     HEARTBEAT = 1  # sequence is the last one published; payload: see former_of
     MOVED = 2  # payload is the new endpoint; sequence is the last one published here
     IDLE = 3  # a heartbeat that says: nothing is due until the next message
-    RUN = 4  # several messages, see runs; sequence is that of the first
 
 
 PLAIN_DATA = VERSION
-"""The header's first four bytes as one number, of a message in one frame: kind DATA, no flags."""
-
-PLAIN_RUN = VERSION | Kind.RUN << 8
-"""The same of a run of messages."""
+"""The header's first four bytes as one number, of a message: kind DATA, no flags."""
 
 quick_pack = _QUICK.pack
 """Return a header of (first four bytes, epoch, sequence, stamp, type hash)."""
@@ -56,7 +47,7 @@ quick_header = _QUICK.unpack_from
 
 
 class Frame(NamedTuple):
-    """A parsed frame; ``payload`` is a view into the received bytes, ``rest`` those pieces that follow it."""
+    """A parsed frame; ``payload`` is a view into the received bytes."""
 
     topic: str
     kind: int
@@ -65,12 +56,6 @@ class Frame(NamedTuple):
     stamp_ns: int
     type_hash: int
     payload: memoryview
-    rest: tuple[memoryview, ...] = ()
-
-    @property
-    def payload_bytes(self) -> int:
-        """Length of the whole payload."""
-        return len(self.payload) + sum(map(len, self.rest))
 
 
 def pack(
@@ -81,11 +66,10 @@ def pack(
     stamp_ns: int,
     type_hash: int,
     payload: bytes | memoryview = b"",
-    flags: int = 0,
 ) -> bytes:
     """Return one frame."""
     return b"".join(
-        (topic, b"\0", _HEADER.pack(VERSION, kind, flags, epoch, sequence, stamp_ns, type_hash), payload)
+        (topic, b"\0", _HEADER.pack(VERSION, kind, 0, epoch, sequence, stamp_ns, type_hash), payload)
     )
 
 
@@ -98,7 +82,7 @@ def raw_of(frame: Frame) -> bytes:
         frame.sequence,
         frame.stamp_ns,
         frame.type_hash,
-        b"".join((frame.payload, *frame.rest)),
+        frame.payload,
     )
 
 
@@ -133,8 +117,8 @@ def parse(frame: bytes) -> Frame:
     """Split a frame of one message into its parts.
 
     Raises:
-        SchemaMismatch: Not a frame of this version: no topic, truncated header, unknown version or kind, a
-            sequence that cannot be, or a run, which :func:`palp_core.graph.messages.runs.singles` splits.
+        SchemaMismatch: Not a frame of this version: no topic, truncated header, unknown version or kind, or a
+            sequence that cannot be.
     """
     end = frame.find(0, 0, MAX_TOPIC_BYTES + 1)
     if end < 1:
@@ -146,9 +130,7 @@ def parse(frame: bytes) -> Frame:
         raise SchemaMismatch(
             f"frame of wire version {version}; this end speaks {VERSION}: upgrade the older one"
         )
-    if kind == Kind.RUN:
-        raise SchemaMismatch("a run of messages that is none: no array of at least two")
-    if kind > Kind.RUN:
+    if kind > Kind.IDLE:
         raise SchemaMismatch(f"frame of unknown kind {kind}")
     if kind == Kind.DATA and sequence == 0:
         raise SchemaMismatch("frame without a sequence: the first message of a topic has 1")
@@ -160,14 +142,3 @@ def parse(frame: bytes) -> Frame:
         raise SchemaMismatch("not a palp frame: the topic is not UTF-8") from error
     payload = memoryview(frame)[end + 1 + HEADER_BYTES :]
     return Frame(topic, kind, epoch, sequence, stamp_ns, type_hash, payload)
-
-
-def checked_pieces(rest: list[memoryview]) -> tuple[memoryview, ...]:
-    """Return the pieces that follow a frame.
-
-    Raises:
-        SchemaMismatch: There are too many.
-    """
-    if len(rest) > MOST_PIECES - 1:
-        raise SchemaMismatch(f"not a palp frame: a message of {len(rest) + 1} pieces")
-    return tuple(rest)

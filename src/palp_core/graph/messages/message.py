@@ -113,12 +113,6 @@ def decoder_of(cls: type[M]) -> Callable[[bytes | memoryview], M]:
     return _checked(_decoder(cls, writable=False).decode, cls.__name__, schema_of(cls).check)
 
 
-def run_decoder_of(cls: type[M]) -> Callable[[bytes | memoryview], list[M]]:
-    """Return what decodes and validates the messages of a run, all of them or none."""
-    decode_all = _decoder(list[cls], writable=False).decode  # type: ignore[valid-type]
-    return _checked(decode_all, f"run of {cls.__name__}", schema_of(cls).check_all)
-
-
 def _checked(
     decode_plain: Callable[[bytes | memoryview], T], what: str, check: Callable[[Any], None] | None
 ) -> Callable[[bytes | memoryview], T]:

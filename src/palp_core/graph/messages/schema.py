@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -38,7 +38,6 @@ class Schema(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         check: Raises :class:`SchemaMismatch` if an element of an array is out of bounds; None: none can be.
-        check_all: The same of several messages at once.
         canonical: Returns a message with the floats that its ints stand for; None: there is nothing to do.
     """
 
@@ -47,7 +46,6 @@ class Schema(msgspec.Struct, frozen=True, eq=False):
     fields: tuple[Field, ...]
     type_hash: int
     check: Callable[[Any], None] | None
-    check_all: Callable[[Sequence[Any]], None] | None
     canonical: Callable[[Any], Any] | None
 
     @property
@@ -134,20 +132,6 @@ def _check(
     return check
 
 
-def _check_all(
-    check: Callable[[Any], None], bounded: dict[str, tuple[float, float]], nested: dict[str, Schema]
-) -> Callable[[Sequence[Any]], None]:
-    def check_all(messages: Sequence[Any]) -> None:
-        if not messages:
-            return  # nothing to join
-        arrays = {name: [getattr(message, name) for message in messages] for name in bounded}
-        if nested or not all(_within(np.concatenate(arrays[name]), *bounded[name]) for name in bounded):
-            for message in messages:  # which tells the one that is wrong
-                check(message)
-
-    return check_all
-
-
 def _canonical(fields: list[Field]) -> Callable[[Any], Any] | None:
     """Return a function that makes float of every int in a float field, equal values are then equal bytes."""
     floats = [f.name for f in fields if f.type == "float64"]
@@ -219,7 +203,6 @@ def _make_schema(cls: type) -> Schema:
         fields=tuple(fields),
         type_hash=int.from_bytes(digest, "little"),
         check=check,
-        check_all=_check_all(check, bounded, nested) if check is not None else None,
         canonical=_canonical(fields),
     )
 

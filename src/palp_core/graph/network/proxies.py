@@ -15,7 +15,6 @@ import zmq
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import Kind, parse
-from palp_core.graph.messages.runs import singles
 from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.transport.matched_readers import READER
 from palp_core.graph.transport.migration import Migration, Turns
@@ -129,10 +128,6 @@ class Tap:
             self._socket.disconnect(endpoint)
 
     def _on_frame(self, parts: list[bytes]) -> None:
-        if len(parts) == 1 and len(frames := singles(parts[0])) > 1:
-            for one in frames:
-                self._on_frame([one])
-            return
         with contextlib.suppress(SchemaMismatch, KeyError):
             frame = parse(parts[0])
             if frame.kind == Kind.MOVED:  # a matter of this host

@@ -7,15 +7,15 @@ the same code runs a node in its own process, in composition and on a test bench
 import logging
 import operator
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from palp_core.errors import NodeError, SchemaMismatch, in_words
-from palp_core.graph.clock import Clock, monotonic_ns
+from palp_core.graph.clock import Clock
 from palp_core.graph.log_format import ENDING
 from palp_core.graph.messages.builtin import NodeEvent, Order
 from palp_core.graph.messages.frame import Frame, parse
-from palp_core.graph.messages.message import Message, encode_any
+from palp_core.graph.messages.message import encode_any
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.bindings import Bindings
 from palp_core.graph.node.event_publisher import EVENTS_PORT, EventPublisher
@@ -43,7 +43,6 @@ class Executor:
     Attributes:
         inbox: Frames that wait for the node to be active.
         resend: Takes a frame that is sent again.
-        send_pieces: Takes the topic and the pieces of a large message; None: it is sent whole.
         swaps: Every time the node has changed hands.
         succession: Its change of hands.
 
@@ -64,7 +63,6 @@ class Executor:
         self.log = logging.getLogger(f"palp.{spec.name}")
         self.inbox: deque[Frame] = deque()
         self.resend: Callable[[bytes], None] = lambda _: None
-        self.send_pieces: Callable[[bytes, bytes, memoryview, bytes], None] | None = None
         node_class = node_class.shaped(spec.name, spec.params)
         self.declaration = declaration_of(node_class)
         self._clock = clock
@@ -203,7 +201,6 @@ class Executor:
         stamp_ns: int,
         type_hash: int,
         payload: memoryview,
-        rest: tuple[memoryview, ...] = (),
     ) -> bool:
         """Account for a message that is due at an active node, write it down and hand it to its handler.
 
@@ -221,7 +218,7 @@ class Executor:
         if now_ns >= journal.next_snapshot_ns:
             journal.take_snapshot(now_ns)
         try:
-            message = subscription.accept(kind, epoch, sequence, stamp_ns, type_hash, payload, rest, now_ns)
+            message = subscription.accept(kind, epoch, sequence, stamp_ns, type_hash, payload, now_ns)
         except SchemaMismatch as error:
             place = f"topic {subscription.topic}, input '{subscription.port}'"
             self.events.reject(SchemaMismatch(f"{place}: {error}; mend what its publisher sends"))
@@ -234,49 +231,6 @@ class Executor:
             except (Exception, SystemExit) as error:
                 raise self.failing.failed(subscription.port, subscription.handler.__name__, error) from error
         return True
-
-    def deliver_run(
-        self,
-        subscription: Subscription,
-        now_ns: int,
-        epoch: int,
-        first: int,
-        messages: Sequence[Message],
-        until_ns: int,
-        noted: Callable[[int, int], None] | None,
-    ) -> int:
-        """Hand on messages that came in one frame, each as :meth:`deliver` would; return the last sequence.
-
-        Args:
-            subscription: Has them from :meth:`.Subscription.next_run`.
-            now_ns: When they came, on the graph's clock.
-            epoch: Theirs.
-            first: Sequence of the first.
-            messages: In their order, at least one.
-            until_ns: When it is so late on the host's monotonic clock, or the node is done, the rest is left.
-            noted: Takes epoch and sequence of each that has been handled.
-
-        Raises:
-            NodeError: The handler failed.
-        """
-        self._now_ns = now_ns
-        self.journal.snapshot_if_due(now_ns)
-        handler, node, sequence = subscription.handler, self.node, first - 1
-        try:
-            try:
-                for message in messages:
-                    sequence += 1
-                    handler(node, message)
-                    if noted is not None:
-                        noted(epoch, sequence)
-                    if self.exit_code is not None or monotonic_ns() >= until_ns:
-                        break
-            finally:  # between two messages nobody else looks at what is taken up
-                subscription.note_run(sequence, messages[sequence - first], now_ns)
-                self.journal.note_run(subscription.index, epoch, first, sequence, now_ns)
-        except (Exception, SystemExit) as error:
-            raise self.failing.failed(subscription.port, handler.__name__, error) from error
-        return sequence
 
     def begin_command(self) -> None:
         """Give a command from outside, between two handlers, the present time and a place in the order."""

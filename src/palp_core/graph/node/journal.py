@@ -123,12 +123,6 @@ class Journal:
         if len(entries) >= BATCH:
             self.flush(now_ns)
 
-    def note_run(self, index: int, epoch: int, first: int, last: int, now_ns: int) -> None:
-        """Add an entry for each message of a run that was handed on."""
-        self._entries.extend((index, epoch, sequence, now_ns) for sequence in range(first, last + 1))
-        if len(self._entries) >= BATCH:
-            self.flush(now_ns)
-
     def note_transition(self, transition: Transition, now_ns: int) -> bool:
         """Add a transition; the first configuration comes before the record, the shutdown ends it.
 

@@ -1,6 +1,5 @@
 """What the live ends of a node ask of whoever drives them."""
 
-from collections.abc import Callable
 from typing import Protocol
 
 
@@ -12,10 +11,6 @@ class Owner(Protocol):
     """
 
     publishing: bool
-
-    @property
-    def send_pieces(self) -> Callable[[bytes, bytes, memoryview, bytes], None] | None:
-        """Takes the topic and the pieces of a large message; None: it is sent whole."""
 
     def now_ns(self) -> int:
         """Return the time of the present handler."""

@@ -6,7 +6,7 @@ Ports are class attributes. On an instance, the executor puts the live end in th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, overload
 
 from palp_core.graph.messages.message import Message
@@ -58,31 +58,11 @@ class Sub(Port, Generic[M]):
 class Publisher(Protocol[Sent]):
     """The live end of a :class:`Pub`."""
 
-    def publish(self, message: Sent, *, owned: bool = False) -> None:
+    def publish(self, message: Sent) -> None:
         """Send a message to every reader; its stamp is the node's time.
-
-        Args:
-            message: What to send.
-            owned: The message's arrays are given away: they become read-only, and one of 512 KiB or more
-                travels without a copy. Until its last reader has it, nothing may write to its memory: not by
-                a view that was made before, either. A view of another array is copied all the same.
 
         Raises:
             PublishTimeout: A reader made no room in time, where the edge's history is ``keep_all``.
-        """
-
-    def publish_all(self, messages: Iterable[Sent]) -> None:
-        """Send messages, one after the other, in as few frames as may be.
-
-        Readers get the same as if each were published on its own; many small ones at once cost a fraction of
-        that.
-
-        Args:
-            messages: What to send. Of a generator, up to 64 wait until as many are there, or it ends; if it
-                fails, those before are sent.
-
-        Raises:
-            PublishTimeout: As :meth:`publish`; those before the one that found no room are sent.
         """
 
     def idle(self) -> None:

@@ -7,7 +7,7 @@ import msgspec
 
 from palp_core.graph.messages.message import Message
 from palp_core.graph.node.owner import Owner
-from palp_core.graph.node.publisher import PublisherEnd, whole
+from palp_core.graph.node.publisher import PublisherEnd
 
 
 class Pending(msgspec.Struct):
@@ -59,7 +59,7 @@ class ClientEnd:
         """Send a request and return at once; the reply arrives at ``@on(client)``."""
         self._publisher.publish(request)
         due_ns = self._owner.now_ns() + self._timeout_ns
-        sent = whole(self._publisher.history[-1])
+        sent = self._publisher.history[-1]
         self.pending.append(Pending(self._publisher.sequence, due_ns, self._retries, sent))
 
     def settle(self, sequence: int) -> bool:

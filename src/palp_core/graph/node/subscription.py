@@ -1,12 +1,11 @@
 """One wired input of a node: how to decode what arrives, who handles it, what has been taken up."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from palp_core.errors import SchemaMismatch
-from palp_core.graph.messages.fragments import decode_pieces
 from palp_core.graph.messages.frame import Frame, Kind
-from palp_core.graph.messages.message import Message, decoder_of, run_decoder_of
+from palp_core.graph.messages.message import Message, decoder_of
 from palp_core.graph.messages.qos import EventKind, Qos
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.publisher import PublisherEnd
@@ -36,7 +35,6 @@ class Subscription:
         last: When a message was last handled, and the message.
         is_prompt: No time limit holds on the edge: a message that is next is handed over as it arrives.
         is_plain: Besides, its messages are neither requests nor replies.
-        takes_runs: Messages of one frame may be handed on in a row, and accounted for when that is done.
         tell_repeats: Is told how many in a row have been dropped as repeats, when they are not few.
     """
 
@@ -65,11 +63,10 @@ class Subscription:
         self.attach({})
         self._type_hash = schema_of(message).type_hash
         self._decode = decoder_of(message)
-        self._decode_run = run_decoder_of(message)
         self._deadline_ns = round(qos.deadline_ms * 1e6)
         self._lifespan_ns = round(qos.lifespan_ms * 1e6)
         self.is_prompt = not self._lifespan_ns and not self._deadline_ns
-        self.takes_runs = self.is_plain = self.is_prompt and type(self) is Subscription
+        self.is_plain = self.is_prompt and type(self) is Subscription
 
     def attach(self, events: Mapping[EventKind, EventEnd]) -> None:
         """Raise these events when what they are about is not kept."""
@@ -84,7 +81,6 @@ class Subscription:
         stamp_ns: int,
         type_hash: int,
         payload: memoryview,
-        rest: Sequence[memoryview],
         now_ns: int,
     ) -> Message | None:
         """Account for a frame and return its message; None if there is none to be handled.
@@ -101,7 +97,6 @@ class Subscription:
             and kind == _DATA
             and type_hash == self._type_hash
             and self.is_plain
-            and not rest
         ):
             message = self._decode(payload)
             account.sequence = sequence
@@ -109,7 +104,7 @@ class Subscription:
             return message
         lost_before = account.lost
         if kind == _DATA:
-            message = self._decode_any(type_hash, payload, rest)
+            message = self._decode_typed(type_hash, payload)
             taken = message if self._is_new(epoch, sequence, stamp_ns, now_ns) else None
         else:
             taken = None
@@ -119,27 +114,6 @@ class Subscription:
         if account.lost > lost_before and self._message_lost is not None:
             self._message_lost.count(account.lost - lost_before, now_ns)
         return taken
-
-    def next_run(self, epoch: int, first: int, type_hash: int, payload: memoryview) -> list[Message]:
-        """Return the messages of a run that are next in their sequence; none, if each is to be looked at.
-
-        Nothing is accounted for.
-        """
-        account = self.account
-        if first != account.sequence + 1 or epoch != account.epoch:
-            return []
-        if type_hash != self._type_hash or not self.takes_runs:
-            return []
-        try:
-            return self._decode_run(payload)
-        except SchemaMismatch:
-            return []  # one of them: it is told of that one
-
-    def note_run(self, last: int, message: Message, now_ns: int) -> None:
-        """Account for the messages of a run that were handed on, the last of them being this one."""
-        self.account.received += last - self.account.sequence
-        self.account.sequence = last
-        self.last = (now_ns, message)
 
     def decode(self, payload: bytes | memoryview) -> Message:
         """Decode a message of this input; nothing is accounted for.
@@ -161,13 +135,13 @@ class Subscription:
         """Tell whether a frame was not taken up yet, where its sequence alone does not say so."""
         return True
 
-    def _decode_any(self, type_hash: int, payload: memoryview, rest: Sequence[memoryview]) -> Message:
+    def _decode_typed(self, type_hash: int, payload: memoryview) -> Message:
         if type_hash != self._type_hash:
             raise SchemaMismatch(
                 f"{self.topic} carries another type than {self.message.__name__} "
                 f"(hash {type_hash:016x}, expected {self._type_hash:016x}): rebuild the older end"
             )
-        return decode_pieces(self.message, payload, rest) if rest else self._decode(payload)
+        return self._decode(payload)
 
     def _is_new(self, epoch: int, sequence: int, stamp_ns: int, now_ns: int) -> bool:
         """Account for a message; tell whether it is to be handled."""

@@ -104,7 +104,7 @@ class Succession:
 
     def _history(self) -> dict[str, list[bytes]]:
         publishers = self._executor.ends.publishers.items()
-        return {name: end.history.frames() for name, end in publishers if end.history}
+        return {name: list(end.history) for name, end in publishers if end.history}
 
     def hand_over(self) -> HandOver:
         """Return everything a successor needs, its journal closed."""

@@ -28,7 +28,6 @@ class Keeping:
         self._published = 0
         for subscription in executor.ends.subscriptions.get(name, ()):
             subscription.handler = self._before(subscription)
-            subscription.takes_runs = False  # the account, and the order record, are looked at before each
         if (out := executor.ends.publishers.get(name)) is not None:
             self._watch(out)
 

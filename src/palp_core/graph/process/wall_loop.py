@@ -25,18 +25,11 @@ from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.offsets import Offsets
 from palp_core.graph.transport.publisher_socket import HEARTBEAT_NS
 from palp_core.graph.transport.receiver import TopicReceiver
-from palp_core.graph.transport.subscriber_socket import UNTIL_RUNG
-from palp_core.graph.transport.wakeup import ENDPOINT, Wakeup
 
 EARLY_NS = 50_000_000
 """How much sooner a beat may be where the node is awake for something else, and need not wake for it.
 
 So one that is woken ten times a second, give or take a quarter, never wakes for a beat alone.
-"""
-BUSY = 5
-"""Messages between two beats from which on the wakeup keeps the time: a ring costs as much as two limits.
-
-So many questions from which on it does not, and the loop waits for them itself.
 """
 SLICE_NS = 500_000
 
@@ -53,7 +46,6 @@ class WallLoop:
         node_class = load_class(order.spec.run, order.workspace, fresh=order.fresh)
         self.executor = Executor(node_class, order.spec, self, self.sockets.publisher.send)
         self.executor.resend = self.sockets.publisher.send
-        self.executor.send_pieces = self.sockets.publisher.send_pieces
         self.executor.events.report = self._report
         publishers = {
             name: endpoints(order.run_dir, name.split("/")[1]) for name in self.executor.ends.subscriptions
@@ -93,19 +85,12 @@ class WallLoop:
                 publisher.send = self._send_event
             elif shown:
                 publisher.send = partial(self._send_shown, passing=publisher.message is Progress)
-        for port in order.spec.external:
-            self.receiver.own.watch(self.executor.ends.publishers[order.spec.inputs[port]])
         self.sockets.requests.add(
             order.spec.name,
             NodeServices(self.executor, self.receiver.monitor.account).operations(),
             CHANGING,
         )
         self._others = (channel.socket.fileno(), *self.sockets.file_descriptors)
-        self._reads = bool(self.executor.ends.subscriptions)
-        self._wakeup = Wakeup(self.sockets.context, self._others)
-        self.receiver.wake_on(ENDPOINT, self._at_leisure)
-        self._heard_count = self._asked_count = 0
-        self._rung_at_beats = self._unanswered = self._asked = False
         self._health = HealthProbe(order.spec.name)
         self._next_beat_ns = monotonic_ns()
         self._announced = False
@@ -187,7 +172,7 @@ class WallLoop:
     def _perform(self) -> None:
         """Do what has been asked, and at once what comes of it, unless the node may change hands."""
         if not self.executor.succession.paused:
-            self.sockets.requests.perform(then=self.receiver.own.take)
+            self.sockets.requests.perform()
 
     def _wait(self) -> bool:
         """Wait until there is something to do and take in what arrives; tell if the supervisor spoke."""
@@ -202,61 +187,20 @@ class WallLoop:
             at_work = self.executor.lifecycle is Lifecycle.ACTIVE and not self.executor.succession.paused
             self.executor.journal.serve_follower(self.executor.now_ns(), active=at_work)
             self._next_beat_ns = now_ns + HEARTBEAT_NS
-            self._choose_timekeeper()
             if now_ns >= self._health.due_ns and self._heard():
                 self._pulse()
-        if self._unanswered and not self._asked:  # after the beat, which has set the wakeup's next time
-            self._unanswered = False
-            self._wakeup.rearm()
         timeout_s = (self._next_beat_ns - now_ns) / 1e9
         due_ns = self.executor.next_due_ns()
         if due_ns is not None:
             timeout_s = min(timeout_s, (due_ns - self.now_ns()) / 1e9)
-        if timeout_s < 0.0 or self.receiver.more or self.sockets.due() or self._backlog():
+        if self.receiver.pending() or self.sockets.due() or self._backlog():
             timeout_s = 0.0
-        wait_ms, ready = int(timeout_s * 1e3), None
-        if wait_ms and self._reads and not self.receiver.asking and not self._asked:
-            if self._rung_at_beats and not self.participant.engaged and self._at_leisure():
-                rung = self.receiver.receive(self._next_beat_ns - now_ns, UNTIL_RUNG)
-            else:
-                rung = self.receiver.receive(SLICE_NS, wait_ms)
-        else:
-            coming, pending = self.receiver.file_descriptors, self.receiver.pending()
-            ready = select.select((*coming, *self._others), (), (), 0.0 if pending else timeout_s)[0]
-            rung = bool(ready) and ready[-1] in self._others
-            if pending or (ready and ready[0] in coming):
-                rung = self.receiver.receive(SLICE_NS) or rung
-        if not rung:
-            return self.channel.buffered()
-        self.sockets.note_signal()
-        self._unanswered = True
-        if ready is None:
-            ready = select.select((self._others[0],), (), (), 0.0)[0]
+        descriptors = (*self._others, *self.receiver.file_descriptors)
+        ready = select.select(descriptors, (), (), max(timeout_s, 0.0))[0]
+        self.receiver.receive(SLICE_NS)
+        if ready and ready[0] in self._others:
+            self.sockets.note_signal()
         return self.channel.buffered() or self._others[0] in ready
-
-    def _choose_timekeeper(self) -> None:
-        """Let the wakeup end the waits of a node that hears much; the others' have a limit of their own.
-
-        One that is asked much waits for its descriptors itself: a question that has to be rung for costs the
-        way through another thread. Until that is over the wakeup has no answer, and rings no more.
-        """
-        heard_count = self.receiver.heard_count
-        busy = heard_count - self._heard_count >= BUSY
-        asked_count = self.sockets.requests.asked_count
-        self._asked = asked_count - self._asked_count >= BUSY
-        self._heard_count, self._asked_count = heard_count, asked_count
-        self._rung_at_beats = busy and self._keeping is None and not self._asked
-        self._wakeup.ring_at(self._next_beat_ns if self._rung_at_beats else None)
-
-    def _at_leisure(self) -> bool:
-        """Tell whether there is nothing to do before the next beat but to take what comes."""
-        executor = self.executor
-        if executor.inbox or executor.exit_code is not None or self.sockets.due():
-            return False
-        if self.receiver.asking or not self._announced:
-            return False
-        due_ns = executor.next_due_ns()
-        return due_ns is None or self.clock.host_ns(due_ns) > self._next_beat_ns
 
     def _work(self) -> None:
         """Handle what waits in the inbox, for a slice of time."""
@@ -313,7 +257,6 @@ class WallLoop:
     def close(self) -> None:
         """Let go of the sockets."""
         self._health.close()
-        self._wakeup.close()
         self.receiver.close()
         if self._published is not None:
             self._published.close()

@@ -15,8 +15,7 @@ import msgspec
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
-from palp_core.graph.messages.frame import IN_PIECES, Frame, Kind, parse
-from palp_core.graph.messages.runs import one_by_one
+from palp_core.graph.messages.frame import Frame, Kind, parse
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.transport.migration import Migration, Unordered
 from palp_core.graph.transport.requester_socket import RequesterSocket
@@ -29,7 +28,6 @@ ANSWER_NS = 4_000_000_000
 
 Nothing waits for it here as in a reader; it is less than what a replay allows a message to come late.
 """
-_FLAGS_OFFSET = 3  # from the NUL: version, kind, then flags
 
 
 class FrameSink(Protocol):
@@ -75,7 +73,6 @@ class LiveFeed:
         self._from_start = from_start
         self._topics: dict[str, Topic] = {}
         self._new: set[str] = set()
-        self._take = one_by_one(self._arrive)
         self._subscriber = SubscriberSocket({}, queue=QUEUE, name=f"recorder {os.getpid()}")
         self._migration = Migration(self._subscriber, {}, defaultdict(Unordered))
         self._requester = RequesterSocket(self._subscriber.context)
@@ -137,7 +134,7 @@ class LiveFeed:
 
     def receive(self, wait_ms: int) -> bool:
         """Take what has arrived, for a slice of time, after waiting for it; tell if there may be more."""
-        more, _ = self._subscriber.dispatch(self._take, SLICE_NS, wait_ms)
+        more = self._subscriber.dispatch(self._arrive, SLICE_NS, wait_ms)
         self._migration.tick(monotonic_ns())
         if self._questions:
             self._take_answers()
@@ -165,8 +162,6 @@ class LiveFeed:
 
     def _arrive(self, raw: bytes, monotonic: int) -> None:
         end = raw.find(0)
-        if len(raw) > end + _FLAGS_OFFSET and raw[end + _FLAGS_OFFSET] & IN_PIECES:
-            raw = b"".join((raw, *self._subscriber.pieces()))
         if self.unmatched and raw[:end] in self.unmatched:
             self._on_first_frame(raw, raw[:end])
         if self.start_ns is None:

@@ -79,7 +79,6 @@ class Ros2Bridge:
         self._latched: dict[str, tuple[int, int]] = {}
         self._latest_ns, self._clock_told_ns, self._clock_due_ns = 0, 0, 0
         self._reader = TopicReader(graph, [], reliable=True)
-        self._reader.hasten()
         self._ports = Ports(graph)
         self._parameters = ParameterServices(graph)
         self._services = Services(graph, plan.definitions, times, self._account)
@@ -246,9 +245,8 @@ class _Sender:
         self.account = account
 
     def send(self, frame: Frame) -> None:
-        payload = frame.payload if not frame.rest else b"".join((frame.payload, *frame.rest))
         try:
-            for _, message in self._convert(self._decode(payload), frame.stamp_ns):
+            for _, message in self._convert(self._decode(frame.payload), frame.stamp_ns):
                 self._publish(self._encode(message))
         except (BagError, LookupError, ValueError, TypeError, msgspec.MsgspecError) as error:
             self.account.refuse(_words(error))

@@ -18,7 +18,7 @@ from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.topic import Topic, topic_of
 from palp_core.graph.node.loading import endpoints
-from palp_core.graph.node.publisher import PublisherEnd, whole
+from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.spec import LAUNCHER, topic
 from palp_core.graph.process.node_services import HistoryRequest
 from palp_core.graph.transport.node_sockets import NodeSockets
@@ -48,7 +48,6 @@ class LauncherNode:
     """
 
     publishing = True
-    send_pieces = None
 
     def __init__(self, folder: str, now_ns: Callable[[], int]) -> None:
         self.record: RunRecord | None = None
@@ -102,7 +101,7 @@ class LauncherNode:
             GraphEvent(stamp_ns=self.now_ns(), kind=kind, node=node, text=text, data=json.dumps(data))
         )
         self.poll()
-        self.record_event(whole(self._events.history[-1]))
+        self.record_event(self._events.history[-1])
 
     @property
     def said(self) -> dict[str, int]:

@@ -4,13 +4,14 @@ A publisher goes on by a reader's ``depth`` messages at most; then it waits for 
 that ends, or is killed, is waited for no longer: ZeroMQ takes its subscription back.
 """
 
+from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
 from palp_core.counted import counted
 from palp_core.errors import PublishTimeout
 from palp_core.graph.messages.frame import LAST_SEQUENCE
-from palp_core.graph.node.publisher import History, PublisherEnd
+from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.transport.reader_words import Hold, read_hold, read_word
 
 TELL_NS = 1_000_000_000
@@ -63,7 +64,7 @@ class Backpressure:
         holder = topic.holders.setdefault(hold.reader, _Holder(hold, publisher.sequence))
         holder.hold, holder.places = hold, holder.places + 1
         if hold.depth > (publisher.history.maxlen or 0):
-            publisher.history = History(publisher.history, maxlen=hold.depth)
+            publisher.history = deque(publisher.history, maxlen=hold.depth)
         topic.refresh()
 
     def goes(self, token: bytes) -> None:

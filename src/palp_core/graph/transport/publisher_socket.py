@@ -11,7 +11,6 @@ from typing import Any
 import zmq
 
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.messages.fragments import CUT_FROM
 from palp_core.graph.messages.frame import topic_of
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.transport.backpressure import Backpressure
@@ -24,6 +23,7 @@ from palp_core.graph.transport.requester_socket import readable
 SEND_QUEUE = 100_000  # messages per reader: what is beyond is a gap to it, filled from what is remembered
 QUEUE_BYTES = 256 << 20  # of large messages: ZeroMQ's own marks count messages, whatever their size
 HEARTBEAT_NS = 125_000_000  # in which a process says that it lives
+UNCOPIED_FROM_BYTES = 512 << 10  # below, copying is faster than handing memory over between threads
 PLACE_BYTES = 1 << 20  # of a message that takes one place in the queue of a reader
 
 
@@ -77,7 +77,7 @@ class PublisherSocket:
             self.backpressure.offer(publisher)
             publisher.wait_for_room = functools.partial(self._wait_for_room, publisher)
             if direct:
-                publisher.send = publisher.send_run = self._transmit
+                publisher.send = self._transmit
                 publisher.listened = name in self._subscribed
                 self._direct.add(publisher.topic)
 
@@ -111,16 +111,12 @@ class PublisherSocket:
         for name, publisher in self._publishers.items():
             if publisher.topic in self._direct:
                 publisher.listened = instead is not None or name in self._subscribed
-                publisher.send_run = None  # what is kept back, or given away, are frames of one message each
 
     def release(self) -> None:
         """Publish what was kept back."""
         held, self._held = self._held or [], None
         self.backpressure.go_on_here()
         self._send_frame = self._plain_send
-        for publisher in self._publishers.values():
-            if publisher.topic in self._direct:
-                publisher.send_run = self._transmit
         for frame in held:
             self.send(frame)
 
@@ -137,25 +133,11 @@ class PublisherSocket:
 
     def _transmit(self, frame: bytes) -> None:
         self.stirred = True
-        if len(frame) < CUT_FROM or self._held is not None:
+        if len(frame) < UNCOPIED_FROM_BYTES or self._held is not None:
             self._send_frame(frame)
         elif self._under_way.has_room(len(frame)):
             self._under_way.send(self._socket, frame)
             self._fill_places(topic_of(frame), len(frame))
-
-    def send_pieces(self, topic: bytes, *pieces: bytes | memoryview) -> None:
-        """Publish a large message in pieces, which are not copied, if anyone subscribes to its topic.
-
-        One for which there is no room is a gap, and can be asked for.
-        """
-        if self._held is not None:
-            self._send_frame(b"".join(pieces))
-        elif topic in self._subscribed and self._under_way.has_room(len(pieces[1])):
-            self.stirred = True
-            self._socket.send(pieces[0], zmq.SNDMORE)
-            self._under_way.send(self._socket, pieces[1], zmq.SNDMORE)
-            self._socket.send(pieces[2])
-            self._fill_places(topic, len(pieces[1]))
 
     def _fill_places(self, topic: bytes, size: int) -> None:
         """Let a large message take a place per MiB in its readers' queues, which are bounded by places.

@@ -3,7 +3,6 @@
 import itertools
 from collections import deque
 from collections.abc import Callable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +11,12 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import (
     HEADER_BYTES,
     PLAIN_DATA,
-    PLAIN_RUN,
     Frame,
     Kind,
-    checked_pieces,
     parse,
     quick_header,
 )
-from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.qos import MOST_UNREAD, strictest
-from palp_core.graph.messages.runs import singles
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
@@ -30,15 +25,12 @@ from palp_core.graph.node.subscription import Subscription
 from palp_core.graph.transport.edge_monitor import EdgeMonitor
 from palp_core.graph.transport.migration import Migration
 from palp_core.graph.transport.offsets import Offsets, ReceivedOffsets
-from palp_core.graph.transport.own_messages import OwnMessages
 from palp_core.graph.transport.reader_words import ReaderWords, holds_of
 from palp_core.graph.transport.reorder_buffer import ReorderBuffer
 from palp_core.graph.transport.requester_socket import RequesterSocket
 from palp_core.graph.transport.subscriber_socket import ARRAY_QUEUE, RECEIVE_QUEUE, SubscriberSocket
 
 MOST_UNREAD_BYTES = 64 << 20
-RUN_NS = 500_000
-"""How long the messages of a run may keep the node from its timers."""
 _DATA = int(Kind.DATA)
 
 
@@ -53,10 +45,8 @@ class TopicReceiver:
         listening: Is told a topic and the second place where it is listened to.
 
     Attributes:
-        more: The last :meth:`receive` left something in the socket.
         buffers: Puts each input topic in order.
         monitor: Looks how the edges do.
-        own: Hands on what the process publishes on the node's own inputs.
     """
 
     def __init__(
@@ -67,7 +57,6 @@ class TopicReceiver:
         offsets: Path | None,
         listening: Callable[[str, str], None] = lambda *_: None,
     ) -> None:
-        self.more = False
         self._executor, self._inbox = executor, executor.inbox
         places = {name: publish for name, (publish, _) in publishers.items()}
         self._subscriber = SubscriberSocket(
@@ -89,7 +78,6 @@ class TopicReceiver:
         self.monitor = EdgeMonitor(executor, self.buffers)
         self._was_active = False
         self._quick: dict[bytes, tuple[ReorderBuffer, Subscription]] = {}
-        self.own = OwnMessages(self._quick, self._arrive, self._inbox_is_full)
         self._start_ns = 0
 
     def _buffer_of(self, name: str, subscriptions: list[Subscription]) -> ReorderBuffer:
@@ -157,21 +145,6 @@ class TopicReceiver:
             if len(subscriptions) == 1 and subscriptions[0].is_prompt
         }  # where a deadline holds, what is due at its time comes before a message that is late
 
-    def wake_on(self, endpoint: str, at_leisure: Callable[[], bool]) -> None:
-        """Let a wakeup end the waiting of :meth:`receive`, which goes on while the node is at leisure."""
-        self._subscriber.wake_on(endpoint)
-        self._subscriber.at_leisure = at_leisure
-
-    @property
-    def heard_count(self) -> int:
-        """How many messages have arrived."""
-        return sum(buffer.latency.count for buffer in self.buffers.values())
-
-    @property
-    def asking(self) -> bool:
-        """True once anything was asked of a publisher: its answers come on other descriptors."""
-        return bool(self._requester.file_descriptors)
-
     def pending(self) -> bool:
         """Tell whether there is something to take in, whatever the descriptors say.
 
@@ -179,18 +152,15 @@ class TopicReceiver:
         """
         return not self._inbox_is_full() and (self._subscriber.pending() or self._requester.pending())
 
-    def receive(self, slice_ns: int, wait_ms: int = 0) -> bool:
-        """Take in what has arrived, put it in order, ask for what is missing; tell if the wakeup rang.
+    def receive(self, slice_ns: int) -> None:
+        """Take in what has arrived, put it in order, ask for what is missing.
 
         What is next in its order is handed to the node at once, for a slice of time; then the rest waits in
         the socket, whose queue is bounded: what does not fit is a gap, and is asked for or counted.
-        ``wait_ms`` is how long to wait for something to arrive; :data:`.UNTIL_RUNG`: as in the subscription.
         """
-        if self._inbox_is_full():
-            return False
-        self.more, rung = self._subscriber.dispatch(self._arrive, slice_ns, wait_ms)
-        self._take_answers()
-        return rung
+        if not self._inbox_is_full():
+            self._subscriber.dispatch(self._arrive, slice_ns)
+            self._take_answers()
 
     def _take_answers(self) -> None:
         if not self._requester.file_descriptors:
@@ -229,49 +199,15 @@ class TopicReceiver:
                 if sequence >= buffer.word_due:
                     self._words.tell(buffer)
                 return
-            if head == PLAIN_RUN:
-                self._take_run(raw, now_ns, buffer, subscription)
-                return
         self._sort(raw, now_ns)
 
-    def _take_run(self, raw: bytes, now_ns: int, buffer: ReorderBuffer, subscription: Subscription) -> None:
-        """Hand on the messages of a run at once, for a slice of time; the rest of it goes the long way."""
-        body = raw.find(0) + 1 + HEADER_BYTES
-        _, epoch, first, stamp_ns, type_hash = quick_header(raw, body - HEADER_BYTES)
-        messages: list[Message] = []
-        if first == buffer.next and epoch == buffer.epoch and buffer.give_up_ns is None:
-            messages = subscription.next_run(epoch, first, type_hash, memoryview(raw)[body:])
-        if len(messages) < 2 or self._executor.exit_code is not None:
-            self._sort(raw, now_ns)
-            return
-        noted = partial(self._offsets.note, buffer.topic) if self._offsets is not None else None
-        graph_ns, until_ns = now_ns - self._start_ns, now_ns + RUN_NS
-        last = self._executor.deliver_run(subscription, graph_ns, epoch, first, messages, until_ns, noted)
-        buffer.next = last + 1
-        buffer.heard_ns = buffer.data_ns = now_ns
-        buffer.latency.add_many(graph_ns - stamp_ns, last + 1 - first)
-        if last >= buffer.word_due:
-            self._words.tell(buffer)
-        for left in singles(raw)[last + 1 - first :] if last + 1 - first < len(messages) else ():
-            buffer.arrive(parse(left), now_ns)
-
     def _sort(self, raw: bytes, now_ns: int) -> None:
-        """Take a frame the long way: one in pieces, a heartbeat, a run, one out of order, or none of ours."""
-        rest = self._subscriber.pieces()
-        if not rest and len(frames := singles(raw)) > 1:
-            for one in frames:
-                self._sort_one(one, [], now_ns)
-            return
-        self._sort_one(raw, rest, now_ns)
-
-    def _sort_one(self, raw: bytes, rest: list[memoryview], now_ns: int) -> None:
+        """Take a frame the long way: a heartbeat, one out of order, or one of another topic."""
         try:
             frame = parse(raw)
-            if rest:
-                frame = frame._replace(rest=checked_pieces(rest))
             buffer = self.buffers.get(frame.topic)
             if buffer is None:
-                raise SchemaMismatch(f"{frame.topic} is no input of {self._executor.name}")
+                raise SchemaMismatch(f"{frame.topic} is not an input of {self._executor.name}")
             if frame.kind == Kind.MOVED:
                 self._migration.follow(frame, now_ns)
                 self._requester.keep(self._migration.servers.values())
@@ -280,8 +216,7 @@ class TopicReceiver:
         except SchemaMismatch as error:
             self._executor.events.reject(error)
             return
-        if not self.own.had(frame):
-            buffer.arrive(frame, now_ns)
+        buffer.arrive(frame, now_ns)
 
     def _ask(self, topic: str, first: int, last: int) -> None:
         node = topic.split("/")[1]
@@ -290,7 +225,7 @@ class TopicReceiver:
 
     def _deliver(self, frame: Frame) -> None:
         self._inbox.append(frame)
-        self._unread_bytes += frame.payload_bytes
+        self._unread_bytes += len(frame.payload)
         self._was_active = self._was_active or self._executor.lifecycle is Lifecycle.ACTIVE
         if self._was_active and not self._executor.succession.is_active and frame.kind == Kind.DATA:
             self._retain(self.buffers[frame.topic])
@@ -316,7 +251,7 @@ class TopicReceiver:
             self._drop(buffer, frame)
             return
         buffer.unread -= 1
-        self._unread_bytes -= frame.payload_bytes
+        self._unread_bytes -= len(frame.payload)
         self._executor.consume(frame)
         if self._offsets is not None:
             self._offsets.note(frame.topic, frame.epoch, frame.sequence)
@@ -325,7 +260,7 @@ class TopicReceiver:
 
     def _drop(self, buffer: ReorderBuffer, frame: Frame) -> None:
         buffer.unread -= 1
-        self._unread_bytes -= frame.payload_bytes
+        self._unread_bytes -= len(frame.payload)
         for subscription in self._executor.ends.subscriptions[frame.topic]:
             subscription.account.drop(frame.epoch, frame.sequence)
 

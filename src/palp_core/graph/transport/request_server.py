@@ -98,11 +98,9 @@ class RequestServer:
     Attributes:
         file_descriptor: Becomes readable when :meth:`poll` has something to do.
         stirred: :meth:`poll` may have something to do all the same: sending swallows the descriptor's signal.
-        asked_count: How many requests have come.
     """
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: str) -> None:
-        self.asked_count = 0
         self._socket = context.socket(zmq.ROUTER)
         self._socket.setsockopt(zmq.LINGER, 200)
         self._socket.setsockopt(zmq.MAXMSGSIZE, MAX_REQUEST_BYTES)
@@ -151,7 +149,6 @@ class RequestServer:
             parts = [self._socket.recv()]
             while self._socket.getsockopt(_RCVMORE):
                 parts.append(self._socket.recv())
-            self.asked_count += 1
             payload = parts.pop() if len(parts) > 1 else b""
             reply = self.reply_to(parts, payload)
             if reply is not None:
@@ -242,7 +239,7 @@ class RequestServer:
         except Exception as error:  # noqa: BLE001 - as above
             return _pack({"error": in_words(error)}), None
 
-    def perform(self, node: str | None = None, then: Callable[[], None] = lambda: None) -> None:
+    def perform(self, node: str | None = None) -> None:
         """Do what waits for a node, or for any, in the order in which it was asked.
 
         What is asked in the middle of one that takes long, or with it, waits for nothing: its operation sees
@@ -250,7 +247,6 @@ class RequestServer:
 
         Args:
             node: Whose; None: all.
-            then: Done after each, before who asked for it is told: what comes of a request is in more haste.
 
         Raises:
             NodeError: A node's handler failed; its caller has been told.
@@ -261,20 +257,17 @@ class RequestServer:
         try:
             failures = []
             while (entry := self._next(node)) is not None:
-                failures += [failure] if (failure := self._perform(entry, then)) is not None else []
+                failures += [failure] if (failure := self._perform(entry)) is not None else []
         finally:
             self._performs = False
         if failures:
             raise failures[0]
 
-    def _perform(self, entry: _Waiting, then: Callable[[], None] = lambda: None) -> NodeError | None:
+    def _perform(self, entry: _Waiting) -> NodeError | None:
         reply, failure = self._answer(entry.answer)
-        try:
-            then()
-        finally:
-            self._send_all(entry, reply)
-            if entry.token is not None:
-                self._remember(entry.token, reply)
+        self._send_all(entry, reply)
+        if entry.token is not None:
+            self._remember(entry.token, reply)
         return failure
 
     def _send_all(self, entry: _Waiting, reply: bytes) -> None:

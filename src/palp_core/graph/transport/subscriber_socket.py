@@ -6,23 +6,12 @@ from collections.abc import Callable, Iterable, Mapping
 import zmq
 
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.messages.runs import singles
 from palp_core.graph.transport.matched_readers import READER
 from palp_core.graph.transport.requester_socket import RECONNECT_MS, readable
-from palp_core.graph.transport.wakeup import RING
 
 RECEIVE_QUEUE = 1000  # the rest waits at the publisher
 ARRAY_QUEUE = 256  # places; a message of 5 MB takes 5. With 16, small arrays travelled at half the rate
-_NOBLOCK, _RCVMORE = int(zmq.NOBLOCK), int(zmq.RCVMORE)  # an enum costs a microsecond a call
-BURST_NS = 20_000
-"""Messages that are no further apart are a burst, of which the next is there already, nearly always."""
-
-LOOK_NS = 500_000
-"""In a burst, how often to ask whether there is something else to do."""
-
-UNTIL_RUNG = -1
-"""Waits for something to come, however long: a wait with a limit of its own costs a timer of the kernel, 8 us
-of latency and 23 of CPU per message."""
+_NOBLOCK = int(zmq.NOBLOCK)  # an enum costs a microsecond a call
 
 
 class SubscriberSocket:
@@ -38,8 +27,6 @@ class SubscriberSocket:
     Attributes:
         file_descriptor: Becomes readable when something may have arrived.
         say: Sends a word to all publishers; of a reader that speaks.
-        at_leisure: Asked after each message where :meth:`dispatch` waits until it is rung: tells whether the
-            reader has nothing else to do than to take the next one.
     """
 
     def __init__(
@@ -69,8 +56,6 @@ class SubscriberSocket:
             self._begin(token)
         if name:
             self._begin(READER + name.encode())
-        self._wait_ms = UNTIL_RUNG  # ZeroMQ's own default
-        self.at_leisure: Callable[[], bool] = lambda: False
         self.file_descriptor = int(self._socket.getsockopt(zmq.FD))
 
     def _begin(self, subscription: bytes) -> None:
@@ -113,78 +98,29 @@ class SubscriberSocket:
             self._socket.disconnect(endpoint)
 
     def receive(self) -> list[bytes]:
-        """Return the frames that have arrived, each whole and of one message, without waiting."""
+        """Return the frames that have arrived, without waiting."""
         frames = list[bytes]()
         while self.pending():
-            parts = self._socket.recv_multipart()
-            frames.extend(singles(parts[0] if len(parts) == 1 else b"".join(parts)))
+            frames.append(self._socket.recv())
         return frames
 
-    def wake_on(self, endpoint: str) -> None:
-        """Let a :class:`~palp_core.graph.transport.wakeup.Wakeup` end :meth:`dispatch`'s waiting."""
-        self._socket.connect(endpoint)
-        self._begin(RING)
-
-    def dispatch(
-        self, arrive: Callable[[bytes, int], None], slice_ns: int, wait_ms: int = 0
-    ) -> tuple[bool, bool]:
-        """Hand on what has arrived; return whether there may be more, and whether the wakeup has rung.
+    def dispatch(self, arrive: Callable[[bytes, int], None], slice_ns: int, wait_ms: int = 0) -> bool:
+        """Hand on what has arrived, at least one frame if there is any; return whether there may be more.
 
         Args:
-            arrive: Takes a frame, a run perhaps, and the time; asks :meth:`pieces` if its header says that
-                pieces follow.
+            arrive: Takes a frame and the time.
             slice_ns: After so long, leave the rest to the next call.
-            wait_ms: How long to wait if nothing has arrived; :data:`UNTIL_RUNG`: also for what comes next, as
-                long as :attr:`at_leisure` says so, and until the wakeup rings.
+            wait_ms: How long to wait if nothing has arrived.
         """
-        receive, rung, first = self._socket.recv, False, True
-        before_ns = look_ns = 0
-        try:
-            if wait_ms:
-                if wait_ms != self._wait_ms:
-                    self._wait_ms = wait_ms
-                    self._socket.setsockopt(zmq.RCVTIMEO, wait_ms)
-                raw = receive()
-            else:
-                raw = receive(_NOBLOCK)
+        if wait_ms:
+            self._socket.poll(wait_ms)
+        socket, until_ns = self._socket, monotonic_ns() + slice_ns
+        while readable(socket):
             now_ns = monotonic_ns()
-            until_ns = now_ns + slice_ns
-            while True:
-                if raw == RING:
-                    rung = True
-                else:
-                    arrive(raw, now_ns)
-                if wait_ms == UNTIL_RUNG:
-                    if rung or now_ns >= until_ns:  # what may be left is had by the next call
-                        return False, rung
-                    in_burst = now_ns - before_ns < BURST_NS and now_ns < look_ns
-                    before_ns, raw = now_ns, self._next_of_burst() if in_burst else b""
-                    if not raw:
-                        if not self.at_leisure():
-                            return True, False
-                        look_ns, raw = now_ns + LOOK_NS, receive()
-                else:
-                    if now_ns >= until_ns or (first and not readable(self._socket)):
-                        return now_ns >= until_ns, rung
-                    # One exception ends a run, and is cheaper than asking each time.
-                    first, raw = False, receive(_NOBLOCK)
-                now_ns = monotonic_ns()
-        except zmq.Again:
-            return False, rung
-
-    def _next_of_burst(self) -> bytes:
-        try:
-            return self._socket.recv(_NOBLOCK)
-        except zmq.Again:
-            return b""
-
-    def pieces(self) -> list[memoryview]:
-        """Return the pieces that follow the one that was handed on last, as views of what ZeroMQ received."""
-        pieces: list[memoryview] = []
-        while self._socket.getsockopt(_RCVMORE):
-            piece: zmq.Frame = self._socket.recv(copy=False)
-            pieces.append(piece.buffer)
-        return pieces
+            arrive(socket.recv(_NOBLOCK), now_ns)
+            if now_ns >= until_ns:
+                return True
+        return False
 
     def pending(self) -> bool:
         """Tell whether something has arrived; also re-arms the descriptor, which signals changes only."""
