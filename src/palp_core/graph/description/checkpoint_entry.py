@@ -1,4 +1,4 @@
-"""The key ``checkpoint`` of a launch file: where a run is written down, when, and on the wall clock who."""
+"""The key ``checkpoint`` of a launch file: where nodes are written down, when, and which."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from palp_core.graph.description.yaml_tree import Mapping as TreeMapping
 from palp_core.graph.node.spec import topic
 from palp_core.graph.problems import Mark, Problems, hint
 
-_FORM = "write {file: $(var out)/checkpoint, after: node/port}"
+_FORM = "write {file: $(var out)/checkpoint, after: node/port, nodes: [node, ...]}"
 
 
 class CheckpointEntry(msgspec.Struct, frozen=True, kw_only=True):
@@ -25,16 +25,16 @@ class CheckpointEntry(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         file: Where the latest one is; relative to where one is.
         after: Topic; a message of it says that one is due.
-        nodes: On the wall clock, those whose state is kept; in simulated time all are, whatever this says.
+        nodes: Those whose state is kept.
     """
 
     file: str
     after: str
-    nodes: list[str] = []
+    nodes: list[str]
 
 
 def read_checkpoint(
-    entry: Entry | None, clock: str, scope: Scope, problems: Problems
+    entry: Entry | None, scope: Scope, problems: Problems
 ) -> tuple[CheckpointEntry, Mark] | None:
     """Return what the key says and where, or None after reporting what is wrong with it."""
     if entry is None:
@@ -43,14 +43,12 @@ def read_checkpoint(
         problems.add(entry.value.mark, f"checkpoint must be a mapping; {_FORM}")
         return None
     fields = unknown_keys(entry.value, CHECKPOINT, "checkpoint", problems)
-    for key in ("file", "after"):
+    for key in ("file", "after", "nodes"):
         if key not in fields:
             problems.add(entry.mark, f"checkpoint does not state its {key}; {_FORM}")
     file = _file(fields["file"].value, scope, problems) if "file" in fields else None
     after = _topic(fields["after"].value, scope, problems) if "after" in fields else None
     nodes = _names(fields["nodes"].value, scope, problems) if "nodes" in fields else []
-    if clock == "wall" and not nodes and "nodes" not in fields:
-        problems.add(entry.mark, "on the wall clock a checkpoint names its nodes; add nodes: [name, ...]")
     if file is None or after is None:
         return None
     return CheckpointEntry(file=file, after=after, nodes=nodes), entry.mark

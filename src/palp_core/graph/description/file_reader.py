@@ -165,7 +165,7 @@ class _Reader:
         listen = self._listen(fields["listen"].value, clock, scope) if "listen" in fields else ""
         for name, place in self.joined.items() if clock != "wall" else ():
             self.problems.add(place, f"node '{name}' is to join: that takes clock: wall")
-        checkpoint = read_checkpoint(fields.get("checkpoint"), clock, scope, self.problems)
+        checkpoint = read_checkpoint(fields.get("checkpoint"), scope, self.problems)
         self._unused(file)
         place = fields["nodes"].mark if "nodes" in fields else mark
         if not self.nodes and not len(self.problems):

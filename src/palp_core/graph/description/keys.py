@@ -120,9 +120,10 @@ CHECKPOINT: Table = {
         required=True,
     ),
     "nodes": Key(
-        says="The nodes whose state is kept. Required on the wall clock; in simulated time all are.",
+        says="The nodes whose state is kept.",
         form="list",
         example="[experiment, policy]",
+        required=True,
     ),
 }
 """Of ``checkpoint``."""
@@ -326,9 +327,9 @@ LAUNCH_FILE: Table = {
         root_only=True,
     ),
     "checkpoint": Key(
-        says="When the run is written down, so that `--resume` can go on after an interruption.",
+        says="On the wall clock: when nodes are written down, for `--resume` after an interruption.",
         form="mapping",
-        example="{file: $(var out)/checkpoint, after: experiment/trial}",
+        example="{file: $(var out)/checkpoint, after: experiment/trial, nodes: [experiment, policy]}",
         keys=CHECKPOINT,
         root_only=True,
     ),
