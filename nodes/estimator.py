@@ -85,11 +85,10 @@ class Estimator(MethodTeller):
             self._diagnose(self.state.session.told)
         super().on_resume()
 
-    def on_restore(self, *, alone: bool) -> None:
-        """Forget what devices that have begun anew were at: the trial is begun again, on another mounting."""
-        if alone:
-            self._forget_sweep()
-            self.state.stream, self.state.landed, self.state.trace.code = None, True, ""
+    def on_restore(self) -> None:
+        """Forget where the devices were: they start again, and the trial too, on another mounting."""
+        self._forget_sweep()
+        self.state.stream, self.state.landed, self.state.trace.code = None, True, ""
 
     def on_parameters(self, params: Params) -> None:
         """Say with which methods the next sweep is read: it is the first that these are for."""

@@ -68,10 +68,9 @@ class Experiment(Node):
             self.record.start(overwrite=self.params.overwrite)
         self._advance()
 
-    def on_restore(self, *, alone: bool) -> None:
-        if alone:
-            begin_trial_again(self.state, self.design)
-        self.record.go_on(self.state.row, aside=alone)
+    def on_restore(self) -> None:
+        begin_trial_again(self.state, self.design)
+        self.record.go_on(self.state.row)
 
     def on_deactivate(self) -> None:
         self.record.close()

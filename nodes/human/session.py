@@ -56,10 +56,9 @@ class HumanSession(Node):
             self._cue("pause")
         self._advance()
 
-    def on_restore(self, *, alone: bool) -> None:
-        if alone:
-            begin_step_again(self.state)
-        self.record.go_on(self.state.row, aside=alone)
+    def on_restore(self) -> None:
+        begin_step_again(self.state)
+        self.record.go_on(self.state.row)
 
     def on_deactivate(self) -> None:
         self.record.close()

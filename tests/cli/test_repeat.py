@@ -14,23 +14,10 @@ from palp_core.cli.launch.repeat import Run, plan, refuse, refuse_options, repea
 from palp_core.errors import GraphError
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.launch import graph
-from palp_core.graph.launch.checkpoint_file import KeptRun, RunIdentity, write_checkpoint
 from palp_core.palpation.session.report import session
 from tests.support.palp import PATIENCE_S, ROOT, SIM, Palp, wait_for_line
 from tests.support.rig_session import ComposedGraph, RigSession, check_here
 from tests.support.sessions import no_charts
-
-NOBODY = RunIdentity(graph="rig", clock="sim", seed=4, args={}, nodes={}, versions={}, sources={})
-KEPT = KeptRun(
-    identity=NOBODY,
-    given=["overwrite:=true"],
-    now_ns=0,
-    activation_count=0,
-    resumed_count=0,
-    attached={},
-    nodes=[],
-)
-"""A run that had begun anew, after one that was cut off before its first checkpoint."""
 
 SMALL = ("trials:=2", "training:=2", "policy:=markov", "seed:=1", "--compose")
 """As of ``rig_session``."""
@@ -107,28 +94,22 @@ def test_each_run_has_the_next_seed_and_a_folder_of_its_own(checked: CheckedGrap
     assert runs == [Run(seed, Path(f"results/many/seed_{seed}"), "begin") for seed in (3, 4, 5)]
 
 
-def test_what_is_whole_is_left_and_what_is_not_goes_on_or_begins(
+def test_what_is_whole_is_left_and_what_is_not_begins_again(
     checked: CheckedGraph, rig_session: RigSession, tmp_path: Path
 ) -> None:
     import msgspec
 
     out = tmp_path / "many"
-    assert checked.checkpoint is not None
-    entry = msgspec.structs.replace(checked.checkpoint, file=str(out / "checkpoint"))
-    here = msgspec.structs.replace(checked, args=checked.args | {"out": str(out)}, checkpoint=entry)
+    here = msgspec.structs.replace(checked, args=checked.args | {"out": str(out)})
     with pytest.raises(GraphError, match=r"nothing to resume: .*many has no run; name the folder"):
         plan(here, 2, session, resume=True)
     for seed in (4, 5):
         (out / f"seed_{seed}").mkdir(parents=True)
     (out / "seed_3").symlink_to(rig_session.out)
-    (out / "seed_4" / "checkpoint").touch()
     found = plan(here, 4, session, resume=True)
-    assert [run.way for run in found] == ["done", "go on", "begin", "begin"]
-    assert [run.anew for run in found] == [False, False, True, False]  # the third began, and got nowhere
-    assert found[1].words == ["seed:=4", f"out:={out / 'seed_4'}", "--resume"]
-    write_checkpoint(out / "seed_4" / "checkpoint", KEPT, durable=False)
-    again = plan(here, 4, session, resume=True)[1]
-    assert again.words == ["seed:=4", f"out:={out / 'seed_4'}", "overwrite:=true", "--resume"]
+    assert [run.way for run in found] == ["done", "begin", "begin", "begin"]
+    assert [run.anew for run in found] == [False, True, True, False]  # the second and third were cut off
+    assert found[1].words == ["seed:=4", f"out:={out / 'seed_4'}", "overwrite:=true"]
     with pytest.raises(GraphError, match="seed_3 is there already: --resume goes on with the runs of"):
         plan(here, 4, session, resume=False)
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from palp_core.graph.messages.frame import parse
-from tests.rig.test_resume import SMALL
 from tests.support.palp import SIM
 from tests.support.rig_session import ComposedGraph, RigSession
 
+SMALL = ("trials:=2", "training:=2", "seed:=1", "policy:=markov")
 RESULTS = ("trials.csv", "primitives.json")
 
 

@@ -13,7 +13,7 @@ from nodes.experiment import Experiment
 from palp_core import Bench
 from palp_core.errors import NodeError
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.process.checkpoint import restore_alone
+from palp_core.graph.process.checkpoint import restore
 from palp_core.graph.process.keeping import Keeping
 from palp_core.palpation.session.trials_csv import Row, read_rows, read_sweep
 from tests.nodes.test_experiment import Rig, params_in, run
@@ -40,7 +40,7 @@ def interrupted(out: Path, steps: int, **params: object) -> tuple[Bench[Experime
 def resumed(out: Path, kept: bytes, **params: object) -> Rig:
     bench = Bench(Experiment, params_in(out, **params), active=False)
     bench.executor.transition(Transition.CONFIGURE)
-    restore_alone(bench.executor, kept)
+    restore(bench.executor, kept)
     bench.executor.transition(Transition.ACTIVATE)
     return Rig(bench)
 

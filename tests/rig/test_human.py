@@ -12,7 +12,6 @@ from typer.testing import CliRunner
 
 from palp_core.cli.rig import markov
 from palp_core.cli.session.session import app
-from palp_core.errors import PalpError
 from palp_core.graph.bag.reader import Bag
 from palp_core.palpation.identification.emg.markov_fit import EmgRecordingPath, chain_file, fit
 from palp_core.palpation.identification.emg.muscles import ImportOptions
@@ -136,41 +135,6 @@ def test_a_trial_that_was_excluded_teaches_no_chain(study: list[Path], tmp_path:
     audit.decide(folder, ("estimation", 2), "exclude", "the subject looked")
     done = CliRunner().invoke(markov.app, ["fit", str(folder), "--json"])
     assert len(json.loads(done.stdout)["trials"]) == 5
-
-
-def test_interrupted_and_resumed_it_ends_with_the_same_table_and_emg(tmp_path: Path) -> None:
-    small = {"order": "counterbalanced", "repeats": 1, "palpation_s": 1.0}
-    whole = session(tmp_path / "whole", 1, **small)
-    results = 0
-
-    def observe(_: int, frame: bytes) -> None:
-        nonlocal results
-        results += frame.startswith(b"/session/result\0")
-        if results == 4:
-            raise Killed
-
-    given = {"subject": "S01", "consent": "C-1", "subject_number": 1, "seed": 1, "rest_s": 0.0, **small}
-    out = tmp_path / "out"
-    with pytest.raises(Killed), ComposedGraph(HUMAN, out=out, observe=observe, **given) as graph:
-        graph.run()
-    with pytest.raises(PalpError, match=r"it is unfinished, \d trials done; .*--resume` goes on with it"):
-        ComposedGraph(HUMAN, out=out, **given).__enter__()
-    with ComposedGraph(HUMAN, out=out, resume=True, **given) as graph:
-        assert graph.run().exit_code == 0
-    assert held(out) == held(whole)
-    assert not (out / "checkpoint").exists()
-    with Bag(out / "bag") as bag:
-        assert sum(1 for _ in bag.messages(["/session/result"])) == 6
-
-
-class Killed(BaseException):
-    """In place of a power cut, within one process."""
-
-
-def held(folder: Path) -> dict[str, bytes]:
-    """Return the table and all EMG of a session."""
-    paths = [folder / "human_trials.csv", *(folder / "emg").rglob("*.npz")]
-    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
 
 
 @pytest.mark.nightly

@@ -36,9 +36,9 @@ def test_no_trial_is_lost_or_there_twice(topic: str, count: int, palp: Palp, tmp
     """Killed as so many palpations are written, or so many checkpoints."""
     out = tmp_path / "out"
     words = (*SHORT, f"out:={out}")
-    launch_and_kill(palp, EMULATED, topic, count, *words, compose=False)
+    launch_and_kill(palp, EMULATED, topic, count, *words)
     before = read_rows(out)
-    launch_to_its_end(palp, EMULATED, *words, compose=False, resume=True)
+    launch_to_its_end(palp, EMULATED, *words)
     rows = read_rows(out)
     training = [row for row in rows if row.phase == "training"]
     assert [row.row for row in rows] == list(range(len(rows)))

@@ -23,9 +23,9 @@ def test_no_trial_is_lost_or_there_twice(topic: str, count: int, palp: Palp, tmp
     words = [f"{name}:={value}" for name, value in small.items()]
     words += ["emg:=file", f"recording:={bag}", "operator:=script", "subject:=S01", "consent:=C-1"]
     words += ["rest_s:=0.0", "mvc_s:=2.0", f"out:={out}"]
-    launch_and_kill(palp, HUMAN, topic, count, *words, compose=False)
+    launch_and_kill(palp, HUMAN, topic, count, *words)
     before = read_human(out)
-    launch_to_its_end(palp, HUMAN, *words, compose=False, resume=True)
+    launch_to_its_end(palp, HUMAN, *words)
     rows = read_human(out)
     assert [row.row for row in rows] == list(range(6))
     assert [row.trial for row in rows] == list(range(6))

@@ -1,29 +1,25 @@
-"""An interrupted run in lockstep goes on from its last checkpoint as if nothing had happened."""
+"""An interrupted run on the wall clock resumes from its last checkpoint, if it would be the same run."""
 
 from __future__ import annotations
 
 import errno
-import math
-import sys
-from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
 
-from palp_core.errors import GraphError, PalpError
-from palp_core.graph.bag.diff import diff_bags
+from palp_core.errors import GraphError
 from palp_core.graph.bag.reader import read
-from palp_core.graph.launch import checkpoint_file, checkpoints, lockstep_checkpoints
-from palp_core.graph.launch.diagnostics import Diagnostics
-from palp_core.graph.launch.graph import Graph
+from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.description.node_class import inspect_classes
+from palp_core.graph.launch import checkpoints
+from palp_core.graph.launch.checkpoints import Checkpoints
 from palp_core.graph.messages.frame import parse
-from palp_core.graph.supervision.interrupt import Interrupted
-from tests.graph.launch.killed import launch_and_end, launch_and_kill
+from tests.graph.launch.killed import launch_and_kill
 from tests.support.palp import Palp
-from tests.support.rig_session import ComposedGraph
+from tests.support.rig_session import ComposedGraph, check_here
 
 NODES = '''
 import numpy as np
@@ -57,8 +53,8 @@ class Walker(Node):
     def on_activate(self):
         self.stop.publish(Step(index=self.state.index, value=0.0))
 
-    def on_restore(self, *, alone):
-        self.log.warning("goes on, alone: %s", alone)
+    def on_restore(self):
+        self.log.warning("resumes at step %d", self.state.index)
 
     @every("rate_hz")
     def walk(self):
@@ -132,25 +128,13 @@ args:
   out: {default: ""}
   seed: {default: 3}
   count: {default: 40}
-  clock: {default: sim}
+  clock: {default: wall}
   rate: {default: 20.0}
 nodes:
   walker: {run: walk.py:Walker, params: {count: $(var count), rate_hz: $(var rate)}, on_exit: shutdown}
   echo: {run: walk.py:Echo, inputs: {step: walker/step, stop: walker/stop}}
 checkpoint: {file: $(var out)/checkpoint, after: walker/stop, nodes: [walker, echo]}
 """
-
-Frames = dict[str, list[bytes]]
-
-
-class Killed(BaseException):
-    """In place of a power cut, within one process."""
-
-
-@pytest.fixture(autouse=True)
-def every_checkpoint(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each that is due is written, however little would be lost."""
-    monkeypatch.setattr(checkpoints, "EVERY_NS", 0)
 
 
 @pytest.fixture
@@ -162,155 +146,26 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-def run(
-    file: Path,
-    *,
-    until: int = 0,
-    asked_at: int = 0,
-    resume: bool = False,
-    record: Path | None = None,
-    swap_at_s: float = 0.0,
-    swap_to: str = "",
-    **args: object,
-) -> Frames:
-    """Return every frame of a run, by topic, up to a step at which it is killed, or asked to end."""
-    frames: Frames = defaultdict(list)
-
-    def observe(_: int, frame: bytes) -> None:
-        found = parse(frame)
-        if found.topic == "/walker/step" and found.sequence == until:
-            raise Killed
-        if found.topic == "/walker/step" and found.sequence == asked_at:
-            graph._interrupt.request()
-        frames[found.topic].append(frame)
-
-    graph = ComposedGraph(
-        file, observe=observe, resume=resume, record=record, out=file.parent / "out", **args
-    )
-    try:
-        with graph:
-            if swap_at_s:
-                graph.plan_swap(swap_at_s, "echo", swap_to or f"walk_{file.parent.name}.py:Other")
-            graph.run()
-    except Killed:
-        assert until
-    except Interrupted:
-        assert asked_at
-    return frames
+def checked(file: Path, *overrides: str) -> CheckedGraph:
+    return check_here(file, [f"out:={file.parent / 'out'}", *overrides])
 
 
-def joined(before: Frames, after: Frames) -> Frames:
-    """Return what was published up to the checkpoint, and then."""
-    found: Frames = {}
-    for name in {*before, *after}:
-        first = parse(after[name][0]).sequence if name in after else math.inf
-        found[name] = [frame for frame in before.get(name, []) if parse(frame).sequence < first]
-        found[name] += after.get(name, [])
-    return found
+def kept_in(file: Path) -> Path:
+    return file.parent / "out" / "checkpoint"
 
 
-@pytest.mark.parametrize("until", [1, 6, 11, 13, 26, 40])
-def test_a_run_that_was_killed_publishes_what_it_would_have_published(until: int, file: Path) -> None:
-    whole = run(file)
-    assert not (file.parent / "out" / "checkpoint").exists()
-    before = run(file, until=until)
-    assert joined(before, run(file, resume=True)) == whole
+def write(file: Path, *overrides: str, graph: CheckedGraph | None = None) -> Checkpoints:
+    """Write one checkpoint of a run, as one that is killed then leaves it; the run itself is not needed."""
+    launched = checked(file, *overrides)
+    run = Checkpoints(launched, overrides, resume=False)
+    run.begin()
+    run.write(graph or launched, [b"the walker", b"the echo"], 0, now_ns=7)
+    run.close()
+    return run
 
 
-def test_a_run_may_be_interrupted_while_it_goes_on(file: Path) -> None:
-    whole = run(file)
-    first = run(file, until=13)
-    second = run(file, until=27, resume=True)
-    third = run(file, resume=True)
-    assert joined(first, joined(second, third)) == whole
-
-
-@pytest.mark.parametrize("asked_at", [3, 5, 12, 28])
-def test_a_run_that_is_asked_to_end_goes_on_at_the_next_step(
-    asked_at: int, file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Of the checkpoints only the first is written, and what was due then at the end."""
-    whole = run(file)
-    monkeypatch.setattr(checkpoints, "EVERY_NS", sys.maxsize)
-    before = run(file, asked_at=asked_at)
-    after = run(file, resume=True)
-    assert joined(before, after) == whole
-    assert parse(after["/walker/step"][0]).sequence == (asked_at + 1 if asked_at >= 5 else 1)
-
-
-def test_what_is_due_is_written_once_in_a_while(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nine are due, one in 250 ms on the run's clock; the machine's goes by it."""
-    monkeypatch.setattr(checkpoints, "EVERY_NS", 700_000_000)
-    graph = ComposedGraph(file, out=file.parent / "out")
-    monkeypatch.setattr(checkpoints, "monotonic_ns", lambda: graph._now_ns())
-    monkeypatch.setattr(lockstep_checkpoints, "monotonic_ns", lambda: graph._now_ns())
-    with graph:
-        graph.run()
-    assert graph.checkpoints.cost.count == 3  # as it begins, and then at 0.7 and 1.4 of 2 s
-    assert not (file.parent / "out" / "checkpoint").exists()
-
-
-def test_how_often_it_is_written_down_is_no_part_of_a_run(
-    file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    often = run(file)
-    monkeypatch.setattr(checkpoints, "EVERY_NS", sys.maxsize)
-    assert run(file) == often
-
-
-def test_the_bag_gets_another_file_and_holds_every_message_once(file: Path, tmp_path: Path) -> None:
-    run(file, record=tmp_path / "whole")
-    run(file, until=13, record=tmp_path / "bag")
-    run(file, resume=True, record=tmp_path / "bag")
-    assert sorted(path.name for path in (tmp_path / "bag").glob("*.mcap")) == ["bag_0.mcap", "bag_1.mcap"]
-    found = diff_bags(tmp_path / "whole", tmp_path / "bag")
-    events = found.pop("/graph/events")
-    assert events.count_b == events.count_a + 1  # that it was interrupted is said there
-    for name, topic in found.items():
-        assert topic.first is None, name
-        assert topic.count_a == topic.count_b == topic.equal_count, name
-
-
-def test_a_bag_that_lacks_messages_is_not_gone_on_with(file: Path, tmp_path: Path) -> None:
-    run(file, until=13, record=tmp_path / "bag")
-    part = tmp_path / "bag" / "bag_0.mcap"
-    data = bytearray(part.read_bytes())
-    data[data.index(b"zstd") + 20] ^= 0xFF
-    part.write_bytes(data)
-    with pytest.raises(PalpError, match="lacks messages from before the interruption"):
-        run(file, resume=True, record=tmp_path / "bag")
-
-
-def test_the_same_bag_must_be_named(file: Path, tmp_path: Path) -> None:
-    run(file, until=13, record=tmp_path / "bag")
-    with pytest.raises(GraphError, match=r"recorded into .*/bag: --record .*/bag goes on with it"):
-        run(file, resume=True)
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda file: {"seed": 4}, "the seed was 3, and is 4"),
-        (lambda file: {"count": 41}, "argument count was 40, and is 41"),
-        (
-            lambda file: reword(file, "on_exit: shutdown", "on_exit: shutdown, output: screen"),
-            "node 'walker': output",
-        ),
-        (lambda file: reword(file, ".py:Echo", ".py:Other"), "node 'echo': run"),
-        (lambda file: edit(file, "[-3:]", "[-4:]"), "the software has changed: walk_test"),
-    ],
-)
-def test_another_run_is_not_taken_for_the_interrupted_one(
-    change: Callable[[Path], dict[str, object] | None], words: str, file: Path
-) -> None:
-    run(file, until=13)
-    kept = (file.parent / "out" / "checkpoint").read_bytes()
-    args: dict[str, Any] = change(file) or {}
-    with pytest.raises(GraphError) as refused:
-        run(file, resume=True, **args)
-    assert words in str(refused.value)
-    assert "resume it as it was, or begin anew" in str(refused.value)
-    assert (file.parent / "out" / "checkpoint").read_bytes() == kept
+def resume(file: Path, *overrides: str) -> Checkpoints:
+    return Checkpoints(checked(file, *overrides), overrides, resume=True)
 
 
 def reword(file: Path, old: str, new: str) -> None:
@@ -319,6 +174,53 @@ def reword(file: Path, old: str, new: str) -> None:
 
 def edit(file: Path, old: str, new: str) -> None:
     reword(next(file.parent.glob("walk_*.py")), old, new)
+
+
+def test_what_was_written_last_is_what_a_run_resumes_from(file: Path) -> None:
+    write(file)
+    again = resume(file)
+    assert again.resumed is not None
+    assert [(node.name, node.kept) for node in again.resumed.nodes] == [
+        ("walker", b"the walker"),
+        ("echo", b"the echo"),
+    ]
+    assert (again.resumed.now_ns, again.resumed_count) == (7, 1)
+    again.write(checked(file), [b"the walker, later", b""], 0, now_ns=9)
+    again.close()
+    third = resume(file)
+    assert third.resumed is not None
+    assert [(node.name, node.kept) for node in third.resumed.nodes] == [("walker", b"the walker, later")]
+    assert third.resumed_count == 2
+    third.finish()
+    third.close()
+    assert list((file.parent / "out").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "change", "told"),
+    [
+        (("seed:=4",), lambda _: None, "the seed was 3, and is 4"),
+        (("count:=41",), lambda _: None, "argument count was 40, and is 41"),
+        (
+            (),
+            lambda file: reword(file, "on_exit: shutdown", "on_exit: shutdown, output: screen"),
+            "node 'walker': output",
+        ),
+        ((), lambda file: reword(file, ".py:Echo", ".py:Other"), "node 'echo': run"),
+        ((), lambda file: edit(file, "[-3:]", "[-4:]"), "the software has changed: walk_test"),
+    ],
+)
+def test_another_run_is_not_taken_for_the_interrupted_one(
+    words: Sequence[str], change: Callable[[Path], None], told: str, file: Path
+) -> None:
+    write(file)
+    kept = kept_in(file).read_bytes()
+    change(file)
+    with pytest.raises(GraphError) as refused:
+        resume(file, *words)
+    assert told in str(refused.value)
+    assert "resume it as it was, or begin anew" in str(refused.value)
+    assert kept_in(file).read_bytes() == kept
 
 
 @pytest.mark.parametrize(
@@ -333,23 +235,42 @@ def edit(file: Path, old: str, new: str) -> None:
     ],
 )
 def test_a_torn_checkpoint_is_refused(spoil: Callable[[bytes], bytes], words: str, file: Path) -> None:
-    run(file, until=13)
-    path = file.parent / "out" / "checkpoint"
-    path.write_bytes(spoil(path.read_bytes()))
+    write(file)
+    kept_in(file).write_bytes(spoil(kept_in(file).read_bytes()))
     with pytest.raises(GraphError, match=words):
-        run(file, resume=True)
+        resume(file)
 
 
-def test_what_ended_or_never_began_cannot_be_resumed(file: Path) -> None:
-    for ended in range(2):
-        with pytest.raises(GraphError, match="nothing to resume: there is no checkpoint"):
-            run(file, resume=True)
-        assert (file.parent / "out").exists() == bool(ended)
-        run(file)
-    reword(file, "checkpoint:", "# ")
-    reword(file, '  out: {default: ""}\n', "")
-    with pytest.raises(GraphError, match="the launch file writes no checkpoint"):
-        Graph(file, resume=True, compose=True).__enter__()
+def test_a_checkpoint_of_a_blinded_run_shows_nothing_of_it(file: Path) -> None:
+    write(file)
+    shown = kept_in(file).read_bytes()
+    kept_in(file).unlink()
+    reword(file, "graph: walk", "graph: walk\nblind: true")
+    write(file)
+    sealed = kept_in(file).read_bytes()
+    words = (b"walker", b"the echo", b"rate_hz", b"palp checkpoint")
+    assert all(word in shown and word not in sealed.partition(b"\n")[2] for word in words)
+    assert kept_in(file).stat().st_mode & 0o077 == 0
+    again = resume(file)
+    assert again.resumed is not None
+    again.close()
+    kept_in(file).write_bytes(sealed[:-9])
+    with pytest.raises(GraphError, match="is torn"):
+        resume(file)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({}, "nothing to resume: there is no checkpoint"),
+        ({"checkpoint": None}, "the launch file writes no checkpoint; add checkpoint: "),
+        ({"clock": "sim", "checkpoint": None}, "a run in simulated time cannot resume; run it again"),
+    ],
+)
+def test_what_ended_or_never_began_cannot_resume(given: dict[str, Any], words: str, file: Path) -> None:
+    with pytest.raises(GraphError, match=words):
+        Checkpoints(msgspec.structs.replace(checked(file), **given), (), resume=True)
+    assert not (file.parent / "out").exists()
 
 
 def test_resume_may_be_written_like_an_argument(file: Path, palp: Palp) -> None:
@@ -358,144 +279,95 @@ def test_resume_may_be_written_like_an_argument(file: Path, palp: Palp) -> None:
     assert "nothing to resume: there is no checkpoint" in done.stderr
 
 
-def test_a_checkpoint_of_a_blinded_run_shows_nothing_of_it_and_goes_on_all_the_same(file: Path) -> None:
-    whole = run(file)
-    run(file, until=13)
-    kept = file.parent / "out" / "checkpoint"
-    shown = kept.read_bytes()
-    reword(file, "graph: walk", "graph: walk\nblind: true")
-    kept.unlink()
-    before = run(file, until=13)
-    sealed = kept.read_bytes()
-    words = (b"walker", b"heard", b"/walker/step", b"palp checkpoint")
-    assert all(word in shown and word not in sealed.partition(b"\n")[2] for word in words)
-    assert kept.stat().st_mode & 0o077 == 0
-    after = run(file, resume=True)
-    for topic in ("/walker/step", "/echo/answer"):
-        assert joined(before, after)[topic] == whole[topic]
-    kept.write_bytes(sealed[:-9])
-    with pytest.raises(GraphError, match="is torn"):
-        run(file, resume=True)
-
-
-def test_an_unfinished_run_is_not_begun_anew_unasked(file: Path) -> None:
-    run(file, until=13)
-    kept = (file.parent / "out" / "checkpoint").read_bytes()
+def test_an_unfinished_run_is_not_replaced_unasked(file: Path) -> None:
+    write(file)
+    kept = kept_in(file).read_bytes()
     with pytest.raises(GraphError, match="is of an unfinished run: --resume goes on with it; remove it to"):
-        run(file)
-    assert (file.parent / "out" / "checkpoint").read_bytes() == kept
+        write(file)
+    assert kept_in(file).read_bytes() == kept
 
 
-def test_two_do_not_go_on_with_one_run(file: Path) -> None:
-    run(file, until=13)
-    args = {"resume": True, "out": file.parent / "out"}
-    with ComposedGraph(file, **args), pytest.raises(GraphError, match="goes on already"):
-        ComposedGraph(file, **args).__enter__()
+def test_two_do_not_resume_one_run(file: Path) -> None:
+    write(file)
+    first = resume(file)
+    with pytest.raises(GraphError, match="goes on already"):
+        resume(file)
+    first.close()
+    resume(file).close()
 
 
 def test_a_checkpoint_that_cannot_be_written_leaves_the_one_before(
     file: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    whole = run(file)
-    write, count = checkpoint_file.write_checkpoint, 0
+    def full(*_: Any, **__: Any) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
 
-    def full(*args: Any, **given: Any) -> int:
-        nonlocal count
-        count += 1
-        if count > 2:
-            raise OSError(errno.ENOSPC, "No space left on device")
-        return write(*args, **given)
-
-    said: list[str] = []
+    write(file)
+    run, said = resume(file), list[str]()
+    run.on_trouble = said.append
+    text = f"no checkpoint can be written to {kept_in(file)}: No space left on device"
     with monkeypatch.context() as patch:
         patch.setattr(checkpoints, "write_checkpoint", full)
-        patch.setattr(Diagnostics, "tell", lambda _, text, *__: said.append(text))
-        before = run(file, until=30)
-    assert count > 3
-    assert [record.message for record in caplog.records if "No space left" in record.message] == [
-        f"no checkpoint can be written to {file.parent / 'out' / 'checkpoint'}: No space left on device; "
-        "the run goes on, and could be resumed where the last one was written"
-    ]
-    where = file.parent / "out" / "checkpoint"
-    in_view = f"no checkpoint can be written to {where}: No space left on device"
-    assert said == [in_view]
-    after = run(file, resume=True)
-    assert parse(after["/walker/step"][0]).sequence == 6  # the second one was written after five steps
-    assert joined(before, after) == whole
+        for _ in range(2):
+            run.write(checked(file), [b"", b"lost"], 0, now_ns=8)
+    assert said == [text]
+    assert [record.message for record in caplog.records] == [f"{text}; {checkpoints.RESUMES}"]
+    run.close()
+    again = resume(file)
+    assert again.resumed is not None
+    assert again.resumed.now_ns == 7
+    again.on_trouble = said.append
+    again.write(checked(file), [b"", b"kept"], 0, now_ns=9)
+    again.close()
+    assert again.cost.count == 1
+    assert resume(file).resumed is not None
 
 
-def test_the_class_that_had_taken_over_must_be_as_it_was(file: Path, tmp_path: Path) -> None:
-    other = tmp_path / "other.py"
+@pytest.mark.parametrize("edited", [False, True])
+def test_a_class_that_had_taken_over_resumes_if_it_is_as_it_was(file: Path, edited: bool) -> None:
+    other = file.parent / f"other_{file.parent.name}.py"
     other.write_text(next(file.parent.glob("walk_*.py")).read_text())
-    run(file, swap_at_s=0.62, swap_to=f"{other}:Other", until=33)
-    other.write_text(other.read_text() + "print('edited')\n")
-    with pytest.raises(GraphError, match=r"the software has changed: .*other"):
-        run(file, resume=True)
+    graph = checked(file)
+    (spec,) = (spec for spec in graph.nodes if spec.name == "echo")
+    reword(file, f"{next(file.parent.glob('walk_*.py')).name}:Echo", f"{other}:Other")
+    (found,) = (node for node in checked(file).nodes if node.name == "echo")
+    reword(file, f"{other}:Other", f"{next(file.parent.glob('walk_*.py')).name}:Echo")
+    nodes = [found if node is spec else node for node in graph.nodes]
+    write(file, graph=msgspec.structs.replace(graph, nodes=nodes))
+    if edited:
+        other.write_text(other.read_text() + "print('edited')\n")
+        with pytest.raises(GraphError, match=r"the software has changed: .*other"):
+            resume(file)
+        return
+    graph = resume(file).with_successors(inspect_classes)
+    assert [node.run for node in graph.nodes if node.name == "echo"] == [found.run]
+    assert graph.nodes[0].run == checked(file).nodes[0].run
 
 
-def test_a_node_that_had_taken_over_goes_on(file: Path) -> None:
-    whole = run(file, swap_at_s=0.62)
-    before = run(file, swap_at_s=0.62, until=33)
-    assert joined(before, run(file, resume=True)) == whole
-
-
-@pytest.mark.parametrize("compose", [True, False])
-def test_a_launcher_killed_by_sigkill_leaves_a_run_that_goes_on(
-    compose: bool, file: Path, palp: Palp
-) -> None:
-    """What it ends with is the state of the walk, told by its bag."""
-    out = file.parent / "out"
-    run(file, record=file.parent / "whole")
-    bag = file.parent / "bag"
-    launch_and_kill(palp, file, "/walker/step", 23, f"out:={out}", compose=compose, record=str(bag))
-    resume(file, bag, compose=not compose)  # in processes and composed it is the same run
-    found = diff_bags(file.parent / "whole", bag)
-    assert all(topic.first is None for name, topic in found.items() if name != "/graph/events")
-    assert not list(out.iterdir())
-
-
-def resume(file: Path, bag: Path, *, compose: bool) -> None:
-    """Go on with a run that is recorded."""
-    kind, path = ComposedGraph if compose else Graph, list(sys.path)
-    with kind(file, out=file.parent / "out", resume=True, record=bag) as graph:
-        graph.run()
-    sys.path[:] = path
-
-
-def test_processes_asked_to_end_are_all_at_rest_first(file: Path, palp: Palp) -> None:
-    """However the end finds them, nothing that was computed is lost, and the bag is a whole run's."""
-    out, bag = file.parent / "out", file.parent / "bag"
-    run(file, record=file.parent / "whole")
-    launch_and_end(palp, file, "/walker/step", 23, f"out:={out}", compose=False, record=str(bag))
-    resume(file, bag, compose=False)
-    found = diff_bags(file.parent / "whole", bag)
-    assert all(topic.first is None for name, topic in found.items() if name != "/graph/events")
-    first, second = (
-        [m.sequence for m in read(part, ["/walker/step"])] for part in sorted(bag.glob("*.mcap"))
-    )
-    assert (first, second) == ([*range(1, 24)], [*range(24, 41)])
-
-
-def test_on_the_wall_clock_the_named_nodes_go_on_with_what_they_were(file: Path, palp: Palp) -> None:
+def test_the_named_nodes_resume_with_what_they_were(file: Path, palp: Palp) -> None:
     """Killed somewhere, it walks on from its last stop, as the same walk in simulated time does."""
     out, bag = file.parent / "out", file.parent / "bag"
     words = (f"out:={out}", "clock:=wall", "rate:=100.0", "count:=60")
-    launch_and_kill(palp, file, "", 2, *words, compose=False)
+    launch_and_kill(palp, file, "", 2, *words)
     done = palp.here("launch", file, *words, "--record", bag, "--resume")
     assert done.returncode == 0, done.stderr
-    assert "goes on, alone: True" in done.stderr
     walked = list(read(bag, ["/walker/step"]))
     first = walked[0].value.index
+    assert f"resumes at step {first}" in done.stderr
     assert first >= 5
     assert first % 5 == 0
-    whole = [decode_step(frame) for frame in run(file, count=60)["/walker/step"]]
+    whole: list[tuple[int, float]] = []
+
+    def observe(_: int, frame: bytes) -> None:
+        if frame.startswith(b"/walker/step\0"):
+            step = msgspec.msgpack.decode(parse(frame).payload)
+            whole.append((step["index"], step["value"]))
+
+    with ComposedGraph(file, observe=observe, clock="sim", out=file.parent / "whole", count=60) as graph:
+        graph.run()
     assert [(message.value.index, message.value.value) for message in walked] == whole[first:]
     assert walked[0].publish_ns > first * 10_000_000  # the graph's clock goes on
     heard = [message.value.index for message in read(bag, ["/echo/answer"])]
     assert heard[0] > first  # it has heard all steps before, too
     assert not list(out.iterdir())
-
-
-def decode_step(frame: bytes) -> tuple[int, float]:
-    found = msgspec.msgpack.decode(parse(frame).payload)
-    return found["index"], found["value"]
+    assert not (file.parent / "whole").exists()  # in simulated time none is written

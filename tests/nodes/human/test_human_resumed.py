@@ -9,7 +9,7 @@ import pytest
 from nodes.human.session import HumanSession
 from palp_core.errors import NodeError, PalpError
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.process.checkpoint import restore_alone
+from palp_core.graph.process.checkpoint import restore
 from palp_core.graph.process.keeping import Keeping
 from palp_core.palpation.session.human.questions import QUESTION
 from palp_core.palpation.session.human.record import HUMAN_TABLE, HumanRow, read_human, refuse_human
@@ -44,7 +44,7 @@ def interrupted(out: Path, trials: int) -> bytes:
 def resumed(out: Path, kept: bytes) -> Lab:
     lab = Lab(out, active=False)
     lab.bench.executor.transition(Transition.CONFIGURE)
-    restore_alone(lab.bench.executor, kept)
+    restore(lab.bench.executor, kept)
     lab.bench.executor.transition(Transition.ACTIVATE)
     return lab
 

@@ -23,7 +23,7 @@ from palp_core.palpation.devices.emg.noraxon import NoraxonEmg
 from palp_core.palpation.devices.emg.spikershield import SpikerShieldEmg
 from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.limits import TravelLimits
-from palp_core.palpation.devices.registry import back_end, device_mistakes
+from palp_core.palpation.devices.registry import device_mistakes
 from palp_core.palpation.devices.ring.maestro import MaestroRing, MaestroState
 from palp_core.palpation.devices.sim.emg import SimEmg, SimEmgState
 from palp_core.palpation.devices.sim.ring import SimRing, SimRingState

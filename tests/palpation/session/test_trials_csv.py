@@ -62,3 +62,21 @@ def test_a_table_of_which_a_part_is_there_twice_is_refused_with_its_line(tmp_pat
         read_rows(tmp_path)
     table.write_text("".join([lines[0], lines[1], lines[3]]), encoding="utf-8")
     assert [row.row for row in read_rows(tmp_path)] == [0, 2]
+
+
+def test_palpations_of_the_trial_under_way_are_set_aside_each_time_a_session_resumes(tmp_path: Path) -> None:
+    writer = SessionWriter(str(tmp_path), (0.002, 0.004))
+    writer.start()
+    rows = [Row(**(FACTS | {"row": number})) for number in range(6)]
+    for row in rows:
+        writer.append(row, np.full(3, float(row.row)), 1000.0)
+    writer.close()
+    for count in (5, 2):
+        resumed = SessionWriter(str(tmp_path), (0.002, 0.004))
+        resumed.go_on(count)
+        resumed.close()
+    assert read_rows(tmp_path) == rows[:2]
+    assert read_rows(tmp_path / "interrupted" / "1") == rows[5:]
+    assert read_rows(tmp_path / "interrupted" / "2") == rows[2:5]
+    assert [path.name for path in sorted((tmp_path / "sweeps").iterdir())] == ["000000.npz", "000001.npz"]
+    assert read_sweep(tmp_path / "interrupted" / "2", 3)[0].tolist() == [3.0, 3.0, 3.0]

@@ -325,16 +325,8 @@ def _say_report(graph: Graph) -> None:
     if graph.summary is not None and graph.summary.report:
         print_text(graph.summary.report)
     _say_incidents(graph)
-    if graph.summary is not None and (command := _to_go_on(graph)):
+    if graph.summary is not None and (command := graph.checkpoints.command(graph.path)):
         note(f"to go on where it was: {command}")
-
-
-def _to_go_on(graph: Graph) -> str:
-    """Return the command by which an interrupted run goes on; "" if it cannot."""
-    options = ["--compose"] if graph.checked.composed else []
-    if graph.checked.clock == "sim" and graph.record is not None:
-        options += ["--record", str(graph.record)]
-    return graph.checkpoints.command(graph.path, *options)
 
 
 def _print_summary(summary: RunSummary) -> None:

@@ -40,20 +40,20 @@ class Run:
     Attributes:
         seed: Of it: the launch file's ``seed``, and those that follow.
         folder: Its own, below the launch file's ``out``.
-        way: How it comes to its end: it begins, it goes on from its checkpoint, or it has.
-        anew: Replace what is in its folder: a run that was cut off before its first checkpoint.
+        way: It begins, or is done.
+        anew: Replace what is in its folder: a run that was cut off.
     """
 
     seed: int
     folder: Path
-    way: Literal["begin", "go on", "done"]
+    way: Literal["begin", "done"]
     anew: bool = False
 
     @property
     def words(self) -> list[str]:
         """The words of its command that are its own."""
         own = [f"{SEED}:={self.seed}", f"{OUT}:={self.folder}"]
-        return own + [ANEW] * self.anew + ["--resume"] * (self.way == "go on")
+        return own + [ANEW] * self.anew
 
 
 def repeat(file: Path, overrides: Sequence[str], count: int, *, compose: bool, resume: bool) -> int:
@@ -148,30 +148,9 @@ def _found(checked: CheckedGraph, seed: int, folder: Path, pooling: Pooling, *, 
     if not resume or not folder.exists():
         return Run(seed, folder, "begin")
     can_replace = checked.args.get("overwrite") is False  # there is such an argument, and it was not given
-    kept = _checkpoint_in(folder, checked)
-    if kept is not None and kept.exists():
-        return Run(seed, folder, "go on", anew=can_replace and _began_anew(kept))
     if pooling.complete(folder):
         return Run(seed, folder, "done")
     return Run(seed, folder, "begin", anew=can_replace)
-
-
-def _checkpoint_in(folder: Path, checked: CheckedGraph) -> Path | None:
-    """Return where a run with that folder keeps its checkpoint; None if nowhere below it."""
-    out = Path(checked.args[OUT]).absolute()
-    if checked.checkpoint is None or not Path(checked.checkpoint.file).absolute().is_relative_to(out):
-        return None
-    return folder / Path(checked.checkpoint.file).absolute().relative_to(out)
-
-
-def _began_anew(checkpoint: Path) -> bool:
-    """Tell whether an interrupted run had replaced one before it: with other words it would not go on."""
-    from palp_core.graph.launch.checkpoint_file import read_checkpoint
-
-    try:
-        return ANEW in read_checkpoint(checkpoint).given
-    except GraphError:  # the run itself says what is wrong with it
-        return False
 
 
 def refuse_options(given: dict[str, Any]) -> None:

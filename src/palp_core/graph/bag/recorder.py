@@ -106,7 +106,6 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
         select: Which topics to record; None: all.
         from_start: The recorder was there before the first message: sequence 1 must be in the bag.
         attachments: Files to keep with the recording: launch file, parameters, versions, git state.
-        accounts: Of what an interrupted recording has left in the bag.
 
     Attributes:
         missed: Is told of each gap when it shows: topic, epoch, first and last sequence; who can, hands the
@@ -122,12 +121,11 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
         select: Callable[[str], bool] | None = None,
         from_start: bool = True,
         attachments: Mapping[str, bytes] | None = None,
-        accounts: Mapping[str, TopicAccount] | None = None,
     ) -> None:
         self._writer = writer
         self._topics = {topic.name: topic for topic in topics}
         self._select = select
-        self._accounts = dict(accounts or {})
+        self._accounts: dict[str, TopicAccount] = {}
         self._from_start = from_start
         self._routes: dict[bytes, _Route] = {}
         self._refused: dict[str, int] = {}
@@ -206,10 +204,6 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
     def tick(self, now_ns: int) -> None:
         """Say what time it is on the machine's monotonic clock, at least every 0.1 s."""
         self._writer.tick(now_ns)
-
-    def flush(self) -> None:
-        """Let the file have all that was taken."""
-        self._writer.flush()
 
     def attach(self, name: str, data: bytes) -> None:
         """Keep one more file with the recording, such as changed parameters."""

@@ -1,7 +1,7 @@
 """Write a bag: a folder ``NAME`` with ``NAME_0.mcap``, ``NAME_1.mcap`` ... and ``metadata.yaml``."""
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,6 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         chunk_bytes: Size of a chunk before compression.
         chunk_ns: Age of a chunk on the clock that ``tick`` is given.
         custom: Facts for ``metadata.yaml``.
-        former: Files that an interrupted recording has left in the folder, which then exists.
 
     Raises:
         BagError: The folder exists, or it cannot be made or written.
@@ -50,7 +49,6 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         chunk_bytes: int = CHUNK_BYTES,
         chunk_ns: int = CHUNK_NS,
         custom: Mapping[str, str] | None = None,
-        former: Sequence[FilePart] = (),
     ) -> None:
         self.folder = Path(folder)
         self._compression: Compression = compression
@@ -64,14 +62,14 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         self._extras: list[Attachment | Metadata] = []
         self._latched: dict[int, deque[tuple[int, int, int, bytes]]] = {}
         self._latched_topics: dict[str, deque[tuple[int, int, int, bytes]]] = {}
-        self._parts = list(former)
+        self._parts: list[FilePart] = []
         self._totals: dict[int, int] = {}
         self._schema_ids: dict[tuple[str, str, bytes], int] = {}
         self._tick_ns: int | None = None
         self._closed = False
         self._split_ns = self._split_bytes = _NEVER
         try:
-            self.folder.mkdir(parents=True, exist_ok=bool(former))
+            self.folder.mkdir(parents=True)
         except FileExistsError as error:
             raise BagError(f"{self.folder} exists already: choose another name") from error
         except OSError as error:
@@ -100,20 +98,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
                 self._latched[number] = self._latched_topics.setdefault(name, deque(maxlen=depth))
         return number
 
-    def add_former(self, stream: Stream, count: int, latest: Iterable[tuple[int, int, bytes]]) -> None:
-        """Take into account what stands in former files of the bag.
-
-        Args:
-            stream: Of which.
-            count: How many messages of it are there.
-            latest: Sequence, time of publication and payload of the last ones, which are repeated if latched.
-        """
-        number = self.stream(stream)
-        self._totals[number] = self._totals.get(number, 0) + count
-        for sequence, publish_ns, payload in latest if number in self._latched else ():
-            self._latched[number].append((number, sequence, publish_ns, payload))
-
-    def repeat_latched(self, log_ns: int) -> None:
+    def _repeat_latched(self, log_ns: int) -> None:
         """Write the last messages of latched topics once more, so that a new file stands alone."""
         for history in list(self._latched_topics.values()):
             for number, sequence, publish_ns, payload in history:
@@ -214,7 +199,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
     def _split(self, log_ns: int) -> FileWriter:
         self._close_file()
         self._open()
-        self.repeat_latched(log_ns)
+        self._repeat_latched(log_ns)
         return self._file
 
     def _close_file(self) -> None:

@@ -132,9 +132,9 @@ def _with_checkpoint(checked: CheckedGraph, description: LaunchFile, problems: P
     here = [spec.name for spec in checked.spawned]
     found = check_checkpoint(description.checkpoint, checked.topics, readers, here, problems)
     problems.raise_any()
-    if found is None:
+    if found is None or checked.clock == "sim":  # a run in simulated time is run again
         return checked
-    keeps_at = dict.fromkeys(found.nodes if checked.clock == "wall" else (), found.after)
+    keeps_at = dict.fromkeys(found.nodes, found.after)
     nodes = [msgspec.structs.replace(spec, keeps_at=keeps_at.get(spec.name, "")) for spec in checked.nodes]
     return msgspec.structs.replace(checked, checkpoint=found, nodes=nodes)
 

@@ -257,7 +257,7 @@ def resolved_yaml(graph: CheckedGraph) -> str:
     if graph.blind:
         tree["blind"] = True
     if (kept := graph.checkpoint) is not None:
-        tree["checkpoint"] = {"file": kept.file, "after": kept.after.removeprefix("/")}
+        tree["checkpoint"] = {"file": kept.file, "after": kept.after.removeprefix("/"), "nodes": kept.nodes}
         if kept.nodes:
             tree["checkpoint"]["nodes"] = kept.nodes
     text: str = yaml.dump(

@@ -1,4 +1,4 @@
-"""The key ``checkpoint`` of a launch file: where a run is written down, when, and on the wall clock who."""
+"""The key ``checkpoint`` of a launch file: where nodes are written down, when, and which."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ class CheckpointEntry(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         file: Where the latest one is; relative to where one is.
         after: Topic; a message of it says that one is due.
-        nodes: On the wall clock, those whose state is kept; in simulated time all are, whatever this says.
+        nodes: Those whose state is kept.
     """
 
     file: str
     after: str
-    nodes: list[str] = []
+    nodes: list[str]
 
 
 def check_checkpoint(

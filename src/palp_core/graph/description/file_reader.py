@@ -189,10 +189,6 @@ class _Reader:
         checkpoint = None
         if (kept := said.get("checkpoint")) is not None:
             place = fields["checkpoint"].mark
-            if clock == "wall" and not kept.nodes:
-                self.problems.add(
-                    place, "on the wall clock a checkpoint names its nodes; add nodes: [name, ...]"
-                )
             after = topic(*kept.after.split("/"))
             checkpoint = CheckpointEntry(file=kept.file, after=after, nodes=kept.nodes), place
         self.unused = list(file.unused())

@@ -109,13 +109,7 @@ class CheckpointKeys(Keys):
     after: Annotated[
         Wire, _key("The output whose messages say that a checkpoint is due.", "experiment/trial")
     ]
-    nodes: Annotated[
-        list[str],
-        _key(
-            "The nodes whose state is kept. Required on the wall clock; in simulated time all are.",
-            ["experiment", "policy"],
-        ),
-    ] = []
+    nodes: Annotated[list[str], _key("The nodes whose state is kept.", ["experiment", "policy"])]
 
 
 Restart = Literal["never", "on_failure"]
@@ -345,8 +339,8 @@ class FileKeys(Keys):
     checkpoint: Annotated[
         CheckpointKeys | UnsetType,
         _key(
-            "When the run is written down, so that `--resume` can go on after an interruption.",
-            {"file": "$(var out)/checkpoint", "after": "experiment/trial"},
+            "On the wall clock: when nodes are written down, for `--resume` after an interruption.",
+            {"file": "$(var out)/checkpoint", "after": "experiment/trial", "nodes": ["experiment", "policy"]},
             root=True,
         ),
     ] = UNSET

@@ -118,22 +118,18 @@ class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
         identity: What must be as it is, for another to go on from here.
         given: The arguments as the command line had them.
         now_ns: When, on the graph's clock.
-        activation_count: How often nodes had been given work, in lockstep.
         resumed_count: How often the run had been interrupted by then.
         attached: Texts that the report keeps with all that is recorded of the run, by name.
-        nodes: In graph order; on the wall clock those that the launch file names.
+        nodes: Those that the launch file names, in graph order.
         incidents: What nodes had said was wrong, in time's order.
         standing: The place among these of what still is, by topic.
         methods: Which methods nodes had said they use.
         changes: Classes that had taken a node's place, and parameters that had been set.
-        said: Last sequence of each topic of the launcher's own.
-        bag: What the run is recorded into, beside what the launch file says; "": nothing.
     """
 
     identity: RunIdentity
     given: list[str]
     now_ns: int
-    activation_count: int
     resumed_count: int
     attached: dict[str, str]
     nodes: list[KeptSpec]
@@ -141,17 +137,14 @@ class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
     standing: dict[str, int] = {}
     methods: list[MethodTold] = []
     changes: list[ChangeTold] = []
-    said: dict[str, int] = {}
-    bag: str = ""
 
 
-def write_checkpoint(path: Path, checkpoint: KeptRun, *, durable: bool, sealed: bool = False) -> int:
-    """Write a checkpoint; the one before stays if that fails. Return its size in bytes.
+def write_checkpoint(path: Path, checkpoint: KeptRun, *, sealed: bool = False) -> int:
+    """Write a checkpoint that outlives a power cut; the one before stays if that fails. Return its bytes.
 
     Args:
         path: Where.
         checkpoint: It.
-        durable: It outlives a power cut.
         sealed: No word or number of it is seen by who looks at the file, which is this user's alone; as of
             any seal, it keeps from seeing, not from prying.
 
@@ -162,7 +155,7 @@ def write_checkpoint(path: Path, checkpoint: KeptRun, *, durable: bool, sealed: 
     data = b"".join((_MAGIC, hashlib.sha256(body).digest(), body))
     if sealed:
         data = seal(_SEAL, data, 1)
-    write_whole(path, data, mode=PRIVATE if sealed else 0o666, durable=durable)
+    write_whole(path, data, mode=PRIVATE if sealed else 0o666, durable=True)
     return len(data)
 
 

@@ -1,12 +1,8 @@
 """The checkpoints of one run: when one is due, what is written, and where an interrupted run goes on.
 
-A checkpoint is every node's hand-over at one instant of simulated time at which all are at rest, and what the
-launcher itself knows. It replaces the one before whole or not at all, and is removed when the run has come to
-its end. On the wall clock nodes write themselves down when the message comes that says it is due; only those
-that the launch file names are kept, and all others begin anew.
-
-In simulated time one is due far more often than it is worth: what it would save is computed again to the same
-bytes. So it is written once in :data:`EVERY_NS` at the most, and when the run is asked to end.
+On the wall clock the nodes that the launch file names write themselves down when the message comes that says
+it is due; all others begin again. A checkpoint replaces the one before whole or not at all, and is removed
+when the run has come to its end. A run in simulated time is run again: that takes seconds.
 """
 
 from __future__ import annotations
@@ -34,16 +30,12 @@ from palp_core.graph.launch.checkpoint_file import (
     write_checkpoint,
 )
 from palp_core.graph.node.loading import source_of
-from palp_core.graph.process.checkpoint import published
 from palp_core.graph.recording.recorders import Recorders
 from palp_core.graph.swap.compatibility import objections, replaced
 
 Inspect = Callable[[list[NodeClassRequest], Path], list[NodeClass]]
 _LOG = logging.getLogger("palp.supervisor")
 
-
-EVERY_NS = 1_000_000_000
-"""In simulated time, least time on the machine's clock from one checkpoint to the next: what a kill costs."""
 
 RESUMES = "the run goes on, and could be resumed where the last one was written"
 
@@ -73,7 +65,6 @@ class Checkpoints:
     Attributes:
         resumed: What the run goes on from; None: it begins.
         on_trouble: Is told why a checkpoint could not be written, and "" once one could again.
-        due: A message has come after which one is to be taken.
         cost: What they have cost so far.
 
     Raises:
@@ -83,16 +74,15 @@ class Checkpoints:
 
     def __init__(self, checked: CheckedGraph, given: Sequence[str], *, resume: bool) -> None:
         entry = checked.checkpoint
+        if resume and checked.clock == "sim":
+            raise GraphError(f"{checked.file}: a run in simulated time cannot resume; run it again")
         if resume and entry is None:
             raise GraphError(
-                f"{checked.file}: nothing can be resumed: the launch file writes no checkpoint; add "
-                "checkpoint: {file: PATH, after: node/port}"
+                f"{checked.file}: cannot resume: the launch file writes no checkpoint; add "
+                "checkpoint: {file: PATH, after: node/port, nodes: [node, ...]}"
             )
-        self.due = False
         self.cost = CheckpointCost()
-        self._tried_ns: int | None = None
         self.path = None if entry is None else Path(entry.file).absolute()
-        self._after = b"" if entry is None else entry.after.encode() + b"\0"
         self._launched, self._given = checked, list(given)
         self._identity: RunIdentity | None = None
         self._runs: set[str] = set()
@@ -131,31 +121,9 @@ class Checkpoints:
             record: The bag for all of it; None: only what the launch file says.
 
         Raises:
-            GraphError: It was recorded otherwise before it was interrupted.
             BagError: A bag exists, or a recorder's flags make no sense.
         """
-        return Recorders(graph, record, self.said(record), resumed=self.resumed is not None)
-
-    def said(self, record: Path | None) -> dict[str, int] | None:
-        """Return the last sequence of every topic that had been published; None: the run begins.
-
-        Args:
-            record: The bag that the run is to be recorded into.
-
-        Raises:
-            GraphError: It was recorded otherwise before it was interrupted.
-        """
-        found = self.resumed
-        if found is None or self._launched.clock == "wall":
-            return None
-        before, now = found.bag, "" if record is None else str(record.absolute())
-        if before != now:
-            what = f"recorded into {before}: --record {before}" if before else "not recorded: no --record"
-            raise GraphError(f"the run was {what} goes on with it")
-        said = dict(found.said)
-        for node in found.nodes:
-            said.update(published(node.kept))
-        return said
+        return Recorders(graph, record, resumed=self.resumed is not None)
 
     @property
     def attached(self) -> dict[str, str] | None:
@@ -213,20 +181,6 @@ class Checkpoints:
             checked = replaced(checked, spec, found, kept.params)
         return checked
 
-    def observe(self, frame: bytes) -> None:
-        """Take a message of the graph, after which a checkpoint may be due."""
-        if self._after and frame.startswith(self._after):
-            self.due = True
-
-    def wanted(self, *, ending: bool = False) -> bool:
-        """Tell whether one is due, and has been long enough in coming to be worth it.
-
-        Args:
-            ending: The run is asked to end: what was computed since the last one is not to be lost.
-        """
-        early = self._tried_ns is not None and monotonic_ns() - self._tried_ns < EVERY_NS
-        return self.due and (ending or not early)
-
     def write(self, checked: CheckedGraph, kept: Sequence[bytes], begun_ns: int, **known: object) -> None:
         """Write a checkpoint; if that fails, the one before stays, and it is said once.
 
@@ -237,7 +191,6 @@ class Checkpoints:
             known: Other fields of the checkpoint.
         """
         assert self.path is not None
-        self.due, self._tried_ns = False, begun_ns
         nodes = [
             KeptSpec(name=spec.name, run=spec.run, params=spec.params, kept=node)
             for spec, node in zip(checked.spawned, kept, strict=True)
@@ -255,9 +208,7 @@ class Checkpoints:
             **known,  # type: ignore[arg-type]
         )
         try:
-            self.cost.bytes = write_checkpoint(
-                self.path, checkpoint, durable=checked.clock == "wall", sealed=checked.blind
-            )
+            self.cost.bytes = write_checkpoint(self.path, checkpoint, sealed=checked.blind)
         except OSError as error:
             self._say(f"no checkpoint can be written to {self.path}: {error.strerror or error}")
             return
@@ -273,12 +224,11 @@ class Checkpoints:
             self.on_trouble(text)
         self._failed = text
 
-    def command(self, file: Path, *options: str) -> str:
+    def command(self, file: Path) -> str:
         """Return the command by which the run, which has ended, goes on; "" if it cannot.
 
         Args:
             file: The launch file, as it was given.
-            options: Of the command, beside ``--resume``.
         """
         if self.path is None or not self.cost.count or not self.path.exists():
             return ""
@@ -288,7 +238,7 @@ class Checkpoints:
             for name, value in self._launched.args.items()
             if name not in named and isinstance(value, str) and value and self._is_in(value)
         ]
-        return shlex.join(["palp", "launch", str(file), *self._given, *where, *options, "--resume"])
+        return shlex.join(["palp", "launch", str(file), *self._given, *where, "--resume"])
 
     def _is_in(self, folder: str) -> bool:
         return self.path is not None and self.path.is_relative_to(Path(folder).absolute())

@@ -25,7 +25,6 @@ from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.launch.changes_told import ChangesTold
 from palp_core.graph.launch.checkpoints import RESUMES, Checkpoints
 from palp_core.graph.launch.diagnostics import Diagnostics
-from palp_core.graph.launch.lockstep_checkpoints import LockstepCheckpoints
 from palp_core.graph.launch.log_screen import Show, Shown, showing_log
 from palp_core.graph.launch.methods_told import MethodsTold
 from palp_core.graph.launch.summary import RunSummary, report_function, summary_of
@@ -172,7 +171,6 @@ class Graph:
         self._conductor: Conductor | None = None
         self._time = SimulatedTime()
         self._supervisor: Supervisor | None = None
-        self._keeping: LockstepCheckpoints | None = None
         self._instant_count, self._begun = 0, False
         self._begin_ns = self._gone_ns = 0
         self._cpu_s: dict[str, float] = {}
@@ -390,13 +388,8 @@ class Graph:
         conductor = Conductor(self._nodes, checked.readers, ends_run, self._show, self._between_instants)
         self._conductor = self._time.conductor = conductor
         try:
-            self._keeping = LockstepCheckpoints(
-                self.checkpoints, self._nodes, conductor, *self._told, self.launcher_node, self.recorders
-            )
-            resumed = self._keeping.go_on()
             with self._announcing():
-                if not resumed:
-                    conductor.activate()
+                conductor.activate()
                 exit_code = conductor.run(until_ns)
         finally:
             conductor.shutdown(self._end_order())
@@ -412,7 +405,6 @@ class Graph:
         self.methods.observe(frame)
         self.swaps.observe(now_ns, frame)
         self._keep_frame(now_ns, frame)
-        self.checkpoints.observe(frame)
 
     def _keep_frame(self, now_ns: int, frame: bytes) -> None:
         self.changes.observe(frame)
@@ -461,20 +453,11 @@ class Graph:
 
     def _between_instants(self) -> None:
         """Between two instants: is the end wanted, does anybody ask?"""
-        try:
-            self._interrupt.check()
-        except Interrupted:
-            self._keep(ending=True)
-            raise
+        self._interrupt.check()
         self._serve()
-        self._keep()
         self._instant_count += 1
         if self._compose and self._instant_count % POLL_INSTANTS == 0:
             self.launcher_node.poll()  # the supervisor does it where there is one
-
-    def _keep(self, *, ending: bool = False) -> None:
-        if self.checkpoints.wanted(ending=ending) and self._keeping and not self.swaps.progress()["node"]:
-            self._keeping.write(self.checked)
 
     def _end_order(self) -> list[int]:
         """Nodes that move something first, then graph order."""

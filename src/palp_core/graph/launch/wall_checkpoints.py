@@ -64,7 +64,6 @@ class WallCheckpoints:
             [kept.get(spec.name, b"") for spec in checked.spawned],
             begun_ns,
             now_ns=begun_ns - self._supervisor.start_ns,
-            activation_count=0,
             incidents=self._diagnostics.incidents,
             standing=self._diagnostics.standing,
             methods=self._methods.told,

@@ -40,16 +40,6 @@ class LockstepNodes(Protocol):
         """Bring one node to its safe state and end it."""
 
 
-class NodeKeeper(Protocol):
-    """Writes the nodes of a lockstep graph down, all of them at rest, and lets others go on from there."""
-
-    def keep(self) -> list[bytes]:
-        """Write every node down, in graph order."""
-
-    def restore(self, kept: Sequence[bytes]) -> Sequence[Done]:
-        """Let every node go on from what was written down; return when each is due."""
-
-
 class Conductor:
     """Drives nodes through simulated time.
 
@@ -87,18 +77,6 @@ class Conductor:
         for index in range(len(self._nodes.names)):
             published += self._account(index, self._nodes.activate(index))
         self._run_rounds(published)
-
-    def go_on(self, now_ns: int, activation_count: int, nodes: Sequence[Done]) -> None:
-        """Go on at an instant at which a run before was at rest, in place of :meth:`activate`.
-
-        Args:
-            now_ns: Which.
-            activation_count: How often nodes had been given work by then.
-            nodes: When each is due, in graph order.
-        """
-        self.now_ns, self.activation_count = now_ns, activation_count
-        for index, done in enumerate(nodes):
-            self._account(index, done)
 
     def rewire(self, readers: Mapping[str, Sequence[int]]) -> None:
         """Deliver by other wires from now on."""

@@ -260,7 +260,7 @@ class Failing:
 
         return guarded
 
-    def hook(self, name: str, **given: Any) -> None:
+    def hook(self, name: str) -> None:
         """Run a lifecycle hook.
 
         Raises:
@@ -268,7 +268,7 @@ class Failing:
         """
         hooks: LifecycleHooks = self._executor.node
         try:
-            getattr(hooks, name)(**given)
+            getattr(hooks, name)()
         except (Exception, SystemExit) as error:
             text = f"{name} failed: {in_words(error)}"
             self.fail(error, text)

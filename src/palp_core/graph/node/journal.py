@@ -4,8 +4,6 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import msgspec
-
 from palp_core.graph.messages.builtin import Order
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.publisher import PublisherEnd
@@ -16,16 +14,6 @@ OUTSIDE = "outside:"
 TRANSITIONS = (Transition.ACTIVATE, Transition.DEACTIVATE, Transition.CLEANUP, Transition.CONFIGURE)
 BATCH = 256
 SNAPSHOT_INTERVAL_NS = 10_000_000_000
-
-
-class KeptJournal(msgspec.Struct, frozen=True, kw_only=True):
-    """What a journal has not published yet, so that another one publishes the same batches."""
-
-    begun: bool
-    hand_over: bytes
-    entries: list[tuple[int, int, int, int]]
-    changes: list[str]
-    next_snapshot_ns: int
 
 
 class Journal:
@@ -59,24 +47,6 @@ class Journal:
         self._hand_over = b""
         self._entries: list[tuple[int, int, int, int]] = []
         self._changes: list[str] = []
-
-    def keep(self) -> KeptJournal:
-        """Write down what is not published yet."""
-        return KeptJournal(
-            begun=self._begun,
-            hand_over=self._hand_over,
-            entries=list(self._entries),
-            changes=list(self._changes),
-            next_snapshot_ns=self.next_snapshot_ns,
-        )
-
-    def restore(self, kept: KeptJournal) -> None:
-        """Go on from what was written down; whoever followed the record goes on, too."""
-        self._begun, self._hand_over = kept.begun, kept.hand_over
-        self._entries, self._changes = list(kept.entries), list(kept.changes)
-        self.next_snapshot_ns = kept.next_snapshot_ns
-        if self._begun:
-            self._follow()
 
     def take_snapshot(self, now_ns: int) -> None:
         """Begin a new batch with a snapshot of the node."""

@@ -60,12 +60,10 @@ class LifecycleHooks:
     def on_resume(self) -> None:
         """Continue a predecessor's work instead of beginning: open the device as ``self.state`` left it."""
 
-    def on_restore(self, *, alone: bool) -> None:
-        """Make what is outside ``self.state`` fit it: an interrupted run goes on from a checkpoint.
+    def on_restore(self) -> None:
+        """Make what is outside ``self.state`` fit it: an interrupted run resumes from a checkpoint.
 
-        Args:
-            alone: The wall clock: devices begin anew, and ``on_activate`` follows. Otherwise all nodes go on
-                from the same instant, after ``on_resume``.
+        Devices start again; ``on_activate`` follows.
         """
 
     def on_deactivate(self) -> None:

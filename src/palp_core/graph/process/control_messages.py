@@ -53,12 +53,8 @@ class Shutdown(ChannelMessage, frozen=True):
     now_ns: int
 
 
-class WriteDown(ChannelMessage, frozen=True):
-    """Lockstep: write yourself down, between two rounds; :class:`Done` has it."""
-
-
 class Restore(ChannelMessage, frozen=True):
-    """Go on from what was written down in a run before: in lockstep now, else when activated."""
+    """Wall clock: be what was written down before an interruption, when activated."""
 
     node: bytes
 
@@ -81,15 +77,11 @@ class Matched(ChannelMessage, frozen=True):
 
 
 class Done(ChannelMessage, frozen=True):
-    """What the node published, when it is due next (-1: never), and its exit code if its work is done.
-
-    ``kept`` is the node, written down, if that was asked for.
-    """
+    """What the node published, when it is due next (-1: never), and its exit code if its work is done."""
 
     frames: list[bytes]
     next_due_ns: int
     exit_code: int | None
-    kept: bytes = b""
 
 
 class Failed(ChannelMessage, frozen=True):
@@ -135,7 +127,7 @@ class Raised(ChannelMessage, frozen=True):
     action: str
 
 
-ToNode = Activate | Round | Shutdown | WriteDown | Restore | ToSwapped
+ToNode = Activate | Round | Shutdown | Restore | ToSwapped
 FromNode = Hello | Configured | Matched | Done | Failed | Kept | Relay | Knock | Pulse | Raised | FromSwapped
 
 

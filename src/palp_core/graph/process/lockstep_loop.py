@@ -9,7 +9,7 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.loading import endpoints, load_class
-from palp_core.graph.process import checkpoint, control_messages
+from palp_core.graph.process import control_messages
 from palp_core.graph.process.channel import ChannelMessage, MessageChannel
 from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.process.swap_messages import Commit, HandedIn, TookOver, ToSwapped
@@ -41,14 +41,14 @@ class LockstepLoop:
             successor=order.successor,
         )
         self.executor.transition(Transition.CONFIGURE)
-        self._knocked = self._restoring = False
+        self._knocked = False
         self._poll = select.poll()
         for descriptor in (channel.socket.fileno(), *self.sockets.file_descriptors):
             self._poll.register(descriptor, select.POLLIN)
 
     def _send(self, frame: bytes) -> None:
         self.frames.append(frame)
-        unheard = self.participant.shadowing or self.participant.on_probation or self._restoring
+        unheard = self.participant.shadowing or self.participant.on_probation
         if self.sockets.publisher.has_subscribers and not unheard:
             self.sockets.publisher.send(frame)
 
@@ -74,7 +74,7 @@ class LockstepLoop:
         while True:
             self._await_conductor()
             message = self.channel.receive()
-            self.frames, kept = [], b""
+            self.frames = []
             if isinstance(message, control_messages.Round):
                 self.clock.set(message.now_ns)
                 self._knocked = False
@@ -82,14 +82,11 @@ class LockstepLoop:
                 follow_round(self.executor, self.clock, message)
             elif isinstance(message, control_messages.Activate):
                 self.executor.transition(Transition.ACTIVATE)
-            elif isinstance(message, control_messages.WriteDown):
-                kept = checkpoint.keep(self.executor)
-            elif isinstance(message, control_messages.Restore):
-                self._restore(message.node)
             elif isinstance(message, control_messages.Shutdown):
                 self.clock.set(message.now_ns)
                 self.executor.transition(Transition.SHUTDOWN)
             else:
+                assert not isinstance(message, control_messages.Restore)  # of the wall clock
                 self._change_over(message)
                 if self.participant.left:
                     self.channel.send(control_messages.Done([], -1, None))
@@ -101,16 +98,10 @@ class LockstepLoop:
                     self.sockets.publisher.send(frame)
             due_ns = self.executor.next_due_ns()
             due = -1 if due_ns is None else due_ns
-            self.channel.send(control_messages.Done(self.frames, due, self.executor.exit_code, kept))
+            self.channel.send(control_messages.Done(self.frames, due, self.executor.exit_code))
             if isinstance(message, control_messages.Shutdown):
                 self.close()
                 return
-
-    def _restore(self, node: bytes) -> None:
-        """Go on from a checkpoint; what is said on the occasion nobody hears."""
-        self._restoring = True
-        checkpoint.restore(self.executor, node)
-        self._restoring, self.frames = False, []
 
     def _change_over(self, message: ToSwapped) -> None:
         self.participant.handle(message)

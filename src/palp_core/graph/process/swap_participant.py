@@ -83,11 +83,6 @@ class SwapParticipant:
         waits = any(one is not None for one in (self._hand_in, self._meet, self._eavesdropper))
         return waits or (self._first_work is not None and self._first_work.reports)
 
-    @property
-    def engaged(self) -> bool:
-        """True while the node changes hands, or has just done so and is on probation."""
-        return self.silent or self._place is not None or self._first_work is not None or self.waiting
-
     def handle(self, message: swap_messages.ToSwapped) -> None:
         """Do what the supervisor says."""
         match message:

@@ -235,14 +235,14 @@ class WallLoop:
             self._begin(message.start_ns)
             self.executor.transition(Transition.ACTIVATE)
         elif isinstance(message, control_messages.Restore):
-            checkpoint.restore_alone(self.executor, message.node)
+            checkpoint.restore(self.executor, message.node)
         elif isinstance(message, control_messages.Shutdown):
             self.executor.transition(Transition.SHUTDOWN)
             self.sockets.publisher.send_heartbeats()  # its last words: whoever has missed a message knows it
             self.channel.send(control_messages.Done([], -1, self.executor.exit_code))
             self.close()
             return True
-        elif not isinstance(message, control_messages.Round | control_messages.WriteDown):
+        elif not isinstance(message, control_messages.Round):
             self.participant.handle(message)
             if self.participant.left:
                 self.channel.send(control_messages.Done([], -1, None))

@@ -1,14 +1,8 @@
 """Record a lockstep run into a bag that stands alone: topics, graph, parameters, versions, git state."""
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
-
 import msgspec
 
 from palp_core.errors import BagError
-from palp_core.graph.bag.account import TopicAccount
-from palp_core.graph.bag.go_on import go_on_with_bag
 from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.bag.selection import topic_selection
 from palp_core.graph.bag.writer import BagWriter
@@ -32,29 +26,22 @@ class LockstepRecorder:
         name: By which it is spoken of.
         graph: The graph about to run.
         options: What to record, and how.
-        said: Go on with the bag of an interrupted run, in which these were the last sequences of topics.
 
     Raises:
         BagError: The bag exists or cannot be made; or snapshots are wanted, for which nobody asks in time.
     """
 
-    def __init__(
-        self, name: str, graph: CheckedGraph, options: RecordOptions, said: Mapping[str, int] | None = None
-    ) -> None:
+    def __init__(self, name: str, graph: CheckedGraph, options: RecordOptions) -> None:
         if options.snapshot_s:
             raise BagError(f"{graph.file}: a recorder keeps the last seconds on the wall clock only")
         select = topic_selection(options.topics, options.regex, options.exclude_regex)
-        how: dict[str, Any] = {
-            "compression": options.compression,
-            "max_bytes": options.max_bytes,
-            "max_duration_ns": round(options.max_duration_s * 1e9),
-            "custom": {"start_unix_ns": str(unix_ns())},
-        }
-        accounts: dict[str, TopicAccount] = {}
-        if said is None:
-            writer = BagWriter(options.out, **how)
-        else:
-            writer, accounts = go_on_with_bag(Path(options.out), said, select, **how)
+        writer = BagWriter(
+            options.out,
+            compression=options.compression,
+            max_bytes=options.max_bytes,
+            max_duration_ns=round(options.max_duration_s * 1e9),
+            custom={"start_unix_ns": str(unix_ns())},
+        )
         topics = [
             msgspec.structs.replace(info.as_topic(name), latched_depth=info.qos.latched_depth)
             for name, info in graph.topics.items()
@@ -65,7 +52,6 @@ class LockstepRecorder:
                 topics,
                 select=select,
                 attachments=attachments(launch_provenance(graph)),
-                accounts=accounts,
             )
         except OSError as error:
             writer.abandon()
@@ -83,10 +69,6 @@ class LockstepRecorder:
     def follow(self, graph: CheckedGraph) -> None:
         """Keep what the graph has become by a swap."""
         self._recorder.attach(LAUNCH_ATTACHMENT, launch_attachment(launch_provenance(graph)))
-
-    def flush(self) -> None:
-        """Let the bag have all that was recorded."""
-        self._recorder.flush()
 
     def close(self) -> tuple[bool, str]:
         """Close the bag; return whether nothing is missing, and what to say."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 import logging
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,9 +38,8 @@ class Recorders:
     Args:
         graph: The graph about to run; None: there is none yet, and nothing to record.
         out: A bag for all of it; None: only what the launch file says.
-        said: Go on with the bags of an interrupted run, in which these were the last sequences of topics.
-        resumed: The run was interrupted: on the wall clock each recorder of the launch file begins another
-            bag beside the one that is there, ``bag_2`` beside ``bag``.
+        resumed: The run was interrupted: each recorder of the launch file begins another bag
+            beside the one that is there, ``bag_2`` beside ``bag``.
 
     Raises:
         BagError: A bag exists, or a recorder's flags make no sense.
@@ -51,7 +49,6 @@ class Recorders:
         self,
         graph: CheckedGraph | None = None,
         out: Path | None = None,
-        said: Mapping[str, int] | None = None,
         *,
         resumed: bool = False,
     ) -> None:
@@ -65,33 +62,16 @@ class Recorders:
             self._wanted.append((DEFAULT_NAME, options, False))
         for spec in graph.recorders if graph is not None else ():
             params = msgspec.convert(spec.params, RecorderParams)
-            if resumed and said is None:
+            if resumed:
                 params = msgspec.structs.replace(params, out=_free(params.out))
             self._wanted.append((spec.name, _options(params), params.required))
         for name, options, _ in self._wanted:
-            if said is None and Path(options.out).exists():
+            if Path(options.out).exists():
                 raise BagError(f"{options.out} exists already: choose another name")
             if graph is not None and graph.clock == "sim":
                 from palp_core.graph.recording.lockstep_recorder import LockstepRecorder
 
-                self._writers.append(LockstepRecorder(name, graph, options, said))
-
-    @property
-    def bag(self) -> str:
-        """Simulated clock: the bag for all of it; "": there is none, or it cannot be written any more."""
-        return next((writer.out for writer in self._writers if writer.name == DEFAULT_NAME), "")
-
-    def flush(self) -> None:
-        """Simulated clock: let the bags have all that was recorded.
-
-        Raises:
-            NodeError: As of :meth:`observe`.
-        """
-        for writer in list(self._writers):
-            try:
-                writer.flush()
-            except OSError as error:
-                self._lose(writer, error)
+                self._writers.append(LockstepRecorder(name, graph, options))
 
     def observe(self, now_ns: int, frame: bytes) -> None:
         """Simulated clock: take a frame.

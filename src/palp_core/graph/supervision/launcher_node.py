@@ -4,7 +4,7 @@ import contextlib
 import json
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import msgspec
@@ -102,16 +102,6 @@ class LauncherNode:
         )
         self.poll()
         self.record_event(self._events.history[-1])
-
-    @property
-    def said(self) -> dict[str, int]:
-        """The last sequence of each of its topics."""
-        return {name: out.sequence for name, out in self._publishers.items()}
-
-    def go_on(self, said: Mapping[str, int]) -> None:
-        """Number on from where an interrupted run had come."""
-        for name, sequence in said.items():
-            self._publishers[name].resume(0, sequence, [])
 
     @contextlib.contextmanager
     def announcing(self, graph: str, count: int, *, resumed: bool = False) -> Iterator[None]:

@@ -200,12 +200,12 @@ class SessionWriter:
             self._append(self._columns, os.O_CREAT)
             link_latest(self.folder)
 
-    def go_on(self, row_count: int, *, aside: bool) -> None:
+    def go_on(self, row_count: int) -> None:
         """Go on with a table that an interrupted session has left, as it was after so many palpations.
 
         Args:
-            row_count: How many; what came later is of the trial that was under way, which is done again.
-            aside: That is kept, in a table and sweeps of its own; else it is made again as it was.
+            row_count: How many; what came later is of the trial that was under way, which is done again: it
+                is kept, in a table and sweeps of its own.
 
         Raises:
             PalpError: The table lacks palpations, another session writes into it, or it cannot be written.
@@ -219,7 +219,7 @@ class SessionWriter:
                     f"it has {counted(len(rows), 'palpation')}, and the session had come to {row_count}; "
                     "restore the table, or begin anew in another folder"
                 )
-            self._cut(row_count, len(rows), aside=aside)
+            self._cut(row_count, len(rows))
             link_latest(self.folder)
 
     @contextlib.contextmanager
@@ -234,12 +234,12 @@ class SessionWriter:
             self.close()
             raise
 
-    def _cut(self, row_count: int, found: int, *, aside: bool) -> None:
+    def _cut(self, row_count: int, found: int) -> None:
         """Leave so many rows in the table, which is there whole all the while, and their sweeps."""
         table, sweeps = self.folder / TABLE, self.folder / SWEEPS
         lines = table.read_bytes().splitlines(keepends=True)
         later = sorted(path for path in sweeps.glob("*.npz") if int(path.stem) >= row_count)
-        if aside and found > row_count:
+        if found > row_count:
             kept = set_aside(self.folder)
             (kept / SWEEPS).mkdir()
             write_whole(kept / TABLE, b"".join([lines[0], *lines[row_count + 1 : found + 1]]))

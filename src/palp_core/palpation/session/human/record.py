@@ -142,12 +142,12 @@ class HumanWriter:
             self._append(HumanRow.__struct_fields__, os.O_CREAT | os.O_EXCL)
             link_latest(self.folder)
 
-    def go_on(self, row_count: int, *, aside: bool) -> None:
+    def go_on(self, row_count: int) -> None:
         """Go on with what an interrupted session has left, as it was after so many rows.
 
         Args:
-            row_count: How many; what came later is of the trial that was under way, which is done again.
-            aside: That is kept, in a folder of its own; else it is made again as it was, in its place.
+            row_count: How many; what came later is of the trial that was under way, which is done again: it
+                is kept, in a folder of its own.
 
         Raises:
             PalpError: The table lacks rows, another session writes into it, or it cannot be written.
@@ -161,8 +161,7 @@ class HumanWriter:
                     f"it has {counted(len(rows), 'trial')}, and the session had come to {row_count}; "
                     "restore the table, or begin anew in another folder"
                 )
-            if aside:
-                self._set_aside(rows[:row_count], rows[row_count:])
+            self._set_aside(rows[:row_count], rows[row_count:])
             write_whole(self.folder / HUMAN_TABLE, human_table_text(rows[:row_count]))
             link_latest(self.folder)
 
