@@ -16,7 +16,7 @@ HEAVY = (
     *("palp_core.palpation", "matplotlib", "pandas", "pywt", "scipy", "skfem", "statsmodels"),
     *("serial", "can"),
 )
-FOR_VERBS = ("numpy", "msgspec", "msgpack", "zmq", "psutil", "yaml", "rich", "scipy", "matplotlib", "plotext")
+FOR_VERBS = ("numpy", "msgspec", "msgpack", "zmq", "psutil", "yaml", "rich", "scipy", "matplotlib")
 GRAPH = (
     *("palp_core.graph", "palp_core.palpation.devices", "palp_core.palpation.session"),
     *("palp_core.palpation.studies", "palp_core.cli", "zmq"),

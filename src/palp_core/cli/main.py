@@ -58,7 +58,6 @@ app = lazy_app(
         "logs": Verb(f"{_CLI}.launch.logs:logs", "Show what nodes have printed."),
         "top": Verb(f"{_CLI}.doctor.top:top", "Show live how the nodes of a graph do."),
         "view": Verb(f"{_CLI}.view.view:view", "Show a running graph, a bag or results in the browser."),
-        "tap": Verb(f"{_CLI}.topic.tap:tap", "Send a running graph's numbers to a plotter."),
         "foxglove": Verb(
             f"{_CLI}.topic.foxglove:foxglove",
             "Show a running graph in Foxglove: topics, log, parameters, services.",

@@ -16,6 +16,5 @@ app = lazy_app(
         "bw": Verb(f"{_CLI}.topic.bw:bw", "Tell the bandwidth of topics."),
         "delay": Verb(f"{_CLI}.topic.delay:delay", "Tell the latency that readers have counted."),
         "pub": Verb(f"{_CLI}.topic.pub:pub", "Publish into a port that takes messages from outside."),
-        "plot": Verb(f"{_CLI}.topic.plot:plot", "Plot fields of a topic in the terminal."),
     },
 )
