@@ -63,7 +63,6 @@ def echo(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Print messages as they are published."""
     from palp_core.graph.discovery.topic_reader import TopicReader
     from palp_core.graph.messages.message_text import Truncation, decoded, parse_path, pick
 

@@ -26,9 +26,7 @@ def hz(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Tell the rate of topics, by their own counters.
-
-    Rate and periods are of the publisher's sequence numbers and stamps, so they are exact even where this
+    """Rate and periods are of the publisher's sequence numbers and stamps, so they are exact even where this
     process is too slow to hear every message. Each reader's own account follows. A report each second, or a
     single one with --once or --json.
     """
