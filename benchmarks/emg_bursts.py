@@ -4,7 +4,8 @@ By three models (noise in a band, noise shaped as surface EMG, a pool of motor u
 were not used to set a threshold, and under conditions drawn anew for every subject; by two public generators
 (``--peers``, see ``emg_peers.py``). Beside it: what somebody reads who is told the contractions' times, or
 their course; what other rules make of the plain condition; crosstalk that is kept and removed; whether what
-is held for long stays one burst; and how often ``palp markov fit``'s 95 % intervals hold the chain that made
+is held for long stays one burst; and how often ``palp emg fit-policy``'s 95 % intervals hold the chain that
+made
 the EMG. Shares come with Wilson's 95 % interval; contractions of one subject share an MVC, so of levels it is
 too narrow. Tables are written as they grow: what was measured stays when it is ended early.
 

@@ -1,4 +1,4 @@
-"""What ``palp ros2 bridge`` adds: torque at 1 kHz both ways, beside bare rclpy in the same rounds.
+"""What ``palp bridge ros2`` adds: torque at 1 kHz both ways, beside bare rclpy in the same rounds.
 
 ``bare`` is rclpy to rclpy over Fast DDS, one process per end; ``out`` a node of a graph, the bridge, an
 rclpy reader; ``in`` an rclpy writer, the bridge, an external port of a graph. All carry a WrenchStamped,
@@ -88,7 +88,7 @@ class Ends:
         while not list(self.folder.glob("palp/*/graph.json")):
             if graph.poll() is not None:
                 raise RuntimeError(f"the graph did not begin: {graph.communicate()[1]}")
-        bridge = self.start("-m", "palp_core", "ros2", "bridge", HERE / "map.yaml", **quiet)
+        bridge = self.start("-m", "palp_core", "bridge", "ros2", HERE / "map.yaml", **quiet)
         try:
             assert bridge.stdout is not None
             if "beside ROS 2" not in bridge.stdout.readline():

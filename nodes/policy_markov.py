@@ -14,7 +14,7 @@ class MarkovParams(PolicyParams):
 
     ``matrices`` names the reconstruction of Figure 5; ``reading`` how eqs. (4) and (5) choose a level;
     ``mixture`` which depth's matrix is used while the depth is unknown. ``mean_level`` is the mean of
-    P_{S,1}, from which the initial ring level is drawn (assumed). ``chain`` is a file of ``palp markov fit``
+    P_{S,1}, from which the initial ring level is drawn (assumed). ``chain`` is of ``palp emg fit-policy``
     that takes the place of both; ``depths_mm`` tells it the belief's depths, for mixture "posterior".
     """
 

@@ -139,7 +139,7 @@ def test_the_picture_of_the_architecture_is_the_graph_of_the_simulated_rig(
     text = ARCHITECTURE.read_text(encoding="utf-8")
     pictures = re.findall(r"^```mermaid\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE)
     assert mermaid(graphs["launch/sim.yaml"]) in pictures, (
-        "docs/architecture.md needs a ```mermaid block with the output of 'palp graph launch/sim.yaml'"
+        "docs/architecture.md needs a ```mermaid block with the output of 'palp graph draw launch/sim.yaml'"
     )
 
 

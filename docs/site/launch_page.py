@@ -31,7 +31,7 @@ nodes:
 
 ## In an editor
 
-`palp launch --schema` prints the JSON Schema (draft 7) of launch files. Editors with the YAML language
+`palp graph schema` prints the JSON Schema (draft 7) of launch files. Editors with the YAML language
 server complete
 keys and mark mistakes by it, if the file's first line says where it is:
 

@@ -26,20 +26,18 @@ def verbs_page() -> str:
     for name, command in commands():
         parts += [f"\n## palp {name}\n\n", *_verb(command, f"palp {name}")]
         for inner, verb in getattr(command, "commands", {}).items():
-            if not verb.hidden:
-                whole = load(inner, command.verbs[inner]) if isinstance(command, LazyGroup) else verb
-                parts += [f"\n### palp {name} {inner}\n\n", *_verb(whole, f"palp {name} {inner}")]
+            whole = load(inner, command.verbs[inner]) if isinstance(command, LazyGroup) else verb
+            parts += [f"\n### palp {name} {inner}\n\n", *_verb(whole, f"palp {name} {inner}")]
     return "".join(parts)
 
 
 def commands() -> Iterator[tuple[str, Any]]:
-    """Yield each listed verb and group of the first level, by name."""
+    """Yield each verb and group of the first level, by name."""
     kind = app.info.cls
     assert isinstance(kind, type)
     assert issubclass(kind, LazyGroup)
     for name, verb in kind.verbs.items():
-        if not verb.hidden:
-            yield name, load(name, verb)
+        yield name, load(name, verb)
 
 
 def _verb(command: Any, path: str) -> Iterator[str]:

@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from palp_core.cli.launch.ros_args import log_levels
+from palp_core.errors import GraphError
+from palp_core.graph.supervision.log_levels import LogLevels
 from tests.support.palp import CHAIN, SIM, Palp
 
 
@@ -27,7 +30,7 @@ def test_mistakes_are_said_with_place_and_hint_and_status_2(palp: Palp, tmp_path
 
 
 def test_the_printed_graph_is_a_launch_file_of_its_own(palp: Palp, tmp_path: Path) -> None:
-    printed = palp.here("launch", CHAIN, "count:=7", "clock:=sim", "--print")
+    printed = palp.here("graph", "show", CHAIN, "count:=7", "clock:=sim")
     assert printed.returncode == 0
     shutil.copytree(CHAIN.parents[1], tmp_path / "chain")
     copy = tmp_path / "chain" / "launch" / "printed.yaml"
@@ -73,17 +76,17 @@ def test_a_nodes_text_commands_no_terminal(palp: Palp, tmp_path: Path) -> None:
 
 
 def test_arguments_are_shown_in_ros_words(palp: Palp) -> None:
-    shown = palp.here("launch", SIM, "--show-args").stdout
+    shown = palp.here("graph", "args", SIM).stdout
     assert shown.startswith("Arguments (pass arguments as '<name>:=<value>'):")
     assert "'policy':" in shown
     assert "(default: 'markov')" in shown
 
 
 def test_a_graph_is_printed_for_documents_and_for_graphviz(palp: Palp) -> None:
-    done = palp.here("graph", CHAIN)
+    done = palp.here("graph", "draw", CHAIN)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("flowchart LR")
-    done = palp.here("graph", CHAIN, "--dot")
+    done = palp.here("graph", "draw", CHAIN, "--dot")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith('digraph "')
 
@@ -92,6 +95,18 @@ def test_a_wall_clock_graph_cannot_be_composed_and_says_so(palp: Palp) -> None:
     done = palp.run("launch", CHAIN, "--compose")
     assert done.returncode == 2
     assert "only a graph with 'clock: sim' can be composed" in done.stderr
+
+
+def test_a_node_has_a_log_level_of_its_own() -> None:
+    levels = LogLevels(*log_levels(["ERROR", "/policy:=debug"]))
+    assert (levels.shown("policy"), levels.shown("stage")) == ("debug", "error")
+    assert (levels.logged("policy"), levels.logged("stage"), levels.least_logged) == (
+        "debug",
+        "info",
+        "debug",
+    )
+    with pytest.raises(GraphError, match="--log-level policy:=debg: no level 'debg'; did you mean 'debug'"):
+        log_levels(["policy:=debg"])
 
 
 @pytest.mark.parametrize(
@@ -105,6 +120,6 @@ def test_a_wall_clock_graph_cannot_be_composed_and_says_so(palp: Palp) -> None:
 def test_a_parameter_of_a_node_is_set_on_the_command_line(
     palp: Palp, words: tuple[str, ...], status: int, said: str
 ) -> None:
-    done = palp.here("launch", CHAIN, "--print", *words)
+    done = palp.here("graph", "show", CHAIN, *words)
     assert done.returncode == status, done.stderr
     assert said in done.stdout + done.stderr

@@ -1,17 +1,13 @@
-"""What the shell offers after TAB, and what the first page of help shows."""
+"""What the shell offers after TAB."""
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
-from typer.testing import CliRunner
 
 from palp_core.cli import completion
-from palp_core.cli.main import app
 from palp_core.cli.rig.study import _names as study_names
 from palp_core.graph.discovery import choice, run_directory
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
@@ -60,14 +56,3 @@ def test_nodes_of_a_run_that_is_over_are_offered_for_its_logs(monkeypatch: pytes
     monkeypatch.setattr(choice, "meant", lambda records, _: records)
     assert offered(completion.logged_nodes, "/s") == ["/stage", "/sink"]
     assert offered(completion.logged_nodes, "st") == ["stage"]
-
-
-def test_help_lists_every_verb_once_under_a_heading() -> None:
-    text = CliRunner().invoke(app, ["--help"]).stdout
-    parts = re.findall(r"^(\S.*):$", text, flags=re.MULTILINE)
-    assert parts[1:4] == ["Graphs", "A running graph", "Recordings"]
-    assert len(parts) > 6
-    group: Any = typer.main.get_command(app)
-    for name, command in group.commands.items():
-        listed = re.findall(rf"^  {name} ", text, flags=re.MULTILINE)
-        assert len(listed) == (not command.hidden), name

@@ -32,7 +32,7 @@ def test_a_healthy_graph_has_no_error_and_a_report_says_what_was_looked_at(talk:
     said = talk.run("doctor", "-r").stdout
     for part in ("monotonic clock resolves", "usable", "open files", "no orphans", "2 of 2 nodes answer"):
         assert part in said
-    assert talk.run("wtf").stdout.splitlines()[-1].endswith("1 graph running")
+    assert talk.run("doctor").stdout.splitlines()[-1].endswith("1 graph running")
 
 
 def test_without_a_graph_the_doctor_looks_at_the_host(palp: Palp) -> None:

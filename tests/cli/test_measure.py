@@ -80,14 +80,6 @@ def test_a_heartbeat_that_reveals_a_loss_is_no_message() -> None:
     assert (window.messages, window.lost) == (0, 7)
 
 
-def test_with_a_condition_the_rate_is_of_what_meets_it() -> None:
-    window = Window(10, lambda message: message.frame.sequence % 2 == 0)
-    for sequence in range(1, 9):
-        window.add(heard(sequence, sequence * 10**8))
-    assert window.messages == 4
-    assert window.rates_hz()[0] == pytest.approx(5.0)
-
-
 def test_sizes_are_those_on_the_wire() -> None:
     window = Window(10)
     window.add(heard(1, 0))

@@ -1,4 +1,4 @@
-"""``palp methods``: every method, its mark in a scene, and the same for machines."""
+"""``palp methods list``: every method, its mark in a scene, and the same for machines."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PROMISED = {"task", "name", "cost_s", "error", "valid", "evidence", "fails", "su
 
 
 def listed(*arguments: str) -> list[dict[str, Any]]:
-    result = CliRunner().invoke(app, ["methods", *arguments, "--json"])
+    result = CliRunner().invoke(app, ["methods", "list", *arguments, "--json"])
     assert result.exit_code == 0, result.output
     found: list[dict[str, Any]] = json.loads(result.stdout)
     return found
@@ -50,7 +50,7 @@ def test_a_scene_is_asked_by_its_own_output_and_tolerance(tmp_path: Path) -> Non
 
 
 def test_a_person_reads_cost_and_error_of_each_method_and_below_its_mark() -> None:
-    result = CliRunner().invoke(app, ["methods", "contact"])
+    result = CliRunner().invoke(app, ["methods", "list", "contact"])
     lines = result.stdout.splitlines()
     assert lines[0].startswith("contact: With what force does the gel answer a ball in it?")
     places = {line.split()[0]: place for place, line in enumerate(lines) if line[:1] == "l"}
@@ -71,7 +71,7 @@ def test_every_method_says_what_it_is_in_plain_words() -> None:
 def test_a_scene_for_which_none_is_good_enough_is_said(tmp_path: Path) -> None:
     file = tmp_path / "hard.yaml"
     file.write_text("phantom: {poisson: 0.5}\n", encoding="utf-8")
-    result = CliRunner().invoke(app, ["methods", "contact", "--scene", str(file)])
+    result = CliRunner().invoke(app, ["methods", "list", "contact", "--scene", str(file)])
     assert "None is accurate enough here" in result.output
 
 
@@ -79,7 +79,7 @@ def test_a_scene_for_which_none_is_good_enough_is_said(tmp_path: Path) -> None:
     ("call", "words"), [(["nothing"], "no task 'nothing'; there are"), (["--scene", "no.yaml"], "no.yaml")]
 )
 def test_what_is_not_there_is_said(call: list[str], words: str) -> None:
-    result = CliRunner().invoke(app, ["methods", *call])
+    result = CliRunner().invoke(app, ["methods", "list", *call])
     assert result.exit_code != 0
     assert words in str(result.exception)
 
@@ -89,7 +89,7 @@ def test_a_scene_that_cannot_be_swept_is_refused_as_sweeping_it_is(tmp_path: Pat
     file.write_text("ring_m: -0.004\n", encoding="utf-8")
     said = [
         str(CliRunner().invoke(app, call).exception)
-        for call in (["methods", "--scene", str(file)], ["scene", "run", str(file)])
+        for call in (["methods", "list", "--scene", str(file)], ["scene", "run", str(file)])
     ]
     assert said[0] == said[1]
     assert "ring_m: -0.004 m makes the joint unstable; keep the ring at or over the pivot" in said[0]
@@ -101,7 +101,7 @@ def test_no_word_is_lost_and_no_line_is_long(
     width: int, longest: int, task: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", str(width))
-    output = CliRunner().invoke(app, ["methods", task]).stdout
+    output = CliRunner().invoke(app, ["methods", "list", task]).stdout
     words = [word for line in output.splitlines() if len(line) > longest for word in line.split()]
     assert all(len(word) > longest - 6 for word in words), words
     said = " ".join(f"{one.name} {one.fails} {one.survivor}" for one in methods(task))

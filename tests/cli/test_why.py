@@ -1,4 +1,4 @@
-"""``palp why``: what a run used and why, from its folder, its bag and while it runs: the same list."""
+"""``palp methods why``: what a run used and why, from its folder, its bag and while it runs."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ PHANTOMS = "A: {bead: {depth_m: 0.002}}\nB: {bead: {depth_m: 0.004}}\nC: {bead: 
 
 
 def said(*arguments: object) -> str:
-    done = CliRunner().invoke(app, ["why", *map(str, arguments)], catch_exceptions=False)
+    done = CliRunner().invoke(app, ["methods", "why", *map(str, arguments)], catch_exceptions=False)
     assert done.exit_code == 0
     return done.stdout
 
@@ -144,9 +144,9 @@ def test_a_run_that_is_not_whole_says_so(rig_session: RigSession, tmp_path: Path
     bag.mkdir()
     (whole,) = rig_session.bag.glob("*.mcap")
     (bag / whole.name).write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
-    cut = CliRunner().invoke(app, ["why", str(bag)], catch_exceptions=False)
+    cut = CliRunner().invoke(app, ["methods", "why", str(bag)], catch_exceptions=False)
     assert re.search(r"not the whole run: the bag is damaged: .*; this is of the \d+ palpations", cut.stderr)
-    assert CliRunner().invoke(app, ["why", str(rig_session.bag)]).stderr == ""
+    assert CliRunner().invoke(app, ["methods", "why", str(rig_session.bag)]).stderr == ""
     killed = tmp_path / "killed"
     shutil.copytree(rig_session.out, killed)
     note = json.loads((killed / "run.json").read_text()) | {
@@ -155,7 +155,7 @@ def test_a_run_that_is_not_whole_says_so(rig_session: RigSession, tmp_path: Path
         "methods": [],
     }
     (killed / "run.json").write_text(json.dumps(note))
-    words = CliRunner().invoke(app, ["why", str(killed)], catch_exceptions=False).stderr
+    words = CliRunner().invoke(app, ["methods", "why", str(killed)], catch_exceptions=False).stderr
     assert "not the whole run: unknown" in words
     assert "which methods the policy used is not recorded: the run left no note of how it went" in words
 
@@ -184,7 +184,7 @@ def test_a_run_that_is_older_than_the_record_says_so_and_what_its_parameters_tel
     for name in ("methods", "cpu_s"):
         note.pop(name)
     (old / "run.json").write_text(json.dumps(note), encoding="utf-8")
-    done = CliRunner().invoke(app, ["why", str(old)], catch_exceptions=False)
+    done = CliRunner().invoke(app, ["methods", "why", str(old)], catch_exceptions=False)
     assert "stop" not in done.stdout
     assert "the estimator did not say which methods it uses: nothing is recorded of them" in done.stderr
     assert "stop = paper_guarded" in done.stderr
@@ -217,7 +217,7 @@ def test_the_mechanics_of_a_report_are_what_the_run_used_though_its_file_is_anot
         (".", "is neither a session's folder (run.json is missing) nor a bag"),
         ("file", "is neither a session's folder (run.json is missing) nor a bag"),
         ("no-such-run", "is no folder of a session, no bag and no running graph"),
-        ("", "name a session's folder or a bag: palp why results/latest"),
+        ("", "name a session's folder or a bag: palp methods why results/latest"),
     ],
 )
 def test_what_is_no_run_is_said(
@@ -227,7 +227,7 @@ def test_what_is_no_run_is_said(
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(PalpError) as refused:
-        CliRunner().invoke(app, ["why", *([name] if name else [])], catch_exceptions=False)
+        CliRunner().invoke(app, ["methods", "why", *([name] if name else [])], catch_exceptions=False)
     assert words in str(refused.value)
 
 
@@ -237,7 +237,7 @@ def test_a_bag_of_a_graph_without_a_rig_is_said_and_what_tells_of_it(
     chain = summary_of(check_file(CHAIN), CHAIN)
     monkeypatch.setattr(bag_record, "launch_of", lambda _: chain)
     with pytest.raises(PalpError) as refused:
-        CliRunner().invoke(app, ["why", str(rig_session.bag)], catch_exceptions=False)
+        CliRunner().invoke(app, ["methods", "why", str(rig_session.bag)], catch_exceptions=False)
     words = str(refused.value)
     assert "no bag of a session: graph 'chain' has no palpations and no methods to tell of" in words
     assert words.endswith(f"what the bag holds says palp bag info {rig_session.bag}")
@@ -249,4 +249,4 @@ def test_a_running_graph_that_is_no_session_is_said(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(running, "find_graph", lambda _: SimpleNamespace(ask=lambda *_: summary))
     words = "graph 'chain' runs, but is no session: .*no node publishes TrialResult"
     with pytest.raises(PalpError, match=words):
-        CliRunner().invoke(app, ["why", "chain"], catch_exceptions=False)
+        CliRunner().invoke(app, ["methods", "why", "chain"], catch_exceptions=False)

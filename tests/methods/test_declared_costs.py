@@ -1,4 +1,4 @@
-"""Declared costs are those that ``palp tradeoff`` measures: CPU of one core, in the machine's unit."""
+"""Declared costs are those that ``palp methods measure`` measures: CPU of one core, in the machine's unit."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
 
 def listed(task: str) -> dict[str, str]:
     """Return the mark of each method."""
-    done = CliRunner().invoke(app, ["methods", task, "--json"], catch_exceptions=False)
+    done = CliRunner().invoke(app, ["methods", "list", task, "--json"], catch_exceptions=False)
     return {one["name"]: one["mark"] for one in json.loads(done.stdout)}
 
 
@@ -84,7 +84,7 @@ def test_one_that_is_broken_is_named_and_leaves_the_others_theirs(
     monkeypatch.setattr(register, "_points", lambda: points)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     words = f"{lab} cannot be imported: method 'felt' of task 'contact': 'dpeth_m' is no quantity"
-    shown = CliRunner().invoke(app, ["methods", "contact"], catch_exceptions=False)
+    shown = CliRunner().invoke(app, ["methods", "list", "contact"], catch_exceptions=False)
     assert words in shown.stderr
     assert "felt" not in shown.stdout
     assert "chosen: the cheapest" in shown.stdout

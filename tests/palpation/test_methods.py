@@ -32,7 +32,9 @@ def offered() -> list[tuple[str, str, str]]:
     found = [("estimator", task, getattr(EstimatorParams(), task)) for task in TASKS]
     known = InformationParams()
     found += [("policy_information", "filter", known.knows), ("policy_information", "feature", known.feature)]
-    found += [("palp analyse", task, getattr(Methods(), task)) for task in ("feature", "filter", "stop")]
+    found += [
+        ("palp session reanalyse", task, getattr(Methods(), task)) for task in ("feature", "filter", "stop")
+    ]
     for file in sorted((ROOT / "launch").rglob("*.yaml")):
         arguments = yaml.safe_load(file.read_text(encoding="utf-8")).get("args", {})
         for task in ("denoise", "filter", "likelihood", "feature", "stop"):

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from palp_core.cli.main import app as palp
-from palp_core.cli.rig import markov
+from palp_core.cli.rig import emg
 from palp_core.cli.session.session import app
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.problems import GraphProblems
@@ -55,7 +55,9 @@ def test_estimation_has_codes_in_table_files_and_messages_and_training_depths(ou
 
 
 def test_an_export_has_codes_and_no_depth_of_estimation_either(out: Path, tmp_path: Path) -> None:
-    done = CliRunner().invoke(palp, ["export", str(out), "--to", "csv", "--out", str(tmp_path / "csv")])
+    done = CliRunner().invoke(
+        palp, ["session", "export", str(out), "--to", "csv", "--out", str(tmp_path / "csv")]
+    )
     assert done.exit_code == 0, done.output
     with (tmp_path / "csv" / "human_trials.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -74,7 +76,7 @@ def test_unsealed_it_has_the_depths_and_what_was_written_before_is_kept(out: Pat
     assert [row.depth_m for row in rows[3:]] == [DEPTHS_M[own[row.phantom]] for row in rows[3:]]
     assert sealed_name(copy / HUMAN_TABLE).read_bytes() == before
     assert [(one.deed, one.reason) for one in decisions(copy)] == [("unseal", "all is done")]
-    learnt = json.loads(CliRunner().invoke(markov.app, ["fit", str(copy), "--json"]).stdout)
+    learnt = json.loads(CliRunner().invoke(emg.app, ["fit-policy", str(copy), "--json"]).stdout)
     assert [one["depth_m"] for one in learnt["trials"]] == [row.depth_m for row in by_file(rows)]
     again = CliRunner().invoke(app, ["unseal", str(copy), "--reason", "again"])
     assert "is not sealed" in str(again.exception)
@@ -88,7 +90,7 @@ def test_a_folder_of_sessions_tells_that_it_is_blinded_and_its_report_is_made_ag
     assert entry.words == "with a person, 6 trials, 3 of them blinded, whole"
     assert rows_of([entry], copy)[1][4] == "-"
     (copy / "human.html").unlink()
-    done = CliRunner().invoke(palp, ["report", str(copy)])
+    done = CliRunner().invoke(palp, ["session", "report", str(copy)])
     assert done.exit_code == 0, done.output
     assert (copy / "human.html").exists()
     analysed = CliRunner().invoke(palp, ["emg", "analyse", str(copy), "--json"])
@@ -100,7 +102,7 @@ def by_file(rows: list[HumanRow]) -> list[HumanRow]:
 
 
 def test_while_it_is_sealed_strategies_are_learnt_of_told_depths_and_of_all(out: Path) -> None:
-    done = CliRunner().invoke(markov.app, ["fit", str(out), "--json"])
+    done = CliRunner().invoke(emg.app, ["fit-policy", str(out), "--json"])
     learnt = json.loads(done.stdout)
     told = [row.depth_m for row in by_file(read_human(out))]
     assert [one["depth_m"] for one in learnt["trials"]] == told

@@ -122,7 +122,7 @@ def test_the_experiment_comes_to_its_end_and_reports(palp: Palp, tmp_path: Path)
     assert result["trials_done"] == 3
     assert (out / "report.html").exists()
     assert len(rows_of(out)) >= 6 + 3
-    again = palp.here("report", bag)
+    again = palp.here("session", "report", bag)
     assert again.returncode == 0, again.stderr
     for name in ("trials.csv", "primitives.json"):
         assert (tmp_path / "bag_report" / name).read_bytes() == (out / name).read_bytes()

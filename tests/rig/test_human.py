@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from palp_core.cli.rig import markov
+from palp_core.cli.rig import emg
 from palp_core.cli.session.session import app
 from palp_core.graph.bag.reader import Bag
 from palp_core.palpation.identification.emg.markov_fit import EmgRecordingPath, chain_file, fit
@@ -133,7 +133,7 @@ def test_a_trial_that_was_excluded_teaches_no_chain(study: list[Path], tmp_path:
 
     folder = Path(shutil.copytree(study[0], tmp_path / "S01"))
     audit.decide(folder, ("estimation", 2), "exclude", "the subject looked")
-    done = CliRunner().invoke(markov.app, ["fit", str(folder), "--json"])
+    done = CliRunner().invoke(emg.app, ["fit-policy", str(folder), "--json"])
     assert len(json.loads(done.stdout)["trials"]) == 5
 
 

@@ -124,13 +124,13 @@ def test_who_asks_for_the_end_twice_gets_it_without_a_report_and_can_have_that_l
             process.wait(INSIST_NS / 1e9 + 0.1)
     said, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130, errors
-    assert "No report was written: the end was asked for twice; `palp report` makes it later." in said
+    assert "No report was written: the end was asked for twice; `palp session report` makes it later." in said
     assert "interrupted by SIGINT; every node has ended" in errors
     assert "Traceback" not in errors
     assert palp.all_gone()
     assert not (out / "report.html").exists()
     assert not list(out.glob("*.part"))
-    done = palp.here("report", out)
+    done = palp.here("session", "report", out)
     assert done.returncode == 0, done.stderr
     assert f"nfinished: {len(read_rows(out))} of 375 palpations of training" in done.stdout
     assert (out / "report.html").exists()
@@ -141,7 +141,7 @@ def test_the_report_of_a_killed_launcher_is_made_from_what_it_left(palp: Palp, t
     moved = tmp_path / "moved"
     interrupted(tmp_path / "out", moved)
     assert not (moved / "report.html").exists()
-    done = palp.here("report", moved)
+    done = palp.here("session", "report", moved)
     assert done.returncode == 0, done.stderr
     assert "of 375 palpations of training, because: it did not say how it ended." in done.stdout
     assert done.stdout.splitlines()[-1].endswith(f"Report: {moved}/report.html")
@@ -152,7 +152,7 @@ def test_a_report_that_is_made_again_is_the_same(palp: Palp, occupied: Path) -> 
     before = (occupied / "result.json").read_text()
     (occupied / "result.json").unlink()
     (occupied / "report.html").unlink()
-    done = palp.here("report", occupied)
+    done = palp.here("session", "report", occupied)
     assert done.returncode == 0, done.stderr
     again = (occupied / "result.json").read_text()
     assert json.loads(again) | {"out": ""} == json.loads(before) | {"out": ""}
@@ -160,7 +160,7 @@ def test_a_report_that_is_made_again_is_the_same(palp: Palp, occupied: Path) -> 
 
 
 def test_what_is_no_sessions_folder_is_said(palp: Palp, tmp_path: Path) -> None:
-    done = palp.here("report", tmp_path)
+    done = palp.here("session", "report", tmp_path)
     assert done.returncode == 2
     assert f"{tmp_path / 'run.json'}" in done.stderr
     assert "Traceback" not in done.stderr

@@ -250,7 +250,7 @@ def test_a_policy_that_asks_for_what_was_not_trained_costs_its_trials_and_not_th
     assert [one["reason"] for one in result["trials_dropped"]] == [reason, reason]
     assert (result["trials_done"], result["trials_unfinished"]) == (4, 0)
     assert reason in (tmp_path / "out" / "report.html").read_text()
-    again = palp.here("analyse", tmp_path / "out", "--out", tmp_path / "again")
+    again = palp.here("session", "reanalyse", tmp_path / "out", "--out", tmp_path / "again")
     assert again.returncode == 0, again.stderr
     (row,) = json.loads((tmp_path / "again" / "analysis.json").read_text())["results"]
     assert (row["trials"], row["left_out"]) == (4, 2)

@@ -1,4 +1,4 @@
-"""Exchangeable methods: declared beside their code, listed by ``palp methods``, chosen by one function.
+"""Exchangeable methods: declared beside their code, listed by ``palp methods list``, chosen by one function.
 
 A contact rung, a root finder, a smoother, a stop rule, a policy, a codec is declared where it is written::
 

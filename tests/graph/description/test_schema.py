@@ -40,11 +40,11 @@ def test_each_launch_file_of_the_repository_keeps_it(file: Path) -> None:
 
 
 def test_the_one_beside_the_rigs_launch_files_is_what_palp_prints(palp: Palp) -> None:
-    printed = palp.run("launch", "--schema")
+    printed = palp.run("graph", "schema")
     assert printed.returncode == 0
     assert json.loads(printed.stdout) == SCHEMA
     assert SHIPPED.read_text(encoding="utf-8") == printed.stdout, (
-        f"palp launch --schema > {SHIPPED.relative_to(ROOT)}"
+        f"palp graph schema > {SHIPPED.relative_to(ROOT)}"
     )
 
 

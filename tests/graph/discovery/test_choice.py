@@ -257,10 +257,9 @@ def test_graphs_that_share_a_name_are_offered_by_their_ids(bench: Bench) -> None
 
 
 def test_a_launch_file_is_drawn_with_and_without_the_verb(palp: Palp) -> None:
-    drawn = palp.here("graph", CHAIN)
+    drawn = palp.here("graph", "draw", CHAIN)
     assert drawn.stdout.startswith("flowchart")
-    assert palp.here("graph", "draw", CHAIN).stdout == drawn.stdout
-    assert palp.here("graph", "--dot", CHAIN).stdout.startswith("digraph")
+    assert palp.here("graph", "draw", "--dot", CHAIN).stdout.startswith("digraph")
 
 
 def test_a_graph_is_called_as_it_is_launched(bench: Bench) -> None:

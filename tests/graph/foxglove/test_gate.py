@@ -1,4 +1,4 @@
-"""Who gets past the door of ``palp foxglove``: who has the token, calling this host by its own name."""
+"""Who gets past the door of ``palp bridge foxglove``: who has the token and names this host."""
 
 from __future__ import annotations
 

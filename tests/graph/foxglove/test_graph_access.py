@@ -43,7 +43,7 @@ MOVING, RESTING = [{"name": "stage", "moves": True}], [{"name": "stage", "moves"
 @pytest.mark.parametrize(
     ("clock", "launched", "flags", "refused"),
     [
-        ("wall", MOVING, {}, "moves something real; start palp foxglove with --operate"),
+        ("wall", MOVING, {}, "moves something real; start palp bridge foxglove with --operate"),
         ("wall", None, {}, "moves something real"),  # nobody can say
         ("wall", MOVING, {"operate": True}, ""),
         ("wall", RESTING, {}, ""),

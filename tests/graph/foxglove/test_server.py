@@ -1,4 +1,4 @@
-"""``palp foxglove`` before a graph of processes, as a viewer that knows only the protocol meets it."""
+"""``palp bridge foxglove`` before a graph of processes, as a viewer that knows only the protocol meets it."""
 
 from __future__ import annotations
 
@@ -145,8 +145,8 @@ def bench(workspace: Path) -> Iterator[Palp]:
 
 @contextlib.contextmanager
 def serving(palp: Palp, *arguments: str) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """Run ``palp foxglove``; yield the line that it prints, and its process."""
-    process = palp.start("foxglove", "--port", "0", "--graph", "bench", *arguments)
+    """Run ``palp bridge foxglove``; yield the line that it prints, and its process."""
+    process = palp.start("bridge", "foxglove", "--port", "0", "--graph", "bench", *arguments)
     assert process.stdout is not None
     line = process.stdout.readline()
     if not line:
@@ -310,7 +310,7 @@ def test_a_graph_in_lockstep_is_shown_by_its_own_clock_and_may_be_changed(
 ) -> None:
     graph = palp.start("launch", workspace / "lockstep.yaml")
     wait_for_line(graph, "blocks: ")
-    server = palp.start("foxglove", "--port", "0")
+    server = palp.start("bridge", "foxglove", "--port", "0")
     assert server.stdout is not None
     line = server.stdout.readline()
     assert line.endswith("(viewers may set parameters and call services)\n")
@@ -328,13 +328,13 @@ def test_a_graph_in_lockstep_is_shown_by_its_own_clock_and_may_be_changed(
 
 
 def test_words_that_contradict_each_other_and_a_taken_port_are_said(bench: Palp, operated: str) -> None:
-    everywhere = bench.here("foxglove", "--host", "0.0.0.0")
+    everywhere = bench.here("bridge", "foxglove", "--host", "0.0.0.0")
     assert (everywhere.returncode, "by which viewers call this host" in everywhere.stderr) == (2, True)
-    both = bench.here("foxglove", "--read-only", "--operate")
+    both = bench.here("bridge", "foxglove", "--read-only", "--operate")
     assert (both.returncode, both.stderr) == (2, "give either --read-only or --operate\n")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        refused = bench.here("foxglove", "--port", port, "--graph", "bench")
+        refused = bench.here("bridge", "foxglove", "--port", port, "--graph", "bench")
     assert refused.returncode == 2
     assert f"cannot listen on 127.0.0.1:{port}" in refused.stderr
     assert "choose another --port" in refused.stderr
@@ -345,6 +345,6 @@ def test_without_the_library_one_line_says_what_to_install(
 ) -> None:
     monkeypatch.delitem(sys.modules, "palp_core.graph.foxglove.server", raising=False)
     monkeypatch.setitem(sys.modules, "foxglove", None)
-    refused = bench.here("foxglove")
+    refused = bench.here("bridge", "foxglove")
     assert refused.returncode == 2
     assert refused.stderr.endswith(f"{install_line('foxglove')}\n")

@@ -139,7 +139,7 @@ def test_a_launch_file_may_have_a_recorder_among_its_nodes(
     again = palp.here("launch", workspace, "count:=50", f"bag:={tmp_path / 'on-wall'}")
     assert again.returncode == 2
     assert "exists already" in again.stderr
-    printed = palp.here("launch", workspace, "--print")
+    printed = palp.here("graph", "show", workspace)
     assert "palp_core.graph.recording.recorder_node:Recorder" in printed.stdout
 
 

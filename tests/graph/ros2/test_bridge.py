@@ -51,7 +51,7 @@ def start(palp: Palp, tmp_path: Path) -> tuple[subprocess.Popen[str], subprocess
     graph = palp.start("launch", GRAPH)
     while not list(palp.runtime_dir.glob("palp/*/graph.json")):
         assert graph.poll() is None, graph.communicate()
-    bridge = palp.start("ros2", "bridge", tmp_path / "map.yaml")
+    bridge = palp.start("bridge", "ros2", tmp_path / "map.yaml")
     assert bridge.stdout is not None
     begun = bridge.stdout.readline()
     assert "beside ROS 2, as /palp_bridge (2 topics to ROS 2, 1 topic from ROS 2" in begun, (
@@ -91,7 +91,7 @@ def test_the_bridges_death_harms_neither_side_and_another_goes_on(beside: Palp, 
     graph, bridge = start(beside, tmp_path)
     bridge.kill()
     bridge.wait(PATIENCE_S)
-    again = beside.start("ros2", "bridge", tmp_path / "map.yaml")
+    again = beside.start("bridge", "ros2", tmp_path / "map.yaml")
     assert peer(beside)["got"] == 25.0
     assert graph.poll() is None
     graph.terminate()
@@ -105,11 +105,11 @@ def test_a_map_with_mistakes_is_refused_beside_the_graph(beside: Palp, tmp_path:
     graph, bridge = start(beside, tmp_path)
     bad = tmp_path / "bad.yaml"
     bad.write_text("to_palp: [{ros: /x, palp: /sensor/lod}]\nparameters: [senor]\n", encoding="utf-8")
-    refused = beside.run("ros2", "bridge", bad, "--check")
+    refused = beside.run("bridge", "ros2", bad, "--check")
     assert refused.returncode == 2
     assert f"{bad}:1:27: no port '/sensor/lod' takes messages from outside; did you mean" in refused.stderr
     assert f"{bad}:2:14: no node 'senor' in the graph; did you mean 'sensor'?" in refused.stderr
-    fine = beside.run("ros2", "bridge", tmp_path / "map.yaml", "--check")
+    fine = beside.run("bridge", "ros2", tmp_path / "map.yaml", "--check")
     assert (fine.returncode, fine.stdout.strip()) == (
         0, f"{tmp_path / 'map.yaml'}: no mistake, beside graph 'interop'",
     )  # fmt: skip

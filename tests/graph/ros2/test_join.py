@@ -43,7 +43,7 @@ def hear(host: Host, topic: str, node: str) -> str:
 
 def test_what_a_map_says_of_a_node_crosses_once_it_has_joined(home: Host, away: Host) -> None:
     graph = home.launch()
-    bridge = home.start("ros2", "bridge", home.folder / "map.yaml")
+    bridge = home.start("bridge", "ros2", home.folder / "map.yaml")
     assert bridge.stdout is not None
     begun = bridge.stdout.readline()
     assert "beside ROS 2, as /palp_bridge (1 topic to ROS 2" in begun, bridge.communicate()
@@ -64,6 +64,6 @@ def test_where_nobody_can_join_an_unknown_node_is_a_mistake(home: Host) -> None:
     book = home.book()
     home.start("launch", home.file, f"notes:={book.path}")
     book.until("active")
-    refused = home.run("ros2", "bridge", home.folder / "map.yaml", "--check")
+    refused = home.run("bridge", "ros2", home.folder / "map.yaml", "--check")
     assert refused.returncode == 2
     assert "map.yaml:3:12: no topic '/guest/tick'" in refused.stderr

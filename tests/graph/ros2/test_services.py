@@ -96,7 +96,7 @@ def test_a_topic_asks_ros_2_and_what_is_latched_reaches_those_who_come_late_acro
     graph = home.start("launch", "launch/asks.yaml")
     while not list(home.runtime_dir.glob("palp/*/graph.json")):
         assert graph.poll() is None, graph.communicate()
-    bridge = home.start("ros2", "bridge", home.folder / "map.yaml")
+    bridge = home.start("bridge", "ros2", home.folder / "map.yaml")
     assert bridge.stdout is not None
     begun = bridge.stdout.readline()
     assert "(1 topic to ROS 2, 1 call)" in begun, bridge.communicate()

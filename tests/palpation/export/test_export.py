@@ -1,4 +1,4 @@
-"""``palp export``: what is written is what others read, cell by cell, in every format."""
+"""``palp session export``: what is written is what others read, cell by cell, in every format."""
 
 from __future__ import annotations
 
@@ -307,19 +307,19 @@ def test_a_bag_has_what_the_folder_has_and_emg(rig_session: RigSession, tmp_path
     for name in ("trials", "iterations", "sweeps"):
         assert expected(folder.tables[name]) == expected(bag.tables[name])
     assert len(folder.tables["emg"]) == 0
-    assert any("palp export BAG" in words for words in folder.notes)
+    assert any("palp session export BAG" in words for words in folder.notes)
     muscles = bag.tables["emg"].values
     assert len(bag.tables["emg"]) > 1000
     assert set(muscles["phase"]) >= {"rest", "mvc", "palpation"}
     result = CliRunner().invoke(
-        app, ["export", str(rig_session.bag), "--to", "h5", "--out", str(tmp_path / "x.h5")]
+        app, ["session", "export", str(rig_session.bag), "--to", "h5", "--out", str(tmp_path / "x.h5")]
     )
     assert result.exit_code == 0, result.output
     assert f"{len(bag.tables['emg'])} emg" in result.stdout
 
 
 def test_what_is_no_session_is_refused_in_words(tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["export", str(tmp_path), "--to", "csv"])
+    result = CliRunner().invoke(app, ["session", "export", str(tmp_path), "--to", "csv"])
     assert isinstance(result.exception, PalpError)
     assert "no session's folder" in str(result.exception)
 

@@ -1,4 +1,4 @@
-"""``palp export`` of a session with a person: what is written is what others read, MVC and answers, too."""
+"""``palp session export`` of a session with a person: others read what is written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``palp analyse``: stored sweeps decided again give the run's own verdicts, or another method's."""
+"""``palp session reanalyse``: stored sweeps decided again give the run's own verdicts, or others."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ NOISE = RigNoise(
 
 
 def run(*arguments: object) -> Any:
-    return CliRunner().invoke(app, ["analyse", *map(str, arguments)], catch_exceptions=False)
+    return CliRunner().invoke(app, ["session", "reanalyse", *map(str, arguments)], catch_exceptions=False)
 
 
 @pytest.fixture
@@ -195,12 +195,9 @@ def test_a_noise_file_is_read_back_and_mistakes_are_named(tmp_path: Path) -> Non
         read_noise(path)
 
 
-@pytest.mark.parametrize("command", ["analyse", "phantom fit"])
-def test_a_session_named_twice_is_refused_for_it_would_count_as_two(session: Path, command: str) -> None:
+def test_a_session_named_twice_is_refused_for_it_would_count_as_two(session: Path) -> None:
     with pytest.raises(PalpError, match="named twice"):
-        CliRunner().invoke(
-            app, [*command.split(), str(session), str(session / ".." / session.name)], catch_exceptions=False
-        )
+        run(session, session / ".." / session.name)
 
 
 def test_trials_that_ran_out_of_stored_sweeps_are_said_beside_a_comparison_without_them(

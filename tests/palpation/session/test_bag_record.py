@@ -1,4 +1,4 @@
-"""``palp report BAG``: what a bag tells of a session is what the session's folder says."""
+"""``palp session report BAG``: what a bag tells of a session is what the session's folder says."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ NOBODY_COUNTS = {"activations"}
 
 
 def report(*arguments: object) -> str:
-    return CliRunner().invoke(app, ["report", *map(str, arguments)], catch_exceptions=False).stdout
+    return CliRunner().invoke(app, ["session", "report", *map(str, arguments)], catch_exceptions=False).stdout
 
 
 def result(folder: Path) -> dict[str, Any]:

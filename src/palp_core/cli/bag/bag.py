@@ -20,7 +20,7 @@ from palp_core.counted import counted
 if TYPE_CHECKING:
     from palp_core.graph.bag.info import BagInfo
 
-app = typer.Typer(help="Recordings.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer()
 app.command("record")(record)
 app.command("snapshot")(snapshot)
 app.command("play")(play)
@@ -35,7 +35,10 @@ CompressionOption = Annotated[CompressionName, typer.Option(help="Of the new bag
 
 @app.command("info")
 def info(bag: BagArgument, *, as_json: JsonOption = False) -> None:
-    """Say what is in a bag, what is missing, whether it is healthy; status 1 if it is not both."""
+    """Show what a bag holds and what is missing.
+
+    Status 1: something is missing or damaged.
+    """
     from palp_core.graph.bag.info import bag_info
 
     found = bag_info(bag)
@@ -156,7 +159,7 @@ def echo(
     end: Annotated[float | None, typer.Option(help="Seconds on the graph's clock; not included.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Print messages."""
+    """Print a bag's messages."""
     import yaml
 
     from palp_core.graph.bag.reader import read
@@ -190,7 +193,10 @@ def diff(
     ignore: Annotated[list[str] | None, typer.Option(help="A field that does not count; repeatable.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Compare two bags topic by topic; status 1 if they differ."""
+    """Compare two bags topic by topic.
+
+    Status 1: they differ.
+    """
     from palp_core.graph.bag.diff import diff_bags
 
     check_topics(topics or (), a, b)

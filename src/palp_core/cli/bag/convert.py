@@ -44,7 +44,7 @@ def convert_bag(
     regex: RegexOption = None,
     exclude_regex: ExcludeRegexOption = None,
 ) -> None:
-    """Turn a bag into a ROS 2 bag, a bag of JSON (Foxglove, Lichtblick) or tables; or a ROS 2 bag into one.
+    """Convert a bag to and from ROS 2, JSON or tables.
 
     What came --from ros2 goes back --to ros2 as the same bytes.
     """

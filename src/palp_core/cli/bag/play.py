@@ -66,7 +66,7 @@ def play(
     graph: GraphOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="The account at the end, for machines.")] = False,
 ) -> None:
-    """Publish a bag's messages again, their bytes as recorded, in the recorded order and spacing.
+    """Publish a bag's messages in their order and spacing.
 
     The recorded nodes appear as a graph of their own called 'play': palp topic, node and top see them. With
     --graph NAME messages go into ports of that graph which take messages from outside instead.

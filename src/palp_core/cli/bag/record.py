@@ -46,7 +46,7 @@ def record(
     compression: Annotated[CompressionName, typer.Option(help="Of the chunks.")] = CompressionName.ZSTD,
     graph: GraphOption = None,
 ) -> None:
-    """Record topics of a running graph until Ctrl-C, or until the graph ends.
+    """Record topics of a running graph until Ctrl-C or its end.
 
     The exit status is 1 if anything is missing: it is said per topic.
     """
@@ -78,7 +78,7 @@ def record(
 
 
 def snapshot(graph: GraphOption = None) -> None:
-    """Let every recorder that keeps a graph's last seconds write them into a bag."""
+    """Write the last seconds that recorders keep into bags."""
     from palp_core.graph.recording.recorder_run import save_snapshots
 
     for line in save_snapshots(find_graph(graph, changes=True), signal.SIGUSR1):

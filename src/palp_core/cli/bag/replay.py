@@ -22,7 +22,10 @@ def replay(
     ] = True,
     as_json: JsonOption = False,
 ) -> None:
-    """Drive nodes again from a bag, in lockstep; status 1 if an output differs from the recorded one."""
+    """Drive nodes from a bag in lockstep; compare outputs.
+
+    Status 1: an output differs from the recorded one.
+    """
     from palp_core.errors import BagError
     from palp_core.graph.description.launch_file import find_workspace
     from palp_core.graph.replay.replay import replay as drive

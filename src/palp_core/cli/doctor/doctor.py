@@ -28,10 +28,7 @@ def doctor(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Look for what is wrong with host and graph: clock, cores, limits, orphans, losses, overruns.
-
-    It only looks: a healthy run does not notice. Status 1 if there is an error.
-    """
+    """It only looks: a healthy run does not notice. Status 1 if there is an error."""
     from palp_core.cli.doctor.graph import examine_graph, examine_standing
     from palp_core.cli.doctor.host import examine_host
     from palp_core.cli.doctor.runs import examine_runs

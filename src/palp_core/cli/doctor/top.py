@@ -51,9 +51,7 @@ def top(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show live how the nodes of a graph do: state, processor, memory, rate, latency, what is lost.
-
-    RATE counts a node's timer ticks and the messages that it handled; READERS LOST is what the readers of
+    """RATE counts a node's timer ticks and the messages that it handled; READERS LOST is what the readers of
     its topics say that they have lost for good. Below, each edge with its reader's own
     account; above, what nodes say is wrong. In a graph composed into one process, processor and memory are
     that process's.

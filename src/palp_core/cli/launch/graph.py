@@ -1,5 +1,6 @@
-"""``palp graph``: the graph of a launch file as a picture, the graphs that are running, and their end."""
+"""``palp graph``: what a launch file describes, which graphs run, and their end."""
 
+import json
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -7,37 +8,35 @@ from typing import Annotated
 import typer
 
 from palp_core.cli import completion
-from palp_core.cli.lazy import Verb, lazy_app
+from palp_core.cli.launch.remarks import note_remarks
 from palp_core.cli.options import GraphOption, JsonOption
 from palp_core.cli.output import note, print_json, print_table, print_text
 from palp_core.cli.running import find_graph
 
-_HERE = "palp_core.cli.launch.graph"
 SILENT_S = 2.0
 """An end that takes longer is told to be under way."""
 
-app = lazy_app(
-    "Draw a launch file's graph (palp graph FILE), list the running ones, or end one.",
-    {
-        "draw": Verb(f"{_HERE}:draw", "Print a launch file's graph as Mermaid text, or as DOT for Graphviz."),
-        "list": Verb(f"{_HERE}:list_graphs", "List the running graphs of this user, the latest first."),
-        "end": Verb(f"{_HERE}:end", "End a running graph as Ctrl-C at its launch does."),
-    },
-    default="draw",
-)
+app = typer.Typer()
+
+FileArgument = Annotated[Path, typer.Argument(help="Launch file.")]
+ArgumentsArgument = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[name:=value]...", help="Its arguments.", autocompletion=completion.launch_arguments
+    ),
+]
 
 
+@app.command()
 def draw(
-    file: Annotated[Path, typer.Argument(help="Launch file.")],
-    arguments: Annotated[
-        list[str] | None, typer.Argument(metavar="[name:=value]...", help="Its arguments.")
-    ] = None,
+    file: FileArgument,
+    arguments: ArgumentsArgument = None,
     *,
     as_dot: Annotated[
-        bool, typer.Option("--dot", help="For Graphviz: palp graph FILE --dot | dot -Tpng")
+        bool, typer.Option("--dot", help="For Graphviz: palp graph draw FILE --dot | dot -Tpng")
     ] = False,
 ) -> None:
-    """Print a launch file's graph as Mermaid text, or as DOT for Graphviz."""
+    """Print a launch file's graph as Mermaid or DOT text."""
     from palp_core.graph.description.diagram import dot, mermaid
     from palp_core.graph.launch.graph import check_file
 
@@ -45,8 +44,37 @@ def draw(
     print_text(drawn(check_file(file, arguments or [])).rstrip())
 
 
+@app.command()
+def show(file: FileArgument, arguments: ArgumentsArgument = None) -> None:
+    """Print the resolved graph as a launch file of its own."""
+    from palp_core.graph.description.checked import resolved_yaml
+    from palp_core.graph.launch.graph import check_file
+
+    checked = check_file(file, arguments or [])
+    note_remarks(file, checked)
+    print_text(resolved_yaml(checked).rstrip())
+
+
+@app.command("args")
+def show_arguments(file: FileArgument, arguments: ArgumentsArgument = None) -> None:
+    """Show a launch file's arguments, defaults and choices."""
+    from palp_core.graph.description.file_reader import read
+    from palp_core.graph.description.launch_file import arguments_text
+
+    print_text(arguments_text(read(file, arguments or [])))
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON Schema of launch files, for editors."""
+    from palp_core.graph.description.launch_keys import launch_schema
+
+    print_text(json.dumps(launch_schema(), indent=1))
+
+
+@app.command("list")
 def list_graphs(*, as_json: JsonOption = False) -> None:
-    """List the running graphs of this user, the latest first.
+    """List your running graphs, the latest first.
 
     A star marks those of this folder, which are meant where no ``--graph`` is given.
     """
@@ -93,6 +121,7 @@ def list_graphs(*, as_json: JsonOption = False) -> None:
     print_table([("", "NAME", "ID", "PID", "UP", "CLOCK", "FILE", "WORKSPACE", "LAUNCHED FROM"), *rows])
 
 
+@app.command()
 def end(
     name: Annotated[
         str | None,
@@ -109,7 +138,7 @@ def end(
         float, typer.Option("--timeout", metavar="S", min=0.0, max=86400.0, help="Seconds to wait for it.")
     ] = 60.0,
 ) -> None:
-    """End a running graph as Ctrl-C at its launch does, wherever that runs, and wait until it has ended.
+    """End a running graph as Ctrl-C does, and wait for its end.
 
     Every node is brought to its safe state, and what is written at an end is written. Status 1: it has not
     ended in time, and goes on ending.

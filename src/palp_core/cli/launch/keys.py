@@ -10,12 +10,7 @@ import typer
 from palp_core.cli.options import JsonOption
 from palp_core.cli.output import note, print_json, print_table, print_text
 
-app = typer.Typer(
-    help="Keys for graphs that reach beyond this host.",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+app = typer.Typer()
 
 
 @app.command("generate")
@@ -27,7 +22,10 @@ def generate(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the pair that is there.")] = False,
 ) -> None:
-    """Make this host's pair: the secret stays here, the public file is handed to other hosts."""
+    """Create this host's key pair.
+
+    The secret stays here; hand the public file to other hosts.
+    """
     from palp_core.graph.network.keys import KeyFolder
 
     keys = KeyFolder()
@@ -52,7 +50,7 @@ def allow(
         str | None, typer.Option("--name", metavar="NAME", help="To call the host; default: its own name.")
     ] = None,
 ) -> None:
-    """Let the owner of a public key in; running graphs know it at once."""
+    """Admit the owner of a public key to running graphs."""
     from palp_core.graph.network.keys import KeyFolder
 
     name, key = KeyFolder().allow(what, name)
@@ -65,7 +63,7 @@ def deny(
         str, typer.Argument(metavar="NAME_OR_KEY", help="Who was let in, as `palp keys list` shows it.")
     ],
 ) -> None:
-    """Let somebody in no longer; a node of that host is cut off from running graphs."""
+    """Revoke a key; running graphs disconnect its nodes."""
     from palp_core.graph.network.keys import KeyFolder
 
     name, key = KeyFolder().deny(what)
@@ -74,7 +72,7 @@ def deny(
 
 @app.command("list")
 def list_keys(*, as_json: JsonOption = False) -> None:
-    """Show this host's public key and who is let in; never the secret."""
+    """Show this host's public key and the admitted ones."""
     from palp_core.graph.network.keys import KeyFolder
 
     keys = KeyFolder()

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palp_core.cli import completion
+from palp_core.cli.launch.remarks import note_remarks, note_without_effect
 from palp_core.cli.launch.ros_args import (
     LogLevelOption,
     check_levels,
@@ -26,7 +27,6 @@ from palp_core.graph.supervision.log_levels import LogLevels
 from palp_core.whole_file import write_whole
 
 if TYPE_CHECKING:
-    from palp_core.graph.description.checked import CheckedGraph
     from palp_core.graph.launch.diagnostics import Incident
     from palp_core.graph.launch.graph import Graph
     from palp_core.graph.launch.summary import RunSummary
@@ -34,15 +34,6 @@ if TYPE_CHECKING:
 
 RESUMES = "resume:=true"
 """The option, written like an argument of the launch file."""
-
-
-def _schema(wanted: bool) -> None:
-    """Print the JSON Schema before anything else is asked for, a launch file among it."""
-    if wanted:
-        from palp_core.graph.description.launch_keys import launch_schema
-
-        print_text(json.dumps(launch_schema(), indent=1))
-        raise typer.Exit
 
 
 def launch(
@@ -57,17 +48,6 @@ def launch(
     ] = None,
     *,
     check: Annotated[bool, typer.Option("--check", help="Check everything, start nothing.")] = False,
-    print_: Annotated[bool, typer.Option("--print", help="Print the resolved graph.")] = False,
-    show_args: Annotated[bool, typer.Option("--show-args", "-s", help="Show the file's arguments.")] = False,
-    schema: Annotated[  # noqa: ARG001 - its callback has printed it
-        bool,
-        typer.Option(
-            "--schema",
-            callback=_schema,
-            is_eager=True,
-            help="Print the JSON Schema of launch files, for editors.",
-        ),
-    ] = False,
     name: Annotated[
         str | None,
         typer.Option("--name", metavar="NAME", help="What the running graph is called; default: as in FILE."),
@@ -95,9 +75,7 @@ def launch(
         ),
     ] = None,
 ) -> None:
-    """Check a launch file, run its graph, end it cleanly.
-
-    The exit status is the run's: 0 if it came to its end, 1 if a node failed or the report did, 2 if the
+    """The exit status is the run's: 0 if it came to its end, 1 if a node failed or the report did, 2 if the
     launch file has mistakes, 130 on Ctrl-C.
     """
     overrides = [word for word in arguments or [] if word != RESUMES]
@@ -105,26 +83,15 @@ def launch(
     resume = resume or RESUMES in (arguments or [])
     if operate and not view:
         raise GraphError("--operate lets a page be pressed that --view shows: give both")
-    if show_args:
-        from palp_core.graph.description.file_reader import read
-        from palp_core.graph.description.launch_file import arguments_text
-
-        print_text(arguments_text(read(file, overrides)))
-        return
-    if check or print_:
-        from palp_core.graph.description.checked import resolved_yaml
+    if check:
         from palp_core.graph.launch.graph import check_file, check_start
 
         checked = check_file(file, overrides)
-        if check:
-            for words in check_start(file, checked, name, resume=resume):
-                note(f"{file}: {words}")
-        _say_without_effect(file, checked)
-        _say_hidden(file, checked)
+        for words in check_start(file, checked, name, resume=resume):
+            note(f"{file}: {words}")
+        note_remarks(file, checked)
         print_text(
-            resolved_yaml(checked).rstrip()
-            if print_
-            else f"{file}: no mistake: {counted(len(checked.nodes), 'node')}, "
+            f"{file}: no mistake: {counted(len(checked.nodes), 'node')}, "
             f"{counted(len(checked.topics), 'topic')}"
         )
         return
@@ -205,7 +172,7 @@ def _run(
         with _recorders_said(graph), graph:
             check_levels(list(log_level.nodes), [spec.name for spec in graph.checked.nodes])
             _say_beside(graph)
-            _say_without_effect(file, graph.checked)
+            note_without_effect(file, graph.checked)
             if graph.gateway is not None:
                 graph.gateway.announce_to(note)
             with (
@@ -259,22 +226,6 @@ def _say_beside(graph: Graph) -> None:
 
     if len(running()) > 1:
         note(f"graph '{graph.checked.graph}', id {graph.directory.path.name}, beside others: palp graph list")
-
-
-def _say_without_effect(file: Path, checked: CheckedGraph) -> None:
-    """Say what the launch file asks for in vain: of simulated time, or of a class of the caller's own."""
-    from palp_core.graph.description.checked import unpublished_words, without_effect
-
-    for text in filter(None, (without_effect(checked), unpublished_words(checked.unpublished))):
-        note(f"{file}: note: {text}")
-
-
-def _say_hidden(file: Path, checked: CheckedGraph) -> None:
-    """Say which modules of the workspace take the place of installed ones."""
-    from palp_core.graph.workspaces.modules import hidden_modules
-
-    for module, own, installed, name in hidden_modules(checked.workspace):
-        note(f"{file}: note: {module} is {own}, in place of that of '{name}', {installed}")
 
 
 def _check_writable(digest: Path) -> None:

@@ -37,9 +37,7 @@ def logs(
     ] = None,
     graph: GraphOption = None,
 ) -> None:
-    """Show what nodes have printed: of all, with time and name, or of one, as it printed it.
-
-    Of the running graph, or of one that is over: the logs of the last 20 runs are kept. With --level and
+    """Of the running graph, or of one that is over: the logs of the last 20 runs are kept. With --level and
     --since each line has time and name; what was printed without a level has none.
     """
     from palp_core.cli.text.since import since as time_of

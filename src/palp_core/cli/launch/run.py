@@ -46,10 +46,7 @@ def run(
         ),
     ] = None,
 ) -> None:
-    """Run one node on the machine's clock, or add it to a graph that runs elsewhere.
-
-    The exit status is the node's; 1 if it failed or its graph was lost, 2 if it could not run or join.
-    """
+    """The exit status is the node's; 1 if it failed or its graph was lost, 2 if it could not run or join."""
     from palp_core.cli.text.words import assignments, value_of
     from palp_core.graph.network.keys import KeyFolder
     from palp_core.graph.network.run_node import Address, run_node

@@ -69,9 +69,7 @@ def swap(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Let another class take a running node's place; nothing is lost or repeated.
-
-    The old node works until the new one is ready, then hands over everything at one instant. If anything
+    """The old node works until the new one is ready, then hands over everything at one instant. If anything
     fails before, the old one goes on: the exit status tells the step (10 check, 11 start, 12 configure,
     13 connect, 14 state, 15 shadow, 16 hand over, 17 take over, 18 probation).
     """

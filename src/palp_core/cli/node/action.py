@@ -11,7 +11,7 @@ from palp_core.cli.output import note, print_json, print_names, print_text
 from palp_core.cli.running import find_graph
 from palp_core.errors import GraphError
 
-app = typer.Typer(help="Actions of the running graph.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer()
 app.command("send_goal")(send_goal)
 
 ActionArgument = Annotated[
@@ -33,7 +33,7 @@ def list_actions(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List the actions, from the word of each node."""
+    """List the actions."""
     from palp_core.graph.discovery.actions import actions_of
 
     answers = find_graph(graph).ask_all("info", timeout_s=timeout)
@@ -57,7 +57,7 @@ def type_(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Tell the types of an action's goal, feedback and result."""
+    """Show the types of an action's goal, feedback and result."""
     from palp_core.graph.discovery.actions import find_action
 
     found = find_action(find_graph(graph), action, timeout)
@@ -104,7 +104,7 @@ def info(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Tell who serves an action, who asks, and how its goals stand."""
+    """Show an action's server, clients and goals."""
     from palp_core.graph.discovery.actions import find_action
     from palp_core.graph.node.spec import part
 
@@ -152,7 +152,10 @@ def cancel(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Cancel an action's goals; status 1 if one of them is not canceled."""
+    """Cancel an action's goals.
+
+    Status 1: one of them is not canceled.
+    """
     from palp_core.graph.discovery.actions import ActionCaller, find_action
 
     running = find_graph(graph, changes=True)

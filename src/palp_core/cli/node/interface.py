@@ -11,7 +11,7 @@ from palp_core.cli.options import GraphOption, JsonOption
 from palp_core.cli.output import print_json, print_text
 from palp_core.errors import GraphError
 
-app = typer.Typer(help="Types of messages and services.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer()
 
 WorkspaceOption = Annotated[
     Path | None,
@@ -23,7 +23,7 @@ WorkspaceOption = Annotated[
 def list_interfaces(
     *, workspace: WorkspaceOption = None, graph: GraphOption = None, as_json: JsonOption = False
 ) -> None:
-    """List the types that the running graph uses, or that a workspace and palp itself define."""
+    """List the types of the running graph or of a workspace."""
     from palp_core.cli.node.interface_source import known_types
 
     types = known_types(graph, workspace)
@@ -53,7 +53,7 @@ def show(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Print a type as a struct, as ROS 2's .msg text or as JSON Schema."""
+    """Print a type as a struct, .msg text or JSON Schema."""
     from palp_core.cli.node.interface_source import elsewhere, known_types
     from palp_core.cli.node.interface_text import ros_form, struct_form
     from palp_core.graph.problems import hint

@@ -8,7 +8,7 @@ from palp_core.cli.options import GraphOption, JsonOption, NodeArgument, Optiona
 from palp_core.cli.output import note, print_json, print_names, print_text
 from palp_core.cli.running import find_graph
 
-app = typer.Typer(help="States of running nodes.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer()
 
 TransitionName = Literal["configure", "activate", "deactivate", "cleanup", "shutdown"]
 
@@ -33,7 +33,7 @@ def get(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Tell the state of one node or of all."""
+    """Show the state of one node or of all."""
     running = find_graph(graph)
     if node is not None:
         state = running.ask(node, "info", timeout_s=timeout)["lifecycle"]
@@ -91,7 +91,7 @@ def set_(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Ask a node for a transition, and tell the state that it has reached."""
+    """Request a transition, and show the state reached."""
     running = find_graph(graph, changes=True)
     before = running.ask(node, "info", timeout_s=timeout)["lifecycle"]
     after = running.ask(node, "transition", timeout_s=timeout, transition=transition)["lifecycle"]

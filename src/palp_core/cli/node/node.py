@@ -9,7 +9,7 @@ from palp_core.cli.output import print_json, print_text
 from palp_core.cli.running import find_graph
 from palp_core.counted import counted
 
-app = typer.Typer(help="Nodes of the running graph.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer()
 
 
 @app.command("list")
@@ -42,7 +42,7 @@ def info(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Tell what a node reads, publishes, serves, and how it does."""
+    """Show what a node reads, publishes and serves."""
     from palp_core.graph.discovery.running_graph import hidden
 
     running = find_graph(graph)

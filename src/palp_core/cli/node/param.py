@@ -12,7 +12,7 @@ from palp_core.cli.output import note, print_json, print_text, yaml_text
 from palp_core.cli.running import find_graph
 from palp_core.errors import GraphError
 
-app = typer.Typer(help="Parameters of running nodes.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer()
 
 NameArgument = Annotated[
     str,
@@ -94,7 +94,7 @@ def set_(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Set parameters of a running node, all or none, and tell what changed."""
+    """Set parameters of a running node, all or none."""
     from palp_core.graph.discovery.message_yaml import parse_yaml
     from palp_core.graph.problems import hint
 
@@ -130,7 +130,7 @@ def describe(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Tell type, unit, bounds, default and value of a node's parameters."""
+    """Show type, unit, bounds, default and value."""
     reply = find_graph(graph).ask(node, "describe_parameters", timeout_s=timeout)
     declared = reply["parameters"]
     found = {name: _declared(declared, node, name) for name in names or declared}
@@ -154,7 +154,7 @@ def dump(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Print a node's parameters as a ROS 2 parameter file, which load takes."""
+    """Print a node's parameters as a ROS 2 parameter file."""
     running = find_graph(graph)
     parameters = running.ask(node, "get_parameters", timeout_s=timeout)["parameters"]
     file = {f"/{running.node(node).name}": {"ros__parameters": parameters}}
@@ -176,7 +176,7 @@ def load(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Set a node's parameters from a ROS 2 parameter file, all or none."""
+    """Set parameters from a ROS 2 parameter file, all or none."""
     from palp_core.graph.description.parameter_file import read_parameter_file
 
     running = find_graph(graph, changes=True)

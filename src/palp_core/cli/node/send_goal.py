@@ -46,7 +46,10 @@ def send_goal(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Send a goal and wait for its result; status 1 unless it succeeds. Ctrl-C cancels it."""
+    """Send a goal and wait for its result.
+
+    Status 1 unless it succeeds. Ctrl-C cancels it.
+    """
     from palp_core.cli.text.words import type_and_message
     from palp_core.graph.discovery.actions import ActionCaller, find_action
     from palp_core.graph.discovery.message_yaml import message_from_yaml

@@ -9,7 +9,7 @@ from palp_core.cli.output import note, print_json, print_names, print_text, yaml
 from palp_core.cli.running import find_graph
 from palp_core.errors import GraphError
 
-app = typer.Typer(help="Services of the running graph.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer()
 
 
 @app.command("list")
@@ -22,7 +22,7 @@ def list_services(
     graph: options.GraphOption = None,
     as_json: options.JsonOption = False,
 ) -> None:
-    """List the services, from the word of each node."""
+    """List the services."""
     running = find_graph(graph)
     answers = running.ask_all("info", timeout_s=timeout)
     services = answers.services(include_hidden=include_hidden)
@@ -46,7 +46,7 @@ def type_(
     graph: options.GraphOption = None,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Tell the types of a service's request and reply."""
+    """Show the types of a service's request and reply."""
     found = find_graph(graph).service(service, timeout)
     if as_json:
         print_json({"service": found.name, "request": found.request, "reply": found.reply})
@@ -91,7 +91,10 @@ def call(
     graph: options.GraphOption = None,
     as_json: options.JsonOption = False,
 ) -> None:
-    """Call a service and print its reply; it never waits longer than timeout x (1 + retries)."""
+    """Call a service and print its reply.
+
+    It waits at most timeout x (1 + retries).
+    """
     from palp_core.cli.text.words import type_and_message
     from palp_core.graph.discovery.message_yaml import message_from_yaml
     from palp_core.graph.messages.message_text import readable

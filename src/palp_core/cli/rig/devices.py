@@ -11,9 +11,7 @@ from palp_core.cli.options import JsonOption, until_ctrl_c
 from palp_core.cli.output import note, print_json, print_text
 from palp_core.errors import DeviceError
 
-app = typer.Typer(
-    help="Devices: which there are, try them, emulate them.", no_args_is_help=True, rich_markup_mode=None
-)
+app = typer.Typer()
 
 RAISED_M = 0.020  # where an emulated rig begins: a sensor is tared while the probe hangs free
 KINDS = ("stage", "ring", "torque", "emg")
@@ -43,7 +41,7 @@ def list_devices(
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """List the devices that have a driver, with what their drivers take."""
+    """List the devices that have a driver, with its options."""
     from palp_core.cli.rig.device_catalogue import device_entries
 
     found = device_entries([_with_path(driver) for driver in drivers or ()])
@@ -65,7 +63,10 @@ def probe(
     patience: FirstDataOption = FIRST_DATA_S,
     as_json: JsonOption = False,
 ) -> None:
-    """Ask a device whether it is there, without moving anything; the exit status is 1 if it is not."""
+    """Test whether a device answers; nothing moves.
+
+    Status 1: it does not answer.
+    """
     from palp_core.cli.rig.device_discovery import discover, unverified
 
     device, given = _with_path(device), _options(options)
@@ -99,7 +100,10 @@ def emulate(
     phantoms: Annotated[Path | None, typer.Option(help="YAML file of phantoms by code.")] = None,
     seed: Annotated[int, typer.Option(help="Of their random numbers.")] = 1,
 ) -> None:
-    """Start emulated devices; print their options, then obey lines such as 'fault ati silence'."""
+    """Start emulated devices and print their options.
+
+    Then obey lines such as 'fault ati silence'.
+    """
     from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
     from palp_core.palpation.devices.emulator.__main__ import serve
     from palp_core.palpation.devices.emulator.axis import AxisSettings
@@ -128,7 +132,7 @@ def monitor(
     patience: FirstDataOption = FIRST_DATA_S,
     as_json: JsonOption = False,
 ) -> None:
-    """Show what a sensor delivers: rate, gaps, drift of its clock, mean and spread of its values."""
+    """Show a sensor's rate, gaps, drift, mean and spread."""
     from palp_core.cli.rig.device_discovery import unverified, watch
 
     device, given, said = _with_path(device), _options(options), False
@@ -159,7 +163,10 @@ def contract(
     ] = 60.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Check on a driver all that devices of its kind promise; the exit status is 1 if it breaks one."""
+    """Check a driver against the contract of its kind.
+
+    Status 1: it breaks a promise.
+    """
     from palp_core.palpation.devices.contract.run import MOVES, check_driver
     from palp_core.palpation.devices.registry import kind_of
 

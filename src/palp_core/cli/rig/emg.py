@@ -5,11 +5,20 @@ from typing import Annotated
 
 import typer
 
+from palp_core.cli.lazy import Verb, lazy_app
 from palp_core.cli.options import JsonOption
 from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
 from palp_core.palpation.perception.emg.settings import BURSTS, WINDOW_S, Crosstalk, LevelRule, MvcRule
 
-app = typer.Typer(help="Recorded EMG: co-contraction, bursts, levels, quality.", no_args_is_help=True)
+_HERE = "palp_core.cli.rig"
+
+app = lazy_app(
+    {
+        "analyse": Verb(f"{_HERE}.emg:analyse", "Analyse a recording, or a folder of them."),
+        "import": Verb(f"{_HERE}.emg:import_file", "Show a recording's columns, rate and unit."),
+        "fit-policy": Verb(f"{_HERE}.fit_policy:fit_policy", "Fit the human policy to recorded EMG."),
+    }
+)
 
 FsOption = Annotated[
     float | None,
@@ -72,7 +81,6 @@ ShelfOption = Annotated[
 _SHOWN_APART = ("file", "format", "columns", "notes", "problem")
 
 
-@app.command("analyse")
 def analyse(
     file: Annotated[
         Path, typer.Argument(metavar="FILE", help="A recording, or a folder subject/phase/trial.")
@@ -110,7 +118,7 @@ def analyse(
     out: Annotated[Path | None, typer.Option(help="Folder for page (HTML), tables (CSV) and JSON.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Analyse a recording, or a folder of them; exit status 1 if a trial of the folder failed."""
+    """Status 1: a trial of the folder failed."""
     from palp_core.errors import PalpError
     from palp_core.palpation.identification.emg import batch as emg_batch
     from palp_core.palpation.identification.emg.files import is_recording
@@ -181,7 +189,6 @@ def analyse(
     _note_written(out)
 
 
-@app.command("import")
 def import_file(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording.")],
     *,
@@ -193,7 +200,7 @@ def import_file(
     unit: UnitOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show a recording's columns, rate and unit, and where each stands; --out writes it as plain CSV."""
+    """With --out it is written as plain CSV."""
     from palp_core.errors import PalpError
     from palp_core.palpation.identification.emg.muscles import ImportOptions, read_muscles
     from palp_core.palpation.identification.emg.trial import import_report, write_plain

@@ -1,4 +1,4 @@
-"""``palp methods``: exchangeable methods with cost, error and state, and which of them a run takes."""
+"""``palp methods list``: exchangeable methods with cost, error and state, and which of them a run takes."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from palp_core.cli.lazy import Verb, lazy_app
 from palp_core.cli.options import JsonOption
 from palp_core.cli.output import note, print_json, print_text, print_wrapped
 
@@ -15,7 +16,18 @@ if TYPE_CHECKING:
     from palp_core.palpation.session.method_choices import TaskChoice
 
 
-def methods(
+_HERE = "palp_core.cli.rig"
+
+app = lazy_app(
+    {
+        "list": Verb(f"{_HERE}.methods:list_methods", "List the methods of every task, cheapest first."),
+        "why": Verb(f"{_HERE}.why:why", "Show which methods a run used, and why."),
+        "measure": Verb(f"{_HERE}.measure:measure", "Measure error against time of every method."),
+    }
+)
+
+
+def list_methods(
     task: Annotated[str, typer.Argument(help="Only this task's, as in contact.")] = "",
     *,
     scene: Annotated[
@@ -23,9 +35,7 @@ def methods(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List the methods of every task, cheapest first, and their state in a scene.
-
-    Costs are seconds of one core on the machine where they were measured; errors are relative. A method is
+    """Costs are seconds of one core on the machine where they were measured; errors are relative. A method is
     chosen (the cheapest that is accurate enough), default (published) (launch/sim.yaml takes it), not
     accurate enough, or not available here (the scene is outside its range, or it is a reference). One
     without a state is accurate enough, but more expensive. A survivor is what to name where a method fails;

@@ -11,7 +11,7 @@ from palp_core.cli.output import note, print_json, print_text
 from palp_core.cli.running import find_graph
 from palp_core.errors import GraphError
 
-app = typer.Typer(help="The safety node of the running graph.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer()
 
 
 def stop(
@@ -23,7 +23,7 @@ def stop(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Stop all motion now: ABORT, then DISABLE; it stays so until ``palp safety ack``."""
+    """It stays stopped until ``palp safety ack``."""
     from palp_core.graph.discovery.choice import WhichGraph
 
     if every and graph is not None:
@@ -102,7 +102,10 @@ def acknowledge(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Leave a trip behind, once its cause is gone; the exit status is 1 if it is not."""
+    """Acknowledge a trip whose cause is gone.
+
+    Status 1: the cause is still there.
+    """
     from palp_core.palpation.live_page.safety import acknowledged_words
 
     with until_ctrl_c():
@@ -122,7 +125,10 @@ def status(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show whether motion is permitted, and what was verified and what not; status 1 while it is tripped."""
+    """Show whether motion is permitted, and what was verified.
+
+    Status 1: it is tripped.
+    """
     with until_ctrl_c():
         reply = call_safety(find_graph(graph), "status", {}, timeout)
     if as_json:

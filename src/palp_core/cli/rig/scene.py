@@ -10,17 +10,18 @@ import typer
 
 from palp_core.cli.options import JsonOption
 from palp_core.cli.output import note, print_json, print_table, print_text
+from palp_core.counted import counted
 
 if TYPE_CHECKING:
     from palp_core.palpation.mechanics.scene.choice import SceneChoice
     from palp_core.palpation.mechanics.scene.scene import Scene
 
-app = typer.Typer(help="Scenes: which model, why, and what comes out.", no_args_is_help=True)
+app = typer.Typer()
 
 
 FileArgument = Annotated[Path, typer.Argument(help="Scene file (YAML).", show_default=False)]
 RungOption = Annotated[
-    str | None, typer.Option(help="This rung of `palp methods contact`, whatever the tolerance.")
+    str | None, typer.Option(help="This rung of `palp methods list contact`, whatever the tolerance.")
 ]
 
 
@@ -37,7 +38,10 @@ def schema(
 
 @app.command("explain")
 def explain(file: FileArgument, *, as_json: JsonOption = False) -> None:
-    """Say which rung a scene needs and why, with bound, evidence and cost; computes no contact."""
+    """Show which contact model a scene needs and why.
+
+    With bound, evidence and cost; no contact is computed.
+    """
     from palp_core.palpation.mechanics.scene.choice import choose_rung
     from palp_core.palpation.mechanics.scene.file import read_scene
 
@@ -71,7 +75,10 @@ def explain(file: FileArgument, *, as_json: JsonOption = False) -> None:
 
 @app.command("run")
 def run(file: FileArgument, *, rung: RungOption = None, as_json: JsonOption = False) -> None:
-    """Sweep a scene at each ring position: torque, angle and normal force against the stage's position."""
+    """Sweep a scene at each ring position.
+
+    Prints torque, angle and normal force.
+    """
     from palp_core.palpation.mechanics.scene.file import read_scene
     from palp_core.palpation.mechanics.scene.run import run_scene
 
@@ -110,7 +117,7 @@ def run(file: FileArgument, *, rung: RungOption = None, as_json: JsonOption = Fa
 def table(
     file: FileArgument,
     *,
-    rung: Annotated[str, typer.Option(help="Which rung, of `palp methods contact`.")],
+    rung: Annotated[str, typer.Option(help="Which rung, of `palp methods list contact`.")],
     offsets_mm: Annotated[str, typer.Option(metavar="A,B,...", help="Positions past the bead, in mm.")],
     indentations_mm: Annotated[str, typer.Option(metavar="A,B,...", help="Depths under the surface, in mm.")],
     as_json: JsonOption = False,
@@ -134,6 +141,26 @@ def table(
             ),
         ]
     )
+
+
+@app.command("cache")
+def cache(
+    *,
+    clear: Annotated[bool, typer.Option("--clear", help="Remove every set-up.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Show or clear the set-ups of contact models kept on disk."""
+    from palp_core.palpation.mechanics.contact import cache as kept
+
+    if clear:
+        count = kept.clear()
+        print_json({"removed": count}) if as_json else print_text(f"{counted(count, 'set-up')} removed")
+        return
+    found = kept.info()
+    if as_json:
+        print_json({"path": str(found.path), "entries": found.entry_count, "size_bytes": found.size_bytes})
+        return
+    print_text(f"{found.path}: {counted(found.entry_count, 'set-up')}, {found.size_bytes / 1e6:.1f} MB")
 
 
 def _metres(option: str, text: str) -> list[float]:

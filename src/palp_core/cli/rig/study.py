@@ -10,9 +10,7 @@ import typer
 from palp_core.cli.options import INTERRUPTED, JsonOption
 from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
 
-app = typer.Typer(
-    help="Studies: the paper re-run, speed against accuracy, where methods fail.", no_args_is_help=True
-)
+app = typer.Typer()
 
 
 @app.command("list")
@@ -46,7 +44,10 @@ def run(
     mounting: Annotated[str, typer.Option(help="As mounting:= of a launch file; not a CSV.")] = "",
     specimens: Annotated[str, typer.Option(help="As specimens:= of a launch file.")] = "",
 ) -> None:
-    """Run a study: charts (PNG, SVG), tables (CSV) and a page that explains them; Ctrl-C ends it."""
+    """Run a study: charts, tables and a page.
+
+    Ctrl-C ends it.
+    """
     import palp_core
     from palp_core.graph.clock import local_time_name
     from palp_core.palpation.studies.catalogue import study
@@ -85,7 +86,7 @@ def run(
 def index(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that holds the studies' folders.")],
 ) -> None:
-    """Write DIR/index.html: each study's picture, question, answer, date and command."""
+    """Write DIR/index.html, an overview of all studies in DIR."""
     from palp_core.palpation.studies.index import write_index
 
     print_text(str(write_index(folder)))

@@ -1,4 +1,4 @@
-"""``palp why``: which methods a run used, why, what they met and what they cost."""
+"""``palp methods why``: which methods a run used, why, what they met and what they cost."""
 
 from __future__ import annotations
 
@@ -31,10 +31,7 @@ def why(
     *,
     as_json: JsonOption = False,
 ) -> None:
-    """Tell which methods a run used and why, what was refused, what they met and what they cost.
-
-    All of it is what the run itself has recorded; nothing is computed again.
-    """
+    """All of it is what the run itself has recorded; nothing is computed again."""
     from palp_core.methods import left_out
     from palp_core.palpation.session.methods.record import methods_of, unsaid
     from palp_core.palpation.session.methods.text import paragraphs
@@ -103,7 +100,9 @@ def _running(name: str) -> tuple[RunSummary, list[Row]]:
             raise PalpError(
                 f"'{name}' is no folder of a session, no bag and no running graph: {error}"
             ) from error
-        raise PalpError(f"{error}; or name a session's folder or a bag: palp why results/latest") from error
+        raise PalpError(
+            f"{error}; or name a session's folder or a bag: palp methods why results/latest"
+        ) from error
     summary = msgspec.convert(graph.ask(LAUNCHER, "summary")["summary"], RunSummary)
     try:
         roles_of(summary)

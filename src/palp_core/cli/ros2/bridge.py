@@ -1,4 +1,4 @@
-"""``palp ros2 bridge``."""
+"""``palp bridge ros2``."""
 
 from __future__ import annotations
 

@@ -33,10 +33,7 @@ def redo(
     training: TrainingOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Mark a trial that is to be done again: it does not count. Nothing is deleted.
-
-    A session that goes on, or is resumed, does it again at its end, as another trial: that one counts.
-    """
+    """A session that goes on, or is resumed, does it again at its end, as another trial: that one counts."""
     _decide("redo", ("training" if training else "estimation", trial), folder, reason, as_json=as_json)
 
 
@@ -48,7 +45,7 @@ def exclude(
     training: TrainingOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Exclude a trial: it does not count. Nothing is deleted."""
+    """Nothing is deleted."""
     _decide("exclude", ("training" if training else "estimation", trial), folder, reason, as_json=as_json)
 
 
@@ -73,12 +70,12 @@ def _decide(deed: Deed, key: TrialKey, folder: Path, reason: str, *, as_json: bo
         note("while the session goes on, or is resumed, it is done again at the end, as another trial")
         return
     if deed == "redo":
-        together = "palp session people" if person else "palp sessions"
+        together = "palp session people" if person else "palp session list"
         note(
             "the session is over, so it is not done again in it: to have as many trials as planned, run a "
             f"session of its own (out:=NAME) and take both together ({together})"
         )
-    note(f"the report does not know it yet: palp report {folder}")
+    note(f"the report does not know it yet: palp session report {folder}")
 
 
 def _goes_on(folder: Path) -> bool:

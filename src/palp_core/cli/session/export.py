@@ -1,4 +1,4 @@
-"""``palp export``: a session for other tools."""
+"""``palp session export``: a session for other tools."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -18,7 +18,6 @@ def export(
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="An earlier export is replaced.")] = False,
 ) -> None:
-    """Write a session for other tools: trials, iterations, sweeps, EMG, each a tidy table."""
     from palp_core.palpation.export.export import default_out, write_export
     from palp_core.palpation.export.source import read_source
 

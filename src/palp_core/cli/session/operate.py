@@ -23,7 +23,7 @@ _BAR = 30
 
 
 def operate(*, timeout: options.TimeoutOption = 5.0, graph: options.GraphOption = None) -> None:
-    """Show what the graph asks of its operator, and send what is typed. Enter alone is an answer, too."""
+    """Enter alone is an answer, too."""
     from palp_core.graph.discovery.topic_reader import TopicReader
 
     with options.until_ctrl_c():

@@ -22,9 +22,7 @@ def people(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Analyse sessions with people together: accuracy by depth, confusion, ANOVA, times to answer.
-
-    With the power that such sessions have. Trials that were excluded or are to be done again do
+    """With the power that such sessions have. Trials that were excluded or are to be done again do
     not count. Of simulated people, recordings and scripts no accuracy is ever given.
     """
     from palp_core.palpation.session.human.analysis import analyse, gather

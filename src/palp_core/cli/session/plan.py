@@ -26,7 +26,7 @@ def plan(
     phantoms: Annotated[str, typer.Option(help="YAML file of phantoms; empty: the paper's three.")] = "",
     as_json: JsonOption = False,
 ) -> None:
-    """Show what a session with a person will ask, in which order, and how long it takes. No rig is needed."""
+    """No rig is needed."""
     from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
     from palp_core.palpation.mechanics.scene.sealed import sealed_mistake
     from palp_core.palpation.session.human.plan import PHASES, HumanDesign, outline

@@ -16,10 +16,7 @@ def seal(
     key: Annotated[Path, typer.Argument(metavar="KEY", help="The file that is written.", show_default=False)],
     phantoms: Annotated[str, typer.Option(help="YAML file of phantoms; empty: the paper's three.")] = "",
 ) -> None:
-    """Give phantoms new codes, and seal which is which. For somebody who takes no part in the session.
-
-    Tells what to write on which sticker: once, here, and nowhere else. Then: blind:=true phantoms:=KEY
-    """
+    """Tells what to write on which sticker: once, here, and nowhere else. Then: blind:=true phantoms:=KEY"""
     from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
     from palp_core.palpation.mechanics.scene.sealed import seal as write_key
 
@@ -37,10 +34,7 @@ def unseal(
     key: Annotated[Path | None, typer.Option(help="The key; default: DIR/key.sealed.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Open a blinded session: depths take the place of codes. The table with codes stays beside it.
-
-    The report is made, and the audit says when, why and by whom it was opened.
-    """
+    """The report is made, and the audit says when, why and by whom it was opened."""
     from palp_core.palpation.session import run_note
     from palp_core.palpation.session.human.record import is_by_hand
     from palp_core.palpation.session.human.report import write_human

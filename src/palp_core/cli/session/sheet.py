@@ -29,7 +29,6 @@ def new(
     by_hand: ByHandOption = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="A file that is there is replaced.")] = False,
 ) -> None:
-    """Write a session's sheet to fill in."""
     from palp_core.palpation.session.sheet.of_run import phantom_codes
     from palp_core.palpation.session.sheet.template import template
     from palp_core.whole_file import write_whole
@@ -49,7 +48,7 @@ def show(
     by_hand: ByHandOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Show the sheet of a session, a bag or a file, and check it; status 2 if it has mistakes."""
+    """Status 2: the sheet has mistakes."""
     from palp_core.palpation.session.sheet.of_run import sheet_lines
 
     sheet = _sheet_at(path, by_hand=by_hand)
@@ -68,10 +67,7 @@ def redact(
         str, typer.Option(metavar="FIELD,...", help="Beside operator, subject, ethics and note: lab, began.")
     ] = "",
 ) -> None:
-    """Copy a session without what tells who it was: sheet, result and report; its numbers stay.
-
-    Files that are no part of the session stay behind. Status 1: a file of the copy still has a word of it.
-    """
+    """Files that are no part of the session stay behind. Status 1: the copy still has a word of them."""
     from palp_core.palpation.session.bag_record import is_bag
     from palp_core.palpation.session.human.record import is_by_hand
     from palp_core.palpation.session.report import write
@@ -90,7 +86,7 @@ def redact(
     if is_by_hand(folder):
         raise PalpError(
             f"{folder}: is of a session with a person, whose record has the subject's code in every row and "
-            "name of a file: give it away by palp export, or its bag redacted"
+            "name of a file: give it away by palp session export, or its bag redacted"
         )
     summary = read_note(folder)
     copied = redaction.redact(folder, summary, out, fields)

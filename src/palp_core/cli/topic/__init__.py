@@ -1,1 +1,1 @@
-"""``palp topic`` and ``palp tap``."""
+"""Verbs about topics."""

@@ -19,10 +19,9 @@ def bw(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Tell the bandwidth of topics.
-
-    It is the mean size on the wire, header included, times the rate by the publisher's own sequence numbers
-    on this machine's clock, to each reader. A report each second, or a single one with --once or --json.
+    """It is the mean size on the wire, header included, times the rate by the publisher's own sequence
+    numbers on this machine's clock, to each reader. A report each second, or a single one with --once or
+    --json.
     """
     from palp_core.cli.topic.measure import Window, measure
 

@@ -36,11 +36,9 @@ def delay(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Tell the latency that readers have counted.
-
-    From the publisher's stamp to arrival, of every message since the reader began, or with -w of its last N:
-    nothing is sampled, and this command is not in the way. A report each second, or a single one with --once
-    or --json.
+    """From the publisher's stamp to arrival, of every message since the reader began, or with -w of its last
+    N: nothing is sampled, and this command is not in the way. A report each second, or a single one with
+    --once or --json.
     """
     from threading import Event
 

@@ -42,10 +42,6 @@ def echo(
     no_arr: Annotated[bool, typer.Option("--no-arr", help="Lengths instead of arrays.")] = False,
     no_str: Annotated[bool, typer.Option("--no-str", help="Lengths instead of texts.")] = False,
     raw: Annotated[bool, typer.Option("--raw", help="The bytes as they travel.")] = False,
-    filter_: Annotated[
-        str | None,
-        typer.Option("--filter", metavar="EXPR", help="Only messages that meet this, as in 'm.index > 3'."),
-    ] = None,
     once: Annotated[bool, typer.Option("--once", help="One message, then end.")] = False,
     times: Annotated[int, typer.Option("--times", "-n", min=0, help="This many; 0: without end.")] = 0,
     timeout: Annotated[
@@ -67,8 +63,6 @@ def echo(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Print messages as they are published."""
-    from palp_core.cli.text.filter import message_filter
     from palp_core.graph.discovery.topic_reader import TopicReader
     from palp_core.graph.messages.message_text import Truncation, decoded, parse_path, pick
 
@@ -76,7 +70,6 @@ def echo(
     entry = running.topic(topic)
     _same_type(entry, message_type)
     path = None if field is None else parse_path(field, entry.json_schema)
-    accepts = None if filter_ is None else message_filter(filter_, entry.json_schema)
     depth, reliable = requested_depth(running, entry, qos_profile, qos_reliability, qos_durability, qos_depth)
     how = Truncation(None if full_length else truncate_length, not no_arr, not no_str)
     show = _printer(how, as_json=as_json, as_csv=as_csv, flow_style=flow_style)
@@ -89,8 +82,6 @@ def echo(
             if not heard.is_message:
                 continue
             message = decoded(heard.frame.payload, entry.json_schema)
-            if accepts is not None and not accepts(message):
-                continue
             if clear:
                 sys.stdout.write("\033[2J\033[H")
             info = _info(heard) if include_message_info else None

@@ -18,9 +18,6 @@ def hz(
             "--window", "-w", min=1, help="Messages to measure; default: 10000, for one report 100."
         ),
     ] = None,
-    filter_: Annotated[
-        str | None, typer.Option("--filter", metavar="EXPR", help="Count only these, as in 'm.index > 3'.")
-    ] = None,
     wall_time: Annotated[
         bool, typer.Option("--wall-time", help="The rate on this machine's clock, not the graph's.")
     ] = False,
@@ -29,30 +26,16 @@ def hz(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Tell the rate of topics, by their own counters.
-
-    Rate and periods are of the publisher's sequence numbers and stamps, so they are exact even where this
+    """Rate and periods are of the publisher's sequence numbers and stamps, so they are exact even where this
     process is too slow to hear every message. Each reader's own account follows. A report each second, or a
     single one with --once or --json.
     """
-    from palp_core.cli.text.filter import message_filter
     from palp_core.cli.topic.measure import Window, account, measure, reader_lines, readers
-    from palp_core.graph.discovery.topic_reader import ReceivedFrame
-    from palp_core.graph.messages.message_text import decoded
 
     running = find_graph(graph)
     entries = find_topics(running, topics)
     length = window or (100 if once or as_json else 10_000)
-    windows = {}
-    for entry in entries:
-        accepts = None
-        if filter_ is not None:
-            condition, schema = message_filter(filter_, entry.json_schema), entry.json_schema
-
-            def accepts(heard: ReceivedFrame, condition: Any = condition, schema: Any = schema) -> bool:
-                return bool(condition(decoded(heard.frame.payload, schema)))
-
-        windows[entry.name] = Window(length, accepts)
+    windows = {entry.name: Window(length) for entry in entries}
 
     def report() -> None:
         accounts = readers(running, entries)

@@ -20,7 +20,6 @@ def list_topics(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List the topics."""
     topics = find_graph(graph).topics(include_hidden=include_hidden)
     if count:
         print_text(str(len(topics)))
@@ -40,7 +39,6 @@ def info(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Tell who publishes and who reads a topic."""
     from palp_core.graph.node.spec import LAUNCHER
 
     running = find_graph(graph)
@@ -86,7 +84,6 @@ def _print_end(end: dict[str, Any], *, verbose: bool) -> None:
 
 
 def type_(topic: TopicArgument, *, graph: GraphOption = None, as_json: JsonOption = False) -> None:
-    """Tell the type of a topic's messages."""
     entry = find_graph(graph).topic(topic)
     if as_json:
         print_json({"topic": entry.name, "type": entry.type, "hash": entry.type_hash})
@@ -102,7 +99,6 @@ def find(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List the topics of a type."""
     from palp_core.graph.problems import hint
 
     running = find_graph(graph)

@@ -33,13 +33,11 @@ class Window:
 
     Args:
         length: Messages to keep.
-        accepts: Which messages count; None: all. Then the rate is of what was heard, not of sequences.
     """
 
-    def __init__(self, length: int, accepts: Callable[[ReceivedFrame], bool] | None = None) -> None:
+    def __init__(self, length: int) -> None:
         self._points: deque[_Point] = deque(maxlen=length + 1)
         self._epoch = -1
-        self._accepts = accepts
         self.lost = 0
         self.heard_ns = monotonic_ns()
         self.fresh = 0
@@ -47,7 +45,7 @@ class Window:
     def add(self, heard: ReceivedFrame) -> None:
         """Take a message, or what a heartbeat revealed."""
         self.lost += heard.lost
-        if not heard.is_message or (self._accepts is not None and not self._accepts(heard)):
+        if not heard.is_message:
             return
         frame = heard.frame
         if frame.epoch != self._epoch:
@@ -69,8 +67,6 @@ class Window:
 
     @property
     def _count(self) -> int:
-        if self._accepts is not None:
-            return len(self._points) - 1
         return self._points[-1].sequence - self._points[0].sequence
 
     def rates_hz(self) -> tuple[float | None, float | None]:
@@ -88,7 +84,7 @@ class Window:
         periods = [
             (b.stamp_ns - a.stamp_ns) / 1e9
             for a, b in itertools.pairwise(points)
-            if b.sequence == a.sequence + 1 or self._accepts is not None
+            if b.sequence == a.sequence + 1
         ]
         if not periods:
             return {"min_period_s": None, "max_period_s": None, "std_period_s": None}

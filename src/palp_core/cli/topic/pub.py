@@ -60,9 +60,7 @@ def pub(
     graph: GraphOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Publish into a port that takes messages from outside.
-
-    The message is checked before anything is sent; fields that are not given get the type's defaults. The
+    """The message is checked before anything is sent; fields that are not given get the type's defaults. The
     node confirms each message with its sequence on the topic. With --stdin the end of the input ends it.
     """
     from palp_core.cli.text.words import type_and_message

@@ -5,17 +5,15 @@ from palp_core.cli.lazy import Verb, lazy_app
 _CLI = "palp_core.cli"
 
 app = lazy_app(
-    "Topics of the running graph.",
     {
         "list": Verb(f"{_CLI}.topic.list:list_topics", "List the topics."),
-        "info": Verb(f"{_CLI}.topic.list:info", "Tell who publishes and who reads a topic."),
-        "type": Verb(f"{_CLI}.topic.list:type_", "Tell the type of a topic's messages."),
+        "info": Verb(f"{_CLI}.topic.list:info", "Show who publishes and who reads a topic."),
+        "type": Verb(f"{_CLI}.topic.list:type_", "Show the type of a topic's messages."),
         "find": Verb(f"{_CLI}.topic.list:find", "List the topics of a type."),
         "echo": Verb(f"{_CLI}.topic.echo:echo", "Print messages as they are published."),
-        "hz": Verb(f"{_CLI}.topic.hz:hz", "Tell the rate of topics, by their own counters."),
-        "bw": Verb(f"{_CLI}.topic.bw:bw", "Tell the bandwidth of topics."),
-        "delay": Verb(f"{_CLI}.topic.delay:delay", "Tell the latency that readers have counted."),
+        "hz": Verb(f"{_CLI}.topic.hz:hz", "Measure the rate of topics."),
+        "bw": Verb(f"{_CLI}.topic.bw:bw", "Measure the bandwidth of topics."),
+        "delay": Verb(f"{_CLI}.topic.delay:delay", "Show the latency that readers have counted."),
         "pub": Verb(f"{_CLI}.topic.pub:pub", "Publish into a port that takes messages from outside."),
-        "plot": Verb(f"{_CLI}.topic.plot:plot", "Plot fields of a topic in the terminal."),
     },
 )

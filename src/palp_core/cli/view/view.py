@@ -46,9 +46,7 @@ def view(
     ] = False,
     graph: GraphOption = None,
 ) -> None:
-    """Show a running graph, a bag or results in the browser.
-
-    To those who have the address that this prints, on this host. From another one:
+    """To those who have the address that this prints, on this host. From another one:
     ssh -L PORT:127.0.0.1:PORT HOST, and there open the same address.
     """
     from palp_core.view.server.gate import new_token

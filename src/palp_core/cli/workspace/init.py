@@ -23,7 +23,6 @@ def init(
     rig: Annotated[bool, typer.Option("--rig", help="With the whole rig in it, to be changed.")] = False,
     minimal: Annotated[bool, typer.Option("--minimal", help="Two files: a launch file and a node.")] = False,
 ) -> None:
-    """Write a workspace of one's own: nodes, messages, launch file, tests; it runs as it is."""
     from palp_core.cli.workspace.templates import texts, write_new
     from palp_core.errors import GraphError
     from palp_core.graph.workspaces.underlays import underlay

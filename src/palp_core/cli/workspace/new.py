@@ -8,29 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from palp_core.cli.lazy import Verb, lazy_app
 from palp_core.cli.output import note, print_text
 
 if TYPE_CHECKING:
     from palp_core.cli.workspace.templates import Named
 
-_HERE = "palp_core.cli.workspace.new"
-
-app = lazy_app(
-    "Write a node, message, policy or driver, with its test, into the workspace one is in.",
-    {
-        "node": Verb(f"{_HERE}:node", "Write nodes/NAME.py and its test."),
-        "message": Verb(f"{_HERE}:message", "Write msgs/NAME.py and its test."),
-        "policy": Verb(f"{_HERE}:policy", "Write nodes/policy_NAME.py, a policy of the rig, and its test."),
-        "driver": Verb(f"{_HERE}:driver", "Write drivers/NAME.py, a driver of a device, and its test."),
-    },
-)
+app = typer.Typer()
 
 NameArgument = Annotated[
     str, typer.Argument(metavar="NAME", help="As in grip_force, or GripForce.", show_default=False)
 ]
 
 
+@app.command()
 def node(name: NameArgument) -> None:
     """Write nodes/NAME.py and its test."""
     new = _named(name)
@@ -41,6 +31,7 @@ def node(name: NameArgument) -> None:
     )
 
 
+@app.command()
 def message(name: NameArgument) -> None:
     """Write msgs/NAME.py and its test."""
     new = _named(name)
@@ -48,8 +39,9 @@ def message(name: NameArgument) -> None:
     print_text(f"in a node: from msgs.{new.module} import {new.class_name}")
 
 
+@app.command()
 def policy(name: NameArgument) -> None:
-    """Write nodes/policy_NAME.py, a policy of the rig, and its test."""
+    """Write nodes/policy_NAME.py, a policy of the rig."""
     new = _named(name.removeprefix("policy_"))
     module = f"policy_{new.module}"
     _write(f"nodes/{module}.py", f"test_{module}.py", "policy", new)
@@ -60,6 +52,7 @@ def policy(name: NameArgument) -> None:
     )
 
 
+@app.command()
 def driver(
     name: NameArgument,
     *,
@@ -68,7 +61,7 @@ def driver(
         typer.Option(help="What the device is.", show_default=False),
     ],
 ) -> None:
-    """Write drivers/NAME.py, a driver of a device, and its test."""
+    """Write drivers/NAME.py, a driver, and its test."""
     new = _named(name)
     _write(f"drivers/{new.module}.py", f"test_{new.module}_driver.py", f"driver_{kind}", new)
     run = f"drivers.{new.module}:{new.class_name}"
@@ -76,7 +69,7 @@ def driver(
     if kind == "stage":
         print_text(
             f"in the rig, which must be told what stops it: palp launch rig:rig.yaml stage_device:={run} "
-            "--ros-args -p safety:stop_link:=none -p 'safety:options:={}' -p 'stage:options:={}'"
+            "safety:stop_link:=none 'safety:options:={}' 'stage:options:={}'"
         )
 
 

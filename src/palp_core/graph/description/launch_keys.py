@@ -64,9 +64,9 @@ class ArgumentKeys(Keys):
             "those that it has."
         ),
     ] = False
-    help: Annotated[str, _key("What it means, for `--show-args` and for mistakes.", "trials per phantom")] = (
-        ""
-    )
+    help: Annotated[
+        str, _key("What it means, for `palp graph args` and for mistakes.", "trials per phantom")
+    ] = ""
     sets: Annotated[
         dict[str, Values],
         _key(

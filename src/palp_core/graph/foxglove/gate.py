@@ -71,7 +71,7 @@ def objection(head: str, token: str, hosts: frozenset[str], origins: frozenset[s
     >>> objection(asked, "abc", frozenset({"localhost"}))
     ''
     >>> objection(asked, "xyz", frozenset({"localhost"}))
-    'the token is missing or wrong: take the whole address that palp foxglove printed'
+    'the token is missing or wrong: take the whole address that palp bridge foxglove printed'
     >>> objection(asked, "abc", frozenset({"127.0.0.1"}))
     "this is not 'localhost'"
     """
@@ -91,7 +91,7 @@ def objection(head: str, token: str, hosts: frozenset[str], origins: frozenset[s
     if foreign := [value for name, value in headers if name == "origin" and not is_viewer(value, origins)]:
         return f"the page of '{foreign[0][:100]}' is no viewer that is known; if it is yours: --origin"
     if len(given) != 1 or not hmac.compare_digest(given[0].encode(), token.encode()):
-        return "the token is missing or wrong: take the whole address that palp foxglove printed"
+        return "the token is missing or wrong: take the whole address that palp bridge foxglove printed"
     return ""
 
 
@@ -169,7 +169,7 @@ class Gate:
         if not refused and len(self._tasks) > MOST_VIEWERS:
             refused = f"{MOST_VIEWERS} viewers are connected already"
         if refused:
-            body = f"palp foxglove: {refused}\n".encode()
+            body = f"palp bridge foxglove: {refused}\n".encode()
             lines = f"HTTP/1.1 403 Forbidden\r\nContent-Length: {len(body)}\r\nConnection: close\r\n\r\n"
             writer.write(lines.encode() + body)
             await writer.drain()

@@ -14,8 +14,8 @@ from palp_core.graph.recording.live_feed import reread
 from palp_core.graph.recording.live_topics import is_order, live_topics
 
 ASK_S = 5.0
-READ_ONLY = "palp foxglove was started with --read-only"
-NOT_OPERATED = "this graph moves something real; start palp foxglove with --operate"
+READ_ONLY = "palp bridge foxglove was started with --read-only"
+NOT_OPERATED = "this graph moves something real; start palp bridge foxglove with --operate"
 
 
 class ServiceType(NamedTuple):

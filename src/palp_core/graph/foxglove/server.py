@@ -1,4 +1,4 @@
-"""``palp foxglove``: a running graph over Foxglove's WebSocket, from a process of its own."""
+"""``palp bridge foxglove``: a running graph over Foxglove's WebSocket, from a process of its own."""
 
 from __future__ import annotations
 

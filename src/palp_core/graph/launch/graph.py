@@ -296,7 +296,7 @@ class Graph:
         if not self._interrupt.insisted:
             with contextlib.suppress(KeyboardInterrupt):
                 return self._reported(summary)
-        said = "No report was written: the end was asked for twice; `palp report` makes it later."
+        said = "No report was written: the end was asked for twice; `palp session report` makes it later."
         return msgspec.structs.replace(summary, report=said)
 
     def _reported(self, summary: RunSummary) -> RunSummary:

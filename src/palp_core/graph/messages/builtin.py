@@ -78,7 +78,7 @@ class MethodUse(Message):
 
 
 class MethodsUsed(Message):
-    """The exchangeable methods that a node uses from now on, all of them: for ``palp why`` and the report.
+    """The exchangeable methods that a node uses from now on, for ``palp methods why`` and the report.
 
     Said when the node begins, when it takes another's place, and whenever one of them changes. A port for it
     is ``transient_local``: whoever asks later gets it, too.

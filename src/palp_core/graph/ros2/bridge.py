@@ -1,4 +1,4 @@
-"""``palp ros2 bridge``: what a map says crosses between a running graph and ROS 2, beside both."""
+"""``palp bridge ros2``: what a map says crosses between a running graph and ROS 2, beside both."""
 
 from __future__ import annotations
 

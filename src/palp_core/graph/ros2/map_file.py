@@ -1,4 +1,4 @@
-"""The map file of ``palp ros2 bridge``: what crosses between a graph and ROS 2, and as what.
+"""The map file of ``palp bridge ros2``: what crosses between a graph and ROS 2, and as what.
 
 Read as a launch file is: every mistake is collected, with its place and what to do.
 """

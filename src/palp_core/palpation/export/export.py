@@ -1,4 +1,4 @@
-"""``palp export``: a session in the format that another tool reads, whole or not at all."""
+"""``palp session export``: a session in the format that another tool reads, whole or not at all."""
 
 from __future__ import annotations
 

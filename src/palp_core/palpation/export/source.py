@@ -79,7 +79,9 @@ def read_source(path: Path) -> ExportSource:
             emg = _emg(path, summary, notes)
         else:
             summary = read_note(path)
-            notes.append("a session's folder keeps no EMG; the bag of the run has it: palp export BAG")
+            notes.append(
+                "a session's folder keeps no EMG; the bag of the run has it: palp session export BAG"
+            )
         if summary.exit_code != 0:
             notes.append(f"the session is unfinished ({summary.ended}): what it has is exported")
         sheet = sheet_of(summary)

@@ -186,7 +186,7 @@ def _by_traces(
     if not session.read_by:
         raise PalpError(
             f"{session.path}: does not say over which path it swept (result.json is missing, or another tool "
-            "wrote the bag); palp report makes it again"
+            "wrote the bag); palp session report makes it again"
         )
     settings = replace(
         TraceSettings.of(session.read_by), depths=methods.depth_count, trace_filter=methods.trace_filter

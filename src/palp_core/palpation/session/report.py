@@ -150,7 +150,7 @@ def write(folder: Path, summary: RunSummary, beside: ChartsBeside | None = None)
         raise PalpError(
             f"'{folder / TABLE}' has no row, and {folder / SWEEPS} holds "
             f"{counted(orphans, 'sweep')}: the table was "
-            "emptied; restore it, and `palp report` makes the report"
+            "emptied; restore it, and `palp session report` makes the report"
         )
     try:
         write_copy(summary, folder)
@@ -167,7 +167,7 @@ def write(folder: Path, summary: RunSummary, beside: ChartsBeside | None = None)
 def _cannot_report(folder: Path, error: OSError) -> PalpError:
     return PalpError(
         f"the report of '{folder}' cannot be written: {error.strerror or error}; "
-        f"the record is kept there, and `palp report {folder}` makes the report of it"
+        f"the record is kept there, and `palp session report {folder}` makes the report of it"
     )
 
 

@@ -159,7 +159,7 @@ def note_end(summary: RunSummary) -> bool:
     folder = out_of(summary)
     if not folder.is_dir():
         raise PalpError(
-            f"'{folder}' is gone; if it was renamed, `palp report` makes the report where it is now"
+            f"'{folder}' is gone; if it was renamed, `palp session report` makes the report where it is now"
         )
     (folder / NEXT_RUN).unlink(missing_ok=True)
     if summary.exit_code != 0 and not is_being_written(folder):

@@ -418,7 +418,7 @@ def test_rules_of_the_mvc_and_of_levels_are_the_users(recording: tuple[Path, Pat
 
 def test_node_command_and_strategy_have_one_set_of_defaults() -> None:
     from nodes.cocontraction import CoContractionParams
-    from palp_core.cli.rig import markov
+    from palp_core.cli.rig.fit_policy import fit_policy
 
     params = CoContractionParams()
     assert params.bursts == EmgSettings().bursts
@@ -428,7 +428,7 @@ def test_node_command_and_strategy_have_one_set_of_defaults() -> None:
         EmgSettings().level_rule,
         EmgSettings().crosstalk,
     )
-    shared = {one.name: one.default for one in inspect.signature(markov.fit).parameters.values()}
+    shared = {one.name: one.default for one in inspect.signature(fit_policy).parameters.values()}
     own = {one.name: one.default for one in inspect.signature(emg.analyse).parameters.values()}
     names = ("on", "off", "rest_spreads", "gap_s", "least_s", "valley", "top", "shelf_s")
     for name in ("window_ms", "mvc_rule", "level_rule", "crosstalk", *names):

@@ -1,4 +1,4 @@
-"""``palp markov fit``: a strategy from recordings, within its intervals."""
+"""``palp emg fit-policy``: a strategy from recordings, within its intervals."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from palp_core.cli.rig.markov import app
+from palp_core.cli.rig.emg import app
 from palp_core.errors import PalpError
 from palp_core.palpation.devices.sim.emg import SimEmg, SimEmgState
 from palp_core.palpation.identification.emg.markov_fit import source_of
@@ -87,7 +87,7 @@ def test_a_chain_is_recovered_from_the_simulated_emg_of_that_chain() -> None:
 
 def test_depths_are_taken_from_names_and_each_gets_a_chain(files: list[Path], tmp_path: Path) -> None:
     mvc, *trials = files
-    result = run("fit", *trials, "--mvc", mvc, "--fs", RATE_HZ, "--out", tmp_path / "o", "--json")
+    result = run("fit-policy", *trials, "--mvc", mvc, "--fs", RATE_HZ, "--out", tmp_path / "o", "--json")
     record = json.loads(result.stdout)
     assert result.exit_code == 0
     assert [one["depth_mm"] for one in record["chains"]] == [None, 2.0, 8.0]
@@ -116,7 +116,7 @@ def test_depths_are_taken_from_names_and_each_gets_a_chain(files: list[Path], tm
 def test_a_stated_depth_wins_over_the_name_and_the_text_shows_the_chain(files: list[Path]) -> None:
     mvc, trial, *_ = files
     assert source_of(f"4={trial}").depth_m == 0.004
-    text = run("fit", f"4={trial}", "--mvc", mvc, "--fs", RATE_HZ).stdout
+    text = run("fit-policy", f"4={trial}", "--mvc", mvc, "--fs", RATE_HZ).stdout
     assert text.startswith("all depths:")
     assert "\n4 mm: " in text
     assert "Kemeny" in text
@@ -131,7 +131,7 @@ def test_a_folder_of_subjects_is_pooled_and_a_bad_trial_fails_alone(
     for source, name in ((mvc, "../mvc.csv"), (first, "a_2mm.csv"), (second, "b_2mm.csv")):
         (phase / name).write_bytes(source.read_bytes())
     (phase / "broken_2mm.csv").write_text("fds_v,edc_v\n1,2\n")
-    result = run("fit", tmp_path, "--fs", RATE_HZ, "--json")
+    result = run("fit-policy", tmp_path, "--fs", RATE_HZ, "--json")
     assert result.exit_code == 1
     record = json.loads(result.stdout)
     assert [one["trials"] for one in record["chains"]] == [2, 2]
@@ -141,7 +141,8 @@ def test_a_folder_of_subjects_is_pooled_and_a_bad_trial_fails_alone(
 def test_a_fit_repeats_by_its_seed(files: list[Path]) -> None:
     mvc, trial, *_ = files
     first, again = (
-        run("fit", trial, "--mvc", mvc, "--fs", RATE_HZ, "--seed", 3, "--json").stdout for _ in range(2)
+        run("fit-policy", trial, "--mvc", mvc, "--fs", RATE_HZ, "--seed", 3, "--json").stdout
+        for _ in range(2)
     )
     assert first == again
 
@@ -149,9 +150,9 @@ def test_a_fit_repeats_by_its_seed(files: list[Path]) -> None:
 def test_no_burst_is_an_error_with_the_way_out(files: list[Path]) -> None:
     mvc, trial, *_ = files
     with pytest.raises(PalpError, match="no trial has two peaks"):
-        run("fit", trial, "--mvc", mvc, "--fs", RATE_HZ, "--on", 0.9)
+        run("fit-policy", trial, "--mvc", mvc, "--fs", RATE_HZ, "--on", 0.9)
 
 
 def test_a_trial_named_twice_is_refused_for_it_would_count_as_two(files: list[Path]) -> None:
     with pytest.raises(PalpError, match="named twice"):
-        run("fit", files[1], f"2={files[1]}", "--mvc", files[0], "--fs", RATE_HZ)
+        run("fit-policy", files[1], f"2={files[1]}", "--mvc", files[0], "--fs", RATE_HZ)

@@ -1,8 +1,7 @@
-"""``palp phantom fit``: what simulated sweeps were made with comes back within its intervals."""
+"""What simulated sweeps were made with comes back within its intervals."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -29,7 +28,6 @@ from palp_core.palpation.mechanics.scene.choice import choose_rung, rung_model
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps, read_sweeps
-from palp_core.palpation.session.trials_csv import Row, SessionWriter
 
 RESOLUTION = 1e-3 / 64
 RINGS_M = (0.008, 0.016)
@@ -98,44 +96,6 @@ def test_the_scene_that_is_written_is_read_and_explained(tmp_path: Path) -> None
 def test_bare_gel_alone_does_not_tell_modulus_from_indentation() -> None:
     found = fit_sources([made((0.0,), 4, repeats=2)])[0]
     assert any("cannot be told apart" in w or "hardly determined" in w for w in found.warnings)
-
-
-@pytest.mark.slow
-def test_a_record_is_fitted_from_the_command_line(tmp_path: Path) -> None:
-    session = made((0.002,), 5, repeats=2)
-    keeper = SessionWriter(str(tmp_path / "out"), [0.002])
-    keeper.start()
-    for number, sweep in enumerate(session.sweeps):
-        row = Row(
-            row=number,
-            session="made",
-            phase=sweep.phase,
-            phantom=sweep.phantom,
-            remount=sweep.remount,
-            trial=sweep.trial,
-            depth_m=sweep.depth_m or 0.0,
-            iteration=1,
-            ring_m=sweep.ring_m,
-            true_ring_m=None,
-            peak_n_m=0.0,
-            posterior=[],
-            gain=[],
-            gamma=None,
-            verdict="",
-            estimate_m=None,
-            outlier=False,
-            policy="",
-            seed=0,
-            start_ns=0,
-            end_ns=0,
-        )
-        keeper.append(row, sweep.torque_n_m, sweep.rate_hz)
-    arguments = ["phantom", "fit", str(tmp_path / "out"), "--out", str(tmp_path / "s.yaml"), "--json"]
-    result = CliRunner().invoke(app, arguments, catch_exceptions=False)
-    record = json.loads(result.stdout)
-    assert set(record["parameters"]) >= set(TRUTH)
-    assert any("no bare-gel" in words for words in record["warnings"])
-    assert read_scene(tmp_path / "s.yaml").phantom.modulus_pa > 0.0
 
 
 def bag_of(folder: Path, sweeps: Sequence[RecordedSweep], *, truth: bool) -> Path:

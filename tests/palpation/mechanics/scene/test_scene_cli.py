@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from palp_core.cli.rig import cache, scene, study
+from palp_core.cli.rig import scene, study
 from palp_core.errors import MechanicsError, MethodError, PalpError
 from palp_core.palpation.studies.toolkit.pareto import pareto_front
 
@@ -85,11 +85,11 @@ def test_studies_are_listed_and_an_unknown_one_is_named(tmp_path: Path) -> None:
 
 def test_the_cache_is_described_and_cleared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PALP_CACHE", str(tmp_path / "cache"))
-    told = json.loads(CliRunner().invoke(cache.app, ["info", "--json"]).output)
+    told = json.loads(CliRunner().invoke(scene.app, ["cache", "--json"]).output)
     assert told == {"path": str(tmp_path / "cache"), "entries": 0, "size_bytes": 0}
-    assert "0 set-ups" in CliRunner().invoke(cache.app, ["info"]).output
-    assert json.loads(CliRunner().invoke(cache.app, ["clear", "--json"]).output) == {"removed": 0}
-    assert "0 set-ups removed" in CliRunner().invoke(cache.app, ["clear"]).output
+    assert "0 set-ups" in CliRunner().invoke(scene.app, ["cache"]).output
+    assert json.loads(CliRunner().invoke(scene.app, ["cache", "--clear", "--json"]).output) == {"removed": 0}
+    assert "0 set-ups removed" in CliRunner().invoke(scene.app, ["cache", "--clear"]).output
 
 
 def test_the_cheapest_points_that_nothing_beats_are_the_front() -> None:

@@ -54,7 +54,7 @@ def test_a_depth_that_was_not_learnt_is_named(file: Path) -> None:
         ({"levels": [0.1]}, "levels"),
         ({"chains": [RAGGED | {"matrix": [[1.0], [0.0, 1.0]]}]}, "differ"),
         ({"chains": [RAGGED | {"matrix": [[2.0]]}]}, "stochastic"),
-        ({"levels": "x"}, "palp markov fit"),
+        ({"levels": "x"}, "palp emg fit-policy"),
     ],
 )
 def test_a_damaged_file_says_what_is_wrong_and_where(

@@ -1,4 +1,4 @@
-"""``palp sessions``: every session of a folder in words, and what they say together."""
+"""``palp session list``: every session of a folder in words, and what they say together."""
 
 from __future__ import annotations
 
@@ -310,7 +310,7 @@ def test_simulated_sessions_of_common_seeds_are_compared_within_them(tmp_path: P
 
 
 def run(*arguments: object) -> tuple[int, str]:
-    result = CliRunner().invoke(app, ["sessions", *map(str, arguments)])
+    result = CliRunner().invoke(app, ["session", "list", *map(str, arguments)])
     return result.exit_code, result.output
 
 
@@ -343,7 +343,7 @@ def test_palp_analyse_takes_a_folder_of_sessions(tmp_path: Path) -> None:
     for number in range(3):
         session(tmp_path / "study", f"s{number}", [True] * (3 + number), repeats=4)
     session(tmp_path / "study", "stopped", [True], exit_code=1)
-    result = CliRunner().invoke(app, ["analyse", str(tmp_path / "study"), "--json"])
+    result = CliRunner().invoke(app, ["session", "reanalyse", str(tmp_path / "study"), "--json"])
     assert result.exit_code == 0, result.output
     assert "left out" in result.stderr
     assert [Path(one["path"]).name for one in json.loads(result.stdout)["sessions"]] == ["s0", "s1", "s2"]

@@ -51,7 +51,7 @@ def test_the_readme_shows_the_picture_first_and_the_page_of_results_names_its_co
 def test_it_is_drawn_again_from_what_is_kept(tmp_path: Path, strict_json: Callable[[Path], Any]) -> None:
     strict_json(KEPT / DATA)
     (tmp_path / DATA).write_bytes((KEPT / DATA).read_bytes())
-    done = CliRunner().invoke(app, ["tradeoff", "--signature", "--draw", "--out", str(tmp_path)])
+    done = CliRunner().invoke(app, ["methods", "measure", "--signature", "--draw", "--out", str(tmp_path)])
     assert done.exit_code == 0, done.output
     assert done.stdout == f"{tmp_path / 'signature.png'}\n"
     assert {path.name for path in tmp_path.iterdir()} == {
@@ -112,6 +112,6 @@ def test_what_the_page_of_results_says_beats_the_rings_is_in_the_data() -> None:
 
 
 def test_there_is_nothing_to_draw_where_nothing_was_measured(tmp_path: Path) -> None:
-    done = CliRunner().invoke(app, ["tradeoff", "--draw", "--out", str(tmp_path)])
+    done = CliRunner().invoke(app, ["methods", "measure", "--draw", "--out", str(tmp_path)])
     assert isinstance(done.exception, PalpError)
     assert COMMAND in str(done.exception)

@@ -1,4 +1,4 @@
-"""``palp tradeoff`` as a user calls it: a page of every method, whatever ends it."""
+"""``palp methods measure`` as a user calls it: a page of every method, whatever ends it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ import pytest
 from typer.testing import CliRunner
 
 from palp_core.cli.main import app
-from palp_core.cli.rig.tradeoff import duration_s
+from palp_core.cli.rig.measure import duration_s
 from palp_core.errors import MethodError
 from palp_core.methods import measured, register
 from palp_core.methods.measured import measured_tasks
@@ -83,7 +83,7 @@ def rows(file: Path) -> list[dict[str, str]]:
 def test_the_page_has_front_choice_failure_and_survivor(
     tmp_path: Path, strict_json: Callable[[Path], Any]
 ) -> None:
-    done = CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path), "--budget", "5min"])
+    done = CliRunner().invoke(app, ["methods", "measure", "--out", str(tmp_path), "--budget", "5min"])
     assert done.exit_code == 0, done.output
     head, columns, *printed, page = filter(None, done.stdout.splitlines())
     assert page == str(tmp_path / "index.html")
@@ -151,7 +151,7 @@ def test_a_measure_that_fails_leaves_the_page_what_there_was(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("TOY_TASK", "breaks")
-    done = CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path)])
+    done = CliRunner().invoke(app, ["methods", "measure", "--out", str(tmp_path)])
     assert done.exit_code == 1
     assert "toy: its measure failed: ZeroDivisionError: by nothing" in done.stderr
     assert {row["method"] for row in rows(tmp_path / "tradeoff_toy.csv")} == {"wrong", "quick"}
@@ -178,7 +178,7 @@ def test_a_point_that_is_none_is_said_and_the_others_stay(
         yield toy.point(*given)
 
     monkeypatch.setattr(toy, "measure", measure)
-    done = CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path)], catch_exceptions=False)
+    done = CliRunner().invoke(app, ["methods", "measure", "--out", str(tmp_path)], catch_exceptions=False)
     assert (done.exit_code, f"toy: its measure failed: {words}" in done.stderr) == (1, True)
     assert {row["method"] for row in rows(tmp_path / "tradeoff_toy.csv")} == {"quick"}
 
@@ -224,7 +224,7 @@ def test_a_task_asked_for_that_nothing_loaded_measures_is_named(
 ) -> None:
     lost = EntryPoint("toy", "toy_task:nothing", measured.GROUP)
     monkeypatch.setattr(measured, "entry_points", lambda group: [lost] if group == measured.GROUP else [])
-    done = CliRunner().invoke(app, ["tradeoff", "--task", "toy", "--out", str(tmp_path / "out")])
+    done = CliRunner().invoke(app, ["methods", "measure", "--task", "toy", "--out", str(tmp_path / "out")])
     assert LOST in str(done.exception)
     assert not (tmp_path / "out").exists()
 
@@ -235,7 +235,7 @@ def test_a_measure_that_cannot_be_loaded_leaves_the_others_theirs(
 ) -> None:
     points = [EntryPoint("toy", f"toy_task:{name}", measured.GROUP) for name in ("nothing", "measure")]
     monkeypatch.setattr(measured, "entry_points", lambda group: points if group == measured.GROUP else [])
-    done = CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path)])
+    done = CliRunner().invoke(app, ["methods", "measure", "--out", str(tmp_path)])
     assert done.exit_code == 1
     assert f"left out: {LOST}" in done.output
     assert (tmp_path / "tradeoff_toy.png").exists()
@@ -246,10 +246,10 @@ def test_no_chart_of_an_earlier_survey_stays_beside_a_page_that_has_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     toy = importlib.import_module("toy_task")
-    assert CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path)]).exit_code == 0
+    assert CliRunner().invoke(app, ["methods", "measure", "--out", str(tmp_path)]).exit_code == 0
     assert (tmp_path / "tradeoff_toy.png").exists()
     monkeypatch.setattr(toy, "measure", lambda _: iter(()))
-    assert CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path)]).exit_code == 0
+    assert CliRunner().invoke(app, ["methods", "measure", "--out", str(tmp_path)]).exit_code == 0
     assert {path.name for path in tmp_path.iterdir()} == {"index.html", "tradeoff.json"}
 
 
@@ -260,14 +260,14 @@ def test_where_nothing_can_be_written_is_said_before_anything_is_measured(tmp_pa
         (tmp_path / "file", "is a file, not a folder"),
         (Path("/proc/self"), "cannot be written"),
     ):
-        done = CliRunner().invoke(app, ["tradeoff", "--out", str(out)])
+        done = CliRunner().invoke(app, ["methods", "measure", "--out", str(out)])
         assert words in str(done.exception)
         assert "--out" in str(done.exception)
 
 
 @pytest.mark.usefixtures("toys")
 def test_a_budget_beyond_any_clock_is_one_without_end(tmp_path: Path) -> None:
-    done = CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path), "--budget", "99999999999h"])
+    done = CliRunner().invoke(app, ["methods", "measure", "--out", str(tmp_path), "--budget", "99999999999h"])
     assert done.exit_code == 0, done.output
 
 
@@ -276,7 +276,7 @@ def test_what_never_ends_is_left_at_the_end_of_the_budget(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("TOY_TASK", "waits")
-    done = CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path), "--budget", "0.5s"])
+    done = CliRunner().invoke(app, ["methods", "measure", "--out", str(tmp_path), "--budget", "0.5s"])
     assert done.exit_code == 0, done.output
     assert done.stderr == (
         "time was up, and the page has what there was; left out: toy: not measured to its end\n"
@@ -287,7 +287,7 @@ def test_what_never_ends_is_left_at_the_end_of_the_budget(
 @pytest.mark.slow
 def test_ctrl_c_writes_the_page_and_ends_with_130(tmp_path: Path) -> None:
     with subprocess.Popen(
-        [sys.executable, "-c", AS_A_USER, "tradeoff", "--out", str(tmp_path), "--budget", "1h"],
+        [sys.executable, "-c", AS_A_USER, "methods", "measure", "--out", str(tmp_path), "--budget", "1h"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -316,14 +316,14 @@ def test_ctrl_c_writes_the_page_and_ends_with_130(tmp_path: Path) -> None:
 def test_what_is_not_there_is_named_before_anything_is_written(
     words: list[str], message: str, tmp_path: Path
 ) -> None:
-    done = CliRunner().invoke(app, ["tradeoff", *words, "--out", str(tmp_path / "out")])
+    done = CliRunner().invoke(app, ["methods", "measure", *words, "--out", str(tmp_path / "out")])
     assert message in str(done.exception)
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("text", ["60", "0s", "a while", "-3s", "3 days"])
 def test_a_budget_that_is_no_duration_is_a_usage_error(text: str, tmp_path: Path) -> None:
-    done = CliRunner().invoke(app, ["tradeoff", "--out", str(tmp_path / "out"), f"--budget={text}"])
+    done = CliRunner().invoke(app, ["methods", "measure", "--out", str(tmp_path / "out"), f"--budget={text}"])
     assert done.exit_code == 2
     assert not (tmp_path / "out").exists()
 

@@ -1,4 +1,4 @@
-"""Ways to take the noise off a torque sweep, by the names that ``palp analyse --smoother`` takes.
+"""Ways to take the noise off a torque sweep, by the names that ``palp session reanalyse --smoother`` takes.
 
 The source's is db10 at five levels (:mod:`.wavelet`); the others are what it is to be judged against. Each
 gives every sample from samples at most :attr:`lag` later, so each can run while the sweep is measured; the

@@ -1,4 +1,4 @@
-"""A strategy that was learnt, as a file: what ``palp markov fit`` writes and the Markov policy loads."""
+"""A strategy that was learnt, as a file: what ``palp emg fit-policy`` writes and the Markov policy loads."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -85,7 +85,7 @@ def read_chains(path: str | Path) -> ChainFile:
         raise PerceptionError(f"{path}: cannot read the chain: {why_not(error, path)}") from error
     except msgspec.MsgspecError as error:
         raise PerceptionError(
-            f"{path}: no chain: {error}; `palp markov fit FILE --out DIR` writes one as DIR/chain.json"
+            f"{path}: no chain: {error}; `palp emg fit-policy FILE --out DIR` writes one as DIR/chain.json"
         ) from error
     if not any(chain.depth_m is None for chain in found.chains):
         raise PerceptionError(f"{path}: holds no pooled chain (depth_m null)")

@@ -10,7 +10,7 @@
     OUT/interrupted/1/...                    table and EMG of the trial that was under way at an interruption
     OUT/identity.json                        who it was, in codes; for nobody else to read
 
-``palp markov fit OUT`` learns the subject's chains from what counts.
+``palp emg fit-policy OUT`` learns the subject's chains from what counts.
 """
 
 import contextlib

@@ -1,6 +1,6 @@
 """Which methods a run used and why, what they met and what they cost: from what the run has recorded.
 
-The same list is ``methods`` in ``result.json`` and what ``palp why --json`` prints. Nothing is solved or
+The same list is ``methods`` in ``result.json`` and ``palp methods why --json``. Nothing is solved or
 chosen again: the nodes have said what they use, and the phantom what its sweeps met.
 """
 

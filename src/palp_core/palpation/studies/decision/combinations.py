@@ -1,6 +1,6 @@
 """The study ``decision-limits``: every policy, stop rule and filter together, beside what none can pass.
 
-``palp tradeoff`` charts each task by itself, in a minute; here are combinations over sessions, and limits,
+``palp methods measure`` charts each task by itself; here are combinations over sessions, and limits,
 which are no methods: none of them can be chosen.
 """
 

@@ -1,6 +1,6 @@
 """The study ``features``: how late a sweep's feature is known, and how wrong it is, as a stream and offline.
 
-Error against CPU is what ``palp tradeoff --task smoother`` charts; lag is what is left.
+Error against CPU is what ``palp methods measure --task smoother`` charts; lag is what is left.
 """
 
 from __future__ import annotations

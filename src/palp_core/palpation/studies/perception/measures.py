@@ -1,4 +1,4 @@
-"""What ``palp tradeoff`` measures of the methods of perception: error and CPU in a scene, here and now.
+"""What ``palp methods measure`` measures of the methods of perception: error and CPU in a scene.
 
 The session about the scene is the published one: landings, heights, training, noise. Policies and stop
 rules also say how many seconds of rig a trial takes, as the output ``rig_s``, and which share of decisions is

@@ -35,7 +35,7 @@ from palp_core.palpation.studies.tradeoff.survey import TaskSurvey
 from palp_core.whole_file import write_json
 
 FOLDER = "docs/signature"
-COMMAND = f"palp tradeoff --signature --out {FOLDER}"
+COMMAND = f"palp methods measure --signature --out {FOLDER}"
 DATA = "signature.json"
 TASKS = ("contact", "policy", "stop", "filter")
 """Tasks whose methods the picture was measured with."""

@@ -1,4 +1,4 @@
-"""``palp report``: the report of a stored session, made again from its folder or from a bag of its run."""
+"""``palp session report``: the report of a stored session, from its folder or a bag."""
 
 from pathlib import Path
 from typing import Annotated
@@ -30,9 +30,7 @@ def report(
         typer.Option("--overwrite", help="Of a bag: a session that the folder holds already is replaced."),
     ] = False,
 ) -> None:
-    """Make the report of a stored session, whole or cut short.
-
-    That is result.json, report.html and charts/, from the session's rows and sweeps (human.json and
+    """That is result.json, report.html and charts/, from the session's rows and sweeps (human.json and
     human.html, of a session with a person). Of a bag the rows and sweeps are made first, from what the nodes
     said.
     """

@@ -1,4 +1,4 @@
-"""``palp markov``: the strategy of stiffness levels, learnt from recordings."""
+"""``palp emg fit-policy``: the strategy of stiffness levels, learnt from recordings."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -28,16 +28,8 @@ from palp_core.cli.rig.emg import (
 from palp_core.counted import counted
 from palp_core.palpation.perception.emg.settings import BURSTS, WINDOW_S
 
-app = typer.Typer(help="Strategies of stiffness levels, learnt from EMG.", no_args_is_help=True)
 
-
-@app.callback()
-def _group() -> None:
-    """Strategies of stiffness levels, learnt from EMG."""
-
-
-@app.command("fit")
-def fit(
+def fit_policy(
     files: Annotated[
         list[str],
         typer.Argument(
@@ -73,7 +65,7 @@ def fit(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Learn the chain of co-contraction levels, with intervals; exit status 1 if a trial failed."""
+    """Status 1: a trial failed."""
     import numpy as np
 
     from palp_core.palpation.identification.emg import markov_fit

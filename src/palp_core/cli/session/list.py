@@ -1,4 +1,4 @@
-"""``palp sessions``: what lies in a folder of sessions, and what they say together."""
+"""``palp session list``: the sessions of a folder, one by one and pooled."""
 
 from pathlib import Path
 from typing import Annotated
@@ -9,7 +9,7 @@ from palp_core.cli.options import JsonOption
 from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
 
 
-def sessions(
+def list_sessions(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder with sessions at any depth.")],
     *,
     unfinished: Annotated[
@@ -18,9 +18,7 @@ def sessions(
     out: Annotated[Path | None, typer.Option(help="Folder for page (HTML), tables (CSV) and JSON.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List the sessions below a folder and pool them, with intervals over subjects or sessions.
-
-    Unfinished, running, damaged and empty sessions are listed in words; whole ones are pooled, without
+    """Unfinished, running, damaged and empty sessions are listed in words; whole ones are pooled, without
     excluded trials. Status 1: none counts.
     """
     from palp_core.palpation.session.many.overview import find_sessions

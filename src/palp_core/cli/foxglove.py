@@ -1,4 +1,4 @@
-"""``palp foxglove``."""
+"""``palp bridge foxglove``."""
 
 from typing import Annotated
 
@@ -33,10 +33,8 @@ def foxglove(
     ] = None,
     graph: GraphOption = None,
 ) -> None:
-    """Show a running graph in Foxglove: topics, log, parameters, services.
-
-    It prints the address that Foxglove asks for under "Open connection"; only who has it gets in. Viewers may
-    set parameters and call services; where a node moves something on the wall clock, only with --operate.
+    """It prints the address that Foxglove asks for under "Open connection"; only who has it gets in. Viewers
+    may set parameters and call services; where a node moves something on the wall clock, only with --operate.
     """
     if read_only and operate:
         raise GraphError("give either --read-only or --operate")

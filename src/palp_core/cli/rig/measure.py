@@ -1,4 +1,4 @@
-"""``palp tradeoff``: error against time of every method, for the user's scene on the user's machine."""
+"""``palp methods measure``: error against time of every method, here and now."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def duration_s(text: str) -> float:
     return float(found[1]) * _UNITS[found[2]]
 
 
-def tradeoff(
+def measure(
     scene: Annotated[
         Path | None, typer.Argument(help="Scene file; default: the published rig.", show_default=False)
     ] = None,
@@ -50,10 +50,8 @@ def tradeoff(
         bool, typer.Option("--draw", help="With --signature: draw what was measured again, no more.")
     ] = False,
 ) -> None:
-    """Measure error against time of every method in a scene, and draw one page.
-
-    All tasks in turns, first the first point of each, the cheapest first. When time is up, or on Ctrl-C, the
-    page has what there is.
+    """All tasks in turns, first the first point of each, the cheapest first. When time is up, or on Ctrl-C,
+    the page has what there is.
     """
     from palp_core.methods import left_out
     from palp_core.methods import task as task_of
