@@ -55,13 +55,13 @@ for line in json.loads(sys.argv[1]):
 print(json.dumps(done))
 """
 NEEDS = {
-    "methods": "rig",
+    "methods list": "rig",
     "devices list": "rig",
-    "report x": "rig",
+    "session report x": "rig",
     "emg analyse x.csv": "rig",
     "launch rig:sim.yaml --check": "rig",
     "view x": "view",
-    "foxglove": "foxglove",
+    "bridge foxglove": "foxglove",
 }
 
 

@@ -37,7 +37,7 @@ frames = st.builds(
     topics,
     st.sampled_from(Kind),
     st.integers(0, 2**32 - 1),
-    st.integers(1, 2**64 - 1),
+    st.integers(1, LAST_SEQUENCE),
     st.integers(-(2**63), 2**63 - 1),
     u64,
     st.binary(max_size=40),
@@ -74,7 +74,7 @@ def fits(raw: bytes) -> bool:
     version, kind, sequence = rest[0], rest[1], int.from_bytes(rest[8:16], "little")
     first = 1 if kind == Kind.DATA else 0
     is_text = topic.decode(errors="replace").encode() == topic
-    return version == 2 and kind in list(Kind) and first <= sequence <= 2**53 and is_text
+    return version == 2 and kind in list(Kind) and first <= sequence <= LAST_SEQUENCE and is_text
 
 
 @settings(deadline=None, max_examples=150)
