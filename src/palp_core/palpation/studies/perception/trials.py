@@ -62,7 +62,7 @@ def policy_of(name: str, session: SimulatedSession) -> StiffnessPolicy | None:
     """
     target = find("policy", name).target
     match name:
-        case "emg_driven" | "bitrate":
+        case "emg_driven":
             return None
         case "fixed" | "reposition":
             made = target(max(session.table.gel.rings_m))
