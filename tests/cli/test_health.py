@@ -112,7 +112,6 @@ def read_until(master: int, pattern: str) -> str:
     ("words", "pattern"),
     [
         (("top",), r"NODE.*/source.*/scale.*TOPIC.*NODE.*/source"),
-        (("topic", "plot", "/source/sample", "index"), r"/source/sample.*index.*/source/sample"),
         (("topic", "echo", "/source/sample", "--clear"), r"index: .*index: "),
     ],
 )
@@ -157,7 +156,6 @@ def completed(graph: Talk, *words: str) -> list[str]:
         (("param", "get", "/source", "ra"), ["rate_hz", "rare_hz"]),
         (("service", "call", "/scale/"), ["/scale/weigh"]),
         (("interface", "show", "Se"), ["Seen"]),
-        (("topic", "plot", "/source/sample", "in"), ["index"]),
         (("node", "list", "--graph", "t"), ["talk"]),
         (("lifecycle", "set", "/source", "de"), ["deactivate"]),
     ],
