@@ -128,14 +128,3 @@ def types(ctx: typer.Context, incomplete: str) -> list[str]:
     """Names of the message types of the running graph's topics."""
     graph = _running(ctx)
     return [] if graph is None else _matching(sorted({t.type for t in graph.record.topics}), incomplete)
-
-
-def fields(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Names of the fields of the topic that is already on the line."""
-    graph = _running(ctx)
-    with _quietly():
-        if graph is not None:
-            return _matching(
-                list(graph.topic(str(ctx.params["topic"])).json_schema["properties"]), incomplete
-            )
-    return []

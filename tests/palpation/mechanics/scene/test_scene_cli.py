@@ -1,4 +1,4 @@
-"""``palp scene``, ``palp study`` and ``palp cache`` as a user calls them."""
+"""``palp scene`` and ``palp study`` as a user calls them."""
 
 from __future__ import annotations
 
