@@ -62,10 +62,3 @@ def test_a_promised_key_is_there(talk: Talk, verb: str) -> None:
     assert isinstance(told, list) == is_list
     for entry in told if is_list else [told]:
         assert set(keys) <= set(entry)
-
-
-def test_every_verb_of_the_page_exists(talk: Talk) -> None:
-    table = PAGE.read_text(encoding="utf-8").partition("## ")[0]
-    for group, verbs in re.findall(r"^\| `palp (\w+)` \| `([^`]+)`", table, re.MULTILINE):
-        for verb in verbs.split():
-            assert talk.run(group, verb, "--help").returncode == 0

@@ -1,5 +1,6 @@
 """``palp emg``: recorded EMG to co-contraction, bursts and levels, with what is wrong with it."""
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated
 
@@ -8,7 +9,7 @@ import typer
 from palp_core.cli.lazy import Verb, lazy_app
 from palp_core.cli.options import JsonOption
 from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
-from palp_core.palpation.perception.emg.settings import BURSTS, WINDOW_S, Crosstalk, LevelRule, MvcRule
+from palp_core.palpation.perception.emg.settings import WINDOW_S, BurstSettings, Crosstalk, LevelRule, MvcRule
 
 _HERE = "palp_core.cli.rig"
 
@@ -56,26 +57,38 @@ CrosstalkOption = Annotated[
     Crosstalk,
     typer.Option(help="Take off two muscles what their recordings have in common: a third muscle's."),
 ]
-OnOption = Annotated[float, typer.Option("--on", help="A burst begins so far above rest, of rest to MVC.")]
-OffOption = Annotated[float, typer.Option("--off", help="It ends below that, likewise.")]
-SpreadsOption = Annotated[
-    float, typer.Option("--rest-spreads", help="Both at least so many (off: half) sd of rest above it.")
-]
-GapOption = Annotated[float, typer.Option("--gap-s", help="Shorter gaps, s, are joined.")]
-LeastOption = Annotated[float, typer.Option("--least-s", help="Shorter bursts, s, are dropped.")]
-ValleyOption = Annotated[
-    float, typer.Option("--valley", help="A peak ends below this share of it, rest taken off.")
-]
-TopOption = Annotated[
-    float,
+BurstOption = Annotated[
+    list[str] | None,
     typer.Option(
-        "--top", help="Its level is the crest of a parabola through what is above this share of it."
+        "--burst",
+        metavar="NAME:=VALUE",
+        help="A setting of the burst rule, as in gap_s:=0.1; repeatable.",
+        show_default=False,
     ),
 ]
-ShelfOption = Annotated[
-    float,
-    typer.Option("--shelf-s", help="A level held so long, s, without a rise is a peak, too; 0: it is not."),
-]
+
+
+def burst_settings(words: list[str] | None) -> BurstSettings:
+    """Return the burst rule with the settings given as ``name:=value``.
+
+    Raises:
+        PalpError: There is no such setting, its value is not a number, or out of range.
+    """
+    from palp_core.cli.text.words import assignments
+    from palp_core.errors import PalpError
+    from palp_core.graph.problems import hint
+
+    known = [field.name for field in fields(BurstSettings)]
+    numbers: dict[str, float] = {}
+    for name, text in assignments("--burst", words).items():
+        if name not in known:
+            names = ", ".join(known)
+            raise PalpError(f"--burst {name}: no such setting{hint(name, known)}; there are {names}")
+        try:
+            numbers[name] = float(text)
+        except ValueError:
+            raise PalpError(f"--burst {name}:={text}: write a number") from None
+    return BurstSettings(**numbers)
 
 
 _SHOWN_APART = ("file", "format", "columns", "notes", "problem")
@@ -100,14 +113,7 @@ def analyse(
     mvc_rule: MvcRuleOption = "plateau",
     level_rule: LevelRuleOption = "plateau",
     crosstalk: CrosstalkOption = "keep",
-    on: OnOption = BURSTS.on_share,
-    off: OffOption = BURSTS.off_share,
-    rest_spreads: SpreadsOption = BURSTS.rest_spreads,
-    gap_s: GapOption = BURSTS.gap_s,
-    least_s: LeastOption = BURSTS.least_s,
-    valley: ValleyOption = BURSTS.valley_share,
-    top: TopOption = BURSTS.top_share,
-    shelf_s: ShelfOption = BURSTS.shelf_s,
+    burst: BurstOption = None,
     band_hz: Annotated[tuple[float, float], typer.Option(help="Band-pass.")] = (20.0, 450.0),
     rails: Annotated[
         tuple[float, float] | None, typer.Option(help="The converter's ends, in volts or the file's counts.")
@@ -125,14 +131,13 @@ def analyse(
     from palp_core.palpation.identification.emg.muscles import ImportOptions
     from palp_core.palpation.identification.emg.trial import run_trial, trial_record
     from palp_core.palpation.perception.emg.analysis import EmgSettings
-    from palp_core.palpation.perception.emg.settings import BurstSettings
     from palp_core.palpation.session.human.record import EMG, is_by_hand
 
     settings = EmgSettings(
         low_hz=band_hz[0],
         high_hz=band_hz[1],
         window_s=window_ms / 1e3,
-        bursts=BurstSettings(on, off, rest_spreads, gap_s, least_s, valley, top, shelf_s),
+        bursts=burst_settings(burst),
         mvc_rule=mvc_rule,
         level_rule=level_rule,
         crosstalk=crosstalk,

@@ -8,25 +8,19 @@ import typer
 from palp_core.cli.options import JsonOption
 from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
 from palp_core.cli.rig.emg import (
+    BurstOption,
     CrosstalkOption,
     EdcOption,
     FdsOption,
     FsOption,
-    GapOption,
-    LeastOption,
     LevelRuleOption,
     MvcRuleOption,
-    OffOption,
-    OnOption,
-    ShelfOption,
-    SpreadsOption,
-    TopOption,
     UnitOption,
-    ValleyOption,
     WindowOption,
+    burst_settings,
 )
 from palp_core.counted import counted
-from palp_core.palpation.perception.emg.settings import BURSTS, WINDOW_S
+from palp_core.palpation.perception.emg.settings import WINDOW_S
 
 
 def fit_policy(
@@ -49,14 +43,7 @@ def fit_policy(
     mvc_rule: MvcRuleOption = "plateau",
     level_rule: LevelRuleOption = "plateau",
     crosstalk: CrosstalkOption = "keep",
-    on: OnOption = BURSTS.on_share,
-    off: OffOption = BURSTS.off_share,
-    rest_spreads: SpreadsOption = BURSTS.rest_spreads,
-    gap_s: GapOption = BURSTS.gap_s,
-    least_s: LeastOption = BURSTS.least_s,
-    valley: ValleyOption = BURSTS.valley_share,
-    top: TopOption = BURSTS.top_share,
-    shelf_s: ShelfOption = BURSTS.shelf_s,
+    burst: BurstOption = None,
     prior: Annotated[float, typer.Option(help="Dirichlet pseudo-count of each transition.")] = 0.5,
     mass: Annotated[float, typer.Option(help="Probability inside the intervals.")] = 0.95,
     seed: Annotated[int, typer.Option(help="Of the draws behind the intervals.")] = 1,
@@ -71,11 +58,10 @@ def fit_policy(
     from palp_core.palpation.identification.emg import markov_fit
     from palp_core.palpation.identification.emg.muscles import ImportOptions
     from palp_core.palpation.perception.emg.analysis import EmgSettings
-    from palp_core.palpation.perception.emg.settings import BurstSettings
 
     settings = EmgSettings(
         window_s=window_ms / 1e3,
-        bursts=BurstSettings(on, off, rest_spreads, gap_s, least_s, valley, top, shelf_s),
+        bursts=burst_settings(burst),
         mvc_rule=mvc_rule,
         level_rule=level_rule,
         crosstalk=crosstalk,

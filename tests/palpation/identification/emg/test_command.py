@@ -3,7 +3,6 @@ import functools
 import inspect
 import json
 import shutil
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -410,10 +409,27 @@ def test_rules_of_the_mvc_and_of_levels_are_the_users(recording: tuple[Path, Pat
     assert [one["settings"]["mvc_rule"] for one in found.values()] == list(found)
     peak = json.loads(run(*asked, "--level-rule", "peak").stdout)["peaks"]
     assert [one["strength"] for one in peak] == [one["value"] for one in peak]
-    stricter = json.loads(run(*asked, "--on", 0.4, "--off", 0.3, "--gap-s", 0, "--least-s", 0.3).stdout)
+    rule = ("on_share:=0.4", "off_share:=0.3", "gap_s:=0", "least_s:=0.3")
+    stricter = json.loads(run(*asked, *(word for one in rule for word in ("--burst", one))).stdout)
     assert stricter["burst_count"] > found["plateau"]["burst_count"]
-    with pytest.raises(PalpError, match=r"off at 0\.3 and on at 0\.05"):
-        run(*asked, "--off", 0.3)
+
+
+@pytest.mark.parametrize("verb", ["analyse", "fit-policy"])
+@pytest.mark.parametrize(
+    ("rule", "words"),
+    [
+        ("off_share:=0.3", r"off at 0\.3 and on at 0\.05"),
+        ("gap:=0.1", "--burst gap: no such setting.*gap_s"),
+        ("gap_s:=short", "--burst gap_s:=short: write a number"),
+        ("gap_s:=nan", "gap_s is nan; it must be 0 or more, and finite"),
+        ("gap_s=0.1", "--burst gap_s=0.1: write name:=value"),
+    ],
+)
+def test_a_setting_of_the_burst_rule_that_does_not_fit_is_refused(
+    recording: tuple[Path, Path], verb: str, rule: str, words: str
+) -> None:
+    with pytest.raises(PalpError, match=words):
+        run(verb, recording[0], "--fs", 1500, "--mvc", recording[1], "--burst", rule)
 
 
 def test_node_command_and_strategy_have_one_set_of_defaults() -> None:
@@ -430,8 +446,5 @@ def test_node_command_and_strategy_have_one_set_of_defaults() -> None:
     )
     shared = {one.name: one.default for one in inspect.signature(fit_policy).parameters.values()}
     own = {one.name: one.default for one in inspect.signature(emg.analyse).parameters.values()}
-    names = ("on", "off", "rest_spreads", "gap_s", "least_s", "valley", "top", "shelf_s")
-    for name in ("window_ms", "mvc_rule", "level_rule", "crosstalk", *names):
+    for name in ("window_ms", "mvc_rule", "level_rule", "crosstalk", "burst"):
         assert shared[name] == own[name]
-    bursts = EmgSettings().bursts
-    assert [own[name] for name in names] == [*(getattr(bursts, one.name) for one in fields(bursts))]

@@ -1,4 +1,4 @@
-"""What shapes bursts and levels, told once: the command, the node and ``markov fit`` take these defaults.
+"""What shapes bursts and levels, told once: the command, the node and ``emg fit-policy`` take these defaults.
 
 None of it was published. The reasons are of muscles and of the RMS, none is fitted to a recording.
 """
