@@ -258,8 +258,6 @@ def resolved_yaml(graph: CheckedGraph) -> str:
         tree["blind"] = True
     if (kept := graph.checkpoint) is not None:
         tree["checkpoint"] = {"file": kept.file, "after": kept.after.removeprefix("/"), "nodes": kept.nodes}
-        if kept.nodes:
-            tree["checkpoint"]["nodes"] = kept.nodes
     text: str = yaml.dump(
         tree, Dumper=_Dumper, sort_keys=False, default_flow_style=False, allow_unicode=True, width=110
     )

@@ -401,8 +401,7 @@ class _Reader:
             elif key == "nodes":
                 reader = NodeReader(file, self.files.workspace, self.problems, self.branches)
                 for name, item in self._node_entries(entry.value).items():
-                    if self._is_new(name, item.mark):
-                        self._marks[name] = item.mark
+                    if self._add_name(name, item.mark):
                         node = reader.read(name, item, shared | written)
                         if node is None:
                             self._unread.add(name)
@@ -427,16 +426,16 @@ class _Reader:
         self._unread = unread | {f"{file.namespace}_{name}" for name in self._unread}
         self._nodes, self._marks = outside, marks
         for name, node in inside.items():
-            if self._is_new(names[name], found[name]):
-                self._marks[names[name]] = found[name]
+            if self._add_name(names[name], found[name]):
                 self._nodes[names[name]] = node.renamed(names)
 
-    def _is_new(self, name: str, mark: Mark) -> bool:
-        """Tell whether a node can have a name; report why not."""
+    def _add_name(self, name: str, mark: Mark) -> bool:
+        """Note where a node is named, and report what is wrong with it; return whether it is new."""
         if name in self._marks:
             text = f"node '{name}' is already defined at {self._marks[name]}; rename one of them"
             self.problems.add(mark, text)
             return False
         if mistake := name_mistake(name):
             self.problems.add(mark, mistake)
+        self._marks[name] = mark
         return True

@@ -73,7 +73,6 @@ class ArgumentKeys(Keys):
             "By its value, values of other arguments and of shared parameters of this file. What is given "
             "wins over them.",
             {"swift": {"lift_mm": 6.0}},
-            maps="its choices to values; write {choice: {name: value}}",
         ),
     ] = {}
 
@@ -87,7 +86,6 @@ class IncludeKeys(Keys):
         _key(
             "Values of its arguments, which then are no arguments of this file.",
             {"noise": "$(var noise)"},
-            maps="each argument to its value",
         ),
     ] = {}
     namespace: Annotated[
@@ -209,7 +207,6 @@ class NodeKeys(Keys):
             "Values of its parameters. What is left out is the shared parameter of that name, if there is "
             "one, else the class's default.",
             {"ring_mm": 16.0},
-            maps="each parameter to its value",
             selects=True,
         ),
     ] = {}
@@ -219,7 +216,6 @@ class NodeKeys(Keys):
             "Where each input comes from: `node/port`, or a mapping that also asks for a quality of "
             "service. An argument whose value is empty leaves the input open.",
             {"pose": "stage/pose"},
-            maps="each port to node/port",
             selects=True,
         ),
     ] = {}
@@ -277,7 +273,6 @@ class FileKeys(Keys):
         _key(
             "Arguments by name: `name:=value` on the command line, `$(var name)` in this file.",
             {"trials": {"default": 100}},
-            maps="each name to {default, choices, help}",
         ),
     ] = {}
     shared: Annotated[
@@ -287,7 +282,6 @@ class FileKeys(Keys):
             "node states its own. `shared.NAME:=VALUE` on the command line; in an included file with a "
             "namespace for its nodes only.",
             {"noise": "$(var noise)"},
-            maps="each parameter to its value",
         ),
     ] = {}
     include: Annotated[
@@ -302,7 +296,6 @@ class FileKeys(Keys):
         _key(
             "The nodes by name. `NODE.PARAM:=VALUE` on the command line sets a parameter.",
             {"counter": {"run": "count.py:Counter"}},
-            maps="each node's name to {run, params, inputs, ...}",
         ),
     ] = {}
     report: Annotated[

@@ -224,9 +224,8 @@ class NodeReader:
         others = [choice for name, choice in names.items() if name != present and name in branches]
         self._branches.setdefault(self._file.scope.origins[variable], others)
         if argument.or_class and not is_own and ELSE in branches:
-            TreeReader(self._file.scope, self._problems).evaluate(
-                branches[ELSE]
-            )  # its mistakes are met today
+            # Nothing takes this branch today: its mistakes are reported all the same.
+            TreeReader(self._file.scope, self._problems).evaluate(branches[ELSE])
         picked = branches.get(ELSE if is_own else present)
         if picked is None and not names and present:
             self._problems.add(

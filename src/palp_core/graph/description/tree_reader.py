@@ -12,7 +12,7 @@ import msgspec
 from msgspec import inspect
 
 from palp_core.graph.description.substitution import Scope, evaluate
-from palp_core.graph.description.yaml_tree import UNKNOWN, Entry, Mapping, Scalar, Tree, shortened
+from palp_core.graph.description.yaml_tree import UNKNOWN, Entry, Mapping, Tree, shortened
 from palp_core.graph.problems import Problems, hint, nearest
 
 Struct = TypeVar("Struct", bound=msgspec.Struct)
@@ -102,26 +102,12 @@ class TreeReader:
         if isinstance(kind, inspect.StructType):
             read = self.struct(kind.cls, tree, what)
             return UNKNOWN if read is None else read
-        if isinstance(kind, inspect.DictType):
-            return self._mapping(kind, tree, what, more.get("maps", "each name to its value"))
         value = self.evaluate(tree)
         if value is UNKNOWN or _fits(kind, value):
             return float(value) if isinstance(kind, inspect.FloatType) and value is not UNKNOWN else value
         wanted = _wanted(kind, value, more.get("form", ""))
         self.refuse(tree, f"{what} is '{flat(value)}'; {wanted}")
         return UNKNOWN
-
-    def _mapping(self, kind: inspect.DictType, tree: Tree, what: str, maps: str) -> Any:
-        if isinstance(tree, Scalar) and tree.value is None:
-            return {}
-        if not isinstance(tree, Mapping):
-            self.refuse(tree, f"{what} must map {maps}")
-            return {}
-        read = {
-            name: self.read(kind.value_type, item.value, f"'{name}' in {what}")
-            for name, item in tree.items.items()
-        }
-        return {name: value for name, value in read.items() if value is not UNKNOWN}
 
     def evaluate(self, tree: Tree) -> Any:
         """Return a tree as plain values; UNKNOWN if there is a mistake in it."""
