@@ -295,12 +295,9 @@ class OpensNot(SimTorque):
         warnings.warn("caf\xe9")
         raise RuntimeError("caf\xe9")
 """
-NORAXON, NETFT = (
-    ("noraxon", "host:=127.0.0.1", "port:={port}"),
-    ("netft", "host:=127.0.0.1", "http_port:={port}"),
-)
+NORAXON = ("noraxon", "host:=127.0.0.1", "port:={port}")
 SOCKETCAND = ("ati", "interface:=socketcand", "options:={{host: 127.0.0.1, port: {port}}}")
-SERIAL = ("aerotech", "maestro", "spikershield")
+SERIAL = ("aerotech", "maestro")
 ABSENT = ("pcan", "ixxat", "socketcan", "vector", "canalystii", "gs_usb", "udp_multicast", "caf\xe9")
 
 
@@ -324,10 +321,6 @@ ABSENT = ("pcan", "ixxat", "socketcan", "vector", "canalystii", "gs_usb", "udp_m
                 (page(b'{"headers": [1]}'), NORAXON),
                 (page(b'{"headers": [{"name": "caf\xc3\xa9", "type": "real.emg"}]}'), NORAXON),
                 (b"", ("noraxon", "host:=" + "x" * 70 + ".lab")),
-                (NOISE, NETFT),
-                (page(b"caf\xe9"), NETFT),
-                (page(b"<netft><cfgcpf>0</cfgcpf><cfgcpt>1</cfgcpt></netft>"), NETFT),
-                (b"", ("netft", "host:=" + "x" * 70 + ".lab")),
                 (NOISE, SOCKETCAND),
                 (b"", (*SOCKETCAND, "channel:=caf\xe9")),
                 (NOISE, ("ati", "interface:=slcan", "channel:=socket://127.0.0.1:{port}")),

@@ -174,7 +174,7 @@ def test_a_stage_class_that_says_nothing_of_a_second_link_has_none(monkeypatch: 
 
 
 def test_the_nodes_name_no_maker() -> None:
-    makers = ("aerotech", "maestro", "ati", "netft", "noraxon", "lsl", "spikershield")
+    makers = ("aerotech", "maestro", "ati", "noraxon", "lsl")
     for path in sorted((ROOT / "nodes").glob("*.py")):
         for statement in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(statement, ast.ImportFrom) and statement.module:

@@ -124,8 +124,6 @@ LENIENT = "beat_ms: 5000.0"
 PATIENT: dict[str, dict[str, float]] = {
     "aerotech": {"stale_s": 0.5, "timeout_s": 0.5},
     "ati": {"stale_s": 0.25},
-    "netft": {"stale_s": 0.15},
-    "spikershield": {"stale_s": 0.3},
 }
 WHILE = 10
 NODES = {
@@ -151,7 +149,6 @@ class Watched:
         (folder / "witness.py").write_text(WITNESS, encoding="utf-8")
         options = {**rig.options[device], **PATIENT.get(device, {})}
         rate = f"rate_hz: {options.pop('rate_hz')}, " if "rate_hz" in options else ""
-        rate = "rate_hz: 5000.0, " if device == "spikershield" else rate
         text = f"""
 graph: watched
 clock: wall

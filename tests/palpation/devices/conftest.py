@@ -71,10 +71,8 @@ def patient() -> dict[str, dict[str, Any]]:
         "aerotech": {"stale_s": 30.0, "timeout_s": 30.0},
         "maestro": {"stale_s": 30.0, "timeout_s": 30.0, "stall_s": 30.0},
         "ati": {"stale_s": 10.0, "timeout_s": 30.0, "lost_s": 30.0, "rate_hz": 100.0, "gap_s": 0.03},
-        "netft": {"stale_s": 10.0, "timeout_s": 30.0, "lost_s": 30.0},
         "noraxon": {"stale_s": 30.0, "timeout_s": 30.0},
         "lsl": {"stale_s": 30.0, "find_s": 60.0},
-        "spikershield": {"stale_s": 30.0},
     }
 
 

@@ -121,7 +121,7 @@ def test_the_run_ends_before_its_first_test_where_the_file_is_wrong(
     [
         ("stage: [", "no list of devices"),
         ("gripper: {device: hand}", "no kind of device 'gripper'"),
-        ("torque: {device: nano}", "no device 'nano'; known: ati, netft"),
+        ("torque: {device: nano}", "no device 'nano'; known: ati"),
         ("torque: {device: sim}", "no device 'sim'"),
         ("torque: {device: ati, option: {}}", "unknown field"),
     ],

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
-import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,24 +12,20 @@ import pytest
 
 from palp_core.palpation.devices.emg.emg_source import EmgSourceState
 from palp_core.palpation.devices.emg.noraxon import NoraxonEmg
-from palp_core.palpation.devices.emg.spikershield import SpikerShieldEmg
 from palp_core.palpation.devices.emulator.aerotech import Aerotech
-from palp_core.palpation.devices.emulator.emg import Noraxon, SpikerShield
+from palp_core.palpation.devices.emulator.emg import Noraxon
 from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import Faults
 from palp_core.palpation.devices.emulator.http import Http
 from palp_core.palpation.devices.emulator.maestro import Maestro, MaestroSettings
 from palp_core.palpation.devices.emulator.netcanoem import Netcanoem, SocketCand
-from palp_core.palpation.devices.emulator.netft import NetFt, configuration_page
 from palp_core.palpation.devices.emulator.ports import Speaker, TcpPort
 from palp_core.palpation.devices.emulator.world import World, WorldSettings
-from palp_core.palpation.devices.protocols import EmgSamples
 from palp_core.palpation.devices.ring.maestro_link import MaestroLink
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink, CommandRefused
 from palp_core.palpation.devices.torque.ati import AtiTorque
-from palp_core.palpation.devices.torque.netft import NetFtTorque
 from palp_core.palpation.devices.torque.wrench_state import WrenchState
-from palp_core.palpation.devices.wire import aerotech, maestro, rdt, spikershield
+from palp_core.palpation.devices.wire import aerotech, maestro
 
 S = 1_000_000_000
 AIR = WorldSettings(repeatability_m=0.0, ring_zero_m=0.0)
@@ -352,50 +346,6 @@ def test_the_sensors_driver_does_not_trust_a_bad_sample(
     assert abs(block.torque_n_m[0]) <= 0.120
 
 
-RECORD = bytes.fromhex("0000000100000007 00000000 000F4240 FFD9DA60 00000000 00003D09 FFFFC2F7 00000000")
-
-
-def test_the_network_sensor_speaks_as_the_transcript_does(
-    loop: EmulatorLoop, world: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert rdt.request(rdt.START) == bytes.fromhex("1234000200000000")
-    assert rdt.request(rdt.STOP) == bytes.fromhex("1234000000000000")
-    (record,) = rdt.records(RECORD)
-    assert (record["rdt"], record["ft"], record["status"]) == (1, 7, 0)
-    assert (record["counts"] / 1e6).tolist() == [1.0, -2.5, 0.0, 0.015625, -0.015625, 0.0]
-    truth = np.array([1.0, -2.5, 0.0, 15.625e-6, -15.625e-6, 0.0])
-    monkeypatch.setattr(world, "wrench", lambda now_ns: truth.copy())
-    sensor = NetFt(loop, world, Faults(), 1000.0)
-    assert sensor.record(1, 7, 0) == RECORD
-
-
-def test_the_network_sensors_driver_says_and_understands_the_transcript(loop: EmulatorLoop) -> None:
-    page = listen(loop, lambda: Http(lambda path, _: configuration_page(path), "text/xml"))
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as device:
-        device.bind(("127.0.0.1", 0))
-        device.settimeout(20.0)
-        asked: list[bytes] = []
-
-        def answer() -> None:
-            request, driver = device.recvfrom(64)
-            asked.append(request)
-            device.sendto(RECORD, driver)
-
-        thread = threading.Thread(target=answer)
-        thread.start()
-        sensor = NetFtTorque("127.0.0.1", device.getsockname()[1], page.port, timeout_s=30.0)
-        state, rng = WrenchState(), np.random.default_rng(0)
-        sensor.open(0, state, rng)
-        thread.join()
-        block = sensor.drain(0, state, rng)
-        sensor.close()
-        asked.append(device.recv(64))
-    loop.call(page.unplug)
-    assert asked == [bytes.fromhex("1234000200000000"), bytes.fromhex("1234000000000000")]
-    np.testing.assert_allclose(block.wrench, [[1.0, -2.5, 0.0, 15.625e-6, -15.625e-6, 0.0]])
-    assert not block.faulty.any()
-
-
 HEADERS = {
     "headers": [
         {"name": "FDS", "type": "real.emg", "samplerate": 1500, "units": "uV", "index": 0},
@@ -442,48 +392,3 @@ def test_noraxons_driver_understands_the_transcript(loop: EmulatorLoop) -> None:
     assert asked[:5] == ["/headers", "/disable/all", "/enable/0", "/enable/1", "/samples"]
     np.testing.assert_allclose(block.fds_v, [1.5e-6, -2e-6])
     np.testing.assert_allclose(block.edc_v, [3e-6, 4e-6])
-
-
-FRAME = bytes.fromhex("84 00 04 03")
-
-
-def test_the_spikershield_speaks_as_the_transcript_does(
-    world: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    values, dropped = spikershield.Decoder(2).feed(FRAME)
-    assert (values.tolist(), dropped) == ([[512.0, 515.0]], False)
-    assert spikershield.configuration(10000, 2) == b"conf s:10000;c:2;\n"
-    box = SpikerShield(world)
-    block = EmgSamples(np.array([0]), np.array([0.0]), np.array([3 * 4e-6]))
-    monkeypatch.setattr(box._muscles, "since", lambda now_ns: block)
-    assert box.stream(0) == b"StartUp!\r\n" + FRAME
-
-
-def test_the_spikershields_driver_says_and_understands_the_transcript(loop: EmulatorLoop) -> None:
-    script = Script([(b"conf s:10000;c:2;\n", FRAME * 4)])
-
-    class Booting(Script):
-        def receive(self, data: bytes, now_ns: int) -> bytes:
-            self.ready_ns = now_ns + 2 * S  # the driver throws away what came before its configuration
-            return script.receive(data, now_ns)
-
-    port = listen(loop, lambda: Booting([]))
-    source = SpikerShieldEmg(port.address, verified=("*",))
-    state, rng = EmgSourceState(), np.random.default_rng(0)
-    source.open(0, state, rng)
-    block = source.drain(0, state, rng)
-    while not len(block.times_ns):
-        block = source.drain(0, state, rng)
-    source.close()
-    loop.call(port.unplug)
-    assert (script.wrong, script.part) == ([], [])
-    np.testing.assert_allclose(block.fds_v, 0.0)
-    np.testing.assert_allclose(block.edc_v, 3 * 4e-6)
-
-
-def test_the_spikershields_escape_blocks_are_no_samples() -> None:
-    escape = bytes.fromhex("FFFF010180FF") + b"EVNT:1;" + bytes.fromhex("FFFF010181FF")
-    decoder = spikershield.Decoder(2)
-    values = [decoder.feed(part)[0] for part in (FRAME + escape[:9], escape[9:] + FRAME[:3], FRAME[3:])]
-    assert [len(v) for v in values] == [1, 0, 1]
-    assert decoder.dropped_count == 0

@@ -35,13 +35,11 @@ BACK_ENDS: dict[str, dict[str, str]] = {
     "torque": {
         "sim": "palp_core.palpation.devices.sim.torque:SimTorque",
         "ati": "palp_core.palpation.devices.torque.ati:AtiTorque",
-        "netft": "palp_core.palpation.devices.torque.netft:NetFtTorque",
     },
     "emg": {
         "sim": "palp_core.palpation.devices.sim.emg:SimEmg",
         "noraxon": "palp_core.palpation.devices.emg.noraxon:NoraxonEmg",
         "lsl": "palp_core.palpation.devices.emg.lsl:LslEmg",
-        "spikershield": "palp_core.palpation.devices.emg.spikershield:SpikerShieldEmg",
     },
 }
 """A driver of another maker is one file and one line here; others publish theirs (``palp.devices``)."""

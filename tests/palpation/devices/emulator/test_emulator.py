@@ -157,8 +157,8 @@ def test_the_rigs_process_obeys_and_answers_every_line(quick_rig: Callable[..., 
 def test_an_unknown_device_or_phantom_is_refused_by_name(quick_rig: Callable[..., EmulatedRig]) -> None:
     with pytest.raises(DeviceError, match="no device gripper"):
         EmulatedRig(devices=["gripper"])
-    rig = quick_rig("netft")
+    rig = quick_rig("maestro")
     with pytest.raises(DeviceError, match="no phantom 'Z'"):
         rig.on_world(lambda world, _: world.mount("Z", 0.0))
-    with pytest.raises(DeviceError, match="there are netft"):
+    with pytest.raises(DeviceError, match="there are maestro"):
         rig.fault("ati", "silence")

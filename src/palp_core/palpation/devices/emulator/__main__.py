@@ -46,7 +46,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         prog="python -m palp_core.palpation.devices.emulator", description=__doc__
     )
-    parser.add_argument("--devices", default=",".join(DEVICES[:5]), help="comma-separated")
+    parser.add_argument("--devices", default=",".join(DEVICES[:4]), help="comma-separated")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--phantoms", default="", help="YAML file of phantoms by code")
     parser.add_argument("--stage-serial", action="store_true", help="the stage on a terminal, not on TCP")

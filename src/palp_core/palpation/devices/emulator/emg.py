@@ -1,4 +1,4 @@
-"""EMG amplifiers of the same simulated muscles: Noraxon's pages and a SpikerShield's stream."""
+"""An EMG amplifier of the simulated muscles: Noraxon's pages."""
 
 import json
 import re
@@ -98,34 +98,3 @@ class Noraxon:
             if self._enabled[i]
         ]
         return json.dumps({"channels": channels}).encode("ascii")
-
-
-class SpikerShield:
-    """The box's serial stream: 10-bit samples of both muscles about the middle of the range."""
-
-    def __init__(self, world: World, volt_per_count: float = 4e-6, clock_ppm: float = 0.0) -> None:
-        self._world, self._volt_per_count, self._clock_ppm = world, volt_per_count, clock_ppm
-        self._muscles = Muscles(world, 5000.0, clock_ppm)
-        self._rest = b""
-        self._booted = False
-        self.ready_ns = 0
-
-    def receive(self, data: bytes, now_ns: int) -> bytes:
-        """Take configurations; the rate is shared between the channels."""
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        for line in lines:
-            match = re.fullmatch(rb"conf s:(\d+);c:(\d+);\s*", line)
-            if match and int(match[2]) == 2:
-                self._muscles = Muscles(self._world, int(match[1]) / 2, self._clock_ppm)
-        return b""
-
-    def stream(self, now_ns: int) -> bytes:
-        """Return the samples since the last call, after the greeting."""
-        block = self._muscles.since(now_ns)
-        greeting, self._booted = b"" if self._booted else b"StartUp!\r\n", True
-        counts = np.rint(np.column_stack([block.fds_v, block.edc_v]) / self._volt_per_count) + 512.0
-        values = np.clip(counts, 0, 1023).astype(np.int64)
-        frames = np.empty((len(values), 4), dtype=np.uint8)
-        frames[:, 0::2], frames[:, 1::2] = values >> 7, values & 0x7F
-        frames[:, 0] |= 0x80
-        return greeting + frames.tobytes()

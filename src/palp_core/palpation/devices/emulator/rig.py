@@ -11,28 +11,25 @@ from typing import Any, Protocol, Self
 
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator.aerotech import Aerotech
-from palp_core.palpation.devices.emulator.emg import Noraxon, SpikerShield
+from palp_core.palpation.devices.emulator.emg import Noraxon
 from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import CHECKED_FAULTS, WIRE_FAULTS, Faults
 from palp_core.palpation.devices.emulator.http import Http
 from palp_core.palpation.devices.emulator.lsl import LslOutlet
 from palp_core.palpation.devices.emulator.maestro import Maestro
 from palp_core.palpation.devices.emulator.netcanoem import Netcanoem, SocketCand
-from palp_core.palpation.devices.emulator.netft import NetFt, configuration_page
 from palp_core.palpation.devices.emulator.ports import PtyPort, Speaker, TcpPort
 from palp_core.palpation.devices.emulator.settings import RigSettings
 from palp_core.palpation.devices.emulator.world import World
 from palp_core.palpation.devices.wire import aerotech as aerotech_wire
-from palp_core.palpation.devices.wire import spikershield as spikershield_wire
 from palp_core.user_folders import own_folder
 
-DEVICES = ("aerotech", "maestro", "ati", "netft", "noraxon", "lsl", "spikershield")
+DEVICES = ("aerotech", "maestro", "ati", "noraxon", "lsl")
 _FOR_EVER = 1 << 60
 _DEVICE_FAULTS = {
     "aerotech": ("limit", "e-stop", "stuck"),
     "maestro": (*CHECKED_FAULTS, "stalled"),
     "ati": ("saturated", "status"),
-    "netft": ("saturated", "status"),
 }
 
 
@@ -71,7 +68,7 @@ class EmulatedRig:
         DeviceError: There is no such device.
     """
 
-    def __init__(self, settings: RigSettings | None = None, devices: Iterable[str] = DEVICES[:5]) -> None:
+    def __init__(self, settings: RigSettings | None = None, devices: Iterable[str] = DEVICES[:4]) -> None:
         self.settings = settings or RigSettings()
         self._devices = tuple(devices)
         unknown = set(self._devices) - set(DEVICES)
@@ -239,23 +236,6 @@ class EmulatedRig:
         link = {"host": self._can.host, "port": self._can.port, "tcp_tune": True}
         return {"channel": "can0", "interface": "socketcand", "options": link, "verified": ("*",)}
 
-    def _make_netft(self, faults: Faults) -> list[Plug]:
-        given = self.settings
-        rate_hz, host, clock_ppm = given.netft_rate_hz, given.host, given.clock_ppm
-        self._netft = NetFt(self.loop, self.world, faults, rate_hz, host, clock_ppm)
-        self._netft_page = self._tcp(
-            0, lambda: Http(lambda path, _: configuration_page(path), "text/xml"), Faults()
-        )
-        return [self._netft, self._netft_page]
-
-    def _address_netft(self) -> dict[str, Any]:
-        return {
-            "host": self.settings.host,
-            "port": self._netft.port,
-            "http_port": self._netft_page.port,
-            "rate_hz": self.settings.netft_rate_hz,
-        }
-
     def _make_noraxon(self, faults: Faults) -> list[Plug]:
         amplifier = Noraxon(self.world, self.settings.emg_rate_hz, self.settings.clock_ppm)
         self._noraxon = self._tcp(
@@ -272,13 +252,6 @@ class EmulatedRig:
         self.options["lsl"] = {"stream": name, "rate_hz": self.settings.emg_rate_hz}
         rate_hz, clock_ppm = self.settings.emg_rate_hz, self.settings.clock_ppm
         return [LslOutlet(self.loop, self.world, faults, name, rate_hz, clock_ppm)]
-
-    def _make_spikershield(self, faults: Faults) -> list[Plug]:
-        path = self._folder / "spikershield"
-        self.options["spikershield"] = {"url": str(path), "volt_per_count": 4e-6, "verified": ("*",)}
-        baud = spikershield_wire.BAUD
-        speaker = partial(SpikerShield, self.world, clock_ppm=self.settings.clock_ppm)
-        return [PtyPort(self.loop, path, speaker, faults, baud, streams=True)]
 
     def _inject_fault(self, name: str, value: float) -> None:
         world, now_ns = self.world, self.loop.now_ns()
@@ -308,5 +281,5 @@ class EmulatedRig:
                 axis.estop = axis.stuck = False
         elif device == "maestro":
             self.world.ring_stalled = False
-        elif device in ("ati", "netft"):
+        elif device == "ati":
             self.world.saturated_gauges, self.world.sensor_status = (), 0

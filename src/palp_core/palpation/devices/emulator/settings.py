@@ -18,9 +18,8 @@ class RigSettings:
         stage_always_ends: Whether a bare acknowledgement ends with a line feed.
         maestro_baud: Of the ring's terminal; 0 for no pacing (USB).
         can_bitrate: Of the sensor's bus; 0 for no pacing.
-        netft_rate_hz: Rate of the UDP records.
         emg_rate_hz: Rate of Noraxon and LSL.
-        clock_ppm: How much faster than the host's the clocks of Net F/T and EMG run, in millionths.
+        clock_ppm: How much faster than the host's the clocks of EMG run, in millionths.
         aerotech_port: TCP port; 0 for a free one, as for the next three.
         aerotech_stop_port: The controller's second TCP port, for the safety process.
         can_port: TCP port of socketcand.
@@ -36,7 +35,6 @@ class RigSettings:
     stage_always_ends: bool = True
     maestro_baud: int = 115200
     can_bitrate: int = 500_000
-    netft_rate_hz: float = 1000.0
     emg_rate_hz: float = 1500.0
     clock_ppm: float = 0.0
     aerotech_port: int = 0
