@@ -85,42 +85,34 @@ def a_successor_goes_on_with_the_state(subject: Subject) -> None:
 
 
 @promise("stage")
-def a_stage_sweeps_an_interval_at_the_times_it_says(subject: Subject) -> None:
+def a_stage_sweeps_an_interval_both_ways_at_the_times_it_says(subject: Subject) -> None:
     """Within 1 mm along y, which is what a busy machine takes, and 0.1 mm in height."""
     stage = subject.open()
-    subject.reach(stage.return_to(stage.sweep_start(-0.002, 0.002), subject.now(), subject.state))
-    subject.rest()
-    times = stage.sweep(-0.002, 0.002, subject.now(), subject.state)
-    must(times.enter_ns < times.leave_ns < times.end_ns, f"its times are not in order: {times}")
-    subject.reach(times.end_ns)
-    subject.rest()
-    place = stage.read(np.array([times.enter_ns, times.leave_ns]), subject.state)
-    _near(place.y_m, [-0.002, 0.002], 1e-3, "y at the times it said, m")
-    _near(place.z_m, [0.0, 0.0], 1e-4, "z in the sweep, m")
-
-
-@promise("stage")
-def a_stage_sweeps_back_at_another_speed_and_height_where_it_is_asked_to(subject: Subject) -> None:
-    """At 10 mm/s, 1 mm above where it sweeps else."""
-    stage = subject.open()
-    how = {"speed_m_per_s": 0.010}
-    start_m = stage.sweep_start(0.002, -0.002, **how)
-    must(start_m > 0.002, f"a sweep from 2 mm down begins at {start_m} m: before the interval, not within")
-    subject.reach(stage.return_to(start_m, subject.now(), subject.state, height_m=0.001))
-    subject.rest()
-    times = stage.sweep(0.002, -0.002, subject.now(), subject.state, **how, height_m=0.001)
-    _near((times.leave_ns - times.enter_ns) * 1e-9, 0.4, 0.004, "seconds over 4 mm at 10 mm/s")
-    subject.reach(times.end_ns)
-    subject.rest()
-    place = stage.read(np.array([times.enter_ns, times.leave_ns]), subject.state)
-    _near(place.y_m, [0.002, -0.002], 1e-3, "y at the times it said, m")
-    _near(place.z_m, [0.001, 0.001], 1e-4, "z in the sweep, m")
+    for from_m, to_m in ((-0.002, 0.002), (0.002, -0.002)):
+        start_m = stage.sweep_start(from_m, to_m)
+        must(
+            (from_m - start_m) * (to_m - from_m) > 0.0,
+            f"a sweep from {from_m} to {to_m} m begins at {start_m} m, not before the interval",
+        )
+        subject.reach(stage.return_to(start_m, subject.now(), subject.state))
+        subject.rest()
+        times = stage.sweep(from_m, to_m, subject.now(), subject.state)
+        must(times.enter_ns < times.leave_ns < times.end_ns, f"its times are not in order: {times}")
+        subject.reach(times.end_ns)
+        subject.rest()
+        place = stage.read(np.array([times.enter_ns, times.leave_ns]), subject.state)
+        _near(place.y_m, [from_m, to_m], 1e-3, "y at the times it said, m")
+        _near(place.z_m, [0.0, 0.0], 1e-4, "z in the sweep, m")
 
 
 @promise("stage")
 def a_stage_says_where_it_is_and_raises_the_probe(subject: Subject) -> None:
-    """Its feedback is where it was sent, and a retreat leaves y as it is."""
+    """Its feedback is where it was sent, at the height it was sent to; a retreat leaves y as it is."""
     stage = subject.open()
+    subject.reach(stage.return_to(-0.001, subject.now(), subject.state, height_m=stage.lift_m))
+    subject.rest()
+    above = stage.feedback(subject.now(), subject.state)
+    _near((above.y_m, above.z_m), (-0.001, stage.lift_m), 1e-4, "where it is, raised, m")
     subject.reach(stage.return_to(0.001, subject.now(), subject.state))
     subject.rest()
     low = stage.feedback(subject.now(), subject.state)
