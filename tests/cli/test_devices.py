@@ -56,7 +56,7 @@ def words(rig: EmulatedRig, device: str) -> list[str]:
 
 def test_list_prints_every_device_that_has_a_driver() -> None:
     lines = runner.invoke(app, ["list"]).output.splitlines()
-    assert [line.split()[0] for line in lines] == ["aerotech", "maestro", "ati", "noraxon", "lsl"]
+    assert [line.split()[0] for line in lines] == ["aerotech", "maestro", "ati", "lsl", "noraxon"]
 
 
 def test_list_tells_machines_the_options() -> None:

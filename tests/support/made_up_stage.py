@@ -1,4 +1,4 @@
-"""A stage of another maker: a driver is one file, such as this, and one line of the registry."""
+"""A stage of another maker: a driver is one file, such as this."""
 
 from __future__ import annotations
 

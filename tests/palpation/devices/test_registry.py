@@ -95,7 +95,7 @@ def test_an_unknown_name_or_option_lists_what_there_is(
 
 def test_mistakes_are_told_by_the_nodes_parameter_without_opening_a_device() -> None:
     assert device_mistakes("torque", "nano71", {}) == {
-        "device": "no torque device 'nano71'; known: ati, sim, or give package.module:Class or FILE.py:Class"
+        "device": "no torque device 'nano71'; known: ati, sim, or give package.module:Class"
     }
     assert list(device_mistakes("ring", "maestro", {"url": "x", "speed_m_per_s": 1.0})) == ["options"]
     assert device_mistakes("stage", "aerotech", {"url": "socket://127.0.0.1:1"}) == {}

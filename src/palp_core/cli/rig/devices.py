@@ -15,11 +15,14 @@ app = typer.Typer()
 
 RAISED_M = 0.020  # where an emulated rig begins: a sensor is tared while the probe hangs free
 KINDS = ("stage", "ring", "torque", "emg")
+MOVES = {
+    "stage": "the stage moves up to 20 mm to either side of y = 0, and raises and lowers the probe",
+    "ring": "the ring moves up to 10 mm",
+}
+"""What the contract of a kind moves, in words."""
 DeviceArgument = Annotated[
     str,
-    typer.Argument(
-        metavar="DEVICE", help="Its name, as list prints it, or a driver: MODULE:CLASS, FILE.py:CLASS."
-    ),
+    typer.Argument(metavar="DEVICE", help="Its name, as list prints it, or a driver: MODULE:CLASS."),
 ]
 OptionsArgument = Annotated[
     list[str] | None,
@@ -44,7 +47,7 @@ def list_devices(
     """List the devices that have a driver, with its options."""
     from palp_core.cli.rig.device_catalogue import device_entries
 
-    found = device_entries([_with_path(driver) for driver in drivers or ()])
+    found = device_entries([_from_workspace(driver) for driver in drivers or ()])
     if as_json:
         print_json([{"kind": d.kind, "device": d.name, "options": d.options, "link": d.link} for d in found])
         return
@@ -69,7 +72,7 @@ def probe(
     """
     from palp_core.cli.rig.device_discovery import discover, unverified
 
-    device, given = _with_path(device), _options(options)
+    device, given = _from_workspace(device), _options(options)
     try:
         with until_ctrl_c():
             found = discover(device, given, patience)
@@ -135,7 +138,7 @@ def monitor(
     """Show a sensor's rate, gaps, drift, mean and spread."""
     from palp_core.cli.rig.device_discovery import unverified, watch
 
-    device, given, said = _with_path(device), _options(options), False
+    device, given, said = _from_workspace(device), _options(options), False
     with until_ctrl_c():
         for row in watch(device, given, seconds, every, patience):
             if not said:
@@ -167,10 +170,11 @@ def contract(
 
     Status 1: it breaks a promise.
     """
-    from palp_core.palpation.devices.contract.run import MOVES, check_driver
+    from palp_core.cli.rig.device_discovery import why_broken
+    from palp_core.palpation.devices.contract import Subject, promises_of
     from palp_core.palpation.devices.registry import kind_of
 
-    device, given = _with_path(device), _options(options)
+    device, given = _from_workspace(device), _options(options)
     kind = kind_of(device)
     if kind in MOVES and not (moves or simulated):
         raise DeviceError(
@@ -178,25 +182,21 @@ def contract(
         )
     broken = []
     with until_ctrl_c():
-        for one in check_driver(kind, device, given, simulated=simulated, patience_s=patience):
-            broken += [one] if one.broken else []
+        for promise in promises_of(kind):
+            why = why_broken(promise, Subject(kind, device, given, simulated, patience))
+            broken += [promise] if why else []
             if as_json:
-                print_json({"promise": one.promise.text, "kept": not one.broken, "text": one.broken})
+                print_json({"promise": str(promise), "kept": not why, "text": why})
             else:
-                print_text(f"{'BROKEN' if one.broken else 'kept  '}  {one.promise.text}")
-                if one.broken:
-                    print_text(f"        {one.broken}")
+                print_text(f"BROKEN  {promise}\n        {why}" if why else f"kept    {promise}")
             sys.stdout.flush()
     if broken:
         sys.exit(1)
 
 
-def _with_path(device: str) -> str:
-    """Return a driver with its file's whole path; a module is looked for in the workspace one is in."""
-    module, _, name = device.rpartition(":")
-    if module.endswith(".py"):
-        return f"{Path(module).resolve()}:{name}"
-    if module:
+def _from_workspace(device: str) -> str:
+    """Return a driver, a module of which is looked for in the workspace one is in."""
+    if ":" in device:
         from palp_core.graph.description.launch_file import find_workspace
         from palp_core.graph.node.loading import enter_workspace
 
