@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import socket
 import sys
+import threading
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +19,6 @@ from palp_core.cli.rig import device_discovery
 from palp_core.cli.rig.devices import app
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator import EmulatedRig
-from palp_core.palpation.devices.emulator.faults import Faults
-from palp_core.palpation.devices.emulator.ports import PtyPort
 from palp_core.palpation.devices.link.serial_link import SerialLink
 from palp_core.palpation.devices.protocols import TorqueSamples
 from tests.support import made_up_stage
@@ -38,16 +39,22 @@ def rig() -> Iterator[EmulatedRig]:
         yield started
 
 
-class Chattering:
-    """A device that sends bytes unasked, whenever its port is ready for more."""
+@contextmanager
+def chattering() -> Iterator[str]:
+    """Give the address of a port that sends bytes without end to who connects, as fast as a serial line."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
 
-    ready_ns = 0
+        def chatter() -> None:
+            client, _ = server.accept()
+            pause = threading.Event()
+            with client, suppress(OSError):  # it has gone
+                while not pause.wait(0.001):
+                    client.sendall(bytes(20))
 
-    def receive(self, data: bytes, now_ns: int) -> bytes:
-        return b""
-
-    def stream(self, now_ns: int) -> bytes:
-        return bytes(20)
+        thread = threading.Thread(target=chatter, daemon=True)
+        thread.start()
+        yield f"socket://127.0.0.1:{server.getsockname()[1]}"
+        thread.join()
 
 
 def words(rig: EmulatedRig, device: str) -> list[str]:
@@ -74,7 +81,7 @@ def test_probe_finds_what_is_there(rig: EmulatedRig, device: str) -> None:
 
 def test_probe_moves_and_enables_nothing(rig: EmulatedRig) -> None:
     runner.invoke(app, ["probe", "aerotech", *words(rig, "aerotech")])
-    lines = {line for _, _, line in rig.on_world(lambda world, _: list(world.log))}
+    lines = {line for _, _, line in rig.call(lambda _: list(rig.axes.log))}
     assert lines <= {"NONE"}
 
 
@@ -177,15 +184,9 @@ def test_a_device_that_makes_no_sense_is_a_clear_error(rig: EmulatedRig, device:
 
 
 @pytest.mark.parametrize("device", ["aerotech", "maestro"])
-def test_a_port_of_another_device_that_never_falls_silent_is_an_error(
-    rig: EmulatedRig, device: str, tmp_path: Path
-) -> None:
-    port = PtyPort(rig.loop, tmp_path / "tty", Chattering, Faults(), 0, streams=True)
-    rig.loop.call(port.plug)
-    try:
-        done = runner.invoke(app, ["probe", device, f"url:={port.address}"])
-    finally:
-        rig.loop.call(port.unplug)
+def test_a_port_of_another_device_that_never_falls_silent_is_an_error(device: str) -> None:
+    with chattering() as url:
+        done = runner.invoke(app, ["probe", device, f"url:={url}"])
     assert done.exit_code == 1, done.output
     assert isinstance(done.exception, SystemExit)
 

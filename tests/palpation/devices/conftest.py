@@ -12,13 +12,11 @@ import pytest
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
 from palp_core.palpation.devices.emulator.axis import AxisSettings
-from palp_core.palpation.devices.emulator.world import WorldSettings
 from tests.support.hardware import HARDWARE, Hardware, read_hardware
 
 QUICK = RigSettings(
-    world=WorldSettings(
-        y_axis=AxisSettings(home_s=0.02), z_axis=AxisSettings(soft_low_m=-0.001, home_s=0.02)
-    ),
+    y_axis=AxisSettings(home_s=0.02),
+    z_axis=AxisSettings(soft_low_m=-0.001, home_s=0.02),
     stage_baud=0,
     maestro_baud=0,
 )

@@ -54,7 +54,7 @@ def test_the_contract_holds_for_the_devices_of_a_file(
         for promise in promises_of(kind):
             if not any(word in str(promise) for word in without):
                 promise(Subject(kind, entry.device, entry.options, patience_s=120.0))
-    y_m = rig.on_world(lambda world, _: [line for _, _, line in world.log if line.startswith("MOVEABS X")])
+    y_m = rig.call(lambda _: [line for _, _, line in rig.axes.log if line.startswith("MOVEABS X")])
     assert y_m  # the stage has moved, and nowhere beyond what the file allows
     assert all(-25.0 <= float(line.split()[2]) <= 25.0 for line in y_m)
 

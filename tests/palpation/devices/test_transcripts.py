@@ -13,22 +13,24 @@ import pytest
 from palp_core.palpation.devices.emg.emg_source import EmgSourceState
 from palp_core.palpation.devices.emg.noraxon import NoraxonEmg
 from palp_core.palpation.devices.emulator.aerotech import Aerotech
+from palp_core.palpation.devices.emulator.axis import Axes, Axis, AxisSettings
 from palp_core.palpation.devices.emulator.emg import Noraxon
 from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import Faults
 from palp_core.palpation.devices.emulator.http import Http
 from palp_core.palpation.devices.emulator.maestro import Maestro, MaestroSettings
 from palp_core.palpation.devices.emulator.netcanoem import Netcanoem, SocketCand
-from palp_core.palpation.devices.emulator.ports import Speaker, TcpPort
-from palp_core.palpation.devices.emulator.world import World, WorldSettings
+from palp_core.palpation.devices.emulator.ports import DeviceSide, TcpPort
+from palp_core.palpation.devices.emulator.rod import Rod
 from palp_core.palpation.devices.ring.maestro_link import MaestroLink
+from palp_core.palpation.devices.sim.ring import SimRing
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink, CommandRefused
 from palp_core.palpation.devices.torque.ati import AtiTorque
 from palp_core.palpation.devices.torque.wrench_state import WrenchState
 from palp_core.palpation.devices.wire import aerotech, maestro
 
 S = 1_000_000_000
-AIR = WorldSettings(repeatability_m=0.0, ring_zero_m=0.0)
+UNLOADED = [0.0] * 6
 
 
 @dataclass
@@ -36,12 +38,10 @@ class Script:
     """A device that knows its part by heart, and refuses any other cue."""
 
     part: list[tuple[bytes, bytes]]
+    greeting: bytes = b""
     ready_ns: int = 0
     heard: list[bytes] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
-
-    def stream(self, now_ns: int) -> bytes:
-        return b""
 
     def receive(self, data: bytes, now_ns: int) -> bytes:
         reply = b""
@@ -69,13 +69,16 @@ def loop() -> Iterator[EmulatorLoop]:
 
 
 @pytest.fixture
-def world() -> Iterator[World]:
-    world = World(AIR)
-    yield world
-    world.close()
+def axes() -> Axes:
+    return Axes(Axis(AxisSettings()), Axis(AxisSettings(soft_low_m=-0.001)))
 
 
-def listen(loop: EmulatorLoop, make: Callable[[], Speaker]) -> TcpPort:
+@pytest.fixture
+def rod() -> Rod:
+    return Rod(SimRing(repeatability_m=0.0), seed=1)
+
+
+def listen(loop: EmulatorLoop, make: Callable[[], DeviceSide]) -> TcpPort:
     port = TcpPort(loop, 0, make, Faults())
     loop.call(port.plug)
     return port
@@ -107,8 +110,8 @@ E_STOP = [
 ]
 
 
-def test_the_stages_emulator_answers_the_transcript(world: World) -> None:
-    controller = Aerotech(world)
+def test_the_stages_emulator_answers_the_transcript(axes: Axes) -> None:
+    controller = Aerotech(axes)
     assert controller.receive(b"NONE\n", 0) == b"!\n"
     for at_s, sent, answer, _, _ in STAGE:
         assert controller.receive(sent, round(at_s * S)) == answer, sent
@@ -117,8 +120,8 @@ def test_the_stages_emulator_answers_the_transcript(world: World) -> None:
     assert controller.receive(b"FAULTACK X\nENABLE X\n", 5 * S) == b"%\n%\n"
 
 
-def test_the_stages_emulator_tells_an_emergency_stop_as_the_transcript_does(world: World) -> None:
-    controller, axis = Aerotech(world), world.axes["y"]
+def test_the_stages_emulator_tells_an_emergency_stop_as_the_transcript_does(axes: Axes) -> None:
+    controller, axis = Aerotech(axes), axes.y
     controller.receive(b"ENABLE X\nHOMEASYNC X\nAXISSTATUS(X)\n", 0)
     controller.receive(b"AXISSTATUS(X)\n", 5 * S)
     axis.estop = True
@@ -131,8 +134,8 @@ def test_the_stages_emulator_tells_an_emergency_stop_as_the_transcript_does(worl
     assert controller.receive(b"ENABLE X\n", 7 * S) == b"%\n"
 
 
-def test_an_emulator_set_to_accept_and_fault_accepts_and_faults(world: World) -> None:
-    controller = Aerotech(world, refuses_beyond=False)
+def test_an_emulator_set_to_accept_and_fault_accepts_and_faults(axes: Axes) -> None:
+    controller = Aerotech(axes, refuses_beyond=False)
     controller.receive(b"ENABLE X\n", 0)
     assert controller.receive(b"MOVEABS X 99.000 XF 20\n", 0) == b"%\n"
     assert controller.receive(b"AXISFAULT(X)\n", 0) == b"%16\n"
@@ -171,14 +174,14 @@ def test_the_stages_driver_understands_limits_and_the_emergency_stop(loop: Emula
     assert (script.wrong, script.part) == ([], [])
 
 
-def test_a_bare_acknowledgement_is_one_byte_when_ends_are_off(world: World) -> None:
-    controller = Aerotech(world, always_end=False)
+def test_a_bare_acknowledgement_is_one_byte_when_ends_are_off(axes: Axes) -> None:
+    controller = Aerotech(axes, always_end=False)
     assert controller.receive(bytes.fromhex("454E41424C452040300A"), 0) == bytes.fromhex("25")
-    world.axes["y"].home(0)
+    axes.y.home(0)
     controller.receive(b"AXISSTATUS(X)\nMOVEABS X 10.000 XF 20.000\n", S)
     at_ns = S + round(0.2208 * S)
     assert controller.receive(bytes.fromhex("50464B50"), at_ns) == b""  # half a question
-    assert Aerotech(world).receive(bytes.fromhex("5046424B50524F472858290A"), at_ns) == bytes.fromhex(
+    assert Aerotech(axes).receive(bytes.fromhex("5046424B50524F472858290A"), at_ns) == bytes.fromhex(
         "25342E3231360A"
     )
 
@@ -215,8 +218,8 @@ def sent_bytes(message: str, check: str, crc: bool) -> bytes:
 
 
 @pytest.mark.parametrize("crc", [True, False])
-def test_the_rings_emulator_answers_the_transcript(world: World, crc: bool) -> None:
-    controller = Maestro(world, MaestroSettings(crc=crc))
+def test_the_rings_emulator_answers_the_transcript(rod: Rod, crc: bool) -> None:
+    controller = Maestro(rod, MaestroSettings(crc=crc))
     for at_s, message, check, answer, _, _ in RING:
         reply = controller.receive(sent_bytes(message, check, crc), round(at_s * S))
         assert reply == bytes.fromhex(answer), (at_s, message)
@@ -234,14 +237,14 @@ def test_the_rings_driver_says_and_understands_the_transcript(loop: EmulatorLoop
     assert (script.wrong, script.part) == ([], [])
 
 
-def test_the_pololu_form_means_the_same_as_the_compact_one(world: World) -> None:
-    controller = Maestro(world, MaestroSettings())
+def test_the_pololu_form_means_the_same_as_the_compact_one(rod: Rod) -> None:
+    controller = Maestro(rod, MaestroSettings())
     assert controller.receive(bytes.fromhex("AA 0C 04 00 20 29 6F"), 0) == b""
     assert controller.receive(bytes.fromhex("90 00 65"), S) == bytes.fromhex("A0 14")
 
 
-def test_a_wrong_check_byte_moves_nothing_and_is_told_once(world: World) -> None:
-    controller = Maestro(world, MaestroSettings())
+def test_a_wrong_check_byte_moves_nothing_and_is_told_once(rod: Rod) -> None:
+    controller = Maestro(rod, MaestroSettings())
     before = controller.receive(bytes.fromhex("90 00 65"), 0)
     controller.receive(bytes.fromhex("84 00 20 29 00"), 0)
     assert controller.receive(bytes.fromhex("90 00 65"), 9 * S) == before
@@ -249,11 +252,10 @@ def test_a_wrong_check_byte_moves_nothing_and_is_told_once(world: World) -> None
     assert controller.receive(bytes.fromhex("A1 1B"), 9 * S) == bytes.fromhex("00 00")
 
 
-def test_a_silent_host_stops_the_ring_and_is_told(world: World) -> None:
-    controller = Maestro(world, MaestroSettings(timeout_s=0.5))
+def test_a_silent_host_stops_the_ring_and_is_told(rod: Rod) -> None:
+    controller = Maestro(rod, MaestroSettings(timeout_s=0.5))
     controller.receive(bytes.fromhex("87 00 01 00") + bytes([maestro.crc7(bytes.fromhex("87000100"))]), 0)
     controller.receive(bytes.fromhex("84 00 40 3E 35"), 0)
-    controller.stream(S)
     assert controller.receive(bytes.fromhex("A1 1B"), S) == bytes.fromhex("20 00")
     at_us = int.from_bytes(controller.receive(bytes.fromhex("90 00 65"), 9 * S), "little") / 4
     assert at_us == pytest.approx(1000.0 + 25.0, abs=1.0)  # where it was after a second at 25 us/s
@@ -279,20 +281,20 @@ def frame(text: str) -> tuple[int, bytes]:
     return int(identifier, 16), bytes.fromhex(data)
 
 
-def test_the_sensors_emulator_answers_the_transcript(world: World) -> None:
-    sensor = Netcanoem(world, gauges=GAUGES)
+def test_the_sensors_emulator_answers_the_transcript() -> None:
+    sensor = Netcanoem(lambda _: UNLOADED, gauges=GAUGES)
     for request, answers in SENSOR.items():
         assert sensor.answer(*frame(request), 0) == [frame(answer) for answer in answers], request
-    world.sensor_status = 0x8020
+    sensor.status = 0x8020
     assert sensor.answer(0x200, b"", 0) == [frame(answer) for answer in SUPPLY_LOW]
-    world.sensor_status, world.saturated_gauges = 0, (0,)
+    sensor.status, sensor.saturated = 0, (0,)
     assert sensor.answer(0x200, b"", 0) == [frame(answer) for answer in SATURATED]
     assert sensor.answer(0x300, b"", 0) == []
 
 
-def test_socketcand_speaks_as_the_transcript_does(world: World) -> None:
-    server = SocketCand(Netcanoem(world, gauges=GAUGES), 500_000)
-    assert server.stream(0) == b"< hi >"
+def test_socketcand_speaks_as_the_transcript_does() -> None:
+    server = SocketCand(Netcanoem(lambda _: UNLOADED, gauges=GAUGES), 500_000)
+    assert server.greeting == b"< hi >"
     assert server.receive(b"< open can0 >", 0) == b"< ok >"
     assert server.receive(b"< rawmode >", 0) == b"< ok >"
     reply = server.receive(b"< send 200 0  >", 1_234_567_000)
@@ -303,8 +305,8 @@ def test_socketcand_speaks_as_the_transcript_does(world: World) -> None:
 class KnownSensor(Netcanoem):
     """A sensor that answers from the table, and from its own matrix where the table is silent."""
 
-    def __init__(self, world: World, sample: list[str]) -> None:
-        super().__init__(world, gauges=GAUGES)
+    def __init__(self, sample: list[str]) -> None:
+        super().__init__(lambda _: UNLOADED, gauges=GAUGES)
         self._table: dict[tuple[int, bytes], list[str]] = {frame(r): a for r, a in SENSOR.items()}
         self._table[frame("200#")] = sample
 
@@ -313,8 +315,8 @@ class KnownSensor(Netcanoem):
         return [frame(a) for a in known] if known else super().answer(identifier, data, now_ns)
 
 
-def first_sample(loop: EmulatorLoop, world: World, sample: list[str]) -> Any:
-    port = listen(loop, lambda: SocketCand(KnownSensor(world, sample), 0))
+def first_sample(loop: EmulatorLoop, sample: list[str]) -> Any:
+    port = listen(loop, lambda: SocketCand(KnownSensor(sample), 0))
     link = {"host": port.host, "port": port.port, "tcp_tune": True}
     sensor = AtiTorque(interface="socketcand", options=link, rate_hz=100.0, timeout_s=30.0, verified=("*",))
     state, rng = WrenchState(), np.random.default_rng(0)
@@ -329,8 +331,8 @@ def first_sample(loop: EmulatorLoop, world: World, sample: list[str]) -> Any:
         loop.call(port.unplug)
 
 
-def test_the_sensors_driver_makes_forces_of_the_transcript(loop: EmulatorLoop, world: World) -> None:
-    block = first_sample(loop, world, SENSOR["200#"])
+def test_the_sensors_driver_makes_forces_of_the_transcript(loop: EmulatorLoop) -> None:
+    block = first_sample(loop, SENSOR["200#"])
     np.testing.assert_allclose(block.wrench[0], WRENCH, atol=1e-6)
     assert block.torque_n_m[0] == pytest.approx(WRENCH[3], abs=1e-9)
     assert not block.faulty[0]
@@ -338,9 +340,9 @@ def test_the_sensors_driver_makes_forces_of_the_transcript(loop: EmulatorLoop, w
 
 @pytest.mark.parametrize(("sample", "saturated"), [(SUPPLY_LOW, 0), (SATURATED, 1)])
 def test_the_sensors_driver_does_not_trust_a_bad_sample(
-    loop: EmulatorLoop, world: World, sample: list[str], saturated: int
+    loop: EmulatorLoop, sample: list[str], saturated: int
 ) -> None:
-    block = first_sample(loop, world, sample)
+    block = first_sample(loop, sample)
     assert bool(block.faulty[0])
     assert min(block.saturated_count, 1) == saturated
     assert abs(block.torque_n_m[0]) <= 0.120
@@ -354,8 +356,8 @@ HEADERS = {
 }
 
 
-def test_noraxons_emulator_answers_the_transcript(world: World) -> None:
-    amplifier = Noraxon(world)
+def test_noraxons_emulator_answers_the_transcript() -> None:
+    amplifier = Noraxon()
     assert json.loads(amplifier.page("/headers", 0) or b"") == HEADERS
     for path in ("/disable/all", "/enable/0", "/enable/1"):
         assert amplifier.page(path, 0) == b""

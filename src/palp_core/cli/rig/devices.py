@@ -110,11 +110,11 @@ def emulate(
     from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
     from palp_core.palpation.devices.emulator.__main__ import serve
     from palp_core.palpation.devices.emulator.axis import AxisSettings
-    from palp_core.palpation.devices.emulator.world import WorldSettings
+    from palp_core.palpation.devices.emulator.contact import ContactSettings
 
     raised = AxisSettings(soft_low_m=-0.001, home_m=RAISED_M)
-    world = WorldSettings(seed=seed, phantoms="" if phantoms is None else str(phantoms), z_axis=raised)
-    settings = RigSettings(world=world, host=host)
+    contact = ContactSettings(phantoms="" if phantoms is None else str(phantoms))
+    settings = RigSettings(contact=contact, z_axis=raised, seed=seed, host=host)
     rig = EmulatedRig(settings, devices) if devices else EmulatedRig(settings)
     with until_ctrl_c(), rig:
         for name, options in rig.options.items():

@@ -206,7 +206,7 @@ def test_a_stages_fault_has_a_name_stops_it_and_ends_by_the_documented_step(
         wait.until(lambda: stage.health(now()).ok and not stage.feedback(now(), state).moving)
         stage.return_to(-0.01, now(), state)
         wait.until(lambda: not stage.feedback(now(), state).moving)
-        assert rig.on_world(lambda world, t: world.truth(t))["y_m"] == pytest.approx(-0.01, abs=1e-5)
+        assert rig.call(rig.truth)["y_m"] == pytest.approx(-0.01, abs=1e-5)
     finally:
         stage.close()
 

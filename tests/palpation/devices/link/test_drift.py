@@ -13,20 +13,12 @@ import numpy as np
 import pytest
 
 from palp_core.palpation.devices.emulator.emg import Noraxon
-from palp_core.palpation.devices.emulator.world import World, WorldSettings
 from palp_core.palpation.devices.link.sample_line import SampleLine
 from palp_core.palpation.devices.protocols import ClockFit
 
 S = 1_000_000_000
 SECONDS, JITTER_S = 20, 2e-3
 DRIFT_ERROR, LEAST_DELAY_S, RESIDUAL_S = 10e-6, 0.5e-3, 1e-3
-
-
-@pytest.fixture
-def world() -> Iterator[World]:
-    world = World(WorldSettings())
-    yield world
-    world.close()
 
 
 def polls(begin_ns: int) -> Iterator[tuple[int, int]]:
@@ -48,8 +40,8 @@ def check(fit: ClockFit, clock_ppm: float, begin_ns: int, line: SampleLine, rate
 
 
 @pytest.mark.parametrize(("clock_ppm", "numbered"), [(-300.0, False), (0.0, True), (150.0, False)])
-def test_noraxons_clock_is_found(world: World, clock_ppm: float, numbered: bool) -> None:
-    amplifier, line, begin_ns = Noraxon(world, clock_ppm=clock_ppm), SampleLine(1500.0, 2), 7 * S
+def test_noraxons_clock_is_found(clock_ppm: float, numbered: bool) -> None:
+    amplifier, line, begin_ns = Noraxon(clock_ppm), SampleLine(1500.0, 2), 7 * S
     count = 0
     amplifier.page("/samples", begin_ns)
     for sent_ns, host_ns in polls(begin_ns):

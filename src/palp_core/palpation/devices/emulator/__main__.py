@@ -2,9 +2,9 @@
 
 It prints one line of JSON, the drivers' options by device, and then obeys lines on its standard input until
 that ends: ``fault DEVICE NAME [VALUE [COUNT]]``, ``clear DEVICE``, ``disconnect DEVICE``, ``connect DEVICE``,
-``mount CODE [HEIGHT_OFFSET_MM]``, ``load N_MM`` (a torque beside the phantom's), ``truth``, ``axes`` (of the
-stage), ``log SINCE_NS`` (what its controller was told, and when), ``stop-url`` (its second TCP port),
-``quit``. Each is answered with a line: ``ok``, JSON, or ``error: ...``.
+``mount CODE [HEIGHT_OFFSET_MM]``, ``load N_MM`` (an extra torque), ``truth``, ``axes`` (of the stage),
+``log SINCE_NS`` (what its controller was sent, and when), ``stop-link`` (its second TCP port), ``quit``. Each
+is answered with a line: ``ok``, JSON, or ``error: ...``.
 """
 
 import argparse
@@ -19,9 +19,9 @@ from typing import Any, TextIO
 import msgspec
 
 from palp_core.errors import PalpError
+from palp_core.palpation.devices.emulator.contact import ContactSettings
 from palp_core.palpation.devices.emulator.rig import DEVICES, EmulatedRig
 from palp_core.palpation.devices.emulator.settings import RigSettings
-from palp_core.palpation.devices.emulator.world import World, WorldSettings
 
 
 def serve(rig: EmulatedRig, lines: Iterable[str], out: TextIO) -> None:
@@ -57,7 +57,8 @@ def main(arguments: list[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     settings = replace(
         RigSettings(),
-        world=WorldSettings(seed=given.seed, phantoms=given.phantoms),
+        seed=given.seed,
+        contact=ContactSettings(phantoms=given.phantoms),
         stage_serial=given.stage_serial,
         stage_baud=given.stage_baud,
         can_bitrate=given.can_bitrate,
@@ -88,26 +89,26 @@ def _obey(rig: EmulatedRig, words: list[str]) -> str:
         case ["connect", device]:
             rig.connect(device)
         case ["mount", code]:
-            rig.on_world(lambda world, _: world.mount(code, 0.0))
+            rig.call(lambda _: rig.contact.mount(code, 0.0))
         case ["mount", code, height_mm]:
             offset_m = float(height_mm) * 1e-3
-            rig.on_world(lambda world, _: world.mount(code, offset_m))
+            rig.call(lambda _: rig.contact.mount(code, offset_m))
         case ["load", n_mm]:
-            rig.on_world(lambda world, _: world.apply_load(float(n_mm) * 1e-3))
+            rig.call(lambda _: rig.sensor.put_load(float(n_mm) * 1e-3))
         case ["axes"]:
-            return json.dumps(rig.on_world(_axes))
+            return json.dumps(rig.call(lambda now_ns: _axes(rig, now_ns)))
         case ["log", since_ns]:
-            return json.dumps(rig.on_world(lambda world, _: [e for e in world.log if e[0] >= int(since_ns)]))
+            return json.dumps(rig.call(lambda _: [e for e in rig.axes.log if e[0] >= int(since_ns)]))
         case ["stop-link"]:
             return json.dumps(rig.stop_link)
         case ["truth"]:
-            return json.dumps(rig.on_world(lambda world, now_ns: world.truth(now_ns)))
+            return json.dumps(rig.call(rig.truth))
         case _:
             raise ValueError(f"'{' '.join(words)}' is no command; see --help")
     return "ok"
 
 
-def _axes(world: World, now_ns: int) -> dict[str, Any]:
+def _axes(rig: EmulatedRig, now_ns: int) -> dict[str, Any]:
     """Return how the stage's axes are, in truth."""
     axes = {
         name: {
@@ -117,9 +118,9 @@ def _axes(world: World, now_ns: int) -> dict[str, Any]:
             "enabled": axis.enabled,
             "rest_ns": axis.rest_ns,
         }
-        for name, axis in world.axes.items()
+        for name, axis in (("y", rig.axes.y), ("z", rig.axes.z))
     }
-    return {"now_ns": now_ns, "felt_ns": world.felt_ns, "felt_y_m": world.felt_y_m, **axes}
+    return {"now_ns": now_ns, "felt_ns": rig.sensor.felt_ns, "felt_y_m": rig.sensor.felt_y_m, **axes}
 
 
 if __name__ == "__main__":

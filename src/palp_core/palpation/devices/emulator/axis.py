@@ -1,9 +1,12 @@
-"""One emulated axis of the stage: where it is, how it moves, what stops it."""
+"""The emulated axes of the stage: where each is, how it moves, what stops it."""
 
+from collections import deque
 from dataclasses import dataclass, field
 
 from palp_core.palpation.devices.motion_profile import MotionProfile
 from palp_core.palpation.devices.wire.aerotech import AxisStatus, Fault
+
+_LOG_LENGTH = 100_000
 
 
 @dataclass(frozen=True)
@@ -157,3 +160,18 @@ class Axis:
 
     def _rest(self, position_m: float, now_ns: int) -> None:
         self.profile = MotionProfile(position_m, position_m, 1.0, 1.0, now_ns)
+
+
+@dataclass
+class Axes:
+    """The two axes of the stage, which every client of its controller commands.
+
+    Attributes:
+        y: The axis along the sweep.
+        z: The axis that lifts the probe.
+        log: Every command that the controller got: when, from which client, the line.
+    """
+
+    y: Axis
+    z: Axis
+    log: deque[tuple[int, int, str]] = field(default_factory=lambda: deque(maxlen=_LOG_LENGTH))
