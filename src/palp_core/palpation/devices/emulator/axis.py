@@ -3,6 +3,8 @@
 from collections import deque
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from palp_core.palpation.devices.motion_profile import MotionProfile
 from palp_core.palpation.devices.wire.aerotech import AxisStatus, Fault
 
@@ -58,11 +60,13 @@ class Axis:
 
     def position_m(self, now_ns: int) -> float:
         """Return the position at a time."""
-        return self.profile.position_at(now_ns)
+        if now_ns >= self.profile.end_ns:  # at rest, as it mostly is
+            return self.profile.end_m
+        return float(self.profile.position(np.array([now_ns]))[0])
 
     def velocity_m_per_s(self, now_ns: int) -> float:
         """Return the velocity at a time."""
-        return self.profile.velocity_at(now_ns)
+        return self.profile.velocity(now_ns)
 
     def moving(self, now_ns: int) -> bool:
         """Tell whether a move or homing is under way."""

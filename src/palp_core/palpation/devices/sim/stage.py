@@ -176,7 +176,7 @@ class SimStage:
         leg, profile = under_way[0]
         now = np.array([now_ns])
         y, z = _positions(now, state)
-        speed, y_m, z_m = float(profile.velocity(now)[0]), float(y[0]), float(z[0])
+        speed, y_m, z_m = profile.velocity(now_ns), float(y[0]), float(z[0])
         way_m, length_m = speed**2 / (2.0 * state.accel_m_per_s2), profile.end_m
         end_y = y_m + way_m * (state.y_m[leg + 1] - state.y_m[leg]) / length_m
         end_z = z_m + way_m * (state.z_m[leg + 1] - state.z_m[leg]) / length_m
@@ -194,7 +194,7 @@ class SimStage:
         """Return where it is, how fast, and whether its path has not ended yet."""
         now = np.array([now_ns])
         place = self.read(now, state)
-        speed_m_per_s = max((abs(float(p.velocity(now)[0])) for p in _profiles(state)), default=0.0)
+        speed_m_per_s = max((abs(p.velocity(now_ns)) for p in _profiles(state)), default=0.0)
         moving = now_ns < path_end_ns(state)
         return StageFeedback(float(place.y_m[0]), float(place.z_m[0]), speed_m_per_s, moving, now_ns, now_ns)
 
