@@ -15,7 +15,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-import msgspec
 import psutil
 
 from palp_core.errors import GraphError
@@ -46,7 +45,7 @@ phantoms:
   C: *phantom
 sensor: {serial: emulated, bias_n_m: 0.0}
 """
-DEVICES = "aerotech,maestro,ati,noraxon"
+DEVICES = ("aerotech", "maestro", "ati", "noraxon")
 
 
 class StageInTruth:
@@ -126,9 +125,7 @@ class RunningRig:
 
     def __enter__(self) -> Self:
         self.run_folder = Path(tempfile.mkdtemp(prefix="palp-"))  # short: a socket's path has 107 bytes
-        settings = msgspec.json.encode(self._settings).decode()
-        priority = ("--priority", str(PRIORITY))
-        self.emulator = EmulatorProcess("--devices", DEVICES, "--settings", settings, *priority)
+        self.emulator = EmulatorProcess(*DEVICES, settings=self._settings, priority=PRIORITY)
         self.stage = StageInTruth(self.emulator)
         try:
             self._launch()

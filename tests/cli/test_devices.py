@@ -231,6 +231,13 @@ def test_emulate_prints_options_and_obeys() -> None:
     assert done.output.splitlines()[-2:] == ["ok", "ok"]
 
 
+def test_emulate_takes_all_settings_and_prints_options_for_a_program() -> None:
+    done = runner.invoke(app, ["emulate", "ati", "--json", "--settings", '{"seed": 2}'], input="quit\n")
+    assert json.loads(done.output)["ati"]["channel"] == "can0"
+    wrong = runner.invoke(app, ["emulate", "ati", "--settings", '{"seed": "two"}'])
+    assert "give the fields of RigSettings as JSON" in str(wrong.exception)
+
+
 def test_an_emulated_rig_begins_raised_so_that_the_sensor_is_tared_free() -> None:
     done = runner.invoke(app, ["emulate", "aerotech"], input="axes\nquit\n")
     assert done.exit_code == 0, done.output

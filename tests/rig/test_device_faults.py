@@ -235,7 +235,7 @@ def test_each_fault_is_named_on_the_nodes_topic_and_passes_by_the_documented_ste
     palp: Palp, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, device: str
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(palp.runtime_dir))
-    with emulator("--devices", device) as rig:
+    with emulator(device) as rig:
         watched = Watched(palp, rig, device, tmp_path)
         until(watched.is_well, "device in health", watched.seen)
         for fault in [fault for fault in FAULTS if fault.device == device]:

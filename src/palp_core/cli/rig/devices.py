@@ -102,25 +102,36 @@ def emulate(
     host: Annotated[str, typer.Option(help="Address of their TCP ports.")] = "127.0.0.1",
     phantoms: Annotated[Path | None, typer.Option(help="YAML file of phantoms by code.")] = None,
     seed: Annotated[int, typer.Option(help="Of their random numbers.")] = 1,
+    settings: Annotated[
+        str, typer.Option(metavar="JSON", help="All of RigSettings, in place of the options above.")
+    ] = "",
+    as_json: JsonOption = False,
 ) -> None:
     """Start emulated devices and print their options.
 
-    Then obey lines such as 'fault ati silence'.
+    Then obey lines: fault DEVICE NAME, clear DEVICE, disconnect DEVICE, connect DEVICE, mount CODE,
+    load N_MM, truth, axes, log SINCE_NS, stop-link, quit.
     """
     from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
-    from palp_core.palpation.devices.emulator.__main__ import serve
     from palp_core.palpation.devices.emulator.axis import AxisSettings
+    from palp_core.palpation.devices.emulator.commands import read_settings, serve
     from palp_core.palpation.devices.emulator.contact import ContactSettings
 
+    sys.setswitchinterval(0.0005)  # the solver's thread must not hold up the wires
     raised = AxisSettings(soft_low_m=-0.001, home_m=RAISED_M)
     contact = ContactSettings(phantoms="" if phantoms is None else str(phantoms))
-    settings = RigSettings(contact=contact, z_axis=raised, seed=seed, host=host)
-    rig = EmulatedRig(settings, devices) if devices else EmulatedRig(settings)
+    given = RigSettings(contact=contact, z_axis=raised, seed=seed, host=host)
+    if settings:
+        given = read_settings(settings)
+    rig = EmulatedRig(given, devices) if devices else EmulatedRig(given)
     with until_ctrl_c(), rig:
-        for name, options in rig.options.items():
-            print_text(f"{name} " + " ".join(f"{key}:={_text(value)}" for key, value in options.items()))
-        if rig.stop_link:
-            print_text(f"aerotech's second port: {rig.stop_link}")
+        if as_json:
+            print_json(rig.options)
+        else:
+            for name, options in rig.options.items():
+                print_text(f"{name} " + " ".join(f"{key}:={_text(value)}" for key, value in options.items()))
+            if rig.stop_link:
+                print_text(f"aerotech's second port: {rig.stop_link}")
         sys.stdout.flush()
         serve(rig, sys.stdin, sys.stdout)
 

@@ -16,7 +16,7 @@ import pytest
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices import open_device
 from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
-from palp_core.palpation.devices.emulator.__main__ import serve
+from palp_core.palpation.devices.emulator.commands import serve
 from palp_core.palpation.devices.emulator.contact import ContactSettings
 from palp_core.palpation.devices.link.serial_link import SerialLink
 from palp_core.palpation.devices.ring.maestro import MaestroState

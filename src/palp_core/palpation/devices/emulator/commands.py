@@ -1,27 +1,32 @@
-"""An emulated rig as a process: ``python -m palp_core.palpation.devices.emulator [--devices a,b]``.
+"""The lines that emulated devices obey, as ``palp devices emulate`` reads them.
 
-It prints one line of JSON, the drivers' options by device, and then obeys lines on its standard input until
-that ends: ``fault DEVICE NAME [VALUE [COUNT]]``, ``clear DEVICE``, ``disconnect DEVICE``, ``connect DEVICE``,
+``fault DEVICE NAME [VALUE [COUNT]]``, ``clear DEVICE``, ``disconnect DEVICE``, ``connect DEVICE``,
 ``mount CODE [HEIGHT_OFFSET_MM]``, ``load N_MM`` (an extra torque), ``truth``, ``axes`` (of the stage),
 ``log SINCE_NS`` (what its controller was sent, and when), ``stop-link`` (its second TCP port), ``quit``. Each
 is answered with a line: ``ok``, JSON, or ``error: ...``.
 """
 
-import argparse
 import json
-import os
-import sys
 from collections.abc import Iterable
-from contextlib import suppress
-from dataclasses import replace
 from typing import Any, TextIO
 
 import msgspec
 
-from palp_core.errors import PalpError
-from palp_core.palpation.devices.emulator.contact import ContactSettings
-from palp_core.palpation.devices.emulator.rig import DEVICES, EmulatedRig
+from palp_core.errors import DeviceError, PalpError
+from palp_core.palpation.devices.emulator.rig import EmulatedRig
 from palp_core.palpation.devices.emulator.settings import RigSettings
+
+
+def read_settings(text: str) -> RigSettings:
+    """Return the settings of an emulated rig from JSON.
+
+    Raises:
+        DeviceError: They are none.
+    """
+    try:
+        return msgspec.json.decode(text, type=RigSettings)
+    except msgspec.MsgspecError as error:
+        raise DeviceError(f"emulator: settings: {error}; give the fields of RigSettings as JSON") from error
 
 
 def serve(rig: EmulatedRig, lines: Iterable[str], out: TextIO) -> None:
@@ -38,40 +43,6 @@ def serve(rig: EmulatedRig, lines: Iterable[str], out: TextIO) -> None:
             answer = f"error: {error}"
         out.write(answer + "\n")
         out.flush()
-
-
-def main(arguments: list[str] | None = None) -> None:
-    """Run an emulated rig until standard input ends."""
-    sys.setswitchinterval(0.0005)  # the solver's thread must not hold up the wires
-    parser = argparse.ArgumentParser(
-        prog="python -m palp_core.palpation.devices.emulator", description=__doc__
-    )
-    parser.add_argument("--devices", default=",".join(DEVICES[:4]), help="comma-separated")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--phantoms", default="", help="YAML file of phantoms by code")
-    parser.add_argument("--stage-serial", action="store_true", help="the stage on a terminal, not on TCP")
-    parser.add_argument("--stage-baud", type=int, default=RigSettings().stage_baud, help="0: not paced")
-    parser.add_argument("--can-bitrate", type=int, default=RigSettings().can_bitrate, help="0: not paced")
-    parser.add_argument("--settings", default="", help="all of RigSettings as JSON, instead of the others")
-    parser.add_argument("--priority", type=int, default=0, help="real-time priority, where it is allowed")
-    given = parser.parse_args(arguments)
-    settings = replace(
-        RigSettings(),
-        seed=given.seed,
-        contact=ContactSettings(phantoms=given.phantoms),
-        stage_serial=given.stage_serial,
-        stage_baud=given.stage_baud,
-        can_bitrate=given.can_bitrate,
-    )
-    if given.settings:
-        settings = msgspec.json.decode(given.settings, type=RigSettings)
-    if given.priority:
-        with suppress(PermissionError):
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(given.priority))
-    with EmulatedRig(settings, [name for name in given.devices.split(",") if name]) as rig:
-        sys.stdout.write(json.dumps(rig.options) + "\n")
-        sys.stdout.flush()
-        serve(rig, sys.stdin, sys.stdout)
 
 
 def _obey(rig: EmulatedRig, words: list[str]) -> str:
@@ -104,7 +75,7 @@ def _obey(rig: EmulatedRig, words: list[str]) -> str:
         case ["truth"]:
             return json.dumps(rig.call(rig.truth))
         case _:
-            raise ValueError(f"'{' '.join(words)}' is no command; see --help")
+            raise ValueError(f"'{' '.join(words)}' is no command; see palp devices emulate --help")
     return "ok"
 
 
@@ -121,7 +92,3 @@ def _axes(rig: EmulatedRig, now_ns: int) -> dict[str, Any]:
         for name, axis in (("y", rig.axes.y), ("z", rig.axes.z))
     }
     return {"now_ns": now_ns, "felt_ns": rig.sensor.felt_ns, "felt_y_m": rig.sensor.felt_y_m, **axes}
-
-
-if __name__ == "__main__":
-    main()
