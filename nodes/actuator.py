@@ -57,7 +57,7 @@ class RingNode(DeviceNode):
         return self.device.command(command.ring_m, self.now_ns(), self.memory, self.rng)
 
     def read(self) -> RingReading:
-        """Return what the ring tells of itself."""
+        """Return what the ring reports of itself."""
         return self.device.read(self.now_ns(), self.memory)
 
     def publish_ring(self, command: RingCommand, *, settled: bool) -> None:

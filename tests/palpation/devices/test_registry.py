@@ -16,6 +16,7 @@ from palp_core.palpation.devices import (
     TorqueSensor,
     known_devices,
     open_device,
+    registry,
 )
 from palp_core.palpation.devices.emg.emg_source import EmgSourceState
 from palp_core.palpation.devices.emg.lsl import LslEmg
@@ -91,6 +92,11 @@ def test_an_unknown_name_or_option_lists_what_there_is(
 ) -> None:
     with pytest.raises(DeviceError, match=says):
         open_device(kind, name, **options)
+
+
+def test_an_installation_without_devices_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry, "published", lambda group: {})
+    assert "install palp-core again" in device_mistakes("torque", "ati")["device"]
 
 
 def test_mistakes_are_told_by_the_nodes_parameter_without_opening_a_device() -> None:

@@ -34,7 +34,7 @@ def _entry(kind: str, name: str) -> DeviceEntry:
 
 
 def _entry_or_error(kind: str, name: str) -> DeviceEntry:
-    """Return a device; of one whose package cannot be imported the error stands where its link would."""
+    """Return a device; of one whose package cannot be imported the error is in place of its link."""
     try:
         return _entry(kind, name)
     except DeviceError as error:

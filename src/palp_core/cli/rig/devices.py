@@ -168,9 +168,11 @@ def contract(
     device: DeviceArgument,
     options: OptionsArgument = None,
     *,
-    moves: Annotated[bool, typer.Option("--moves", help="It may move; what and how far is said.")] = False,
+    moves: Annotated[
+        bool, typer.Option("--moves", help="It may move, as far as is printed without this.")
+    ] = False,
     simulated: Annotated[
-        bool, typer.Option("--sim", help="It goes by the time it is told, not by the machine's.")
+        bool, typer.Option("--sim", help="It goes by the time it is given, not by the machine's.")
     ] = False,
     patience: Annotated[
         float, typer.Option(metavar="S", min=1.0, help="Longest wait for what it does.")

@@ -203,7 +203,7 @@ def a_stage_sweeps_an_interval_both_ways_at_the_times_it_says(subject: Subject) 
         times = subject.move("sweep", from_m, to_m)
         _must(times.enter_ns < times.leave_ns < times.end_ns, f"its times are not in order: {times}")
         place = subject.device.read(np.array([times.enter_ns, times.leave_ns]), subject.state)
-        _near(place.y_m, [from_m, to_m], 1e-3, "y at the times it said, m")
+        _near(place.y_m, [from_m, to_m], 1e-3, "y at the times it predicted, m")
         _near(place.z_m, [0.0, 0.0], 1e-4, "z in the sweep, m")
 
 
@@ -302,13 +302,13 @@ def a_ring_holds_where_it_was_stopped(subject: Subject) -> None:
 
 @_promise("torque", "emg")
 def samples_are_numbered_and_in_order(subject: Subject) -> None:
-    """Times and numbers rise; a number is missing only where a gap is said. No sample is NaN or faulty."""
+    """Times and numbers rise; a number is missing only at a gap. No sample is NaN or faulty."""
     subject.call("open")
     found = subject.collect(150)
     step = np.diff(found["index"])
     _must(np.all(np.diff(found["times_ns"]) > 0), "its samples' times do not grow")
     _must(np.all(step >= 1), "its samples' numbers do not grow")
-    _must(np.all((step == 1) | found["gap"][1:]), "a number is missing where no gap is said")
+    _must(np.all((step == 1) | found["gap"][1:]), "a number is missing where there is no gap")
     _must(not np.any(found.get("faulty", False)), "samples of a device that is well are faulty")
     for name in {"torque": ("torque_n_m",), "emg": ("fds_v", "edc_v")}[subject.kind]:
         _must(found[name].shape == found["times_ns"].shape, f"{name} has not a value for each time")

@@ -1,4 +1,4 @@
-"""Devices by kind and name, as packages publish them: each stands for a class that is imported on use."""
+"""Devices by kind and name, as packages publish them: each is that of a class, imported on use."""
 
 import inspect
 from collections.abc import Callable, Mapping
@@ -40,11 +40,13 @@ def known_devices(kind: str) -> list[str]:
     """Return the names of the devices of a kind.
 
     Raises:
-        DeviceError: There is no such kind.
+        DeviceError: There is no such kind, or no device of any.
     """
     if kind not in KINDS:
         raise DeviceError(f"no kind of device '{kind}'; known: {', '.join(sorted(KINDS))}")
-    return [name.removeprefix(f"{kind}.") for name in published(DEVICES) if name.startswith(f"{kind}.")]
+    if not (names := published(DEVICES)):  # a checkout that is newer than its installation
+        raise DeviceError("devices: no package publishes any; install palp-core again")
+    return [name.removeprefix(f"{kind}.") for name in names if name.startswith(f"{kind}.")]
 
 
 @overload
@@ -60,7 +62,7 @@ def open_device(kind: str, name: str, **options: Any) -> Any:
 
     Args:
         kind: ``stage``, ``ring``, ``torque`` or ``emg``.
-        name: A known name, or ``package.module:Class`` for a device that nobody publishes.
+        name: A known name, or ``package.module:Class`` for a device that has none.
         options: Parameters of that class, as a YAML file can say them: lists stand for tuples, and a mapping
             for a class of parameters (``limits: {y_m: [-0.02, 0.02]}``).
 
@@ -178,7 +180,7 @@ def open_stop_link(
         clock: Time in ns.
 
     Raises:
-        DeviceError: As for :func:`open_device`; or the stage has no second link, nobody answers there, or the
+        DeviceError: As for :func:`open_device`; or the stage has no second link, it does not answer, or the
             link's class lacks a member.
     """
     require_stop_link(name)

@@ -85,7 +85,7 @@ class Axis:
         return self.homing_until_ns > 0
 
     def home(self, now_ns: int) -> bool:
-        """Begin to home; tell whether the axis can."""
+        """Begin to home; return whether the axis can."""
         if not self.ready(now_ns):
             return False
         self.homing_until_ns = now_ns + max(1, round(self.settings.home_s * 1e9))

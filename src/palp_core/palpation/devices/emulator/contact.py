@@ -72,7 +72,7 @@ class ProbeContact:
 
     Attributes:
         settings: What is touched.
-        rig: The phantoms, the probe and what stands for their contact.
+        rig: The phantoms, the probe and the models of their contact.
         swept_m_s: Speed that the latest move in touch with the phantom was ordered with; 0: none yet.
         guards: What was met, once per mounting and ring that touched; who publishes it takes it away.
     """
@@ -148,7 +148,7 @@ class ProbeContact:
         self._solver.shutdown(wait=True, cancel_futures=True)
 
     def _meet(self, met: GuardMet) -> None:
-        """Note what a contact meets at the present speed of the stage, where that has not been said of it."""
+        """Note what a contact meets at the present speed of the stage, where that is new."""
         words = met.words
         if self.swept_m_s:
             words += speed_guard(self.rig.motion(self.swept_m_s))

@@ -37,7 +37,7 @@ class PtyPort:
     client that closed from a cable that was pulled.
 
     Args:
-        path: Where the terminal is found: a symbolic link, made anew at each plugging.
+        path: Where the terminal is found: a symbolic link, made at each plugging.
         baud: Bits per second; 0 for no pacing.
     """
 
