@@ -44,6 +44,7 @@ from rig_bench.trips import NODES, deaths, trips
 
 from palp_core.palpation.devices import open_device
 from palp_core.palpation.devices.emg.emg_source import EmgSourceState
+from palp_core.palpation.devices.emulator import RigSettings
 from palp_core.palpation.devices.ring.maestro import MaestroState
 from palp_core.palpation.devices.stage.aerotech import AerotechState
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink
@@ -171,7 +172,7 @@ def faults() -> dict[str, dict[str, object]]:
     """Return what every fault of every device is named and how soon, each on an emulator of its own."""
     result = {}
     for fault in FAULTS:
-        with emulator("--devices", fault.device) as rig:
+        with emulator(fault.device) as rig:
             result[f"{fault.device} {fault.name}"] = name_fault(rig, fault)
     return result
 
@@ -246,15 +247,15 @@ def links(quick: bool) -> dict[str, Any]:
     """Return how fast the drivers are beside the bare libraries, and how evenly they poll."""
     rounds, seconds = (5, 0.8) if quick else (9, 3.0)
     result: dict[str, Any] = {}
-    with emulator("--devices", "ati", "--can-bitrate", "0") as rig:
+    with emulator("ati", settings=RigSettings(can_bitrate=0)) as rig:
         link = rig.options["ati"]
         result |= compare("can", lambda s: bare_can(link, s), lambda s: driven_can(link, s), rounds, seconds)
-    with emulator("--devices", "aerotech", "--stage-serial", "--stage-baud", "0") as rig:
+    with emulator("aerotech", settings=RigSettings(stage_serial=True, stage_baud=0)) as rig:
         port = rig.options["aerotech"]
         result |= compare(
             "serial", lambda s: bare_serial(port, s), lambda s: driven_serial(port, s), rounds, seconds
         )
-    with emulator("--devices", "ati") as rig:
+    with emulator("ati") as rig:
         result |= polled(rig.options["ati"], 5.0 if quick else 60.0)
     return result
 

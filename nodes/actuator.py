@@ -1,14 +1,13 @@
 """Move the anchor ring, and with it the stiffness of the probe's joint."""
 
-from typing import Literal
-
-import msgspec
+from typing import Any, Literal
 
 from msgs.actuator import RingCommand, RingState, RingTruth
-from palp_core import Alarm, Node, Params, Pub, State, Sub, on
+from palp_core import Alarm, Params, Pub, Sub, on
+from palp_core.palpation.devices.device_node import DeviceNode, DeviceNodeState
+from palp_core.palpation.devices.protocols import RingDevice, RingReading
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.sim.ring import SimRing
-from palp_core.palpation.devices.sim.ring import SimRingState as DeviceState
 from palp_core.palpation.perception.belief.rig_noise import read_noise
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import MillimetresNonNegative
@@ -30,27 +29,67 @@ class ActuatorParams(Params):
     noise: str = ""
 
 
-class ActuatorState(State):
-    """What a replacement inherits."""
-
-    device: DeviceState = msgspec.field(default_factory=DeviceState)
-    trial: int = 0
-    iteration: int = 0
-    rehome: bool = False
-    moving: bool = False
-    waiting: list[tuple[int, int, float]] = []
-
-
-class Actuator(Node):
-    """Follow ring commands in the order they come; a command during re-homing waits for its end."""
+class RingNode(DeviceNode):
+    """A node that moves a ring, simulated or real, as policy and experiment command."""
 
     moves = True
-    simulates = True
-    params: ActuatorParams
-    state: ActuatorState
+    device: RingDevice[Any]
     command = Sub(RingCommand)
     ring = Sub(RingCommand)
     ring_state = Pub(RingState)
+
+    @on(command)
+    def follow_policy(self, command: RingCommand) -> None:
+        self.follow(command)
+
+    @on(ring)
+    def follow_experiment(self, command: RingCommand) -> None:
+        self.follow(command)
+
+    def follow(self, command: RingCommand) -> None:
+        """Do as commanded, now or later."""
+        raise NotImplementedError
+
+    def send(self, command: RingCommand) -> int:
+        """Send the device where it is to go; return the time at which it will have settled, in ns."""
+        if command.rehome:
+            return self.device.rehome(self.now_ns(), self.memory, self.rng)
+        return self.device.command(command.ring_m, self.now_ns(), self.memory, self.rng)
+
+    def read(self) -> RingReading:
+        """Return what the ring reports of itself."""
+        return self.device.read(self.now_ns(), self.memory)
+
+    def publish_ring(self, command: RingCommand, *, settled: bool) -> None:
+        """Publish how far a command is."""
+        reading = self.read()
+        self.ring_state.publish(
+            RingState(
+                stamp_ns=self.now_ns(),
+                trial=command.trial,
+                iteration=command.iteration,
+                rehome=command.rehome,
+                target_m=reading.target_m,
+                measured_m=reading.measured_m,
+                settled=settled,
+            )
+        )
+
+
+class ActuatorState(DeviceNodeState):
+    """What a replacement inherits: the command under way or done last, and those that wait."""
+
+    under_way: RingCommand | None = None
+    moving: bool = False
+    waiting: list[RingCommand] = []
+
+
+class Actuator(RingNode):
+    """Follow ring commands in the order they come; a command during re-homing waits for its end."""
+
+    simulates = True
+    params: ActuatorParams
+    state: ActuatorState
     truth = Pub(RingTruth)
     settled = Alarm()
 
@@ -73,77 +112,42 @@ class Actuator(Node):
 
     def on_activate(self) -> None:
         self.state.moving, self.state.waiting = False, []  # what was under way ended with the last stop
-        self.device.open(self.now_ns(), self.state.device, self.rng)
-
-    def on_resume(self) -> None:
-        self.device.open(self.now_ns(), self.state.device, self.rng)
+        super().on_activate()
 
     def on_deactivate(self) -> None:
-        self.device.stop(self.now_ns(), self.state.device)
-        self.device.close()
+        self.device.stop(self.now_ns(), self.memory)
+        super().on_deactivate()
 
-    @on(command)
-    def follow_policy(self, command: RingCommand) -> None:
-        self._follow(command)
-
-    @on(ring)
-    def follow_experiment(self, command: RingCommand) -> None:
-        self._follow(command)
-
-    def _follow(self, command: RingCommand) -> None:
+    def follow(self, command: RingCommand) -> None:
         state = self.state
-        if command.rehome:
-            settled_ns = self.device.rehome(self.now_ns(), state.device, self.rng)
-            self._begin(command.trial, command.iteration, settled_ns, rehome=True)
-        elif state.moving and state.rehome:
-            state.waiting.append((command.trial, command.iteration, command.ring_m))
-        else:
-            self._move(command.trial, command.iteration, command.ring_m)
-
-    def _move(self, trial: int, iteration: int, ring_m: float) -> None:
-        settled_ns = self.device.command(ring_m, self.now_ns(), self.state.device, self.rng)
-        self._begin(trial, iteration, settled_ns, rehome=False)
-
-    def _begin(self, trial: int, iteration: int, settled_ns: int, *, rehome: bool) -> None:
-        state = self.state
-        state.trial, state.iteration, state.rehome = trial, iteration, rehome
-        state.moving = settled_ns > self.now_ns()
+        if state.moving and state.under_way and state.under_way.rehome and not command.rehome:
+            state.waiting.append(command)
+            return
+        settled_ns = self.send(command)
+        state.under_way, state.moving = command, settled_ns > self.now_ns()
         if state.moving:
-            self._publish(settled=False)
+            self.publish_ring(command, settled=False)
             self.settled.set(settled_ns)
         else:
-            self._rest()
+            self._rest(command)
 
     @on(settled)
     def settle(self) -> None:
-        self.state.moving = False
-        self._rest()
-        if self.state.waiting:
-            self._move(*self.state.waiting.pop(0))
-
-    def _rest(self) -> None:
         state = self.state
-        self._publish(settled=True)
+        assert state.under_way is not None
+        state.moving = False
+        self._rest(state.under_way)
+        if state.waiting:
+            self.follow(state.waiting.pop(0))
+
+    def _rest(self, command: RingCommand) -> None:
+        self.publish_ring(command, settled=True)
         if isinstance(self.device, SimRing):
             self.truth.publish(
                 RingTruth(
                     stamp_ns=self.now_ns(),
-                    trial=state.trial,
-                    iteration=state.iteration,
-                    ring_m=self.device.true_position_m(self.now_ns(), state.device),
+                    trial=command.trial,
+                    iteration=command.iteration,
+                    ring_m=self.device.true_position_m(self.now_ns(), self.memory),
                 )
             )
-
-    def _publish(self, *, settled: bool) -> None:
-        state, reading = self.state, self.device.read(self.now_ns(), self.state.device)
-        self.ring_state.publish(
-            RingState(
-                stamp_ns=self.now_ns(),
-                trial=state.trial,
-                iteration=state.iteration,
-                rehome=state.rehome,
-                target_m=reading.target_m,
-                measured_m=reading.measured_m,
-                settled=settled,
-            )
-        )

@@ -8,11 +8,11 @@ import numpy as np
 
 from msgs.emg import EmgBlock, EmgReport
 from msgs.human import MuscleCue
-from palp_core import Alarm, Node, Params, Pub, ReadOnly, State, Sub, Timer, on
+from palp_core import Alarm, Params, Pub, ReadOnly, Sub, Timer, on
 from palp_core.counted import counted
 from palp_core.palpation.devices.blocks import block_mistakes, late_blocks
+from palp_core.palpation.devices.device_node import DeviceNode, DeviceNodeState
 from palp_core.palpation.devices.protocols import EmgSamples as Samples
-from palp_core.palpation.devices.protocols import restored
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.seen_rate import SeenRate
 from palp_core.palpation.devices.sim.emg import SimEmg
@@ -74,16 +74,15 @@ class EmgParams(Params):
         return {code: chains[int(np.argmin(np.abs(published - d)))] for code, d in depths.items()}
 
 
-class EmgNodeState(State):
+class EmgNodeState(DeviceNodeState):
     """What a replacement inherits."""
 
-    device: Any = None
     begin_ns: int = 0
     cue_ns: list[int] = []
     cued: list[str] = []
 
 
-class Emg(Node):
+class Emg(DeviceNode):
     """Publish blocks of both muscles until the recording is over; say how a real source does."""
 
     simulates = True
@@ -107,12 +106,6 @@ class Emg(Node):
         real = not isinstance(self.device, SimEmg)
         if late := late_blocks("emg", 1.0 / self.params.block_hz, wall_clock=real):
             self.log.warning("%s", late)
-
-    @property
-    def memory(self) -> Any:
-        """What the device remembers, held here; of a predecessor's state its plain values are left."""
-        self.state.device = restored(self.device, self.state.device)
-        return self.state.device
 
     def on_activate(self) -> None:
         self.state.begin_ns = self.now_ns()

@@ -11,8 +11,10 @@ from palp_core import Params, Pub, ReadOnly, Sub, every, on
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
 from palp_core.palpation.devices.emulator.axis import AxisSettings
-from palp_core.palpation.devices.emulator.world import GuardMet, World, WorldSettings
+from palp_core.palpation.devices.emulator.contact import ContactSettings, GuardMet
 from palp_core.palpation.devices.sim.mount import MountVariation
+from palp_core.palpation.devices.sim.ring import SimRing
+from palp_core.palpation.devices.sim.torque import SimTorque
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import read_noise
 from palp_core.palpation.session.decided.blind import phantoms_file, shown_depth
@@ -96,22 +98,27 @@ class EmulatedPhantom(MethodTeller):
         p = self.params
         noise = read_noise(p.noise) if p.noise else None
         self.height_sd_m = noise.height_sd_m.value if noise else p.height_sd_mm * 1e-3
-        world = WorldSettings(
-            seed=p.seed,
-            phantoms=phantoms_file(p),
-            scene=p.scene,
-            read=what_is_read(p.reading, p.feature),
-            from_m=min(p.from_m, p.to_m) - MARGIN_M,
-            to_m=max(p.from_m, p.to_m) + MARGIN_M,
-            z_axis=AxisSettings(soft_low_m=-0.001, home_m=p.lift_mm * 1e-3),
-            repeatability_m=2.0 * noise.ring_sd_m.value if noise else p.repeatability_mm * 1e-3,
-            ring_error="normal" if noise else p.ring_error,
-            torque_noise_sd_n_m=noise.sample_sd_n_m.value if noise else p.noise_sd_n_mm * 1e-3,
-            beside=read_world(p.world),
-            lands_m=(min(p.from_m, p.to_m), max(p.from_m, p.to_m)),
-        )
+        world = read_world(p.world)
         settings = RigSettings(
-            world=world,
+            contact=ContactSettings(
+                phantoms=phantoms_file(p),
+                scene=p.scene,
+                read=what_is_read(p.reading, p.feature),
+                from_m=min(p.from_m, p.to_m) - MARGIN_M,
+                to_m=max(p.from_m, p.to_m) + MARGIN_M,
+                world=world,
+                lands_m=(min(p.from_m, p.to_m), max(p.from_m, p.to_m)),
+            ),
+            z_axis=AxisSettings(soft_low_m=-0.001, home_m=p.lift_mm * 1e-3),
+            ring=SimRing(
+                repeatability_m=2.0 * noise.ring_sd_m.value if noise else p.repeatability_mm * 1e-3,
+                distribution="normal" if noise else p.ring_error,
+            ),
+            torque=SimTorque(
+                noise_sd_n_m=noise.sample_sd_n_m.value if noise else p.noise_sd_n_mm * 1e-3,
+                bias_drift_n_m_per_sqrt_s=world.bias_walk_n_m_per_sqrt_s,
+            ),
+            seed=p.seed,
             can_bitrate=p.can_bitrate,
             aerotech_port=p.stage_port,
             aerotech_stop_port=p.stop_port,
@@ -124,10 +131,10 @@ class EmulatedPhantom(MethodTeller):
         self.rig = EmulatedRig(settings, ("aerotech", "maestro", "ati", "noraxon")).start()
 
     def uses(self) -> list[MethodUse]:
-        self.told_m_s = self.rig.world.swept_m_s
+        self.told_m_s = self.rig.contact.swept_m_s
         if self.params.blind:
             return []
-        return rig_uses(self.rig.world.rig, self.told_m_s or None, self.rig.world.settings.beside)
+        return rig_uses(self.rig.contact.rig, self.told_m_s or None, self.rig.contact.settings.world)
 
     def on_deactivate(self) -> None:
         self.tell_guards()
@@ -139,8 +146,8 @@ class EmulatedPhantom(MethodTeller):
     def put_on(self, mount: Mount) -> None:
         self.tell_guards()  # they are of the phantom that is taken off
         height_m = MountVariation(height_sd_m=self.height_sd_m).draw(self.rng).height_m
-        self.rig.on_world(lambda world, _: world.mount(mount.code, height_m))
-        touched, self.state.code, self.state.remount = self.rig.world.rig, mount.code, mount.remount
+        self.rig.call(lambda _: self.rig.contact.mount(mount.code, height_m))
+        touched, self.state.code, self.state.remount = self.rig.contact.rig, mount.code, mount.remount
         bead, choice = touched.phantoms[mount.code].bead, touched.choices[mount.code]
         blind = self.params.blind
         self.truth.publish(
@@ -154,12 +161,12 @@ class EmulatedPhantom(MethodTeller):
                 bound=0.0 if blind else choice.bound or 0.0,
             )
         )
-        beside = self.rig.world.settings.beside
-        if not beside.plain and not blind:  # see the simulated phantom
-            row = self.rig.on_world(lambda world, _: world.latents())
+        world = self.rig.contact.settings.world
+        if not world.plain and not blind:  # see the simulated phantom
+            row = self.rig.call(lambda _: self.rig.contact.latents())
             told = WorldTruth(
                 stamp_ns=self.now_ns(),
-                world=beside.name,
+                world=world.name,
                 code=mount.code,
                 remount=mount.remount,
                 **off_by(row),
@@ -169,9 +176,9 @@ class EmulatedPhantom(MethodTeller):
     @every("guard_hz")
     def tell_guards(self) -> None:
         """Say what the contacts felt since the last look have met: once per mounting, ring and speed."""
-        if self.rig.world.swept_m_s not in (0.0, self.told_m_s):
+        if self.rig.contact.swept_m_s not in (0.0, self.told_m_s):
             self.tell_methods(self.uses())
-        for met in self.rig.on_world(_taken):
+        for met in self.rig.call(self._taken):
             if self.params.blind:  # what is met tells the depth
                 continue
             self.guard.publish(
@@ -184,6 +191,6 @@ class EmulatedPhantom(MethodTeller):
                 )
             )
 
-
-def _taken(world: World, _: int) -> list[GuardMet]:
-    return [world.guards.popleft() for _ in range(len(world.guards))]
+    def _taken(self, _: int) -> list[GuardMet]:
+        guards = self.rig.contact.guards
+        return [guards.popleft() for _ in range(len(guards))]

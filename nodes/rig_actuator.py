@@ -2,12 +2,13 @@
 
 from typing import Any
 
-from msgs.actuator import RingCommand, RingState
+from msgs.actuator import RingCommand
 from msgs.safety import RingReport, SafetyBeat
-from palp_core import Node, Params, Pub, ReadOnly, State, Sub, Timer, on
+from nodes.actuator import RingNode
+from palp_core import Params, Pub, ReadOnly, Sub, Timer, on
 from palp_core.errors import DeviceError
+from palp_core.palpation.devices.device_node import DeviceNodeState
 from palp_core.palpation.devices.health import Condition
-from palp_core.palpation.devices.protocols import RingReading, restored
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.safety.motion_permit import MotionPermit
 from palp_core.units import DeadlineMilliseconds, HertzPositive
@@ -25,25 +26,21 @@ class RigActuatorParams(Params):
     beat_ms: ReadOnly[DeadlineMilliseconds] = 50.0
 
 
-class RigActuatorState(State):
+class RigActuatorState(DeviceNodeState):
     """What a replacement inherits: the command under way and those that wait."""
 
-    driver: Any = None
     commands: list[RingCommand] = []
     activity: str = "ready"
     acknowledged_count: int = 0
 
 
-class RigActuator(Node):
+class RigActuator(RingNode):
     """Follow ring commands one after another; one that was stopped is begun again after the trip."""
 
     moves = True
     params: RigActuatorParams
     state: RigActuatorState
-    command = Sub(RingCommand)
-    ring = Sub(RingCommand)
     safety = Sub(SafetyBeat)
-    ring_state = Pub(RingState)
     report = Pub(RingReport)
     watch = Timer(hz="watch_hz", running=True)
 
@@ -57,15 +54,9 @@ class RigActuator(Node):
         self.refused = self.closed = ""  # why the device refuses, and why it is not open after a trip
         self.last_m = 0.0
 
-    @property
-    def memory(self) -> Any:
-        """What the device remembers, held here; of a predecessor's state its plain values are left."""
-        self.state.driver = restored(self.device, self.state.driver)
-        return self.state.driver
-
     def on_activate(self) -> None:
         self.state.activity, self.closed = "ready", ""
-        self.device.open(self.now_ns(), self.memory, self.rng)
+        super().on_activate()
 
     def on_resume(self) -> None:
         self.on_activate()
@@ -78,13 +69,7 @@ class RigActuator(Node):
         finally:
             self.device.close()
 
-    @on(command)
-    def follow_policy(self, command: RingCommand) -> None:
-        self.state.commands.append(command)
-        self._go_on()
-
-    @on(ring)
-    def follow_experiment(self, command: RingCommand) -> None:
+    def follow(self, command: RingCommand) -> None:
         self.state.commands.append(command)
         self._go_on()
 
@@ -104,7 +89,7 @@ class RigActuator(Node):
             self._publish_report(self.last_m, Condition.LINK_LOST, self.closed)
             return
         self._go_on()
-        reading, health = self._read(), self.device.health(self.now_ns())
+        reading, health = self.read(), self.device.health(self.now_ns())
         self.last_m = reading.measured_m
         self._publish_report(self.last_m, health.condition, health.cause or self.refused or reading.waits)
 
@@ -120,33 +105,27 @@ class RigActuator(Node):
             )
         )
 
-    def _read(self) -> RingReading:
-        return self.device.read(self.now_ns(), self.memory)
-
     def _go_on(self) -> None:
         """End the move under way if it has arrived; begin the next if it may."""
         state, now_ns = self.state, self.now_ns()
-        if state.activity == "moving" and self._read().settled:
+        if state.activity == "moving" and self.read().settled:
             state.activity = "ready"
-            self._publish(state.commands.pop(0), settled=True)
+            self.publish_ring(state.commands.pop(0), settled=True)
         if state.activity != "ready" or not state.commands or self.closed or not self.permit.permits(now_ns):
             return
         command = state.commands[0]
         try:
-            if command.rehome:
-                rests_ns = self.device.rehome(now_ns, self.memory, self.rng)
-            else:
-                rests_ns = self.device.command(command.ring_m, now_ns, self.memory, self.rng)
+            rests_ns = self.send(command)
         except DeviceError as error:
             if str(error) != self.refused:
                 self.log.warning("%s", error)
             self.refused = str(error)  # the safety node hears of it and decides
             return
         if rests_ns - now_ns > LONG_NS:
-            why = self._read().waits or "it is a long way"
+            why = self.read().waits or "it is a long way"
             self.log.warning("the ring rests in %.0f s only: %s", (rests_ns - now_ns) / 1e9, why)
         state.activity, self.refused = "moving", ""
-        self._publish(command, settled=False)
+        self.publish_ring(command, settled=False)
 
     def _hold(self, why: str) -> None:
         """Stop where it is; the command stays the first to follow."""
@@ -170,17 +149,3 @@ class RigActuator(Node):
         except DeviceError as error:
             self.closed = self.closed and str(error)
             self.log.warning("%s", error)
-
-    def _publish(self, command: RingCommand, *, settled: bool) -> None:
-        reading = self._read()
-        self.ring_state.publish(
-            RingState(
-                stamp_ns=self.now_ns(),
-                trial=command.trial,
-                iteration=command.iteration,
-                rehome=command.rehome,
-                target_m=reading.target_m,
-                measured_m=reading.measured_m,
-                settled=settled,
-            )
-        )

@@ -8,11 +8,12 @@ import numpy as np
 
 from msgs.safety import LoadReport
 from msgs.torque import TorqueBlock
-from palp_core import Node, Params, Pub, ReadOnly, State, Timer, on
+from palp_core import Params, Pub, ReadOnly, Timer, on
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.blocks import block_mistakes, late_blocks
+from palp_core.palpation.devices.device_node import DeviceNode, DeviceNodeState
 from palp_core.palpation.devices.protocols import TorqueSamples as Samples
-from palp_core.palpation.devices.protocols import restored
+from palp_core.palpation.devices.protocols import TorqueSensor
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.seen_rate import SeenRate
 from palp_core.palpation.nano17 import RANGE_N_M
@@ -51,18 +52,18 @@ class RigTorqueParams(Params):
     largest_gap_ms: MillisecondsPositive = 3.0
 
 
-class RigTorqueState(State):
+class RigTorqueState(DeviceNodeState):
     """What a replacement inherits: the bias is in the record with the data."""
 
-    driver: Any = None
     tared: bool = False
 
 
-class RigTorque(Node):
+class RigTorque(DeviceNode):
     """Publish blocks always, not only while something is swept; the estimator cuts them by time."""
 
     params: RigTorqueParams
     state: RigTorqueState
+    device: TorqueSensor[Any]
     block = Pub(TorqueBlock)
     load = Pub(LoadReport)
     tick = Timer(hz="load_hz", running=True)
@@ -91,12 +92,6 @@ class RigTorque(Node):
         self.torque_n_m: list[float] = []
         self.saturated_count = 0
         self.sample_ns = 0
-
-    @property
-    def memory(self) -> Any:
-        """What the device remembers, held here; of a predecessor's state its plain values are left."""
-        self.state.driver = restored(self.device, self.state.driver)
-        return self.state.driver
 
     def on_activate(self) -> None:
         self.state.tared = self.state.tared or self.params.tare == "never"

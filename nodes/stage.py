@@ -8,11 +8,12 @@ import msgspec
 import numpy as np
 
 from msgs.stage import StagePose, SweepGoal, SweepStatus
-from palp_core import Alarm, Node, Params, Pub, ReadOnly, State, Sub, Timer, on
+from palp_core import Alarm, Params, Pub, ReadOnly, Sub, Timer, on
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.blocks import Stream, block_mistakes, late_blocks
+from palp_core.palpation.devices.device_node import DeviceNode, DeviceNodeState
 from palp_core.palpation.devices.limits import TravelLimits, check_lift
-from palp_core.palpation.devices.protocols import StageOptions, restored
+from palp_core.palpation.devices.protocols import StageDevice, StageOptions
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.scene import StagePath
@@ -122,10 +123,9 @@ def window_of(params: StageParams) -> TravelLimits:
     return TravelLimits.around(params.from_m, params.to_m, margin_m, lift_m, params.speed_m_s)
 
 
-class StageState(State):
+class StageState(DeviceNodeState):
     """What a replacement inherits."""
 
-    device: Any = None
     activity: str = "ready"
     goal_id: int = 0
     from_m: float = 0.0
@@ -138,13 +138,14 @@ class StageState(State):
     at_start: bool = False
 
 
-class Stage(Node):
+class Stage(DeviceNode):
     """Follow sweep goals one at a time; publish positions only while over the phantom."""
 
     LAG_NS: ClassVar[int] = 0
     moves = True
     params: StageParams
     state: StageState
+    device: StageDevice[Any]
     goal = Sub(SweepGoal)
     pose = Pub(StagePose)
     status = Pub(SweepStatus)
@@ -168,22 +169,13 @@ class Stage(Node):
         if late := late_blocks(stream, length_s, wall_clock=False):  # torque follows the poses
             self.log.warning("%s", late)
 
-    @property
-    def memory(self) -> Any:
-        """What the device remembers, held here; of a predecessor's state its plain values are left."""
-        self.state.device = restored(self.device, self.state.device)
-        return self.state.device
-
     def on_activate(self) -> None:
         self.state.activity, self.state.at_start = "ready", False
-        self.device.open(self.now_ns(), self.memory, self.rng)
-
-    def on_resume(self) -> None:
-        self.device.open(self.now_ns(), self.memory, self.rng)
+        super().on_activate()
 
     def on_deactivate(self) -> None:
         self.device.stop(self.now_ns(), self.memory)
-        self.device.close()
+        super().on_deactivate()
 
     @on(goal)
     def accept(self, goal: SweepGoal) -> None:

@@ -1,13 +1,15 @@
 """Measure the torque at the base of the probe."""
 
-import msgspec
+from typing import Any
+
 import numpy as np
 
 from msgs.torque import Contact, TorqueBlock
-from palp_core import Node, Params, Pub, State, Sub, on
+from palp_core import Params, Pub, Sub, on
+from palp_core.palpation.devices.device_node import DeviceNode
+from palp_core.palpation.devices.protocols import TorqueSensor
 from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.sim.torque import SimTorque
-from palp_core.palpation.devices.sim.torque import SimTorqueState as DeviceState
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import read_noise
 from palp_core.palpation.session.named_files import file_mistakes
@@ -32,18 +34,12 @@ class TorqueParams(Params):
     world: str = "paper"
 
 
-class TorqueNodeState(State):
-    """What a replacement inherits."""
-
-    device: DeviceState = msgspec.field(default_factory=DeviceState)
-
-
-class Torque(Node):
+class Torque(DeviceNode):
     """Publish a block of measured torque for each block of contact; silent while nothing is swept."""
 
     simulates = True
     params: TorqueParams
-    state: TorqueNodeState
+    device: TorqueSensor[Any]
     contact = Sub(Contact)
     block = Pub(TorqueBlock)
 
@@ -66,21 +62,12 @@ class Torque(Node):
             gain_drift_per_sqrt_s=params.gain_drift_per_sqrt_s,
         )
 
-    def on_activate(self) -> None:
-        self.device.open(self.now_ns(), self.state.device, self.rng)
-
-    def on_resume(self) -> None:
-        self.device.open(self.now_ns(), self.state.device, self.rng)
-
-    def on_deactivate(self) -> None:
-        self.device.close()
-
     @on(contact)
     def measure(self, contact: Contact) -> None:
         if not isinstance(self.device, SimTorque):
             raise TypeError(f"torque device '{self.params.device}' is real; leave its input contact unwired")
         times_ns = contact.start_ns + np.rint(np.arange(len(contact.torque_n_m)) * (1e9 / contact.rate_hz))
-        block = self.device.read(contact.torque_n_m, times_ns.astype(np.int64), self.state.device, self.rng)
+        block = self.device.read(contact.torque_n_m, times_ns.astype(np.int64), self.memory, self.rng)
         self.block.publish(
             TorqueBlock(
                 stamp_ns=self.now_ns(),

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
+
+import msgspec
+
+from palp_core.palpation.devices.emulator import RigSettings
 
 __all__ = ["PRIORITY", "EmulatorProcess", "emulator"]
 
@@ -20,17 +25,33 @@ class EmulatorProcess:
     """Start one; it prints the drivers' options and then obeys.
 
     Args:
-        arguments: Of ``python -m palp_core.palpation.devices.emulator``.
+        devices: Which.
+        settings: Of the emulated rig.
+        priority: Its real-time priority, where it is allowed.
     """
 
-    def __init__(self, *arguments: str) -> None:
+    def __init__(self, *devices: str, settings: RigSettings | None = None, priority: int = 0) -> None:
+        given = msgspec.json.encode(settings or RigSettings()).decode()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "palp_core.palpation.devices.emulator", *arguments],
+            [
+                sys.executable,
+                "-m",
+                "palp_core",
+                "devices",
+                "emulate",
+                *devices,
+                "--json",
+                "--settings",
+                given,
+            ],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
             bufsize=1,
         )
+        if priority:
+            with suppress(PermissionError):
+                os.sched_setscheduler(self._process.pid, os.SCHED_FIFO, os.sched_param(priority))
         self._lock = threading.Lock()
         self.options: dict[str, dict[str, Any]] = json.loads(self._line())
 
@@ -62,9 +83,9 @@ class EmulatorProcess:
 
 
 @contextmanager
-def emulator(*arguments: str) -> Iterator[EmulatorProcess]:
+def emulator(*devices: str, settings: RigSettings | None = None) -> Iterator[EmulatorProcess]:
     """Run emulated devices for a while."""
-    rig = EmulatorProcess(*arguments)
+    rig = EmulatorProcess(*devices, settings=settings)
     try:
         yield rig
     finally:

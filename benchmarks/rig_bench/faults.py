@@ -14,10 +14,8 @@ KINDS = {
     "aerotech": "stage",
     "maestro": "ring",
     "ati": "torque",
-    "netft": "torque",
     "noraxon": "emg",
     "lsl": "emg",
-    "spikershield": "emg",
 }
 STALE, LOST, GARBLED, FAULTY = "stale", "link lost", "garbled", "device fault"
 ITSELF, REOPEN, ACKNOWLEDGE = "itself", "reopen", "acknowledge"
@@ -80,13 +78,6 @@ FAULTS = [
     Fault("ati", "disconnect", "disconnect and return", (LOST,), 50, ITSELF, STALE),
     Fault("ati", "saturated", "gauge saturated", ("saturated",), 25, ITSELF, "saturated"),
     Fault("ati", "status", "status bits", (FAULTY,), 25, ITSELF, _SENSOR),
-    Fault("netft", "garbage", "garbage", (GARBLED,), 25, ITSELF, STALE),
-    Fault("netft", "truncation", "truncated records", (GARBLED,), 25, ITSELF, STALE),
-    Fault("netft", "delay", "records 0.2 s late", (STALE,), 50, ITSELF, STALE, value=0.2),
-    Fault("netft", "silence", "silence", (STALE, LOST), 50, ITSELF, STALE),
-    Fault("netft", "disconnect", "disconnect and return", (STALE, LOST), 50, ITSELF, STALE),
-    Fault("netft", "saturated", "gauge saturated", ("saturated",), 25, ITSELF, "saturated"),
-    Fault("netft", "status", "status bits", (FAULTY,), 25, ITSELF, _SENSOR),
     Fault("noraxon", "garbage", "garbage", (LOST,), 100, ITSELF, count=1),
     Fault("noraxon", "truncation", "truncated answers", (STALE, LOST), 400, ITSELF, count=1),
     Fault("noraxon", "delay", _delay(2.0), (STALE, LOST), 400, ITSELF, value=2.0),
@@ -95,11 +86,6 @@ FAULTS = [
     Fault("lsl", "garbage", "garbage (values that are no numbers)", (GARBLED,), 400, ITSELF),
     Fault("lsl", "silence", "silence", (STALE,), 400, ITSELF),
     Fault("lsl", "disconnect", "stream withdrawn and offered again", (STALE, LOST), 400, ITSELF),
-    Fault("spikershield", "garbage", "garbage", (GARBLED,), 50, ITSELF),
-    Fault("spikershield", "truncation", "truncated frames", (GARBLED,), 50, ITSELF),
-    Fault("spikershield", "delay", "frames 0.5 s late", (STALE,), 200, ITSELF, value=0.5),
-    Fault("spikershield", "silence", "silence", (STALE,), 200, ITSELF),
-    Fault("spikershield", "disconnect", "disconnect and return", (LOST,), 100, ITSELF),
 ]
 
 

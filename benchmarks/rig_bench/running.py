@@ -15,14 +15,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-import msgspec
 import psutil
 
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.palpation.devices.emulator import RigSettings
 from palp_core.palpation.devices.emulator.axis import AxisSettings
-from palp_core.palpation.devices.emulator.world import WorldSettings
+from palp_core.palpation.devices.emulator.contact import ContactSettings
 
 from .emulator import PRIORITY, EmulatorProcess  # noqa: TID252 -- neighbours, of a script and of a package
 
@@ -46,7 +45,7 @@ phantoms:
   C: *phantom
 sensor: {serial: emulated, bias_n_m: 0.0}
 """
-DEVICES = "aerotech,maestro,ati,noraxon"
+DEVICES = ("aerotech", "maestro", "ati", "noraxon")
 
 
 class StageInTruth:
@@ -114,19 +113,19 @@ class RunningRig:
     ) -> None:
         axis = AxisSettings(home_s=home_s)
         raised = AxisSettings(soft_low_m=-0.001, home_s=home_s, home_m=LIFT_M)
-        world = WorldSettings(from_m=FROM_M - 0.002, to_m=TO_M + 0.002, y_axis=axis, z_axis=raised)
+        contact = ContactSettings(from_m=FROM_M - 0.002, to_m=TO_M + 0.002)
         self._single, self._patience_s, self._poll_s = single_line, patience_s, poll_s
         self._sweep_m_per_s, self._return_m_per_s = sweep_m_per_s, return_m_per_s
-        self._settings = RigSettings(world=world, stage_serial=single_line, maestro_baud=0)
+        self._settings = RigSettings(
+            contact=contact, y_axis=axis, z_axis=raised, stage_serial=single_line, maestro_baud=0
+        )
         self.folder, self._arguments, self._edit, self._extra = folder, arguments, edit or {}, python_path
         self.signalled_ns = 0
         self.running: RunningGraph | None = None
 
     def __enter__(self) -> Self:
         self.run_folder = Path(tempfile.mkdtemp(prefix="palp-"))  # short: a socket's path has 107 bytes
-        settings = msgspec.json.encode(self._settings).decode()
-        priority = ("--priority", str(PRIORITY))
-        self.emulator = EmulatorProcess("--devices", DEVICES, "--settings", settings, *priority)
+        self.emulator = EmulatorProcess(*DEVICES, settings=self._settings, priority=PRIORITY)
         self.stage = StageInTruth(self.emulator)
         try:
             self._launch()

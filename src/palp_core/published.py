@@ -25,9 +25,12 @@ DEVICES, EMG_READERS, STUDIES = "palp.devices", "palp.emg_readers", "palp.studie
 def published(group: str) -> dict[str, str]:
     """Return what installed packages publish: ``module:attribute`` by name, sorted by name.
 
-    Of two packages with the same name, that whose place sorts first is taken: the same one every time.
+    Of two packages with the same name palp's own is taken, else that whose place sorts first.
     """
     from importlib.metadata import entry_points  # it brings email and zipfile, which no node needs
 
-    points = sorted(entry_points(group=group), key=lambda point: (point.name, point.value), reverse=True)
-    return dict(sorted({point.name: point.value for point in points}.items()))
+    points = entry_points(group=group)
+    foreign_last = sorted(
+        (not point.value.startswith("palp_core."), point.value, point.name) for point in points
+    )
+    return dict(sorted({name: place for _, place, name in reversed(foreign_last)}.items()))

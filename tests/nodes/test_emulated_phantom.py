@@ -14,7 +14,7 @@ from nodes.emulated_phantom import EmulatedPhantom
 from palp_core import Bench
 from palp_core.errors import NodeError
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.palpation.devices.emulator.world import World
+from palp_core.palpation.devices.emulator import EmulatedRig
 from palp_core.palpation.mechanics.scene.phantom_file import PAPER_PHANTOMS
 from palp_core.palpation.mechanics.scene.sealed import seal
 from palp_core.palpation.perception.belief.rig_noise import Component, RigNoise, write_noise
@@ -46,7 +46,7 @@ def test_each_mounting_has_its_own_height_and_is_told(bench: Bench[EmulatedPhant
 
 
 def test_the_probe_starts_raised(bench: Bench[EmulatedPhantom]) -> None:
-    truth = bench.node.rig.on_world(lambda world, now_ns: world.truth(now_ns))
+    truth = bench.node.rig.call(bench.node.rig.truth)
     assert truth["z_m"] == 0.020
     assert truth["torque_n_m"] == 0.0
 
@@ -57,18 +57,20 @@ def test_a_failing_region_is_told_once_per_mounting_and_ring_and_only_when_it_wa
     exact = {"repeatability_mm": 0.0, "height_sd_mm": 0.0}
     bench = Bench(EmulatedPhantom, {**PORTS, **exact, "folder": str(tmp_path)}, seed=3)
 
-    def touch(world: World, now_ns: int) -> None:
-        world.move_rod(0.017, 6e-3, 0)
-        world.true_wrench(now_ns)  # raised: nothing is felt
-        assert not world.guards
-        world.axes["z"].move(0.0, 0.05, 0)
-        world.true_wrench(60_000_000_000)
-        world.true_wrench(60_000_000_000)
-        world.axes["z"].move(0.02, 0.05, 60_000_000_000)
+    rig: EmulatedRig = bench.node.rig
+
+    def touch(now_ns: int) -> None:
+        rig.rod.move(0.017, 6e-3, 0)
+        rig.contact.loads(now_ns)  # raised: nothing is felt
+        assert not rig.contact.guards
+        rig.axes.z.move(0.0, 0.05, 0)
+        rig.contact.loads(60_000_000_000)
+        rig.contact.loads(60_000_000_000)
+        rig.axes.z.move(0.02, 0.05, 60_000_000_000)
 
     def touched(code: str, remount: int) -> list[tuple[str, int, float]]:
         bench.feed(EmulatedPhantom.mount, Mount(stamp_ns=0, code=code, remount=remount))
-        bench.node.rig.on_world(touch)
+        rig.call(touch)
         bench.advance(0.3)
         told = bench.sent(EmulatedPhantom.guard)
         return [(guard.code, guard.remount, round(guard.ring_m, 9)) for guard in told]
@@ -78,12 +80,12 @@ def test_a_failing_region_is_told_once_per_mounting_and_ring_and_only_when_it_wa
     assert "small strain" in bench.sent(EmulatedPhantom.guard)[0].words[0]
     assert touched("A", 2) == [("A", 1, 0.016), ("A", 2, 0.016)]
 
-    def sweep(world: World, now_ns: int) -> None:
-        world.axes["z"].move(0.0, 0.05, 60_000_000_000)
-        world.axes["y"].move(0.03, 0.2, 70_000_000_000)
-        world.true_wrench(70_050_000_000)
+    def sweep(_: int) -> None:
+        rig.axes.z.move(0.0, 0.05, 60_000_000_000)
+        rig.axes.y.move(0.03, 0.2, 70_000_000_000)
+        rig.contact.loads(70_050_000_000)
 
-    bench.node.rig.on_world(sweep)
+    rig.call(sweep)
     bench.advance(0.3)
     assert any("inertia: quasi_static" in words for words in bench.sent(EmulatedPhantom.guard)[-1].words)
     assert any(use.task == "motion" for use in bench.sent(EmulatedPhantom.methods)[-1].uses)
@@ -104,12 +106,14 @@ def test_a_noise_file_has_the_spreads_of_torque_ring_and_height(tmp_path: Path) 
     (truth,) = quiet.sent(EmulatedPhantom.truth)
     assert truth.height_offset_m == 0.0
 
-    def torque_noise(world: World, now_ns: int) -> float:
-        world.move_rod(0.013, 6e-3, 0)
-        assert world.true_ring_m(60_000_000_000) == pytest.approx(0.012, abs=1e-12)
-        return float(np.std([world.wrench(now_ns)[3] for _ in range(2000)]))
+    rig: EmulatedRig = quiet.node.rig
 
-    assert quiet.node.rig.on_world(torque_noise) == pytest.approx(3e-5, rel=0.1)
+    def torque_noise(now_ns: int) -> float:
+        rig.rod.move(0.013, 6e-3, 0)
+        assert rig.rod.ring_m(60_000_000_000) == pytest.approx(0.012, abs=1e-12)
+        return float(np.std([rig.sensor.wrench(now_ns)[3] for _ in range(2000)]))
+
+    assert rig.call(torque_noise) == pytest.approx(3e-5, rel=0.1)
     quiet.executor.transition(Transition.SHUTDOWN)
 
 

@@ -1,4 +1,4 @@
-"""A stage of another maker is one file and one line of the registry; the nodes know no maker."""
+"""A stage of another maker is one file and one published name; the nodes know no maker."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ from palp_core import Bench
 from palp_core.cli.rig.device_catalogue import device_entries
 from palp_core.cli.rig.device_discovery import discover
 from palp_core.errors import DeviceError, GraphError, NodeError
+from palp_core.palpation.devices import registry
 from palp_core.palpation.devices.protocols import restored
-from palp_core.palpation.devices.registry import BACK_ENDS, device_mistakes, open_device
+from palp_core.palpation.devices.registry import device_mistakes, open_device
+from palp_core.published import published
 from tests.support import made_up_stage
 from tests.support.made_up_stage import MadeUpStage, MadeUpState, MadeUpStop
 
@@ -29,8 +31,9 @@ GOAL = SweepGoal(stamp_ns=0, goal_id=1, from_m=-0.002, to_m=0.002)
 
 @pytest.fixture(autouse=True)
 def _registered(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Write the one line."""
-    monkeypatch.setitem(BACK_ENDS["stage"], "made_up", "tests.support.made_up_stage:MadeUpStage")
+    """Publish its name."""
+    place = {"stage.made_up": "tests.support.made_up_stage:MadeUpStage"}
+    monkeypatch.setattr(registry, "published", lambda group: {**published(group), **place})
     MadeUpStop.written.clear()
 
 
@@ -174,7 +177,7 @@ def test_a_stage_class_that_says_nothing_of_a_second_link_has_none(monkeypatch: 
 
 
 def test_the_nodes_name_no_maker() -> None:
-    makers = ("aerotech", "maestro", "ati", "netft", "noraxon", "lsl", "spikershield")
+    makers = ("aerotech", "maestro", "ati", "noraxon", "lsl")
     for path in sorted((ROOT / "nodes").glob("*.py")):
         for statement in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(statement, ast.ImportFrom) and statement.module:

@@ -55,8 +55,8 @@ class ScriptedStage:
     def feedback(self, now_ns: int, state: Any) -> StageFeedback:
         return self.sim.feedback(now_ns, state)._replace(moving=self.now_ns < self.end_ns)
 
-    def sweep(self, from_m: float, to_m: float, now_ns: int, state: Any, **how: float) -> Any:
-        times = self.sim.sweep(from_m, to_m, now_ns, state, **how)
+    def sweep(self, from_m: float, to_m: float, now_ns: int, state: Any) -> Any:
+        times = self.sim.sweep(from_m, to_m, now_ns, state)
         self.end_ns = times.end_ns + 30_000_000  # later than predicted
         self.calls.append("sweep")
         return times

@@ -73,8 +73,8 @@ def test_it_tares_before_it_says_anything(sensor: ScriptedSensor) -> None:
     bench.advance(0.0015)
     assert bench.sent(RigTorque.load) == []
     bench.advance(0.001)
-    assert bench.node.state.driver.bias[3] == pytest.approx(0.02)
-    assert bench.node.state.driver.bias[1] == pytest.approx(2.0)
+    assert bench.node.state.device.bias[3] == pytest.approx(0.02)
+    assert bench.node.state.device.bias[1] == pytest.approx(2.0)
     bench.advance(0.001)
     assert len(bench.sent(RigTorque.load)) == 1
 
@@ -89,7 +89,7 @@ def test_a_tare_over_bad_samples_is_done_again(sensor: ScriptedSensor) -> None:
     assert not bench.node.state.tared
     bench.advance(0.001)
     assert bench.node.state.tared
-    assert bench.node.state.driver.bias[3] == pytest.approx(0.02)
+    assert bench.node.state.device.bias[3] == pytest.approx(0.02)
 
 
 def streaming(**params: Any) -> Bench[RigTorque]:

@@ -124,8 +124,6 @@ LENIENT = "beat_ms: 5000.0"
 PATIENT: dict[str, dict[str, float]] = {
     "aerotech": {"stale_s": 0.5, "timeout_s": 0.5},
     "ati": {"stale_s": 0.25},
-    "netft": {"stale_s": 0.15},
-    "spikershield": {"stale_s": 0.3},
 }
 WHILE = 10
 NODES = {
@@ -151,7 +149,6 @@ class Watched:
         (folder / "witness.py").write_text(WITNESS, encoding="utf-8")
         options = {**rig.options[device], **PATIENT.get(device, {})}
         rate = f"rate_hz: {options.pop('rate_hz')}, " if "rate_hz" in options else ""
-        rate = "rate_hz: 5000.0, " if device == "spikershield" else rate
         text = f"""
 graph: watched
 clock: wall
@@ -238,7 +235,7 @@ def test_each_fault_is_named_on_the_nodes_topic_and_passes_by_the_documented_ste
     palp: Palp, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, device: str
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(palp.runtime_dir))
-    with emulator("--devices", device) as rig:
+    with emulator(device) as rig:
         watched = Watched(palp, rig, device, tmp_path)
         until(watched.is_well, "device in health", watched.seen)
         for fault in [fault for fault in FAULTS if fault.device == device]:

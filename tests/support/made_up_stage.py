@@ -1,4 +1,4 @@
-"""A stage of another maker: a driver is one file, such as this, and one line of the registry."""
+"""A stage of another maker: a driver is one file, such as this."""
 
 from __future__ import annotations
 
@@ -99,20 +99,11 @@ class MadeUpStage:
     def acknowledge(self, now_ns: int, state: MadeUpState) -> None:
         pass
 
-    def sweep_start(self, from_m: float, to_m: float, *, speed_m_per_s: float = 0.0) -> float:
+    def sweep_start(self, from_m: float, to_m: float) -> float:
         return from_m - 1e-3
 
-    def sweep(
-        self,
-        from_m: float,
-        to_m: float,
-        now_ns: int,
-        state: MadeUpState,
-        *,
-        speed_m_per_s: float = 0.0,
-        height_m: float = 0.0,
-    ) -> SweepTimes:
-        end_ns = self._go(to_m + 1e-3, height_m, now_ns, state)
+    def sweep(self, from_m: float, to_m: float, now_ns: int, state: MadeUpState) -> SweepTimes:
+        end_ns = self._go(to_m + 1e-3, 0.0, now_ns, state)
         lead_ns = round(1e-3 / self.sweep_speed_m_per_s * 1e9)
         return SweepTimes(now_ns + lead_ns, end_ns - lead_ns, end_ns)
 

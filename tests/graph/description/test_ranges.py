@@ -156,7 +156,7 @@ def test_other_positions_may_be_trained_where_the_policy_asks_for_no_others(chos
         ("stop_n_mm: 100.0", "stop_n_mm: 150.0", "above the sensor's range of 0.12 and can never"),
         ("stop_n: 10.0", "stop_n: 13.0", "above the sensor's range of 12 and can never trip"),
         ("stop_link)}", "stop_link), warn_n: 11.0}", "warn_force_n = 11 must lie in [0, 10]"),
-        ("device: ati", "device: ait", "no torque device 'ait'; known: ati, netft, sim"),
+        ("device: ati", "device: ait", "no torque device 'ait'; known: ati, sim"),
         ("channel: can0", "chanel: can0", "unexpected keyword argument 'chanel'"),
         ("channel: can0", "range_n_m: 0.5", "the range of the sensor is told as range_n_mm"),
         ('url: "socket', 'lift_m: 0.003, url: "socket', "lift_m: the node's own parameters say this"),

@@ -12,13 +12,11 @@ import pytest
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
 from palp_core.palpation.devices.emulator.axis import AxisSettings
-from palp_core.palpation.devices.emulator.world import WorldSettings
 from tests.support.hardware import HARDWARE, Hardware, read_hardware
 
 QUICK = RigSettings(
-    world=WorldSettings(
-        y_axis=AxisSettings(home_s=0.02), z_axis=AxisSettings(soft_low_m=-0.001, home_s=0.02)
-    ),
+    y_axis=AxisSettings(home_s=0.02),
+    z_axis=AxisSettings(soft_low_m=-0.001, home_s=0.02),
     stage_baud=0,
     maestro_baud=0,
 )
@@ -71,10 +69,8 @@ def patient() -> dict[str, dict[str, Any]]:
         "aerotech": {"stale_s": 30.0, "timeout_s": 30.0},
         "maestro": {"stale_s": 30.0, "timeout_s": 30.0, "stall_s": 30.0},
         "ati": {"stale_s": 10.0, "timeout_s": 30.0, "lost_s": 30.0, "rate_hz": 100.0, "gap_s": 0.03},
-        "netft": {"stale_s": 10.0, "timeout_s": 30.0, "lost_s": 30.0},
         "noraxon": {"stale_s": 30.0, "timeout_s": 30.0},
         "lsl": {"stale_s": 30.0, "find_s": 60.0},
-        "spikershield": {"stale_s": 30.0},
     }
 
 

@@ -6,6 +6,7 @@ up to 10 mm, and only if the file says that they may.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,24 +16,21 @@ import pytest
 from typer.testing import CliRunner
 
 from palp_core.cli.main import app
-from palp_core.palpation.devices.contract.promises import PROMISES, Promise
-from palp_core.palpation.devices.contract.run import check_driver, promises_of
-from palp_core.palpation.devices.contract.subject import Patience, Subject
+from palp_core.cli.rig.device_discovery import why_broken
+from palp_core.palpation.devices.contract import PROMISES, Promise, Subject, promises_of
 from palp_core.palpation.devices.emulator import EmulatedRig
-from palp_core.palpation.devices.registry import BACK_ENDS, kind_of
+from palp_core.palpation.devices.registry import KINDS, kind_of, known_devices
 from palp_core.palpation.devices.sim.ring import SimRing
 from tests.support.hardware import HARDWARE, Hardware
 
 pytestmark = pytest.mark.filterwarnings("default::palp_core.palpation.devices.unverified.UnverifiedWarning")
-BY_KIND = {kind: list(names) for kind, names in BACK_ENDS.items()}
+BY_KIND = {kind: known_devices(kind) for kind in KINDS}
 SIM_OPTIONS: dict[str, dict[str, Any]] = {"emg": {"matrix": [[0.2] * 5] * 5}, "stage": {"lift_m": 0.002}}
 EMULATED_OPTIONS: dict[str, dict[str, Any]] = {  # slow: what is predicted or cut short has seconds of time
     "stage": {"lift_m": 0.002, "sweep_speed_m_per_s": 0.001, "return_speed_m_per_s": 0.005},
     "ring": {"speed_m_per_s": 1.25e-3},
 }
-
-
-PATIENCE = Patience(120.0)
+PATIENCE_S = 120.0
 
 
 def cases(hardware: dict[str, Hardware]) -> Iterator[Any]:
@@ -56,12 +54,12 @@ def subject(
 ) -> Iterator[Subject]:
     kind, name = request.param
     if name == "hardware":
-        made = Subject(kind, hardware[kind].device, hardware[kind].options, PATIENCE)
+        made = Subject(kind, hardware[kind].device, hardware[kind].options, patience_s=PATIENCE_S)
     elif name == "sim":
-        made = Subject(kind, name, SIM_OPTIONS.get(kind, {}), PATIENCE, simulated=True)
+        made = Subject(kind, name, SIM_OPTIONS.get(kind, {}), simulated=True)
     else:
         options = quick_rig(name).options[name] | patient[name] | EMULATED_OPTIONS.get(kind, {})
-        made = Subject(kind, name, options, PATIENCE)
+        made = Subject(kind, name, options, patience_s=PATIENCE_S)
     yield made
     made.device.close()
 
@@ -73,7 +71,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 def test_a_device_keeps_the_promise(subject: Subject, promise: Promise) -> None:
-    promise.check(subject)
+    promise(subject)
 
 
 class Deaf(SimRing):
@@ -84,9 +82,9 @@ class Deaf(SimRing):
 
 
 def test_a_driver_that_breaks_a_promise_is_told_which_and_how() -> None:
-    name = f"{Path(__file__)}:Deaf"
+    name = f"{__name__}:Deaf"
     assert kind_of(name) == "ring"
-    broken = {one.promise.text: one.broken for one in check_driver("ring", name, {}, simulated=True)}
+    broken = {str(one): why_broken(one, Subject("ring", name, simulated=True)) for one in promises_of("ring")}
     why = broken.pop("a ring refuses targets beyond its stroke")
     assert why == "it does not refuse a target of -0.001 m (with a DeviceError that says 'target_m')"
     assert set(broken.values()) == {""}
@@ -97,17 +95,21 @@ def contract(*words: str) -> tuple[int, str]:
     return done.exit_code, done.output + str(done.exception or "")
 
 
-def test_the_verb_checks_a_driver_of_ones_own_and_moves_nothing_unasked(tmp_path: Path) -> None:
-    other = tmp_path / "other.py"
-    other.write_text(
+def test_the_verb_checks_a_driver_of_ones_own_and_moves_nothing_unasked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "nodes").mkdir()
+    (tmp_path / "other_stage.py").write_text(
         "from palp_core.palpation.devices.sim.stage import SimStage\n\n\nclass Mine(SimStage):\n    pass\n",
         encoding="utf-8",
     )
-    assert "clear the way and add --moves" in contract(f"{other}:Mine")[1]
-    status, said = contract(f"{other}:Mine", "--sim", "lift_m:=0.002")
+    assert "clear the way and add --moves" in contract("other_stage:Mine")[1]
+    status, said = contract("other_stage:Mine", "--sim", "lift_m:=0.002")
     assert status == 0, said
     assert said.count("kept") == len(promises_of("stage"))
-    assert "no file" in contract(f"{tmp_path}/none.py:Mine")[1]
-    listed = CliRunner().invoke(app, ["devices", "list", f"{other}:Mine"]).output
+    assert "cannot import 'no_stage:Mine'" in contract("no_stage:Mine")[1]
+    listed = CliRunner().invoke(app, ["devices", "list", "other_stage:Mine"]).output
     assert "stage" in listed
     assert "lift_m" in listed

@@ -165,16 +165,16 @@ def test_a_second_link_stops_the_stage_and_the_first_one_sees_it(
     stage.open(time.monotonic_ns(), state, RNG)
     stop = AerotechStop(rig.addresses["aerotech"], timeout_s=30.0, rest_s=30.0)
     stage.return_to(-0.05, time.monotonic_ns(), state)
-    wait.until(lambda: rig.on_world(lambda world, t: world.truth(t))["y_m"] < -0.002)
+    wait.until(lambda: rig.call(rig.truth)["y_m"] < -0.002)
     times = stop.trip()
     assert times.written_ns <= times.resting_ns <= times.disabled_ns
     wait.until(lambda: not any(report.moving for report in stop.poll()))
     assert not any(report.enabled for report in stop.poll())
-    at_m = rig.on_world(lambda world, t: world.truth(t))["y_m"]
+    at_m = rig.call(rig.truth)["y_m"]
     wait.until(lambda: not stage.health(time.monotonic_ns()).ok)
     with pytest.raises(DeviceError, match=r"disabled|could not be executed"):  # whichever it sees first
         stage.return_to(0.0, time.monotonic_ns(), state)
-    assert rig.on_world(lambda world, t: world.truth(t))["y_m"] == at_m
+    assert rig.call(rig.truth)["y_m"] == at_m
     stage.acknowledge(time.monotonic_ns(), state)
     wait.until(
         lambda: stage.health(time.monotonic_ns()).ok and not stage.feedback(time.monotonic_ns(), state).moving

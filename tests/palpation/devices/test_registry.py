@@ -16,11 +16,11 @@ from palp_core.palpation.devices import (
     TorqueSensor,
     known_devices,
     open_device,
+    registry,
 )
 from palp_core.palpation.devices.emg.emg_source import EmgSourceState
 from palp_core.palpation.devices.emg.lsl import LslEmg
 from palp_core.palpation.devices.emg.noraxon import NoraxonEmg
-from palp_core.palpation.devices.emg.spikershield import SpikerShieldEmg
 from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.limits import TravelLimits
 from palp_core.palpation.devices.registry import device_mistakes
@@ -31,7 +31,6 @@ from palp_core.palpation.devices.sim.stage import SimStage, SimStageState
 from palp_core.palpation.devices.sim.torque import SimTorque, SimTorqueState
 from palp_core.palpation.devices.stage.aerotech import AerotechStage, AerotechState
 from palp_core.palpation.devices.torque.ati import AtiTorque
-from palp_core.palpation.devices.torque.netft import NetFtTorque
 from palp_core.palpation.devices.torque.wrench_state import WrenchState
 
 CHAIN = [[0.2] * 5] * 5
@@ -70,7 +69,7 @@ def test_a_class_from_elsewhere_is_named_by_its_module() -> None:
 @pytest.mark.parametrize(
     ("kind", "name", "options", "says"),
     [
-        ("torque", "nano71", {}, "known: ati, netft, sim"),
+        ("torque", "nano71", {}, "known: ati, sim"),
         ("gripper", "sim", {}, "known: emg, ring, stage, torque"),
         ("ring", "sim", {"sped_m_per_s": 1.0}, "its options are speed_m_per_s"),
         ("emg", "sim", {}, "missing a required argument: 'matrix'"),
@@ -95,10 +94,14 @@ def test_an_unknown_name_or_option_lists_what_there_is(
         open_device(kind, name, **options)
 
 
+def test_an_installation_without_devices_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry, "published", lambda group: {})
+    assert "install palp-core again" in device_mistakes("torque", "ati")["device"]
+
+
 def test_mistakes_are_told_by_the_nodes_parameter_without_opening_a_device() -> None:
     assert device_mistakes("torque", "nano71", {}) == {
-        "device": "no torque device 'nano71'; known: ati, netft, sim, "
-        "or give package.module:Class or FILE.py:Class"
+        "device": "no torque device 'nano71'; known: ati, sim, or give package.module:Class"
     }
     assert list(device_mistakes("ring", "maestro", {"url": "x", "speed_m_per_s": 1.0})) == ["options"]
     assert device_mistakes("stage", "aerotech", {"url": "socket://127.0.0.1:1"}) == {}
@@ -110,7 +113,7 @@ def test_mistakes_are_told_by_the_nodes_parameter_without_opening_a_device() -> 
     [
         ("torque", "ati", {"channel": 0}, {"channel": 0}),  # python-can's own: a number or a name
         ("torque", "ati", {"channel": "0"}, {"channel": "0"}),
-        ("torque", "netft", {"host": 1}, {"host": "1"}),
+        ("emg", "noraxon", {"host": 1}, {"host": "1"}),
         ("emg", "lsl", {"stream": 7}, {"stream": "7"}),
         ("stage", "aerotech", {"url": "x", "axes": [0, 1]}, {"axes": ("0", "1")}),
         ("stage", "aerotech", {"url": "x", "axes": ["X", 1]}, {"axes": ("X", "1")}),
@@ -141,18 +144,17 @@ def test_every_parameter_refuses_nan(device: Any) -> None:
 def test_the_drivers_satisfy_the_protocols_and_are_known_by_name() -> None:
     stage: StageDevice[AerotechState] = AerotechStage("socket://127.0.0.1:1")
     ring: RingDevice[MaestroState] = MaestroRing("/nowhere")
-    torque: list[TorqueSensor[WrenchState]] = [AtiTorque(), NetFtTorque("127.0.0.1")]
+    torque: TorqueSensor[WrenchState] = AtiTorque()
     emg: list[EmgDevice[EmgSourceState]] = [
         NoraxonEmg("127.0.0.1"),
         LslEmg("nothing"),
-        SpikerShieldEmg("/nowhere"),
     ]
-    devices: list[Any] = [stage, ring, *torque, *emg]
+    devices: list[Any] = [stage, ring, torque, *emg]
     for device in devices:
         device.close()
         assert device.health(0).condition is Condition.CLOSED
     names = [name for kind in ("stage", "ring", "torque", "emg") for name in known_devices(kind)]
-    drivers = ["aerotech", "maestro", "ati", "netft", "lsl", "noraxon", "spikershield"]
+    drivers = ["aerotech", "maestro", "ati", "lsl", "noraxon"]
     assert [name for name in names if name != "sim"] == drivers
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
-import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,27 +12,25 @@ import pytest
 
 from palp_core.palpation.devices.emg.emg_source import EmgSourceState
 from palp_core.palpation.devices.emg.noraxon import NoraxonEmg
-from palp_core.palpation.devices.emg.spikershield import SpikerShieldEmg
 from palp_core.palpation.devices.emulator.aerotech import Aerotech
-from palp_core.palpation.devices.emulator.emg import Noraxon, SpikerShield
+from palp_core.palpation.devices.emulator.axis import Axes, Axis, AxisSettings
+from palp_core.palpation.devices.emulator.emg import Noraxon
 from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import Faults
 from palp_core.palpation.devices.emulator.http import Http
 from palp_core.palpation.devices.emulator.maestro import Maestro, MaestroSettings
 from palp_core.palpation.devices.emulator.netcanoem import Netcanoem, SocketCand
-from palp_core.palpation.devices.emulator.netft import NetFt, configuration_page
-from palp_core.palpation.devices.emulator.ports import Speaker, TcpPort
-from palp_core.palpation.devices.emulator.world import World, WorldSettings
-from palp_core.palpation.devices.protocols import EmgSamples
+from palp_core.palpation.devices.emulator.ports import DeviceSide, TcpPort
+from palp_core.palpation.devices.emulator.rod import Rod
 from palp_core.palpation.devices.ring.maestro_link import MaestroLink
+from palp_core.palpation.devices.sim.ring import SimRing
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink, CommandRefused
 from palp_core.palpation.devices.torque.ati import AtiTorque
-from palp_core.palpation.devices.torque.netft import NetFtTorque
 from palp_core.palpation.devices.torque.wrench_state import WrenchState
-from palp_core.palpation.devices.wire import aerotech, maestro, rdt, spikershield
+from palp_core.palpation.devices.wire import aerotech, maestro
 
 S = 1_000_000_000
-AIR = WorldSettings(repeatability_m=0.0, ring_zero_m=0.0)
+UNLOADED = [0.0] * 6
 
 
 @dataclass
@@ -42,12 +38,10 @@ class Script:
     """A device that knows its part by heart, and refuses any other cue."""
 
     part: list[tuple[bytes, bytes]]
+    greeting: bytes = b""
     ready_ns: int = 0
     heard: list[bytes] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
-
-    def stream(self, now_ns: int) -> bytes:
-        return b""
 
     def receive(self, data: bytes, now_ns: int) -> bytes:
         reply = b""
@@ -75,13 +69,16 @@ def loop() -> Iterator[EmulatorLoop]:
 
 
 @pytest.fixture
-def world() -> Iterator[World]:
-    world = World(AIR)
-    yield world
-    world.close()
+def axes() -> Axes:
+    return Axes(Axis(AxisSettings()), Axis(AxisSettings(soft_low_m=-0.001)))
 
 
-def listen(loop: EmulatorLoop, make: Callable[[], Speaker]) -> TcpPort:
+@pytest.fixture
+def rod() -> Rod:
+    return Rod(SimRing(repeatability_m=0.0), seed=1)
+
+
+def listen(loop: EmulatorLoop, make: Callable[[], DeviceSide]) -> TcpPort:
     port = TcpPort(loop, 0, make, Faults())
     loop.call(port.plug)
     return port
@@ -113,8 +110,8 @@ E_STOP = [
 ]
 
 
-def test_the_stages_emulator_answers_the_transcript(world: World) -> None:
-    controller = Aerotech(world)
+def test_the_stages_emulator_answers_the_transcript(axes: Axes) -> None:
+    controller = Aerotech(axes)
     assert controller.receive(b"NONE\n", 0) == b"!\n"
     for at_s, sent, answer, _, _ in STAGE:
         assert controller.receive(sent, round(at_s * S)) == answer, sent
@@ -123,8 +120,8 @@ def test_the_stages_emulator_answers_the_transcript(world: World) -> None:
     assert controller.receive(b"FAULTACK X\nENABLE X\n", 5 * S) == b"%\n%\n"
 
 
-def test_the_stages_emulator_tells_an_emergency_stop_as_the_transcript_does(world: World) -> None:
-    controller, axis = Aerotech(world), world.axes["y"]
+def test_the_stages_emulator_tells_an_emergency_stop_as_the_transcript_does(axes: Axes) -> None:
+    controller, axis = Aerotech(axes), axes.y
     controller.receive(b"ENABLE X\nHOMEASYNC X\nAXISSTATUS(X)\n", 0)
     controller.receive(b"AXISSTATUS(X)\n", 5 * S)
     axis.estop = True
@@ -137,8 +134,8 @@ def test_the_stages_emulator_tells_an_emergency_stop_as_the_transcript_does(worl
     assert controller.receive(b"ENABLE X\n", 7 * S) == b"%\n"
 
 
-def test_an_emulator_set_to_accept_and_fault_accepts_and_faults(world: World) -> None:
-    controller = Aerotech(world, refuses_beyond=False)
+def test_an_emulator_set_to_accept_and_fault_accepts_and_faults(axes: Axes) -> None:
+    controller = Aerotech(axes, refuses_beyond=False)
     controller.receive(b"ENABLE X\n", 0)
     assert controller.receive(b"MOVEABS X 99.000 XF 20\n", 0) == b"%\n"
     assert controller.receive(b"AXISFAULT(X)\n", 0) == b"%16\n"
@@ -177,14 +174,14 @@ def test_the_stages_driver_understands_limits_and_the_emergency_stop(loop: Emula
     assert (script.wrong, script.part) == ([], [])
 
 
-def test_a_bare_acknowledgement_is_one_byte_when_ends_are_off(world: World) -> None:
-    controller = Aerotech(world, always_end=False)
+def test_a_bare_acknowledgement_is_one_byte_when_ends_are_off(axes: Axes) -> None:
+    controller = Aerotech(axes, always_end=False)
     assert controller.receive(bytes.fromhex("454E41424C452040300A"), 0) == bytes.fromhex("25")
-    world.axes["y"].home(0)
+    axes.y.home(0)
     controller.receive(b"AXISSTATUS(X)\nMOVEABS X 10.000 XF 20.000\n", S)
     at_ns = S + round(0.2208 * S)
     assert controller.receive(bytes.fromhex("50464B50"), at_ns) == b""  # half a question
-    assert Aerotech(world).receive(bytes.fromhex("5046424B50524F472858290A"), at_ns) == bytes.fromhex(
+    assert Aerotech(axes).receive(bytes.fromhex("5046424B50524F472858290A"), at_ns) == bytes.fromhex(
         "25342E3231360A"
     )
 
@@ -221,8 +218,8 @@ def sent_bytes(message: str, check: str, crc: bool) -> bytes:
 
 
 @pytest.mark.parametrize("crc", [True, False])
-def test_the_rings_emulator_answers_the_transcript(world: World, crc: bool) -> None:
-    controller = Maestro(world, MaestroSettings(crc=crc))
+def test_the_rings_emulator_answers_the_transcript(rod: Rod, crc: bool) -> None:
+    controller = Maestro(rod, MaestroSettings(crc=crc))
     for at_s, message, check, answer, _, _ in RING:
         reply = controller.receive(sent_bytes(message, check, crc), round(at_s * S))
         assert reply == bytes.fromhex(answer), (at_s, message)
@@ -240,14 +237,14 @@ def test_the_rings_driver_says_and_understands_the_transcript(loop: EmulatorLoop
     assert (script.wrong, script.part) == ([], [])
 
 
-def test_the_pololu_form_means_the_same_as_the_compact_one(world: World) -> None:
-    controller = Maestro(world, MaestroSettings())
+def test_the_pololu_form_means_the_same_as_the_compact_one(rod: Rod) -> None:
+    controller = Maestro(rod, MaestroSettings())
     assert controller.receive(bytes.fromhex("AA 0C 04 00 20 29 6F"), 0) == b""
     assert controller.receive(bytes.fromhex("90 00 65"), S) == bytes.fromhex("A0 14")
 
 
-def test_a_wrong_check_byte_moves_nothing_and_is_told_once(world: World) -> None:
-    controller = Maestro(world, MaestroSettings())
+def test_a_wrong_check_byte_moves_nothing_and_is_told_once(rod: Rod) -> None:
+    controller = Maestro(rod, MaestroSettings())
     before = controller.receive(bytes.fromhex("90 00 65"), 0)
     controller.receive(bytes.fromhex("84 00 20 29 00"), 0)
     assert controller.receive(bytes.fromhex("90 00 65"), 9 * S) == before
@@ -255,11 +252,10 @@ def test_a_wrong_check_byte_moves_nothing_and_is_told_once(world: World) -> None
     assert controller.receive(bytes.fromhex("A1 1B"), 9 * S) == bytes.fromhex("00 00")
 
 
-def test_a_silent_host_stops_the_ring_and_is_told(world: World) -> None:
-    controller = Maestro(world, MaestroSettings(timeout_s=0.5))
+def test_a_silent_host_stops_the_ring_and_is_told(rod: Rod) -> None:
+    controller = Maestro(rod, MaestroSettings(timeout_s=0.5))
     controller.receive(bytes.fromhex("87 00 01 00") + bytes([maestro.crc7(bytes.fromhex("87000100"))]), 0)
     controller.receive(bytes.fromhex("84 00 40 3E 35"), 0)
-    controller.stream(S)
     assert controller.receive(bytes.fromhex("A1 1B"), S) == bytes.fromhex("20 00")
     at_us = int.from_bytes(controller.receive(bytes.fromhex("90 00 65"), 9 * S), "little") / 4
     assert at_us == pytest.approx(1000.0 + 25.0, abs=1.0)  # where it was after a second at 25 us/s
@@ -285,20 +281,20 @@ def frame(text: str) -> tuple[int, bytes]:
     return int(identifier, 16), bytes.fromhex(data)
 
 
-def test_the_sensors_emulator_answers_the_transcript(world: World) -> None:
-    sensor = Netcanoem(world, gauges=GAUGES)
+def test_the_sensors_emulator_answers_the_transcript() -> None:
+    sensor = Netcanoem(lambda _: UNLOADED, gauges=GAUGES)
     for request, answers in SENSOR.items():
         assert sensor.answer(*frame(request), 0) == [frame(answer) for answer in answers], request
-    world.sensor_status = 0x8020
+    sensor.status = 0x8020
     assert sensor.answer(0x200, b"", 0) == [frame(answer) for answer in SUPPLY_LOW]
-    world.sensor_status, world.saturated_gauges = 0, (0,)
+    sensor.status, sensor.saturated = 0, (0,)
     assert sensor.answer(0x200, b"", 0) == [frame(answer) for answer in SATURATED]
     assert sensor.answer(0x300, b"", 0) == []
 
 
-def test_socketcand_speaks_as_the_transcript_does(world: World) -> None:
-    server = SocketCand(Netcanoem(world, gauges=GAUGES), 500_000)
-    assert server.stream(0) == b"< hi >"
+def test_socketcand_speaks_as_the_transcript_does() -> None:
+    server = SocketCand(Netcanoem(lambda _: UNLOADED, gauges=GAUGES), 500_000)
+    assert server.greeting == b"< hi >"
     assert server.receive(b"< open can0 >", 0) == b"< ok >"
     assert server.receive(b"< rawmode >", 0) == b"< ok >"
     reply = server.receive(b"< send 200 0  >", 1_234_567_000)
@@ -309,8 +305,8 @@ def test_socketcand_speaks_as_the_transcript_does(world: World) -> None:
 class KnownSensor(Netcanoem):
     """A sensor that answers from the table, and from its own matrix where the table is silent."""
 
-    def __init__(self, world: World, sample: list[str]) -> None:
-        super().__init__(world, gauges=GAUGES)
+    def __init__(self, sample: list[str]) -> None:
+        super().__init__(lambda _: UNLOADED, gauges=GAUGES)
         self._table: dict[tuple[int, bytes], list[str]] = {frame(r): a for r, a in SENSOR.items()}
         self._table[frame("200#")] = sample
 
@@ -319,8 +315,8 @@ class KnownSensor(Netcanoem):
         return [frame(a) for a in known] if known else super().answer(identifier, data, now_ns)
 
 
-def first_sample(loop: EmulatorLoop, world: World, sample: list[str]) -> Any:
-    port = listen(loop, lambda: SocketCand(KnownSensor(world, sample), 0))
+def first_sample(loop: EmulatorLoop, sample: list[str]) -> Any:
+    port = listen(loop, lambda: SocketCand(KnownSensor(sample), 0))
     link = {"host": port.host, "port": port.port, "tcp_tune": True}
     sensor = AtiTorque(interface="socketcand", options=link, rate_hz=100.0, timeout_s=30.0, verified=("*",))
     state, rng = WrenchState(), np.random.default_rng(0)
@@ -335,8 +331,8 @@ def first_sample(loop: EmulatorLoop, world: World, sample: list[str]) -> Any:
         loop.call(port.unplug)
 
 
-def test_the_sensors_driver_makes_forces_of_the_transcript(loop: EmulatorLoop, world: World) -> None:
-    block = first_sample(loop, world, SENSOR["200#"])
+def test_the_sensors_driver_makes_forces_of_the_transcript(loop: EmulatorLoop) -> None:
+    block = first_sample(loop, SENSOR["200#"])
     np.testing.assert_allclose(block.wrench[0], WRENCH, atol=1e-6)
     assert block.torque_n_m[0] == pytest.approx(WRENCH[3], abs=1e-9)
     assert not block.faulty[0]
@@ -344,56 +340,12 @@ def test_the_sensors_driver_makes_forces_of_the_transcript(loop: EmulatorLoop, w
 
 @pytest.mark.parametrize(("sample", "saturated"), [(SUPPLY_LOW, 0), (SATURATED, 1)])
 def test_the_sensors_driver_does_not_trust_a_bad_sample(
-    loop: EmulatorLoop, world: World, sample: list[str], saturated: int
+    loop: EmulatorLoop, sample: list[str], saturated: int
 ) -> None:
-    block = first_sample(loop, world, sample)
+    block = first_sample(loop, sample)
     assert bool(block.faulty[0])
     assert min(block.saturated_count, 1) == saturated
     assert abs(block.torque_n_m[0]) <= 0.120
-
-
-RECORD = bytes.fromhex("0000000100000007 00000000 000F4240 FFD9DA60 00000000 00003D09 FFFFC2F7 00000000")
-
-
-def test_the_network_sensor_speaks_as_the_transcript_does(
-    loop: EmulatorLoop, world: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    assert rdt.request(rdt.START) == bytes.fromhex("1234000200000000")
-    assert rdt.request(rdt.STOP) == bytes.fromhex("1234000000000000")
-    (record,) = rdt.records(RECORD)
-    assert (record["rdt"], record["ft"], record["status"]) == (1, 7, 0)
-    assert (record["counts"] / 1e6).tolist() == [1.0, -2.5, 0.0, 0.015625, -0.015625, 0.0]
-    truth = np.array([1.0, -2.5, 0.0, 15.625e-6, -15.625e-6, 0.0])
-    monkeypatch.setattr(world, "wrench", lambda now_ns: truth.copy())
-    sensor = NetFt(loop, world, Faults(), 1000.0)
-    assert sensor.record(1, 7, 0) == RECORD
-
-
-def test_the_network_sensors_driver_says_and_understands_the_transcript(loop: EmulatorLoop) -> None:
-    page = listen(loop, lambda: Http(lambda path, _: configuration_page(path), "text/xml"))
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as device:
-        device.bind(("127.0.0.1", 0))
-        device.settimeout(20.0)
-        asked: list[bytes] = []
-
-        def answer() -> None:
-            request, driver = device.recvfrom(64)
-            asked.append(request)
-            device.sendto(RECORD, driver)
-
-        thread = threading.Thread(target=answer)
-        thread.start()
-        sensor = NetFtTorque("127.0.0.1", device.getsockname()[1], page.port, timeout_s=30.0)
-        state, rng = WrenchState(), np.random.default_rng(0)
-        sensor.open(0, state, rng)
-        thread.join()
-        block = sensor.drain(0, state, rng)
-        sensor.close()
-        asked.append(device.recv(64))
-    loop.call(page.unplug)
-    assert asked == [bytes.fromhex("1234000200000000"), bytes.fromhex("1234000000000000")]
-    np.testing.assert_allclose(block.wrench, [[1.0, -2.5, 0.0, 15.625e-6, -15.625e-6, 0.0]])
-    assert not block.faulty.any()
 
 
 HEADERS = {
@@ -404,8 +356,8 @@ HEADERS = {
 }
 
 
-def test_noraxons_emulator_answers_the_transcript(world: World) -> None:
-    amplifier = Noraxon(world)
+def test_noraxons_emulator_answers_the_transcript() -> None:
+    amplifier = Noraxon()
     assert json.loads(amplifier.page("/headers", 0) or b"") == HEADERS
     for path in ("/disable/all", "/enable/0", "/enable/1"):
         assert amplifier.page(path, 0) == b""
@@ -442,48 +394,3 @@ def test_noraxons_driver_understands_the_transcript(loop: EmulatorLoop) -> None:
     assert asked[:5] == ["/headers", "/disable/all", "/enable/0", "/enable/1", "/samples"]
     np.testing.assert_allclose(block.fds_v, [1.5e-6, -2e-6])
     np.testing.assert_allclose(block.edc_v, [3e-6, 4e-6])
-
-
-FRAME = bytes.fromhex("84 00 04 03")
-
-
-def test_the_spikershield_speaks_as_the_transcript_does(
-    world: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    values, dropped = spikershield.Decoder(2).feed(FRAME)
-    assert (values.tolist(), dropped) == ([[512.0, 515.0]], False)
-    assert spikershield.configuration(10000, 2) == b"conf s:10000;c:2;\n"
-    box = SpikerShield(world)
-    block = EmgSamples(np.array([0]), np.array([0.0]), np.array([3 * 4e-6]))
-    monkeypatch.setattr(box._muscles, "since", lambda now_ns: block)
-    assert box.stream(0) == b"StartUp!\r\n" + FRAME
-
-
-def test_the_spikershields_driver_says_and_understands_the_transcript(loop: EmulatorLoop) -> None:
-    script = Script([(b"conf s:10000;c:2;\n", FRAME * 4)])
-
-    class Booting(Script):
-        def receive(self, data: bytes, now_ns: int) -> bytes:
-            self.ready_ns = now_ns + 2 * S  # the driver throws away what came before its configuration
-            return script.receive(data, now_ns)
-
-    port = listen(loop, lambda: Booting([]))
-    source = SpikerShieldEmg(port.address, verified=("*",))
-    state, rng = EmgSourceState(), np.random.default_rng(0)
-    source.open(0, state, rng)
-    block = source.drain(0, state, rng)
-    while not len(block.times_ns):
-        block = source.drain(0, state, rng)
-    source.close()
-    loop.call(port.unplug)
-    assert (script.wrong, script.part) == ([], [])
-    np.testing.assert_allclose(block.fds_v, 0.0)
-    np.testing.assert_allclose(block.edc_v, 3 * 4e-6)
-
-
-def test_the_spikershields_escape_blocks_are_no_samples() -> None:
-    escape = bytes.fromhex("FFFF010180FF") + b"EVNT:1;" + bytes.fromhex("FFFF010181FF")
-    decoder = spikershield.Decoder(2)
-    values = [decoder.feed(part)[0] for part in (FRAME + escape[:9], escape[9:] + FRAME[:3], FRAME[3:])]
-    assert [len(v) for v in values] == [1, 0, 1]
-    assert decoder.dropped_count == 0

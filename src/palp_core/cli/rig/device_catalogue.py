@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from palp_core.errors import DeviceError
-from palp_core.palpation.devices.registry import BACK_ENDS, back_end, drivers, kind_of
+from palp_core.palpation.devices.registry import back_end, drivers, kind_of
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class DeviceEntry:
 
 
 def device_entries(names: Sequence[str] = ()) -> list[DeviceEntry]:
-    """Return every device that has a driver, in the order of the registry, or those named.
+    """Return every device that has a driver, by kind and name, or those named.
 
     Raises:
         DeviceError: There is no such device.
@@ -34,12 +34,10 @@ def _entry(kind: str, name: str) -> DeviceEntry:
 
 
 def _entry_or_error(kind: str, name: str) -> DeviceEntry:
-    """Return a device; of one whose package cannot be imported the error stands where its link would."""
+    """Return a device; of one whose package cannot be imported the error is in place of its link."""
     try:
         return _entry(kind, name)
     except DeviceError as error:
-        if name in BACK_ENDS[kind]:
-            raise
         return DeviceEntry(kind, name, str(error), {})
 
 

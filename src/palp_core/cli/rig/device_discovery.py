@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from palp_core.errors import DeviceError
+from palp_core.errors import DeviceError, in_words
 from palp_core.foreign import catch_foreign
+from palp_core.palpation.devices.contract import Promise, PromiseBroken, Subject
 from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.protocols import EmgSamples, Mover, TorqueSamples
@@ -55,6 +56,20 @@ def unverified(device: str, options: Mapping[str, Any]) -> dict[str, str]:
     """
     driver: Any = open_device(kind_of(device), device, **options)  # type: ignore[call-overload]
     return not_verified(device, getattr(driver, "UNVERIFIED", {}), getattr(driver, "verified", ()))
+
+
+def why_broken(promise: Promise, subject: Subject) -> str:
+    """Return why a device breaks a promise; "" if it keeps it."""
+    try:
+        promise(subject)
+    except PromiseBroken as broken:
+        return str(broken)
+    except DeviceError as error:
+        return f"it refuses: {in_words(error)}"
+    except Exception as error:  # noqa: BLE001 - a driver may raise anything, and the next promise is checked
+        place = inspect.getinnerframes(error.__traceback__)[-1] if error.__traceback__ else None
+        return f"it fails: {in_words(error)}" + (f" ({place.filename}:{place.lineno})" if place else "")
+    return ""
 
 
 def watch(

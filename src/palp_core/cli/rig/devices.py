@@ -15,11 +15,14 @@ app = typer.Typer()
 
 RAISED_M = 0.020  # where an emulated rig begins: a sensor is tared while the probe hangs free
 KINDS = ("stage", "ring", "torque", "emg")
+MOVES = {
+    "stage": "the stage moves up to 20 mm to either side of y = 0, and raises and lowers the probe",
+    "ring": "the ring moves up to 10 mm",
+}
+"""What the contract of a kind moves, in words."""
 DeviceArgument = Annotated[
     str,
-    typer.Argument(
-        metavar="DEVICE", help="Its name, as list prints it, or a driver: MODULE:CLASS, FILE.py:CLASS."
-    ),
+    typer.Argument(metavar="DEVICE", help="Its name, as list prints it, or a driver: MODULE:CLASS."),
 ]
 OptionsArgument = Annotated[
     list[str] | None,
@@ -44,7 +47,7 @@ def list_devices(
     """List the devices that have a driver, with its options."""
     from palp_core.cli.rig.device_catalogue import device_entries
 
-    found = device_entries([_with_path(driver) for driver in drivers or ()])
+    found = device_entries([_from_workspace(driver) for driver in drivers or ()])
     if as_json:
         print_json([{"kind": d.kind, "device": d.name, "options": d.options, "link": d.link} for d in found])
         return
@@ -69,7 +72,7 @@ def probe(
     """
     from palp_core.cli.rig.device_discovery import discover, unverified
 
-    device, given = _with_path(device), _options(options)
+    device, given = _from_workspace(device), _options(options)
     try:
         with until_ctrl_c():
             found = discover(device, given, patience)
@@ -99,25 +102,36 @@ def emulate(
     host: Annotated[str, typer.Option(help="Address of their TCP ports.")] = "127.0.0.1",
     phantoms: Annotated[Path | None, typer.Option(help="YAML file of phantoms by code.")] = None,
     seed: Annotated[int, typer.Option(help="Of their random numbers.")] = 1,
+    settings: Annotated[
+        str, typer.Option(metavar="JSON", help="All of RigSettings, in place of the options above.")
+    ] = "",
+    as_json: JsonOption = False,
 ) -> None:
     """Start emulated devices and print their options.
 
-    Then obey lines such as 'fault ati silence'.
+    Then obey lines: fault DEVICE NAME, clear DEVICE, disconnect DEVICE, connect DEVICE, mount CODE,
+    load N_MM, truth, axes, log SINCE_NS, stop-link, quit.
     """
     from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
-    from palp_core.palpation.devices.emulator.__main__ import serve
     from palp_core.palpation.devices.emulator.axis import AxisSettings
-    from palp_core.palpation.devices.emulator.world import WorldSettings
+    from palp_core.palpation.devices.emulator.commands import read_settings, serve
+    from palp_core.palpation.devices.emulator.contact import ContactSettings
 
+    sys.setswitchinterval(0.0005)  # the solver's thread must not hold up the wires
     raised = AxisSettings(soft_low_m=-0.001, home_m=RAISED_M)
-    world = WorldSettings(seed=seed, phantoms="" if phantoms is None else str(phantoms), z_axis=raised)
-    settings = RigSettings(world=world, host=host)
-    rig = EmulatedRig(settings, devices) if devices else EmulatedRig(settings)
+    contact = ContactSettings(phantoms="" if phantoms is None else str(phantoms))
+    given = RigSettings(contact=contact, z_axis=raised, seed=seed, host=host)
+    if settings:
+        given = read_settings(settings)
+    rig = EmulatedRig(given, devices) if devices else EmulatedRig(given)
     with until_ctrl_c(), rig:
-        for name, options in rig.options.items():
-            print_text(f"{name} " + " ".join(f"{key}:={_text(value)}" for key, value in options.items()))
-        if rig.stop_link:
-            print_text(f"aerotech's second port: {rig.stop_link}")
+        if as_json:
+            print_json(rig.options)
+        else:
+            for name, options in rig.options.items():
+                print_text(f"{name} " + " ".join(f"{key}:={_text(value)}" for key, value in options.items()))
+            if rig.stop_link:
+                print_text(f"aerotech's second port: {rig.stop_link}")
         sys.stdout.flush()
         serve(rig, sys.stdin, sys.stdout)
 
@@ -135,7 +149,7 @@ def monitor(
     """Show a sensor's rate, gaps, drift, mean and spread."""
     from palp_core.cli.rig.device_discovery import unverified, watch
 
-    device, given, said = _with_path(device), _options(options), False
+    device, given, said = _from_workspace(device), _options(options), False
     with until_ctrl_c():
         for row in watch(device, given, seconds, every, patience):
             if not said:
@@ -154,9 +168,11 @@ def contract(
     device: DeviceArgument,
     options: OptionsArgument = None,
     *,
-    moves: Annotated[bool, typer.Option("--moves", help="It may move; what and how far is said.")] = False,
+    moves: Annotated[
+        bool, typer.Option("--moves", help="It may move, as far as is printed without this.")
+    ] = False,
     simulated: Annotated[
-        bool, typer.Option("--sim", help="It goes by the time it is told, not by the machine's.")
+        bool, typer.Option("--sim", help="It goes by the time it is given, not by the machine's.")
     ] = False,
     patience: Annotated[
         float, typer.Option(metavar="S", min=1.0, help="Longest wait for what it does.")
@@ -167,10 +183,11 @@ def contract(
 
     Status 1: it breaks a promise.
     """
-    from palp_core.palpation.devices.contract.run import MOVES, check_driver
+    from palp_core.cli.rig.device_discovery import why_broken
+    from palp_core.palpation.devices.contract import Subject, promises_of
     from palp_core.palpation.devices.registry import kind_of
 
-    device, given = _with_path(device), _options(options)
+    device, given = _from_workspace(device), _options(options)
     kind = kind_of(device)
     if kind in MOVES and not (moves or simulated):
         raise DeviceError(
@@ -178,25 +195,21 @@ def contract(
         )
     broken = []
     with until_ctrl_c():
-        for one in check_driver(kind, device, given, simulated=simulated, patience_s=patience):
-            broken += [one] if one.broken else []
+        for promise in promises_of(kind):
+            why = why_broken(promise, Subject(kind, device, given, simulated, patience))
+            broken += [promise] if why else []
             if as_json:
-                print_json({"promise": one.promise.text, "kept": not one.broken, "text": one.broken})
+                print_json({"promise": str(promise), "kept": not why, "text": why})
             else:
-                print_text(f"{'BROKEN' if one.broken else 'kept  '}  {one.promise.text}")
-                if one.broken:
-                    print_text(f"        {one.broken}")
+                print_text(f"BROKEN  {promise}\n        {why}" if why else f"kept    {promise}")
             sys.stdout.flush()
     if broken:
         sys.exit(1)
 
 
-def _with_path(device: str) -> str:
-    """Return a driver with its file's whole path; a module is looked for in the workspace one is in."""
-    module, _, name = device.rpartition(":")
-    if module.endswith(".py"):
-        return f"{Path(module).resolve()}:{name}"
-    if module:
+def _from_workspace(device: str) -> str:
+    """Return a driver, a module of which is looked for in the workspace one is in."""
+    if ":" in device:
         from palp_core.graph.description.launch_file import find_workspace
         from palp_core.graph.node.loading import enter_workspace
 

@@ -63,7 +63,7 @@ def driver(
 ) -> None:
     """Write drivers/NAME.py, a driver, and its test."""
     new = _named(name)
-    _write(f"drivers/{new.module}.py", f"test_{new.module}_driver.py", f"driver_{kind}", new)
+    _write(f"drivers/{new.module}.py", f"test_{new.module}_driver.py", f"driver_{kind}", new, kind)
     run = f"drivers.{new.module}:{new.class_name}"
     print_text(f"in a launch file, of the node of that device: device: {run}")
     if kind == "stage":
@@ -93,7 +93,7 @@ def _tests_of(workspace: Path, package: str) -> Path:
     return tests / package if (workspace / tests / package).is_dir() else tests
 
 
-def _write(module: str, test: str, template: str, new: Named) -> None:
+def _write(module: str, test: str, template: str, new: Named, kind: str = "") -> None:
     """Write a module of a workspace and its test, and say where they are.
 
     Raises:
@@ -110,10 +110,11 @@ def _write(module: str, test: str, template: str, new: Named) -> None:
     own_rig = (workspace / "nodes" / "policy.py").is_file()
     values = {
         "NAME": new.module, "CLASS": new.class_name, "RIG": "" if own_rig else "palp_core.workspace.",
+        "KIND": kind,
     }  # fmt: skip
     templates = {
         Path(module): f"{template}.py",
-        _tests_of(workspace, Path(module).parts[0]) / test: f"{template}_test.py",
+        _tests_of(workspace, Path(module).parts[0]) / test: f"{template.removesuffix(f'_{kind}')}_test.py",
     }
     write_new(workspace, {path: text(name, values) for path, name in templates.items()})
     for path in templates:

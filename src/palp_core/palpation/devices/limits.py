@@ -99,25 +99,6 @@ class TravelLimits:
         check_range("stage", "speed of a move, m/s", speed_m_per_s, 1e-9, self.speed_m_per_s)
 
 
-def check_sweep(
-    window: TravelLimits, start_m: float, end_m: float, speed_m_per_s: float, height_m: float
-) -> None:
-    """Refuse a sweep at a height above the scanning height that leaves the window, or is too fast.
-
-    Args:
-        window: Where the stage may go, and how fast.
-        start_m: From where it speeds up.
-        end_m: Where it comes to rest.
-        speed_m_per_s: Its speed.
-        height_m: Its height; below the scanning height, which is below 0, nothing goes.
-
-    Raises:
-        DeviceError: It does.
-    """
-    window.check("y", start_m, end_m, speed_m_per_s)
-    check_range("stage", "height of a sweep over the scanning height, m", height_m, -1e-9, window.z_m[1])
-
-
 class Level(IntEnum):
     """How serious a load is."""
 

@@ -83,12 +83,9 @@ class MotionProfile:
     def _speed_up_m(self) -> float:
         return (self._peak_m_per_s**2 - self.entry_speed_m_per_s**2) / (2.0 * self.accel_m_per_s2)
 
-    def _elapsed_s(self, times_ns: Int64Array) -> Float64Array:
-        return np.clip((times_ns - self.start_ns) / _NS, 0.0, self._duration_s)
-
     def position(self, times_ns: Int64Array) -> Float64Array:
         """Return the positions at ``times_ns``, shape (n,), in m."""
-        t = self._elapsed_s(times_ns)
+        t = np.clip((times_ns - self.start_ns) / _NS, 0.0, self._duration_s)
         accel = self.accel_m_per_s2
         speeding = self.start_m + self._sign * (self.entry_speed_m_per_s * t + accel * t**2 / 2.0)
         cruising = self.start_m + self._sign * (
@@ -100,42 +97,13 @@ class MotionProfile:
             times_ns <= self.start_ns, self.start_m, np.where(times_ns >= self.end_ns, self.end_m, moving)
         )
 
-    def velocity(self, times_ns: Int64Array) -> Float64Array:
-        """Return the signed velocities at ``times_ns``, shape (n,), in m/s."""
-        t = self._elapsed_s(times_ns)
-        accel = self.accel_m_per_s2
-        speeding = self.entry_speed_m_per_s + accel * t
-        slowing = accel * (self._duration_s - t)
-        inside = (times_ns >= self.start_ns) & (times_ns < self.end_ns)
-        return self._sign * np.where(
-            inside, np.minimum(self._peak_m_per_s, np.minimum(speeding, slowing)), 0.0
-        )
-
-    def position_at(self, now_ns: int) -> float:
-        """Return the position at one time, in m, as :meth:`position` has it, at a tenth of its cost."""
-        if now_ns <= self.start_ns:
-            return self.start_m
-        if now_ns >= self.end_ns:
-            return self.end_m
-        t, accel = self._elapsed_at(now_ns), self.accel_m_per_s2
-        if t < self._speed_up_s:
-            return self.start_m + self._sign * (self.entry_speed_m_per_s * t + accel * (t * t) / 2.0)
-        if t < self._slow_down_s:
-            way_m = self._speed_up_m + self._peak_m_per_s * (t - self._speed_up_s)
-            return self.start_m + self._sign * way_m
-        left_s = self._duration_s - t
-        return self.end_m - self._sign * accel * (left_s * left_s) / 2.0
-
-    def velocity_at(self, now_ns: int) -> float:
-        """Return the signed velocity at one time, in m/s, as :meth:`velocity` has it."""
+    def velocity(self, now_ns: int) -> float:
+        """Return the signed velocity at a time, in m/s."""
         if not self.start_ns <= now_ns < self.end_ns:
             return 0.0
-        t, accel = self._elapsed_at(now_ns), self.accel_m_per_s2
+        t, accel = min((now_ns - self.start_ns) / _NS, self._duration_s), self.accel_m_per_s2
         speeding, slowing = self.entry_speed_m_per_s + accel * t, accel * (self._duration_s - t)
         return self._sign * min(self._peak_m_per_s, speeding, slowing)
-
-    def _elapsed_at(self, now_ns: int) -> float:
-        return min(max((now_ns - self.start_ns) / _NS, 0.0), self._duration_s)
 
     def crossing_s(self, position_m: float) -> float:
         """Return the time after ``start_ns`` at which the move passes ``position_m``, in s.

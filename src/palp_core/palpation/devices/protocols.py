@@ -289,32 +289,21 @@ class StageOptions(msgspec.Struct, frozen=True, kw_only=True):
 class StageDevice(Mover[S], Protocol[S]):
     """Sweep one way over the tissue at constant speed, and come back by another path.
 
-    Its class takes the fields of :class:`StageOptions` by name, and options of its own. A sweep is at the
-    driver's own speed unless it is given one (0: its own), and at the scanning height unless it is to be
-    ``height_m`` above.
+    Its class takes the fields of :class:`StageOptions` by name, and options of its own.
     """
 
     @property
     def stop_link(self) -> OpenStopLink | None:
         """What opens a second link to its controller; None: it has no second link."""
 
-    def sweep_start(self, from_m: float, to_m: float, *, speed_m_per_s: float = 0.0) -> float:
+    def sweep_start(self, from_m: float, to_m: float) -> float:
         """Return the y from which a sweep over [from_m, to_m] has the room to reach its speed, in m."""
 
-    def sweep(
-        self,
-        from_m: float,
-        to_m: float,
-        now_ns: int,
-        state: S,
-        *,
-        speed_m_per_s: float = 0.0,
-        height_m: float = 0.0,
-    ) -> SweepTimes:
+    def sweep(self, from_m: float, to_m: float, now_ns: int, state: S) -> SweepTimes:
         """Sweep from here, at constant speed all the way from ``from_m`` to ``to_m``."""
 
     def return_to(self, y_m: float, now_ns: int, state: S, *, height_m: float = 0.0) -> int:
-        """Raise, go to ``y_m``, lower to the height of the next sweep; return the time of arrival in ns."""
+        """Raise, go to ``y_m``, lower to ``height_m`` above a sweep; return the time of arrival in ns."""
 
     def retreat(self, speed_m_per_s: float, now_ns: int, state: S) -> int:
         """Raise the probe where it is; return the time of arrival in ns."""

@@ -1,12 +1,8 @@
-"""Names of device back ends: kind and name stand for a class that is imported on use."""
+"""Devices by kind and name, as packages publish them: each is that of a class, imported on use."""
 
-import hashlib
-import importlib.util
 import inspect
-import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from pathlib import Path
 from typing import Any, Literal, get_type_hints, overload
 
 import msgspec
@@ -23,61 +19,34 @@ from palp_core.palpation.devices.protocols import (
 )
 from palp_core.published import DEVICES, published
 
-BACK_ENDS: dict[str, dict[str, str]] = {
-    "stage": {
-        "sim": "palp_core.palpation.devices.sim.stage:SimStage",
-        "aerotech": "palp_core.palpation.devices.stage.aerotech:AerotechStage",
-    },
-    "ring": {
-        "sim": "palp_core.palpation.devices.sim.ring:SimRing",
-        "maestro": "palp_core.palpation.devices.ring.maestro:MaestroRing",
-    },
-    "torque": {
-        "sim": "palp_core.palpation.devices.sim.torque:SimTorque",
-        "ati": "palp_core.palpation.devices.torque.ati:AtiTorque",
-        "netft": "palp_core.palpation.devices.torque.netft:NetFtTorque",
-    },
-    "emg": {
-        "sim": "palp_core.palpation.devices.sim.emg:SimEmg",
-        "noraxon": "palp_core.palpation.devices.emg.noraxon:NoraxonEmg",
-        "lsl": "palp_core.palpation.devices.emg.lsl:LslEmg",
-        "spikershield": "palp_core.palpation.devices.emg.spikershield:SpikerShieldEmg",
-    },
-}
-"""A driver of another maker is one file and one line here; others publish theirs (``palp.devices``)."""
-
-_PROTOCOLS: Mapping[str, type] = {
+KINDS: Mapping[str, type] = {
     "stage": StageDevice,
     "ring": RingDevice,
     "torque": TorqueSensor,
     "emg": EmgDevice,
 }
+"""What a device of each kind must be able to do."""
+
+_KIND_BY_METHOD = {"sweep": "stage", "command": "ring", "tare": "torque", "drain": "emg"}
+"""Kind of a class by the first of these methods that it has."""
 
 
 def drivers() -> list[tuple[str, str]]:
-    """Return kind and name of every back end that is no simulation."""
-    return [(kind, name) for kind in BACK_ENDS for name in _of_kind(kind) if name != "sim"]
+    """Return kind and name of every device that is no simulation."""
+    return [(kind, name) for kind in KINDS for name in known_devices(kind) if name != "sim"]
 
 
 def known_devices(kind: str) -> list[str]:
-    """Return the names of the back ends of a kind.
+    """Return the names of the devices of a kind.
 
     Raises:
-        DeviceError: There is no such kind.
+        DeviceError: There is no such kind, or no device of any.
     """
-    if kind not in BACK_ENDS:
-        raise DeviceError(f"no kind of device '{kind}'; known: {', '.join(sorted(BACK_ENDS))}")
-    return sorted(_of_kind(kind))
-
-
-def _of_kind(kind: str) -> dict[str, str]:
-    """Return where the back ends of a kind are, by name: palp's own and those that packages publish."""
-    others = {
-        name.partition(".")[2]: where
-        for name, where in published(DEVICES).items()
-        if name.startswith(f"{kind}.")
-    }
-    return {**BACK_ENDS[kind], **{name: others[name] for name in others if name not in BACK_ENDS[kind]}}
+    if kind not in KINDS:
+        raise DeviceError(f"no kind of device '{kind}'; known: {', '.join(sorted(KINDS))}")
+    if not (names := published(DEVICES)):  # a checkout that is newer than its installation
+        raise DeviceError("devices: no package publishes any; install palp-core again")
+    return [name.removeprefix(f"{kind}.") for name in names if name.startswith(f"{kind}.")]
 
 
 @overload
@@ -93,7 +62,7 @@ def open_device(kind: str, name: str, **options: Any) -> Any:
 
     Args:
         kind: ``stage``, ``ring``, ``torque`` or ``emg``.
-        name: A known name, or ``package.module:Class`` for a back end from elsewhere.
+        name: A known name, or ``package.module:Class`` for a device that has none.
         options: Parameters of that class, as a YAML file can say them: lists stand for tuples, and a mapping
             for a class of parameters (``limits: {y_m: [-0.02, 0.02]}``).
 
@@ -124,7 +93,7 @@ def open_device(kind: str, name: str, **options: Any) -> Any:
     }
     with catch_foreign(f"{kind} device '{name}'", DeviceError):
         made = found(**given)
-    _require_members(made, _PROTOCOLS[kind], f"{kind} device '{name}': {found.__name__}")
+    _require_members(made, KINDS[kind], f"{kind} device '{name}': {found.__name__}")
     return made
 
 
@@ -154,21 +123,16 @@ def device_mistakes(
 def back_end(kind: str, name: str) -> Any:
     """Return the class behind a name; errors as for :func:`open_device`."""
     known = known_devices(kind)
-    where = _of_kind(kind).get(name, name)
+    where = published(DEVICES)[f"{kind}.{name}"] if name in known else name
     if ":" not in where:
         raise DeviceError(
-            f"no {kind} device '{name}'; known: {', '.join(known)}, "
-            "or give package.module:Class or FILE.py:Class"
+            f"no {kind} device '{name}'; known: {', '.join(known)}, or give package.module:Class"
         )
-    return _load(kind, where)
-
-
-_TELLING = {"stage": "sweep", "ring": "command", "torque": "tare", "emg": "drain"}
-"""What a class can do that is of this kind, and of none after it."""
+    return import_foreign(where, f"{kind} device", DeviceError)
 
 
 def kind_of(name: str) -> str:
-    """Return the kind of a back end that is no simulation, by its name, or of a class by what it can do.
+    """Return the kind of a device that is no simulation, by its name, or of a class by its methods.
 
     Raises:
         DeviceError: There is none of that name, the class cannot be imported, or it is no device.
@@ -177,13 +141,11 @@ def kind_of(name: str) -> str:
     if name in kinds:
         return kinds[name]
     if ":" not in name:
-        raise DeviceError(
-            f"no device '{name}'; known: {', '.join(kinds)}, or give package.module:Class or FILE.py:Class"
-        )
-    found = _load("your", name)
-    kind = next((kind for kind, ability in _TELLING.items() if hasattr(found, ability)), None)
+        raise DeviceError(f"no device '{name}'; known: {', '.join(kinds)}, or give package.module:Class")
+    found = import_foreign(name, "your device", DeviceError)
+    kind = next((kind for method, kind in _KIND_BY_METHOD.items() if hasattr(found, method)), None)
     if kind is None:
-        wanted = ", ".join(f"{ability} ({kind})" for kind, ability in _TELLING.items())
+        wanted = ", ".join(f"{method} ({kind})" for method, kind in _KIND_BY_METHOD.items())
         raise DeviceError(f"{name} is no device: it has none of {wanted}; see palp_core.palpation.devices")
     return kind
 
@@ -218,7 +180,7 @@ def open_stop_link(
         clock: Time in ns.
 
     Raises:
-        DeviceError: As for :func:`open_device`; or the stage has no second link, nobody answers there, or the
+        DeviceError: As for :func:`open_device`; or the stage has no second link, it does not answer, or the
             link's class lacks a member.
     """
     require_stop_link(name)
@@ -265,33 +227,3 @@ def _digits_as_text(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_digits_as_text(item) for item in value]
     return str(value) if type(value) is int else value
-
-
-def _module_at(path: Path, kind: str) -> str:
-    """Import a file under a name of its own, once, and return that name.
-
-    Raises:
-        DeviceError: There is no such file, or it fails.
-    """
-    if not path.is_file():
-        raise DeviceError(f"{kind} device: no file {path}; check the path")
-    name = f"driver_{path.stem}_{hashlib.blake2b(str(path).encode(), digest_size=6).hexdigest()}"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, path)
-        assert spec is not None
-        assert spec.loader is not None
-        module = sys.modules[name] = importlib.util.module_from_spec(spec)
-        try:
-            with catch_foreign(f"{kind} device: {path} fails", DeviceError):
-                spec.loader.exec_module(module)
-        except DeviceError:
-            del sys.modules[name]
-            raise
-    return name
-
-
-def _load(kind: str, where: str) -> Any:
-    module_name, _, class_name = where.rpartition(":")
-    if module_name.endswith(".py"):
-        module_name = _module_at(Path(module_name).resolve(), kind)
-    return import_foreign(f"{module_name}:{class_name}", f"{kind} device", DeviceError)

@@ -16,10 +16,12 @@ import pytest
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices import open_device
 from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
-from palp_core.palpation.devices.emulator.__main__ import serve
-from palp_core.palpation.devices.emulator.world import World, WorldSettings
+from palp_core.palpation.devices.emulator.commands import serve
+from palp_core.palpation.devices.emulator.contact import ContactSettings
 from palp_core.palpation.devices.link.serial_link import SerialLink
 from palp_core.palpation.devices.ring.maestro import MaestroState
+from palp_core.palpation.devices.sim.ring import SimRing
+from palp_core.palpation.devices.sim.torque import SimTorque
 from palp_core.palpation.devices.stage.aerotech import AerotechState
 from palp_core.palpation.devices.torque.wrench_state import WrenchState
 from palp_core.palpation.mechanics import Probe, contact_model, solve
@@ -31,6 +33,7 @@ from palp_core.palpation.world.model import LAB
 LINK = "is not a folder of this user but a symbolic link"
 RNG = np.random.default_rng(0)
 S = 1_000_000_000
+EXACT = SimRing(repeatability_m=0.0)
 
 
 def now() -> int:
@@ -39,40 +42,42 @@ def now() -> int:
 
 @pytest.mark.parametrize(("code", "ring_m", "y_m"), [("A", 0.016, 0.002), ("C", 0.004, -0.02)])
 def test_the_emulated_torque_is_the_mechanics(code: str, ring_m: float, y_m: float) -> None:
-    world = World(WorldSettings(code=code, repeatability_m=0.0))
-    world.move_rod(ring_m + 0.001, 6.5e-3, 0)
-    world.axes["y"].move(y_m, 0.05, 0)
+    rig = EmulatedRig(RigSettings(contact=ContactSettings(code=code), ring=EXACT), devices=())
+    rig.rod.move(ring_m + 0.001, 6.5e-3, 0)
+    rig.axes.y.move(y_m, 0.05, 0)
     probe = Probe()
     model, _ = contact_model(PAPER_PHANTOMS[code], probe.tip_radius_m, indentation_m=0.004)
     table = solve(model, probe, ring_m, 0.004, -0.032, 0.052)
-    assert world.true_wrench(60 * S)[3] == pytest.approx(float(table.torque_n_m(y_m)), abs=1e-8)
-    world.axes["z"].move(0.02, 0.05, 60 * S)
-    assert world.true_wrench(120 * S).tolist() == [0.0] * 6
-    world.close()
+    assert rig.contact.loads(60 * S)[2] == pytest.approx(float(table.torque_n_m(y_m)), abs=1e-8)
+    rig.axes.z.move(0.02, 0.05, 60 * S)
+    assert rig.contact.loads(120 * S) == [0.0] * 3
+    rig.contact.close()
 
 
 def test_the_emulated_gel_is_right_in_what_the_run_reads() -> None:
-    world = World(WorldSettings(read="trace"))
-    assert [choice.name for choice in world.rig.choices.values()] == ["l4", "l4", "l2"]
-    world.close()
+    rig = EmulatedRig(RigSettings(contact=ContactSettings(read="trace")), devices=())
+    assert [choice.name for choice in rig.contact.rig.choices.values()] == ["l4", "l4", "l2"]
+    rig.contact.close()
 
 
 def test_the_emulated_torque_in_a_world_is_that_worlds() -> None:
     """Sweeping on and back: the joint lags the other way, and starts where the probe was lowered."""
-    world = World(WorldSettings(code="A", repeatability_m=0.0, beside=LAB, lands_m=(-0.03, 0.05)))
-    world.move_rod(0.017, 6.5e-3, 0)
-    sweeps = live_world(world.rig, LAB, 1, -0.032, 0.052).sweeps("A", 1, 0.016, 0.0, 0.0)
+    touched = ContactSettings(code="A", world=LAB, lands_m=(-0.03, 0.05))
+    walking = SimTorque(bias_drift_n_m_per_sqrt_s=LAB.bias_walk_n_m_per_sqrt_s)
+    rig = EmulatedRig(RigSettings(contact=touched, ring=EXACT, torque=walking), devices=())
+    rig.rod.move(0.017, 6.5e-3, 0)
+    sweeps = live_world(rig.contact.rig, LAB, 1, -0.032, 0.052).sweeps("A", 1, 0.016, 0.0, 0.0)
     there, back = (sweeps.of(at_m, 1, 0.02, forward=at_m < 0.0) for at_m in (-0.03, 0.05))
     now_ns = 60 * S
     for goal_m, known in ((0.003, there), (-0.003, back)):
-        world.axes["y"].move(goal_m - (0.001 if known is there else -0.001), 0.05, now_ns)
-        world.true_wrench(now_ns + 30 * S)
-        world.axes["y"].move(goal_m, 0.05, now_ns + 30 * S)
+        rig.axes.y.move(goal_m - (0.001 if known is there else -0.001), 0.05, now_ns)
+        rig.contact.loads(now_ns + 30 * S)
+        rig.axes.y.move(goal_m, 0.05, now_ns + 30 * S)
         now_ns += 60 * S
-        torque = world.true_wrench(now_ns)[3]
+        torque = rig.contact.loads(now_ns)[2]
         assert torque == pytest.approx(float(known.torque_n_m(np.array([goal_m]))[0]), abs=1e-6)
-    zero = [world.wrench(now_ns + k * 1000 * S)[3] for k in range(1, 60)]
-    world.close()
+    zero = [rig.sensor.wrench(now_ns + k * 1000 * S)[3] for k in range(1, 60)]
+    rig.contact.close()
     assert np.std(zero) > 3 * RESOLUTION_N_M
 
 
@@ -122,7 +127,7 @@ def test_what_the_sensors_driver_reads_follows_the_stages_and_the_rings_drivers(
         wait.until(lambda: ring.read(now(), at_ring).settled)
         stage.return_to(0.0, now(), at_stage)
         wait.until(lambda: not stage.feedback(now(), at_stage).moving)
-        truth = rig.on_world(lambda world, t: world.truth(t))
+        truth = rig.call(rig.truth)
         assert block_of(S // 4).torque_n_m.mean() == pytest.approx(truth["torque_n_m"], abs=15e-6)
         seen.append(truth["torque_n_m"])
     assert seen[1] > 1.5 * seen[0] > 0.0
@@ -157,8 +162,8 @@ def test_the_rigs_process_obeys_and_answers_every_line(quick_rig: Callable[..., 
 def test_an_unknown_device_or_phantom_is_refused_by_name(quick_rig: Callable[..., EmulatedRig]) -> None:
     with pytest.raises(DeviceError, match="no device gripper"):
         EmulatedRig(devices=["gripper"])
-    rig = quick_rig("netft")
+    rig = quick_rig("maestro")
     with pytest.raises(DeviceError, match="no phantom 'Z'"):
-        rig.on_world(lambda world, _: world.mount("Z", 0.0))
-    with pytest.raises(DeviceError, match="there are netft"):
+        rig.call(lambda _: rig.contact.mount("Z", 0.0))
+    with pytest.raises(DeviceError, match="there are maestro"):
         rig.fault("ati", "silence")

@@ -12,25 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palp_core.palpation.devices.emulator.emg import Noraxon, SpikerShield
-from palp_core.palpation.devices.emulator.faults import Faults
-from palp_core.palpation.devices.emulator.netft import NetFt
-from palp_core.palpation.devices.emulator.world import World, WorldSettings
+from palp_core.palpation.devices.emulator.emg import Noraxon
 from palp_core.palpation.devices.link.sample_line import SampleLine
 from palp_core.palpation.devices.protocols import ClockFit
-from palp_core.palpation.devices.wire import rdt, spikershield
-from tests.support.manual_reactor import ManualReactor
 
 S = 1_000_000_000
-SECONDS, JITTER_S, NETWORK_JITTER_S = 20, 2e-3, 0.3e-3
+SECONDS, JITTER_S = 20, 2e-3
 DRIFT_ERROR, LEAST_DELAY_S, RESIDUAL_S = 10e-6, 0.5e-3, 1e-3
-
-
-@pytest.fixture
-def world() -> Iterator[World]:
-    world = World(WorldSettings())
-    yield world
-    world.close()
 
 
 def polls(begin_ns: int) -> Iterator[tuple[int, int]]:
@@ -51,46 +39,14 @@ def check(fit: ClockFit, clock_ppm: float, begin_ns: int, line: SampleLine, rate
     assert line.lost_count == 0
 
 
-@pytest.mark.parametrize("clock_ppm", [-300.0, 0.0, 150.0])
-def test_a_spikershields_clock_is_found(world: World, clock_ppm: float) -> None:
-    box, line = SpikerShield(world, clock_ppm=clock_ppm), SampleLine(5000.0, 2)
-    decoder, begin_ns = spikershield.Decoder(2), 7 * S
-    box.stream(begin_ns)
-    for sent_ns, host_ns in polls(begin_ns):
-        values, dropped = decoder.feed(box.stream(sent_ns))
-        assert not dropped
-        line.append(values, host_ns)
-    check(line.drain().clock, clock_ppm, begin_ns, line, 5000.0)
-
-
-@pytest.mark.parametrize("clock_ppm", [-300.0, 150.0])
-def test_noraxons_clock_is_found(world: World, clock_ppm: float) -> None:
-    amplifier, line, begin_ns = Noraxon(world, clock_ppm=clock_ppm), SampleLine(1500.0, 2), 7 * S
+@pytest.mark.parametrize(("clock_ppm", "numbered"), [(-300.0, False), (0.0, True), (150.0, False)])
+def test_noraxons_clock_is_found(clock_ppm: float, numbered: bool) -> None:
+    amplifier, line, begin_ns = Noraxon(clock_ppm), SampleLine(1500.0, 2), 7 * S
+    count = 0
     amplifier.page("/samples", begin_ns)
     for sent_ns, host_ns in polls(begin_ns):
         channels: list[dict[str, Any]] = json.loads(amplifier.page("/samples", sent_ns) or b"")["channels"]
-        line.append(np.column_stack([channel["samples"] for channel in channels]), host_ns)
+        values = np.column_stack([channel["samples"] for channel in channels])
+        line.append(values, host_ns, count if numbered else None)
+        count += len(values)
     check(line.drain().clock, clock_ppm, begin_ns, line, 1500.0)
-
-
-@pytest.mark.parametrize("clock_ppm", [-300.0, 150.0])
-def test_a_network_sensors_clock_is_found(
-    world: World, clock_ppm: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    loop, line, begin_ns = ManualReactor(7 * S), SampleLine(1000.0, 1), 7 * S
-    sensor = NetFt(loop, world, Faults(), 1000.0, clock_ppm=clock_ppm)
-    rng, arrived_ns = np.random.default_rng(5), 0
-
-    def arrive(data: bytes, delay_ns: int) -> None:
-        nonlocal arrived_ns
-        (record,) = rdt.records(data)
-        arrived_ns = max(arrived_ns, loop.now_ns() + round(rng.exponential(NETWORK_JITTER_S) * 1e9))
-        line.append(np.zeros((1, 1)), arrived_ns, int(record["rdt"]) - 1)
-
-    monkeypatch.setattr(sensor, "_emit", arrive)
-    monkeypatch.setattr(world, "wrench", lambda now_ns: np.zeros(6))
-    sensor.plug()
-    sensor.answer(rdt.request(rdt.START), ("127.0.0.1", 1))
-    loop.run_until(begin_ns + SECONDS * S)
-    sensor.unplug()
-    check(line.drain().clock, clock_ppm, begin_ns, line, 1000.0)

@@ -124,9 +124,9 @@ def test_a_stage_whose_guard_is_gone_stops_and_goes_on_with_another_once_it_is_o
     kill_guards()
     wait.until(lambda: stage.health(time.monotonic_ns()).condition == "link lost")
     assert "guard" in stage.health(time.monotonic_ns()).cause
-    y = rig.on_world(lambda world, now_ns: world.axes["y"].position_m(now_ns))
+    y = rig.call(rig.axes.y.position_m)
     assert y > -0.045  # it did not come to the end of its way
-    wait.until(lambda: rig.on_world(lambda world, now_ns: not world.axes["y"].moving(now_ns)))
+    wait.until(lambda: rig.call(lambda now_ns: not rig.axes.y.moving(now_ns)))
     stage.close()
     stage.open(time.monotonic_ns(), state, rng)
     assert stage.health(time.monotonic_ns()).ok

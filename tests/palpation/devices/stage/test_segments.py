@@ -54,7 +54,7 @@ def test_no_command_on_a_single_line_goes_further_than_2_mm(
     wait.until(lambda: not stage.feedback(time.monotonic_ns(), state).moving)
     stage.close()
     place = {"X": 0.0, "Y": 0.0}
-    lines = [line.split() for _, _, line in rig.on_world(lambda world, _: list(world.log))]
+    lines = [line.split() for _, _, line in rig.call(lambda _: list(rig.axes.log))]
     moves = [(words[1], float(words[2])) for words in lines if words[0] == "MOVEABS"]
     assert len(moves) >= 15
     for axis, target_mm in moves:

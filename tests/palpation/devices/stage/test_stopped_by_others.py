@@ -13,7 +13,6 @@ import pytest
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator import EmulatedRig, RigSettings
 from palp_core.palpation.devices.emulator.axis import AxisSettings
-from palp_core.palpation.devices.emulator.world import WorldSettings
 from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.limits import TravelLimits
 from palp_core.palpation.devices.safety.link_check import CHECK_MOVE_M, LinkCheck, StagePlace
@@ -26,7 +25,7 @@ Start = Callable[..., EmulatedRig]
 
 def moves(rig: EmulatedRig) -> list[str]:
     """Return the moves that the controller was told since the start."""
-    return [line for _, _, line in rig.on_world(lambda world, _: list(world.log)) if "MOVEABS" in line]
+    return [line for _, _, line in rig.call(lambda _: list(rig.axes.log)) if "MOVEABS" in line]
 
 
 def test_an_abort_on_the_other_link_ends_the_path_and_not_only_the_leg(
@@ -98,7 +97,7 @@ def test_a_homing_whose_answers_stop_is_aborted_before_the_line_is_given_up(
     quick_rig: Start, wait: Any
 ) -> None:
     long = AxisSettings(home_s=600.0, soft_low_m=-0.001)
-    rig = quick_rig("aerotech", settings=RigSettings(world=WorldSettings(y_axis=long, z_axis=long)))
+    rig = quick_rig("aerotech", settings=RigSettings(y_axis=long, z_axis=long))
     stage = AerotechStage(**{**rig.options["aerotech"], "timeout_s": 1.0})
     failed: list[DeviceError] = []
 
@@ -110,11 +109,11 @@ def test_a_homing_whose_answers_stop_is_aborted_before_the_line_is_given_up(
 
     thread = threading.Thread(target=bring_up)
     thread.start()
-    wait.until(lambda: rig.on_world(lambda world, now_ns: world.axes["z"].homing(now_ns)))
+    wait.until(lambda: rig.call(rig.axes.z.homing))
     rig.fault("aerotech", "silence")
     thread.join()
     assert "no answer" in str(failed[0])
-    wait.until(lambda: not rig.on_world(lambda world, now_ns: world.axes["z"].homing(now_ns)))
+    wait.until(lambda: not rig.call(rig.axes.z.homing))
 
 
 def test_a_stage_that_is_not_heard_any_more_is_aborted_in_its_move(quick_rig: Start, wait: Any) -> None:
@@ -124,14 +123,14 @@ def test_a_stage_that_is_not_heard_any_more_is_aborted_in_its_move(quick_rig: St
     stage.open(time.monotonic_ns(), state, RNG)
 
     def moving() -> bool:
-        return bool(rig.on_world(lambda world, now_ns: world.axes["y"].moving(now_ns)))
+        return bool(rig.call(rig.axes.y.moving))
 
     try:
         stage.return_to(0.030, time.monotonic_ns(), state)
         assert moving()  # for half a minute
         rig.fault("aerotech", "silence")
         wait.until(lambda: not moving())
-        assert rig.on_world(lambda world, now_ns: world.axes["y"].position_m(now_ns)) < 0.029
+        assert rig.call(rig.axes.y.position_m) < 0.029
         assert stage.health(time.monotonic_ns()).condition is Condition.STALE
     finally:
         stage.close()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import can
 import pytest
@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 
 from palp_core.errors import DeviceTimeout
 from palp_core.palpation.devices.emulator.netcanoem import Netcanoem
-from palp_core.palpation.devices.emulator.world import World, WorldSettings
 from palp_core.palpation.devices.health import HealthMonitor
 from palp_core.palpation.devices.link.host_time import HostTime
 from palp_core.palpation.devices.link.reply_timeout import ReplyTimeout
@@ -29,12 +28,11 @@ class LateBus:
     """A bus with a sensor whose every sample says how many were asked for, on a clock of its own.
 
     Args:
-        world: For the set-up.
         late_ns: How long the reply to each request is held back; None loses it.
     """
 
-    def __init__(self, world: World, late_ns: Callable[[int], int | None]) -> None:
-        self._sensor, self._late_ns = Netcanoem(world), late_ns
+    def __init__(self, late_ns: Callable[[int], int | None]) -> None:
+        self._sensor, self._late_ns = Netcanoem(lambda _: [0.0] * 6), late_ns
         self._due: deque[tuple[int, can.Message]] = deque()
         self.now_ns, self.asked, self._last_due_ns = 1_000_000_000, 0, 0
         self.asked_ns: dict[int, int] = {}
@@ -99,11 +97,10 @@ class Polled:
 
     def __init__(
         self,
-        world: World,
         late_ns: Callable[[int], int | None],
         rate_hz: float = 1000.0,
     ) -> None:
-        self.bus = bus = LateBus(world, late_ns)
+        self.bus = bus = LateBus(late_ns)
         self.samples: deque[RawSample] = deque()
         self.watch = HealthMonitor(0.025)
         self.session = AtiSession(
@@ -132,15 +129,8 @@ class Polled:
                 self.ages_ns[number] = self.bus.now_ns - self.bus.asked_ns[number]
 
 
-@pytest.fixture
-def world() -> Iterator[World]:
-    made = World(WorldSettings())
-    yield made
-    made.close()
-
-
-def test_samples_that_were_late_make_no_later_one_older(world: World) -> None:
-    polled = Polled(world, lambda count: 5_000_000 if count in (4, 5) else 0)
+def test_samples_that_were_late_make_no_later_one_older() -> None:
+    polled = Polled(lambda count: 5_000_000 if count in (4, 5) else 0)
     polled.run(0.03)
     assert polled.bus.asked > 15
     assert set(range(1, polled.bus.asked + 1)) - set(polled.ages_ns) == {4, 5}
@@ -149,8 +139,8 @@ def test_samples_that_were_late_make_no_later_one_older(world: World) -> None:
 
 @pytest.mark.parametrize("rate_hz", [0.0, 100.0, 1000.0])
 @pytest.mark.parametrize("late_ms", [3, 9, 11, 13, 20, 40, 100, 240])
-def test_a_steady_delay_never_passes_for_fresh(world: World, late_ms: int, rate_hz: float) -> None:
-    polled = Polled(world, lambda count: late_ms * 1_000_000 if 20 < count < 60 else 0, rate_hz=rate_hz)
+def test_a_steady_delay_never_passes_for_fresh(late_ms: int, rate_hz: float) -> None:
+    polled = Polled(lambda count: late_ms * 1_000_000 if 20 < count < 60 else 0, rate_hz=rate_hz)
     polled.run(0.3)
     polled.run(40 * (late_ms + 20) * 1e-3 + 0.3)
     assert polled.bus.asked > 60
@@ -163,14 +153,12 @@ def test_a_steady_delay_never_passes_for_fresh(world: World, late_ms: int, rate_
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(late_ms=st.lists(st.one_of(st.just(0), st.integers(0, LONGEST_MS), st.none()), max_size=60))
-def test_whatever_is_late_or_lost_no_sample_is_older_than_12_ms(
-    world: World, late_ms: list[int | None]
-) -> None:
+def test_whatever_is_late_or_lost_no_sample_is_older_than_12_ms(late_ms: list[int | None]) -> None:
     def late_ns(count: int) -> int | None:
         late = late_ms[count - 1] if count <= len(late_ms) else 0
         return None if late is None else late * 1_000_000
 
-    polled = Polled(world, late_ns)
+    polled = Polled(late_ns)
     try:
         polled.run(2.0)
     except DeviceTimeout:  # two in a row were lost, and nothing else was on its way

@@ -16,7 +16,7 @@ from tests.support.rig_session import check_here
 
 HUMAN = ROOT / "launch/human.yaml"
 BY_HAND = FILLED.partition("sensor:")[0]
-PEOPLE = (("emg:=noraxon", "host:=192.168.1.20"), ("emg:=lsl",), ("emg:=spikershield",))
+PEOPLE = (("emg:=noraxon", "host:=192.168.1.20"), ("emg:=lsl",))
 
 
 def start(tmp_path: Path, *given: str, sheet: str = "") -> None:

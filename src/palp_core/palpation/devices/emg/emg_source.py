@@ -28,18 +28,17 @@ class EmgDriver:
 
     state_type: ClassVar[type[EmgSourceState]] = EmgSourceState
 
-    def _receive(self, name: str, rate_hz: float, stale_s: float, gap_s: float = 0.05) -> None:
+    def _receive(self, name: str, rate_hz: float, stale_s: float) -> None:
         """Make the thread and what it reports to.
 
         Args:
             name: The device.
             rate_hz: Nominal rate.
             stale_s: Longest silence.
-            gap_s: Lateness that means loss, for a source without sequence numbers.
         """
         check_range(name, "rate_hz", rate_hz, 1.0, 1e5)
         check_range(name, "stale_s", stale_s, 1e-3, 60.0)
-        self._name, self._gap_s = name, gap_s
+        self._name = name
         self._host, self._monitor = HostTime(), HealthMonitor(stale_s)
         self._line: SampleLine | None = None
         self._line_hz, self._first = rate_hz, 0
@@ -57,7 +56,7 @@ class EmgDriver:
         """
         self._receiver.refuse_if_running()
         self._host.observe(now_ns)
-        self._line, self._first = SampleLine(self._line_hz, 2, self._gap_s), state.sample_count
+        self._line, self._first = SampleLine(self._line_hz, 2), state.sample_count
         self._receiver.start()
 
     def close(self) -> None:

@@ -1,9 +1,9 @@
 """Emulated devices that speak the real ones' bytes, over one simulated rig.
 
 >>> from palp_core.palpation.devices.emulator import EmulatedRig
->>> with EmulatedRig(devices=("netft",)) as rig:
+>>> with EmulatedRig(devices=("ati",)) as rig:
 ...     sorted(rig.addresses)
-['netft']
+['ati']
 """
 
 from palp_core.palpation.devices.emulator.rig import DEVICES, EmulatedRig

@@ -4,8 +4,7 @@ import re
 from functools import partial
 from itertools import count
 
-from palp_core.palpation.devices.emulator.axis import Axis
-from palp_core.palpation.devices.emulator.world import World
+from palp_core.palpation.devices.emulator.axis import Axes, Axis
 
 _WORDS = re.compile(r"([A-Z@]+\d*)\s*(-?[\d.]+)")
 _QUESTION = re.compile(
@@ -19,34 +18,26 @@ class Aerotech:
     """One client's conversation with the controller; all clients command the same axes.
 
     Args:
-        world: The rig.
+        axes: What it commands.
         names: Names of the axes; ``@n`` is the n-th.
         always_end: Whether a bare acknowledgement ends with a line feed.
-        decimals: Digits after the point of a position.
         refuses_beyond: Whether a move beyond a soft limit is answered ``#``, or accepted and then a fault.
-        axes: Which of the world's axes each name is.
     """
 
     def __init__(
         self,
-        world: World,
+        axes: Axes,
         names: tuple[str, str] = ("X", "Y"),
         *,
         always_end: bool = True,
-        decimals: int = 3,
         refuses_beyond: bool = True,
     ) -> None:
-        self.ready_ns = 0
-        self._world, self._client = world, next(_CLIENTS)
-        y, z = world.axes["y"], world.axes["z"]
-        self._axes: dict[str, Axis] = {names[0]: y, names[1]: z, "@0": y, "@1": z}
+        self.greeting, self.ready_ns = b"", 0
+        self._log, self._client = axes.log, next(_CLIENTS)
+        self._axes: dict[str, Axis] = {names[0]: axes.y, names[1]: axes.z, "@0": axes.y, "@1": axes.z}
         self._end = b"\n" if always_end else b""
-        self._decimals, self._refuses_beyond = decimals, refuses_beyond
+        self._refuses_beyond = refuses_beyond
         self._rest = b""
-
-    def stream(self, now_ns: int) -> bytes:
-        """Return nothing: the controller speaks when asked."""
-        return b""
 
     def receive(self, data: bytes, now_ns: int) -> bytes:
         """Answer every complete line."""
@@ -61,7 +52,7 @@ class Aerotech:
         if question:
             value = self._value(question[1], question[2], question[3], now_ns)
             return b"!" + self._end if value is None else b"%" + value.encode("ascii") + b"\n"
-        self._world.log.append((now_ns, self._client, line))
+        self._log.append((now_ns, self._client, line))
         verb, _, rest = line.partition(" ")
         done = self._do(verb, rest.strip(), now_ns)
         return {True: b"%", False: b"#", None: b"!"}[done] + self._end
@@ -81,7 +72,7 @@ class Aerotech:
         if name == "AXISFAULT":
             return str(axis.fault)
         if name == "VFBK":
-            return f"{axis.velocity_m_per_s(now_ns) * 1e3:.{self._decimals}f}"
+            return f"{axis.velocity_m_per_s(now_ns) * 1e3:.3f}"
         if name == "GETPARM":
             settings = axis.settings
             known = {
@@ -91,7 +82,7 @@ class Aerotech:
                 73: settings.abort_m_per_s2,
             }
             return f"{known[int(number)] * 1e3:g}" if number and int(number) in known else None
-        return f"{axis.position_m(now_ns) * 1e3:.{self._decimals}f}"
+        return f"{axis.position_m(now_ns) * 1e3:.3f}"
 
     def _do(self, verb: str, rest: str, now_ns: int) -> bool | None:
         """Carry out a command: done, not executable, or not understood (None)."""

@@ -1,9 +1,14 @@
-"""One emulated axis of the stage: where it is, how it moves, what stops it."""
+"""The emulated axes of the stage: where each is, how it moves, what stops it."""
 
+from collections import deque
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from palp_core.palpation.devices.motion_profile import MotionProfile
 from palp_core.palpation.devices.wire.aerotech import AxisStatus, Fault
+
+_LOG_LENGTH = 100_000
 
 
 @dataclass(frozen=True)
@@ -55,11 +60,13 @@ class Axis:
 
     def position_m(self, now_ns: int) -> float:
         """Return the position at a time."""
-        return self.profile.position_at(now_ns)
+        if now_ns >= self.profile.end_ns:  # at rest, as it mostly is
+            return self.profile.end_m
+        return float(self.profile.position(np.array([now_ns]))[0])
 
     def velocity_m_per_s(self, now_ns: int) -> float:
         """Return the velocity at a time."""
-        return self.profile.velocity_at(now_ns)
+        return self.profile.velocity(now_ns)
 
     def moving(self, now_ns: int) -> bool:
         """Tell whether a move or homing is under way."""
@@ -78,7 +85,7 @@ class Axis:
         return self.homing_until_ns > 0
 
     def home(self, now_ns: int) -> bool:
-        """Begin to home; tell whether the axis can."""
+        """Begin to home; return whether the axis can."""
         if not self.ready(now_ns):
             return False
         self.homing_until_ns = now_ns + max(1, round(self.settings.home_s * 1e9))
@@ -157,3 +164,18 @@ class Axis:
 
     def _rest(self, position_m: float, now_ns: int) -> None:
         self.profile = MotionProfile(position_m, position_m, 1.0, 1.0, now_ns)
+
+
+@dataclass
+class Axes:
+    """The two axes of the stage, which every client of its controller commands.
+
+    Attributes:
+        y: The axis along the sweep.
+        z: The axis that lifts the probe.
+        log: Every command that the controller got: when, from which client, the line.
+    """
+
+    y: Axis
+    z: Axis
+    log: deque[tuple[int, int, str]] = field(default_factory=lambda: deque(maxlen=_LOG_LENGTH))

@@ -1,82 +1,53 @@
-"""EMG amplifiers of the same simulated muscles: Noraxon's pages and a SpikerShield's stream."""
+"""An EMG amplifier of the simulated muscles: Noraxon's pages."""
 
 import json
 import re
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from palp_core.palpation.devices.emulator.world import World
 from palp_core.palpation.devices.protocols import EmgSamples
-from palp_core.palpation.devices.sim.emg import SimEmgState
+from palp_core.palpation.devices.sim.emg import SimEmg, SimEmgState
 
-_AHEAD_NS = 200_000_000
+EMG_HZ = 1500.0
+_EVERY_LEVEL_ALIKE = ((0.2, 0.2, 0.2, 0.2, 0.2),) * 5
 
 
 class Muscles:
-    """The simulated subject, sampled at a rate by a clock of the device's own.
+    """The simulated subject, sampled by a clock of the device's own.
 
     Args:
-        world: The rig.
-        rate_hz: Samples per second of the device's clock.
         clock_ppm: How much faster than the host's that clock runs, in millionths.
+        seed: Of what they do.
     """
 
-    def __init__(self, world: World, rate_hz: float, clock_ppm: float = 0.0) -> None:
+    def __init__(self, clock_ppm: float = 0.0, seed: int = 1) -> None:
         self._speed = 1.0 + clock_ppm * 1e-6
         self._begin_ns: int | None = None
-        self.source = replace(world.emg, rate_hz=rate_hz)
+        self.source = SimEmg(matrix=_EVERY_LEVEL_ALIKE, rate_hz=EMG_HZ)
         self._state = SimEmgState()
-        self._rng = np.random.default_rng((world.settings.seed, 2))
-        self._drawn_ns = -1
-        self._ahead = EmgSamples(np.empty(0, np.int64), np.empty(0), np.empty(0))
+        self._rng = np.random.default_rng((seed, 2))
 
     def since(self, now_ns: int) -> EmgSamples:
-        """Return the samples since the last call, at times of the device's clock.
-
-        They are drawn ahead, which leaves them as they are: a filter costs as much for a hundred as for one.
-        """
+        """Return the samples since the last call, at times of the device's clock."""
         begin_ns = self._begin_ns = now_ns if self._begin_ns is None else self._begin_ns
         device_ns = begin_ns + round((now_ns - begin_ns) * self._speed)
         self.source.open(device_ns, self._state, self._rng)
-        if self._drawn_ns < device_ns:
-            self._drawn_ns = device_ns + _AHEAD_NS
-            self._ahead = _joined(self._ahead, self.source.drain(self._drawn_ns, self._state, self._rng))
-        due = int(np.searchsorted(self._ahead.times_ns, device_ns, side="right"))
-        told, self._ahead = _part(self._ahead, slice(due)), _part(self._ahead, slice(due, None))
-        return told
-
-
-def _joined(first: EmgSamples, second: EmgSamples) -> EmgSamples:
-    return EmgSamples(
-        np.concatenate([first.times_ns, second.times_ns]),
-        np.concatenate([first.fds_v, second.fds_v]),
-        np.concatenate([first.edc_v, second.edc_v]),
-        np.concatenate([first.index, second.index]),
-        np.concatenate([first.gap, second.gap]),
-    )
-
-
-def _part(block: EmgSamples, part: slice) -> EmgSamples:
-    return EmgSamples(
-        block.times_ns[part], block.fds_v[part], block.edc_v[part], block.index[part], block.gap[part]
-    )
+        return self.source.drain(device_ns, self._state, self._rng)
 
 
 class Noraxon:
     """MR3's HTTP streaming: what was measured since the last poll, in microvolts."""
 
-    def __init__(self, world: World, rate_hz: float = 1500.0, clock_ppm: float = 0.0) -> None:
-        self._rate_hz = rate_hz
-        self._muscles = Muscles(world, rate_hz, clock_ppm)
+    def __init__(self, clock_ppm: float = 0.0, seed: int = 1) -> None:
+        self._muscles = Muscles(clock_ppm, seed)
         self._enabled = [True, True]
 
     def page(self, path: str, now_ns: int) -> bytes | None:
         """Return the body of a page."""
         if path == "/headers":
             headers = [
-                {"name": n, "type": "real.emg", "samplerate": self._rate_hz, "units": "uV", "index": i}
+                {"name": n, "type": "real.emg", "samplerate": EMG_HZ, "units": "uV", "index": i}
                 for i, n in enumerate(("FDS", "EDC"))
             ]
             return json.dumps({"headers": headers}).encode("ascii")
@@ -98,34 +69,3 @@ class Noraxon:
             if self._enabled[i]
         ]
         return json.dumps({"channels": channels}).encode("ascii")
-
-
-class SpikerShield:
-    """The box's serial stream: 10-bit samples of both muscles about the middle of the range."""
-
-    def __init__(self, world: World, volt_per_count: float = 4e-6, clock_ppm: float = 0.0) -> None:
-        self._world, self._volt_per_count, self._clock_ppm = world, volt_per_count, clock_ppm
-        self._muscles = Muscles(world, 5000.0, clock_ppm)
-        self._rest = b""
-        self._booted = False
-        self.ready_ns = 0
-
-    def receive(self, data: bytes, now_ns: int) -> bytes:
-        """Take configurations; the rate is shared between the channels."""
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        for line in lines:
-            match = re.fullmatch(rb"conf s:(\d+);c:(\d+);\s*", line)
-            if match and int(match[2]) == 2:
-                self._muscles = Muscles(self._world, int(match[1]) / 2, self._clock_ppm)
-        return b""
-
-    def stream(self, now_ns: int) -> bytes:
-        """Return the samples since the last call, after the greeting."""
-        block = self._muscles.since(now_ns)
-        greeting, self._booted = b"" if self._booted else b"StartUp!\r\n", True
-        counts = np.rint(np.column_stack([block.fds_v, block.edc_v]) / self._volt_per_count) + 512.0
-        values = np.clip(counts, 0, 1023).astype(np.int64)
-        frames = np.empty((len(values), 4), dtype=np.uint8)
-        frames[:, 0::2], frames[:, 1::2] = values >> 7, values & 0x7F
-        frames[:, 0] |= 0x80
-        return greeting + frames.tobytes()

@@ -20,13 +20,11 @@ class Faults:
     Attributes:
         left: Number of replies each active fault is still good for; a large one for ever.
         delay_s: How long ``delay`` holds back.
-        done_count: How many replies were spoilt.
     """
 
     seed: int = 0
     left: dict[str, int] = field(default_factory=dict)
     delay_s: float = 0.1
-    done_count: int = 0
 
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng(self.seed)
@@ -71,5 +69,4 @@ class Faults:
         if left <= 0:
             return False
         self.left[name] = left - 1
-        self.done_count += 1
         return True

@@ -12,11 +12,7 @@ class Http:
     def __init__(self, page: Callable[[str, int], bytes | None], content_type: str) -> None:
         self._page, self._type = page, content_type
         self._rest = b""
-        self.ready_ns = 0
-
-    def stream(self, now_ns: int) -> bytes:
-        """Say nothing unasked."""
-        return b""
+        self.greeting, self.ready_ns = b"", 0
 
     def receive(self, data: bytes, now_ns: int) -> bytes:
         """Answer every complete request."""

@@ -5,10 +5,9 @@ from typing import Any
 import numpy as np
 
 from palp_core.palpation.devices.emg.lsl import load_lsl
-from palp_core.palpation.devices.emulator.emg import Muscles
+from palp_core.palpation.devices.emulator.emg import EMG_HZ, Muscles
 from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import Faults
-from palp_core.palpation.devices.emulator.world import World
 
 _CHUNK_NS = 10_000_000
 
@@ -26,15 +25,13 @@ class LslOutlet:
     def __init__(
         self,
         loop: EmulatorLoop,
-        world: World,
         faults: Faults,
         name: str,
-        rate_hz: float = 1500.0,
-        clock_ppm: float = 0.0,
+        seed: int = 1,
     ) -> None:
         self._lsl = load_lsl("emulator")
-        self._loop, self._faults, self._name, self._rate_hz = loop, faults, name, rate_hz
-        self._muscles = Muscles(world, rate_hz, clock_ppm)
+        self._loop, self._faults, self._name = loop, faults, name
+        self._muscles = Muscles(seed=seed)
         self._outlet: Any = None
         self._run = 0
         self._clock_s = self._lsl.local_clock() - loop.now_ns() * 1e-9
@@ -42,7 +39,7 @@ class LslOutlet:
     def plug(self) -> None:
         """Offer the stream."""
         lsl = self._lsl
-        info = lsl.StreamInfo(self._name, "EMG", 2, self._rate_hz, lsl.cf_float32, f"palp-{self._name}")
+        info = lsl.StreamInfo(self._name, "EMG", 2, EMG_HZ, lsl.cf_float32, f"palp-{self._name}")
         channels = info.desc().append_child("channels")
         for label in ("FDS", "EDC"):
             channel = channels.append_child("channel")

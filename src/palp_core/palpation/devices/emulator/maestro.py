@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from palp_core.palpation.devices.emulator.world import World
+from palp_core.palpation.devices.emulator.rod import Rod
 from palp_core.palpation.devices.wire.maestro import SPEED_UNIT_US_PER_S, Error, crc7
 
 _LENGTHS = {0x84: 4, 0x87: 4, 0x89: 4, 0x90: 2, 0x93: 1, 0xA1: 1, 0xA2: 1}
@@ -35,20 +35,15 @@ class MaestroSettings:
 class Maestro:
     """The controller's side of its serial line."""
 
-    def __init__(self, world: World, settings: MaestroSettings, now_ns: int = 0) -> None:
-        self.ready_ns = 0
-        self._world, self._settings = world, settings
+    def __init__(self, rod: Rod, settings: MaestroSettings, now_ns: int = 0) -> None:
+        self.greeting, self.ready_ns = b"", 0
+        self._rod, self._settings = rod, settings
         self._rest = b""
         self._errors = 0
         self._speed = 0
         self._heard_ns = now_ns
         self._target_us = self._from_us = settings.retracted_us
         self._from_ns = now_ns
-
-    def stream(self, now_ns: int) -> bytes:
-        """Say nothing, but see whether the host has fallen silent."""
-        self._check_silence(now_ns)
-        return b""
 
     def receive(self, data: bytes, now_ns: int) -> bytes:
         """Carry out every complete command."""
@@ -107,17 +102,17 @@ class Maestro:
     def _position(self, channel: int, now_ns: int) -> int:
         if channel == 0:
             return round(4.0 * self._pulse_us(now_ns))
-        share = self._world.extension_m(now_ns) / self._world.ring.stroke_m
+        share = self._rod.extension_m(now_ns) / self._rod.stroke_m
         return min(1023, max(0, round(share * self._settings.counts))) if channel == 1 else 0
 
     def _go(self, pulse_us: float, now_ns: int) -> None:
         settings = self._settings
         self._from_us, self._from_ns = self._pulse_us(now_ns), now_ns
         self._target_us = min(max(pulse_us, settings.least_us), settings.most_us)
-        m_per_us = self._world.ring.stroke_m / (settings.extended_us - settings.retracted_us)
+        m_per_us = self._rod.stroke_m / (settings.extended_us - settings.retracted_us)
         speed_m_per_s = self._speed * SPEED_UNIT_US_PER_S * m_per_us if self._speed else _L12_M_PER_S
         extension_m = (self._target_us - settings.retracted_us) * m_per_us
-        self._world.move_rod(extension_m, min(speed_m_per_s, _L12_M_PER_S), now_ns)
+        self._rod.move(extension_m, min(speed_m_per_s, _L12_M_PER_S), now_ns)
 
     def _pulse_us(self, now_ns: int) -> float:
         """Return the pulse after the speed limit."""

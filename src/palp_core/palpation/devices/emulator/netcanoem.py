@@ -1,11 +1,11 @@
 """An ATI NETCANOEM behind a socketcand server, with the bus's own pace."""
 
 import struct
+from collections.abc import Callable
 from operator import mul
 
 import numpy as np
 
-from palp_core.palpation.devices.emulator.world import World
 from palp_core.units import Float64Array
 
 NANO17_N_PER_V = np.array(
@@ -20,6 +20,7 @@ NANO17_N_PER_V = np.array(
 )
 """Calibration of a real Nano17 SI-12-0.12: N and N mm per volt of each gauge."""
 
+_BASE = 0x20 << 4  # bits 4 to 10 of its identifiers
 _COUNTS_PER_VOLT = 3276.8
 _COUNTS_PER_UNIT = 1_000_000
 _BITS = {0: 47, 1: 57, 2: 67, 6: 107, 8: 127}  # a frame with about a tenth of stuffing, and its gap
@@ -28,21 +29,24 @@ _BITS = {0: 47, 1: 57, 2: 67, 6: 107, 8: 127}  # a frame with about a tenth of s
 class Netcanoem:
     """The sensor: identifiers and data in, identifiers and data out.
 
+    Attributes:
+        status: Its status word.
+        saturated: Which gauges are at the end of their range.
+
     Args:
-        world: The rig.
-        base_id: Bits 4 to 10 of its identifiers.
+        wrench: Returns what it feels at a time: forces in N and torques in N m about x, y, z.
         bias: Gauges of the unloaded sensor.
-        gauges: What all gauges show instead of the rig's truth, for a transcript.
+        gauges: What all gauges show instead of that, for a transcript.
     """
 
     def __init__(
         self,
-        world: World,
-        base_id: int = 0x20,
+        wrench: Callable[[int], list[float]],
         bias: tuple[int, ...] = (37, -120, 64, 11, -85, 90),
         gauges: tuple[int, ...] | None = None,
     ) -> None:
-        self._world, self._base, self._bias, self._fixed = world, base_id << 4, bias, gauges
+        self._wrench, self._bias, self._fixed = wrench, bias, gauges
+        self.status, self.saturated = 0, tuple[int, ...]()
         self.matrix: Float64Array = (NANO17_N_PER_V / _COUNTS_PER_VOLT * _COUNTS_PER_UNIT).astype(np.float32)
         per_count = NANO17_N_PER_V / _COUNTS_PER_VOLT
         per_count[3:] *= 1e-3
@@ -50,7 +54,7 @@ class Netcanoem:
 
     def answer(self, identifier: int, data: bytes, now_ns: int) -> list[tuple[int, bytes]]:
         """Return the frames that answer a frame; none if it is not for this sensor."""
-        if identifier & 0x7F0 != self._base:
+        if identifier & 0x7F0 != _BASE:
             return []
         operation, argument = identifier & 0xF, data[0] if data else -1
         match operation, len(data):
@@ -58,7 +62,7 @@ class Netcanoem:
                 return self._sample(now_ns)
             case 0x2, 1 if argument < 6:
                 row = struct.pack(">6f", *self.matrix[argument])
-                return [(self._base + 2 + i, row[8 * i : 8 * i + 8]) for i in range(3)]
+                return [(_BASE + 2 + i, row[8 * i : 8 * i + 8]) for i in range(3)]
             case 0x5, 0:
                 reply = b"FT32918 "
             case 0x6, 1 if argument < 16:
@@ -77,15 +81,15 @@ class Netcanoem:
         if self._fixed is not None:
             values = list(self._fixed)
         else:
-            wrench = self._world.wrench(now_ns)
+            wrench = self._wrench(now_ns)
             values = [
                 min(max(round(sum(map(mul, row, wrench))) + bias, -32768), 32767)
                 for row, bias in zip(self._gauges_of, self._bias, strict=True)
             ]
-        for gauge in self._world.saturated_gauges:
+        for gauge in self.saturated:
             values[gauge] = 32767
-        first = struct.pack(">H3h", self._world.sensor_status, *values[0::2])
-        return [(self._base, first), (self._base + 1, struct.pack(">3h", *values[1::2]))]
+        first = struct.pack(">H3h", self.status, *values[0::2])
+        return [(_BASE, first), (_BASE + 1, struct.pack(">3h", *values[1::2]))]
 
 
 class SocketCand:
@@ -99,13 +103,7 @@ class SocketCand:
     def __init__(self, sensor: Netcanoem, bitrate: int) -> None:
         self._sensor, self._bitrate = sensor, bitrate
         self._rest = b""
-        self._greeted = False
-        self.ready_ns = 0
-
-    def stream(self, now_ns: int) -> bytes:
-        """Greet."""
-        greeting, self._greeted = b"" if self._greeted else b"< hi >", True
-        return greeting
+        self.greeting, self.ready_ns = b"< hi >", 0
 
     def receive(self, data: bytes, now_ns: int) -> bytes:
         """Take commands in angle brackets."""

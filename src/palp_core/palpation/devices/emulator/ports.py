@@ -13,51 +13,45 @@ from palp_core.palpation.devices.emulator.arrival import receive, stamp_arrivals
 from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import Faults
 
-_STREAM_SLICE_NS = 1_000_000
 
-
-class Speaker(Protocol):
+class DeviceSide(Protocol):
     """The device's side of one byte stream.
 
     Attributes:
+        greeting: What it sends to a client of a TCP port before anything was asked.
         ready_ns: When the last reply may leave, for a device that takes time of its own; 0 for at once.
     """
 
+    greeting: bytes
     ready_ns: int
 
     def receive(self, data: bytes, now_ns: int) -> bytes:
         """Take bytes and return the reply to them, if any."""
 
-    def stream(self, now_ns: int) -> bytes:
-        """Return what the device sends unasked up to now."""
-
 
 class PtyPort:
     """A terminal that takes a UART's time for each byte, at a path that outlives unplugging.
 
-    A terminal does not pace by itself, so both directions wait for ``bits`` per byte at ``baud``. Replies go
+    A terminal does not pace by itself, so both directions wait for ten bits per byte at ``baud``. Replies go
     out whole when their last byte is due. The emulator keeps the far end open: otherwise it could not tell a
     client that closed from a cable that was pulled.
 
     Args:
-        path: Where the terminal is found: a symbolic link, made anew at each plugging.
+        path: Where the terminal is found: a symbolic link, made at each plugging.
         baud: Bits per second; 0 for no pacing.
-        bits: Bits per byte with start, parity and stop.
     """
 
     def __init__(
         self,
         loop: EmulatorLoop,
         path: Path,
-        make: Callable[[], Speaker],
+        make: Callable[[], DeviceSide],
         faults: Faults,
         baud: int,
-        bits: int = 10,
-        streams: bool = False,
     ) -> None:
         self._loop, self._path, self._make, self._faults = loop, path, make, faults
-        self._ns_per_byte = round(bits * 1e9 / baud) if baud else 0
-        self._streams, self._plugged = streams, 0
+        self._ns_per_byte = round(1e10 / baud) if baud else 0
+        self._plugged = 0
         self._master = self._slave = -1
         self._in_free_ns = self._out_free_ns = 0
         self.address = str(path)
@@ -67,13 +61,11 @@ class PtyPort:
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
-        self._speaker = self._make()
+        self._side = self._make()
         self._path.unlink(missing_ok=True)
         self._path.symlink_to(os.ttyname(self._slave))
         self._plugged += 1
         self._loop.add(self._master, self._on_readable)
-        if self._streams:
-            self._stream()
 
     def unplug(self) -> None:
         """Pull the cable."""
@@ -101,7 +93,7 @@ class PtyPort:
             )
 
     def _handle_bytes(self, data: bytes, now_ns: int) -> None:
-        self._reply(self._speaker.receive(self._faults.spoil_request(data), now_ns), now_ns)
+        self._reply(self._side.receive(self._faults.spoil_request(data), now_ns), now_ns)
 
     def _reply(self, reply: bytes, now_ns: int) -> None:
         reply, delay_ns = self._faults.spoil_reply(reply)
@@ -119,13 +111,6 @@ class PtyPort:
         with suppress(BlockingIOError):  # nobody reads: a UART would drop it too
             os.write(self._master, data)
 
-    def _stream(self) -> None:
-        """Send what is due unasked, as often as a slice, no faster than the baud rate."""
-        now_ns, plugged = self._loop.now_ns(), self._plugged
-        if self._out_free_ns <= now_ns + _STREAM_SLICE_NS:
-            self._reply(self._speaker.stream(now_ns), now_ns)
-        self._loop.at(now_ns + _STREAM_SLICE_NS, lambda: self._stream() if plugged == self._plugged else None)
-
 
 class TcpPort:
     """A TCP port that serves any number of clients, each with a device's side of its own.
@@ -138,14 +123,14 @@ class TcpPort:
         self,
         loop: EmulatorLoop,
         port: int,
-        make: Callable[[], Speaker],
+        make: Callable[[], DeviceSide],
         faults: Faults,
         host: str = "127.0.0.1",
     ) -> None:
         self._loop, self._make, self._faults = loop, make, faults
         self.host, self.port = host, port
         self._listener: socket.socket | None = None
-        self._clients: dict[socket.socket, Speaker] = {}
+        self._clients: dict[socket.socket, DeviceSide] = {}
 
     @property
     def address(self) -> str:
@@ -186,10 +171,10 @@ class TcpPort:
         client.setblocking(False)
         stamp_arrivals(client)
         client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        speaker = self._make()
-        self._clients[client] = speaker
+        side = self._make()
+        self._clients[client] = side
         self._loop.add(client, lambda: self._on_readable(client))
-        self._reply(client, speaker.stream(self._loop.now_ns()))
+        self._reply(client, side.greeting)
 
     def _on_readable(self, client: socket.socket) -> None:
         data, arrived_ns = b"", 0

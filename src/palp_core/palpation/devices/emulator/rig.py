@@ -7,32 +7,33 @@ from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, TypeVar
 
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator.aerotech import Aerotech
-from palp_core.palpation.devices.emulator.emg import Noraxon, SpikerShield
+from palp_core.palpation.devices.emulator.axis import Axes, Axis
+from palp_core.palpation.devices.emulator.contact import ProbeContact
+from palp_core.palpation.devices.emulator.emg import EMG_HZ, Noraxon
 from palp_core.palpation.devices.emulator.event_loop import EmulatorLoop
 from palp_core.palpation.devices.emulator.faults import CHECKED_FAULTS, WIRE_FAULTS, Faults
 from palp_core.palpation.devices.emulator.http import Http
 from palp_core.palpation.devices.emulator.lsl import LslOutlet
-from palp_core.palpation.devices.emulator.maestro import Maestro
+from palp_core.palpation.devices.emulator.maestro import Maestro, MaestroSettings
 from palp_core.palpation.devices.emulator.netcanoem import Netcanoem, SocketCand
-from palp_core.palpation.devices.emulator.netft import NetFt, configuration_page
-from palp_core.palpation.devices.emulator.ports import PtyPort, Speaker, TcpPort
+from palp_core.palpation.devices.emulator.ports import DeviceSide, PtyPort, TcpPort
+from palp_core.palpation.devices.emulator.rod import Rod
+from palp_core.palpation.devices.emulator.sensor import LoadedSensor
 from palp_core.palpation.devices.emulator.settings import RigSettings
-from palp_core.palpation.devices.emulator.world import World
 from palp_core.palpation.devices.wire import aerotech as aerotech_wire
-from palp_core.palpation.devices.wire import spikershield as spikershield_wire
 from palp_core.user_folders import own_folder
 
-DEVICES = ("aerotech", "maestro", "ati", "netft", "noraxon", "lsl", "spikershield")
+DEVICES = ("aerotech", "maestro", "ati", "noraxon", "lsl")
+T = TypeVar("T")
 _FOR_EVER = 1 << 60
 _DEVICE_FAULTS = {
     "aerotech": ("limit", "e-stop", "stuck"),
     "maestro": (*CHECKED_FAULTS, "stalled"),
     "ati": ("saturated", "status"),
-    "netft": ("saturated", "status"),
 }
 
 
@@ -41,6 +42,10 @@ class Plug(Protocol):
 
     def plug(self) -> None: ...
     def unplug(self) -> None: ...
+
+
+Made = tuple[Plug, Callable[[], dict[str, Any]]]
+"""An emulated device, and what returns the options of its driver once it is plugged in."""
 
 
 def _own(folder: Path) -> Path:
@@ -71,7 +76,7 @@ class EmulatedRig:
         DeviceError: There is no such device.
     """
 
-    def __init__(self, settings: RigSettings | None = None, devices: Iterable[str] = DEVICES[:5]) -> None:
+    def __init__(self, settings: RigSettings | None = None, devices: Iterable[str] = DEVICES[:4]) -> None:
         self.settings = settings or RigSettings()
         self._devices = tuple(devices)
         unknown = set(self._devices) - set(DEVICES)
@@ -79,7 +84,13 @@ class EmulatedRig:
             raise DeviceError(
                 f"emulator: no device {', '.join(sorted(unknown))}; known: {', '.join(DEVICES)}"
             )
-        self._plugs: dict[str, list[Plug]] = {}
+        given = self.settings
+        self.axes = Axes(Axis(given.y_axis), Axis(given.z_axis))
+        self.rod = Rod(given.ring, given.seed)
+        self.contact = ProbeContact(given.contact, self.axes, self.rod, given.seed)
+        self.sensor = LoadedSensor(given.torque, given.force_noise_sd_n, self.contact, self.axes, given.seed)
+        self._netcanoem = Netcanoem(self.sensor.wrench)
+        self._plugs: dict[str, Plug] = {}
         self._faults = {name: Faults(seed=i) for i, name in enumerate(self._devices)}
         self._unplugged: set[str] = set()
         self._second: TcpPort | None = None
@@ -94,8 +105,7 @@ class EmulatedRig:
             else:
                 self._folder = Path(tempfile.mkdtemp(prefix="palp-emulator-"))
                 undo.callback(shutil.rmtree, self._folder)
-            self.world = World(self.settings.world)
-            undo.callback(self.world.close)
+            undo.callback(self.contact.close)
             self.loop = EmulatorLoop()
             undo.callback(self.loop.stop)
             undo.callback(self._unplug_all)
@@ -171,19 +181,27 @@ class EmulatedRig:
     def disconnect(self, device: str) -> None:
         """Pull a device's cable."""
         self._unplugged.add(device)
-        for plug in self._plugs.get(device, []):
-            self.loop.call(plug.unplug)
+        if device in self._plugs:
+            self.loop.call(self._plugs[device].unplug)
 
     def connect(self, device: str) -> None:
         """Plug a device in again, at the same address."""
         self.disconnect(device)
         self._unplugged.discard(device)
-        for plug in self._plugs[device]:
-            self.loop.call(plug.plug)
+        self.loop.call(self._plugs[device].plug)
 
-    def on_world(self, function: Callable[[World, int], Any]) -> Any:
-        """Look at or change the truth, at a time, on the emulator's thread."""
-        return self.loop.call(lambda: function(self.world, self.loop.now_ns()))
+    def call(self, function: Callable[[int], T]) -> T:
+        """Return what a function of the time says, on the emulator's thread: it may look at or change all."""
+        return self.loop.call(lambda: function(self.loop.now_ns()))
+
+    def truth(self, now_ns: int) -> dict[str, float]:
+        """Return where everything is and the true torque, by name; on the emulator's thread."""
+        return {
+            "y_m": self.axes.y.position_m(now_ns),
+            "z_m": self.axes.z.position_m(now_ns),
+            "ring_m": self.rod.ring_m(now_ns),
+            "torque_n_m": self.contact.loads(now_ns)[2],
+        }
 
     def _unplug_all(self) -> None:
         for name in self._devices:
@@ -192,100 +210,59 @@ class EmulatedRig:
             self.loop.call(self._second.unplug)
 
     def _start_device(self, name: str) -> None:
-        make = getattr(self, f"_make_{name}")
-        self._plugs[name] = make(self._faults[name])
-        for plug in self._plugs[name]:
-            plug.plug()
-        address = getattr(self, f"_address_{name}", None)
-        self.options[name] = address() if address else self.options[name]
+        plug, options = getattr(self, f"_make_{name}")(self._faults[name])
+        self._plugs[name] = plug
+        plug.plug()
+        self.options[name] = options()  # a port that was free is known now
         self.addresses[name] = str(next(iter(self.options[name].values())))
 
-    def _tcp(self, port: int, speaker: Callable[[], Speaker], faults: Faults) -> TcpPort:
-        return TcpPort(self.loop, port, speaker, faults, self.settings.host)
+    def _tcp(self, port: int, make: Callable[[], DeviceSide], faults: Faults) -> TcpPort:
+        return TcpPort(self.loop, port, make, faults, self.settings.host)
 
-    def _make_aerotech(self, faults: Faults) -> list[Plug]:
-        speaker = partial(Aerotech, self.world, always_end=self.settings.stage_always_ends)
-        self._stage: PtyPort | TcpPort
+    def _make_aerotech(self, faults: Faults) -> Made:
+        side = partial(Aerotech, self.axes)
+        stage: PtyPort | TcpPort
         if self.settings.stage_serial:
-            path = self._folder / "aerotech"
-            self._stage = PtyPort(self.loop, path, speaker, faults, self.settings.stage_baud)
+            stage = PtyPort(self.loop, self._folder / "aerotech", side, faults, self.settings.stage_baud)
         else:
-            self._stage = self._tcp(self.settings.aerotech_port, speaker, faults)
-            self._second = self._tcp(self.settings.aerotech_stop_port, speaker, Faults())
+            stage = self._tcp(self.settings.aerotech_port, side, faults)
+            self._second = self._tcp(self.settings.aerotech_stop_port, side, Faults())
             self._second.plug()
-        return [self._stage]
+        return stage, lambda: {"url": stage.address, "verified": ("*",)}
 
-    def _address_aerotech(self) -> dict[str, Any]:
-        return {"url": self._stage.address, "verified": ("*",)}
+    def _make_maestro(self, faults: Faults) -> Made:
+        def side() -> Maestro:
+            return Maestro(self.rod, MaestroSettings(), self.loop.now_ns())
 
-    def _make_maestro(self, faults: Faults) -> list[Plug]:
-        settings = self.settings.maestro
-        path = self._folder / "maestro"
-        self.options["maestro"] = {"url": str(path), "crc": settings.crc, "verified": ("*",)}
+        port = PtyPort(self.loop, self._folder / "maestro", side, faults, self.settings.maestro_baud)
+        return port, lambda: {"url": port.address, "crc": True, "verified": ("*",)}
 
-        def speaker() -> Maestro:
-            return Maestro(self.world, settings, self.loop.now_ns())
-
-        streams = settings.timeout_s > 0.0
-        return [PtyPort(self.loop, path, speaker, faults, self.settings.maestro_baud, streams=streams)]
-
-    def _make_ati(self, faults: Faults) -> list[Plug]:
-        sensor = Netcanoem(self.world)
-        bitrate = self.settings.can_bitrate
-        self._can = self._tcp(self.settings.can_port, lambda: SocketCand(sensor, bitrate), faults)
-        return [self._can]
-
-    def _address_ati(self) -> dict[str, Any]:
-        link = {"host": self._can.host, "port": self._can.port, "tcp_tune": True}
-        return {"channel": "can0", "interface": "socketcand", "options": link, "verified": ("*",)}
-
-    def _make_netft(self, faults: Faults) -> list[Plug]:
-        given = self.settings
-        rate_hz, host, clock_ppm = given.netft_rate_hz, given.host, given.clock_ppm
-        self._netft = NetFt(self.loop, self.world, faults, rate_hz, host, clock_ppm)
-        self._netft_page = self._tcp(
-            0, lambda: Http(lambda path, _: configuration_page(path), "text/xml"), Faults()
-        )
-        return [self._netft, self._netft_page]
-
-    def _address_netft(self) -> dict[str, Any]:
-        return {
-            "host": self.settings.host,
-            "port": self._netft.port,
-            "http_port": self._netft_page.port,
-            "rate_hz": self.settings.netft_rate_hz,
+    def _make_ati(self, faults: Faults) -> Made:
+        side = partial(SocketCand, self._netcanoem, self.settings.can_bitrate)
+        port = self._tcp(self.settings.can_port, side, faults)
+        return port, lambda: {
+            "channel": "can0",
+            "interface": "socketcand",
+            "options": {"host": port.host, "port": port.port, "tcp_tune": True},
+            "verified": ("*",),
         }
 
-    def _make_noraxon(self, faults: Faults) -> list[Plug]:
-        amplifier = Noraxon(self.world, self.settings.emg_rate_hz, self.settings.clock_ppm)
-        self._noraxon = self._tcp(
-            self.settings.noraxon_port, lambda: Http(amplifier.page, "application/json"), faults
-        )
-        return [self._noraxon]
+    def _make_noraxon(self, faults: Faults) -> Made:
+        amplifier = Noraxon(seed=self.settings.seed)
+        side = partial(Http, amplifier.page, "application/json")
+        port = self._tcp(self.settings.noraxon_port, side, faults)
+        return port, lambda: {"host": port.host, "port": port.port, "rate_hz": EMG_HZ, "verified": ("*",)}
 
-    def _address_noraxon(self) -> dict[str, Any]:
-        link = {"host": self._noraxon.host, "port": self._noraxon.port}
-        return {**link, "rate_hz": self.settings.emg_rate_hz, "verified": ("*",)}
-
-    def _make_lsl(self, faults: Faults) -> list[Plug]:
+    def _make_lsl(self, faults: Faults) -> Made:
         name = self._folder.name
-        self.options["lsl"] = {"stream": name, "rate_hz": self.settings.emg_rate_hz}
-        rate_hz, clock_ppm = self.settings.emg_rate_hz, self.settings.clock_ppm
-        return [LslOutlet(self.loop, self.world, faults, name, rate_hz, clock_ppm)]
-
-    def _make_spikershield(self, faults: Faults) -> list[Plug]:
-        path = self._folder / "spikershield"
-        self.options["spikershield"] = {"url": str(path), "volt_per_count": 4e-6, "verified": ("*",)}
-        baud = spikershield_wire.BAUD
-        speaker = partial(SpikerShield, self.world, clock_ppm=self.settings.clock_ppm)
-        return [PtyPort(self.loop, path, speaker, faults, baud, streams=True)]
+        outlet = LslOutlet(self.loop, faults, name, self.settings.seed)
+        return outlet, lambda: {"stream": name, "rate_hz": EMG_HZ}
 
     def _inject_fault(self, name: str, value: float) -> None:
-        world, now_ns = self.world, self.loop.now_ns()
-        axes = world.axes.values()
+        now_ns, axes = self.loop.now_ns(), (self.axes.y, self.axes.z)
         match name:
             case "limit":
-                world.axes["y"].trip(aerotech_wire.Fault.CW_END_OF_TRAVEL, now_ns)
+                self.axes.y.trip(aerotech_wire.Fault.CW_END_OF_TRAVEL, now_ns)
             case "e-stop":
                 for axis in axes:
                     axis.estop = True
@@ -296,17 +273,17 @@ class EmulatedRig:
                     if axis.moving(now_ns):
                         axis.trip(aerotech_wire.Fault.POSITION_ERROR, now_ns)
             case "stalled":
-                world.stall(now_ns)
+                self.rod.stall(now_ns)
             case "saturated":
-                world.saturated_gauges = (2,)
+                self._netcanoem.saturated = (2,)
             case "status":
-                world.sensor_status = int(value) if value >= 1.0 else 0x8020
+                self._netcanoem.status = int(value) if value >= 1.0 else 0x8020
 
     def _undo_fault(self, device: str) -> None:
         if device == "aerotech":
-            for axis in self.world.axes.values():
+            for axis in (self.axes.y, self.axes.z):
                 axis.estop = axis.stuck = False
         elif device == "maestro":
-            self.world.ring_stalled = False
-        elif device in ("ati", "netft"):
-            self.world.saturated_gauges, self.world.sensor_status = (), 0
+            self.rod.stalled = False
+        elif device == "ati":
+            self._netcanoem.saturated, self._netcanoem.status = (), 0

@@ -100,55 +100,36 @@ class SimStage:
         """Return that all is well."""
         return HEALTHY
 
-    def sweep_start(self, from_m: float, to_m: float, *, speed_m_per_s: float = 0.0) -> float:
+    def sweep_start(self, from_m: float, to_m: float) -> float:
         """Return the y from which a sweep reaches its speed ``lead_m`` before ``from_m``, in m."""
-        return from_m - math.copysign(self._run_up_m(speed_m_per_s), to_m - from_m)
+        return from_m - math.copysign(self._run_up_m, to_m - from_m)
 
-    def _run_up_m(self, speed_m_per_s: float) -> float:
-        return self._speed(speed_m_per_s) ** 2 / (2.0 * self.accel_m_per_s2) + self.lead_m
+    @property
+    def _run_up_m(self) -> float:
+        return self.sweep_speed_m_per_s**2 / (2.0 * self.accel_m_per_s2) + self.lead_m
 
-    def _speed(self, speed_m_per_s: float) -> float:
-        """Return the speed of a sweep.
-
-        Raises:
-            DeviceError: The stage cannot go so fast.
-        """
-        speed_m_per_s = speed_m_per_s or self.sweep_speed_m_per_s
-        return check_range("stage", "speed_m_per_s", speed_m_per_s, 1e-6, self.limits.speed_m_per_s)
-
-    def sweep(
-        self,
-        from_m: float,
-        to_m: float,
-        now_ns: int,
-        state: SimStageState,
-        *,
-        speed_m_per_s: float = 0.0,
-        height_m: float = 0.0,
-    ) -> SweepTimes:
+    def sweep(self, from_m: float, to_m: float, now_ns: int, state: SimStageState) -> SweepTimes:
         """Sweep from the present place, at constant speed all the way from ``from_m`` to ``to_m``.
 
         Raises:
-            DeviceError: The stage moves, is raised, stands too close to ``from_m``, would leave its travel or
-                cannot go so fast.
+            DeviceError: The stage moves, is raised, stands too close to ``from_m`` or would leave its travel.
         """
         y_m, z_m = self._resting_place(now_ns, state)
-        speed = self._speed(speed_m_per_s)
         check_range("stage", "from_m", from_m, *self.limits.y_m)
         check_range("stage", "to_m", to_m, *self.limits.y_m)
         if from_m == to_m:
             raise DeviceError(f"stage: a sweep from {from_m:g} m to the same place has no direction")
         sign = math.copysign(1.0, to_m - from_m)
-        start_m, end_m = from_m - sign * self._run_up_m(speed), to_m + sign * self._run_up_m(speed)
+        start_m, end_m = from_m - sign * self._run_up_m, to_m + sign * self._run_up_m
         check_range("stage", "sweep's run-out y_m", end_m, *self.limits.y_m)
-        if z_m > height_m + _TOLERANCE_M or sign * (y_m - start_m) > _TOLERANCE_M:
+        if z_m > _TOLERANCE_M or sign * (y_m - start_m) > _TOLERANCE_M:
             raise DeviceError(
                 f"stage: at y = {y_m:g} m, z = {z_m:g} m there is no room to speed up before {from_m:g} m;"
                 f" return_to(sweep_start(...)) = {start_m:g} m first"
             )
-        profile = MotionProfile(y_m, end_m, speed, self.accel_m_per_s2, now_ns)
+        profile = MotionProfile(y_m, end_m, self.sweep_speed_m_per_s, self.accel_m_per_s2, now_ns)
         times = SweepTimes(*profile.interval_ns(from_m, to_m), profile.end_ns)
-        self._follow(state, [(y_m, z_m), (end_m, z_m)], [speed], now_ns)
+        self._follow(state, [(y_m, z_m), (end_m, z_m)], [self.sweep_speed_m_per_s], now_ns)
         return times
 
     def return_to(self, y_m: float, now_ns: int, state: SimStageState, *, height_m: float = 0.0) -> int:
@@ -195,7 +176,7 @@ class SimStage:
         leg, profile = under_way[0]
         now = np.array([now_ns])
         y, z = _positions(now, state)
-        speed, y_m, z_m = float(profile.velocity(now)[0]), float(y[0]), float(z[0])
+        speed, y_m, z_m = profile.velocity(now_ns), float(y[0]), float(z[0])
         way_m, length_m = speed**2 / (2.0 * state.accel_m_per_s2), profile.end_m
         end_y = y_m + way_m * (state.y_m[leg + 1] - state.y_m[leg]) / length_m
         end_z = z_m + way_m * (state.z_m[leg + 1] - state.z_m[leg]) / length_m
@@ -213,7 +194,7 @@ class SimStage:
         """Return where it is, how fast, and whether its path has not ended yet."""
         now = np.array([now_ns])
         place = self.read(now, state)
-        speed_m_per_s = max((abs(float(p.velocity(now)[0])) for p in _profiles(state)), default=0.0)
+        speed_m_per_s = max((abs(p.velocity(now_ns)) for p in _profiles(state)), default=0.0)
         moving = now_ns < path_end_ns(state)
         return StageFeedback(float(place.y_m[0]), float(place.z_m[0]), speed_m_per_s, moving, now_ns, now_ns)
 

@@ -161,25 +161,15 @@ class AerotechStage:
         self._host.observe(now_ns)
         return self._monitor.read(self._host.now_ns())
 
-    def sweep_start(self, from_m: float, to_m: float, *, speed_m_per_s: float = 0.0) -> float:
+    def sweep_start(self, from_m: float, to_m: float) -> float:
         """Return the y from which a sweep reaches its speed ``lead_m`` before ``from_m``, in m."""
-        return from_m - math.copysign(self._run_up_m(speed_m_per_s), to_m - from_m)
+        return from_m - math.copysign(self._run_up_m(), to_m - from_m)
 
-    def sweep(
-        self,
-        from_m: float,
-        to_m: float,
-        now_ns: int,
-        state: AerotechState,
-        *,
-        speed_m_per_s: float = 0.0,
-        height_m: float = 0.0,
-    ) -> SweepTimes:
+    def sweep(self, from_m: float, to_m: float, now_ns: int, state: AerotechState) -> SweepTimes:
         """Sweep from here, at constant speed all the way from ``from_m`` to ``to_m``.
 
         Raises:
-            DeviceError: Not up, moving, raised, too close to ``from_m``, too fast, or a path that leaves the
-                window.
+            DeviceError: Not up, moving, raised, too close to ``from_m``, or a path that leaves the window.
         """
         motion, y_m, z_m = self._resting(now_ns, state)
         check_range("stage", "from_m", from_m, *self.limits.y_m)
@@ -187,9 +177,9 @@ class AerotechStage:
         if from_m == to_m:
             raise DeviceError(f"stage: a sweep from {from_m:g} m to the same place has no direction")
         sign = math.copysign(1.0, to_m - from_m)
-        speed, run_up_m = speed_m_per_s or self.sweep_speed_m_per_s, self._run_up_m(speed_m_per_s)
+        speed, run_up_m = self.sweep_speed_m_per_s, self._run_up_m()
         start_m, end_m = from_m - sign * run_up_m, to_m + sign * run_up_m
-        if z_m > height_m + _PLACE_M or sign * (y_m - start_m) > _PLACE_M:
+        if z_m > _PLACE_M or sign * (y_m - start_m) > _PLACE_M:
             raise DeviceError(
                 f"stage: at y = {y_m:g} m, z = {z_m:g} m there is no room to speed up before {from_m:g} m;"
                 f" return_to(sweep_start(...)) = {start_m:g} m first"
@@ -286,12 +276,9 @@ class AerotechStage:
         finally:
             link.close()
 
-    def _run_up_m(self, speed_m_per_s: float) -> float:
-        speed, accel_m_per_s2 = (
-            speed_m_per_s or self.sweep_speed_m_per_s,
-            getattr(self, "_accel_m_per_s2", 1.0),
-        )
-        return float(speed**2 / (2.0 * accel_m_per_s2)) + self.lead_m
+    def _run_up_m(self) -> float:
+        accel_m_per_s2 = getattr(self, "_accel_m_per_s2", 1.0)
+        return float(self.sweep_speed_m_per_s**2 / (2.0 * accel_m_per_s2)) + self.lead_m
 
     def _opened(self) -> aerotech_motion.Motion:
         if self._motion is None:

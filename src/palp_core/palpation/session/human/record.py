@@ -80,7 +80,7 @@ class HumanRow(msgspec.Struct, frozen=True, kw_only=True):
     end_ns: int
 
 
-_AMPLIFIERS = ("noraxon", "lsl", "spikershield")
+_AMPLIFIERS = ("noraxon", "lsl")
 
 
 def source_of(amplifier: str, host: str = "") -> Source:

@@ -1,1 +1,0 @@
-"""What every device promises, checked on any driver: of palp or another lab, simulated, emulated or real."""
