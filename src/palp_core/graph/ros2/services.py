@@ -11,7 +11,7 @@ import msgspec
 
 from palp_core.errors import BagError, GraphError
 from palp_core.graph.bag.ros2.definitions import Definitions
-from palp_core.graph.bag.ros2.values import ToCdr, ToMap, reader, writer
+from palp_core.graph.bag.ros2.values import reader, writer
 from palp_core.graph.clock import unix_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import Frame
@@ -120,7 +120,9 @@ class Services:
 
         return ask
 
-    def _bytes(self, name: str, read: str, write: str) -> tuple[ToMap, ToCdr]:
+    def _bytes(
+        self, name: str, read: str, write: str
+    ) -> tuple[Callable[[bytes], Any], Callable[[Any], bytes]]:
         return (
             reader(self._definitions, part_of(name, read)),
             writer(self._definitions, part_of(name, write)),

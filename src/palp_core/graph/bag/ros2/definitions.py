@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
 from enum import IntEnum
 from functools import cache
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from palp_core.errors import BagError
 from palp_core.extras import install_line
@@ -19,15 +22,9 @@ DEEPEST, MOST_FIELDS, LONGEST_ARRAY = 32, 1 << 14, 1 << 24
 """Bounds of a message type (assumed): how deep it is nested, fields with those of its parts, fixed arrays."""
 
 PACKED = frozenset({"float32", "float64"})
-INTEGERS: dict[str, tuple[int, int]] = {
-    **{f"int{bits}": (-(1 << bits - 1), (1 << bits - 1) - 1) for bits in (8, 16, 32, 64)},
-    **{f"uint{bits}": (0, (1 << bits) - 1) for bits in (8, 16, 32, 64)},
-    "byte": (0, 255),
-    "char": (0, 255),
-    "octet": (0, 255),
-}
-FLOATS = frozenset({"float32", "float64", "float128"})
 BYTES = frozenset({"uint8", "byte", "octet", "char"})
+FLOATS = frozenset({"float32", "float64", "float128"})
+INTEGERS = frozenset(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)) | BYTES
 
 
 class NodeKind(IntEnum):
@@ -62,6 +59,12 @@ class FieldType(NamedTuple):
         """One of several."""
         return FieldType(self.base, self.is_message)
 
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of a number, as numpy has it."""
+        names = dict.fromkeys(BYTES, "uint8") | {"float128": "longdouble"}
+        return np.dtype(names.get(self.base, self.base))
+
 
 class Definitions:
     """Message types by their full names, with what reads and writes their bytes (CDR).
@@ -74,6 +77,7 @@ class Definitions:
         self.store = store
         self._fields: dict[str, dict[str, FieldType]] = {}
         self._field_counts: dict[str, int] = {}
+        self._classes: dict[str, type] = {}
 
     def __contains__(self, name: str) -> bool:
         return name in self.store.fielddefs
@@ -108,6 +112,32 @@ class Definitions:
             raise BagError(f"{name} has {count} fields, its parts' included; palp reads {MOST_FIELDS}")
         self._fields[name], self._field_counts[name] = found, count
         return count
+
+    def message_class(self, name: str) -> Any:
+        """Return the dataclass of a message type; a field that is not given is zero or empty.
+
+        Raises:
+            BagError: The type is nested in itself, or beyond a bound.
+        """
+        if name not in self._classes:
+            self._classes[name] = dataclasses.make_dataclass(
+                name.rpartition("/")[2],
+                [
+                    (attribute(field), Any, dataclasses.field(default_factory=self._zero(kind)))
+                    for field, kind in self.fields(name).items()
+                ],
+                bases=(self.store.types[name],),
+                eq=False,
+            )
+        return self._classes[name]
+
+    def _zero(self, kind: FieldType) -> Callable[[], Any]:
+        if kind.is_message:
+            inner: Callable[[], Any] = self.message_class(kind.base)
+            return (lambda: [inner() for _ in range(kind.length)]) if kind.many else inner
+        if kind.base == "string":
+            return (lambda: [""] * kind.length) if kind.many else str
+        return (lambda: np.zeros(kind.length, kind.dtype)) if kind.many else kind.dtype.type(0).item
 
     def add(self, texts: Mapping[str, str]) -> None:
         """Add message types: their ``.msg`` texts, perhaps with those that they need, by full name.
@@ -181,6 +211,13 @@ def _field_type(described: Any) -> FieldType:
             element.base, element.is_message, many=True, length=inner[1] * (kind == NodeKind.ARRAY)
         )
     return FieldType(inner, True) if kind == NodeKind.NAME else FieldType(inner[0], False)
+
+
+def attribute(name: str) -> str:
+    """Return the attribute of a dataclass that has a field: Python's own words get an underscore."""
+    from rosbags.typesys.base import normalize_fieldname
+
+    return str(normalize_fieldname(name))
 
 
 def json_schema(definitions: Definitions, name: str) -> dict[str, Any]:

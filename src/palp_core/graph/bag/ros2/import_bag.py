@@ -1,7 +1,7 @@
 """Make a palp bag of a recording of ROS 2's (rosbag2: MCAP or SQLite), read through ``rosbags``.
 
-A topic's messages become maps by their definitions; what they were in ROS 2 (type, definition, quality of
-service) stands in the topic's schema, so that the way back gives the same bytes.
+A topic's messages become maps by their definitions. The topic's schema keeps their type, definition and
+quality of service in ROS 2, so that the way back gives the same bytes.
 """
 
 from __future__ import annotations
@@ -10,15 +10,17 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import SimpleNamespace
+from typing import Any, BinaryIO, NamedTuple
 
+import lz4.frame  # type: ignore[import-untyped]
 import msgspec
 
 from palp_core.errors import BagError
 from palp_core.extras import install_line
 from palp_core.foreign import catch_foreign, describe_foreign
 from palp_core.graph.bag.ros2.definitions import ROS2_KEY, Definitions, empty, json_schema, standard
-from palp_core.graph.bag.ros2.values import ToMap, reader
+from palp_core.graph.bag.ros2.values import reader as message_reader
 from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.topic import Topic
@@ -27,10 +29,13 @@ from palp_core.whole_file import check_regular
 _STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
 RATHER = "leave it out with -x REGEX"
 
+SMALLEST_BOUND_BYTES, MOST_TIMES = 1 << 30, 1000
+"""Bound of a decompressed bag (assumed): so many times its size, 1 GiB at least."""
+
 
 class _Way(NamedTuple):
     stream: int
-    read: ToMap
+    read: Callable[[bytes], dict[str, Any]]
 
 
 def import_bag(bag: str | Path, out: str | Path, *, select: Callable[[str], bool] | None = None) -> int:
@@ -126,7 +131,7 @@ def _way(connection: Any, definitions: Definitions, writer: BagWriter) -> _Way:
         json_schema=schema,
         latched_depth=_latched_depth(connection.ext.offered_qos_profiles),
     )
-    return _Way(writer.stream(Stream(topic=topic)), reader(definitions, name))
+    return _Way(writer.stream(Stream(topic=topic)), message_reader(definitions, name))
 
 
 def _qos_text(profiles: Any) -> list[dict[str, Any]]:
@@ -213,18 +218,79 @@ def _opened(bag: Path) -> Iterator[Any]:
         held = sorted(path.name for path in bag.iterdir() if path.suffix in _STORAGES)
         advice = f"give one of its files: {', '.join(held[:3])}" if held else "give a rosbag2's folder"
         raise BagError(f"{bag}: no metadata.yaml is in it; {advice}")
-    with catch_foreign(f"{bag} cannot be read as a rosbag2", BagError):
-        for path in bag.iterdir() if bag.is_dir() else [bag]:
-            if path.suffix in (*_STORAGES, ".yaml"):
+    with _bounded_decompression(bag):
+        with catch_foreign(f"{bag} cannot be read as a rosbag2", BagError):
+            for path in _files(bag):
                 check_regular(path)
-        source = Reader(bag)
-        if bag.is_dir():
-            _take_empty_identifier(bag, source.storage)
-        source.open()
+            source = Reader(bag)
+            if bag.is_dir():
+                _take_empty_identifier(bag, source.storage)
+            source.open()
+        try:
+            yield source
+        finally:
+            source.close()
+
+
+def _files(bag: Path) -> list[Path]:
+    kinds = (*_STORAGES, ".yaml", ".zstd")
+    return [path for path in (bag.iterdir() if bag.is_dir() else [bag]) if path.suffix in kinds]
+
+
+class _Decompression:
+    """Decompresses what a bag holds until it has become too large.
+
+    Args:
+        bag: A folder or a file.
+        zstd: The module that rosbags decompresses with.
+    """
+
+    def __init__(self, bag: Path, zstd: Any) -> None:
+        size = sum(path.stat().st_size for path in _files(bag) if path.is_file())
+        self._bag, self._zstd = bag, zstd
+        self._bound = self._left = max(SMALLEST_BOUND_BYTES, MOST_TIMES * size)
+
+    def _counted(self, data: bytes) -> bytes:
+        self._left -= len(data)
+        if self._left < 0:
+            raise BagError(
+                f"{self._bag}: decompressed it has more than {self._bound >> 20} MiB; "
+                "record it in parts, or decompress it with `zstd -d` or `mcap decompress`"
+            )
+        return data
+
+    def zstd(self, data: bytes, _size: int = 0) -> bytes:
+        return self._counted(self._zstd.ZstdDecompressor().decompress(data, self._left + 1))
+
+    def lz4(self, data: bytes, _size: int) -> bytes:
+        found: bytes = lz4.frame.LZ4FrameDecompressor().decompress(data, self._left + 1)
+        return self._counted(found)
+
+    @contextmanager
+    def open(self, file: BinaryIO, _mode: str) -> Iterator[SimpleNamespace]:
+        with self._zstd.open(file, "rb") as opened:
+            yield SimpleNamespace(read=lambda size: self._counted(opened.read(size)))
+
+
+@contextmanager
+def _bounded_decompression(bag: Path) -> Iterator[None]:
+    """Have rosbags, which has no bound of its own, decompress within one.
+
+    Args:
+        bag: A folder or a file.
+    """
+    from rosbags.rosbag2 import reader, storage_mcap
+
+    files: Any = reader
+    zstd, decompressors = files.zstd, dict(storage_mcap.DECOMPRESSORS)
+    bounded = _Decompression(bag, zstd)
+    files.zstd = SimpleNamespace(open=bounded.open, decompress=bounded.zstd)
+    storage_mcap.DECOMPRESSORS.update(zstd=bounded.zstd, lz4=bounded.lz4)
     try:
-        yield source
+        yield
     finally:
-        source.close()
+        files.zstd = zstd
+        storage_mcap.DECOMPRESSORS.update(decompressors)
 
 
 def _take_empty_identifier(bag: Path, storage: Any) -> None:
