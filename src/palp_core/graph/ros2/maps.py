@@ -1,0 +1,327 @@
+"""Maps between a graph and ROS 2: functions from a message of one to a message of the other.
+
+A map is a Python module. Its decorated functions name both ends, and their annotations the graph's messages::
+
+    WrenchStamped = message_type("geometry_msgs/msg/WrenchStamped")
+
+    @to_ros2("/torque/block", "/torque", WrenchStamped)
+    def wrench(block: TorqueBlock, times: Times) -> Any:
+        message = WrenchStamped()
+        message.header.stamp = times.to_ros2(block.stamp_ns)
+        message.wrench.torque.x = block.torque_n_m[-1]
+        return message
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import traceback
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+
+import msgspec
+
+from palp_core.errors import GraphError, PalpError
+from palp_core.foreign import describe_foreign
+from palp_core.graph.description.launch_file import find_workspace
+from palp_core.graph.messages.message import Message, decode, encode
+from palp_core.graph.messages.qos import Qos
+from palp_core.graph.node.loading import load_module
+from palp_core.graph.problems import Mark
+from palp_core.graph.ros2.message_types import message_type
+
+_PALP_NAME = re.compile(r"/[A-Za-z]\w*/[A-Za-z]\w*")
+_ROS_NAME = re.compile(r"(/[A-Za-z_]\w*)+")
+_SERVICE_TYPE = re.compile(r"[a-z][a-z0-9_]*/srv/[A-Z][A-Za-z0-9]*")
+_NS = 1_000_000_000
+
+Kind = Literal["to_ros2", "from_ros2", "service", "call", "parameters"]
+Decorator = Callable[[Callable[..., Any]], "Entry"]
+
+
+class Times(NamedTuple):
+    """Times of a message on the graph's clock and on ROS 2's.
+
+    Attributes:
+        stamp_ns: When it was published or, from ROS 2, arrived, on the graph's clock.
+        offset_ns: What ROS 2's clock is ahead of the graph's: 0 in simulated time.
+    """
+
+    stamp_ns: int
+    offset_ns: int = 0
+
+    def to_ros2(self, ns: int) -> Any:
+        """Return a time of the graph as ROS 2's ``Time``."""
+        sec, nanosec = divmod(ns + self.offset_ns, _NS)
+        return message_type("builtin_interfaces/msg/Time")(sec=sec, nanosec=nanosec)
+
+    def to_palp(self, time: Any) -> int:
+        """Return ROS 2's ``Time`` in ns on the graph's clock."""
+        return int(time.sec * _NS + time.nanosec - self.offset_ns)
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """What one function of a map lets cross.
+
+    Attributes:
+        kind: Which decorator made it.
+        mark: Where.
+        palp: Topic, external port or service of the graph; of ``parameters`` a node, "" for all.
+        ros: Topic or service of ROS 2.
+        ros_type: Its type's full name.
+        convert: The function; called with :class:`Times` last.
+        messages: The graph's messages: one of a topic, request and reply of a service.
+        to: Of a call, the external port that takes the reply; "" for none.
+        qos: Policies that the map states.
+    """
+
+    kind: Kind
+    mark: Mark
+    palp: str
+    ros: str = ""
+    ros_type: str = ""
+    convert: Callable[..., Any] = print
+    messages: tuple[type[Message], ...] = ()
+    to: str = ""
+    qos: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Both ends, in the direction in which messages cross."""
+        arrow = {"to_ros2": "->", "call": "calls"}.get(self.kind)
+        if arrow is not None:
+            return f"{self.palp} {arrow} {self.ros}"
+        return f"{self.ros} {'calls' if self.kind == 'service' else '->'} {self.palp}"
+
+    @property
+    def nodes(self) -> list[str]:
+        """The nodes of the graph that it names."""
+        return [name.split("/")[1] for name in (self.palp, self.to) if name]
+
+    def to_ros2(self, payload: bytes | memoryview, times: Times) -> Iterator[tuple[int, Any]]:
+        """Yield the messages of ROS 2 that one of the graph becomes, each after its time."""
+        made = self.convert(decode(self.messages[0], payload), times)
+        found: Any = made if inspect.isgenerator(made) else [(times.stamp_ns, made)]
+        yield from found
+
+    @contextmanager
+    def catch(self) -> Iterator[None]:
+        """Turn what its function raises into a GraphError with its place."""
+        try:
+            yield
+        except PalpError:
+            raise
+        except Exception as error:
+            raise GraphError(f"{self.mark}: {describe_foreign(error)}") from error
+
+
+def to_ros2(palp: str, ros: str, kind: Any, **qos: Any) -> Decorator:
+    """Publish a topic of the graph in ROS 2.
+
+    The function takes a message (and its :class:`Times`, if it has a second parameter) and returns ROS 2's
+    message. A generator yields several, each after its time on the graph's clock: ``yield at_ns, message``.
+
+    Args:
+        palp: The topic, ``/node/port``.
+        ros: The topic in ROS 2.
+        kind: Its type, from :func:`~palp_core.graph.ros2.message_types.message_type`.
+        qos: Policies by palp's names that differ from what the graph's publisher offers.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Entry:
+        message = _message(function, next(iter(inspect.signature(function).parameters), ""))
+        return _entry("to_ros2", function, palp, ros, kind.__msgtype__, (message,), qos=qos)
+
+    return decorate
+
+
+def from_ros2(ros: str, palp: str, kind: Any, **qos: Any) -> Decorator:
+    """Publish a topic of ROS 2 on an external port of the graph.
+
+    The function takes ROS 2's message (and its :class:`Times`) and returns the port's message.
+
+    Args:
+        ros: The topic in ROS 2.
+        palp: The port, ``/node/port``, which the launch file declares ``external: true``.
+        kind: The topic's type, from :func:`~palp_core.graph.ros2.message_types.message_type`.
+        qos: Policies by palp's names; without: reliable, depth 10.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Entry:
+        message = _message(function, "return")
+        return _entry("from_ros2", function, palp, ros, kind.__msgtype__, (message,), qos=qos)
+
+    return decorate
+
+
+def serve_ros2(palp: str, ros: str, kind: str) -> Decorator:
+    """Serve a service of the graph in ROS 2.
+
+    The function takes ROS 2's request and response (and :class:`Times`). It yields the graph's request, is
+    sent the graph's reply, and returns the response.
+
+    Args:
+        palp: The service, ``/node/port``.
+        ros: The service in ROS 2.
+        kind: Its type, ``std_srvs/srv/Trigger``.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Entry:
+        return _entry("service", function, palp, ros, _service(kind), _request_and_reply(function))
+
+    return decorate
+
+
+def call_ros2(palp: str, ros: str, kind: str, to: str = "") -> Decorator:
+    """Call a service of ROS 2 for each message of a topic.
+
+    The function takes the message and ROS 2's request (and :class:`Times`). It yields the request, is sent
+    ROS 2's response, and returns the message for the port ``to``.
+
+    Args:
+        palp: The topic, ``/node/port``.
+        ros: The service in ROS 2.
+        kind: Its type, ``std_srvs/srv/SetBool``.
+        to: External port of the graph; "" for none.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Entry:
+        messages = [_message(function, next(iter(inspect.signature(function).parameters), ""))]
+        if to:
+            messages.append(_checked(function, _generator(function)[2], "what it returns"))
+        return _entry("call", function, palp, ros, _service(kind), tuple(messages), to=to)
+
+    return decorate
+
+
+def share_parameters(node: str = "") -> Entry:
+    """Let ROS 2 get, set, list and describe the parameters of a node; "" for every node of the graph."""
+    return Entry("parameters", _place(inspect.currentframe()), f"/{node.removeprefix('/')}" if node else "")
+
+
+def read_map(name: str) -> list[Entry]:
+    """Return what a map lets cross.
+
+    Args:
+        name: Its module (``nodes.ros2_map``) or its file (``map.py``).
+
+    Raises:
+        GraphError: It cannot be imported, or has mistakes.
+    """
+    file = str(Path(name).resolve()) if name.endswith(".py") else name
+    workspace = find_workspace(Path(file) if name.endswith(".py") else Path("file"))
+    try:
+        module = load_module(file, str(workspace))
+        return _entries(vars(module).values())
+    except (Exception, SystemExit) as error:
+        text = str(error) if isinstance(error, PalpError) else describe_foreign(error)
+        raise GraphError(f"{_failed_at(error, file)}{text}") from error
+
+
+def _failed_at(error: BaseException, file: str) -> str:
+    """Return the place in the map at which its import has failed, to begin a line with."""
+    own = file.removesuffix(".py").rpartition("/")[2].rpartition(".")[2] + ".py"
+    lines = [one for one in traceback.extract_tb(error.__traceback__) if Path(one.filename).name == own]
+    return f"{lines[-1].filename}:{lines[-1].lineno}: " if lines else ""
+
+
+def _entries(values: Iterable[Any]) -> list[Entry]:
+    found = list(dict.fromkeys(value for value in values if isinstance(value, Entry)))
+    if not found:
+        raise GraphError("the map has no decorated function; add one with @to_ros2 or @from_ros2")
+    sent = {entry.ros for entry in found if entry.kind == "to_ros2"}
+    first: dict[tuple[str, ...], Entry] = {}
+    for entry in found:
+        if entry.kind == "from_ros2" and entry.ros in sent:
+            raise GraphError(f"{entry.mark}: this map publishes {entry.ros}, too; rename one of both")
+        key = (entry.kind, entry.ros, "" if entry.kind == "service" else entry.palp)
+        if first.setdefault(key, entry) is not entry:
+            raise GraphError(
+                f"{entry.mark}: {entry.name} is at {first[key].mark} already; remove one of both"
+            )
+    return found
+
+
+def as_plain(message: Message) -> Any:
+    """Return a message as a map, as it travels."""
+    return msgspec.msgpack.decode(encode(message))
+
+
+def as_message(kind: type[Message], plain: Any) -> Message:
+    """Return a message of a map, as it travels.
+
+    Raises:
+        SchemaMismatch: It is none of that class.
+    """
+    return decode(kind, msgspec.msgpack.encode(plain))
+
+
+def _entry(
+    kind: Kind,
+    function: Callable[..., Any],
+    palp: str,
+    ros: str,
+    type_name: str,
+    messages: tuple[type[Message], ...],
+    *,
+    to: str = "",
+    qos: Mapping[str, Any] | None = None,
+) -> Entry:
+    for name, form, example in (
+        (palp, _PALP_NAME, "/node/port"),
+        (to or "/a/b", _PALP_NAME, "/node/port"),
+        (ros, _ROS_NAME, "a name from the root, as in /torque"),
+    ):
+        if form.fullmatch(name) is None:
+            raise GraphError(f"{function.__name__}: '{name}' is no name; write {example}")
+    Qos(**(qos or {}))
+    code = function.__code__
+    mark = Mark(code.co_filename, code.co_firstlineno, 1)
+    given = 2 if kind in ("service", "call") else 1
+    takes_times = len(inspect.signature(function).parameters) > given
+    convert = function if takes_times else lambda *values: function(*values[:given])
+    return Entry(kind, mark, palp, ros, type_name, convert, messages, to, qos or {})
+
+
+def _service(name: str) -> str:
+    if _SERVICE_TYPE.fullmatch(name) is None:
+        raise GraphError(f"'{name}' is no service type; write PACKAGE/srv/NAME, as in std_srvs/srv/Trigger")
+    return name
+
+
+def _message(function: Callable[..., Any], name: str) -> type[Message]:
+    """Return the message class that a parameter, or ``return``, is annotated with."""
+    what = "what it returns" if name == "return" else f"its parameter {name}".rstrip()
+    return _checked(function, get_type_hints(function).get(name), what)
+
+
+def _request_and_reply(function: Callable[..., Any]) -> tuple[type[Message], type[Message]]:
+    request, reply, _ = _generator(function)
+    return _checked(function, request, "what it yields"), _checked(function, reply, "what it is sent")
+
+
+def _generator(function: Callable[..., Any]) -> tuple[Any, ...]:
+    hint = get_type_hints(function).get("return")
+    if get_origin(hint) is not Generator or not inspect.isgeneratorfunction(function):
+        raise GraphError(
+            f"{function.__name__}: it is no generator; annotate it with Generator[YIELDED, SENT, RETURNED]"
+        )
+    return get_args(hint)
+
+
+def _checked(function: Callable[..., Any], hint: Any, what: str) -> type[Message]:
+    if not (isinstance(hint, type) and issubclass(hint, Message)):
+        raise GraphError(
+            f"{function.__name__}: {what} is no message of the graph; annotate it with its class"
+        )
+    return hint
+
+
+def _place(frame: Any) -> Mark:
+    caller = frame.f_back
+    return Mark(caller.f_code.co_filename, caller.f_lineno, 1)
