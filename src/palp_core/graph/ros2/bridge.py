@@ -18,7 +18,7 @@ from palp_core.graph.ros2.joining import Joining
 from palp_core.graph.ros2.maps import Times, as_plain
 from palp_core.graph.ros2.message_types import known_types, message_type
 from palp_core.graph.ros2.middleware import Middleware
-from palp_core.graph.ros2.parameters import ParameterServices
+from palp_core.graph.ros2.parameters import NodeParameters
 from palp_core.graph.ros2.plan import Crossing
 from palp_core.graph.ros2.services import caller, offer
 from palp_core.graph.ros2.to_palp import Ports
@@ -77,7 +77,6 @@ class Ros2Bridge:
         self._clock_ns, self._clock_due_ns = 0, 0
         self._reader = TopicReader(graph, [], reliable=True)
         self._ports = Ports(graph)
-        self._parameters = ParameterServices(graph)
         self.name = re.sub(r"\W", "_", f"{graph.record.graph}_bridge")
         self._ros = Middleware(self.name)
         try:
@@ -102,7 +101,7 @@ class Ros2Bridge:
         entry, topic = crossing.entry, crossing.topic
         if entry.kind == "parameters":
             node = entry.nodes[0]
-            self._parameters.serve(node, self._ros.node(node))
+            NodeParameters(self._graph, node, self._ros.node(node))
             return
         account = Account(entry.name)
         services = f"{self.name}_services"
