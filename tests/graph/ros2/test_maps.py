@@ -11,12 +11,16 @@ import typer
 
 from palp_core.cli.ros2 import bridge as command
 from palp_core.errors import GraphError, SchemaMismatch
+from palp_core.graph.bag.forms.ros2 import write
 from palp_core.graph.bag.ros2.values import reader, writer
+from palp_core.graph.bag.stream import Stream
+from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.message import Message, encode
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.topic import topic_of
+from palp_core.graph.ros2.bag_map import outlets_of
 from palp_core.graph.ros2.maps import Entry, Times, as_message, as_plain, read_map
 from palp_core.graph.ros2.message_types import known_types, message_type
 
@@ -188,6 +192,33 @@ def test_a_function_that_raises_is_named_with_its_place(tmp_path: Path) -> None:
     entry = read(tmp_path)["to_ros2/torque"]
     with pytest.raises(GraphError, match=f"lab_map.py:{AT}:1: IndexError: "), entry.catch():
         list(entry.to_ros2(encode(entry.messages[0](stamp_ns=0, torque_n_m=np.array([]))), Times(0)))
+
+
+def test_a_function_that_raises_leaves_no_half_bag(tmp_path: Path) -> None:
+    file = written(tmp_path, SENDS)
+    block = read_map(str(file))[0].messages[0]
+    with BagWriter(tmp_path / "bag") as bag:
+        stream = bag.stream(Stream(topic=topic_of("/sensor/block", block)))
+        for index, values in enumerate(([1.0], []), 1):
+            bag.write(stream, index, 0, index, encode(block(stamp_ns=index, torque_n_m=np.array(values))))
+    with pytest.raises(GraphError, match="IndexError: "):
+        write(tmp_path / "bag", tmp_path / "ros", outlets_of(str(file), tmp_path / "bag"), known_types())
+    assert not (tmp_path / "ros").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("/sensor/block", "/sensor/blok", "no topic '/sensor/blok' is in .*; did you mean '/sensor/block'"),
+        ("block: Block", "block: Load", "lab_map.py:[0-9]+:1: /sensor/block: its messages are no Load"),
+    ],
+)
+def test_a_map_is_checked_against_a_bag(tmp_path: Path, old: str, new: str, words: str) -> None:
+    block = read_map(str(written(tmp_path, SENDS)))[0].messages[0]
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.stream(Stream(topic=topic_of("/sensor/block", block)))
+    with pytest.raises(GraphError, match=words):
+        outlets_of(str(written(tmp_path, SENDS.replace(old, new))), tmp_path / "bag")
 
 
 class Running:

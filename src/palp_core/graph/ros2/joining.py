@@ -36,7 +36,7 @@ class Joining:
         self._asked: Future[Ports] | None = None
 
     def plan(self, problems: Problems, ports: Ports | None = None) -> list[Crossing]:
-        """Return what of the map crosses besides from now on; mistakes go to ``problems``.
+        """Return what of the map crosses from now on, too; mistakes go to ``problems``.
 
         Where no node can join, an entry of a node that is not there is a mistake.
         """
@@ -52,15 +52,15 @@ class Joining:
         self._known |= there
         return fresh
 
-    def plan_joined(self, say: Callable[[str], None]) -> list[Crossing]:
-        """Return what crosses besides since nodes have joined; never wait for a node."""
+    def plan_joined(self, report: Callable[[str], None]) -> list[Crossing]:
+        """Return what crosses since nodes have joined; never wait for a node."""
         if self._asked is not None:
             if not self._asked.done():
                 return []
             problems, ports, self._asked = Problems(), self._asked.result(), None
             found = self.plan(problems, ports)
             for problem in problems.listed():
-                say(str(problem))
+                report(str(problem))
             return found
         now_ns = monotonic_ns()
         if self.awaited and now_ns >= self._look_ns:

@@ -85,7 +85,7 @@ class Entry:
     palp: str
     ros: str = ""
     ros_type: str = ""
-    convert: Callable[..., Any] = print
+    convert: Callable[..., Any] = lambda *_: None
     messages: tuple[type[Message], ...] = ()
     to: str = ""
     qos: Mapping[str, Any] = field(default_factory=dict)

@@ -289,7 +289,7 @@ def test_a_type_that_nobody_defines_is_named(tmp_path: Path) -> None:
 
     with sqlite3.connect(source / "source.db3") as base:
         base.execute("DELETE FROM message_definitions")
-    with pytest.raises(BagError, match=r"/own: the bag does not say what a lab_msgs/msg/Own is.*-x REGEX"):
+    with pytest.raises(BagError, match=r"/own: the bag does not define lab_msgs/msg/Own.*-x REGEX"):
         import_bag(source, tmp_path / "bag")
     assert import_bag(source, tmp_path / "bag", select=lambda name: name != "/own") == 2
 

@@ -1,7 +1,7 @@
 """Turn a bag into a ROS 2 bag (cdr in MCAP) through ``rosbags``.
 
-A topic that came from ROS 2 becomes what it was there; of another the ``.msg`` text derives from its schema,
-unless a mapping says as which of ROS 2's types it goes.
+A topic that came from ROS 2 becomes what it was there. The type of another is derived from its schema, unless
+outlets convert it to one of ROS 2's types.
 """
 
 import re
@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from palp_core.errors import BagError, SchemaMismatch
+from palp_core.errors import BagError, PalpError, SchemaMismatch
 from palp_core.extras import install_line
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.ros2.definitions import ROS2_KEY, Definitions, empty
@@ -72,16 +72,6 @@ def message_texts(schema: schema_reader.JsonSchema) -> dict[str, str]:
     return texts
 
 
-def derived_type(schema: schema_reader.JsonSchema, definitions: Definitions) -> str:
-    """Add what a message's schema says to the definitions; return the type's full name.
-
-    Raises:
-        BagError: A ``.msg`` cannot say this, or another type has its name.
-    """
-    definitions.add({_full(name): text for name, text in message_texts(schema).items()})
-    return _full(_type_name(schema))
-
-
 def write(
     bag: str | Path,
     out: str | Path,
@@ -119,8 +109,8 @@ def write(
             Writer(Path(out), version=9, storage_plugin=StoragePlugin.MCAP) as writer,
         ):
             return _copy(opened, writer, definitions, outlets)
-    except BagError:
-        shutil.rmtree(out, ignore_errors=True)  # half a bag helps nobody
+    except PalpError:
+        shutil.rmtree(out, ignore_errors=True)  # half a bag is of no use
         raise
 
 
@@ -166,7 +156,8 @@ def _same(stream: Stream, definitions: Definitions) -> Outlet:
     try:
         origin = schema.get(ROS2_KEY)
         if origin is None:
-            return Outlet(topic.name, derived_type(schema, definitions), _unchanged)
+            definitions.add({_full(name): text for name, text in message_texts(schema).items()})
+            return Outlet(topic.name, _full(_type_name(schema)), _unchanged)
         definitions.add({origin["type"]: origin["definition"]})
         return Outlet(topic.name, origin["type"], _unchanged, _profiles(origin.get("qos", [])))
     except BagError as error:
@@ -179,7 +170,7 @@ def _unchanged(payload: bytes, log_ns: int) -> Iterable[tuple[int, Any]]:
     return ((log_ns, msgspec.msgpack.decode(payload)),)
 
 
-def _profiles(told: list[dict[str, Any]]) -> list[Any]:
+def _profiles(described: list[dict[str, Any]]) -> list[Any]:
     """Return rosbags' profiles of quality of service from their plain values."""
     from rosbags import interfaces
 
@@ -189,7 +180,9 @@ def _profiles(told: list[dict[str, Any]]) -> list[Any]:
             return kind[value]
         return interfaces.QosTime(*value) if isinstance(value, list) else value
 
-    return [interfaces.Qos(**{name: one(name, value) for name, value in profile.items()}) for profile in told]
+    return [
+        interfaces.Qos(**{name: one(name, value) for name, value in profile.items()}) for profile in described
+    ]
 
 
 def _full(name: str) -> str:

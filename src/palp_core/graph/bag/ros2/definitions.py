@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping
-from enum import IntEnum
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,17 +21,7 @@ DEEPEST, MOST_FIELDS, LONGEST_ARRAY = 32, 1 << 14, 1 << 24
 
 PACKED = frozenset({"float32", "float64"})
 BYTES = frozenset({"uint8", "byte", "octet", "char"})
-FLOATS = frozenset({"float32", "float64", "float128"})
-INTEGERS = frozenset(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)) | BYTES
-
-
-class NodeKind(IntEnum):
-    """How a field's description begins."""
-
-    BASE = 1
-    NAME = 2
-    ARRAY = 3
-    SEQUENCE = 4
+_SCALARS = {"string": "string", "bool": "boolean"} | dict.fromkeys(("float128", *PACKED), "number")
 
 
 class FieldType(NamedTuple):
@@ -53,11 +41,6 @@ class FieldType(NamedTuple):
 
     def __str__(self) -> str:
         return self.base + (f"[{self.length or ''}]" if self.many else "")
-
-    @property
-    def element(self) -> FieldType:
-        """One of several."""
-        return FieldType(self.base, self.is_message)
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -143,7 +126,7 @@ class Definitions:
         """Add message types: their ``.msg`` texts, perhaps with those that they need, by full name.
 
         Raises:
-            BagError: A text cannot be read, or says something else of a type that is known.
+            BagError: A text cannot be read, or differs from what is known of the type.
         """
         from rosbags.typesys import get_types_from_msg
 
@@ -157,7 +140,7 @@ class Definitions:
         """Add message types as rosbags reads them.
 
         Raises:
-            BagError: Something else is known of one of them.
+            BagError: One of them differs from what is known of it.
         """
         new = {name: described for name, described in found.items() if name not in self}
         for name, described in found.items():
@@ -205,12 +188,12 @@ def field_types(described: Iterable[tuple[str, Any]]) -> dict[str, FieldType]:
 
 def _field_type(described: Any) -> FieldType:
     kind, inner = described
-    if kind in (NodeKind.ARRAY, NodeKind.SEQUENCE):
-        element = _field_type(inner[0])
-        return FieldType(
-            element.base, element.is_message, many=True, length=inner[1] * (kind == NodeKind.ARRAY)
-        )
-    return FieldType(inner, True) if kind == NodeKind.NAME else FieldType(inner[0], False)
+    if kind.name == "NAME":
+        return FieldType(inner, True)
+    if kind.name == "BASE":
+        return FieldType(inner[0], False)
+    length = inner[1] if kind.name == "ARRAY" else 0
+    return _field_type(inner[0])._replace(many=True, length=length)
 
 
 def attribute(name: str) -> str:
@@ -232,21 +215,12 @@ def json_schema(definitions: Definitions, name: str) -> dict[str, Any]:
 
 
 def _schema(definitions: Definitions, kind: FieldType) -> dict[str, Any]:
-    if not kind.many:
-        return json_schema(definitions, kind.base) if kind.is_message else dict(_scalar(kind.base))
-    if kind.base in BYTES:
+    if kind.many and kind.base in BYTES:
         return {"type": "string", "contentEncoding": "base64"}
-    if kind.base in PACKED:
-        return _packed_schema()
-    return {"type": "array", "items": _schema(definitions, kind.element)}
-
-
-@cache
-def _scalar(base: str) -> dict[str, Any]:
-    if base in INTEGERS:
-        return {"type": "integer"}
-    return {"type": "number" if base in FLOATS else "boolean" if base == "bool" else "string"}
-
-
-def _packed_schema() -> dict[str, Any]:
-    return {"type": "string", "contentEncoding": "base64", "x-dtype": FLOAT64_DTYPE}
+    if kind.many and kind.base in PACKED:
+        return {"type": "string", "contentEncoding": "base64", "x-dtype": FLOAT64_DTYPE}
+    if kind.many:
+        return {"type": "array", "items": _schema(definitions, kind._replace(many=False))}
+    if kind.is_message:
+        return json_schema(definitions, kind.base)
+    return {"type": _SCALARS.get(kind.base, "integer")}

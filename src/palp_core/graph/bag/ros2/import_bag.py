@@ -41,12 +41,12 @@ class _Way(NamedTuple):
 def import_bag(bag: str | Path, out: str | Path, *, select: Callable[[str], bool] | None = None) -> int:
     """Write a rosbag2 as a palp bag.
 
-    Log times are kept; a message's time of publication, which rosbag2 does not tell, is its log time.
+    Log times are kept; a message's time of publication, which rosbag2 lacks, is its log time.
 
     Args:
         bag: Folder of a rosbag2, or one of its files (``.mcap``, ``.db3``).
         out: The new bag, which must not exist.
-        select: Says of a topic whether to keep it; None: all.
+        select: Returns whether to keep a topic; None: all.
 
     Returns:
         How many messages there are.
@@ -65,7 +65,7 @@ def import_bag(bag: str | Path, out: str | Path, *, select: Callable[[str], bool
                 count = _copy(Path(bag), source, chosen, definitions, writer)
             _check_whole(Path(bag), chosen, count)
         except BagError:
-            shutil.rmtree(out, ignore_errors=True)  # half a bag helps nobody
+            shutil.rmtree(out, ignore_errors=True)  # half a bag is of no use
             raise
     return count
 
@@ -183,9 +183,9 @@ def _define(found: Definitions, known: Definitions, connection: Any) -> None:
     elif name in known:
         found.add({name: known.text(name)})
     else:
-        raise BagError(f"the bag does not say what a {name} is, and it is none of ROS 2's own types")
+        raise BagError(f"the bag does not define {name}, which is none of ROS 2's own types")
     if name not in found:
-        raise BagError(f"the bag's definition of {name} is of something else")
+        raise BagError(f"the bag's definition of {name} is of another type")
 
 
 def _idl_types(text: str) -> dict[str, Any]:
@@ -294,7 +294,7 @@ def _bounded_decompression(bag: Path) -> Iterator[None]:
 
 
 def _take_empty_identifier(bag: Path, storage: Any) -> None:
-    """Let the files' names tell how they are stored where ``storage_identifier`` is empty."""
+    """Take the storage from the files' names where ``storage_identifier`` is empty."""
     suffixes = {suffix for path in bag.iterdir() for suffix in path.suffixes if suffix in _STORAGES}
     if len(suffixes) == 1:
         plugin = storage.STORAGE_PLUGINS[_STORAGES[suffixes.pop()]]
