@@ -78,7 +78,7 @@ class Ros2Bridge:
         self._reader = TopicReader(graph, [], reliable=True)
         self._ports = Ports(graph)
         self.name = re.sub(r"\W", "_", f"{graph.record.graph}_bridge")
-        self._ros = Middleware(self.name)
+        self._ros = Middleware(self.name, report)
         try:
             self._ros.topics.create_timer(ANSWERS_S, self._ports.turn)
             self._publish_clock = self._clock_publisher() if graph.record.clock == "sim" else None

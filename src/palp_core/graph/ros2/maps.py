@@ -33,6 +33,7 @@ from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.loading import load_module
 from palp_core.graph.problems import Mark
 from palp_core.graph.ros2.message_types import message_type
+from palp_core.graph.workspaces.modules import module_file
 
 _PALP_NAME = re.compile(r"/[A-Za-z]\w*/[A-Za-z]\w*")
 _ROS_NAME = re.compile(r"(/[A-Za-z_]\w*)+")
@@ -213,21 +214,17 @@ def read_map(name: str) -> list[Entry]:
     Raises:
         GraphError: It cannot be imported, or has mistakes.
     """
-    file = str(Path(name).resolve()) if name.endswith(".py") else name
-    workspace = find_workspace(Path(file) if name.endswith(".py") else Path("file"))
+    is_file = name.endswith(".py")
+    workspace = str(find_workspace(Path(name if is_file else "file")))
+    file = Path(name).resolve() if is_file else module_file(name, workspace)
     try:
-        module = load_module(file, str(workspace))
-        return _entries(vars(module).values())
+        module = load_module(str(file) if is_file else name, workspace)
     except (Exception, SystemExit) as error:
+        frames = [one for one in traceback.extract_tb(error.__traceback__) if Path(one.filename) == file]
+        place = f"{file}:{frames[-1].lineno}" if frames else name
         text = str(error) if isinstance(error, PalpError) else describe_foreign(error)
-        raise GraphError(f"{_failed_at(error, file)}{text}") from error
-
-
-def _failed_at(error: BaseException, file: str) -> str:
-    """Return the place in the map at which its import has failed, to begin a line with."""
-    own = file.removesuffix(".py").rpartition("/")[2].rpartition(".")[2] + ".py"
-    lines = [one for one in traceback.extract_tb(error.__traceback__) if Path(one.filename).name == own]
-    return f"{lines[-1].filename}:{lines[-1].lineno}: " if lines else ""
+        raise GraphError(f"{place}: {text}") from error
+    return _entries(vars(module).values())
 
 
 def _entries(values: Iterable[Any]) -> list[Entry]:

@@ -10,6 +10,7 @@ from typing import Any
 
 from palp_core.errors import GraphError
 from palp_core.extras import install_line
+from palp_core.foreign import describe_foreign
 from palp_core.graph.messages.qos import Qos
 
 INSTALL = f"{install_line('ros2')}, or source a ROS 2 installation for this Python"
@@ -92,6 +93,7 @@ class Middleware:
 
     Args:
         name: Of the node for topics.
+        report: Takes a line on what a handler failed at.
 
     Attributes:
         topics: The node for topics.
@@ -100,11 +102,12 @@ class Middleware:
         GraphError: ROS 2 cannot be begun.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, report: Callable[[str], None]) -> None:
         import rclpy
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.signals import SignalHandlerOptions
 
+        self._report, self._ending = report, False
         self._context = rclpy.Context()
         try:
             rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
@@ -125,10 +128,13 @@ class Middleware:
     def _spin(self, executor: Any) -> None:
         from rclpy.executors import ExternalShutdownException, ShutdownException
 
-        try:
-            executor.spin()
-        except (ExternalShutdownException, ShutdownException):
-            return
+        while not self._ending:
+            try:
+                executor.spin()
+            except (ExternalShutdownException, ShutdownException):
+                return
+            except Exception as error:  # noqa: BLE001 - one handler's failure must not end the others
+                self._report(f"a message of ROS 2 was not handled: {describe_foreign(error)}")
 
     def node(self, name: str, group: str = "services") -> Any:
         """Return the node of a name, made when it is first asked for, without parameters of its own."""
@@ -156,6 +162,7 @@ class Middleware:
         """Leave ROS 2."""
         import rclpy
 
+        self._ending = True
         for executor in self._executors.values():
             executor.shutdown(JOIN_S)
         for thread in self._threads:
