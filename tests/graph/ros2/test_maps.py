@@ -133,6 +133,13 @@ def test_a_type_of_ones_own_is_found_in_a_folder(tmp_path: Path) -> None:
     assert ([one.x for one in made.inner], made.at.z, len(made.raw), made.from_) == ([0.0, 0.0], 0.0, 0, [])
 
 
+@pytest.mark.parametrize("values", [[1, 2], np.array([1, 2]), np.array([1, 2], np.float32)])
+def test_arrays_of_any_numbers_have_the_types_of_their_fields(values: Any) -> None:
+    kind = "std_msgs/msg/Float64MultiArray"
+    plain = reader(known_types(), kind)(writer(known_types(), kind)(message_type(kind)(data=values)))
+    assert np.frombuffer(plain["data"]).tolist() == [1.0, 2.0]
+
+
 SERVE = '@serve_ros2("/a/b", "/x", "std_srvs/srv/Trigger")\n'
 SEND = '@to_ros2("/a/b", "/x", Float64)\n'
 

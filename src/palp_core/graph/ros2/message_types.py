@@ -40,21 +40,27 @@ def message_type(name: str, folder: str | Path = "") -> Any:
         BagError: rosbags is not installed.
     """
     types = known_types()
-    texts: dict[str, str] = {}
-    wanted = [name]
-    while wanted:
-        one = wanted.pop()
-        if one not in types and one not in texts:
-            texts[one] = _definition(one, folder)
-            wanted += _parts(one, texts[one])
     try:
-        types.add(texts)
+        if name not in types:
+            types.add(_definitions(name, folder))
         return types.message_class(name)
     except BagError as error:
         raise GraphError(str(error)) from error
 
 
-def _definition(name: str, folder: str | Path) -> str:
+def _definitions(name: str, folder: str | Path) -> dict[str, str]:
+    """Return the texts of a type and of what it needs, by name, of those that are not known."""
+    texts: dict[str, str] = {}
+    wanted = [name]
+    while wanted:
+        one = wanted.pop()
+        if one not in known_types() and one not in texts:
+            texts[one] = _text(one, folder)
+            wanted += _parts(one, texts[one])
+    return texts
+
+
+def _text(name: str, folder: str | Path) -> str:
     roots = [
         Path(root) / "share" for root in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if root
     ]

@@ -74,14 +74,25 @@ def _message_of(definitions: Definitions, name: str) -> Callable[[Any], Any]:
         for field, kind in definitions.fields(name).items()
     ]
 
+    has_arrays = _has_arrays(definitions, name)
+
     def build(value: Any) -> Any:
         if isinstance(value, Mapping):
             return make(**{one: convert(value[field]) for field, one, convert in fields if field in value})
         if not isinstance(value, base):
             raise TypeError(f"a {type(value).__name__} is no {make.__name__}")
+        if not has_arrays:
+            return value
         return make(**{one: convert(getattr(value, one)) for _, one, convert in fields})
 
     return build
+
+
+def _has_arrays(definitions: Definitions, name: str) -> bool:
+    return any(
+        kind.many or (kind.is_message and _has_arrays(definitions, kind.base))
+        for kind in definitions.fields(name).values()
+    )
 
 
 def _of_plain(definitions: Definitions, kind: FieldType) -> Callable[[Any], Any]:
