@@ -23,6 +23,7 @@ from palp_core.graph.messages.topic import topic_of
 from palp_core.graph.ros2.bag_map import outlets_of
 from palp_core.graph.ros2.maps import Entry, Times, as_message, as_plain, read_map
 from palp_core.graph.ros2.message_types import known_types, message_type
+from tests.support.palp import ROOT, Palp
 
 HEAD = '''\
 """A map."""
@@ -186,6 +187,16 @@ def test_every_mistake_has_its_place_and_a_fix(
         read_map(str(file))
     assert expected.format(file=file) in str(caught.value)
     assert line is None or str(caught.value).startswith(f"{file}:{line}:")
+
+
+def test_the_documented_map_is_the_examples_and_has_no_mistake(palp: Palp) -> None:
+    file = ROOT / "examples/interop/ros2_map.py"
+    page, example = (ROOT / "docs/ros2.md").read_text("utf-8"), file.read_text("utf-8")
+    for part in page.partition("```python\n")[2].partition("```")[0].split("\n\n\n"):
+        assert part.strip() in example
+    checked = palp.run("bridge", "ros2", file, "--check")
+    assert (checked.returncode, checked.stderr) == (0, "")
+    assert checked.stdout.endswith("no mistake by itself; no graph runs to check it against\n")
 
 
 def test_a_map_that_is_not_there_is_named(tmp_path: Path) -> None:
