@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Any, Self
 
 from palp_core.errors import GraphError, PalpError
@@ -13,6 +14,7 @@ from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.discovery.topic_reader import ReceivedFrame, TopicReader
 from palp_core.graph.messages.frame import Frame, parse
 from palp_core.graph.messages.qos import Qos
+from palp_core.graph.messages.topic import Topic
 from palp_core.graph.ros2.account import Account
 from palp_core.graph.ros2.joining import Joining
 from palp_core.graph.ros2.maps import Times, as_plain
@@ -28,9 +30,17 @@ CLOCK_NS = 10_000_000
 ANSWERS_S = 0.1
 MOST_PUBLISHERS = 1000
 LAST = 2**62
-_BEFORE = (-1, 0)
 
 Send = Callable[[Frame, Times], None]
+
+
+@dataclass
+class _Outlet:
+    """What takes messages of a topic: from the one after ``last``, by epoch and sequence, on."""
+
+    send: Send
+    account: Account
+    last: tuple[int, int] = (-1, 0)
 
 
 def clock_offset_ns(graph: RunningGraph) -> int:
@@ -72,8 +82,7 @@ class Ros2Bridge:
         self._offset_ns = clock_offset_ns(graph)
         self.ended = self.interrupted = False
         self.accounts: list[Account] = []
-        self._sends: dict[str, list[tuple[Send, Account]]] = {}
-        self._latched: dict[str, tuple[int, int]] = {}
+        self._outlets: dict[str, list[_Outlet]] = {}
         self._clock_ns, self._clock_due_ns = 0, 0
         self._reader = TopicReader(graph, [], reliable=True)
         self._ports = Ports(graph)
@@ -95,7 +104,7 @@ class Ros2Bridge:
             try:
                 self._begin(crossing)
             except GraphError as error:
-                self._report(f"{entry.mark}: {entry.name}: {error}; left out")
+                self._report(f"{entry.mark}: {entry.name}: {error}")
 
     def _begin(self, crossing: Crossing) -> None:
         entry, topic = crossing.entry, crossing.topic
@@ -115,10 +124,13 @@ class Ros2Bridge:
                 if entry.kind == "to_ros2"
                 else caller(self._graph, entry, self._ros.node(services), account)
             )
-            self._sends.setdefault(topic.name, []).append((send, account))
+            outlet = _Outlet(send, account)
+            self._outlets.setdefault(topic.name, []).append(outlet)
             self._reader.follow([topic])
+            self.accounts.append(account)
             if crossing.qos.durability == "transient_local" and entry.kind == "to_ros2":
-                self._publish_latched(crossing, send)
+                self._publish_latched(topic, outlet)
+            return
         self.accounts.append(account)
 
     def __enter__(self) -> Self:
@@ -152,13 +164,13 @@ class Ros2Bridge:
     def _take(self, received: ReceivedFrame) -> None:
         frame = received.frame
         if received.lost:
-            for _, account in self._sends.get(frame.topic, ()):
-                account.lose(received.lost)
+            for outlet in self._outlets.get(frame.topic, ()):
+                outlet.account.lose(received.lost)
         if received.is_message:
             self._tick(frame.stamp_ns)
-            if (frame.epoch, frame.sequence) > self._latched.get(frame.topic, _BEFORE):
-                for send, _ in self._sends.get(frame.topic, ()):
-                    send(frame, Times(frame.stamp_ns, self._offset_ns))
+            for outlet in self._outlets.get(frame.topic, ()):
+                if (frame.epoch, frame.sequence) > outlet.last:
+                    outlet.send(frame, Times(frame.stamp_ns, self._offset_ns))
 
     def _report_losses(self, *, at_once: bool = False) -> None:
         for account in self.accounts:
@@ -184,13 +196,12 @@ class Ros2Bridge:
 
         return send
 
-    def _publish_latched(self, crossing: Crossing, send: Send) -> None:
-        """Publish what a latched topic of the graph holds; what comes up to there is published then."""
-        assert crossing.topic is not None
-        asked: dict[str, Any] = {"topic": crossing.topic.name, "first": 1, "last": LAST}
-        for frame in map(parse, self._graph.ask(crossing.topic.node, "history", **asked)["frames"]):
-            send(frame, Times(frame.stamp_ns, self._offset_ns))
-            self._latched[frame.topic] = (frame.epoch, frame.sequence)
+    def _publish_latched(self, topic: Topic, outlet: _Outlet) -> None:
+        """Publish what a latched topic of the graph holds."""
+        asked: dict[str, Any] = {"topic": topic.name, "first": 1, "last": LAST}
+        for frame in map(parse, self._graph.ask(topic.node, "history", **asked)["frames"]):
+            outlet.send(frame, Times(frame.stamp_ns, self._offset_ns))
+            outlet.last = (frame.epoch, frame.sequence)
 
     def _subscribe(self, crossing: Crossing, account: Account) -> None:
         entry, decode = crossing.entry, known_types().store.deserialize_cdr

@@ -58,7 +58,7 @@ def installed_type(name: str) -> Any:
         return getattr(import_module(f"{package}.{kind}"), title)
     except (ImportError, AttributeError) as error:
         raise GraphError(
-            f"{name} is not installed for Python; build {package} and source its workspace"
+            f"{name} is not installed for Python, left out; build {package} and source its workspace"
         ) from error
 
 
