@@ -30,10 +30,10 @@ class Account:
         self._reported_ns = 0
         self._lock = Lock()
 
-    def cross(self, count: int = 1) -> None:
-        """Note messages that have crossed."""
+    def cross(self) -> None:
+        """Note a message that has crossed."""
         with self._lock:
-            self.crossed += count
+            self.crossed += 1
 
     def lose(self, count: int) -> None:
         """Note messages that are missing for good."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future
-from threading import Thread
+from concurrent.futures import Future, ThreadPoolExecutor
 
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import read_record
@@ -33,6 +32,7 @@ class Joining:
         self.awaited = list(entries)
         self._known: set[str] = set()
         self._look_ns = 0
+        self._pool = ThreadPoolExecutor(1)  # a node that hangs is waited for, for some seconds
         self._asked: Future[Ports] | None = None
 
     def plan(self, problems: Problems, ports: Ports | None = None) -> list[Crossing]:
@@ -68,19 +68,5 @@ class Joining:
             record = read_record(self._graph.folder)
             if record is not None and {node.name for node in record.nodes} - self._known:
                 self._graph.record = record
-                self._asked = _asked_apart(self._graph)
+                self._asked = self._pool.submit(ask_ports, self._graph)
         return []
-
-
-def _asked_apart(graph: RunningGraph) -> Future[Ports]:
-    """Ask in a thread: a node that hangs is waited for, for some seconds."""
-    future = Future[Ports]()
-
-    def ask() -> None:
-        try:
-            future.set_result(ask_ports(graph))
-        except Exception as error:  # noqa: BLE001 - raised where the result is taken
-            future.set_exception(error)
-
-    Thread(target=ask, name="ros2 joining", daemon=True).start()
-    return future

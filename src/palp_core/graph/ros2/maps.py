@@ -133,12 +133,7 @@ def to_ros2(palp: str, ros: str, kind: Any, **qos: Any) -> Decorator:
         kind: Its type, from :func:`~palp_core.graph.ros2.message_types.message_type`.
         qos: Policies by palp's names that differ from what the graph's publisher offers.
     """
-
-    def decorate(function: Callable[..., Any]) -> Entry:
-        message = _message(function, next(iter(inspect.signature(function).parameters), ""))
-        return _entry("to_ros2", function, palp, ros, kind.__msgtype__, (message,), qos=qos)
-
-    return decorate
+    return _decorator("to_ros2", palp, ros, kind.__msgtype__, qos=qos)
 
 
 def from_ros2(ros: str, palp: str, kind: Any, **qos: Any) -> Decorator:
@@ -152,12 +147,7 @@ def from_ros2(ros: str, palp: str, kind: Any, **qos: Any) -> Decorator:
         kind: The topic's type, from :func:`~palp_core.graph.ros2.message_types.message_type`.
         qos: Policies by palp's names; without: reliable, depth 10.
     """
-
-    def decorate(function: Callable[..., Any]) -> Entry:
-        message = _message(function, "return")
-        return _entry("from_ros2", function, palp, ros, kind.__msgtype__, (message,), qos=qos)
-
-    return decorate
+    return _decorator("from_ros2", palp, ros, kind.__msgtype__, qos=qos)
 
 
 def serve_ros2(palp: str, ros: str, kind: str) -> Decorator:
@@ -171,11 +161,7 @@ def serve_ros2(palp: str, ros: str, kind: str) -> Decorator:
         ros: The service in ROS 2.
         kind: Its type, ``std_srvs/srv/Trigger``.
     """
-
-    def decorate(function: Callable[..., Any]) -> Entry:
-        return _entry("service", function, palp, ros, _service(kind), _request_and_reply(function))
-
-    return decorate
+    return _decorator("service", palp, ros, kind)
 
 
 def call_ros2(palp: str, ros: str, kind: str, to: str = "") -> Decorator:
@@ -190,14 +176,7 @@ def call_ros2(palp: str, ros: str, kind: str, to: str = "") -> Decorator:
         kind: Its type, ``std_srvs/srv/SetBool``.
         to: External port of the graph; "" for none.
     """
-
-    def decorate(function: Callable[..., Any]) -> Entry:
-        messages = [_message(function, next(iter(inspect.signature(function).parameters), ""))]
-        if to:
-            messages.append(_checked(function, _generator(function)[2], "what it returns"))
-        return _entry("call", function, palp, ros, _service(kind), tuple(messages), to=to)
-
-    return decorate
+    return _decorator("call", palp, ros, kind, to)
 
 
 def share_parameters(node: str = "") -> Entry:
@@ -258,65 +237,52 @@ def as_message(kind: type[Message], plain: Any) -> Message:
     return decode(kind, msgspec.msgpack.encode(plain))
 
 
-def _entry(
-    kind: Kind,
-    function: Callable[..., Any],
-    palp: str,
-    ros: str,
-    type_name: str,
-    messages: tuple[type[Message], ...],
-    *,
-    to: str = "",
-    qos: Mapping[str, Any] | None = None,
-) -> Entry:
-    for name, form, example in (
-        (palp, _PALP_NAME, "/node/port"),
-        (to or "/a/b", _PALP_NAME, "/node/port"),
-        (ros, _ROS_NAME, "a name from the root, as in /torque"),
-    ):
-        if form.fullmatch(name) is None:
-            raise GraphError(f"{function.__name__}: '{name}' is no name; write {example}")
-    Qos(**(qos or {}))
-    code = function.__code__
-    mark = Mark(code.co_filename, code.co_firstlineno, 1)
-    given = 2 if kind in ("service", "call") else 1
-    takes_times = len(inspect.signature(function).parameters) > given
-    convert = function if takes_times else lambda *values: function(*values[:given])
-    return Entry(kind, mark, palp, ros, type_name, convert, messages, to, qos or {})
+def _decorator(
+    kind: Kind, palp: str, ros: str, ros_type: str, to: str = "", qos: Mapping[str, Any] | None = None
+) -> Decorator:
+    service = kind in ("service", "call")
+
+    def decorate(function: Callable[..., Any]) -> Entry:
+        for name, form, example in (
+            (palp, _PALP_NAME, "/node/port"),
+            (to or "/node/port", _PALP_NAME, "/node/port"),
+            (ros, _ROS_NAME, "a name from the root, as in /torque"),
+            *([(ros_type, _SERVICE_TYPE, "PACKAGE/srv/NAME")] if service else ()),
+        ):
+            if form.fullmatch(name) is None:
+                raise GraphError(f"{function.__name__}: '{name}' is no name; write {example}")
+        Qos(**(qos or {}))
+        messages = _messages(kind, function, to)
+        given = 2 if service else 1
+        takes_times = len(inspect.signature(function).parameters) > given
+        convert = function if takes_times else lambda *values: function(*values[:given])
+        mark = Mark(function.__code__.co_filename, function.__code__.co_firstlineno, 1)
+        return Entry(kind, mark, palp, ros, ros_type, convert, messages, to, qos or {})
+
+    return decorate
 
 
-def _service(name: str) -> str:
-    if _SERVICE_TYPE.fullmatch(name) is None:
-        raise GraphError(f"'{name}' is no service type; write PACKAGE/srv/NAME, as in std_srvs/srv/Trigger")
-    return name
-
-
-def _message(function: Callable[..., Any], name: str) -> type[Message]:
-    """Return the message class that a parameter, or ``return``, is annotated with."""
-    what = "what it returns" if name == "return" else f"its parameter {name}".rstrip()
-    return _checked(function, get_type_hints(function).get(name), what)
-
-
-def _request_and_reply(function: Callable[..., Any]) -> tuple[type[Message], type[Message]]:
-    request, reply, _ = _generator(function)
-    return _checked(function, request, "what it yields"), _checked(function, reply, "what it is sent")
-
-
-def _generator(function: Callable[..., Any]) -> tuple[Any, ...]:
-    hint = get_type_hints(function).get("return")
-    if get_origin(hint) is not Generator or not inspect.isgeneratorfunction(function):
-        raise GraphError(
-            f"{function.__name__}: it is no generator; annotate it with Generator[YIELDED, SENT, RETURNED]"
-        )
-    return get_args(hint)
-
-
-def _checked(function: Callable[..., Any], hint: Any, what: str) -> type[Message]:
-    if not (isinstance(hint, type) and issubclass(hint, Message)):
-        raise GraphError(
-            f"{function.__name__}: {what} is no message of the graph; annotate it with its class"
-        )
-    return hint
+def _messages(kind: Kind, function: Callable[..., Any], to: str) -> tuple[type[Message], ...]:
+    """Return the classes of the graph's messages that a function is annotated with."""
+    hints, name = get_type_hints(function), function.__name__
+    first = next(iter(inspect.signature(function).parameters), "")
+    annotated = {} if kind in ("from_ros2", "service") else {f"parameter '{first}'": hints.get(first)}
+    returned = hints.get("return")
+    if kind in ("service", "call"):
+        if get_origin(returned) is not Generator or not inspect.isgeneratorfunction(function):
+            raise GraphError(
+                f"{name}: it is no generator; annotate it with Generator[YIELDED, SENT, RETURNED]"
+            )
+        yielded, sent, returned = get_args(returned)
+        if kind == "service":
+            annotated |= {"what it yields": yielded, "what it is sent": sent}
+    if to or kind == "from_ros2":
+        annotated["what it returns"] = returned
+    found = [hint for hint in annotated.values() if isinstance(hint, type) and issubclass(hint, Message)]
+    for what, hint in annotated.items():
+        if hint not in found:
+            raise GraphError(f"{name}: {what} is no message of the graph; annotate it with its class")
+    return tuple(found)
 
 
 def _place(frame: Any) -> Mark:

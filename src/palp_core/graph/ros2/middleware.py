@@ -27,9 +27,8 @@ def require() -> None:
         GraphError: It cannot.
     """
     try:
-        import rclpy  # noqa: F401
-        from rclpy.executors import SingleThreadedExecutor  # noqa: F401
-        from rclpy.qos import QoSProfile  # noqa: F401
+        import rclpy.executors
+        import rclpy.qos  # noqa: F401
     except ImportError as error:
         raise GraphError(f"rclpy cannot be used: {error}; {INSTALL}") from error
 
