@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tests.graph.ros2.beside import NEEDS_RCLPY, own_domain, run_node
+from tests.graph.ros2.own_domain import NEEDS_RCLPY, own_domain, run_node
 from tests.support.palp import PATIENCE_S, ROOT, Palp
 
 pytestmark = NEEDS_RCLPY

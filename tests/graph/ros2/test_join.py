@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.graph.ros2.beside import NEEDS_RCLPY, own_domain, run_node
+from tests.graph.ros2.own_domain import NEEDS_RCLPY, own_domain, run_node
 from tests.support.hosts import Host, joining, own_host, trusting
 from tests.support.palp import PATIENCE_S
 

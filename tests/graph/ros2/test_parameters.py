@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from palp_core.graph.ros2.parameters import _ros_value
-from tests.graph.ros2.beside import NEEDS_RCLPY
+from tests.graph.ros2.own_domain import NEEDS_RCLPY
 
 pytestmark = NEEDS_RCLPY
 
