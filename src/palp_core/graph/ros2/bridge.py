@@ -177,7 +177,8 @@ class Ros2Bridge:
             account.report(self._report, at_once=at_once)
 
     def _now(self) -> Times:
-        return Times(unix_ns() - self._offset_ns, self._offset_ns)
+        simulated = self._publish_clock is not None
+        return Times(self._clock_ns if simulated else unix_ns() - self._offset_ns, self._offset_ns)
 
     def _sender(self, crossing: Crossing, account: Account) -> Send:
         entry = crossing.entry
