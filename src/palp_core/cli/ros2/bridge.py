@@ -35,11 +35,11 @@ def bridge(
     ] = False,
     graph: GraphOption = None,
 ) -> None:
-    """Exchange topics, services and parameters between a running graph and ROS 2, by a map.
+    """A map has functions from a message of one side to a message of the other.
 
-    It ends with the graph, or on Ctrl-C, and prints what has crossed and what was lost; neither side depends
-    on it. ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE hold as for any ROS 2 node. --check without a
-    running graph checks the map by itself.
+    The bridge ends with the graph, or on Ctrl-C, and prints what has crossed and what was lost. ROS_DOMAIN_ID
+    and ROS_AUTOMATIC_DISCOVERY_RANGE hold as for any ROS 2 node. --check without a running graph checks the
+    map by itself.
     """
     from palp_core.graph.discovery.run_directory import running as all_running
     from palp_core.graph.ros2.maps import read_map
