@@ -88,10 +88,10 @@ class Ends:
         while not list(self.folder.glob("palp/*/graph.json")):
             if graph.poll() is not None:
                 raise RuntimeError(f"the graph did not begin: {graph.communicate()[1]}")
-        bridge = self.start("-m", "palp_core", "bridge", "ros2", HERE / "map.yaml", **quiet)
+        bridge = self.start("-m", "palp_core", "bridge", "ros2", HERE / "ends_map.py", **quiet)
         try:
             assert bridge.stdout is not None
-            if "beside ROS 2" not in bridge.stdout.readline():
+            if "bridge to ROS 2" not in bridge.stdout.readline():
                 raise RuntimeError(f"the bridge did not begin: {bridge.communicate()[1]}")
             between()
         finally:

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from palp_core.cli.rig.device_catalogue import device_entries
-from palp_core.errors import DeviceError, GraphError, PalpError
-from palp_core.graph.ros2.named_maps import find_map
+from palp_core.errors import DeviceError, PalpError
 from palp_core.palpation.devices.registry import (
     back_end,
     device_mistakes,
@@ -67,10 +66,6 @@ POINTS = {
         "grip": "gripper_lab.grip:run", "gone": "gripper_lab.gone:run", "raises": "gripper_lab.raises:run",
         "leaves": "gripper_lab.leaves:run",
     },
-    "palp.ros2_maps": {
-        "gone": "gripper_lab.gone:map.yaml", "raises": "gripper_lab.raises:map.yaml",
-        "leaves": "gripper_lab.leaves:map.yaml",
-    },
 }  # fmt: skip
 
 
@@ -123,8 +118,6 @@ def test_what_cannot_be_imported_is_an_error_of_its_name(name: str, cause: str) 
         back_end("stage", name)
     with pytest.raises(PalpError, match=f"study '{name}': {words}"):
         study(name)
-    with pytest.raises(GraphError, match=f"map '{name}': {words}"):
-        find_map(name)
 
 
 def test_what_cannot_be_imported_leaves_the_lists_whole() -> None:

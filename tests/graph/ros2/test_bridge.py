@@ -10,51 +10,31 @@ from typing import Any
 
 import pytest
 
-from tests.graph.ros2.beside import NEEDS_RCLPY, own_domain, run_node
+from tests.graph.ros2.own_domain import NEEDS_RCLPY, own_domain, run_node
 from tests.support.palp import PATIENCE_S, ROOT, Palp
 
 pytestmark = NEEDS_RCLPY
 
 GRAPH = ROOT / "examples/interop/launch/interop.yaml"
-MAP = """\
-to_ros2:
-  - palp: /sensor/torque
-    ros: /wrench
-    type: geometry_msgs/msg/WrenchStamped
-    fields: {header.stamp: stamp_ns, header.frame_id: {value: probe}, wrench.torque.x: "torque_n_m[-1]"}
-  - {palp: /sensor/torque, ros: /block}
-to_palp:
-  - ros: /load
-    palp: /sensor/load
-    type: std_msgs/msg/Float64
-    fields: {torque_n_m: data}
-    qos: {depth: 1000}
-services:
-  - palp: /sensor/tare
-    ros: /tare
-    type: std_srvs/srv/Trigger
-    reply: {success: true, message: {value: tared}}
-parameters: [sensor]
-"""
+MAP = ROOT / "examples/interop/ros2_map.py"
 
 
 @pytest.fixture
-def beside(palp: Palp, tmp_path: Path) -> Palp:
+def beside(palp: Palp) -> Palp:
     """The command line beside ROS 2."""
     palp.environment |= own_domain()
-    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
     return palp
 
 
-def start(palp: Palp, tmp_path: Path) -> tuple[subprocess.Popen[str], subprocess.Popen[str]]:
+def start(palp: Palp) -> tuple[subprocess.Popen[str], subprocess.Popen[str]]:
     """Start graph and bridge; return both when they are there."""
     graph = palp.start("launch", GRAPH)
     while not list(palp.runtime_dir.glob("palp/*/graph.json")):
         assert graph.poll() is None, graph.communicate()
-    bridge = palp.start("bridge", "ros2", tmp_path / "map.yaml")
+    bridge = palp.start("bridge", "ros2", MAP)
     assert bridge.stdout is not None
     begun = bridge.stdout.readline()
-    assert "beside ROS 2, as /palp_bridge (2 topics to ROS 2, 1 topic from ROS 2" in begun, (
+    assert "bridge to ROS 2 as /interop_bridge (2 topics to ROS 2, 1 topic from ROS 2" in begun, (
         bridge.communicate()
     )
     return graph, bridge
@@ -65,18 +45,17 @@ def peer(palp: Palp) -> dict[str, Any]:
     return found
 
 
-def test_all_that_a_map_names_crosses_and_nothing_is_lost(beside: Palp, tmp_path: Path) -> None:
-    graph, bridge = start(beside, tmp_path)
+def test_all_that_a_map_names_crosses_and_nothing_is_lost(beside: Palp) -> None:
+    graph, bridge = start(beside)
     told = peer(beside)
     assert 0.0 <= told.pop("age_s") < 5.0
-    assert told["topics"]["/block"] == ["palp_msgs/msg/TorqueBlock"]
-    assert told.pop("topics")["/load"] == ["std_msgs/msg/Float64"]
+    assert told["topics"]["/torque_samples"] == told.pop("topics")["/load"] == ["std_msgs/msg/Float64"]
     refused = told.pop("refused")
     assert refused[0] is False
     assert "Expected `float` >= 0.001" in refused[1]
     assert told == {
-        "frame": "probe", "tare": [True, "tared"], "listed": ["block_hz"], "described": "float Hz",
-        "set": [True, ""], "got": 25.0,
+        "frame": "probe", "tare": [True, "tared at 12.5 N m"], "listed": ["block_hz"],
+        "described": "float Hz", "set": [True, ""], "got": 25.0,
     }  # fmt: skip
     bridge.send_signal(signal.SIGINT)
     out, err = bridge.communicate(timeout=PATIENCE_S)
@@ -87,11 +66,11 @@ def test_all_that_a_map_names_crosses_and_nothing_is_lost(beside: Palp, tmp_path
     assert graph.poll() is None
 
 
-def test_the_bridges_death_harms_neither_side_and_another_goes_on(beside: Palp, tmp_path: Path) -> None:
-    graph, bridge = start(beside, tmp_path)
+def test_the_bridges_death_harms_neither_side_and_another_goes_on(beside: Palp) -> None:
+    graph, bridge = start(beside)
     bridge.kill()
     bridge.wait(PATIENCE_S)
-    again = beside.start("bridge", "ros2", tmp_path / "map.yaml")
+    again = beside.start("bridge", "ros2", MAP)
     assert peer(beside)["got"] == 25.0
     assert graph.poll() is None
     graph.terminate()
@@ -101,18 +80,21 @@ def test_the_bridges_death_harms_neither_side_and_another_goes_on(beside: Palp, 
     assert "/load -> /sensor/load: 100 crossed" in out
 
 
-def test_a_map_with_mistakes_is_refused_beside_the_graph(beside: Palp, tmp_path: Path) -> None:
-    graph, bridge = start(beside, tmp_path)
-    bad = tmp_path / "bad.yaml"
-    bad.write_text("to_palp: [{ros: /x, palp: /sensor/lod}]\nparameters: [senor]\n", encoding="utf-8")
-    refused = beside.run("bridge", "ros2", bad, "--check")
-    assert refused.returncode == 2
-    assert f"{bad}:1:27: no port '/sensor/lod' takes messages from outside; did you mean" in refused.stderr
-    assert f"{bad}:2:14: no node 'senor' in the graph; did you mean 'sensor'?" in refused.stderr
-    fine = beside.run("bridge", "ros2", tmp_path / "map.yaml", "--check")
-    assert (fine.returncode, fine.stdout.strip()) == (
-        0, f"{tmp_path / 'map.yaml'}: no mistake, beside graph 'interop'",
-    )  # fmt: skip
-    for process in (bridge, graph):
-        process.terminate()
-        process.wait(PATIENCE_S)
+def test_a_type_that_is_not_installed_is_left_out(beside: Palp, tmp_path: Path) -> None:
+    folder = tmp_path / "own_msgs/msg"
+    folder.mkdir(parents=True)
+    (folder / "Own.msg").write_text("float64 data\n", encoding="utf-8")
+    own = f'Own = message_type("own_msgs/msg/Own", "{tmp_path}")'
+    text = MAP.read_text(encoding="utf-8").replace("Float64 = message_type", f"{own}\nFloat64 = message_type")
+    file = tmp_path / "own_map.py"
+    file.write_text(text.replace('"/torque_samples", Float64', '"/torque_samples", Own'), encoding="utf-8")
+    (tmp_path / "msgs").symlink_to(ROOT / "examples/interop/msgs")
+    graph = beside.start("launch", GRAPH)
+    while not list(beside.runtime_dir.glob("palp/*/graph.json")):
+        assert graph.poll() is None, graph.communicate()
+    bridge = beside.start("bridge", "ros2", file)
+    assert peer(beside)["got"] == 25.0
+    bridge.send_signal(signal.SIGINT)
+    out, err = bridge.communicate(timeout=PATIENCE_S)
+    assert "/torque_samples: own_msgs/msg/Own is not installed for Python, left out; build own_msgs" in err
+    assert "/torque_samples" not in out

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.graph.ros2.beside import NEEDS_RCLPY, own_domain, run_node
+from tests.graph.ros2.own_domain import NEEDS_RCLPY, own_domain, run_node
 from tests.support.hosts import Host, own_host
 from tests.support.palp import PATIENCE_S
 
@@ -68,11 +68,27 @@ clock: wall
 nodes:
   asker: {run: "nodes.asks:First", inputs: {answer: {external: true}}}
 """
-MAP = """\
-to_ros2:
-  - {palp: /asker/told, ros: /told, type: std_msgs/msg/String, fields: {data: message}}
-calls:
-  - {palp: /asker/ask, ros: /switch, type: std_srvs/srv/SetBool, request: {data: wanted}, to: /asker/answer}
+MAP = """
+from collections.abc import Generator
+from typing import Any
+
+from nodes.asks import Answer, Ask
+from palp_core.graph.ros2.maps import Times, call_ros2, to_ros2
+from palp_core.graph.ros2.message_types import message_type
+
+String = message_type("std_msgs/msg/String")
+
+
+@to_ros2("/asker/told", "/told", String)
+def told(answer: Answer) -> Any:
+    return String(data=answer.message)
+
+
+@call_ros2("/asker/ask", "/switch", "std_srvs/srv/SetBool", to="/asker/answer")
+def switch(ask: Ask, request: Any, times: Times) -> Generator[Any, Any, Answer]:
+    request.data = ask.wanted
+    response = yield request
+    return Answer(success=response.success, message=response.message)
 """
 
 
@@ -80,7 +96,7 @@ calls:
 def home() -> Iterator[Host]:
     with own_host() as host:
         host.environment |= own_domain()
-        for name, text in (("nodes/asks.py", NODES), ("launch/asks.yaml", LAUNCH), ("map.yaml", MAP)):
+        for name, text in (("nodes/asks.py", NODES), ("launch/asks.yaml", LAUNCH), ("asks_map.py", MAP)):
             (host.folder / name).write_text(text, encoding="utf-8")
         yield host
 
@@ -96,7 +112,7 @@ def test_a_topic_asks_ros_2_and_what_is_latched_reaches_those_who_come_late_acro
     graph = home.start("launch", "launch/asks.yaml")
     while not list(home.runtime_dir.glob("palp/*/graph.json")):
         assert graph.poll() is None, graph.communicate()
-    bridge = home.start("bridge", "ros2", home.folder / "map.yaml")
+    bridge = home.start("bridge", "ros2", home.folder / "asks_map.py")
     assert bridge.stdout is not None
     begun = bridge.stdout.readline()
     assert "(1 topic to ROS 2, 1 call)" in begun, bridge.communicate()
@@ -108,5 +124,5 @@ def test_a_topic_asks_ros_2_and_what_is_latched_reaches_those_who_come_late_acro
     out, err = bridge.communicate(timeout=PATIENCE_S)
     assert bridge.returncode == 130
     assert "/asker/told -> /told: 2 crossed, 0 lost" in out
-    assert "nobody in ROS 2 serves /switch" in err
+    assert "no node of ROS 2 serves /switch" in err
     assert graph.poll() is None

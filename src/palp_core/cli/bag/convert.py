@@ -37,8 +37,8 @@ def convert_bag(
     types: Annotated[
         str | None,
         typer.Option(
-            metavar="std|MAP.yaml",
-            help="With --to ros2: as what a map says (std: the rig as WrenchStamped, JointState, tf).",
+            metavar="MAP",
+            help="With --to ros2: types and topics of a map (nodes.ros2_map: the rig's).",
         ),
     ] = None,
     regex: RegexOption = None,
@@ -70,8 +70,7 @@ def convert_bag(
 def _by_map(bag: Path, out: Path, types: str) -> int:
     from palp_core.graph.bag.forms.ros2 import write
     from palp_core.graph.ros2.bag_map import outlets_of
-    from palp_core.graph.ros2.named_maps import find_map
+    from palp_core.graph.ros2.message_types import known_types
 
-    file, named = find_map(types)
     with writing(bag, out):
-        return write(bag, out, outlets_of(file, bag, lenient=named))
+        return write(bag, out, outlets_of(types, bag), known_types())

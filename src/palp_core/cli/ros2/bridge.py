@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,15 +16,17 @@ from palp_core.errors import GraphError
 
 if TYPE_CHECKING:
     from palp_core.graph.discovery.running_graph import RunningGraph
-    from palp_core.graph.ros2.map_file import MapFile
-    from palp_core.graph.ros2.plan import BridgePlan
+    from palp_core.graph.ros2.joining import Joining
+    from palp_core.graph.ros2.maps import Entry
+    from palp_core.graph.ros2.plan import Crossing
 
 TERMINATED = 143
 
 
 def bridge(
-    file: Annotated[
-        str, typer.Argument(metavar="MAP.yaml", help="What crosses, and as what; see docs/ros2.md.")
+    map_: Annotated[
+        str,
+        typer.Argument(metavar="MAP", help="A module (nodes.ros2_map) or a file (map.py); see docs/ros2.md."),
     ],
     *,
     check: Annotated[bool, typer.Option("--check", help="Check the map, let nothing cross.")] = False,
@@ -33,69 +35,59 @@ def bridge(
     ] = False,
     graph: GraphOption = None,
 ) -> None:
-    """Let topics, services and parameters cross between a running graph and ROS 2, as a map says.
+    """A map has functions from a message of one side to a message of the other.
 
-    It ends with the graph, or on Ctrl-C, and says what has crossed and what was lost; neither side depends
-    on it. ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE hold as for any ROS 2 node. --check without a
-    running graph checks the map by itself.
+    The bridge ends with the graph, or on Ctrl-C, and prints what has crossed and what was lost. ROS_DOMAIN_ID
+    and ROS_AUTOMATIC_DISCOVERY_RANGE hold as for any ROS 2 node. --check without a running graph checks the
+    map by itself.
     """
-    from palp_core.graph.problems import Problems
-    from palp_core.graph.ros2.map_file import read_map
-    from palp_core.graph.ros2.named_maps import find_map
+    from palp_core.graph.discovery.run_directory import running as all_running
+    from palp_core.graph.ros2.maps import read_map
 
-    problems = Problems()
-    described = read_map(find_map(file)[0], problems)
+    entries = read_map(map_)
     with until_ctrl_c():
-        if check:
-            _check(described, graph, problems)
+        if check and graph is None and not all_running():
+            print_text(f"{map_}: no mistake by itself; no graph runs to check it against")
             return
         from palp_core.graph.discovery.moving import moves_something_real
-        from palp_core.graph.ros2.bridge import graph_times
+        from palp_core.graph.problems import Problems
+        from palp_core.graph.ros2.joining import Joining
         from palp_core.graph.ros2.middleware import require
-        from palp_core.graph.ros2.plan import make_plan
 
-        require()
         running = find_graph(graph, changes=True)
-        times = graph_times(running)
-        plan = make_plan(described, running, times, problems)
+        joining, problems = Joining(running, entries), Problems()
+        crossings = joining.plan(problems)
         problems.raise_any()
-        if plan.changes and not operate and moves_something_real(running):
+        if check:
+            print_text(f"{map_}: no mistake, checked against graph '{running.record.graph}'")
+            return
+        if _changes(entries) and not operate and moves_something_real(running):
             raise GraphError(
-                "this graph moves something real, and by this map ROS 2 may change it (to_palp, services, "
-                "calls, parameters): add --operate, or leave those out"
+                "this graph moves something real, and by this map ROS 2 may change it (from_ros2, "
+                "serve_ros2, call_ros2 with to, share_parameters): add --operate, or leave those out"
             )
-        _run(running, described, plan, times)
+        require()
+        _run(running, crossings, joining)
 
 
-def _check(described: MapFile, graph: str | None, problems: Any) -> None:
-    from palp_core.graph.discovery.run_directory import running as all_running
-    from palp_core.graph.ros2.bridge import graph_times
-    from palp_core.graph.ros2.plan import check_alone, make_plan
-
-    if graph is None and not all_running():
-        check_alone(described, problems)
-        problems.raise_any()
-        print_text(f"{described.file}: no mistake by itself; no graph runs to check it against")
-        return
-    running = find_graph(graph, changes=True)
-    make_plan(described, running, graph_times(running), problems)
-    problems.raise_any()
-    print_text(f"{described.file}: no mistake, beside graph '{running.record.graph}'")
+def _changes(entries: list[Entry]) -> bool:
+    """Whether ROS 2 may change something in the graph."""
+    return any(entry.to or entry.kind not in ("to_ros2", "call") for entry in entries)
 
 
-def _run(running: RunningGraph, described: MapFile, plan: BridgePlan, times: Any) -> None:
+def _run(running: RunningGraph, crossings: list[Crossing], joining: Joining) -> None:
     from palp_core.graph.ros2.bridge import Ros2Bridge
     from palp_core.graph.ros2.middleware import beyond_this_host
 
     if why := beyond_this_host():
         note(why)
-    clock = running.record.clock == "sim" if described.clock is None else described.clock
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
-    made = Ros2Bridge(running, plan, times, name=described.node, clock=clock, say=note)
+    made = Ros2Bridge(running, crossings, joining, note)
     signal.signal(signal.SIGINT, made.interrupt)
     try:
         with made:
-            print_text(f"graph '{running.record.graph}' beside ROS 2, as /{described.node} ({_ways(plan)})")
+            ways = _ways(crossings, joining)
+            print_text(f"graph '{running.record.graph}': bridge to ROS 2 as /{made.name} ({ways})")
             sys.stdout.flush()
             made.run()
     finally:
@@ -106,15 +98,16 @@ def _run(running: RunningGraph, described: MapFile, plan: BridgePlan, times: Any
         note_ended(running)
 
 
-def _ways(plan: BridgePlan) -> str:
-    counts = (
-        (plan.to_ros2, "topic to ROS 2", "topics to ROS 2"),
-        (plan.to_palp, "topic from ROS 2", "topics from ROS 2"),
-        (plan.services, "service", "services"),
-        (plan.calls, "call", "calls"),
-        (plan.parameters, "node's parameters", "nodes' parameters"),
-    )
-    ways = [counted(len(ways), one, several) for ways, one, several in counts if ways]
-    if plan.awaited is not None and (names := plan.awaited.names):
-        ways.append(f"what is said of nodes that have yet to join: {', '.join(names)}")
+def _ways(crossings: list[Crossing], joining: Joining) -> str:
+    words = {
+        "to_ros2": ("topic to ROS 2", "topics to ROS 2"),
+        "from_ros2": ("topic from ROS 2", "topics from ROS 2"),
+        "service": ("service", "services"),
+        "call": ("call", "calls"),
+        "parameters": ("node's parameters", "nodes' parameters"),
+    }
+    kinds = [crossing.entry.kind for crossing in crossings]
+    ways = [counted(kinds.count(kind), *names) for kind, names in words.items() if kind in kinds]
+    if names := [entry.palp for entry in joining.awaited if entry.palp]:
+        ways.append(f"for nodes that have yet to join: {', '.join(names)}")
     return ", ".join(ways)

@@ -1,1 +1,1 @@
-"""A running graph beside ROS 2: topics, services and parameters both ways, as a map file says."""
+"""The bridge between a running graph and ROS 2: topics, services and parameters, by a map."""

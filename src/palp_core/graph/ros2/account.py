@@ -1,4 +1,4 @@
-"""What has crossed on each way, and what has not: lost, refused, and why."""
+"""Counts of what has crossed, was lost, or was refused and why."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from threading import Lock
 
 from palp_core.graph.clock import monotonic_ns
 
-TELL_NS = 1_000_000_000
+REPORT_NS = 1_000_000_000
 
 
 class Account:
-    """The account of one way; any thread may write it.
+    """The account of one entry of a map; any thread may write it.
 
     Args:
-        name: As it is told, ``/torque/block -> /torque``.
+        name: Both ends, ``/torque/block -> /torque``.
 
     Attributes:
         crossed: Messages that have crossed.
@@ -26,14 +26,14 @@ class Account:
         self.name = name
         self.crossed = self.lost = self.refused = 0
         self.reason = ""
-        self._told = (0, 0)
-        self._told_ns = 0
+        self._reported = (0, 0)
+        self._reported_ns = 0
         self._lock = Lock()
 
-    def cross(self, count: int = 1) -> None:
-        """Note messages that have crossed."""
+    def cross(self) -> None:
+        """Note a message that has crossed."""
         with self._lock:
-            self.crossed += count
+            self.crossed += 1
 
     def lose(self, count: int) -> None:
         """Note messages that are missing for good."""
@@ -46,17 +46,19 @@ class Account:
             self.refused += 1
             self.reason = reason
 
-    def tell(self, say: Callable[[str], None], *, at_once: bool = False) -> None:
-        """Say what has been lost or refused since it was said last, at most once a second."""
+    def report(self, write: Callable[[str], None], *, at_once: bool = False) -> None:
+        """Write what has been lost or refused since the last report, at most once a second."""
         now_ns = monotonic_ns()
-        if (self.lost, self.refused) == self._told or (now_ns < self._told_ns + TELL_NS and not at_once):
+        if (self.lost, self.refused) == self._reported or (
+            now_ns < self._reported_ns + REPORT_NS and not at_once
+        ):
             return
-        lost, refused = self.lost - self._told[0], self.refused - self._told[1]
-        self._told, self._told_ns = (self.lost, self.refused), now_ns
+        lost, refused = self.lost - self._reported[0], self.refused - self._reported[1]
+        self._reported, self._reported_ns = (self.lost, self.refused), now_ns
         if lost:
-            say(f"{self.name}: {lost} lost ({self.lost} in all)")
+            write(f"{self.name}: {lost} lost ({self.lost} in all)")
         if refused:
-            say(f"{self.name}: {refused} refused ({self.refused} in all): {self.reason}")
+            write(f"{self.name}: {refused} refused ({self.refused} in all): {self.reason}")
 
     def __str__(self) -> str:
         refused = f", {self.refused} refused" if self.refused else ""

@@ -1,83 +1,72 @@
-"""Nodes that join the graph after the bridge has begun: what the map says of them, once they are there."""
+"""Nodes that join the graph after the bridge has begun: what of the map crosses once they are there."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future
-from dataclasses import replace
-from threading import Thread
+from concurrent.futures import Future, ThreadPoolExecutor
 
-from palp_core.graph.bag.ros2.definitions import Definitions
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import read_record
 from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.problems import Problems
-from palp_core.graph.ros2.field_map import Times
-from palp_core.graph.ros2.map_file import MapFile
-from palp_core.graph.ros2.plan import AnsweredPorts, BridgePlan, ask_ports, make_plan
+from palp_core.graph.ros2.maps import Entry
+from palp_core.graph.ros2.plan import Crossing, Ports, ask_ports, plan_crossings
 
 LOOK_NS = 500_000_000
 
 
 class Joining:
-    """Looks who has joined, and asks what they have, while messages go on crossing.
+    """Plans what crosses: at once of the nodes that are there, later of those that join.
 
     Args:
         graph: The graph.
-        awaited: What of the map names nodes that may yet join; None: nothing does.
-        definitions: Of message types.
-        times: What becomes of times.
-        say: Told what of the map cannot be.
+        entries: Of the map.
+
+    Attributes:
+        awaited: Entries of nodes that may yet join.
     """
 
-    def __init__(
-        self,
-        graph: RunningGraph,
-        awaited: MapFile | None,
-        definitions: Definitions,
-        times: Times,
-        say: Callable[[str], None],
-    ) -> None:
-        self._graph, self._awaited, self._say = graph, awaited, say
-        self._definitions, self._times = definitions, times
-        self._known = set(graph.node_names)
+    def __init__(self, graph: RunningGraph, entries: list[Entry]) -> None:
+        self._graph = graph
+        self.awaited = list(entries)
+        self._known: set[str] = set()
         self._look_ns = 0
-        self._asked: Future[AnsweredPorts] | None = None
+        self._pool = ThreadPoolExecutor(1)  # a node that hangs is waited for, for some seconds
+        self._asked: Future[Ports] | None = None
 
-    def plan(self) -> BridgePlan | None:
-        """Return what crosses besides from now on, if anything does; never wait for a node."""
+    def plan(self, problems: Problems, ports: Ports | None = None) -> list[Crossing]:
+        """Return what of the map crosses from now on, too; mistakes go to ``problems``.
+
+        Where no node can join, an entry of a node that is not there is a mistake.
+        """
+        graph, there = self._graph, {*self._graph.node_names, LAUNCHER}
+        now = [one for one in self.awaited if not graph.record.listen or there.issuperset(one.nodes)]
+        self.awaited = [
+            one for one in self.awaited if one not in now or (graph.record.listen and not one.nodes)
+        ]
+        found = plan_crossings(now, graph, ports or ask_ports(graph), problems)
+        fresh = [
+            one for one in found if one.entry.kind != "parameters" or one.entry.nodes[0] not in self._known
+        ]
+        self._known |= there
+        return fresh
+
+    def plan_joined(self, report: Callable[[str], None]) -> list[Crossing]:
+        """Return what crosses since nodes have joined; never wait for a node."""
         if self._asked is not None:
-            return self._planned(self._asked.result()) if self._asked.done() else None
+            if not self._asked.done():
+                return []
+            problems, ports, self._asked = Problems(), self._asked.result(), None
+            found = self.plan(problems, ports)
+            for problem in problems.listed():
+                report(str(problem))
+            return found
         now_ns = monotonic_ns()
-        if self._awaited is not None and now_ns >= self._look_ns:
+        if self.awaited and now_ns >= self._look_ns:
             self._look_ns = now_ns + LOOK_NS
             record = read_record(self._graph.folder)
             if record is not None and {node.name for node in record.nodes} - self._known:
                 self._graph.record = record
-                self._asked = _asked_apart(self._graph)
-        return None
-
-    def _planned(self, ports: AnsweredPorts) -> BridgePlan:
-        assert self._awaited is not None
-        problems = Problems()
-        plan = make_plan(self._awaited, self._graph, self._times, problems, self._definitions, ports)
-        for problem in problems.listed():
-            self._say(str(problem))
-        fresh = [name for name in plan.parameters if name not in self._known]
-        self._asked, self._awaited = None, plan.awaited
-        self._known |= set(self._graph.node_names)
-        return replace(plan, parameters=fresh)
-
-
-def _asked_apart(graph: RunningGraph) -> Future[AnsweredPorts]:
-    """Ask in a thread: a node that hangs is waited for, for some seconds."""
-    future = Future[AnsweredPorts]()
-
-    def ask() -> None:
-        try:
-            future.set_result(ask_ports(graph))
-        except Exception as error:  # noqa: BLE001 - raised by who takes the result
-            future.set_exception(error)
-
-    Thread(target=ask, name="ros2 joining", daemon=True).start()
-    return future
+                self._asked = self._pool.submit(ask_ports, self._graph)
+        return []

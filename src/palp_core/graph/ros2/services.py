@@ -1,157 +1,92 @@
-"""Services both ways: ROS 2 calls those of the graph, a topic of the graph asks those of ROS 2."""
+"""Services both ways: ROS 2 calls those of the graph, a topic of the graph calls those of ROS 2."""
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
-from importlib import import_module
 from typing import Any
 
-import msgspec
-
-from palp_core.errors import BagError, GraphError
-from palp_core.graph.bag.ros2.definitions import Definitions
-from palp_core.graph.bag.ros2.values import ToCdr, ToMap, reader, writer
-from palp_core.graph.clock import unix_ns
+from palp_core.errors import GraphError, PalpError
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import Frame
+from palp_core.graph.messages.message import decode
 from palp_core.graph.ros2.account import Account
-from palp_core.graph.ros2.crossing import part_of
-from palp_core.graph.ros2.field_map import Times
-from palp_core.graph.ros2.plan import BridgePlan, ServiceCall, ServiceCrossing
+from palp_core.graph.ros2.maps import Entry, Times, as_message, as_plain
+from palp_core.graph.ros2.middleware import installed_type
 
 ASK_S = 5.0
 
 
-class Services:
-    """The services of a bridge.
+def offer(graph: RunningGraph, entry: Entry, node: Any, now: Callable[[], Times], account: Account) -> None:
+    """Serve a service of the graph at a node of ROS 2.
 
     Args:
         graph: The graph.
-        definitions: Of message types.
-        times: What becomes of times.
-        account: Makes an account.
+        entry: Its entry in the map.
+        node: The node.
+        now: Returns the present time.
+        account: Of what crosses.
+
+    Raises:
+        GraphError: The service's type is not installed for Python.
     """
+    _, name, port = entry.palp.split("/")
 
-    def __init__(
-        self, graph: RunningGraph, definitions: Definitions, times: Times, account: Callable[[str], Account]
-    ) -> None:
-        self._graph, self._definitions, self._times = graph, definitions, times
-        self._account = account
-        self._decode = msgspec.msgpack.Decoder().decode
-        self._asking: dict[str, list[Callable[[Frame], None]]] = {}
+    def answer(request: Any, response: Any) -> Any:
+        try:
+            with entry.catch():
+                steps = entry.convert(request, response, now())
+                wanted = as_plain(next(steps))
+                asked = graph.ask(name, "call", timeout_s=ASK_S, service=port, request=wanted)
+                found = _returned(steps, as_message(entry.messages[1], asked["reply"]))
+        except PalpError as error:
+            account.refuse(str(error))
+            if isinstance(getattr(response, "message", None), str):
+                response.message = str(error)
+            return response
+        account.cross()
+        return found
 
-    def add(self, plan: BridgePlan, node: Any) -> None:
-        """Let the services of a plan cross.
+    node.create_service(installed_type(entry.ros_type), entry.ros, answer)
 
-        Args:
-            plan: What crosses.
-            node: ROS 2's node for them.
 
-        Raises:
-            GraphError: A service's type is not installed for Python.
-        """
-        for service in plan.services:
-            self._offer(node, service, self._account(f"{service.way.ros} calls {service.way.palp}"))
-        for call in plan.calls:
-            ask = self._caller(node, call, self._account(f"{call.way.palp} calls {call.way.ros}"))
-            self._asking.setdefault(call.topic.name, []).append(ask)
+def caller(graph: RunningGraph, entry: Entry, node: Any, account: Account) -> Callable[[Frame, Times], None]:
+    """Return the function that calls a service of ROS 2 for a message of the graph.
 
-    def ask_of(self, frame: Frame) -> None:
-        """Ask what a message of the graph asks of ROS 2, if anything."""
-        for ask in self._asking.get(frame.topic, ()):
-            ask(frame)
+    The arguments are those of :func:`offer`.
+    """
+    kind = installed_type(entry.ros_type)
+    client = node.create_client(kind, entry.ros)
 
-    def close(self) -> None:
-        """Ask nothing any more."""
-        self._asking.clear()
+    def call(frame: Frame, times: Times) -> None:
+        if not client.service_is_ready():
+            account.refuse(f"no node of ROS 2 serves {entry.ros}")
+            return
+        try:
+            with entry.catch():
+                steps = entry.convert(decode(entry.messages[0], frame.payload), kind.Request(), times)
+                client.call_async(next(steps)).add_done_callback(lambda future: answered(steps, future))
+        except PalpError as error:
+            account.refuse(str(error))
 
-    def _now_ns(self) -> int:
-        return self._times.to_palp(unix_ns())
-
-    def _offer(self, node: Any, service: ServiceCrossing, account: Account) -> None:
-        kind = _service_type(service.way.type)
-        read, write = self._bytes(service.way.type, "Request", "Response")
-
-        def answer(request: Any, response: Any) -> Any:
-            try:
-                message = service.request(read(_to_cdr(request)), self._now_ns())
-                asked = self._graph.ask(
-                    service.node, "call", timeout_s=ASK_S, service=service.port, request=message
-                )
-                reply = service.reply(asked["reply"], self._now_ns())
-            except (BagError, GraphError, LookupError) as error:
-                account.refuse(str(error))
-                return _failed(response, str(error))
+    def answered(steps: Any, future: Any) -> None:
+        try:
+            with entry.catch():
+                message = _returned(steps, future.result())
+                if entry.to:
+                    _, name, port = entry.to.split("/")
+                    graph.ask(name, "publish", timeout_s=ASK_S, port=port, message=as_plain(message))
+        except PalpError as error:
+            account.refuse(str(error))
+        else:
             account.cross()
-            return _from_cdr(write(reply), kind.Response)
 
-        node.create_service(kind, service.way.ros, answer)
-
-    def _caller(self, node: Any, call: ServiceCall, account: Account) -> Callable[[Frame], None]:
-        kind = _service_type(call.way.type)
-        client = node.create_client(kind, call.way.ros)
-        read, write = self._bytes(call.way.type, "Response", "Request")
-        under_way: deque[Any] = deque()
-
-        def answered(future: Any) -> None:
-            under_way.remove(future)
-            try:
-                if call.reply is not None:
-                    message = call.reply(read(_to_cdr(future.result())), self._now_ns())
-                    self._graph.ask(call.node, "publish", timeout_s=ASK_S, port=call.port, message=message)
-            except (BagError, GraphError, LookupError) as error:
-                account.refuse(str(error))
-            else:
-                account.cross()
-
-        def ask(frame: Frame) -> None:
-            if not client.service_is_ready():
-                account.refuse(f"nobody in ROS 2 serves {call.way.ros}")
-                return
-            try:
-                request = call.request(self._decode(frame.payload), frame.stamp_ns)
-                future = client.call_async(_from_cdr(write(request), kind.Request))
-            except (BagError, LookupError, msgspec.MsgspecError) as error:
-                account.refuse(str(error))
-                return
-            under_way.append(future)
-            future.add_done_callback(answered)
-
-        return ask
-
-    def _bytes(self, name: str, read: str, write: str) -> tuple[ToMap, ToCdr]:
-        return (
-            reader(self._definitions, part_of(name, read)),
-            writer(self._definitions, part_of(name, write)),
-        )
+    return call
 
 
-def _service_type(name: str) -> Any:
-    package, _, title = name.split("/")
+def _returned(steps: Any, answer: Any) -> Any:
+    """Send the answer to a generator; return what it returns."""
     try:
-        return getattr(import_module(f"{package}.srv"), title)
-    except (ImportError, AttributeError) as error:
-        raise GraphError(
-            f"{name} is not installed for Python, and a service's type must be: build {package} and source "
-            "its workspace, or take one of std_srvs"
-        ) from error
-
-
-def _to_cdr(message: Any) -> bytes:
-    from rclpy.serialization import serialize_message
-
-    return bytes(serialize_message(message))
-
-
-def _from_cdr(data: bytes, kind: Any) -> Any:
-    from rclpy.serialization import deserialize_message
-
-    return deserialize_message(data, kind)
-
-
-def _failed(response: Any, words: str) -> Any:
-    """Return the response that says so, where the type has a place for it."""
-    if isinstance(getattr(response, "message", None), str):
-        response.message = words
-    return response
+        steps.send(answer)
+    except StopIteration as end:
+        return end.value
+    raise GraphError("the map's function yields a second time; it must return then")

@@ -24,7 +24,7 @@ class _Asked(NamedTuple):
 class Ports:
     """External ports of a running graph; used by one thread.
 
-    A message is done with when its node has said so. What no node confirms within some seconds is lost; so is
+    A message has crossed when its node confirms it. What is not confirmed within some seconds is lost; so is
     what comes while too many wait for their answers.
 
     Args:

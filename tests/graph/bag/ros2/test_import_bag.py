@@ -6,11 +6,13 @@ import os
 import re
 import resource
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from mcap.writer import CompressionType as McapCompression
 from mcap.writer import Writer as FlatWriter
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
@@ -210,6 +212,51 @@ def test_what_cannot_be_read_is_said_in_words(tmp_path: Path, spoil: Any, words:
     assert not (tmp_path / "bag").exists()
 
 
+LARGE_BYTES = 32 << 20
+
+
+def _mcap_of_zeros(folder: Path, compression: McapCompression) -> Path:
+    with (folder / "zeros.mcap").open("wb") as file:
+        bag = FlatWriter(file, compression=compression)
+        bag.start(profile="ros2")
+        schema = bag.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        channel = bag.register_channel("/zeros", "cdr", schema)
+        bag.add_message(channel, 1, bytes(LARGE_BYTES), 1)
+        bag.finish()  # type: ignore[no-untyped-call]
+    return folder / "zeros.mcap"
+
+
+def _rosbag_of_zeros(folder: Path, compression: CompressionMode) -> Path:
+    kind = "std_msgs/msg/String"
+    bag = Writer(folder / "zeros", version=9, storage_plugin=StoragePlugin.SQLITE3)
+    bag.set_compression(compression, CompressionFormat.ZSTD)
+    with bag:
+        bag.write(bag.add_connection("/zeros", kind, typestore=STORE), 1, bytes(LARGE_BYTES))
+    return folder / "zeros"
+
+
+@pytest.mark.parametrize(
+    ("write", "compression"),
+    [
+        (_mcap_of_zeros, McapCompression.ZSTD),
+        (_mcap_of_zeros, McapCompression.LZ4),
+        (_rosbag_of_zeros, CompressionMode.FILE),
+        (_rosbag_of_zeros, CompressionMode.MESSAGE),
+    ],
+)
+def test_a_small_file_that_becomes_large_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, write: Any, compression: Any
+) -> None:
+    monkeypatch.setattr(import_module("palp_core.graph.bag.ros2.import_bag"), "SMALLEST_BOUND_BYTES", 1 << 20)
+    monkeypatch.setattr(import_module("palp_core.graph.bag.ros2.import_bag"), "MOST_TIMES", 100)
+    source = write(tmp_path, compression)
+    with pytest.raises(
+        BagError, match=r"zeros(\.mcap)?: decompressed it has more than [0-9]+ MiB; record it"
+    ):
+        import_bag(source, tmp_path / "bag")
+    assert not (tmp_path / "bag").exists()
+
+
 LINE = "=" * 80
 BOUNDLESS = {
     "itself": ("Own[] own", "holds itself"),
@@ -242,7 +289,7 @@ def test_a_type_that_nobody_defines_is_named(tmp_path: Path) -> None:
 
     with sqlite3.connect(source / "source.db3") as base:
         base.execute("DELETE FROM message_definitions")
-    with pytest.raises(BagError, match=r"/own: the bag does not say what a lab_msgs/msg/Own is.*-x REGEX"):
+    with pytest.raises(BagError, match=r"/own: the bag does not define lab_msgs/msg/Own.*-x REGEX"):
         import_bag(source, tmp_path / "bag")
     assert import_bag(source, tmp_path / "bag", select=lambda name: name != "/own") == 2
 

@@ -1,21 +1,21 @@
 """Turn a bag into a ROS 2 bag (cdr in MCAP) through ``rosbags``.
 
-A topic that came from ROS 2 becomes what it was there; of another the ``.msg`` text derives from its schema,
-unless a mapping says as which of ROS 2's types it goes.
+A topic that came from ROS 2 becomes what it was there. The type of another is derived from its schema, unless
+outlets convert it to one of ROS 2's types.
 """
 
 import re
 import shutil
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
 
-from palp_core.errors import BagError, SchemaMismatch
+from palp_core.errors import BagError, PalpError, SchemaMismatch
 from palp_core.extras import install_line
 from palp_core.graph.bag.reader import Bag
-from palp_core.graph.bag.ros2.definitions import ROS2_KEY, Definitions, empty, standard
+from palp_core.graph.bag.ros2.definitions import ROS2_KEY, Definitions, empty
 from palp_core.graph.bag.ros2.values import writer as cdr_writer
 from palp_core.graph.bag.stream import MESSAGE_ENCODING, Stream
 from palp_core.graph.messages import schema_reader
@@ -31,14 +31,14 @@ class Outlet(NamedTuple):
     Attributes:
         topic: Its name.
         type: Its message type's full name.
-        convert: Returns of a message, as it travels, and its log time those that it becomes: their log times
-            and maps.
+        convert: Returns of a payload and its log time the messages that it becomes, each after its log time:
+            maps or dataclasses.
         qos: What its publisher offers, by rosbags' names; none: what rosbags takes.
     """
 
     topic: str
     type: str
-    convert: Callable[[dict[str, Any], int], Iterable[tuple[int, Mapping[str, Any]]]]
+    convert: Callable[[bytes, int], Iterable[tuple[int, Any]]]
     qos: Sequence[Any] = ()
 
 
@@ -48,7 +48,7 @@ OutletsOf = Callable[[Topic], Sequence[Outlet]]
 class _Way(NamedTuple):
     connection: Any
     outlet: Outlet
-    encode: Callable[[Mapping[str, Any]], bytes]
+    encode: Callable[[Any], bytes]
 
 
 def message_texts(schema: schema_reader.JsonSchema) -> dict[str, str]:
@@ -72,17 +72,12 @@ def message_texts(schema: schema_reader.JsonSchema) -> dict[str, str]:
     return texts
 
 
-def derived_type(schema: schema_reader.JsonSchema, definitions: Definitions) -> str:
-    """Add what a message's schema says to the definitions; return the type's full name.
-
-    Raises:
-        BagError: A ``.msg`` cannot say this, or another type has its name.
-    """
-    definitions.add({_full(name): text for name, text in message_texts(schema).items()})
-    return _full(_type_name(schema))
-
-
-def write(bag: str | Path, out: str | Path, outlets: OutletsOf | None = None) -> int:
+def write(
+    bag: str | Path,
+    out: str | Path,
+    outlets: OutletsOf | None = None,
+    definitions: Definitions | None = None,
+) -> int:
     """Write a ROS 2 bag, version 9, that ``ros2 bag`` and ``rosbags`` read.
 
     Times are those of the graph's clock. Needs ``rosbags``.
@@ -90,7 +85,8 @@ def write(bag: str | Path, out: str | Path, outlets: OutletsOf | None = None) ->
     Args:
         bag: A bag's folder or one of its files.
         out: The new bag, which must not exist.
-        outlets: Says of a topic what becomes of it; None: the same, of the type that derives from its schema.
+        outlets: Returns what becomes of a topic; None: the same, of the type that derives from its schema.
+        definitions: Of the outlets' types.
 
     Returns:
         How many messages there are.
@@ -100,7 +96,7 @@ def write(bag: str | Path, out: str | Path, outlets: OutletsOf | None = None) ->
             a topic has no schema, or a value does not fit.
         BagDamaged: The bag is damaged.
     """
-    definitions = empty() if outlets is None else standard()
+    definitions = definitions or empty()
     try:
         from rosbags.rosbag2 import StoragePlugin, Writer
     except ImportError as error:
@@ -113,8 +109,8 @@ def write(bag: str | Path, out: str | Path, outlets: OutletsOf | None = None) ->
             Writer(Path(out), version=9, storage_plugin=StoragePlugin.MCAP) as writer,
         ):
             return _copy(opened, writer, definitions, outlets)
-    except BagError:
-        shutil.rmtree(out, ignore_errors=True)  # half a bag helps nobody
+    except PalpError:
+        shutil.rmtree(out, ignore_errors=True)  # half a bag is of no use
         raise
 
 
@@ -122,15 +118,13 @@ def _copy(bag: Bag, writer: Any, definitions: Definitions, outlets: OutletsOf | 
     """Write a bag's messages through rosbags; return how many."""
     connections: dict[tuple[str, str], Any] = {}
     ways: dict[int, list[_Way]] = {}
-    decode = msgspec.msgpack.Decoder().decode
     count = 0
     for stream, _, log_ns, _, payload in bag.recorded():
         if (found := ways.get(id(stream))) is None:
             chosen = [_same(stream, definitions)] if outlets is None else outlets(stream.topic)
             found = ways[id(stream)] = [_way(one, writer, definitions, connections) for one in chosen]
-        value = decode(payload) if found else {}
         for way in found:
-            for at_ns, message in way.outlet.convert(value, log_ns):
+            for at_ns, message in way.outlet.convert(payload, log_ns):
                 try:
                     data = way.encode(message)
                 except BagError as error:
@@ -162,7 +156,8 @@ def _same(stream: Stream, definitions: Definitions) -> Outlet:
     try:
         origin = schema.get(ROS2_KEY)
         if origin is None:
-            return Outlet(topic.name, derived_type(schema, definitions), _unchanged)
+            definitions.add({_full(name): text for name, text in message_texts(schema).items()})
+            return Outlet(topic.name, _full(_type_name(schema)), _unchanged)
         definitions.add({origin["type"]: origin["definition"]})
         return Outlet(topic.name, origin["type"], _unchanged, _profiles(origin.get("qos", [])))
     except BagError as error:
@@ -171,11 +166,11 @@ def _same(stream: Stream, definitions: Definitions) -> Outlet:
         raise BagError(f"{topic.name}: what it was in ROS 2 cannot be read: {error!r}") from error
 
 
-def _unchanged(value: dict[str, Any], log_ns: int) -> Iterable[tuple[int, Mapping[str, Any]]]:
-    return ((log_ns, value),)
+def _unchanged(payload: bytes, log_ns: int) -> Iterable[tuple[int, Any]]:
+    return ((log_ns, msgspec.msgpack.decode(payload)),)
 
 
-def _profiles(told: list[dict[str, Any]]) -> list[Any]:
+def _profiles(described: list[dict[str, Any]]) -> list[Any]:
     """Return rosbags' profiles of quality of service from their plain values."""
     from rosbags import interfaces
 
@@ -185,7 +180,9 @@ def _profiles(told: list[dict[str, Any]]) -> list[Any]:
             return kind[value]
         return interfaces.QosTime(*value) if isinstance(value, list) else value
 
-    return [interfaces.Qos(**{name: one(name, value) for name, value in profile.items()}) for profile in told]
+    return [
+        interfaces.Qos(**{name: one(name, value) for name, value in profile.items()}) for profile in described
+    ]
 
 
 def _full(name: str) -> str:

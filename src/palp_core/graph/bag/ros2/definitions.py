@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from enum import IntEnum
-from functools import cache
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from palp_core.errors import BagError
 from palp_core.extras import install_line
@@ -19,24 +20,8 @@ DEEPEST, MOST_FIELDS, LONGEST_ARRAY = 32, 1 << 14, 1 << 24
 """Bounds of a message type (assumed): how deep it is nested, fields with those of its parts, fixed arrays."""
 
 PACKED = frozenset({"float32", "float64"})
-INTEGERS: dict[str, tuple[int, int]] = {
-    **{f"int{bits}": (-(1 << bits - 1), (1 << bits - 1) - 1) for bits in (8, 16, 32, 64)},
-    **{f"uint{bits}": (0, (1 << bits) - 1) for bits in (8, 16, 32, 64)},
-    "byte": (0, 255),
-    "char": (0, 255),
-    "octet": (0, 255),
-}
-FLOATS = frozenset({"float32", "float64", "float128"})
 BYTES = frozenset({"uint8", "byte", "octet", "char"})
-
-
-class NodeKind(IntEnum):
-    """How a field's description begins."""
-
-    BASE = 1
-    NAME = 2
-    ARRAY = 3
-    SEQUENCE = 4
+_SCALARS = {"string": "string", "bool": "boolean"} | dict.fromkeys(("float128", *PACKED), "number")
 
 
 class FieldType(NamedTuple):
@@ -58,9 +43,10 @@ class FieldType(NamedTuple):
         return self.base + (f"[{self.length or ''}]" if self.many else "")
 
     @property
-    def element(self) -> FieldType:
-        """One of several."""
-        return FieldType(self.base, self.is_message)
+    def dtype(self) -> np.dtype[Any]:
+        """Of a number, as numpy has it."""
+        names = dict.fromkeys(BYTES, "uint8") | {"float128": "longdouble"}
+        return np.dtype(names.get(self.base, self.base))
 
 
 class Definitions:
@@ -74,6 +60,7 @@ class Definitions:
         self.store = store
         self._fields: dict[str, dict[str, FieldType]] = {}
         self._field_counts: dict[str, int] = {}
+        self._classes: dict[str, type] = {}
 
     def __contains__(self, name: str) -> bool:
         return name in self.store.fielddefs
@@ -109,11 +96,37 @@ class Definitions:
         self._fields[name], self._field_counts[name] = found, count
         return count
 
+    def message_class(self, name: str) -> Any:
+        """Return the dataclass of a message type; a field that is not given is zero or empty.
+
+        Raises:
+            BagError: The type is nested in itself, or beyond a bound.
+        """
+        if name not in self._classes:
+            self._classes[name] = dataclasses.make_dataclass(
+                name.rpartition("/")[2],
+                [
+                    (attribute(field), Any, dataclasses.field(default_factory=self._zero(kind)))
+                    for field, kind in self.fields(name).items()
+                ],
+                bases=(self.store.types[name],),
+                eq=False,
+            )
+        return self._classes[name]
+
+    def _zero(self, kind: FieldType) -> Callable[[], Any]:
+        if kind.is_message:
+            inner: Callable[[], Any] = self.message_class(kind.base)
+            return (lambda: [inner() for _ in range(kind.length)]) if kind.many else inner
+        if kind.base == "string":
+            return (lambda: [""] * kind.length) if kind.many else str
+        return (lambda: np.zeros(kind.length, kind.dtype)) if kind.many else kind.dtype.type(0).item
+
     def add(self, texts: Mapping[str, str]) -> None:
         """Add message types: their ``.msg`` texts, perhaps with those that they need, by full name.
 
         Raises:
-            BagError: A text cannot be read, or says something else of a type that is known.
+            BagError: A text cannot be read, or differs from what is known of the type.
         """
         from rosbags.typesys import get_types_from_msg
 
@@ -127,7 +140,7 @@ class Definitions:
         """Add message types as rosbags reads them.
 
         Raises:
-            BagError: Something else is known of one of them.
+            BagError: One of them differs from what is known of it.
         """
         new = {name: described for name, described in found.items() if name not in self}
         for name, described in found.items():
@@ -175,12 +188,19 @@ def field_types(described: Iterable[tuple[str, Any]]) -> dict[str, FieldType]:
 
 def _field_type(described: Any) -> FieldType:
     kind, inner = described
-    if kind in (NodeKind.ARRAY, NodeKind.SEQUENCE):
-        element = _field_type(inner[0])
-        return FieldType(
-            element.base, element.is_message, many=True, length=inner[1] * (kind == NodeKind.ARRAY)
-        )
-    return FieldType(inner, True) if kind == NodeKind.NAME else FieldType(inner[0], False)
+    if kind.name == "NAME":
+        return FieldType(inner, True)
+    if kind.name == "BASE":
+        return FieldType(inner[0], False)
+    length = inner[1] if kind.name == "ARRAY" else 0
+    return _field_type(inner[0])._replace(many=True, length=length)
+
+
+def attribute(name: str) -> str:
+    """Return the attribute of a dataclass that has a field: Python's own words get an underscore."""
+    from rosbags.typesys.base import normalize_fieldname
+
+    return str(normalize_fieldname(name))
 
 
 def json_schema(definitions: Definitions, name: str) -> dict[str, Any]:
@@ -195,21 +215,12 @@ def json_schema(definitions: Definitions, name: str) -> dict[str, Any]:
 
 
 def _schema(definitions: Definitions, kind: FieldType) -> dict[str, Any]:
-    if not kind.many:
-        return json_schema(definitions, kind.base) if kind.is_message else dict(_scalar(kind.base))
-    if kind.base in BYTES:
+    if kind.many and kind.base in BYTES:
         return {"type": "string", "contentEncoding": "base64"}
-    if kind.base in PACKED:
-        return _packed_schema()
-    return {"type": "array", "items": _schema(definitions, kind.element)}
-
-
-@cache
-def _scalar(base: str) -> dict[str, Any]:
-    if base in INTEGERS:
-        return {"type": "integer"}
-    return {"type": "number" if base in FLOATS else "boolean" if base == "bool" else "string"}
-
-
-def _packed_schema() -> dict[str, Any]:
-    return {"type": "string", "contentEncoding": "base64", "x-dtype": FLOAT64_DTYPE}
+    if kind.many and kind.base in PACKED:
+        return {"type": "string", "contentEncoding": "base64", "x-dtype": FLOAT64_DTYPE}
+    if kind.many:
+        return {"type": "array", "items": _schema(definitions, kind._replace(many=False))}
+    if kind.is_message:
+        return json_schema(definitions, kind.base)
+    return {"type": _SCALARS.get(kind.base, "integer")}

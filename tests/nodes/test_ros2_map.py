@@ -1,4 +1,4 @@
-"""The rig's topics as ROS 2's standard types: the map ``std`` over a recording of the rig."""
+"""The rig's map to ROS 2 over a recording of the rig: standard types of torque, stage and ring."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.message import Message, encode
 from palp_core.graph.messages.topic import topic_of
 from palp_core.graph.ros2.bag_map import outlets_of
-from palp_core.graph.ros2.named_maps import find_map
+from palp_core.graph.ros2.message_types import known_types
 
 MS = 1_000_000
 
@@ -45,9 +45,8 @@ def recorded(folder: Path) -> Path:
 
 
 def test_the_rig_is_wrenches_joints_and_frames(tmp_path: Path) -> None:
-    file, named = find_map("std")
     bag = recorded(tmp_path / "bag")
-    assert write(bag, tmp_path / "ros", outlets_of(file, bag, lenient=named)) == 3 + 2 + 2 + 1 + 1
+    assert write(bag, tmp_path / "ros", outlets_of("nodes.ros2_map", bag), known_types()) == 3 + 2 + 2 + 1 + 1
     store = get_typestore(Stores.ROS2_KILTED)
     found: dict[str, list[Any]] = {}
     with Reader(tmp_path / "ros") as ros:

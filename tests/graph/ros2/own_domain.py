@@ -1,4 +1,4 @@
-"""ROS 2 beside the tests: when they can run, where nobody else hears them, nodes of its own by bare rclpy."""
+"""When tests with ROS 2 can run, in which domain, and nodes of ROS 2 by bare rclpy."""
 
 from __future__ import annotations
 
