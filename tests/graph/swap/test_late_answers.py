@@ -46,6 +46,13 @@ def test_what_was_asked_in_a_swap_before_and_is_answered_now_is_no_answer() -> N
         swap_of(deque([Working({})]))._reply_of_old(HandedIn)
 
 
+def test_a_state_that_is_not_moved_in_time_is_named_with_its_size() -> None:
+    swap = swap_of(deque([HandedIn(bytes(60_000_000), 0, {}, {})]))
+    swap._request_hand_over({}, pause=False)
+    with pytest.raises(SwapFailed, match=r"did not answer \(HandedIn\) within 1 s, with a state of 60 MB"):
+        swap._request_hand_over({}, pause=False)
+
+
 def test_nor_is_it_one_to_a_probation_in_lockstep() -> None:
     def reported(*said: FromSwapped) -> tuple[Commit | None, str]:
         probation = ProcessProbation(supervisor_of(deque(said)), None, 0, (), 3, way_back=True)  # type: ignore[arg-type]

@@ -111,7 +111,7 @@ class TakeOver(ChannelMessage, frozen=True):
     """To the successor: continue from here, but publish nothing yet.
 
     ``remembered``, ``heard`` and ``at_ns`` are those of :class:`HandedIn`; ``start_ns`` is the graph's start.
-    On probation the successor works, and says every :class:`Commit`.
+    On probation the successor works, and says a :class:`Commit` when it is asked.
     """
 
     hand_over: bytes
@@ -152,9 +152,25 @@ class Commit(ChannelMessage, frozen=True):
 
 
 class CommitNow(ChannelMessage, frozen=True):
-    """To a successor on probation: say a :class:`Commit`; ``last`` if the probation is over."""
+    """To a successor on probation: say one :class:`Commit`, as soon as there is something to report.
 
-    last: bool
+    Attributes:
+        until_ns: Then in any case, on the host's monotonic clock; 0: at once.
+        last: The probation is over: at once, and keep back what follows.
+    """
+
+    until_ns: int = 0
+    last: bool = False
+
+
+class Published(ChannelMessage, frozen=True):
+    """From the predecessor: readers have been sent the frames of a :class:`Commit`.
+
+    Attributes:
+        error: Why it could not go on from there, or "".
+    """
+
+    error: str = ""
 
 
 class Shadow(ChannelMessage, frozen=True):
@@ -240,4 +256,6 @@ ToSwapped = (
     | Commit
     | CommitNow
 )
-FromSwapped = Announced | HandedIn | Met | Rehearsed | TookOver | Working | Shadowed | Listening | Commit
+FromSwapped = (
+    Announced | HandedIn | Met | Rehearsed | TookOver | Working | Shadowed | Listening | Commit | Published
+)

@@ -68,6 +68,7 @@ class SwapParticipant:
         self._meet: tuple[swap_messages.Meet, int] | None = None
         self._first_work: FirstWork | None = None
         self._commit: swap_messages.Commit | None = None
+        self._report_request: swap_messages.CommitNow | None = None
         self._paused_ns, self._gap_s = 0, 0.0
         self._comparison: ShadowComparison | None = None
         self._eavesdropper: SubscriberSocket | None = None
@@ -80,8 +81,8 @@ class SwapParticipant:
     @property
     def waiting(self) -> bool:
         """True while :meth:`turn` has to look."""
-        waits = any(one is not None for one in (self._hand_in, self._meet, self._eavesdropper))
-        return waits or (self._first_work is not None and self._first_work.reports)
+        waiting = (self._hand_in, self._meet, self._eavesdropper, self._report_request)
+        return any(one is not None for one in waiting)
 
     def handle(self, message: swap_messages.ToSwapped) -> None:
         """Do what the supervisor says."""
@@ -121,8 +122,8 @@ class SwapParticipant:
                 self._say(self._end_shadow())
             case swap_messages.Commit():
                 self._pass_on(message)
-            case swap_messages.CommitNow(last=last):
-                self._commit_work(last=last)
+            case swap_messages.CommitNow():
+                self._report_request = message
         self.turn()
 
     def turn(self) -> None:
@@ -143,8 +144,11 @@ class SwapParticipant:
             if complete and (not missing or monotonic_ns() >= until_ns):
                 self._meet = None
                 self._say(swap_messages.Met(missing))
-        if self._first_work is not None and self._first_work.has_news:
-            self._commit_work()
+        if self._report_request is not None and self._first_work is not None:
+            request = self._report_request
+            if request.last or self._first_work.has_news or monotonic_ns() >= request.until_ns:
+                self._report_request = None
+                self._commit_work(last=request.last)
         if self._eavesdropper is not None and self._comparison is not None:
             for raw in self._eavesdropper.receive():
                 self._comparison.old(raw)
@@ -165,15 +169,17 @@ class SwapParticipant:
 
     def _pass_on(self, commit: swap_messages.Commit) -> None:
         """Say what the successor has to say, and know where to go on should it fail."""
+        error = ""
         try:
             self._executor.succession.fitting(decode_any(HandOver, commit.hand_over), {})
             self._commit = commit
-        except Exception as error:  # noqa: BLE001 - migrate and adopt are the user's
-            self._say(swap_messages.Rehearsed(in_words(error), {}))
+        except Exception as failure:  # noqa: BLE001 - migrate and adopt are the user's
+            error = in_words(failure)
         publishers = self._executor.ends.publishers
         for frame in commit.frames:
             if end := publishers.get(topic_of(frame).decode()):  # what only the new class has nobody reads
                 end.pass_on(frame)
+        self._say(swap_messages.Published(error))
 
     def _resume(self) -> None:
         succession, commit = self._executor.succession, self._commit
@@ -233,8 +239,7 @@ class SwapParticipant:
 
     def _commit_work(self, *, last: bool = False) -> None:
         """Say what has been done, at a handler boundary; the last time, keep back what follows."""
-        if self._first_work is None:
-            return
+        assert self._first_work is not None
         self._say(self._first_work.commit(last=last))
         if last and self._first_work.reports:
             self._sockets.publisher.hold()

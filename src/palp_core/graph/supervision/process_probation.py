@@ -52,7 +52,7 @@ class ProcessProbation(LockstepProbation):
     def _report(self) -> Commit | None:
         supervisor, index = self._supervisor, self.index
         supervisor.swap_replies.pop(index, None)
-        supervisor.send_if_connected(index, CommitNow(last=False))
+        supervisor.send_if_connected(index, CommitNow())
         replies = supervisor.swap_replies
         supervisor.wait_until(
             lambda: isinstance(replies.get(index), Commit) or bool(self.failure), self._latest_ns()

@@ -120,6 +120,10 @@ class Standbys:
         with contextlib.suppress(ChannelClosed):
             self._channels.send(standby.number, message)
 
+    def incoming_bytes(self, standby: Standby) -> int:
+        """Return the size of the message that one is sending just now; 0 if it sends none."""
+        return self._channels.incoming_bytes(standby.number)
+
     def receive(self, number: int, message: FromNode) -> bool:
         """Take what a process says; return False if it is none of these."""
         standby = self._all.get(number)

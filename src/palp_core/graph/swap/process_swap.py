@@ -111,8 +111,8 @@ class _ProcessSwap:
         self._announced = self._paused = self._changed = False
         self._on_probation = self._way_back = False
         self._proven, self._ran, self._proof = -1, 0, swap_messages.HANDLER
-        self._commits: list[swap_messages.Commit] = []
         self._comparison: dict[str, Any] = {}
+        self._state_bytes = 0
 
     def run(self) -> tuple[SwapReport, Done | None]:
         if why := self._impediment():
@@ -289,55 +289,73 @@ class _ProcessSwap:
         return self._report(working, held), done
 
     def _prove(self) -> None:
-        """Let the new node work, and the old one say what it has to say, until enough handlers have run well.
+        """Let the new node work, and the old one publish what it reports, until enough handlers ran well.
 
-        Where the old one could not take the new one's state, it says nothing before one handler has.
+        One report is under way at a time, and the last is published before the new node may publish: what
+        comes later never overtakes it. Where the old one could not take the new one's state, it publishes
+        nothing before one handler has run.
         """
-        supervisor, new, probation = self._supervisor, self._new, self._swap.probation
-        assert new is not None
         end_ns = monotonic_ns() + round(self._swap.standby_s * 1e9)
-        while (
-            (self._proven < probation.run_count if self._way_back else self._ran < 1)
-            and monotonic_ns() < end_ns
-            and not (self._cannot_return() or supervisor.exit_code is not None)
-        ):
-            supervisor.wait_until(lambda: bool(new.replies or new.failure) or self._cannot_return(), end_ns)
-            self._pass_on(new)
-            if new.failure:
-                self._fail(new.failure)
-        supervisor.standbys.send(new, swap_messages.CommitNow(last=True))
-        end_ns = monotonic_ns() + round(HUNG_S["wall"] * 1e9)
-        while not self._pass_on(new):
-            if new.failure:
-                self._fail(new.failure)
-            if not supervisor.wait_until(lambda: bool(new.replies or new.failure), end_ns):
-                self._fail(f"a handler of it did not return within {HUNG_S['wall']:g} s")
+        reports: list[swap_messages.Commit] = []
+        last = False
+        while not last:
+            last = self._probation_is_over() or monotonic_ns() >= end_ns
+            for report in self._reports(end_ns, last=last):
+                reports.append(report)
+                self._proven, self._proof, self._ran = report.proof_count, report.proof, report.run_count
+                if self._way_back or report.last:
+                    for waiting in reports:
+                        self._publish(waiting)
+                    reports.clear()
 
-    def _cannot_return(self) -> bool:
-        """Tell whether the old node is gone, or cannot take the state any more: the new one has to go on."""
-        said = self._supervisor.swap_replies.get(self._index)
-        return self._old.ended or (
-            isinstance(said, swap_messages.Rehearsed) and self._way_back and bool(said.error)
+    def _probation_is_over(self) -> bool:
+        enough = self._proven >= self._swap.probation.run_count if self._way_back else self._ran > 0
+        return enough or self._old.ended or self._supervisor.exit_code is not None
+
+    def _reports(self, end_ns: int, *, last: bool) -> list[swap_messages.Commit]:
+        """Ask the new node for one report, which comes when the probation ends if not before; return all."""
+        supervisor, new = self._supervisor, self._new
+        assert new is not None
+
+        def arrived() -> bool:
+            reports = (reply for reply in new.replies if isinstance(reply, swap_messages.Commit))
+            is_over = not last and self._probation_is_over()
+            return bool(new.failure) or is_over or any(report.last == last for report in reports)
+
+        supervisor.standbys.send(new, swap_messages.CommitNow(end_ns, last))
+        hung_ns = (monotonic_ns() if last else end_ns) + round(HUNG_S["wall"] * 1e9)
+        if not supervisor.wait_until(lambda: arrived() or self._incoming_bytes() > 0, hung_ns):
+            self._fail(f"a handler of it did not return within {HUNG_S['wall']:g} s")
+        size = self._incoming_bytes()
+        if not supervisor.wait_until(arrived, monotonic_ns() + round(self._swap.request.timeout_s * 1e9)):
+            self._fail(f"the new node did not report its state of {size / 1e6:.0f} MB in time")
+        replies, new.replies = new.replies, []
+        for event in replies:
+            if isinstance(event, Raised):
+                supervisor.hear(self._index, event)
+        if new.failure or (last and new.process.has_died()):
+            self._fail(new.failure or "its process has died")
+        return [reply for reply in replies if isinstance(reply, swap_messages.Commit)]
+
+    def _incoming_bytes(self) -> int:
+        assert self._new is not None
+        return self._supervisor.standbys.incoming_bytes(self._new)
+
+    def _publish(self, report: swap_messages.Commit) -> None:
+        """Let the old node publish a report; one that is gone leaves that to the new one's history."""
+        supervisor, replies = self._supervisor, self._supervisor.swap_replies
+        timeout_s = self._swap.request.timeout_s
+        self._send_old(report)
+        supervisor.wait_until(
+            lambda: isinstance(replies.get(self._index), swap_messages.Published) or self._old.ended,
+            monotonic_ns() + round(timeout_s * 1e9),
         )
-
-    def _pass_on(self, new: Standby) -> bool:
-        """Let the old node say what the new one has reported; tell whether that was the last."""
-        said, new.replies = new.replies, []
-        for commit in said:
-            if isinstance(commit, Raised):
-                self._supervisor.hear(self._index, commit)
-            if isinstance(commit, swap_messages.Commit):
-                if commit.last and (new.failure or new.process.has_died()):
-                    self._fail(new.failure or "its process has died")
-                self._proven, self._proof, self._ran = commit.proof_count, commit.proof, commit.run_count
-                self._commits.append(commit)
-                if self._way_back or commit.last:
-                    for waiting in self._commits:
-                        self._supervisor.send_if_connected(self._index, waiting)
-                    self._commits.clear()
-                if commit.last:
-                    return True
-        return False
+        answer = replies.pop(self._index, None)
+        if isinstance(answer, swap_messages.Published):
+            self._way_back = self._way_back and not answer.error
+        elif self._way_back and not self._old.ended:
+            size = len(report.hand_over)
+            self._fail(f"the old node did not take a state of {size / 1e6:.0f} MB within {timeout_s:g} s")
 
     def _prove_in_lockstep(
         self, former: Standby, handed: swap_messages.HandedIn, taken: swap_messages.TookOver
@@ -445,7 +463,9 @@ class _ProcessSwap:
         self, after: dict[str, tuple[int, int]], *, pause: bool, with_latest: bool = False
     ) -> swap_messages.HandedIn:
         self._send_old(swap_messages.HandIn(after, pause, with_latest))
-        return self._reply_of_old(swap_messages.HandedIn)
+        handed = self._reply_of_old(swap_messages.HandedIn)
+        self._state_bytes = len(handed.hand_over)
+        return handed
 
     def _send_old(self, message: swap_messages.ToSwapped) -> None:
         self._supervisor.swap_replies.pop(self._index, None)
@@ -495,5 +515,6 @@ class _ProcessSwap:
         if condition():
             return
         if not in_time:
-            self._fail(f"{failure} within {self._swap.request.timeout_s:g} s")
+            size = f", with a state of {self._state_bytes / 1e6:.0f} MB" if self._state_bytes > 1e6 else ""
+            self._fail(f"{failure} within {self._swap.request.timeout_s:g} s{size}")
         self._fail("the old node has ended")
