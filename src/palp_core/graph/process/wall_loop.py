@@ -67,10 +67,10 @@ class WallLoop:
             self.sockets,
             channel.send,
             channel.socket.fileno(),
-            heard=lambda: self.receiver.heard,
-            succeed=self.receiver.continue_from,
-            begin=self._begin,
-            depart=self.receiver.close,
+            received=lambda: self.receiver.heard,
+            merge=self.receiver.continue_from,
+            set_start=self._begin,
+            close_inputs=self.receiver.close,
             successor=order.successor,
         )
         at = order.spec.keeps_at

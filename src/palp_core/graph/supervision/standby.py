@@ -44,15 +44,13 @@ class Standby:
 
     def receive(self, message: FromNode) -> None:
         """Take what it says."""
-        if isinstance(message, Configured):
-            self.process.configured = True
-        elif isinstance(message, Matched):
-            self.process.matched = True
-        elif isinstance(message, Failed):
+        if isinstance(message, Failed):
             self.failure = message.text.removeprefix(f"{self.process.spec.name}: ")
-        else:
-            self.has_left = isinstance(message, Done)
-            self.replies.append(message)
+            return
+        self.process.configured |= isinstance(message, Configured)
+        self.process.matched |= isinstance(message, Matched)
+        self.has_left = isinstance(message, Done)
+        self.replies.append(message)
 
 
 class Standbys:

@@ -327,7 +327,7 @@ class Supervisor:
     def _has_failed_on_probation(self, index: int, text: str) -> bool:
         """Tell whether a failure is that of a node whose predecessor stands by, and let it know."""
         probation = self.probation
-        if probation is None or probation.index != index or probation.proven or probation.fell_back:
+        if probation is None or probation.index != index or probation.confirmed or probation.rolled_back:
             return False
         probation.failure = probation.failure or text
         return True
