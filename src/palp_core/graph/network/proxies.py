@@ -115,6 +115,10 @@ class Tap:
         self._turns.pop(topic.decode(), None)
         self._migration.remove(topic.decode())
 
+    def tick(self, now_ns: int) -> None:
+        """Look for publishers that moved on unnoticed, while this process was stopped."""
+        self._migration.tick(now_ns)
+
     def connect(self, endpoint: str) -> None:
         """Listen at an endpoint."""
         if endpoint not in self._connected:

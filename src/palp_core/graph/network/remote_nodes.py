@@ -232,6 +232,7 @@ class RemoteNodes:
 
     def beat(self) -> None:
         """Say to all that this end lives, which shows who is gone; a key that was denied since lets out."""
+        self._router.tick(monotonic_ns())
         allowed = set(self._keys.allowed().values()) if self._secured else set()
         for peer in self._peers.values():
             if self._secured and peer.key not in allowed:
