@@ -14,7 +14,7 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.process.dry_run import try_hand_over
-from palp_core.graph.swap.swap import CheckedSwap, SwapFailed, SwapReport, unfit
+from palp_core.graph.swap.swap import CheckedSwap, SwapFailed, SwapReport, why_not_swappable
 
 _AT_ONCE = {"gap_s": 0.0, "duration_s": 0.0}  # simulated time stands still
 
@@ -52,7 +52,7 @@ class ComposedSwaps:
             step = "state"
             on_probation = swap.probation.run_count > 0 and old.succession.is_active
             running = _copied(old.succession.copy(with_latest=swap.try_out))
-            if why := unfit(running, swap):
+            if why := why_not_swappable(running, swap):
                 raise GraphError(why)
             new.succession.fitting(running, request.params)
             can_roll_back = on_probation and self._try(old, new, running, request.params)

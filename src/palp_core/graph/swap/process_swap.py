@@ -1,17 +1,14 @@
-"""A swap between two processes, make before break: a table of steps, and an engine that walks it.
+"""A swap between two processes, make before break: the table of its steps, and what they do.
 
-Until the new process receives :class:`~palp_core.graph.process.Commit` it publishes nothing, so
+Until the new process receives :class:`~palp_core.graph.process.swap_messages.Commit` it publishes nothing, so
 that there is one owner at every instant, and every step can be undone.
 """
 
-import contextlib
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn, TypeVar
+from typing import Any
 
 import msgspec
 
-from palp_core.errors import GraphError, NodeError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
 from palp_core.graph.lockstep.simulated_time import SimulatedTime
@@ -42,51 +39,22 @@ from palp_core.graph.process.swap_messages import (
     SuccessorAnnounced,
     TakeOver,
     TookOver,
-    ToSwapped,
     Working,
     WorkReport,
 )
 from palp_core.graph.supervision.process_probation import ProcessProbation
 from palp_core.graph.supervision.standby import Standby
 from palp_core.graph.supervision.supervisor import Supervisor
-from palp_core.graph.swap.swap import STEPS, CheckedSwap, SwapFailed, SwapReport, unfit
+from palp_core.graph.swap.step_engine import FAREWELL_NS, NEW, OLD, READERS, Step, StepEngine
+from palp_core.graph.swap.swap import CheckedSwap, SwapReport, why_not_swappable
 from palp_core.graph.transport.offsets import ReceivedOffsets
 
-FAREWELL_NS = 1_000_000_000
-LARGE_BYTES = 1_000_000
 LINGER_NS = 60_000_000_000
 """How long an old process stays for a reader that is stopped or slow (assumed)."""
-
-OLD, NEW, READERS = "old", "new", "readers"
-"""Where a step's message goes, and where its answer comes from."""
 
 ALWAYS, ON_WALL, WITH_SHADOW, ON_PROBATION = "", "wall clock", "with a shadow", "on probation"
 ON_WALL_PROBATION, IN_SIM_PROBATION = "on probation, wall clock", "on probation, simulated time"
 """When a step is part of a swap."""
-
-Answer = TypeVar("Answer")
-
-
-class Step(NamedTuple):
-    """One row of the table: a message, and the answer that it waits for.
-
-    Attributes:
-        name: Of :data:`~palp_core.graph.swap.swap.STEPS`; a failure names it.
-        when: In which swaps.
-        to: Where the message goes, and where the answer comes from.
-        send: Returns the message; None: it has done itself what is answered.
-        awaits: Kind of the answer.
-        accept: Waits for the answer and judges it.
-        undo: Message to the old process that takes the step back.
-    """
-
-    name: str
-    when: str
-    to: str
-    send: "Callable[[ProcessSwap], ToSwapped | None]"
-    awaits: type[Any]
-    accept: "Callable[[ProcessSwap, Step], object]" = lambda swap, step: swap.wait_for_answer(step)
-    undo: ToSwapped | None = None
 
 
 class ProcessSwaps:
@@ -134,8 +102,8 @@ class ProcessSwaps:
             self._current = None
 
 
-class ProcessSwap:
-    """One swap: the engine that walks the table, and what its steps share.
+class ProcessSwap(StepEngine):
+    """One swap: what the steps of the table do.
 
     Args:
         supervisor: Has the processes.
@@ -143,37 +111,21 @@ class ProcessSwap:
         swap: What is replaced by what.
         now_ns: Time on the graph's clock.
         time: Simulated time.
-
-    Attributes:
-        step: The name of the current step.
-        wall: The graph runs on the wall clock.
-        after: Up to where the new node lacks its inputs.
-        on_probation: The old node stands by while the new one works.
     """
 
     def __init__(
         self, supervisor: Supervisor, folder: Path, swap: CheckedSwap, now_ns: int, time: SimulatedTime
     ) -> None:
-        self.step = "start"
-        self.checked, self.request = swap, swap.request
-        self.wall = bool(supervisor.start_ns)
-        self.after: ReceivedOffsets = {}
-        self.on_probation = False
-        self._latest = WorkReport(b"", [], 0, -1, HANDLER)
-        self._supervisor, self._folder, self._time = supervisor, folder, time
-        self._index, self._now_ns = swap.index, now_ns
-        self._old = supervisor.processes[swap.index]
-        self._standby: Standby | None = None  # the new process; from the commit on the old one
+        super().__init__(supervisor, folder, swap)
+        self._now_ns, self._time = now_ns, time
         self._begun_ns = monotonic_ns()
-        self._extend_deadline()
-        self._undos: list[ToSwapped] = []
-        self._answers: dict[type[Any], Any] = {}
-        self._committed = self._can_roll_back = False
-        self._request = RequestReport()
+        self._wall = bool(supervisor.start_ns)
+        self._after: ReceivedOffsets = {}
+        self._on_probation = self._can_roll_back = False
         self._probation_end_ns = 0
+        self._report_request = RequestReport()
+        self._latest = WorkReport(b"", [], 0, -1, HANDLER)
         self._comparison: dict[str, Any] = {}
-
-    # The engine
 
     def run(self) -> tuple[SwapReport, Done | None]:
         """Walk the table; before the commit a failure leaves all as it was."""
@@ -181,7 +133,7 @@ class ProcessSwap:
             self._fail(why)
         try:
             self._walk(PREPARATION)
-            if self.request.dry_run:
+            if self._request.dry_run:
                 self._roll_back()
                 return self._report(Working(0.0, 0)), None
             self._walk(CHANGE)
@@ -201,121 +153,22 @@ class ProcessSwap:
             if self._has(step.when):
                 self.take(step)
 
-    def take(self, step: Step) -> None:
-        """Take one step: send its message, wait for the answer, accept it."""
-        self.step = step.name if step.name in STEPS else self.step
-        self._check_successor()
-        if step.undo is not None:
-            self._undos.append(step.undo)
-        message = step.send(self)
-        if message is not None:
-            self._send(step.to, message)
-        step.accept(self, step)
-
     def _has(self, when: str) -> bool:
         return {
             ALWAYS: True,
-            ON_WALL: self.wall,
-            WITH_SHADOW: self.request.shadow_s > 0.0,
-            ON_PROBATION: self.on_probation,
-            ON_WALL_PROBATION: self.on_probation and self.wall,
-            IN_SIM_PROBATION: self.on_probation and not self.wall,
+            ON_WALL: self._wall,
+            WITH_SHADOW: self._request.shadow_s > 0.0,
+            ON_PROBATION: self._on_probation,
+            ON_WALL_PROBATION: self._on_probation and self._wall,
+            IN_SIM_PROBATION: self._on_probation and not self._wall,
         }[when]
 
-    def _answer(self, kind: type[Answer]) -> Answer:
-        """Return the latest answer of a kind."""
-        found: Answer = self._answers[kind]
-        return found
-
-    def _check_successor(self) -> None:
-        """Fail if the new process has died, as long as the old one can go on."""
-        new = self._standby
-        if new is None or self._committed or (self._latest.last and not self._can_roll_back):
-            return
-        if new.process.pid and new.process.has_died():  # how, the fork server is about to report
-            self._wait_for(lambda: False, "its process has died")
-        if new.failure:
-            self._fail(new.failure)
-
-    def _roll_back(self) -> None:
-        """Leave all as it was; a new process has published nothing by itself."""
-        supervisor, new = self._supervisor, self._standby
-        if new is not None:
-            supervisor.standbys.kill(new)
-        for undo in reversed(self._undos):
-            self._send(OLD, undo)
-        if new is not None:
-            with contextlib.suppress(NodeError, GraphError):  # the swap's own failure is the news
-                supervisor.wait_until(lambda: new.process.ended, monotonic_ns() + FAREWELL_NS)
-            for end in ("pub", "srv"):
-                (self._folder / f"{new.process.place}.{end}").unlink(missing_ok=True)
-        if self._old.handed_over:
-            self._old.handed_over = False
-            if self._old.ended:
-                supervisor.recover(self._index, "its process ended while its successor failed")
-
-    def _fail(self, text: str) -> NoReturn:
-        raise SwapFailed(self.request.node, self.step, text)
-
-    def _send(self, to: str, message: ToSwapped) -> None:
-        if (to == NEW) is not self._committed:
-            assert self._standby is not None
-            self._supervisor.standbys.send(self._standby, message)
-        else:
-            self._supervisor.swap_replies.pop(self._index, None)
-            self._supervisor.send_if_connected(self._index, message)
-
-    def wait_for_answer(self, step: Step, *, may_refuse: bool = False) -> Any:
-        """Wait for a step's answer; another kind is late, of a swap before that waited for it no longer.
-
-        Raises:
-            SwapFailed: There is none, or it has an error.
-        """
-
-        def answers() -> list[Any]:
-            old = self._supervisor.swap_replies.get(self._index)
-            replies = self._standby.replies if step.to == NEW and self._standby is not None else [old]
-            return [reply for reply in replies if isinstance(reply, step.awaits)]
-
-        self._wait_for(lambda: bool(answers()), f"the {step.to} node did not answer ({step.awaits.__name__})")
-        answer = answers()[0]
-        if step.to == NEW and self._standby is not None:
-            self._standby.replies.remove(answer)
-        self._answers[step.awaits] = answer
-        if not may_refuse and (error := getattr(answer, "error", "")):
-            self._fail(error)
-        return answer
-
-    def _wait_for(self, condition: Callable[[], bool], missing: str) -> None:
-        """Wait for something.
-
-        Raises:
-            SwapFailed: One of the processes has ended, or the time is over.
-        """
-        old, new = self._old, self._standby
-
-        def is_over() -> bool:
-            gone = (old.ended and not old.handed_over) or old.respawn_at_ns is not None
-            return condition() or gone or (new is not None and bool(new.failure))
-
-        in_time = self._supervisor.wait_until(is_over, self._deadline_ns)
-        if condition():
-            return
-        if new is not None and new.failure:
-            self._fail(new.failure)
-        if not in_time:
-            handover = self._answers.get(Handover)
-            size = len(handover.hand_over) if handover is not None else 0
-            state = f", with a state of {size / 1e6:.0f} MB" if size > LARGE_BYTES else ""
-            self._fail(f"{missing} within {self.request.timeout_s:g} s{state}")
-        self._fail("the old node has ended")
-
     def _report(self, working: Working) -> SwapReport:
-        return self.checked.report(
+        return self._swap.report(
             at_ns=self._now_ns,
             gap_s=working.gap_s,
             held=working.held,
-            duration_s=(monotonic_ns() - self._begun_ns) / 1e9 if self.wall else 0.0,
+            duration_s=(monotonic_ns() - self._begun_ns) / 1e9 if self._wall else 0.0,
             shadow=self._comparison,
             proven=self._latest.proof_count,
             proven_by=self._latest.proof,
@@ -327,10 +180,10 @@ class ProcessSwap:
         """Return which of the nodes that a swap needs is absent just now; "" if none is."""
         if absence := self._old.absence():
             return f"the node itself {absence}"
-        if not self.wall:
+        if not self._wall:
             return ""  # in simulated time no node listens to sockets
         readers = {reader for reader, _ in self._edges()}
-        publishers = {name.split("/")[1] for name in self.checked.new.inputs.values()}
+        publishers = {name.split("/")[1] for name in self._swap.new.inputs.values()}
         for process in self._supervisor.processes:
             name = process.spec.name
             absence = process.absence() if name in readers | publishers else ""
@@ -341,21 +194,21 @@ class ProcessSwap:
 
     def _edges(self) -> list[tuple[str, str]]:
         """Return every reader of the node, with the topic."""
-        edges = self.checked.checked.edges.items()
-        node = self.request.node
+        edges = self._swap.checked.edges.items()
+        node = self._request.node
         return [(reader, name) for name, ends in edges if name.split("/")[1] == node for reader, _ in ends]
 
     def request_copy(self) -> RequestHandover:
-        return RequestHandover(self.after, pause=False)
+        return RequestHandover(self._after, pause=False)
 
     def judge_running(self, step: Step) -> None:
         running = decode_any(HandOver, self.wait_for_answer(step).hand_over)
-        if why := unfit(running, self.checked):
+        if why := why_not_swappable(running, self._swap):
             self._fail(why)
-        self.on_probation = self.checked.probation.run_count > 0 and running.active
+        self._on_probation = self._swap.probation.run_count > 0 and running.active
 
     def start_process(self) -> None:
-        spec = self._old.successor_spec(self.checked.new)
+        spec = self._old.successor_spec(self._swap.new)
         self._standby = self._supervisor.standbys.start(spec, self._old.log, fresh=True)
 
     def send_nothing(self) -> None: ...
@@ -367,13 +220,12 @@ class ProcessSwap:
         return AnnounceSuccessor(*self._new_endpoints())
 
     def _new_endpoints(self) -> tuple[str, str]:
-        assert self._standby is not None
-        return endpoints(str(self._folder), self._standby.process.place)
+        return endpoints(str(self._folder), self._new.process.place)
 
     def _nodes_that_read(self) -> list[str]:
         """Return the graph's own readers that work; on the wall clock only: else none listens."""
         names, processes = self._supervisor.names, self._supervisor.processes
-        readers = {reader for reader, _ in self._edges() if self.wall and reader in names}
+        readers = {reader for reader, _ in self._edges() if self._wall and reader in names}
         return sorted(reader for reader in readers if processes[names.index(reader)].active)
 
     def wait_for_readers(self, _: Step) -> None:
@@ -391,13 +243,13 @@ class ProcessSwap:
     # State
 
     def request_copy_to_try(self) -> RequestHandover:
-        return RequestHandover({}, pause=False, with_latest=self.checked.try_out)
+        return RequestHandover({}, pause=False, with_latest=self._swap.try_out)
 
     def try_state(self) -> DryRun:
-        return DryRun(self._answer(Handover).hand_over, self.request.params, self.on_probation)
+        return DryRun(self._answer(Handover).hand_over, self._request.params, self._on_probation)
 
     def keep_offsets(self, step: Step) -> None:
-        self.after = self.wait_for_answer(step).after
+        self._after = self.wait_for_answer(step).after
 
     def try_way_back(self) -> DryRun:
         return DryRun(self._answer(DryRunResult).tried, {})
@@ -408,22 +260,21 @@ class ProcessSwap:
     # Shadow, hand over and take over
 
     def begin_shadow(self) -> TakeOver:
-        publish = endpoints(str(self._folder), self._old.place)[0] if self.wall else ""
+        publish = endpoints(str(self._folder), self._old.place)[0] if self._wall else ""
         plain = msgspec.structs.replace(self.take_over(), remembered={}, at_ns=0, on_probation=False)
         return msgspec.structs.replace(plain, shadow=publish)
 
     def let_both_work(self, step: Step) -> None:
         self.wait_for_answer(step)
-        supervisor, new = self._supervisor, self._standby
-        assert new is not None
-        duration_ns = round(self.request.shadow_s * 1e9)
+        supervisor, new = self._supervisor, self._new
+        duration_ns = round(self._request.shadow_s * 1e9)
         self._deadline_ns += duration_ns
         begun_ns = monotonic_ns()
-        if self.wall:
+        if self._wall:
             supervisor.wait_until(lambda: bool(new.failure) or self._old.ended, begun_ns + duration_ns)
             return
         running = decode_any(HandOver, self._answer(Handover).hand_over)
-        comparison = self.checked.comparison(running.published)
+        comparison = self._swap.comparison(running.published)
         supervisor.shadow = (self._index, new, comparison)
         try:
             self._time.elapse(duration_ns)
@@ -438,63 +289,62 @@ class ProcessSwap:
 
     def keep_comparison(self, step: Step) -> None:
         shadowed = self.wait_for_answer(step)
-        self.after = shadowed.after
+        self._after = shadowed.after
         if shadowed.report:
             self._comparison = msgspec.json.decode(shadowed.report)
 
     def request_last_copy(self) -> RequestHandover:
-        return RequestHandover(self.after, pause=True)
+        return RequestHandover(self._after, pause=True)
 
     def free_old(self, step: Step) -> None:
         """Let the old process end from now on: it has handed over everything."""
         handover = self.wait_for_answer(step)
         self._old.handed_over = True
-        if self.wall:
+        if self._wall:
             self._now_ns = handover.at_ns - self._supervisor.start_ns
 
     def take_over(self) -> TakeOver:
         handover, start_ns = self._answer(Handover), self._supervisor.start_ns
         return TakeOver(
             handover.hand_over,
-            self.request.params,
+            self._request.params,
             start_ns,
             handover.heard,
             handover.remembered,
             handover.at_ns,
-            self.on_probation,
+            self._on_probation,
         )
 
     # Probation
 
     def begin_probation(self, step: Step) -> None:
         self.wait_for_answer(step)
-        self._probation_end_ns = monotonic_ns() + round(self.checked.standby_s * 1e9)
+        self._probation_end_ns = monotonic_ns() + round(self._swap.standby_s * 1e9)
 
     def request_report(self) -> RequestReport:
         """Ask for one report: the last, if the new node is proven or the old one can publish none.
 
         Where the old one could not go on from a report, the first that counts a handler is the last.
         """
-        enough = self._latest.proof_count >= self.checked.probation.run_count
+        enough = self._latest.proof_count >= self._swap.probation.run_count
         is_proven = enough if self._can_roll_back else self._latest.run_count > 0
         if is_proven or self._must_end() or monotonic_ns() >= self._probation_end_ns:
-            self._request = RequestReport(last=True)
+            self._report_request = RequestReport(last=True)
         elif self._can_roll_back:
-            self._request = RequestReport(self._probation_end_ns)
+            self._report_request = RequestReport(self._probation_end_ns)
         else:
-            self._request = RequestReport(self._probation_end_ns, handler_count=1, last=True)
-        return self._request
+            self._report_request = RequestReport(self._probation_end_ns, handler_count=1, last=True)
+        return self._report_request
 
     def _must_end(self) -> bool:
         return self._old.ended or self._supervisor.exit_code is not None
 
     def keep_report(self, step: Step) -> None:
         """Wait for the report; if the probation must end meanwhile, for the last one."""
-        new = self._standby
-        assert new is not None
+        new = self._new
         if not self._wait_for_report(new):
-            self._request = RequestReport(last=True)
-            self._send(NEW, self._request)
+            self._report_request = RequestReport(last=True)
+            self._send(NEW, self._report_request)
             self._wait_for_report(new)
         replies, new.replies = new.replies, []
         for event in replies:
@@ -507,7 +357,7 @@ class ProcessSwap:
 
     def _wait_for_report(self, new: Standby) -> bool:
         """Tell whether there is one, or a failure."""
-        supervisor, request = self._supervisor, self._request
+        supervisor, request = self._supervisor, self._report_request
 
         def has_report() -> bool:
             reports = (reply for reply in new.replies if isinstance(reply, WorkReport))
@@ -542,15 +392,12 @@ class ProcessSwap:
             self._supervisor.wait_until(is_over, self._deadline_ns)
         answer = replies.get(self._index)
         self._can_roll_back &= isinstance(answer, Published) and not answer.error
-
-    def _extend_deadline(self) -> None:
-        self._deadline_ns = monotonic_ns() + round(self.request.timeout_s * 1e9)
+        self._must_commit = self._latest.last and not self._can_roll_back
 
     def prove_in_rounds(self, _: Step) -> None:
         """Let simulated time go by while the old node stands by."""
-        wanted, supervisor, former = self.checked.probation, self._supervisor, self._standby
-        assert former is not None
-        inputs = self.checked.new.inputs.values()
+        wanted, supervisor, former = self._swap.probation, self._supervisor, self._new
+        inputs = self._swap.new.inputs.values()
         probation = ProcessProbation(
             supervisor, former, self._index, inputs, wanted.run_count, can_roll_back=self._can_roll_back
         )
@@ -559,7 +406,7 @@ class ProcessSwap:
         done = Done(taken.frames, taken.next_due_ns, None)
         try:
             first = probation.begin(self._answer(Handover).frames, done)
-            self._time.pass_probation(probation, first, wanted.longest_s, self.request.timeout_s)
+            self._time.pass_probation(probation, first, wanted.longest_s, self._request.timeout_s)
         finally:
             supervisor.probation = None
         self._latest = WorkReport(b"", [], 0, probation.proof_count, probation.proof)
@@ -570,13 +417,12 @@ class ProcessSwap:
     # Commit and leave
 
     def commit(self) -> Commit:
-        runs = {"before": self.checked.old.run, "after": self.checked.new.run}
+        runs = {"before": self._swap.old.run, "after": self._swap.new.run}
         return Commit({"at_s": self._now_ns / 1e9, **runs})
 
     def promote(self, step: Step) -> None:
         """Give the new process the node's part; if it fails from now on, the node has failed."""
-        supervisor, index, new = self._supervisor, self._index, self._standby
-        assert new is not None
+        supervisor, index, new = self._supervisor, self._index, self._new
         self._committed = True
         supervisor.promote(index, new)
         process, replies = supervisor.processes[index], supervisor.swap_replies
@@ -595,8 +441,7 @@ class ProcessSwap:
 
         It stays as long as a reader has not had all that it published, but nothing waits for that.
         """
-        supervisor, former = self._supervisor, self._standby
-        assert former is not None
+        supervisor, former = self._supervisor, self._new
         place = supervisor.processes[self._index].place
         former.on_end = lambda: self._redirect(former, place)
         has_died = former.process.ended  # before its end was watched
@@ -605,10 +450,10 @@ class ProcessSwap:
 
     def _redirect(self, former: Standby, place: str) -> None:
         folder, supervisor, index = self._folder, self._supervisor, self._index
-        node, before = self.request.node, former.process.place
+        node, before = self._request.node, former.process.place
         if supervisor.processes[index].place != place:
             return  # it has changed hands again
-        if self.wall and former.process.ended and not former.has_left:
+        if self._wall and former.process.ended and not former.has_left:
             supervisor.send_if_connected(index, AnnouncePredecessorDead())
         for end in ("pub", "srv"):
             link = folder / f"+{node}.{end}.link"

@@ -26,7 +26,7 @@ from palp_core.graph.problems import hint
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.process.swap_messages import HANDLER
-from palp_core.graph.swap.compatibility import objections, replaced
+from palp_core.graph.swap.compatibility import incompatibilities, replaced
 from palp_core.graph.transport.request_server import NodeRequest
 
 TIMEOUT_S = 10.0
@@ -164,7 +164,7 @@ class CheckedSwap(msgspec.Struct, frozen=True, kw_only=True):
         return ShadowComparison(published, arrays)
 
 
-def unfit(found: HandOver, swap: CheckedSwap) -> str:
+def why_not_swappable(found: HandOver, swap: CheckedSwap) -> str:
     """Return why a node as it is now cannot be replaced, or ""."""
     if found.finished:
         return "it has finished its work"
@@ -323,7 +323,7 @@ class Swapper:
         wanted = NodeClassRequest(run, {**before, **request.params}, name=name)
         new_class = self._backend.inspect_class(wanted, request.timeout_s)
         new_class = msgspec.structs.replace(new_class, run=run)
-        wrong = objections(checked, old, new_class)
+        wrong = incompatibilities(checked, old, new_class)
         if run == old.run:
             fixed = changed_read_only(new_class.params, old.params, request.params)
             wrong += [f"parameter '{one}' is read-only; state it in the launch file" for one in fixed]
