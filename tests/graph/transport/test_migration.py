@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections import defaultdict
 from pathlib import Path
 
 import zmq
@@ -16,7 +15,7 @@ from palp_core.graph.messages.message import encode_any
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.network.proxies import Tap
-from palp_core.graph.transport.migration import GIVE_UP_NS, LOOK_NS, Migration, Move, Unordered
+from palp_core.graph.transport.migration import GIVE_UP_NS, LOOK_NS, Migration, Move
 
 TOPIC = "/a/b"
 
@@ -38,7 +37,7 @@ def moved(phase: str, to: str) -> Frame:
 
 
 def following(ear: Ear) -> Migration:
-    made = Migration(ear, {}, defaultdict(Unordered))
+    made = Migration(ear, {})
     made.add(TOPIC, "ipc://0", "")
     return made
 
