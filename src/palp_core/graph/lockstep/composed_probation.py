@@ -49,32 +49,36 @@ class ComposedProbation(LockstepProbation):
 
     def _attempt(self, message: Round) -> Done | None:
         composition, index = self._composition, self.index
-        return self._unheard(lambda: follow_round(composition.executor(index), composition.clock, message))
+        return self._work_unread(
+            lambda: follow_round(composition.executor(index), composition.clock, message)
+        )
 
-    def _unheard(self, work: Callable[[], None]) -> Done | None:
+    def _work_unread(self, work: Callable[[], None]) -> Done | None:
         try:
-            return self._composition.work_unheard(self.index, work)
+            return self._composition.work_unread(self.index, work)
         except NodeError as error:
             self.failure = str(error).removeprefix(f"{error.node}: ")
             return None
 
     def _report(self) -> WorkReport | None:
-        commits: list[WorkReport] = []
-        done = self._unheard(lambda: commits.append(self._reporter.report()))
+        reports: list[WorkReport] = []
+        done = self._work_unread(lambda: reports.append(self._reporter.report()))
         if done is None:
             return None
         try:
-            self._former.succession.fitting(decode_any(HandOver, commits[0].hand_over), {})
+            self._former.succession.fitting(decode_any(HandOver, reports[0].hand_over), {})
         except Exception:  # noqa: BLE001 - migrate and adopt are the user's
             self._can_roll_back = False  # it has to go on from here
-        return msgspec.structs.replace(commits[0], frames=done.frames)
+        return msgspec.structs.replace(reports[0], frames=done.frames)
 
-    def _fall_back(self) -> None:
+    def _roll_back(self) -> None:
         self._composition.promote(self.index, self._former)
-        if self._commit is None:
+        if self._last_report is None:
             self._former.succession.resume()
         else:
-            self._former.succession.take_back(decode_any(HandOver, self._commit.hand_over), self._commit.ends)
+            self._former.succession.take_back(
+                decode_any(HandOver, self._last_report.hand_over), self._last_report.ends
+            )
 
     def _work_now(self, message: Round) -> Done:
         return self._composition.work_alone(self.index, message)

@@ -98,7 +98,7 @@ class LockstepProbation(ABC):
         self._enough, self._can_roll_back = enough, can_roll_back
         self._passed_by: list[bytes] = []
         self._held: list[bytes] = []
-        self._commit: WorkReport | None = None
+        self._last_report: WorkReport | None = None
         self.rolled_back = False
 
     @property
@@ -107,18 +107,18 @@ class LockstepProbation(ABC):
         return self.confirmed or bool(self.failure)
 
     def begin(self, frames: list[bytes], done: Done) -> Done:
-        """Return what both have published at the change of hands, as far as it may be heard.
+        """Return what both have published at the change of hands, as far as readers may have it.
 
         Args:
             frames: The predecessor's.
             done: The successor's, which is kept back until it cannot be taken back any more.
         """
-        commit = self._report() if self._can_roll_back else None
-        if commit is None:
+        report = self._report() if self._can_roll_back else None
+        if report is None:
             self._held = done.frames
             return msgspec.structs.replace(done, frames=frames)
-        self._commit = commit
-        return msgspec.structs.replace(done, frames=[*frames, *done.frames, *commit.frames])
+        self._last_report = report
+        return msgspec.structs.replace(done, frames=[*frames, *done.frames, *report.frames])
 
     def work(self, message: Round) -> Done:
         """Let the successor do its part of a round; if it fails, the predecessor instead."""
@@ -131,34 +131,34 @@ class LockstepProbation(ABC):
                 return done
         if not self.rolled_back:
             self.rolled_back = True
-            self._fall_back()
+            self._roll_back()
         passed_by, self._passed_by = self._passed_by, []
         return self._work_now(Round(message.now_ns, [*passed_by, *message.frames]))
 
     def _try(self, message: Round) -> Done | None:
         """Let the successor work; None if it failed."""
         done = self._attempt(message)
-        commit = self._report() if done is not None else None
-        if done is None or commit is None:
+        report = self._report() if done is not None else None
+        if done is None or report is None:
             return None
-        self._commit = commit
-        self.proof_count, self.proof = commit.proof_count, commit.proof
+        self._last_report = report
+        self.proof_count, self.proof = report.proof_count, report.proof
         self.confirmed = self.proof_count >= self._enough or not self._can_roll_back
         held, self._held = self._held, []
-        return msgspec.structs.replace(done, frames=[*held, *done.frames, *commit.frames])
+        return msgspec.structs.replace(done, frames=[*held, *done.frames, *report.frames])
 
     @abstractmethod
     def _attempt(self, message: Round) -> Done | None:
-        """Let the successor work, unheard; None if it failed, which :attr:`failure` then says."""
+        """Let the successor work, unread; None if it failed, and :attr:`failure` is why."""
 
     @abstractmethod
     def _report(self) -> WorkReport | None:
-        """Let the successor write itself down; None if it failed."""
+        """Let the successor report; None if it failed."""
 
     @abstractmethod
-    def _fall_back(self) -> None:
+    def _roll_back(self) -> None:
         """Give the predecessor the node's part, from where the successor last went well."""
 
     @abstractmethod
     def _work_now(self, message: Round) -> Done:
-        """Let the one work that has the node's part."""
+        """Let the node work that has the part."""

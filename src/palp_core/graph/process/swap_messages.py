@@ -238,7 +238,7 @@ class Leave(ChannelMessage, frozen=True):
 
 
 class AnnouncePredecessorDead(ChannelMessage, frozen=True):
-    """To the successor at work: send the readers on in the place of the predecessor, which has died."""
+    """To the successor that works: send the readers on in the place of its predecessor, which has died."""
 
 
 ToSwapped = (

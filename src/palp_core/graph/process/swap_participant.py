@@ -261,7 +261,7 @@ class SwapParticipant:
 
     @property
     def shadowing(self) -> bool:
-        """True while this node works unheard."""
+        """True while this node works unread."""
         return self._comparison is not None
 
     @property
@@ -302,13 +302,13 @@ class SwapParticipant:
         self._answer(working)
 
     def _announce_self(self, phase: str) -> None:
-        """Tell all readers that this is the place where everything goes on."""
+        """Announce to all readers that everything goes on here."""
         move = encode_any(Move(phase, *self._sockets.endpoints))
         self._sockets.publisher.send_past_hold(end.moved(move) for end in self._read_outputs())
 
 
-def _covers(heard: ReceivedOffsets, after: ReceivedOffsets) -> bool:
-    return all(heard.get(topic, (-1, 0)) >= point for topic, point in after.items())
+def _covers(received: ReceivedOffsets, after: ReceivedOffsets) -> bool:
+    return all(received.get(topic, (-1, 0)) >= point for topic, point in after.items())
 
 
 def _missing(expected: dict[str, int], present: dict[str, int]) -> dict[str, int]:

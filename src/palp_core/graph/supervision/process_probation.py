@@ -58,11 +58,9 @@ class ProcessProbation(LockstepProbation):
             lambda: isinstance(replies.get(index), WorkReport) or bool(self.failure), self._latest_ns()
         )
         answer = replies.pop(index, None)
-        commit = (
-            answer if isinstance(answer, WorkReport) else None
-        )  # another is late: to what was asked before
-        self._note_hang(answered=commit is not None)
-        return commit
+        report = answer if isinstance(answer, WorkReport) else None  # another kind is late, of a step before
+        self._note_hang(answered=report is not None)
+        return report
 
     @staticmethod
     def _latest_ns() -> int:
@@ -72,13 +70,13 @@ class ProcessProbation(LockstepProbation):
         if not (answered or self.failure):
             self.failure = f"a handler of it did not return within {HUNG_S['sim']:g} s"
 
-    def _fall_back(self) -> None:
+    def _roll_back(self) -> None:
         supervisor, former = self._supervisor, self._former
         supervisor.promote(self.index, former)
         supervisor.processes[self.index].handed_over = False
         supervisor.standbys.end(former)
-        if self._commit is not None:
-            supervisor.send_if_connected(self.index, msgspec.structs.replace(self._commit, frames=[]))
+        if self._last_report is not None:
+            supervisor.send_if_connected(self.index, msgspec.structs.replace(self._last_report, frames=[]))
         supervisor.send_if_connected(self.index, Resume())
 
     def _work_now(self, message: Round) -> Done:

@@ -84,7 +84,7 @@ def _output(checked: CheckedGraph, info: TopicInfo, new_class: NodeClass) -> lis
     reasons = []
     for reader, read_port in readers:
         wanted = msgspec.structs.replace(info, qos=checked.readings[reader][read_port].qos)
-        found = misfit(wanted, offered, reads_truth=True)  # whoever reads it was allowed to
+        found = misfit(wanted, offered, reads_truth=True)  # its readers were allowed to
         if found is not None:
             reasons.append(f"output '{info.port}' to /{reader}: {found.text}")
     return reasons

@@ -16,7 +16,7 @@ from palp_core.graph.process.control_messages import Done
 from palp_core.graph.process.dry_run import try_hand_over
 from palp_core.graph.swap.swap import CheckedSwap, SwapFailed, SwapReport, why_not_swappable
 
-_AT_ONCE = {"gap_s": 0.0, "duration_s": 0.0}  # simulated time stands still
+_AT_ONCE = {"gap_s": 0.0, "duration_s": 0.0}  # simulated time does not pass
 
 
 class ComposedSwaps:
@@ -28,13 +28,13 @@ class ComposedSwaps:
         time: Simulated time.
     """
 
-    step = ""  # it is done between two instants, when nobody can ask
+    step = ""  # it is done between two instants, when nothing can ask
 
     def __init__(self, composition: Composition, workspace: Path, time: SimulatedTime) -> None:
         self._composition, self._workspace, self._time = composition, workspace, time
 
     def inspect_class(self, request: NodeClassRequest, timeout_s: float) -> NodeClass:
-        """Say what a class declares; in this process, which has imported the workspace anyway."""
+        """Return what a class declares; in this process, which has imported the workspace anyway."""
         del timeout_s
         return inspect_classes([request], self._workspace)[0]
 
@@ -107,7 +107,7 @@ class ComposedSwaps:
     def _prove(
         self, swap: CheckedSwap, old: Executor, frames: list[bytes], sent: list[bytes], *, can_roll_back: bool
     ) -> ComposedProbation:
-        """Let simulated time go by while the old node stands by; return how that went.
+        """Let simulated time pass while the old node is on standby; return how that went.
 
         Raises:
             SwapFailed: The new node failed; the old one goes on.
@@ -135,7 +135,7 @@ class ComposedSwaps:
     def _shadow(
         self, swap: CheckedSwap, new: Executor, sent: list[bytes], running: HandOver
     ) -> dict[str, Any]:
-        """Let both work for a while, and only the old one be heard; return how they compare."""
+        """Let both work for a while, and only the old one publish; return how they compare."""
         comparison = swap.comparison(running.published)
         self._composition.shadow = (swap.index, new, sent, comparison)
         try:

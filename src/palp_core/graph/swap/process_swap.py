@@ -395,7 +395,7 @@ class ProcessSwap(StepEngine):
         self._must_commit = self._latest.last and not self._can_roll_back
 
     def prove_in_rounds(self, _: Step) -> None:
-        """Let simulated time go by while the old node stands by."""
+        """Let simulated time pass while the old node is on standby."""
         wanted, supervisor, former = self._swap.probation, self._supervisor, self._new
         inputs = self._swap.new.inputs.values()
         probation = ProcessProbation(
