@@ -20,13 +20,6 @@ class SuccessorAnnounced(ChannelMessage, frozen=True):
     readers: dict[str, int]
 
 
-class Listening(ChannelMessage, frozen=True):
-    """From a reader: it has connected to the second place of a topic, too."""
-
-    topic: str
-    publish: str
-
-
 class AwaitReaders(ChannelMessage, frozen=True):
     """To the successor: answer when so many readers are connected.
 
@@ -40,9 +33,7 @@ class AwaitReaders(ChannelMessage, frozen=True):
 
 
 class ReadersReady(ChannelMessage, frozen=True):
-    """They are; ``missing`` are those that did not come in time, none of them a node of the graph."""
-
-    missing: dict[str, int]
+    """They are, or those that are no nodes of the graph did not come in time."""
 
 
 class RequestHandover(ChannelMessage, frozen=True):
@@ -109,19 +100,17 @@ class DryRunResult(ChannelMessage, frozen=True):
 class TakeOver(ChannelMessage, frozen=True):
     """To the successor: continue from here, but publish nothing yet.
 
-    ``remembered``, ``heard`` and ``at_ns`` are those of :class:`Handover`; ``start_ns`` is the graph's start.
-
     Attributes:
+        handover: The predecessor's.
+        params: Those that the swap sets.
+        start_ns: The graph's start.
         on_probation: Work, and answer every :class:`RequestReport`.
         shadow: Work until :class:`EndShadow`, and compare with what comes from this endpoint, if any.
     """
 
-    hand_over: bytes
+    handover: Handover
     params: dict[str, object]
     start_ns: int
-    heard: dict[str, tuple[int, int]]
-    remembered: dict[str, bytes]
-    at_ns: int = 0
     on_probation: bool = False
     shadow: str | None = None
 
@@ -258,7 +247,6 @@ ToSwapped = (
 )
 FromSwapped = (
     SuccessorAnnounced
-    | Listening
     | ReadersReady
     | Handover
     | DryRunResult

@@ -206,7 +206,7 @@ class SwapParticipant:
         has_nodes = publisher.named_readers >= set(request.nodes)
         if has_nodes and (not missing or monotonic_ns() >= until_ns):
             self._readers_request = None
-            self._answer(swap_messages.ReadersReady(missing))
+            self._answer(swap_messages.ReadersReady())
 
     def _try(self, message: swap_messages.DryRun) -> swap_messages.DryRunResult:
         error, tried, succession = "", b"", self._executor.succession
@@ -223,7 +223,7 @@ class SwapParticipant:
     def _take_over(self, message: swap_messages.TakeOver) -> swap_messages.TookOver:
         try:
             self._set_start(message.start_ns)
-            hand_over = decode_any(HandOver, message.hand_over)
+            hand_over = decode_any(HandOver, message.handover.hand_over)
             if message.shadow is not None:
                 self._begin_shadow(message.shadow, hand_over.published)
             if message.on_probation:
@@ -231,11 +231,12 @@ class SwapParticipant:
                 if self._reporter.reports:
                     self._sockets.publisher.hold(self._reporter.frames.append)
             self._executor.succession.take_over(hand_over, message.params)
-            self._sockets.requests.remember(message.remembered)
-            held = self._merge(hand_over, message.heard)
+            if message.shadow is None:
+                self._sockets.requests.remember(message.handover.remembered)
+            held = self._merge(hand_over, message.handover.heard)
         except PalpError as error:
             return swap_messages.TookOver(in_words(error))
-        self._paused_ns = message.at_ns if message.start_ns else 0
+        self._paused_ns = message.handover.at_ns if message.start_ns else 0
         if self._reporter is not None:
             self._reporter.begin()
             self._gap_s = self._since_pause_s()

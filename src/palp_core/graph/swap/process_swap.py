@@ -29,7 +29,6 @@ from palp_core.graph.process.swap_messages import (
     EndShadow,
     Handover,
     Leave,
-    Listening,
     Published,
     ReadersReady,
     RequestHandover,
@@ -45,14 +44,14 @@ from palp_core.graph.process.swap_messages import (
 from palp_core.graph.supervision.process_probation import ProcessProbation
 from palp_core.graph.supervision.standby import Standby
 from palp_core.graph.supervision.supervisor import Supervisor
-from palp_core.graph.swap.step_engine import FAREWELL_NS, NEW, OLD, READERS, Step, StepEngine
+from palp_core.graph.swap.step_engine import FAREWELL_NS, NEW, OLD, Step, StepEngine
 from palp_core.graph.swap.swap import CheckedSwap, SwapReport, why_not_swappable
 from palp_core.graph.transport.offsets import ReceivedOffsets
 
 LINGER_NS = 60_000_000_000
 """How long an old process stays for a reader that is stopped or slow (assumed)."""
 
-ALWAYS, ON_WALL, WITH_SHADOW, ON_PROBATION = "", "wall clock", "with a shadow", "on probation"
+ALWAYS, WITH_SHADOW, ON_PROBATION = "", "with a shadow", "on probation"
 ON_WALL_PROBATION, IN_SIM_PROBATION = "on probation, wall clock", "on probation, simulated time"
 """When a step is part of a swap."""
 
@@ -156,7 +155,6 @@ class ProcessSwap(StepEngine):
     def _has(self, when: str) -> bool:
         return {
             ALWAYS: True,
-            ON_WALL: self._wall,
             WITH_SHADOW: self._request.shadow_s > 0.0,
             ON_PROBATION: self._on_probation,
             ON_WALL_PROBATION: self._on_probation and self._wall,
@@ -182,7 +180,7 @@ class ProcessSwap(StepEngine):
             return f"the node itself {absence}"
         if not self._wall:
             return ""  # in simulated time no node listens to sockets
-        readers = {reader for reader, _ in self._edges()}
+        readers = self._readers()
         publishers = {name.split("/")[1] for name in self._swap.new.inputs.values()}
         for process in self._supervisor.processes:
             name = process.spec.name
@@ -192,11 +190,10 @@ class ProcessSwap(StepEngine):
                 return f"/{name}, {what}, {absence}"
         return ""
 
-    def _edges(self) -> list[tuple[str, str]]:
-        """Return every reader of the node, with the topic."""
+    def _readers(self) -> set[str]:
         edges = self._swap.checked.edges.items()
         node = self._request.node
-        return [(reader, name) for name, ends in edges if name.split("/")[1] == node for reader, _ in ends]
+        return {reader for name, ends in edges if name.split("/")[1] == node for reader, _ in ends}
 
     def request_copy(self) -> RequestHandover:
         return RequestHandover(self._after, pause=False)
@@ -216,29 +213,24 @@ class ProcessSwap(StepEngine):
     # Connect
 
     def announce_successor(self) -> AnnounceSuccessor:
-        self._supervisor.listening.clear()
-        return AnnounceSuccessor(*self._new_endpoints())
-
-    def _new_endpoints(self) -> tuple[str, str]:
-        return endpoints(str(self._folder), self._new.process.place)
-
-    def _nodes_that_read(self) -> list[str]:
-        """Return the graph's own readers that work; on the wall clock only: else none listens."""
-        names, processes = self._supervisor.names, self._supervisor.processes
-        readers = {reader for reader, _ in self._edges() if self._wall and reader in names}
-        return sorted(reader for reader in readers if processes[names.index(reader)].active)
-
-    def wait_for_readers(self, _: Step) -> None:
-        """Wait until the graph's own readers listen at the new place; others can ask for what they miss."""
-        supervisor, nodes, publish = self._supervisor, self._nodes_that_read(), self._new_endpoints()[0]
-        edges = [(reader, name) for reader, name in self._edges() if reader in nodes]
-        wanted = {(supervisor.names.index(reader), name, publish) for reader, name in edges}
-        deaf = ", ".join(f"/{name}" for name in nodes)
-        text = f"not every reader listened at the new place; one is stopped or busy: {deaf}"
-        self._wait_for(lambda: wanted <= supervisor.listening, text)
+        return AnnounceSuccessor(*endpoints(str(self._folder), self._new.process.place))
 
     def await_readers(self) -> AwaitReaders:
         return AwaitReaders(self._answer(SuccessorAnnounced).readers, self._nodes_that_read())
+
+    def _nodes_that_read(self) -> list[str]:
+        """Return the graph's own readers that work; in simulated time none listens."""
+        readers = self._readers() if self._wall else set()
+        processes = self._supervisor.processes
+        return sorted(
+            process.spec.name for process in processes if process.active and process.spec.name in readers
+        )
+
+    def wait_for_readers(self, step: Step) -> None:
+        """Wait until the graph's own readers listen at the new place; others can ask for what they miss."""
+        names = ", ".join(f"/{name}" for name in self._nodes_that_read())
+        text = f"not every reader listened at the new place; one is stopped or busy: {names}"
+        self.wait_for_answer(step, missing=text)
 
     # State
 
@@ -261,8 +253,9 @@ class ProcessSwap(StepEngine):
 
     def begin_shadow(self) -> TakeOver:
         publish = endpoints(str(self._folder), self._old.place)[0] if self._wall else ""
-        plain = msgspec.structs.replace(self.take_over(), remembered={}, at_ns=0, on_probation=False)
-        return msgspec.structs.replace(plain, shadow=publish)
+        return TakeOver(
+            self._answer(Handover), self._request.params, self._supervisor.start_ns, shadow=publish
+        )
 
     def let_both_work(self, step: Step) -> None:
         self.wait_for_answer(step)
@@ -305,15 +298,7 @@ class ProcessSwap(StepEngine):
 
     def take_over(self) -> TakeOver:
         handover, start_ns = self._answer(Handover), self._supervisor.start_ns
-        return TakeOver(
-            handover.hand_over,
-            self._request.params,
-            start_ns,
-            handover.heard,
-            handover.remembered,
-            handover.at_ns,
-            self._on_probation,
-        )
+        return TakeOver(handover, self._request.params, start_ns, self._on_probation)
 
     # Probation
 
@@ -469,8 +454,7 @@ PREPARATION = (
     Step("configure", ALWAYS, NEW, ProcessSwap.start_process, Configured),
     Step("configure", ALWAYS, NEW, ProcessSwap.send_nothing, Matched),
     Step("connect", ALWAYS, OLD, ProcessSwap.announce_successor, SuccessorAnnounced, undo=CancelMove()),
-    Step("connect", ON_WALL, READERS, ProcessSwap.send_nothing, Listening, ProcessSwap.wait_for_readers),
-    Step("connect", ALWAYS, NEW, ProcessSwap.await_readers, ReadersReady),
+    Step("connect", ALWAYS, NEW, ProcessSwap.await_readers, ReadersReady, ProcessSwap.wait_for_readers),
     Step("state", ALWAYS, OLD, ProcessSwap.request_copy_to_try, Handover),
     Step("state", ALWAYS, NEW, ProcessSwap.try_state, DryRunResult, ProcessSwap.keep_offsets),
     Step("state", ON_PROBATION, OLD, ProcessSwap.try_way_back, DryRunResult, ProcessSwap.judge_way_back),

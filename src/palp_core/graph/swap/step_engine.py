@@ -15,7 +15,7 @@ from palp_core.graph.swap.swap import STEPS, CheckedSwap, SwapFailed
 FAREWELL_NS = 1_000_000_000
 LARGE_BYTES = 1_000_000
 
-OLD, NEW, READERS = "old", "new", "readers"
+OLD, NEW = "old", "new"
 """Where a step's message goes, and where its answer comes from."""
 
 Answer = TypeVar("Answer")
@@ -127,7 +127,7 @@ class StepEngine:
             self._supervisor.swap_replies.pop(self._index, None)
             self._supervisor.send_if_connected(self._index, message)
 
-    def wait_for_answer(self, step: Step, *, may_refuse: bool = False) -> Any:
+    def wait_for_answer(self, step: Step, *, missing: str = "", may_refuse: bool = False) -> Any:
         """Wait for a step's answer; another kind is late, of a swap before that waited for it no longer.
 
         Raises:
@@ -139,7 +139,8 @@ class StepEngine:
             replies = self._new.replies if step.to == NEW else [old]
             return [reply for reply in replies if isinstance(reply, step.awaits)]
 
-        self._wait_for(lambda: bool(answers()), f"the {step.to} node did not answer ({step.awaits.__name__})")
+        missing = missing or f"the {step.to} node did not answer ({step.awaits.__name__})"
+        self._wait_for(lambda: bool(answers()), missing)
         answer = answers()[0]
         if step.to == NEW:
             self._new.replies.remove(answer)

@@ -219,7 +219,6 @@ class Migration:
         socket: Subscribes to all of them.
         publishers: Per topic, where it is published and where its publisher answers.
         reorderers: Put topics in order; others are put in order later.
-        listening: Takes a topic and the second place where it is listened to.
     """
 
     def __init__(
@@ -227,9 +226,7 @@ class Migration:
         socket: Connector,
         publishers: Mapping[str, tuple[str, str]],
         reorderers: Mapping[str, Reorderer] = MappingProxyType({}),
-        listening: Callable[[str, str], None] = lambda *_: None,
     ) -> None:
-        self._listening = listening
         self._socket, self._reorderers = socket, reorderers
         self._routes = {name: PublisherEndpoints(*ends) for name, ends in publishers.items()}
         self._next_look_ns = 0
@@ -295,7 +292,6 @@ class Migration:
                 self._socket.connect(publish)
             if name in self._reorderers:
                 self._reorderers[name].begin_move()
-            self._listening(name, publish)
 
     def _settle(self, name: str, parted: list[str], now_ns: int, last: int) -> None:
         """Listen no longer where nothing more comes from."""
