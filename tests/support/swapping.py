@@ -313,6 +313,10 @@ class Novice(Relay):
             self.finish()
 
 
+class Forgetful(Novice):
+    out = Pub(Num, qos=Qos(depth=10))
+
+
 class Brittle(Novice):
     """Cannot bear a number, whoever has the part."""
 

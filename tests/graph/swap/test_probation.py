@@ -124,6 +124,15 @@ def test_the_old_nodes_death_ends_the_probation_and_the_new_one_goes_on(stage: S
     assert stage.judgement()[2] == ["Relay", "Novice"]
 
 
+def test_what_the_old_node_dies_before_publishing_is_published_by_the_new_one(own_stage: Stage) -> None:
+    stage = own_stage
+    assert "report" in _swap(stage, "Laborious", {"run_count": 0, "longest_s": 0.0})
+    old = stage.process_of("relay")
+    assert "report" in _swap(stage, "Forgetful", deed="kill_other", pid=old, after=40)
+    stage.passes(20)
+    _nothing_was_lost_or_repeated(stage)
+
+
 @pytest.mark.nightly
 def test_a_handler_that_does_not_return_is_given_up(stage: Stage) -> None:
     failed = _swap(stage, "Novice", {"run_count": 10, "longest_s": 0.2}, deed="hang", after=5)["failed"]

@@ -195,9 +195,15 @@ class Shadowed(ChannelMessage, frozen=True):
 
 
 class Commit(ChannelMessage, frozen=True):
-    """To the successor: the node is yours; ``record`` is what it is to remember of the swap."""
+    """To the successor: the node is yours.
+
+    Attributes:
+        record: What it is to remember of the swap.
+        frames: What it has reported, and its predecessor has died before it could publish.
+    """
 
     record: dict[str, object]
+    frames: list[bytes] = []
 
 
 class Working(ChannelMessage, frozen=True):

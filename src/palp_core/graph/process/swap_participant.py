@@ -297,6 +297,7 @@ class SwapParticipant:
         publisher, executor = self._sockets.publisher, self._executor
         publisher.greeting = lambda end: [end.heartbeat()]
         self._announce_self("here")
+        publisher.send_past_hold(message.frames)
         publisher.release()
         working = swap_messages.Working(self._gap_s or self._since_pause_s(), len(executor.inbox))
         executor.swaps.append({**message.record, "gap_s": working.gap_s, "held": working.held})

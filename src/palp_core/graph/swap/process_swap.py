@@ -124,6 +124,7 @@ class ProcessSwap(StepEngine):
         self._probation_end_ns = 0
         self._report_request = RequestReport()
         self._latest = WorkReport(b"", [], 0, -1, HANDLER)
+        self._unpublished: list[bytes] = []
         self._comparison: dict[str, Any] = {}
 
     def run(self) -> tuple[SwapReport, Done | None]:
@@ -364,7 +365,7 @@ class ProcessSwap(StepEngine):
         return self._latest
 
     def judge_publication(self, _: Step) -> None:
-        """Wait until the old node has published the report; what it can no more, the new one remembers."""
+        """Wait until the old node has published the report; if it has died, the new one does in the end."""
         replies = self._supervisor.swap_replies
 
         def is_over() -> bool:
@@ -376,6 +377,8 @@ class ProcessSwap(StepEngine):
         else:
             self._supervisor.wait_until(is_over, self._deadline_ns)
         answer = replies.get(self._index)
+        if answer is None and self._old.ended:
+            self._unpublished += self._latest.frames
         self._can_roll_back &= isinstance(answer, Published) and not answer.error
         self._must_commit = self._latest.last and not self._can_roll_back
 
@@ -403,7 +406,7 @@ class ProcessSwap(StepEngine):
 
     def commit(self) -> Commit:
         runs = {"before": self._swap.old.run, "after": self._swap.new.run}
-        return Commit({"at_s": self._now_ns / 1e9, **runs})
+        return Commit({"at_s": self._now_ns / 1e9, **runs}, self._unpublished)
 
     def promote(self, step: Step) -> None:
         """Give the new process the node's part; if it fails from now on, the node has failed."""
