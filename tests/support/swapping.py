@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 NODES = '''
-import os, signal
+import os, signal, time
 from pathlib import Path
 from palp_core import Client, Message, Node, Params, Progress, Pub, Qos, Srv, State, Sub, every, on, serve
 from palp_core import ReadOnly, Swap
@@ -110,6 +110,39 @@ class Relay(Node):
 
 class Other(Relay):
     pass
+
+
+class Brief(Relay):
+    """Remembers few messages: a reader that asks for more has lost them."""
+
+    out = Pub(Num, qos=Qos(depth=10))
+
+
+class LaboriousState(RelayState):
+    @classmethod
+    def adopt(cls, old):
+        time.sleep(0.1)
+        return cls(total=old.values["total"])
+
+
+class Laborious(Brief):
+    """Takes long to adopt a state, as if it were a large one."""
+
+    state: LaboriousState
+
+
+class HeavyState(RelayState):
+    bulk: bytes = b""
+
+    @classmethod
+    def adopt(cls, old):
+        return cls(total=old.values["total"], bulk=bytes(60_000_000))
+
+
+class Heavy(Brief):
+    """Has a large state."""
+
+    state: HeavyState
 
 
 class Loose(Relay):
@@ -278,6 +311,10 @@ class Novice(Relay):
             self.state.drawn = "no list"
         if due and self.params.deed == "finish":
             self.finish()
+
+
+class Forgetful(Novice):
+    out = Pub(Num, qos=Qos(depth=10))
 
 
 class Brittle(Novice):

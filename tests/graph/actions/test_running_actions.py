@@ -16,7 +16,7 @@ from palp_core.graph.description.checked import resolved_yaml
 from palp_core.graph.description.diagram import mermaid
 from palp_core.graph.description.node_class import NodeClassRequest, inspect_classes
 from palp_core.graph.problems import GraphProblems
-from palp_core.graph.swap.compatibility import objections
+from palp_core.graph.swap.compatibility import incompatibilities
 from tests.cli.test_json import promises
 from tests.support.palp import ROOT, Palp, finished
 from tests.support.rig_session import check_here
@@ -150,7 +150,7 @@ def test_a_successor_that_tears_an_action_is_refused_in_one_sentence(
     checked = check_here(file)
     (spec,) = [one for one in checked.nodes if one.name == node]
     (described,) = inspect_classes([NodeClassRequest(f"one_action:{successor}")], ends)
-    assert [text for text in objections(checked, spec, described) if "not wired" not in text] == words
+    assert [text for text in incompatibilities(checked, spec, described) if "not wired" not in text] == words
 
 
 def slow(palp: Palp, carry: Path) -> tuple[subprocess.Popen[str], Running]:

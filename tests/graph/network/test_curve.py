@@ -16,7 +16,7 @@ from palp_core.graph.network.curve_caller import CurveCaller
 from palp_core.graph.network.curve_listener import CurveListener, Received, Sent, _peer_of
 from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.network.keys import KeyFolder, OwnKeys
-from palp_core.graph.transport.bytes_under_way import BytesUnderWay
+from palp_core.graph.transport.in_flight_bytes import InFlightBytes
 
 PATIENCE_NS = 60_000_000_000
 
@@ -102,7 +102,7 @@ def test_an_allowed_key_is_let_in_and_known_by_each_message(ends: Ends) -> None:
     ends.until(lambda: ends.messages)
     (message,) = ends.messages
     assert (message.key, message.address, message.parts) == (mine.public, "127.0.0.1", [b"a", b"b" * 100_000])
-    assert listener.send(message.connection, BytesUnderWay(1 << 20), [b"c"]) is Sent.QUEUED
+    assert listener.send(message.connection, InFlightBytes(1 << 20), [b"c"]) is Sent.QUEUED
     ends.until(lambda: ends.replies)
     assert ends.replies == [[b"c"]]
     assert not ends.refused
@@ -121,7 +121,7 @@ def test_a_connection_that_ends_is_noticed_at_both_ends(ends: Ends) -> None:
     ends.until(lambda: ends.disconnected)
     connection = ends.messages[0].connection
     # The monitor may tell of it before the socket, which takes what it is given until it knows.
-    ends.until(lambda: listener.send(connection, BytesUnderWay(1 << 20), [b"c"]) is Sent.GONE)
+    ends.until(lambda: listener.send(connection, InFlightBytes(1 << 20), [b"c"]) is Sent.GONE)
     ends.call(mine, server.public)
     ends.until(lambda: ends.greetings == 2)
     ends.reactors.pop(0).close()

@@ -292,7 +292,7 @@ def test_topics_that_are_listened_to_no_longer_are_forgotten(door: Door) -> None
     for n in range(10):
         for op in ("subscribe", "unsubscribe"):
             door.say([[msgpack.packb({"op": op, "topic": f"/n/never{n}"})]])
-    assert not door.nodes._router._tap._turns
+    assert not door.nodes._router._tap._reorderers
     assert not door.nodes._router._tap._migration.servers
     door.say([[msgpack.packb({"op": "subscribe", "topic": "/n/" + "x" * 300})]])
-    assert not door.nodes._router._tap._turns
+    assert not door.nodes._router._tap._reorderers

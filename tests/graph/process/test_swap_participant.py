@@ -24,12 +24,12 @@ def test_a_new_node_waits_for_the_graphs_own_readers_however_late_they_come(
     )  # fmt: skip
     now_ns = 0
     monkeypatch.setattr(swap_participant, "monotonic_ns", lambda: now_ns)
-    participant.handle(swap_messages.Meet({"/p/o": 3}, ["quick", "late"]))
+    participant.handle(swap_messages.AwaitReaders({"/p/o": 3}, ["quick", "late"]))
     now_ns = 60_000_000_000
     participant.turn()
     assert participant.waiting
     assert not said
     publisher.readers["/p/o"], publisher.named_readers = 2, {"quick", "late"}
     participant.turn()
-    assert said == [swap_messages.Met({"/p/o": 1})]  # a tool, which can ask for what it missed
+    assert said == [swap_messages.ReadersReady()]  # without a tool, which can ask for what it missed
     assert not participant.waiting

@@ -6,14 +6,15 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, get_type_hints
 
 import pytest
 
-from palp_core.graph.process.swap_messages import Commit, FromSwapped, HandedIn, Working
+from palp_core.graph.process.swap_messages import FromSwapped, Handover, Working, WorkReport
 from palp_core.graph.supervision.process_probation import ProcessProbation
-from palp_core.graph.swap.process_swap import _ProcessSwap
-from palp_core.graph.swap.swap import SwapFailed
+from palp_core.graph.swap.process_swap import CHANGE, TABLE, ProcessSwap
+from palp_core.graph.swap.swap import STEPS, SwapFailed
+from tests.support.palp import ROOT
 
 
 def supervisor_of(said: deque[FromSwapped]) -> Any:
@@ -29,30 +30,60 @@ def supervisor_of(said: deque[FromSwapped]) -> Any:
 
     old = SimpleNamespace(ended=False, handed_over=False, respawn_at_ns=None)
     return SimpleNamespace(
-        processes=[old], swap_replies=replies, wait_until=wait_until, send_if_connected=lambda *_: None
+        processes=[old],
+        swap_replies=replies,
+        wait_until=wait_until,
+        send_if_connected=lambda *_: None,
+        start_ns=0,
     )
 
 
-def swap_of(said: deque[FromSwapped]) -> _ProcessSwap:
+def swap_of(said: deque[FromSwapped]) -> ProcessSwap:
     """A swap whose old node says this, one after the other."""
     swap: Any = SimpleNamespace(index=0, request=SimpleNamespace(node="relay", timeout_s=1.0))
-    return _ProcessSwap(supervisor_of(said), Path(), swap, 0, None)  # type: ignore[arg-type]
+    return ProcessSwap(supervisor_of(said), Path(), swap, 0, None)  # type: ignore[arg-type]
+
+
+HAND_OVER = CHANGE[0]
 
 
 def test_what_was_asked_in_a_swap_before_and_is_answered_now_is_no_answer() -> None:
-    wanted = HandedIn(b"now", 0, {}, {})
-    assert swap_of(deque([Working({}), wanted]))._reply_of_old(HandedIn) is wanted
+    wanted = Handover(b"now", 0, {}, {})
+    assert swap_of(deque([Working(0.0, 0), wanted])).wait_for_answer(HAND_OVER) is wanted
     with pytest.raises(SwapFailed, match="the old node did not answer"):
-        swap_of(deque([Working({})]))._reply_of_old(HandedIn)
+        swap_of(deque([Working(0.0, 0)])).wait_for_answer(HAND_OVER)
+
+
+def test_a_state_that_is_not_moved_in_time_is_named_with_its_size() -> None:
+    swap = swap_of(deque([Handover(bytes(60_000_000), 0, {}, {})]))
+    swap.take(HAND_OVER)
+    with pytest.raises(SwapFailed, match=r"did not answer \(Handover\) within 1 s, with a state of 60 MB"):
+        swap.take(HAND_OVER)
+
+
+def test_the_documented_table_is_the_one_that_is_walked() -> None:
+    rows = [
+        "| {} | {} | {} | {} | {} | {} |".format(
+            step.name,
+            step.when,
+            step.to,
+            getattr(get_type_hints(step.send)["return"], "__name__", "").removeprefix("NoneType"),
+            step.awaits.__name__,
+            type(step.undo).__name__ if step.undo is not None else "",
+        )
+        for step in TABLE
+    ]
+    assert "\n".join(rows) in Path(ROOT, "docs/swap.md").read_text()
+    assert tuple(dict.fromkeys(step.name for step in TABLE if step.name in STEPS)) == STEPS[1:]
 
 
 def test_nor_is_it_one_to_a_probation_in_lockstep() -> None:
-    def reported(*said: FromSwapped) -> tuple[Commit | None, str]:
-        probation = ProcessProbation(supervisor_of(deque(said)), None, 0, (), 3, way_back=True)  # type: ignore[arg-type]
+    def reported(*said: FromSwapped) -> tuple[WorkReport | None, str]:
+        probation = ProcessProbation(supervisor_of(deque(said)), None, 0, (), 3, can_roll_back=True)  # type: ignore[arg-type]
         return probation._report(), probation.failure
 
-    wanted = Commit(b"", [], 1, 1, "handler")
-    assert reported(Working({}), wanted) == (wanted, "")
-    commit, failure = reported(Working({}))
+    wanted = WorkReport(b"", [], 1, 1, "handler")
+    assert reported(Working(0.0, 0), wanted) == (wanted, "")
+    commit, failure = reported(Working(0.0, 0))
     assert commit is None
     assert "did not return" in failure

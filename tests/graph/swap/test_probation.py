@@ -59,6 +59,22 @@ def test_a_node_that_does_well_has_the_part_by_itself(stage: Stage) -> None:
     assert swap["gap_s"] == report["gap_s"] < report["duration_s"]
 
 
+def test_a_successor_publishes_nothing_before_all_that_it_reported_is_published(stage: Stage) -> None:
+    assert "report" in _swap(stage, "Laborious", {"run_count": 0, "longest_s": 0.0})
+    assert _swap(stage, "Brief", {"run_count": 20, "longest_s": 240.0})["report"]["proven"] >= 20
+    stage.passes(20)
+    _nothing_was_lost_or_repeated(stage)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("rate_hz", [100.0, 1000.0])
+def test_a_large_state_loses_nothing_on_probation(palp: Palp, launch: Path, rate_hz: float) -> None:
+    stage = Stage(palp, launch, "run:=swap_toys:Brief", f"rate_hz:={rate_hz}", "calls_hz:=10.0")
+    assert "report" in _swap(stage, "Heavy", {"run_count": 3, "longest_s": 240.0})
+    stage.passes(20)
+    _nothing_was_lost_or_repeated(stage)
+
+
 def test_a_state_that_nobody_can_take_back_is_proven_by_one_handler(own_stage: Stage) -> None:
     stage = own_stage
     failed = _swap(stage, "Loner", deed="raise", after=0)["failed"]
@@ -106,6 +122,15 @@ def test_the_old_nodes_death_ends_the_probation_and_the_new_one_goes_on(stage: S
     stage.passes(20)
     _nothing_was_lost_or_repeated(stage)
     assert stage.judgement()[2] == ["Relay", "Novice"]
+
+
+def test_what_the_old_node_dies_before_publishing_is_published_by_the_new_one(own_stage: Stage) -> None:
+    stage = own_stage
+    assert "report" in _swap(stage, "Laborious", {"run_count": 0, "longest_s": 0.0})
+    old = stage.process_of("relay")
+    assert "report" in _swap(stage, "Forgetful", deed="kill_other", pid=old, after=40)
+    stage.passes(20)
+    _nothing_was_lost_or_repeated(stage)
 
 
 @pytest.mark.nightly

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections import defaultdict
 from pathlib import Path
 
 import zmq
@@ -14,7 +13,9 @@ from palp_core.graph.discovery.topic_reader import ReceivedFrame, TopicReader
 from palp_core.graph.messages.frame import Frame, Kind, pack, raw_of
 from palp_core.graph.messages.message import encode_any
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.transport.migration import GIVE_UP_NS, LOOK_NS, Migration, Move, Unordered
+from palp_core.graph.network.event_loop import EventLoop
+from palp_core.graph.network.proxies import Tap
+from palp_core.graph.transport.migration import GIVE_UP_NS, LOOK_NS, Migration, Move
 
 TOPIC = "/a/b"
 
@@ -36,7 +37,7 @@ def moved(phase: str, to: str) -> Frame:
 
 
 def following(ear: Ear) -> Migration:
-    made = Migration(ear, {}, defaultdict(Unordered))
+    made = Migration(ear, {})
     made.add(TOPIC, "ipc://0", "")
     return made
 
@@ -141,4 +142,23 @@ def test_a_tool_that_missed_a_move_hears_the_publisher_again(tmp_path: Path) -> 
             if heard:
                 break
         publisher.close(linger=0)
+    assert heard
+
+
+def test_a_gateway_that_missed_a_move_hears_the_publisher_again(tmp_path: Path) -> None:
+    heard: list[list[bytes]] = []
+    event_loop = EventLoop()
+    tap = Tap(event_loop, lambda _, parts: heard.append(parts))
+    tap.subscribe(TOPIC.encode(), f"ipc://{tmp_path}/a.pub")
+    for phase in ("prepare", "gone"):
+        tap._on_frame([raw_of(moved(phase, f"{tmp_path}/+1"))])
+    publisher = event_loop.socket(zmq.PUB)
+    publisher.bind(f"ipc://{tmp_path}/a.pub")
+    tap.tick(LOOK_NS)
+    for sequence in range(1, 1000):  # each turn waits a tenth of a second for something to come
+        publisher.send(pack(TOPIC.encode(), Kind.DATA, 0, sequence, 0, 0))
+        event_loop.turn(0.1)
+        if heard:
+            break
+    event_loop.close()
     assert heard

@@ -231,13 +231,13 @@ def test_a_reader_that_does_not_read_holds_as_many_mib_as_it_has_places(
     outlet = publisher.outlet("/a/b")
     publisher.match(reader)
     large = block(4 * (PLACE_BYTES // 8))
-    under_way = publisher.sockets.publisher._under_way
+    in_flight = publisher.sockets.publisher._in_flight
     for _ in range(40):
-        before = len(under_way._parts)
+        before = len(in_flight._parts)
         outlet.publish(large)
-        assert under_way._total <= 16 * PLACE_BYTES
+        assert in_flight._total <= 16 * PLACE_BYTES
         for _ in range(10_000):  # lets the threads of the sockets move on as far as they can
-            if len(under_way._parts) <= before and under_way.has_room(large.values.nbytes):
+            if len(in_flight._parts) <= before and in_flight.has_room(large.values.nbytes):
                 break
     outlet.publish(block())
     publisher.sockets.publisher.send_heartbeats()
@@ -266,10 +266,10 @@ def test_a_process_that_does_not_read_5_mb_arrays_stays_small(publisher: Publish
             publisher.sockets.poll()
         before = psutil.Process(process.pid).memory_info().rss
         large = block(5_000_000 // 8)
-        under_way, most = publisher.sockets.publisher._under_way, 0
+        in_flight, most = publisher.sockets.publisher._in_flight, 0
         until_ns = monotonic_ns() + 20_000_000_000
         while monotonic_ns() < until_ns:
-            if under_way.has_room(large.values.nbytes):
+            if in_flight.has_room(large.values.nbytes):
                 outlet.publish(large)
             most = max(most, psutil.Process(process.pid).memory_info().rss - before)
         assert (

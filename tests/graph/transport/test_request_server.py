@@ -86,7 +86,7 @@ def test_replies_that_nobody_takes_are_bounded_in_bytes_and_each_request_is_answ
             asker.send(msgpack.packb({"op": "large"}))
         while len(answered) < 60:
             server.poll(1)
-            assert server._under_way._total <= 1 << 20
+            assert server._in_flight._total <= 1 << 20
         replies = [msgpack.unpackb(asker.recv()) for _ in range(60)]
         refused = [reply["error"] for reply in replies if "error" in reply]
         assert set(refused) == {"too many large replies wait to be taken; take them and ask again"}

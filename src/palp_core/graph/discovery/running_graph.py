@@ -212,6 +212,7 @@ class RunningGraph:
         wait_s = timeout_s + float(options.get("shadow_s", 0.0)) + SWAP_MARGIN_S
         longest_s = probation.get("longest_s")
         wait_s += float(timeout_s if longest_s is None else longest_s) + HUNG_S[self.record.clock]
+        wait_s += 3.0 * timeout_s  # in which the last reports of a probation are moved
         wanted = {"node": node, "run": run, "timeout_s": timeout_s, **options}
         request = {"op": "swap", "node": LAUNCHER, "id": uuid.uuid4().hex, "request": wanted}
         reply = None

@@ -4,14 +4,13 @@ Nothing is asked for again and nobody waits for this reader: what it cannot take
 """
 
 import contextlib
-from collections import defaultdict
 from collections.abc import Iterable, Mapping
 
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import Frame, Kind, parse
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.transport.migration import Migration, Unordered
+from palp_core.graph.transport.migration import Migration
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
 SLICE_NS = 20_000_000
@@ -41,7 +40,7 @@ class WatchedTopics:
         self._watched: dict[bytes, _Watched] = {}
         self._ready: list[bytes] = []
         self._subscriber = SubscriberSocket({})
-        self._migration = Migration(self._subscriber, {}, defaultdict(Unordered))
+        self._migration = Migration(self._subscriber, {})
 
     def watch(self, topics: Mapping[str, Topic], *, every: bool = False) -> None:
         """Listen to more topics, by name; of all their messages to ``every`` one."""

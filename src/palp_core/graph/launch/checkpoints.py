@@ -31,7 +31,7 @@ from palp_core.graph.launch.checkpoint_file import (
 )
 from palp_core.graph.node.loading import source_of
 from palp_core.graph.recording.recorders import Recorders
-from palp_core.graph.swap.compatibility import objections, replaced
+from palp_core.graph.swap.compatibility import incompatibilities, replaced
 
 Inspect = Callable[[list[NodeClassRequest], Path], list[NodeClass]]
 _LOG = logging.getLogger("palp.supervisor")
@@ -175,7 +175,7 @@ class Checkpoints:
             request = NodeClassRequest(kept.run, kept.params, name=kept.name)
             (found,) = inspect([request], Path(checked.workspace))
             found = msgspec.structs.replace(found, run=kept.run)
-            if wrong := objections(checked, spec, found):
+            if wrong := incompatibilities(checked, spec, found):
                 text = f"{kept.run}, which had taken over '{kept.name}': {'; '.join(wrong)}"
                 raise GraphError(f"{self.path} cannot be resumed: {text}")
             checked = replaced(checked, spec, found, kept.params)

@@ -42,7 +42,7 @@ from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.supervision.log_levels import LogLevels, levels_of
 from palp_core.graph.supervision.open_files import make_room
 from palp_core.graph.supervision.run_record import run_record
-from palp_core.graph.swap.compatibility import objections, replaced
+from palp_core.graph.swap.compatibility import incompatibilities, replaced
 from palp_core.graph.swap.swap import AskToSwap, SwapBackend, Swapper, SwapRequest
 from palp_core.graph.workspaces.underlays import launch_path
 
@@ -63,7 +63,7 @@ def _checked(
 
 def succeed(checked: CheckedGraph, spec: NodeSpec, new_class: NodeClass) -> tuple[list[str], CheckedGraph]:
     """Return what speaks against a class in a node's place, and the graph with it there if nothing does."""
-    wrong = objections(checked, spec, new_class)
+    wrong = incompatibilities(checked, spec, new_class)
     return wrong, checked if wrong else replaced(checked, spec, new_class, {})
 
 

@@ -11,8 +11,8 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.process.control_messages import Done, Round
 from palp_core.graph.process.lockstep_loop import follow_round
-from palp_core.graph.process.probation import FirstWork, LockstepProbation
-from palp_core.graph.process.swap_messages import Commit
+from palp_core.graph.process.probation import LockstepProbation, WorkReporter
+from palp_core.graph.process.swap_messages import WorkReport
 
 
 class ComposedProbation(LockstepProbation):
@@ -24,7 +24,7 @@ class ComposedProbation(LockstepProbation):
         index: Number of the node.
         inputs: Topics that the successor reads.
         enough: How many handlers have to run well.
-        way_back: The predecessor can take the successor's state.
+        can_roll_back: The predecessor can take the successor's state.
     """
 
     def __init__(
@@ -35,12 +35,12 @@ class ComposedProbation(LockstepProbation):
         inputs: Collection[str],
         enough: int,
         *,
-        way_back: bool,
+        can_roll_back: bool,
     ) -> None:
-        super().__init__(index, inputs, enough, way_back=way_back)
+        super().__init__(index, inputs, enough, can_roll_back=can_roll_back)
         self._composition, self._former = composition, former
-        self._first_work = FirstWork(composition.executor(index), reports=False)
-        self._first_work.begin()
+        self._reporter = WorkReporter(composition.executor(index), reports=False)
+        self._reporter.begin()
 
     def _try(self, message: Round) -> Done | None:
         done = super()._try(message)
@@ -49,32 +49,36 @@ class ComposedProbation(LockstepProbation):
 
     def _attempt(self, message: Round) -> Done | None:
         composition, index = self._composition, self.index
-        return self._unheard(lambda: follow_round(composition.executor(index), composition.clock, message))
+        return self._work_unread(
+            lambda: follow_round(composition.executor(index), composition.clock, message)
+        )
 
-    def _unheard(self, work: Callable[[], None]) -> Done | None:
+    def _work_unread(self, work: Callable[[], None]) -> Done | None:
         try:
-            return self._composition.work_unheard(self.index, work)
+            return self._composition.work_unread(self.index, work)
         except NodeError as error:
             self.failure = str(error).removeprefix(f"{error.node}: ")
             return None
 
-    def _report(self) -> Commit | None:
-        commits: list[Commit] = []
-        done = self._unheard(lambda: commits.append(self._first_work.commit()))
+    def _report(self) -> WorkReport | None:
+        reports: list[WorkReport] = []
+        done = self._work_unread(lambda: reports.append(self._reporter.report()))
         if done is None:
             return None
         try:
-            self._former.succession.fitting(decode_any(HandOver, commits[0].hand_over), {})
+            self._former.succession.fitting(decode_any(HandOver, reports[0].hand_over), {})
         except Exception:  # noqa: BLE001 - migrate and adopt are the user's
-            self._way_back = False  # it has to go on from here
-        return msgspec.structs.replace(commits[0], frames=done.frames)
+            self._can_roll_back = False  # it has to go on from here
+        return msgspec.structs.replace(reports[0], frames=done.frames)
 
-    def _fall_back(self) -> None:
+    def _roll_back(self) -> None:
         self._composition.promote(self.index, self._former)
-        if self._commit is None:
+        if self._last_report is None:
             self._former.succession.resume()
         else:
-            self._former.succession.take_back(decode_any(HandOver, self._commit.hand_over), self._commit.ends)
+            self._former.succession.take_back(
+                decode_any(HandOver, self._last_report.hand_over), self._last_report.ends
+            )
 
     def _work_now(self, message: Round) -> Done:
         return self._composition.work_alone(self.index, message)

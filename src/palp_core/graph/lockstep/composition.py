@@ -134,7 +134,7 @@ class Composition:
             comparison.new(frame)
         sent.clear()
 
-    def work_unheard(self, index: int, work: Callable[[], None]) -> Done:
+    def work_unread(self, index: int, work: Callable[[], None]) -> Done:
         """Let a node work; return what it has published, which :meth:`publish` lets tools hear.
 
         Raises:

@@ -48,5 +48,5 @@ class SimulatedTime:
             conductor.run(next_ns if end_ns is None else min(next_ns, end_ns))
             if conductor.now_ns == before_ns:  # the run ends at a time, and this is it
                 break
-        if probation.failure and not probation.fell_back:  # it died between two rounds
+        if probation.failure and not probation.rolled_back:  # it died between two rounds
             conductor.accept(probation.index, probation.work(Round(conductor.now_ns, [])))

@@ -105,6 +105,7 @@ class Bridge:
                     "no firewall between?"
                 )
             return
+        self._router.tick(monotonic_ns())
         self._gateway.beat()
         self._ask_time()
         if self._gateway.gone or self._gateway.silent:

@@ -18,7 +18,7 @@ from zmq.utils import z85
 from palp_core.errors import GraphError
 from palp_core.graph.network.event_loop import MOST_AT_ONCE, EventLoop
 from palp_core.graph.network.keys import OwnKeys
-from palp_core.graph.transport.bytes_under_way import BytesUnderWay
+from palp_core.graph.transport.in_flight_bytes import InFlightBytes
 
 DOMAIN = b"palp"
 HANDSHAKE_MS = 5_000
@@ -108,21 +108,21 @@ class CurveListener:
         self.endpoint = self._router.getsockopt_string(zmq.LAST_ENDPOINT)
         event_loop.watch(self._router, self._receive_pending)
 
-    def send(self, connection: bytes, under_way: BytesUnderWay, parts: list[bytes]) -> Sent:
+    def send(self, connection: bytes, in_flight: InFlightBytes, parts: list[bytes]) -> Sent:
         """Send without waiting.
 
         Args:
             connection: Whom to.
-            under_way: What it has not taken yet of all but the frames of topics, which it acknowledges.
+            in_flight: What it has not taken yet of all but the frames of topics, which it acknowledges.
             parts: The message.
         """
         counted = len(parts[0]) >= COUNTED_BYTES and parts[0][:1] != b"/"
-        if counted and not under_way.has_room(len(parts[0])):
+        if counted and not in_flight.has_room(len(parts[0])):
             return Sent.FULL
         try:
             if counted:
                 self._router.send(connection, zmq.NOBLOCK | zmq.SNDMORE)
-                under_way.send(self._router, parts[0])
+                in_flight.send(self._router, parts[0])
             else:
                 self._router.send_multipart([connection, *parts], zmq.NOBLOCK, copy=not is_large(parts))
         except zmq.Again:

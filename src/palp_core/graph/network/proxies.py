@@ -17,7 +17,7 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import Kind, parse
 from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.transport.matched_readers import READER
-from palp_core.graph.transport.migration import Migration, Turns
+from palp_core.graph.transport.migration import Migration, MoveReorderer
 from palp_core.graph.transport.private_endpoint import bind_private
 from palp_core.graph.transport.request_server import MAX_REQUEST_BYTES
 
@@ -87,8 +87,8 @@ class Tap:
         self._heard = heard
         self._named = False
         self._connected: set[str] = set()
-        self._turns: dict[str, Turns[list[bytes]]] = {}
-        self._migration = Migration(self, {}, self._turns)
+        self._reorderers: dict[str, MoveReorderer[list[bytes]]] = {}
+        self._migration = Migration(self, {}, self._reorderers)
         self._socket = event_loop.socket(zmq.SUB)
         self._socket.setsockopt(zmq.RCVHWM, HIGH_WATER_MARK)
         self._socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
@@ -97,7 +97,7 @@ class Tap:
     def subscribe(self, topic: bytes, endpoint: str) -> None:
         """Hear a topic."""
         name = topic.decode()
-        self._turns[name] = Turns(functools.partial(self._heard, topic))
+        self._reorderers[name] = MoveReorderer(functools.partial(self._heard, topic))
         self._migration.add(name, endpoint, "")
         self.connect(endpoint)
         self._socket.setsockopt(zmq.SUBSCRIBE, topic + b"\0")
@@ -112,8 +112,12 @@ class Tap:
     def unsubscribe(self, topic: bytes) -> None:
         """Hear it no longer."""
         self._socket.setsockopt(zmq.UNSUBSCRIBE, topic + b"\0")
-        self._turns.pop(topic.decode(), None)
+        self._reorderers.pop(topic.decode(), None)
         self._migration.remove(topic.decode())
+
+    def tick(self, now_ns: int) -> None:
+        """Look for publishers that moved on unnoticed, while this process was stopped."""
+        self._migration.tick(now_ns)
 
     def connect(self, endpoint: str) -> None:
         """Listen at an endpoint."""
@@ -133,7 +137,7 @@ class Tap:
             if frame.kind == Kind.MOVED:  # a matter of this host
                 self._migration.follow(frame, monotonic_ns())
             else:
-                self._turns[frame.topic].arrive(frame, parts, monotonic_ns())
+                self._reorderers[frame.topic].arrive(frame, parts, monotonic_ns())
 
 
 class LocalRequester:

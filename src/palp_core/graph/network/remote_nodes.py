@@ -20,7 +20,7 @@ from palp_core.graph.network.peer import Peer
 from palp_core.graph.network.router import Router
 from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.process.channel import ChannelMessage
-from palp_core.graph.transport.bytes_under_way import BytesUnderWay
+from palp_core.graph.transport.in_flight_bytes import InFlightBytes
 from palp_core.graph.transport.request_server import NodeRequest
 
 MOST_PEERS = 64
@@ -145,7 +145,7 @@ class RemoteNodes:
                 self._refuse(message.address, message.key, f"{MOST_PEERS} hosts are connected already")
                 return
             send = functools.partial(
-                self._listener.send, message.connection, BytesUnderWay(join_protocol.WINDOW_BYTES)
+                self._listener.send, message.connection, InFlightBytes(join_protocol.WINDOW_BYTES)
             )
             peer = Peer(send, message.key, message.address)
             if not join_protocol.is_hello(message.parts):  # it was dropped, and cannot know it
@@ -232,6 +232,7 @@ class RemoteNodes:
 
     def beat(self) -> None:
         """Say to all that this end lives, which shows who is gone; a key that was denied since lets out."""
+        self._router.tick(monotonic_ns())
         allowed = set(self._keys.allowed().values()) if self._secured else set()
         for peer in self._peers.values():
             if self._secured and peer.key not in allowed:

@@ -204,6 +204,10 @@ class Router:
         wanted = {topic.encode() for topic in topics} & self._listeners.keys()
         return wanted <= self._heard
 
+    def tick(self, now_ns: int) -> None:
+        """Look for local publishers that moved on unnoticed; due at every beat."""
+        self._tap.tick(now_ns)
+
     def _on_local_frame(self, topic: bytes, parts: list[bytes]) -> None:
         self._heard.add(topic)
         for peer in self._listeners.get(topic, ()):

@@ -78,6 +78,11 @@ class MessageChannel(Generic[Received]):
         """Tell whether a whole message has been read from the socket already."""
         return len(self._buffer) >= 4 and len(self._buffer) >= 4 + _LENGTH.unpack_from(self._buffer)[0]
 
+    @property
+    def incoming_bytes(self) -> int:
+        """Size of the message of which the beginning has been read; 0 if there is none."""
+        return _LENGTH.unpack_from(self._buffer)[0] if len(self._buffer) >= 4 else 0
+
     def fill(self, flags: int = 0) -> None:
         """Read once from the socket, with the flags of :meth:`socket.socket.recv`.
 

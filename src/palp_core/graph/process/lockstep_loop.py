@@ -6,16 +6,14 @@ import msgspec
 
 from palp_core.graph.clock import SimClock
 from palp_core.graph.node.executor import Executor
-from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.loading import endpoints, load_class
 from palp_core.graph.process import control_messages
 from palp_core.graph.process.channel import ChannelMessage, MessageChannel
 from palp_core.graph.process.node_services import CHANGING, NodeServices
-from palp_core.graph.process.swap_messages import Commit, HandedIn, TookOver, ToSwapped
+from palp_core.graph.process.swap_messages import Handover, TookOver, ToSwapped, WorkReport
 from palp_core.graph.process.swap_participant import SwapParticipant
 from palp_core.graph.transport.node_sockets import NodeSockets
-from palp_core.graph.transport.offsets import ReceivedOffsets
 
 
 class LockstepLoop:
@@ -37,7 +35,6 @@ class LockstepLoop:
             self.sockets,
             self._answer,
             channel.socket.fileno(),
-            succeed=self._succeed,
             successor=order.successor,
         )
         self.executor.transition(Transition.CONFIGURE)
@@ -109,22 +106,15 @@ class LockstepLoop:
             self._poll.poll(20)
             self.participant.turn()
 
-    def _succeed(self, hand_over: HandOver, _: ReceivedOffsets) -> int:
-        """Take up what waits: in lockstep nothing comes between two rounds, so that all of it is handed over.
-
-        It waits only in a node that was deactivated, and still is.
-        """
-        return len(hand_over.inbox)
-
     def _answer(self, message: ChannelMessage) -> None:
         """Add what the node has published on the occasion; the conductor hands it on."""
         if isinstance(message, TookOver) and not message.error:
             due_ns = self.executor.next_due_ns()
             frames, next_due_ns = self.frames, -1 if due_ns is None else due_ns
             message = msgspec.structs.replace(message, frames=frames, next_due_ns=next_due_ns)
-        elif isinstance(message, HandedIn | Commit):
+        elif isinstance(message, Handover | WorkReport):
             message = msgspec.structs.replace(message, frames=self.frames)
-        if self.participant.on_probation and isinstance(message, TookOver | Commit):
+        if self.participant.on_probation and isinstance(message, TookOver | WorkReport):
             for frame in message.frames:
                 self.sockets.publisher.send(frame)  # the first ones are held until the node is this one's
         self.channel.send(message)

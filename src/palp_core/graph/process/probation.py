@@ -10,16 +10,16 @@ from palp_core.graph.messages.frame import topic_of
 from palp_core.graph.messages.message import encode_any
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.process.control_messages import Done, Round
-from palp_core.graph.process.swap_messages import HANDLER, Commit
+from palp_core.graph.process.swap_messages import HANDLER, WorkReport
 
 
-class FirstWork:
+class WorkReporter:
     """What a successor has done since it last reported.
 
     Args:
         executor: The node.
-        reports: It says by itself what it has done, and is heard by way of its predecessor; else it is asked
-            after each of its rounds, which are published as a whole or not at all.
+        reports: Its predecessor publishes what it reports; else it reports after each of its rounds, which
+            are published as a whole or not at all.
 
     Attributes:
         frames: What it has published and not reported.
@@ -35,12 +35,13 @@ class FirstWork:
         """Count handlers from here on: the node has taken over."""
         self._begun_at = self._reported = self._executor.ends.run_count()
 
-    @property
-    def has_news(self) -> bool:
-        """Whether there is something to report that nobody will ask for."""
-        return self.reports and (bool(self.frames) or self._executor.ends.run_count() != self._reported)
+    def has_news(self, handler_count: int = 0) -> bool:
+        """Tell whether there is something to report, and so many handlers have run."""
+        run_count = self._executor.ends.run_count()
+        is_new = bool(self.frames) or run_count != self._reported
+        return is_new and run_count - self._begun_at >= handler_count
 
-    def commit(self, *, last: bool = False) -> Commit:
+    def report(self, *, last: bool = False) -> WorkReport:
         """Report what has been done, at a handler boundary.
 
         Raises:
@@ -53,14 +54,14 @@ class FirstWork:
         self._reported = executor.ends.run_count()
         frames = list(self.frames)
         self.frames.clear()
-        # whoever passes the frames on remembers them; in lockstep nobody does
+        # the predecessor remembers the frames that it publishes; in lockstep it publishes none
         written = executor.succession.snapshot() if self.reports else executor.succession.copy()
         try:
             executor.succession.fitting(written, {})
         except SchemaMismatch as error:
             raise NodeError(executor.name, f"its state is not what its class declares: {error}") from error
         run_count, counter = self._reported - self._begun_at, executor.node.proven_by
-        return Commit(
+        return WorkReport(
             encode_any(written),
             frames,
             run_count,
@@ -78,86 +79,86 @@ class LockstepProbation(ABC):
         index: Number of the node.
         inputs: Topics that the successor reads; what else comes waits for the predecessor.
         enough: How many handlers, or what else proves the node, have to go well.
-        way_back: The predecessor can take the successor's state; else one round has to go well.
+        can_roll_back: The predecessor can take the successor's state; else one round has to go well.
 
     Attributes:
         failure: Why the predecessor goes on; "" if it need not.
         proof_count: How much of what proves the node went well.
         proof: What that is.
-        proven: Enough have: whatever fails now is a failure of the node.
-        fell_back: The predecessor works again.
+        confirmed: Enough have: whatever fails now is a failure of the node.
+        rolled_back: The predecessor works again.
     """
 
-    def __init__(self, index: int, inputs: Collection[str], enough: int, *, way_back: bool) -> None:
+    def __init__(self, index: int, inputs: Collection[str], enough: int, *, can_roll_back: bool) -> None:
         self.index = index
         self.failure = ""
         self.proof_count, self.proof = 0, HANDLER
-        self.proven = False
+        self.confirmed = False
         self._inputs = {name.encode() for name in inputs}
-        self._enough, self._way_back = enough, way_back
+        self._enough, self._can_roll_back = enough, can_roll_back
         self._passed_by: list[bytes] = []
         self._held: list[bytes] = []
-        self._commit: Commit | None = None
-        self.fell_back = False
+        self._last_report: WorkReport | None = None
+        self.rolled_back = False
 
     @property
     def over(self) -> bool:
         """Whether it is clear who goes on."""
-        return self.proven or bool(self.failure)
+        return self.confirmed or bool(self.failure)
 
     def begin(self, frames: list[bytes], done: Done) -> Done:
-        """Return what both have published at the change of hands, as far as it may be heard.
+        """Return what both have published at the change of hands, as far as readers may have it.
 
         Args:
             frames: The predecessor's.
             done: The successor's, which is kept back until it cannot be taken back any more.
         """
-        commit = self._report() if self._way_back else None
-        if commit is None:
+        report = self._report() if self._can_roll_back else None
+        if report is None:
             self._held = done.frames
             return msgspec.structs.replace(done, frames=frames)
-        self._commit = commit
-        return msgspec.structs.replace(done, frames=[*frames, *done.frames, *commit.frames])
+        self._last_report = report
+        return msgspec.structs.replace(done, frames=[*frames, *done.frames, *report.frames])
 
     def work(self, message: Round) -> Done:
         """Let the successor do its part of a round; if it fails, the predecessor instead."""
         if not self.failure:
             own = [frame for frame in message.frames if topic_of(frame) in self._inputs]
-            if self.proven:
+            if self.confirmed:
                 return self._work_now(Round(message.now_ns, own))
             if (done := self._try(Round(message.now_ns, own))) is not None:
                 self._passed_by += [frame for frame in message.frames if topic_of(frame) not in self._inputs]
                 return done
-        if not self.fell_back:
-            self.fell_back = True
-            self._fall_back()
+        if not self.rolled_back:
+            self.rolled_back = True
+            self._roll_back()
         passed_by, self._passed_by = self._passed_by, []
         return self._work_now(Round(message.now_ns, [*passed_by, *message.frames]))
 
     def _try(self, message: Round) -> Done | None:
         """Let the successor work; None if it failed."""
         done = self._attempt(message)
-        commit = self._report() if done is not None else None
-        if done is None or commit is None:
+        report = self._report() if done is not None else None
+        if done is None or report is None:
             return None
-        self._commit = commit
-        self.proof_count, self.proof = commit.proof_count, commit.proof
-        self.proven = self.proof_count >= self._enough or not self._way_back
+        self._last_report = report
+        self.proof_count, self.proof = report.proof_count, report.proof
+        self.confirmed = self.proof_count >= self._enough or not self._can_roll_back
         held, self._held = self._held, []
-        return msgspec.structs.replace(done, frames=[*held, *done.frames, *commit.frames])
+        return msgspec.structs.replace(done, frames=[*held, *done.frames, *report.frames])
 
     @abstractmethod
     def _attempt(self, message: Round) -> Done | None:
-        """Let the successor work, unheard; None if it failed, which :attr:`failure` then says."""
+        """Let the successor work, unread; None if it failed, and :attr:`failure` is why."""
 
     @abstractmethod
-    def _report(self) -> Commit | None:
-        """Let the successor write itself down; None if it failed."""
+    def _report(self) -> WorkReport | None:
+        """Let the successor report; None if it failed."""
 
     @abstractmethod
-    def _fall_back(self) -> None:
+    def _roll_back(self) -> None:
         """Give the predecessor the node's part, from where the successor last went well."""
 
     @abstractmethod
     def _work_now(self, message: Round) -> Done:
-        """Let the one work that has the node's part."""
+        """Let the node work that has the part."""

@@ -30,11 +30,11 @@ class ShadowComparison:
         self._first: dict[str, Any] | None = None
 
     def old(self, raw: bytes) -> None:
-        """Take a frame of the node that is heard."""
+        """Take a frame of the old node, which readers receive."""
         self._take(raw, 0)
 
     def new(self, raw: bytes) -> None:
-        """Take a frame of the node that is not heard."""
+        """Take a frame of the new node, which readers do not receive."""
         self._take(raw, 1)
 
     def _take(self, raw: bytes, side: int) -> None:

@@ -1,35 +1,27 @@
-"""What the supervisor and two processes of one node say to each other while one takes the other's place.
+"""Messages between the supervisor and two processes of one node while one takes the other's place.
 
-The *predecessor* works; the *successor* is configured, hears the same inputs, and publishes nothing until it
-is told :class:`Go`. That word is the one instant at which the node changes hands: before it everything can be
-taken back, after it the predecessor only leaves.
+The *predecessor* works; the *successor* is configured, receives the same inputs and publishes nothing before
+:class:`Commit`. Their order, and what undoes each, is the table of :mod:`palp_core.graph.swap.process_swap`.
 """
 
 from palp_core.graph.process.channel import ChannelMessage
 
 
-class Place(ChannelMessage, frozen=True):
-    """To the predecessor: readers should listen to a second place too, from where the node will go on."""
+class AnnounceSuccessor(ChannelMessage, frozen=True):
+    """To the predecessor: readers should connect to a second place too, from where the node will go on."""
 
     publish: str
     serve: str
 
 
-class Announced(ChannelMessage, frozen=True):
-    """The readers have been told; ``readers`` are how many there are, by topic."""
+class SuccessorAnnounced(ChannelMessage, frozen=True):
+    """The readers have been sent the place; ``readers`` are how many there are, by topic."""
 
     readers: dict[str, int]
 
 
-class Listening(ChannelMessage, frozen=True):
-    """From a reader: it listens to a topic at the second place, too."""
-
-    topic: str
-    publish: str
-
-
-class Meet(ChannelMessage, frozen=True):
-    """To the successor: say when so many readers listen here.
+class AwaitReaders(ChannelMessage, frozen=True):
+    """To the successor: answer when so many readers are connected.
 
     Attributes:
         readers: By topic, how many.
@@ -40,19 +32,17 @@ class Meet(ChannelMessage, frozen=True):
     nodes: list[str] = []
 
 
-class Met(ChannelMessage, frozen=True):
-    """They do; ``missing`` are those that did not come in time, none of them a node of the graph."""
-
-    missing: dict[str, int]
+class ReadersReady(ChannelMessage, frozen=True):
+    """They are, or those that are no nodes of the graph did not come in time."""
 
 
-class HandIn(ChannelMessage, frozen=True):
+class RequestHandover(ChannelMessage, frozen=True):
     """To the predecessor: write down everything at a handler boundary.
 
     Attributes:
         after: Epoch and sequence by input topic: up to there it must have received, because the successor
-            hears only what comes later.
-        pause: Then take up nothing more, until :class:`Resume` or :class:`Leave`.
+            receives only what comes later.
+        pause: Then handle nothing more, until :class:`Resume` or :class:`Leave`.
         with_latest: Add the last message of every input.
     """
 
@@ -61,14 +51,14 @@ class HandIn(ChannelMessage, frozen=True):
     with_latest: bool = False
 
 
-class HandedIn(ChannelMessage, frozen=True):
+class Handover(ChannelMessage, frozen=True):
     """What the predecessor has written down.
 
     Attributes:
         hand_over: An encoded :class:`~palp_core.graph.node.handover.HandOver`.
         at_ns: When, on the host's monotonic clock.
         remembered: Replies to requests from outside that may be asked again.
-        heard: Up to where it has received its inputs: what it rejected it has heard, too.
+        heard: Up to where it has received its inputs, rejected messages included.
         frames: In lockstep, what it has published on this occasion.
     """
 
@@ -79,7 +69,7 @@ class HandedIn(ChannelMessage, frozen=True):
     frames: list[bytes] = []
 
 
-class Rehearse(ChannelMessage, frozen=True):
+class DryRun(ChannelMessage, frozen=True):
     """To either: would this hand-over fit?
 
     Attributes:
@@ -93,12 +83,12 @@ class Rehearse(ChannelMessage, frozen=True):
     try_out: bool = False
 
 
-class Rehearsed(ChannelMessage, frozen=True):
+class DryRunResult(ChannelMessage, frozen=True):
     """How that went.
 
     Attributes:
         error: Why it would not, or "".
-        after: Up to where the successor has not heard its inputs (see :class:`HandIn`).
+        after: Up to where the successor lacks its inputs (see :class:`RequestHandover`).
         tried: What came of the state, as an encoded hand-over, if it was tried out.
     """
 
@@ -110,33 +100,65 @@ class Rehearsed(ChannelMessage, frozen=True):
 class TakeOver(ChannelMessage, frozen=True):
     """To the successor: continue from here, but publish nothing yet.
 
-    ``remembered``, ``heard`` and ``at_ns`` are those of :class:`HandedIn`; ``start_ns`` is the graph's start.
-    On probation the successor works, and says every :class:`Commit`.
+    Attributes:
+        handover: The predecessor's.
+        params: Those that the swap sets.
+        start_ns: The graph's start.
+        on_probation: Work, and answer every :class:`RequestReport`.
+        shadow: Work until :class:`EndShadow`, and compare with what comes from this endpoint, if any.
     """
 
-    hand_over: bytes
+    handover: Handover
     params: dict[str, object]
     start_ns: int
-    heard: dict[str, tuple[int, int]]
-    remembered: dict[str, bytes]
-    at_ns: int = 0
     on_probation: bool = False
+    shadow: str | None = None
+
+
+class TookOver(ChannelMessage, frozen=True):
+    """Ready to go on, or why not.
+
+    Attributes:
+        error: Empty if it is.
+        held: Messages that wait to be handled.
+        frames: In lockstep, what it has published while it took over.
+        next_due_ns: In lockstep, when it is due next; -1: never.
+    """
+
+    error: str
+    held: int = 0
+    frames: list[bytes] = []
+    next_due_ns: int = -1
+
+
+class RequestReport(ChannelMessage, frozen=True):
+    """To a successor on probation: send one :class:`WorkReport`, as soon as there is something to report.
+
+    Attributes:
+        until_ns: Then in any case, on the host's monotonic clock; 0: at once.
+        handler_count: Not before so many handlers have run.
+        last: The probation is over: keep back what follows.
+    """
+
+    until_ns: int = 0
+    handler_count: int = 0
+    last: bool = False
 
 
 HANDLER = "handler"
-"""What proves a node whose class says nothing else."""
+"""What proves a node whose class states nothing else."""
 
 
-class Commit(ChannelMessage, frozen=True):
+class WorkReport(ChannelMessage, frozen=True):
     """From a successor on probation, to its predecessor: so far all is well.
 
-    What it publishes is heard by way of the predecessor, who can go on from here if the next handler fails.
+    The predecessor publishes the frames, and can go on from here if the next handler fails.
 
     Attributes:
         hand_over: The node as it is now, without what waits in its inbox.
-        frames: What it has published since the last commit.
+        frames: What it has published since the last report.
         run_count: How many handlers have run.
-        proof_count: How much is done of what proves the node: its handlers, if its class says nothing else.
+        proof_count: How much is done of what proves the node: its handlers, if its class states nothing else.
         proof: What that is, a word: handler, choice.
         last: The probation is over: what it publishes now it keeps back.
         ends: Names of its timers, alarms, events and clients.
@@ -151,93 +173,92 @@ class Commit(ChannelMessage, frozen=True):
     ends: list[str] = []
 
 
-class CommitNow(ChannelMessage, frozen=True):
-    """To a successor on probation: say a :class:`Commit`; ``last`` if the probation is over."""
+class Published(ChannelMessage, frozen=True):
+    """From the predecessor: the readers have been sent the frames of a :class:`WorkReport`.
 
-    last: bool
+    Attributes:
+        error: Why it could not go on from there, or "".
+    """
 
-
-class Shadow(ChannelMessage, frozen=True):
-    """To the successor: work as from here, unheard, and compare with what ``publish`` has to say."""
-
-    hand_over: bytes
-    params: dict[str, object]
-    start_ns: int
-    heard: dict[str, tuple[int, int]]
-    publish: str
+    error: str = ""
 
 
 class EndShadow(ChannelMessage, frozen=True):
-    """To the successor: pause, and say how it went."""
+    """To the successor: pause, and report how it went."""
 
 
 class Shadowed(ChannelMessage, frozen=True):
-    """How it went (JSON, empty in lockstep), and ``after`` as in :class:`Rehearsed`."""
+    """How it went (JSON, empty in lockstep), and ``after`` as in :class:`DryRunResult`."""
 
     report: bytes
     after: dict[str, tuple[int, int]]
 
 
-class TookOver(ChannelMessage, frozen=True):
-    """Ready to go on, or why not.
+class Commit(ChannelMessage, frozen=True):
+    """To the successor: the node is yours.
 
     Attributes:
-        error: Empty if it is.
-        held: Messages that wait to be taken up.
-        frames: In lockstep, what it has published while it took over.
-        next_due_ns: In lockstep, when it is due next; -1: never.
+        record: What it is to remember of the swap.
+        frames: What it has reported, and its predecessor has died before it could publish.
     """
 
-    error: str
-    held: int = 0
-    frames: list[bytes] = []
-    next_due_ns: int = -1
-
-
-class Go(ChannelMessage, frozen=True):
-    """To the successor: the node is yours; ``record`` is what it is to remember of the swap."""
-
     record: dict[str, object]
+    frames: list[bytes] = []
 
 
 class Working(ChannelMessage, frozen=True):
-    """The successor takes up what comes; ``record`` is what it remembers of the swap."""
+    """The successor handles what comes.
 
-    record: dict[str, object]
+    Attributes:
+        gap_s: How long neither handled anything; 0 in lockstep.
+        held: How many messages waited.
+    """
+
+    gap_s: float
+    held: int
 
 
 class Resume(ChannelMessage, frozen=True):
-    """To the predecessor: the swap is off, go on; from the last :class:`Commit`, if there was one."""
+    """To the predecessor: the swap is off, go on; from the last :class:`WorkReport`, if there was one."""
 
 
-class Stay(ChannelMessage, frozen=True):
+class CancelMove(ChannelMessage, frozen=True):
     """To the predecessor: readers can forget the second place."""
 
 
 class Leave(ChannelMessage, frozen=True):
-    """To the predecessor: the successor works; let the readers go, and end."""
+    """To the predecessor: the successor works; send the readers on, and end."""
 
     patience_ns: int
 
 
-class Bury(ChannelMessage, frozen=True):
-    """To the successor at work: the predecessor has died; tell the readers in its place that it is gone."""
+class AnnouncePredecessorDead(ChannelMessage, frozen=True):
+    """To the successor that works: send the readers on in the place of its predecessor, which has died."""
 
 
 ToSwapped = (
-    Place
-    | HandIn
-    | Resume
-    | Stay
-    | Leave
-    | Meet
-    | Rehearse
+    AnnounceSuccessor
+    | AwaitReaders
+    | RequestHandover
+    | DryRun
     | TakeOver
-    | Go
-    | Bury
-    | Shadow
+    | RequestReport
+    | WorkReport
     | EndShadow
     | Commit
-    | CommitNow
+    | Resume
+    | CancelMove
+    | Leave
+    | AnnouncePredecessorDead
 )
-FromSwapped = Announced | HandedIn | Met | Rehearsed | TookOver | Working | Shadowed | Listening | Commit
+FromSwapped = (
+    SuccessorAnnounced
+    | ReadersReady
+    | Handover
+    | DryRunResult
+    | TookOver
+    | WorkReport
+    | Published
+    | Shadowed
+    | Working
+)

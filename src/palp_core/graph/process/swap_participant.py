@@ -1,9 +1,6 @@
-"""One process's part in a hot swap: the predecessor's, who hands in, or the successor's, who takes over.
+"""One process's part in a hot swap: the predecessor's, or that of the successor which takes over."""
 
-Whoever drives the node asks it to :meth:`SwapParticipant.handle` what the supervisor says.
-"""
-
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import msgspec
@@ -19,8 +16,8 @@ from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.process import swap_messages
 from palp_core.graph.process.channel import ChannelMessage
-from palp_core.graph.process.probation import FirstWork
-from palp_core.graph.process.rehearsal import rehearse
+from palp_core.graph.process.dry_run import try_hand_over
+from palp_core.graph.process.probation import WorkReporter
 from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.transport.migration import Move
 from palp_core.graph.transport.node_sockets import NodeSockets
@@ -38,36 +35,38 @@ class SwapParticipant:
     Args:
         executor: The node.
         sockets: Where it publishes.
-        say: Answers the supervisor.
-        heard: Returns up to where the inputs have been received.
-        succeed: Merges what this process has received with what was handed over, and with up to where the
-            predecessor has heard; returns how many messages wait.
-        begin: Is told the graph's start before the node takes over.
-        depart: Stops listening to the inputs.
+        answer: Answers the supervisor.
         supervisor: Descriptor of the channel to the supervisor.
-        successor: This process waits for its word.
+        received: Returns up to where the inputs have been received.
+        merge: Merges what this process has received with what was handed over, and with up to where the
+            predecessor has received; returns how many messages wait.
+        set_start: Takes the graph's start before the node takes over.
+        close_inputs: Disconnects from the inputs.
+        successor: This process publishes nothing before the commit.
     """
 
     def __init__(
         self,
         executor: Executor,
         sockets: NodeSockets,
-        say: Callable[[ChannelMessage], None],
+        answer: Callable[[ChannelMessage], None],
         supervisor: int,
         *,
-        heard: Callable[[], ReceivedOffsets] = dict[str, tuple[int, int]],
-        succeed: Callable[[HandOver, ReceivedOffsets], int] = lambda hand_over, _: len(hand_over.inbox),
-        begin: Callable[[int], None] = lambda _: None,
-        depart: Callable[[], None] = lambda: None,
+        received: Callable[[], ReceivedOffsets] = dict[str, tuple[int, int]],
+        merge: Callable[[HandOver, ReceivedOffsets], int] = lambda hand_over, _: len(hand_over.inbox),
+        set_start: Callable[[int], None] = lambda _: None,
+        close_inputs: Callable[[], None] = lambda: None,
         successor: bool = False,
     ) -> None:
-        self._executor, self._sockets, self._say, self._supervisor = executor, sockets, say, supervisor
-        self._heard, self._succeed, self._begin, self._depart = heard, succeed, begin, depart
-        self._place: swap_messages.Place | None = None
-        self._hand_in: swap_messages.HandIn | None = None
-        self._meet: tuple[swap_messages.Meet, int] | None = None
-        self._first_work: FirstWork | None = None
-        self._commit: swap_messages.Commit | None = None
+        self._executor, self._sockets, self._answer, self._supervisor = executor, sockets, answer, supervisor
+        self._received, self._merge = received, merge
+        self._set_start, self._close_inputs = set_start, close_inputs
+        self._successor: swap_messages.AnnounceSuccessor | None = None
+        self._handover_request: swap_messages.RequestHandover | None = None
+        self._readers_request: tuple[swap_messages.AwaitReaders, int] | None = None
+        self._report_request: swap_messages.RequestReport | None = None
+        self._reporter: WorkReporter | None = None
+        self._last_report: swap_messages.WorkReport | None = None
         self._paused_ns, self._gap_s = 0, 0.0
         self._comparison: ShadowComparison | None = None
         self._eavesdropper: SubscriberSocket | None = None
@@ -80,150 +79,166 @@ class SwapParticipant:
     @property
     def waiting(self) -> bool:
         """True while :meth:`turn` has to look."""
-        waits = any(one is not None for one in (self._hand_in, self._meet, self._eavesdropper))
-        return waits or (self._first_work is not None and self._first_work.reports)
+        waiting = (self._handover_request, self._readers_request, self._report_request, self._eavesdropper)
+        return any(one is not None for one in waiting)
 
     def handle(self, message: swap_messages.ToSwapped) -> None:
-        """Do what the supervisor says."""
+        """Do what the supervisor asks for."""
         match message:
-            case swap_messages.Place():
-                self._place = message
-                self._sockets.publisher.greeting = lambda publisher: [
-                    publisher.heartbeat(),
-                    self._moved(publisher, "prepare"),
-                ]
-                self._sockets.publisher.send_past_hold(self._moved_all("prepare"))
-                self._say(swap_messages.Announced(self._sockets.publisher.readers))
-            case swap_messages.HandIn():
-                self._hand_in = message
+            case swap_messages.AnnounceSuccessor():
+                self._announce(message)
+            case swap_messages.RequestHandover():
+                self._handover_request = message
+            case swap_messages.WorkReport():
+                self._publish_report(message)
             case swap_messages.Resume():
-                self._hand_in = None
                 self._resume()
-            case swap_messages.Stay():
-                self._sockets.publisher.send_past_hold(self._moved_all("stay"))
-                self._sockets.publisher.greeting = lambda publisher: [publisher.heartbeat()]
-                self._place = None
+            case swap_messages.CancelMove():
+                self._cancel_move()
             case swap_messages.Leave(patience_ns=patience_ns):
                 self._leave(patience_ns)
-            case swap_messages.Meet():
-                self._meet = message, monotonic_ns() + READERS_NS
-            case swap_messages.Rehearse():
-                self._say(self._rehearse(message))
-            case swap_messages.TakeOver():
-                self._say(self._take_over(message))
-            case swap_messages.Go():
-                self._go(message)
-            case swap_messages.Bury():
-                self._tell_readers("gone")
-            case swap_messages.Shadow():
-                self._say(self._begin_shadow(message))
+            case swap_messages.AwaitReaders():
+                self._readers_request = message, monotonic_ns() + READERS_NS
+            case swap_messages.DryRun():
+                self._answer(self._try(message))
             case swap_messages.EndShadow():
-                self._say(self._end_shadow())
+                self._answer(self._end_shadow())
+            case swap_messages.TakeOver():
+                self._answer(self._take_over(message))
+            case swap_messages.RequestReport():
+                self._report_request = message
             case swap_messages.Commit():
-                self._pass_on(message)
-            case swap_messages.CommitNow(last=last):
-                self._commit_work(last=last)
+                self._commit(message)
+            case swap_messages.AnnouncePredecessorDead():
+                self._announce_self("gone")
         self.turn()
 
     def turn(self) -> None:
-        """Look whether what was waited for has come."""
-        if self._hand_in is not None and _covers(self._heard(), self._hand_in.after):
-            asked, self._hand_in = self._hand_in, None
-            succession, remembered = self._executor.succession, self._sockets.requests.remembered
-            if asked.pause:
-                succession.pause()
-            at_ns = monotonic_ns()
-            found = succession.hand_over() if asked.pause else succession.copy(with_latest=asked.with_latest)
-            self._say(swap_messages.HandedIn(encode_any(found), at_ns, remembered, self._heard()))
-        if self._meet is not None:
-            self._sockets.poll()
-            meet, until_ns = self._meet
-            missing = _missing(meet.readers, self._sockets.publisher.readers)
-            complete = self._sockets.publisher.named_readers >= set(meet.nodes)
-            if complete and (not missing or monotonic_ns() >= until_ns):
-                self._meet = None
-                self._say(swap_messages.Met(missing))
-        if self._first_work is not None and self._first_work.has_news:
-            self._commit_work()
+        """Answer what could not be answered at once, if it can be now."""
+        if self._handover_request is not None and _covers(self._received(), self._handover_request.after):
+            request, self._handover_request = self._handover_request, None
+            self._answer(self._hand_over(request))
+        if self._readers_request is not None:
+            self._look_for_readers(*self._readers_request)
+        if self._report_request is not None and self._report_is_due(self._report_request):
+            last, self._report_request = self._report_request.last, None
+            self._report(last=last)
         if self._eavesdropper is not None and self._comparison is not None:
             for raw in self._eavesdropper.receive():
                 self._comparison.old(raw)
 
     # Predecessor
 
-    def _moved(self, publisher: PublisherEnd[Any], phase: str) -> bytes:
-        assert self._place is not None
-        return publisher.moved(encode_any(Move(phase, self._place.publish, self._place.serve)))
+    def _announce(self, successor: swap_messages.AnnounceSuccessor) -> None:
+        self._successor = successor
+        publisher = self._sockets.publisher
+        publisher.greeting = lambda end: [end.heartbeat(), self._moved(end, "prepare")]
+        self._send_moved("prepare")
+        self._answer(swap_messages.SuccessorAnnounced(publisher.readers))
 
-    def _moved_all(self, phase: str) -> list[bytes]:
-        if self._place is None:
-            return []
+    def _cancel_move(self) -> None:
+        self._send_moved("stay")
+        self._sockets.publisher.greeting = lambda end: [end.heartbeat()]
+        self._successor = None
+
+    def _moved(self, end: PublisherEnd[Any], phase: str) -> bytes:
+        assert self._successor is not None
+        return end.moved(encode_any(Move(phase, self._successor.publish, self._successor.serve)))
+
+    def _send_moved(self, phase: str) -> None:
+        if self._successor is not None:
+            self._sockets.publisher.send_past_hold(self._moved(end, phase) for end in self._read_outputs())
+
+    def _read_outputs(self) -> list[PublisherEnd[Any]]:
         readers = self._sockets.publisher.readers
-        return [
-            self._moved(out, phase) for name, out in self._executor.ends.publishers.items() if name in readers
-        ]
+        return [end for name, end in self._executor.ends.publishers.items() if name in readers]
 
-    def _pass_on(self, commit: swap_messages.Commit) -> None:
-        """Say what the successor has to say, and know where to go on should it fail."""
+    def _hand_over(self, request: swap_messages.RequestHandover) -> swap_messages.Handover:
+        succession = self._executor.succession
+        if request.pause:
+            succession.pause()
+        at_ns = monotonic_ns()
+        found = succession.hand_over() if request.pause else succession.copy(with_latest=request.with_latest)
+        return swap_messages.Handover(
+            encode_any(found), at_ns, self._sockets.requests.remembered, self._received()
+        )
+
+    def _publish_report(self, report: swap_messages.WorkReport) -> None:
+        """Publish what the successor has reported, and know where to go on should it fail."""
+        error = ""
         try:
-            self._executor.succession.fitting(decode_any(HandOver, commit.hand_over), {})
-            self._commit = commit
-        except Exception as error:  # noqa: BLE001 - migrate and adopt are the user's
-            self._say(swap_messages.Rehearsed(in_words(error), {}))
-        publishers = self._executor.ends.publishers
-        for frame in commit.frames:
-            if end := publishers.get(topic_of(frame).decode()):  # what only the new class has nobody reads
+            self._executor.succession.fitting(decode_any(HandOver, report.hand_over), {})
+            self._last_report = report
+        except Exception as failure:  # noqa: BLE001 - migrate and adopt are the user's
+            error = in_words(failure)
+        outputs = self._executor.ends.publishers
+        for frame in report.frames:
+            if end := outputs.get(topic_of(frame).decode()):  # what only the new class has is not read
                 end.pass_on(frame)
+        self._answer(swap_messages.Published(error))
 
     def _resume(self) -> None:
-        succession, commit = self._executor.succession, self._commit
-        self._commit = None
-        if commit is None or not succession.paused:
+        self._handover_request = None
+        succession, report = self._executor.succession, self._last_report
+        self._last_report = None
+        if report is None or not succession.paused:
             succession.resume()
             return
-        hand_over = decode_any(HandOver, commit.hand_over)
-        succession.take_back(hand_over, commit.ends)
-        self._succeed(hand_over, {})
+        hand_over = decode_any(HandOver, report.hand_over)
+        succession.take_back(hand_over, report.ends)
+        self._merge(hand_over, {})
 
     def _leave(self, patience_ns: int) -> None:
         """Send the readers away, and wait for those that are slow to go."""
-        self._sockets.publisher.greeting = lambda publisher: [self._moved(publisher, "gone")]
-        self._sockets.publisher.send_past_hold(self._moved_all("gone"))
-        self._depart()
+        self._sockets.publisher.greeting = lambda end: [self._moved(end, "gone")]
+        self._send_moved("gone")
+        self._close_inputs()
         self._sockets.wait_until_unread(patience_ns, self._supervisor)
         self._executor.succession.leave()
         self.left = True
 
     # Successor
 
-    def _rehearse(self, message: swap_messages.Rehearse) -> swap_messages.Rehearsed:
+    def _look_for_readers(self, request: swap_messages.AwaitReaders, until_ns: int) -> None:
+        self._sockets.poll()
+        publisher = self._sockets.publisher
+        missing = _missing(request.readers, publisher.readers)
+        has_nodes = publisher.named_readers >= set(request.nodes)
+        if has_nodes and (not missing or monotonic_ns() >= until_ns):
+            self._readers_request = None
+            self._answer(swap_messages.ReadersReady())
+
+    def _try(self, message: swap_messages.DryRun) -> swap_messages.DryRunResult:
         error, tried, succession = "", b"", self._executor.succession
         try:
             hand_over = decode_any(HandOver, message.hand_over)
             succession.fitting(hand_over, message.params)
             if message.try_out:
-                tried = encode_any(rehearse(self._executor, hand_over, message.params))
+                tried = encode_any(try_hand_over(self._executor, hand_over, message.params))
                 self._sockets.publisher.hold()  # what it has published then is forgotten
         except Exception as failure:  # noqa: BLE001 - migrate, adopt and handlers are the user's
             error = in_words(failure)
-        return swap_messages.Rehearsed(error, self._heard(), tried)
+        return swap_messages.DryRunResult(error, self._received(), tried)
 
     def _take_over(self, message: swap_messages.TakeOver) -> swap_messages.TookOver:
         try:
-            self._begin(message.start_ns)
-            hand_over = decode_any(HandOver, message.hand_over)
+            self._set_start(message.start_ns)
+            hand_over = decode_any(HandOver, message.handover.hand_over)
+            if message.shadow is not None:
+                self._begin_shadow(message.shadow, hand_over.published)
             if message.on_probation:
-                self._first_work = FirstWork(self._executor, reports=message.start_ns > 0)
-                if self._first_work.reports:
-                    self._sockets.publisher.hold(self._first_work.frames.append)
+                self._reporter = WorkReporter(self._executor, reports=message.start_ns > 0)
+                if self._reporter.reports:
+                    self._sockets.publisher.hold(self._reporter.frames.append)
             self._executor.succession.take_over(hand_over, message.params)
-            self._sockets.requests.remember(message.remembered)
-            held = self._succeed(hand_over, message.heard)
+            if message.shadow is None:
+                self._sockets.requests.remember(message.handover.remembered)
+            held = self._merge(hand_over, message.handover.heard)
         except PalpError as error:
             return swap_messages.TookOver(in_words(error))
-        self._paused_ns = message.at_ns if message.start_ns else 0
-        if self._first_work is not None:
-            self._first_work.begin()
+        self._paused_ns = message.handover.at_ns if message.start_ns else 0
+        if self._reporter is not None:
+            self._reporter.begin()
             self._gap_s = self._since_pause_s()
         return swap_messages.TookOver("", held)
 
@@ -231,39 +246,38 @@ class SwapParticipant:
         """Return how long ago the predecessor took up nothing more; in simulated time 0."""
         return (monotonic_ns() - self._paused_ns) / 1e9 if self._paused_ns else 0.0
 
-    def _commit_work(self, *, last: bool = False) -> None:
-        """Say what has been done, at a handler boundary; the last time, keep back what follows."""
-        if self._first_work is None:
-            return
-        self._say(self._first_work.commit(last=last))
-        if last and self._first_work.reports:
+    def _report_is_due(self, request: swap_messages.RequestReport) -> bool:
+        is_late = monotonic_ns() >= request.until_ns
+        return is_late or (self._reporter is not None and self._reporter.has_news(request.handler_count))
+
+    def _report(self, *, last: bool) -> None:
+        """Report what has been done, at a handler boundary; the last time, keep back what follows."""
+        if self._reporter is None:
+            return  # the last report has crossed a second request
+        self._answer(self._reporter.report(last=last))
+        if last and self._reporter.reports:
             self._sockets.publisher.hold()
         if last:
-            self._first_work = None
+            self._reporter = None
 
     @property
     def shadowing(self) -> bool:
-        """True while this node works unheard."""
+        """True while this node works unread."""
         return self._comparison is not None
 
     @property
     def on_probation(self) -> bool:
         """True while its predecessor may have to go on from where this node has come."""
-        return self._first_work is not None
+        return self._reporter is not None
 
-    def _begin_shadow(self, message: swap_messages.Shadow) -> swap_messages.TookOver:
-        """Work on a copy of what the predecessor has; what is published is compared and goes nowhere."""
-        published = decode_any(HandOver, message.hand_over).published
+    def _begin_shadow(self, publish: str, published: Mapping[str, int]) -> None:
         publishers = self._executor.ends.publishers.items()
         arrays = {name: array_fields(json_schema(schema_of(out.message))) for name, out in publishers}
         self._comparison = ShadowComparison(published, arrays)
         self._sockets.publisher.hold(self._comparison.new)
-        if message.publish:
-            places = dict.fromkeys(published, message.publish)
+        if publish:
+            places = dict.fromkeys(published, publish)
             self._eavesdropper = SubscriberSocket(places, self._sockets.context, queue=100_000)
-        return self._take_over(
-            swap_messages.TakeOver(message.hand_over, message.params, message.start_ns, message.heard, {})
-        )
 
     def _end_shadow(self) -> swap_messages.Shadowed:
         assert self._comparison is not None
@@ -276,30 +290,27 @@ class SwapParticipant:
             report = msgspec.json.encode(self._comparison.report())
         self._comparison = None
         self._sockets.publisher.hold()
-        return swap_messages.Shadowed(report, self._heard())
+        return swap_messages.Shadowed(report, self._received())
 
-    def _go(self, message: swap_messages.Go) -> None:
+    def _commit(self, message: swap_messages.Commit) -> None:
         self.silent = False
-        sockets = self._sockets
-        sockets.publisher.greeting = lambda publisher: [publisher.heartbeat()]
-        self._tell_readers("here")
-        sockets.publisher.release()
-        gap_s = self._gap_s or self._since_pause_s()
-        record = {**message.record, "gap_s": gap_s, "held": len(self._executor.inbox)}
-        self._executor.swaps.append(record)
-        self._say(swap_messages.Working(record))
+        publisher, executor = self._sockets.publisher, self._executor
+        publisher.greeting = lambda end: [end.heartbeat()]
+        self._announce_self("here")
+        publisher.send_past_hold(message.frames)
+        publisher.release()
+        working = swap_messages.Working(self._gap_s or self._since_pause_s(), len(executor.inbox))
+        executor.swaps.append({**message.record, "gap_s": working.gap_s, "held": working.held})
+        self._answer(working)
 
-    def _tell_readers(self, phase: str) -> None:
-        """Tell all who listen here that this is the place where everything goes on."""
-        told = encode_any(Move(phase, *self._sockets.endpoints))
-        readers = self._sockets.publisher.readers
-        self._sockets.publisher.send_past_hold(
-            out.moved(told) for name, out in self._executor.ends.publishers.items() if name in readers
-        )
+    def _announce_self(self, phase: str) -> None:
+        """Announce to all readers that everything goes on here."""
+        move = encode_any(Move(phase, *self._sockets.endpoints))
+        self._sockets.publisher.send_past_hold(end.moved(move) for end in self._read_outputs())
 
 
-def _covers(heard: ReceivedOffsets, after: ReceivedOffsets) -> bool:
-    return all(heard.get(topic, (-1, 0)) >= point for topic, point in after.items())
+def _covers(received: ReceivedOffsets, after: ReceivedOffsets) -> bool:
+    return all(received.get(topic, (-1, 0)) >= point for topic, point in after.items())
 
 
 def _missing(expected: dict[str, int], present: dict[str, int]) -> dict[str, int]:

@@ -18,7 +18,6 @@ from palp_core.graph.process.channel import MessageChannel
 from palp_core.graph.process.health import HealthProbe
 from palp_core.graph.process.keeping import Keeping
 from palp_core.graph.process.node_services import CHANGING, NodeServices
-from palp_core.graph.process.swap_messages import Listening
 from palp_core.graph.process.swap_participant import SwapParticipant
 from palp_core.graph.transport.matched_readers import MatchedReaders
 from palp_core.graph.transport.node_sockets import NodeSockets
@@ -60,17 +59,16 @@ class WallLoop:
             publishers,
             self.sockets.context,
             kept and kept.with_name(f"{order.place}.offsets"),
-            lambda name, publish: channel.send(Listening(name, publish)),
         )
         self.participant = SwapParticipant(
             self.executor,
             self.sockets,
             channel.send,
             channel.socket.fileno(),
-            heard=lambda: self.receiver.heard,
-            succeed=self.receiver.continue_from,
-            begin=self._begin,
-            depart=self.receiver.close,
+            received=lambda: self.receiver.heard,
+            merge=self.receiver.continue_from,
+            set_start=self._begin,
+            close_inputs=self.receiver.close,
             successor=order.successor,
         )
         at = order.spec.keeps_at

@@ -6,7 +6,7 @@ asked for comes after what was published later; sequences tell the order.
 
 import contextlib
 import os
-from collections import defaultdict, deque
+from collections import deque
 from collections.abc import Mapping
 from typing import NamedTuple, Protocol
 
@@ -17,7 +17,7 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import Frame, Kind, parse
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.transport.migration import Migration, Unordered
+from palp_core.graph.transport.migration import Migration
 from palp_core.graph.transport.requester_socket import RequesterSocket
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
@@ -74,7 +74,7 @@ class LiveFeed:
         self._topics: dict[str, Topic] = {}
         self._new: set[str] = set()
         self._subscriber = SubscriberSocket({}, queue=QUEUE, name=f"recorder {os.getpid()}")
-        self._migration = Migration(self._subscriber, {}, defaultdict(Unordered))
+        self._migration = Migration(self._subscriber, {})
         self._requester = RequesterSocket(self._subscriber.context)
         self._questions: dict[str, _Question] = {}
         self._waiting: dict[str, deque[_Question]] = {}

@@ -83,6 +83,10 @@ class ChannelServer:
         if not channel.post(message):
             self._poll.modify(channel.socket.fileno(), select.POLLIN | select.POLLOUT)
 
+    def incoming_bytes(self, index: int) -> int:
+        """Return the size of the message that a node is sending just now; 0 if it sends none."""
+        return self._channels[index].incoming_bytes if index in self._channels else 0
+
     def wait(self, timeout_s: float) -> tuple[list[tuple[int, FromNode]], set[int]]:
         """Wait until somebody says something; return what nodes said, and the ready ones of the others."""
         heard: list[tuple[int, FromNode]] = []

@@ -9,7 +9,7 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.node.spec import HUNG_S
 from palp_core.graph.process.control_messages import Done, Round
 from palp_core.graph.process.probation import LockstepProbation
-from palp_core.graph.process.swap_messages import Commit, CommitNow, Resume
+from palp_core.graph.process.swap_messages import RequestReport, Resume, WorkReport
 from palp_core.graph.supervision.standby import Standby
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ class ProcessProbation(LockstepProbation):
         index: Number of the node.
         inputs: Topics that the successor reads.
         enough: How many handlers have to run well.
-        way_back: The predecessor can take the successor's state.
+        can_roll_back: The predecessor can take the successor's state.
     """
 
     def __init__(
@@ -36,9 +36,9 @@ class ProcessProbation(LockstepProbation):
         inputs: Collection[str],
         enough: int,
         *,
-        way_back: bool,
+        can_roll_back: bool,
     ) -> None:
-        super().__init__(index, inputs, enough, way_back=way_back)
+        super().__init__(index, inputs, enough, can_roll_back=can_roll_back)
         self._supervisor, self._former = supervisor, former
 
     def _attempt(self, message: Round) -> Done | None:
@@ -49,18 +49,18 @@ class ProcessProbation(LockstepProbation):
         self._note_hang(answered=self.index in replies)
         return replies.get(self.index)
 
-    def _report(self) -> Commit | None:
+    def _report(self) -> WorkReport | None:
         supervisor, index = self._supervisor, self.index
         supervisor.swap_replies.pop(index, None)
-        supervisor.send_if_connected(index, CommitNow(last=False))
+        supervisor.send_if_connected(index, RequestReport())
         replies = supervisor.swap_replies
         supervisor.wait_until(
-            lambda: isinstance(replies.get(index), Commit) or bool(self.failure), self._latest_ns()
+            lambda: isinstance(replies.get(index), WorkReport) or bool(self.failure), self._latest_ns()
         )
         answer = replies.pop(index, None)
-        commit = answer if isinstance(answer, Commit) else None  # another is late: to what was asked before
-        self._note_hang(answered=commit is not None)
-        return commit
+        report = answer if isinstance(answer, WorkReport) else None  # another kind is late, of a step before
+        self._note_hang(answered=report is not None)
+        return report
 
     @staticmethod
     def _latest_ns() -> int:
@@ -70,13 +70,13 @@ class ProcessProbation(LockstepProbation):
         if not (answered or self.failure):
             self.failure = f"a handler of it did not return within {HUNG_S['sim']:g} s"
 
-    def _fall_back(self) -> None:
+    def _roll_back(self) -> None:
         supervisor, former = self._supervisor, self._former
         supervisor.promote(self.index, former)
         supervisor.processes[self.index].handed_over = False
         supervisor.standbys.end(former)
-        if self._commit is not None:
-            supervisor.send_if_connected(self.index, msgspec.structs.replace(self._commit, frames=[]))
+        if self._last_report is not None:
+            supervisor.send_if_connected(self.index, msgspec.structs.replace(self._last_report, frames=[]))
         supervisor.send_if_connected(self.index, Resume())
 
     def _work_now(self, message: Round) -> Done:

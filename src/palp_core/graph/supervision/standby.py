@@ -44,15 +44,13 @@ class Standby:
 
     def receive(self, message: FromNode) -> None:
         """Take what it says."""
-        if isinstance(message, Configured):
-            self.process.configured = True
-        elif isinstance(message, Matched):
-            self.process.matched = True
-        elif isinstance(message, Failed):
+        if isinstance(message, Failed):
             self.failure = message.text.removeprefix(f"{self.process.spec.name}: ")
-        else:
-            self.has_left = isinstance(message, Done)
-            self.replies.append(message)
+            return
+        self.process.configured |= isinstance(message, Configured)
+        self.process.matched |= isinstance(message, Matched)
+        self.has_left = isinstance(message, Done)
+        self.replies.append(message)
 
 
 class Standbys:
@@ -119,6 +117,10 @@ class Standbys:
         """Say something to one; of one that is gone the fork server tells."""
         with contextlib.suppress(ChannelClosed):
             self._channels.send(standby.number, message)
+
+    def incoming_bytes(self, standby: Standby) -> int:
+        """Return the size of the message that one is sending just now; 0 if it sends none."""
+        return self._channels.incoming_bytes(standby.number)
 
     def receive(self, number: int, message: FromNode) -> bool:
         """Take what a process says; return False if it is none of these."""

@@ -14,7 +14,7 @@ from palp_core.graph.process import control_messages
 from palp_core.graph.process.channel import ChannelClosed
 from palp_core.graph.process.probation import LockstepProbation
 from palp_core.graph.process.shadow import ShadowComparison
-from palp_core.graph.process.swap_messages import FromSwapped, Listening
+from palp_core.graph.process.swap_messages import FromSwapped
 from palp_core.graph.supervision.channel_server import ChannelServer
 from palp_core.graph.supervision.fork_server import ChildEvent, ForkServer, Started, exit_in_words
 from palp_core.graph.supervision.interrupt import GracePeriod, Interrupt
@@ -52,7 +52,6 @@ class Supervisor:
         on_new_process: Called when a node has a new process.
         on_health: Takes each encoded :class:`NodeHealth`.
         swap_replies: What nodes have last said in a swap.
-        listening: Which nodes listen to which topic at which second place.
         standbys: Processes beside those that have the nodes' parts.
         shadow: In lockstep, the number of a node, who works beside it unheard, and how they compare.
         probation: In lockstep, the rounds of a node whose predecessor stands by.
@@ -84,7 +83,6 @@ class Supervisor:
         self.on_kept: Callable[[str, int, bytes], None] = lambda *_: None
         self.restores: dict[str, bytes] = {}
         self.swap_replies: dict[int, FromSwapped] = {}
-        self.listening: set[tuple[int, str, str]] = set()
         self.shadow: tuple[int, Standby, ShadowComparison] | None = None
         self.probation: LockstepProbation | None = None
         self._server, self._interrupt, self._observe = server, interrupt, observe
@@ -279,8 +277,6 @@ class Supervisor:
                 self.exit_code = message.exit_code
         elif isinstance(message, control_messages.Kept):
             self.on_kept(process.spec.name, message.sequence, message.node)
-        elif isinstance(message, Listening):
-            self.listening.add((index, message.topic, message.publish))
         elif isinstance(message, FromSwapped):
             self.swap_replies[index] = message
         elif isinstance(message, control_messages.Configured):
@@ -327,7 +323,7 @@ class Supervisor:
     def _has_failed_on_probation(self, index: int, text: str) -> bool:
         """Tell whether a failure is that of a node whose predecessor stands by, and let it know."""
         probation = self.probation
-        if probation is None or probation.index != index or probation.proven or probation.fell_back:
+        if probation is None or probation.index != index or probation.confirmed or probation.rolled_back:
             return False
         probation.failure = probation.failure or text
         return True

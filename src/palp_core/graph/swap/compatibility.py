@@ -13,7 +13,7 @@ from palp_core.graph.node.spec import NodeSpec, action_of, part, topic
 from palp_core.graph.problems import hint
 
 
-def objections(checked: CheckedGraph, spec: NodeSpec, new_class: NodeClass) -> list[str]:
+def incompatibilities(checked: CheckedGraph, spec: NodeSpec, new_class: NodeClass) -> list[str]:
     """Return every reason why a class cannot take a node's place: wires that it would tear; none if it can.
 
     Args:
@@ -41,7 +41,7 @@ def objections(checked: CheckedGraph, spec: NodeSpec, new_class: NodeClass) -> l
 
 
 def _actions_whole(found: list[str], spec: NodeSpec, new_class: NodeClass) -> list[str]:
-    """Return objections in which those to the parts of an action are one, to the action."""
+    """Return incompatibilities in which those to the parts of an action are one, to the action."""
     names = dict.fromkeys(action for port in (*spec.requests, *spec.inputs) if (action := action_of(port)))
     for name in names:
         torn = [text for text in found if part("", name) in text]
@@ -84,7 +84,7 @@ def _output(checked: CheckedGraph, info: TopicInfo, new_class: NodeClass) -> lis
     reasons = []
     for reader, read_port in readers:
         wanted = msgspec.structs.replace(info, qos=checked.readings[reader][read_port].qos)
-        found = misfit(wanted, offered, reads_truth=True)  # whoever reads it was allowed to
+        found = misfit(wanted, offered, reads_truth=True)  # its readers were allowed to
         if found is not None:
             reasons.append(f"output '{info.port}' to /{reader}: {found.text}")
     return reasons

@@ -13,10 +13,10 @@ from palp_core.graph.messages.message import decode_any, encode_any
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.process.control_messages import Done
-from palp_core.graph.process.rehearsal import rehearse
-from palp_core.graph.swap.swap import CheckedSwap, SwapFailed, SwapReport, unfit
+from palp_core.graph.process.dry_run import try_hand_over
+from palp_core.graph.swap.swap import CheckedSwap, SwapFailed, SwapReport, why_not_swappable
 
-_AT_ONCE = {"gap_s": 0.0, "duration_s": 0.0}  # simulated time stands still
+_AT_ONCE = {"gap_s": 0.0, "duration_s": 0.0}  # simulated time does not pass
 
 
 class ComposedSwaps:
@@ -28,13 +28,13 @@ class ComposedSwaps:
         time: Simulated time.
     """
 
-    step = ""  # it is done between two instants, when nobody can ask
+    step = ""  # it is done between two instants, when nothing can ask
 
     def __init__(self, composition: Composition, workspace: Path, time: SimulatedTime) -> None:
         self._composition, self._workspace, self._time = composition, workspace, time
 
     def inspect_class(self, request: NodeClassRequest, timeout_s: float) -> NodeClass:
-        """Say what a class declares; in this process, which has imported the workspace anyway."""
+        """Return what a class declares; in this process, which has imported the workspace anyway."""
         del timeout_s
         return inspect_classes([request], self._workspace)[0]
 
@@ -52,10 +52,10 @@ class ComposedSwaps:
             step = "state"
             on_probation = swap.probation.run_count > 0 and old.succession.is_active
             running = _copied(old.succession.copy(with_latest=swap.try_out))
-            if why := unfit(running, swap):
+            if why := why_not_swappable(running, swap):
                 raise GraphError(why)
             new.succession.fitting(running, request.params)
-            way_back = on_probation and self._rehearse(old, new, running, request.params)
+            can_roll_back = on_probation and self._try(old, new, running, request.params)
             sent.clear()
             found: dict[str, Any] = {}
             if request.shadow_s:
@@ -86,7 +86,7 @@ class ComposedSwaps:
         held = len(new.inbox)
         if on_probation:
             composition.promote(swap.index, new)
-            probation = self._prove(swap, old, handed_frames, sent, way_back=way_back)
+            probation = self._prove(swap, old, handed_frames, sent, can_roll_back=can_roll_back)
             proof: dict[str, Any] = {"proven": probation.proof_count, "proven_by": probation.proof}
             done = None
         else:
@@ -95,9 +95,9 @@ class ComposedSwaps:
         return swap.report(at_ns=now_ns, **_AT_ONCE, held=held, shadow=found, **proof), done
 
     @staticmethod
-    def _rehearse(old: Executor, new: Executor, running: HandOver, params: Mapping[str, Any]) -> bool:
+    def _try(old: Executor, new: Executor, running: HandOver, params: Mapping[str, Any]) -> bool:
         """Try the new node on the last messages; return whether the old one could take its state back."""
-        tried = _copied(rehearse(new, running, params))
+        tried = _copied(try_hand_over(new, running, params))
         try:
             old.succession.fitting(tried, {})
         except Exception:  # noqa: BLE001 - migrate and adopt are the user's
@@ -105,9 +105,9 @@ class ComposedSwaps:
         return True
 
     def _prove(
-        self, swap: CheckedSwap, old: Executor, frames: list[bytes], sent: list[bytes], *, way_back: bool
+        self, swap: CheckedSwap, old: Executor, frames: list[bytes], sent: list[bytes], *, can_roll_back: bool
     ) -> ComposedProbation:
-        """Let simulated time go by while the old node stands by; return how that went.
+        """Let simulated time pass while the old node is on standby; return how that went.
 
         Raises:
             SwapFailed: The new node failed; the old one goes on.
@@ -115,7 +115,9 @@ class ComposedSwaps:
         composition, wanted, index = self._composition, swap.probation, swap.index
         inputs = swap.new.inputs.values()
         new = composition.executor(index)
-        probation = ComposedProbation(composition, old, index, inputs, wanted.run_count, way_back=way_back)
+        probation = ComposedProbation(
+            composition, old, index, inputs, wanted.run_count, can_roll_back=can_roll_back
+        )
         composition.probation = probation
         due_ns = new.next_due_ns()
         taken = Done(list(sent), -1 if due_ns is None else due_ns, new.exit_code)
@@ -133,7 +135,7 @@ class ComposedSwaps:
     def _shadow(
         self, swap: CheckedSwap, new: Executor, sent: list[bytes], running: HandOver
     ) -> dict[str, Any]:
-        """Let both work for a while, and only the old one be heard; return how they compare."""
+        """Let both work for a while, and only the old one publish; return how they compare."""
         comparison = swap.comparison(running.published)
         self._composition.shadow = (swap.index, new, sent, comparison)
         try:

@@ -1,16 +1,14 @@
-"""A swap between two processes, make before break: each step can fail, and then the old one goes on.
+"""A swap between two processes, make before break: the table of its steps, and what they do.
 
-Until the new process is told :class:`Go` it publishes nothing, so that there is one owner at every instant.
+Until the new process receives :class:`~palp_core.graph.process.swap_messages.Commit` it publishes nothing, so
+that there is one owner at every instant, and every step can be undone.
 """
 
-import contextlib
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any
 
 import msgspec
 
-from palp_core.errors import GraphError, NodeError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
 from palp_core.graph.lockstep.simulated_time import SimulatedTime
@@ -18,19 +16,44 @@ from palp_core.graph.messages.message import decode_any
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.spec import HUNG_S
-from palp_core.graph.process import swap_messages
-from palp_core.graph.process.control_messages import Done, Raised
+from palp_core.graph.process.control_messages import Configured, Done, Matched, Raised
+from palp_core.graph.process.swap_messages import (
+    HANDLER,
+    AnnouncePredecessorDead,
+    AnnounceSuccessor,
+    AwaitReaders,
+    CancelMove,
+    Commit,
+    DryRun,
+    DryRunResult,
+    EndShadow,
+    Handover,
+    Leave,
+    Published,
+    ReadersReady,
+    RequestHandover,
+    RequestReport,
+    Resume,
+    Shadowed,
+    SuccessorAnnounced,
+    TakeOver,
+    TookOver,
+    Working,
+    WorkReport,
+)
 from palp_core.graph.supervision.process_probation import ProcessProbation
 from palp_core.graph.supervision.standby import Standby
 from palp_core.graph.supervision.supervisor import Supervisor
-from palp_core.graph.swap.swap import CheckedSwap, SwapFailed, SwapReport, unfit
+from palp_core.graph.swap.step_engine import FAREWELL_NS, NEW, OLD, Step, StepEngine
+from palp_core.graph.swap.swap import CheckedSwap, SwapReport, why_not_swappable
 from palp_core.graph.transport.offsets import ReceivedOffsets
 
-Answer = TypeVar("Answer", bound=swap_messages.FromSwapped)
-
-FAREWELL_NS = 1_000_000_000
 LINGER_NS = 60_000_000_000
 """How long an old process stays for a reader that is stopped or slow (assumed)."""
+
+ALWAYS, WITH_SHADOW, ON_PROBATION = "", "with a shadow", "on probation"
+ON_WALL_PROBATION, IN_SIM_PROBATION = "on probation, wall clock", "on probation, simulated time"
+"""When a step is part of a swap."""
 
 
 class ProcessSwaps:
@@ -46,15 +69,15 @@ class ProcessSwaps:
     def __init__(self, supervisor: Supervisor, folder: Path, workspace: Path, time: SimulatedTime) -> None:
         self._supervisor, self._folder, self._workspace = supervisor, folder, workspace
         self._time = time
-        self._under_way: _ProcessSwap | None = None
+        self._current: ProcessSwap | None = None
 
     @property
     def step(self) -> str:
-        """The step that the swap which is under way has come to; "" if there is none."""
-        return self._under_way.step if self._under_way is not None else ""
+        """The step of the swap that is under way; "" if there is none."""
+        return self._current.step if self._current is not None else ""
 
     def inspect_class(self, request: NodeClassRequest, timeout_s: float) -> NodeClass:
-        """Let a forked child import a class and say what it declares."""
+        """Let a forked child import a class and describe what it declares."""
         standbys = self._supervisor.standbys
         standbys.inspect([request], self._workspace)
         deadline_ns = monotonic_ns() + round(timeout_s * 1e9)
@@ -71,15 +94,15 @@ class ProcessSwaps:
         Raises:
             SwapFailed: A step failed; the old node goes on.
         """
-        self._under_way = _ProcessSwap(self._supervisor, self._folder, swap, now_ns, self._time)
+        self._current = ProcessSwap(self._supervisor, self._folder, swap, now_ns, self._time)
         try:
-            return self._under_way.run()
+            return self._current.run()
         finally:
-            self._under_way = None
+            self._current = None
 
 
-class _ProcessSwap:
-    """One swap, step by step.
+class ProcessSwap(StepEngine):
+    """One swap: what the steps of the table do.
 
     Args:
         supervisor: Has the processes.
@@ -87,63 +110,80 @@ class _ProcessSwap:
         swap: What is replaced by what.
         now_ns: Time on the graph's clock.
         time: Simulated time.
-
-    Attributes:
-        step: Which it has come to.
     """
 
     def __init__(
-        self,
-        supervisor: Supervisor,
-        folder: Path,
-        swap: CheckedSwap,
-        now_ns: int,
-        time: SimulatedTime,
+        self, supervisor: Supervisor, folder: Path, swap: CheckedSwap, now_ns: int, time: SimulatedTime
     ) -> None:
-        self._time = time
-        self._supervisor, self._folder, self._swap = supervisor, folder, swap
-        self._index, self._now_ns = swap.index, now_ns
-        self._old = supervisor.processes[swap.index]
+        super().__init__(supervisor, folder, swap)
+        self._now_ns, self._time = now_ns, time
         self._begun_ns = monotonic_ns()
-        self._deadline_ns = self._begun_ns + round(swap.request.timeout_s * 1e9)
-        self.step = "start"
-        self._new: Standby | None = None
-        self._announced = self._paused = self._changed = False
-        self._on_probation = self._way_back = False
-        self._proven, self._ran, self._proof = -1, 0, swap_messages.HANDLER
-        self._commits: list[swap_messages.Commit] = []
+        self._wall = bool(supervisor.start_ns)
+        self._after: ReceivedOffsets = {}
+        self._on_probation = self._can_roll_back = False
+        self._probation_end_ns = 0
+        self._report_request = RequestReport()
+        self._latest = WorkReport(b"", [], 0, -1, HANDLER)
+        self._unpublished: list[bytes] = []
         self._comparison: dict[str, Any] = {}
 
     def run(self) -> tuple[SwapReport, Done | None]:
+        """Walk the table; before the commit a failure leaves all as it was."""
         if why := self._impediment():
             self._fail(why)
         try:
-            after = self._prepare()
-            if self._swap.request.shadow_s:
-                after = self._shadow(after)
-            if self._swap.request.dry_run:
+            self._walk(PREPARATION)
+            if self._request.dry_run:
                 self._roll_back()
-                return self._report(None, 0), None
-            return self._change(after)
+                return self._report(Working(0.0, 0)), None
+            self._walk(CHANGE)
+            while self._has(ON_WALL_PROBATION) and not self._latest.last:
+                self._walk(PROBATION)
+            self._walk(COMMIT)
         except BaseException:
-            if not self._changed:
+            if not self._committed:
                 self._roll_back()
             raise
+        handover, taken = self._answer(Handover), self._answer(TookOver)
+        done = Done(handover.frames + taken.frames, taken.next_due_ns, None)
+        return self._report(self._answer(Working)), None if self._has(IN_SIM_PROBATION) else done
 
-    # Steps
+    def _walk(self, steps: tuple[Step, ...]) -> None:
+        for step in steps:
+            if self._has(step.when):
+                self.take(step)
+
+    def _has(self, when: str) -> bool:
+        return {
+            ALWAYS: True,
+            WITH_SHADOW: self._request.shadow_s > 0.0,
+            ON_PROBATION: self._on_probation,
+            ON_WALL_PROBATION: self._on_probation and self._wall,
+            IN_SIM_PROBATION: self._on_probation and not self._wall,
+        }[when]
+
+    def _report(self, working: Working) -> SwapReport:
+        return self._swap.report(
+            at_ns=self._now_ns,
+            gap_s=working.gap_s,
+            held=working.held,
+            duration_s=(monotonic_ns() - self._begun_ns) / 1e9 if self._wall else 0.0,
+            shadow=self._comparison,
+            proven=self._latest.proof_count,
+            proven_by=self._latest.proof,
+        )
+
+    # Start and configure
 
     def _impediment(self) -> str:
-        """Return who of those that a swap needs is not there just now; "" if all are."""
+        """Return which of the nodes that a swap needs is absent just now; "" if none is."""
         if absence := self._old.absence():
             return f"the node itself {absence}"
-        supervisor, checked, node = self._supervisor, self._swap.checked, self._swap.request.node
-        if not supervisor.start_ns:
-            return ""  # in simulated time nobody listens to sockets
-        readers = {
-            end for name, ends in checked.edges.items() if name.split("/")[1] == node for end, _ in ends
-        }
+        if not self._wall:
+            return ""  # in simulated time no node listens to sockets
+        readers = self._readers()
         publishers = {name.split("/")[1] for name in self._swap.new.inputs.values()}
-        for process in supervisor.processes:
+        for process in self._supervisor.processes:
             name = process.spec.name
             absence = process.absence() if name in readers | publishers else ""
             if absence:
@@ -151,349 +191,303 @@ class _ProcessSwap:
                 return f"/{name}, {what}, {absence}"
         return ""
 
-    def _prepare(self) -> ReceivedOffsets:
-        """Bring a new process as far as it comes while the old one works."""
-        running = decode_any(HandOver, self._request_hand_over({}, pause=False).hand_over)
-        if why := unfit(running, self._swap):
+    def _readers(self) -> set[str]:
+        edges = self._swap.checked.edges.items()
+        node = self._request.node
+        return {reader for name, ends in edges if name.split("/")[1] == node for reader, _ in ends}
+
+    def request_copy(self) -> RequestHandover:
+        return RequestHandover(self._after, pause=False)
+
+    def judge_running(self, step: Step) -> None:
+        running = decode_any(HandOver, self.wait_for_answer(step).hand_over)
+        if why := why_not_swappable(running, self._swap):
             self._fail(why)
         self._on_probation = self._swap.probation.run_count > 0 and running.active
-        self.step = "configure"
-        supervisor = self._supervisor
-        new_spec = self._old.successor_spec(self._swap.new)
-        self._new = supervisor.standbys.start(new_spec, self._old.log, fresh=True)
-        new = self._new.process
-        self._wait_for(lambda: new.configured, "it was not configured")
-        self._wait_for(lambda: new.matched, "it did not hear all of its publishers")
-        self.step = "connect"
-        self._announced = True
-        publish, serve = endpoints(str(self._folder), new.place)
-        supervisor.listening.clear()
-        self._send_old(swap_messages.Place(publish, serve))
-        readers = self._reply_of_old(swap_messages.Announced).readers
-        nodes = self._wait_for_readers(publish) if supervisor.start_ns else []
-        self._send_new(swap_messages.Meet(readers, nodes))
-        # Who does not come is no node of this graph, and can ask for what it missed.
-        self._reply_of_new(swap_messages.Met)
-        self.step = "state"
-        handed = self._request_hand_over({}, pause=False, with_latest=self._swap.try_out)
-        self._send_new(
-            swap_messages.Rehearse(handed.hand_over, self._swap.request.params, self._on_probation)
+
+    def start_process(self) -> None:
+        spec = self._old.successor_spec(self._swap.new)
+        self._standby = self._supervisor.standbys.start(spec, self._old.log, fresh=True)
+
+    def send_nothing(self) -> None: ...
+
+    # Connect
+
+    def announce_successor(self) -> AnnounceSuccessor:
+        return AnnounceSuccessor(*endpoints(str(self._folder), self._new.process.place))
+
+    def await_readers(self) -> AwaitReaders:
+        return AwaitReaders(self._answer(SuccessorAnnounced).readers, self._nodes_that_read())
+
+    def _nodes_that_read(self) -> list[str]:
+        """Return the graph's own readers that work; in simulated time none listens."""
+        readers = self._readers() if self._wall else set()
+        processes = self._supervisor.processes
+        return sorted(
+            process.spec.name for process in processes if process.active and process.spec.name in readers
         )
-        rehearsed = self._reply_of_new(swap_messages.Rehearsed)
-        if rehearsed.error:
-            self._fail(rehearsed.error)
-        if self._on_probation:
-            self._send_old(swap_messages.Rehearse(rehearsed.tried, {}))
-            self._way_back = not self._reply_of_old(swap_messages.Rehearsed).error
-        return rehearsed.after
 
-    def _wait_for_readers(self, publish: str) -> list[str]:
-        """Wait until the graph's own readers listen at the new place; return them.
+    def wait_for_readers(self, step: Step) -> None:
+        """Wait until the graph's own readers listen at the new place; others can ask for what they miss."""
+        names = ", ".join(f"/{name}" for name in self._nodes_that_read())
+        text = f"not every reader listened at the new place; one is stopped or busy: {names}"
+        self.wait_for_answer(step, missing=text)
 
-        Others can ask for what they miss.
-        """
-        supervisor, checked = self._supervisor, self._swap.checked
-        wanted = {
-            (supervisor.names.index(reader), name, publish)
-            for name, ends in checked.edges.items()
-            if name.split("/")[1] == self._swap.request.node
-            for reader, _ in ends
-            if reader in supervisor.names and supervisor.processes[supervisor.names.index(reader)].active
-        }
-        nodes = sorted({supervisor.names[index] for index, _, _ in wanted})
-        deaf = ", ".join(f"/{name}" for name in nodes)
-        text = f"not every reader listened at the new place; one is stopped or busy: {deaf}"
-        self._wait_for(lambda: wanted <= supervisor.listening, text)
-        return nodes
+    # State
 
-    def _shadow(self, after: ReceivedOffsets) -> ReceivedOffsets:
-        """Let both work for a while, and only the old one be heard; return up to where the new one heard."""
-        self.step = "shadow"
-        request, supervisor, new = self._swap.request, self._supervisor, self._new
-        assert new is not None
-        handed = self._request_hand_over(after, pause=False)
-        start_ns = supervisor.start_ns
-        publish = endpoints(str(self._folder), self._old.place)[0] if start_ns else ""
-        self._send_new(
-            swap_messages.Shadow(handed.hand_over, request.params, start_ns, handed.heard, publish)
+    def request_copy_to_try(self) -> RequestHandover:
+        return RequestHandover({}, pause=False, with_latest=self._swap.try_out)
+
+    def try_state(self) -> DryRun:
+        return DryRun(self._answer(Handover).hand_over, self._request.params, self._on_probation)
+
+    def keep_offsets(self, step: Step) -> None:
+        self._after = self.wait_for_answer(step).after
+
+    def try_way_back(self) -> DryRun:
+        return DryRun(self._answer(DryRunResult).tried, {})
+
+    def judge_way_back(self, step: Step) -> None:
+        self._can_roll_back = not self.wait_for_answer(step, may_refuse=True).error
+
+    # Shadow, hand over and take over
+
+    def begin_shadow(self) -> TakeOver:
+        publish = endpoints(str(self._folder), self._old.place)[0] if self._wall else ""
+        return TakeOver(
+            self._answer(Handover), self._request.params, self._supervisor.start_ns, shadow=publish
         )
-        taken = self._reply_of_new(swap_messages.TookOver)
-        if taken.error:
-            self._fail(taken.error)
-        duration_ns = round(request.shadow_s * 1e9)
+
+    def let_both_work(self, step: Step) -> None:
+        self.wait_for_answer(step)
+        supervisor, new = self._supervisor, self._new
+        duration_ns = round(self._request.shadow_s * 1e9)
         self._deadline_ns += duration_ns
-        if start_ns:
-            end_ns = monotonic_ns() + duration_ns
-            supervisor.wait_until(lambda: bool(new.failure) or self._old.ended, end_ns)
-        else:
-            comparison = self._swap.comparison(decode_any(HandOver, handed.hand_over).published)
-            begun_ns = monotonic_ns()
-            supervisor.shadow = (self._index, new, comparison)
-            try:
-                self._time.elapse(duration_ns)
-            finally:
-                supervisor.shadow = None
-            self._deadline_ns += monotonic_ns() - begun_ns
-            self._now_ns += duration_ns
-            self._comparison = comparison.report()
-        self._send_new(swap_messages.EndShadow())
-        shadowed = self._reply_of_new(swap_messages.Shadowed)
+        begun_ns = monotonic_ns()
+        if self._wall:
+            supervisor.wait_until(lambda: bool(new.failure) or self._old.ended, begun_ns + duration_ns)
+            return
+        running = decode_any(HandOver, self._answer(Handover).hand_over)
+        comparison = self._swap.comparison(running.published)
+        supervisor.shadow = (self._index, new, comparison)
+        try:
+            self._time.elapse(duration_ns)
+        finally:
+            supervisor.shadow = None
+        self._deadline_ns += monotonic_ns() - begun_ns
+        self._now_ns += duration_ns
+        self._comparison = comparison.report()
+
+    def end_shadow(self) -> EndShadow:
+        return EndShadow()
+
+    def keep_comparison(self, step: Step) -> None:
+        shadowed = self.wait_for_answer(step)
+        self._after = shadowed.after
         if shadowed.report:
             self._comparison = msgspec.json.decode(shadowed.report)
-        return shadowed.after
 
-    def _change(self, after: ReceivedOffsets) -> tuple[SwapReport, Done | None]:
-        request = self._swap.request
-        self.step = "hand over"
-        self._paused = True
-        handed = self._request_hand_over(after, pause=True)
+    def request_last_copy(self) -> RequestHandover:
+        return RequestHandover(self._after, pause=True)
+
+    def free_old(self, step: Step) -> None:
+        """Let the old process end from now on: it has handed over everything."""
+        handover = self.wait_for_answer(step)
         self._old.handed_over = True
-        self.step = "take over"
-        start_ns = self._supervisor.start_ns
-        self._send_new(
-            swap_messages.TakeOver(
-                handed.hand_over,
-                request.params,
-                start_ns,
-                handed.heard,
-                handed.remembered,
-                handed.at_ns,
-                self._on_probation,
-            )
-        )
-        taken = self._reply_of_new(swap_messages.TookOver)
-        if taken.error:
-            self._fail(taken.error)
-        assert self._new is not None
-        if self._on_probation and start_ns:
-            self.step = "probation"
-        if self._new.process.has_died():  # with these words; how, the fork server is about to tell
-            self._wait_for(lambda: False, "its process has died")
-        if start_ns:
-            self._now_ns = handed.at_ns - start_ns
-        if self._on_probation and start_ns:
-            self._prove()
-        runs = {"before": self._swap.old.run, "after": self._swap.new.run}
-        record = {"at_s": self._now_ns / 1e9, **runs}
-        new, self._new = self._new, None
-        self._changed = True  # from here on there is no way back but that of a probation in lockstep
-        self._supervisor.standbys.send(new, swap_messages.Go(record))
-        self._supervisor.promote(self._index, new)
-        working = self._working()
-        done: Done | None = Done([*handed.frames, *taken.frames], taken.next_due_ns, None)
-        if self._on_probation and not start_ns:
-            self._prove_in_lockstep(new, handed, taken)
-            done = None
-        self._end_former(new)
-        held = taken.held if working is None else int(str(working.record["held"]))
-        return self._report(working, held), done
+        if self._wall:
+            self._now_ns = handover.at_ns - self._supervisor.start_ns
 
-    def _prove(self) -> None:
-        """Let the new node work, and the old one say what it has to say, until enough handlers have run well.
+    def take_over(self) -> TakeOver:
+        handover, start_ns = self._answer(Handover), self._supervisor.start_ns
+        return TakeOver(handover, self._request.params, start_ns, self._on_probation)
 
-        Where the old one could not take the new one's state, it says nothing before one handler has.
+    # Probation
+
+    def begin_probation(self, step: Step) -> None:
+        self.wait_for_answer(step)
+        self._probation_end_ns = monotonic_ns() + round(self._swap.standby_s * 1e9)
+
+    def request_report(self) -> RequestReport:
+        """Ask for one report: the last, if the new node is proven or the old one can publish none.
+
+        Where the old one could not go on from a report, the first that counts a handler is the last.
         """
-        supervisor, new, probation = self._supervisor, self._new, self._swap.probation
-        assert new is not None
-        end_ns = monotonic_ns() + round(self._swap.standby_s * 1e9)
-        while (
-            (self._proven < probation.run_count if self._way_back else self._ran < 1)
-            and monotonic_ns() < end_ns
-            and not (self._cannot_return() or supervisor.exit_code is not None)
-        ):
-            supervisor.wait_until(lambda: bool(new.replies or new.failure) or self._cannot_return(), end_ns)
-            self._pass_on(new)
-            if new.failure:
-                self._fail(new.failure)
-        supervisor.standbys.send(new, swap_messages.CommitNow(last=True))
-        end_ns = monotonic_ns() + round(HUNG_S["wall"] * 1e9)
-        while not self._pass_on(new):
-            if new.failure:
-                self._fail(new.failure)
-            if not supervisor.wait_until(lambda: bool(new.replies or new.failure), end_ns):
-                self._fail(f"a handler of it did not return within {HUNG_S['wall']:g} s")
+        enough = self._latest.proof_count >= self._swap.probation.run_count
+        is_proven = enough if self._can_roll_back else self._latest.run_count > 0
+        if is_proven or self._must_end() or monotonic_ns() >= self._probation_end_ns:
+            self._report_request = RequestReport(last=True)
+        elif self._can_roll_back:
+            self._report_request = RequestReport(self._probation_end_ns)
+        else:
+            self._report_request = RequestReport(self._probation_end_ns, handler_count=1, last=True)
+        return self._report_request
 
-    def _cannot_return(self) -> bool:
-        """Tell whether the old node is gone, or cannot take the state any more: the new one has to go on."""
-        said = self._supervisor.swap_replies.get(self._index)
-        return self._old.ended or (
-            isinstance(said, swap_messages.Rehearsed) and self._way_back and bool(said.error)
-        )
+    def _must_end(self) -> bool:
+        return self._old.ended or self._supervisor.exit_code is not None
 
-    def _pass_on(self, new: Standby) -> bool:
-        """Let the old node say what the new one has reported; tell whether that was the last."""
-        said, new.replies = new.replies, []
-        for commit in said:
-            if isinstance(commit, Raised):
-                self._supervisor.hear(self._index, commit)
-            if isinstance(commit, swap_messages.Commit):
-                if commit.last and (new.failure or new.process.has_died()):
-                    self._fail(new.failure or "its process has died")
-                self._proven, self._proof, self._ran = commit.proof_count, commit.proof, commit.run_count
-                self._commits.append(commit)
-                if self._way_back or commit.last:
-                    for waiting in self._commits:
-                        self._supervisor.send_if_connected(self._index, waiting)
-                    self._commits.clear()
-                if commit.last:
-                    return True
-        return False
+    def keep_report(self, step: Step) -> None:
+        """Wait for the report; if the probation must end meanwhile, for the last one."""
+        new = self._new
+        if not self._wait_for_report(new):
+            self._report_request = RequestReport(last=True)
+            self._send(NEW, self._report_request)
+            self._wait_for_report(new)
+        replies, new.replies = new.replies, []
+        for event in replies:
+            if isinstance(event, Raised):
+                self._supervisor.hear(self._index, event)
+        self._check_successor()
+        reports = [reply for reply in replies if isinstance(reply, WorkReport)]
+        frames = [frame for report in reports for frame in report.frames]
+        self._answers[step.awaits] = msgspec.structs.replace(reports[-1], frames=frames)
 
-    def _prove_in_lockstep(
-        self, former: Standby, handed: swap_messages.HandedIn, taken: swap_messages.TookOver
-    ) -> None:
-        """Let simulated time go by while the old node stands by."""
-        self.step = "probation"
-        wanted, supervisor = self._swap.probation, self._supervisor
+    def _wait_for_report(self, new: Standby) -> bool:
+        """Tell whether there is one, or a failure."""
+        supervisor, request = self._supervisor, self._report_request
+
+        def has_report() -> bool:
+            reports = (reply for reply in new.replies if isinstance(reply, WorkReport))
+            return bool(new.failure) or any(report.last == request.last for report in reports)
+
+        def is_over() -> bool:
+            return has_report() or (request.until_ns > 0 and self._must_end())
+
+        hung_ns = max(request.until_ns, monotonic_ns()) + round(HUNG_S["wall"] * 1e9)
+        incoming_bytes = supervisor.standbys.incoming_bytes
+        if not supervisor.wait_until(lambda: is_over() or incoming_bytes(new) > 0, hung_ns):
+            self._fail(f"a handler of it did not return within {HUNG_S['wall']:g} s")
+        self._extend_deadline()
+        self._wait_for(is_over, "it did not report its state")
+        return has_report()
+
+    def pass_on(self) -> WorkReport:
+        self._latest = self._answer(WorkReport)
+        return self._latest
+
+    def judge_publication(self, _: Step) -> None:
+        """Wait until the old node has published the report; if it has died, the new one does in the end."""
+        replies = self._supervisor.swap_replies
+
+        def is_over() -> bool:
+            return isinstance(replies.get(self._index), Published) or self._old.ended
+
+        self._extend_deadline()
+        if self._can_roll_back:
+            self._wait_for(is_over, "the old node did not publish a report")
+        else:
+            self._supervisor.wait_until(is_over, self._deadline_ns)
+        answer = replies.get(self._index)
+        if answer is None and self._old.ended:
+            self._unpublished += self._latest.frames
+        self._can_roll_back &= isinstance(answer, Published) and not answer.error
+        self._must_commit = self._latest.last and not self._can_roll_back
+
+    def prove_in_rounds(self, _: Step) -> None:
+        """Let simulated time pass while the old node is on standby."""
+        wanted, supervisor, former = self._swap.probation, self._supervisor, self._new
         inputs = self._swap.new.inputs.values()
         probation = ProcessProbation(
-            supervisor, former, self._index, inputs, wanted.run_count, way_back=self._way_back
+            supervisor, former, self._index, inputs, wanted.run_count, can_roll_back=self._can_roll_back
         )
         supervisor.probation = probation
+        taken = self._answer(TookOver)
+        done = Done(taken.frames, taken.next_due_ns, None)
         try:
-            first = probation.begin(handed.frames, Done(taken.frames, taken.next_due_ns, None))
-            self._time.pass_probation(probation, first, wanted.longest_s, self._swap.request.timeout_s)
+            first = probation.begin(self._answer(Handover).frames, done)
+            self._time.pass_probation(probation, first, wanted.longest_s, self._request.timeout_s)
         finally:
             supervisor.probation = None
-        self._proven, self._proof = probation.proof_count, probation.proof
+        self._latest = WorkReport(b"", [], 0, probation.proof_count, probation.proof)
         if probation.failure:
-            self._new, self._changed = former, False
+            self._committed = False
             self._fail(probation.failure)
 
-    def _report(self, working: swap_messages.Working | None, held: int) -> SwapReport:
-        lockstep = not self._supervisor.start_ns
-        gap_s = 0.0 if working is None else float(str(working.record["gap_s"]))
-        return self._swap.report(
-            at_ns=self._now_ns,
-            gap_s=gap_s,
-            held=held,
-            duration_s=0.0 if lockstep else (monotonic_ns() - self._begun_ns) / 1e9,
-            shadow=self._comparison,
-            proven=self._proven,
-            proven_by=self._proof,
+    # Commit and leave
+
+    def commit(self) -> Commit:
+        runs = {"before": self._swap.old.run, "after": self._swap.new.run}
+        return Commit({"at_s": self._now_ns / 1e9, **runs}, self._unpublished)
+
+    def promote(self, step: Step) -> None:
+        """Give the new process the node's part; if it fails from now on, the node has failed."""
+        supervisor, index, new = self._supervisor, self._index, self._new
+        self._committed = True
+        supervisor.promote(index, new)
+        process, replies = supervisor.processes[index], supervisor.swap_replies
+        supervisor.wait_until(
+            lambda: isinstance(replies.get(index), Working) or process.ended, monotonic_ns() + FAREWELL_NS
         )
+        answer = replies.pop(index, None)
+        held = self._answer(TookOver).held
+        self._answers[Working] = answer if isinstance(answer, Working) else Working(0.0, held)
 
-    def _working(self) -> swap_messages.Working | None:
-        """Wait until the new node is at work; if it fails now, that is a failure of the node as any other."""
-        supervisor, index = self._supervisor, self._index
-        process = supervisor.processes[index]
+    def send_away(self) -> Leave:
+        return Leave(LINGER_NS)
 
-        def answered() -> bool:
-            return isinstance(supervisor.swap_replies.get(index), swap_messages.Working) or process.ended
+    def redirect_tools(self, _: Step) -> None:
+        """Let the node's name lead to the new process when the old one has ended.
 
-        supervisor.wait_until(answered, monotonic_ns() + FAREWELL_NS)
-        answer = supervisor.swap_replies.pop(index, None)
-        return answer if isinstance(answer, swap_messages.Working) else None
-
-    def _end_former(self, former: Standby) -> None:
-        """Let the old process end; whoever looks for the node by its name is led to the new one.
-
-        It stays as long as a reader has not had all that it published, but nobody waits for that.
+        It stays as long as a reader has not had all that it published, but nothing waits for that.
         """
-        supervisor = self._supervisor
-        supervisor.standbys.send(former, swap_messages.Leave(LINGER_NS))
-        former.on_end = self._redirecting(former, supervisor.processes[self._index].place)
-        has_died = former.process.ended  # before anybody listened to its end
+        supervisor, former = self._supervisor, self._new
+        place = supervisor.processes[self._index].place
+        former.on_end = lambda: self._redirect(former, place)
+        has_died = former.process.ended  # before its end was watched
         if has_died or not supervisor.wait_until(lambda: former.process.ended, monotonic_ns() + FAREWELL_NS):
             former.on_end()
 
-    def _redirecting(self, former: Standby, place: str) -> Callable[[], None]:
+    def _redirect(self, former: Standby, place: str) -> None:
         folder, supervisor, index = self._folder, self._supervisor, self._index
-        node, before = self._swap.request.node, former.process.place
+        node, before = self._request.node, former.process.place
+        if supervisor.processes[index].place != place:
+            return  # it has changed hands again
+        if self._wall and former.process.ended and not former.has_left:
+            supervisor.send_if_connected(index, AnnouncePredecessorDead())
+        for end in ("pub", "srv"):
+            link = folder / f"+{node}.{end}.link"
+            link.unlink(missing_ok=True)
+            link.symlink_to(f"{place}.{end}")
+            link.replace(folder / f"{node}.{end}")
+            if before != node:
+                (folder / f"{before}.{end}").unlink(missing_ok=True)
 
-        def redirect() -> None:
-            if supervisor.processes[index].place != place:
-                return  # it has changed hands again
-            if supervisor.start_ns and former.process.ended and not former.has_left:
-                supervisor.send_if_connected(index, swap_messages.Bury())
-            for end in ("pub", "srv"):
-                link = folder / f"+{node}.{end}.link"
-                link.unlink(missing_ok=True)
-                link.symlink_to(f"{place}.{end}")
-                link.replace(folder / f"{node}.{end}")
-                if before != node:
-                    (folder / f"{before}.{end}").unlink(missing_ok=True)
 
-        return redirect
+PREPARATION = (
+    Step("start", ALWAYS, OLD, ProcessSwap.request_copy, Handover, ProcessSwap.judge_running),
+    Step("configure", ALWAYS, NEW, ProcessSwap.start_process, Configured),
+    Step("configure", ALWAYS, NEW, ProcessSwap.send_nothing, Matched),
+    Step("connect", ALWAYS, OLD, ProcessSwap.announce_successor, SuccessorAnnounced, undo=CancelMove()),
+    Step("connect", ALWAYS, NEW, ProcessSwap.await_readers, ReadersReady, ProcessSwap.wait_for_readers),
+    Step("state", ALWAYS, OLD, ProcessSwap.request_copy_to_try, Handover),
+    Step("state", ALWAYS, NEW, ProcessSwap.try_state, DryRunResult, ProcessSwap.keep_offsets),
+    Step("state", ON_PROBATION, OLD, ProcessSwap.try_way_back, DryRunResult, ProcessSwap.judge_way_back),
+    Step("shadow", WITH_SHADOW, OLD, ProcessSwap.request_copy, Handover),
+    Step("shadow", WITH_SHADOW, NEW, ProcessSwap.begin_shadow, TookOver, ProcessSwap.let_both_work),
+    Step("shadow", WITH_SHADOW, NEW, ProcessSwap.end_shadow, Shadowed, ProcessSwap.keep_comparison),
+)
+"""The steps in which the old node works; a dry run ends here."""
 
-    def _roll_back(self) -> None:
-        """Leave all as it was; a new process has said nothing to anybody yet."""
-        supervisor = self._supervisor
-        if self._new is not None:
-            supervisor.standbys.kill(self._new)
-        if self._paused:
-            self._send_old(swap_messages.Resume())
-        if self._announced:
-            self._send_old(swap_messages.Stay())
-        new = self._new
-        if new is not None:
-            with contextlib.suppress(NodeError, GraphError):  # the swap's own failure is the news
-                supervisor.wait_until(lambda: new.process.ended, monotonic_ns() + FAREWELL_NS)
-            for end in ("pub", "srv"):
-                (self._folder / f"{new.process.place}.{end}").unlink(missing_ok=True)
-        if self._old.handed_over:
-            self._old.handed_over = False
-            if self._old.ended:
-                supervisor.recover(self._index, "its process ended while its successor failed")
+CHANGE = (
+    Step("hand over", ALWAYS, OLD, ProcessSwap.request_last_copy, Handover, ProcessSwap.free_old, Resume()),
+    Step("take over", ALWAYS, NEW, ProcessSwap.take_over, TookOver, ProcessSwap.begin_probation),
+)
+"""The steps in which neither works."""
 
-    # What is said to both processes, and how they answer
+PROBATION = (
+    Step(
+        "probation", ON_WALL_PROBATION, NEW, ProcessSwap.request_report, WorkReport, ProcessSwap.keep_report
+    ),
+    Step("probation", ON_WALL_PROBATION, OLD, ProcessSwap.pass_on, Published, ProcessSwap.judge_publication),
+)
+"""What is repeated until the new node is proven: one report at a time, so that nothing overtakes it."""
 
-    def _fail(self, text: str) -> NoReturn:
-        raise SwapFailed(self._swap.request.node, self.step, text)
+COMMIT = (
+    Step("commit", ALWAYS, NEW, ProcessSwap.commit, Working, ProcessSwap.promote),
+    Step(
+        "probation", IN_SIM_PROBATION, NEW, ProcessSwap.send_nothing, WorkReport, ProcessSwap.prove_in_rounds
+    ),
+    Step("leave", ALWAYS, OLD, ProcessSwap.send_away, Done, ProcessSwap.redirect_tools),
+)
+"""The steps that are not undone, but for a probation in simulated time."""
 
-    def _request_hand_over(
-        self, after: dict[str, tuple[int, int]], *, pause: bool, with_latest: bool = False
-    ) -> swap_messages.HandedIn:
-        self._send_old(swap_messages.HandIn(after, pause, with_latest))
-        return self._reply_of_old(swap_messages.HandedIn)
-
-    def _send_old(self, message: swap_messages.ToSwapped) -> None:
-        self._supervisor.swap_replies.pop(self._index, None)
-        self._supervisor.send_if_connected(self._index, message)
-
-    def _send_new(self, message: swap_messages.ToSwapped) -> None:
-        assert self._new is not None
-        self._new.replies.clear()
-        self._supervisor.standbys.send(self._new, message)
-
-    def _reply_of_old(self, kind: type[Answer]) -> Answer:
-        """Wait for an answer of this kind; another is late, of a swap before that waited for it no longer."""
-        replies, index = self._supervisor.swap_replies, self._index
-        missing = f"the old node did not answer ({kind.__name__})"
-        self._wait_for(lambda: isinstance(replies.get(index), kind), missing)
-        answer = replies.pop(index)
-        assert isinstance(answer, kind)
-        return answer
-
-    def _reply_of_new(self, kind: type[Answer]) -> Answer:
-        new = self._new
-        assert new is not None
-
-        def fitting() -> list[Answer]:
-            return [reply for reply in new.replies if isinstance(reply, kind)]
-
-        self._wait_for(lambda: bool(fitting()), f"the new node did not answer ({kind.__name__})")
-        return fitting()[0]
-
-    def _wait_for(self, condition: Callable[[], bool], failure: str) -> None:
-        """Wait for something.
-
-        Raises:
-            SwapFailed: One of the processes has ended, or the time is over.
-        """
-        old, new = self._old, self._new
-
-        def over() -> bool:
-            gone = (old.ended and not old.handed_over) or old.respawn_at_ns is not None
-            return condition() or gone or (new is not None and bool(new.failure))
-
-        in_time = self._supervisor.wait_until(over, self._deadline_ns)
-        if new is not None and new.failure:  # it may have answered before it died
-            if self.step == "take over" and self._on_probation and condition():
-                self.step = "probation"
-            self._fail(new.failure)
-        if condition():
-            return
-        if not in_time:
-            self._fail(f"{failure} within {self._swap.request.timeout_s:g} s")
-        self._fail("the old node has ended")
+TABLE = (*PREPARATION, *CHANGE, *PROBATION, *COMMIT)

@@ -26,7 +26,7 @@ from palp_core.graph.problems import hint
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.process.swap_messages import HANDLER
-from palp_core.graph.swap.compatibility import objections, replaced
+from palp_core.graph.swap.compatibility import incompatibilities, replaced
 from palp_core.graph.transport.request_server import NodeRequest
 
 TIMEOUT_S = 10.0
@@ -37,7 +37,7 @@ STEPS = ("check", "start", "configure", "connect", "state", "shadow", "hand over
 
 
 class Probation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How long the old node stands by, and goes on if the new one fails: whatever is over first.
+    """How long the old node is on standby, and goes on if the new one fails: what is over first.
 
     Attributes:
         run_count: Handlers that have to run well, or whatever else the class says that it is proven by; 0:
@@ -61,9 +61,9 @@ class SwapRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         run: ``module:Class`` or ``path.py:Class``; "": the class that runs, from its source as it is now.
         params: Parameters of the new node; of the same class, those that are to change.
         timeout_s: How long all of it may take, shadow and probation not counted.
-        shadow_s: So long, on the graph's clock, both work and only the old one is heard.
+        shadow_s: So long, on the graph's clock, both work and only the old one publishes.
         dry_run: Change nothing in the end.
-        probation: How long the old node stands by; None: as the new class says.
+        probation: How long the old node is on standby; None: as the new class states.
     """
 
     node: str
@@ -111,7 +111,7 @@ class SwapReport(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SwapFailed(NodeError):
-    """The old node is at work, and nothing has changed.
+    """The old node works, and nothing has changed.
 
     Attributes:
         step: Which step failed.
@@ -126,7 +126,7 @@ class CheckedSwap(msgspec.Struct, frozen=True, kw_only=True):
     """One node in place of another: the place, who had it, who gets it.
 
     Attributes:
-        probation: How long the former stands by.
+        probation: How long the former is on standby.
         try_out: Before that the new one is tried on the last messages.
     """
 
@@ -140,7 +140,7 @@ class CheckedSwap(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def standby_s(self) -> float:
-        """How long the former stands by at the most, of the machine's time where nobody says."""
+        """How long the former is on standby at the most, of the machine's time where none is stated."""
         longest_s = self.probation.longest_s
         return self.request.timeout_s if longest_s is None else longest_s
 
@@ -164,13 +164,13 @@ class CheckedSwap(msgspec.Struct, frozen=True, kw_only=True):
         return ShadowComparison(published, arrays)
 
 
-def unfit(found: HandOver, swap: CheckedSwap) -> str:
+def why_not_swappable(found: HandOver, swap: CheckedSwap) -> str:
     """Return why a node as it is now cannot be replaced, or ""."""
     if found.finished:
         return "it has finished its work"
     if found.active and (swap.old.moves or swap.new.moves):
         return (
-            "it moves something and is at work; bring it to its safe state first: "
+            "it moves something and is active; bring it to its safe state first: "
             f"palp lifecycle set /{swap.request.node} deactivate"
         )
     return ""
@@ -323,7 +323,7 @@ class Swapper:
         wanted = NodeClassRequest(run, {**before, **request.params}, name=name)
         new_class = self._backend.inspect_class(wanted, request.timeout_s)
         new_class = msgspec.structs.replace(new_class, run=run)
-        wrong = objections(checked, old, new_class)
+        wrong = incompatibilities(checked, old, new_class)
         if run == old.run:
             fixed = changed_read_only(new_class.params, old.params, request.params)
             wrong += [f"parameter '{one}' is read-only; state it in the launch file" for one in fixed]

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Generic, Protocol, TypeVar
 
 import msgspec
@@ -13,7 +14,7 @@ from palp_core.graph.messages.frame import Frame, Kind
 from palp_core.graph.messages.message import decode_any
 
 PATIENCE_NS = 5_000_000_000
-"""How long what comes from a new place waits for the old one's word (assumed: no host is busier)."""
+"""How long what comes from a new place waits for the rest of the old one (assumed: no host is busier)."""
 
 GIVE_UP_NS = 90_000_000_000
 """Longer than an old place stays for a slow reader."""
@@ -22,7 +23,7 @@ LOOK_NS = 500_000_000
 """How often to look whether a place that was followed to is there still."""
 
 PLACES_REMEMBERED = 16
-"""Places that were left and may still be spoken of, by what has arrived from them and was not read."""
+"""Places that were left and may still be announced, by what has arrived from them and was not read."""
 
 Item = TypeVar("Item")
 
@@ -31,7 +32,7 @@ class Move(msgspec.Struct, frozen=True):
     """Payload of a frame of kind MOVED.
 
     Attributes:
-        phase: ``prepare``: listen there too; ``here``: this is that place, and it speaks from now on;
+        phase: ``prepare``: listen there too; ``here``: this is that place, and it publishes from now on;
             ``gone``: from here comes nothing more; ``stay``: forget that place.
         publish: That place's endpoint.
         serve: Where it answers.
@@ -54,41 +55,31 @@ def read_move(payload: memoryview) -> Move:
     return move
 
 
-class _Ear(Protocol):
+class Connector(Protocol):
     def connect(self, endpoint: str) -> None: ...
 
     def disconnect(self, endpoint: str) -> None: ...
 
 
-class Ordered(Protocol):
+class Reorderer(Protocol):
     """What puts one topic's messages in order."""
 
     def begin_move(self) -> None:
         """Hold back what comes out of order."""
 
     def end_move(self, now_ns: int, last: int = 0) -> None:
-        """Hand on what is held: nothing is to come from the old place."""
+        """Deliver what is held: nothing more comes from the old place."""
 
 
-class Unordered:
-    """For a reader that puts everything in order later: nothing is held back."""
-
-    def begin_move(self) -> None:
-        """Go on as before."""
-
-    def end_move(self, now_ns: int, last: int = 0) -> None:
-        """Go on as before."""
-
-
-class Turns(Generic[Item]):
+class MoveReorderer(Generic[Item]):
     """Puts one topic's frames in order while its publisher moves, for a reader that keeps no other order.
 
     Args:
-        hand_on: Takes what came with each frame, in order.
+        deliver: Takes what came with each frame, in order.
     """
 
-    def __init__(self, hand_on: Callable[[Item], None]) -> None:
-        self._hand_on = hand_on
+    def __init__(self, deliver: Callable[[Item], None]) -> None:
+        self._deliver = deliver
         self._moving = False
         self._since_ns = 0
         self._last = (-1, 0)
@@ -97,7 +88,7 @@ class Turns(Generic[Item]):
     def arrive(self, frame: Frame, item: Item, now_ns: int) -> None:
         """Take a frame, and what is to be handed on for it."""
         if self._moving and now_ns - self._since_ns > PATIENCE_NS:
-            self.end_move(now_ns)  # the old place has died before it could say that it was done
+            self.end_move(now_ns)  # the old place has died before it could announce its end
         point = (frame.epoch, frame.sequence)
         is_next = point <= (self._last[0], self._last[1] + 1)
         if not self._moving or is_next:
@@ -111,7 +102,7 @@ class Turns(Generic[Item]):
     def _pass(self, is_data: bool, point: tuple[int, int], item: Item) -> None:
         if is_data or self._last[0] < 0:
             self._last = max(self._last, point)
-        self._hand_on(item)
+        self._deliver(item)
 
     def begin_move(self) -> None:
         """Hold back what comes out of order."""
@@ -124,11 +115,11 @@ class Turns(Generic[Item]):
             self._pass(True, point, self._held.pop(point))
 
 
-class Route:
-    """Where one topic is published: the place where it is heard now, and those where it goes on, in order.
+class PublisherEndpoints:
+    """Where one topic is published now, and where it goes on, in order.
 
-    Whoever reads slowly may hear of the next change of hands before it has had all of the last: then there
-    are three.
+    A slow reader may receive the next change of hands before it has had all of the last: then there are
+    three places.
 
     Args:
         publish: Where it is published: a name that leads to its publisher after any change of hands, too.
@@ -141,12 +132,12 @@ class Route:
         self._home_serve = serve
         self._serve = {publish: serve}
         self._finished: set[str] = set()
-        self._spoke: dict[str, int] = {}
+        self._published_ns: dict[str, int] = {}
         self._left: deque[str] = deque(maxlen=PLACES_REMEMBERED)
 
     @property
     def serve(self) -> str:
-        """Where the latest of them that is at work answers."""
+        """Where the latest of them that works answers."""
         return next(self._serve[place] for place in reversed(self.places) if place in self._serve)
 
     def add(self, publish: str) -> bool:
@@ -157,33 +148,33 @@ class Route:
         return True
 
     def replace(self, publish: str) -> None:
-        """Take another's word for the first place."""
+        """Exchange the first place."""
         self._serve.setdefault(publish, self._serve[self.places[0]])
         self.places[0] = publish
 
     def begin(self, publish: str, serve: str, now_ns: int) -> None:
-        """Take a place's word that it speaks from now on."""
+        """Note that a place publishes from now on."""
         if publish in self.places:
             self._serve[publish] = serve
-            self._spoke[publish] = now_ns
+            self._published_ns[publish] = now_ns
 
     def finish_before(self, publish: str, serve: str) -> list[str]:
-        """Take the word that everything goes on there; return the places that are to be left.
+        """Note that everything goes on there; return the places that are to be left.
 
-        It is that of the one before, or of one before that: what never spoke was given up.
+        This is sent by the place before, or by one before that: what never published was given up.
         """
         if publish not in self.places[1:]:
             return []
         self._serve[publish] = serve
         index = self.places.index(publish) - 1
-        while index and self.places[index] not in self._spoke:
+        while index and self.places[index] not in self._published_ns:
             self._finished.add(self.places[index])
             index -= 1
         self._finished.add(self.places[index])
         return self._part()
 
     def _part(self) -> list[str]:
-        """Leave places that have published their last, if none before them is to say anything yet."""
+        """Leave places that have published their last, if none before them is to publish anything yet."""
         count = next(i for i, place in enumerate(self.places) if place not in self._finished)
         parted = self.places[:count]
         for place in parted:
@@ -195,7 +186,7 @@ class Route:
         self.places.remove(publish)
         self._left.append(publish)
         self._finished.discard(publish)
-        for known in (self._serve, self._spoke):
+        for known in (self._serve, self._published_ns):
             known.pop(publish, None)
 
     def is_lost(self) -> bool:
@@ -207,13 +198,15 @@ class Route:
         """Begin again where its name leads; return the places that are to be left."""
         lost, self.places = self.places, [self.home]
         self._serve = {self.home: self._home_serve}
-        self._spoke.clear()
+        self._published_ns.clear()
         return lost
 
     def overdue(self, now_ns: int) -> list[str]:
-        """Return the places before one that began to speak longer ago than an old one stays; leave them."""
+        """Return the places before one that began to publish longer ago than an old one stays; leave them."""
         begun = [
-            i for i, place in enumerate(self.places) if now_ns - self._spoke.get(place, now_ns) > GIVE_UP_NS
+            i
+            for i, place in enumerate(self.places)
+            if now_ns - self._published_ns.get(place, now_ns) > GIVE_UP_NS
         ]
         self._finished.update(self.places[: max(begun, default=0)])
         return self._part()
@@ -223,22 +216,19 @@ class Migration:
     """Where the publishers of some topics are.
 
     Args:
-        ear: The subscription to all of them.
+        socket: Subscribes to all of them.
         publishers: Per topic, where it is published and where its publisher answers.
-        orders: Puts each topic in order.
-        listening: Is told a topic and the second place where it is listened to.
+        reorderers: Put topics in order; others are put in order later.
     """
 
     def __init__(
         self,
-        ear: _Ear,
+        socket: Connector,
         publishers: Mapping[str, tuple[str, str]],
-        orders: Mapping[str, Ordered],
-        listening: Callable[[str, str], None] = lambda *_: None,
+        reorderers: Mapping[str, Reorderer] = MappingProxyType({}),
     ) -> None:
-        self._listening = listening
-        self._ear, self._orders = ear, orders
-        self._routes = {name: Route(*ends) for name, ends in publishers.items()}
+        self._socket, self._reorderers = socket, reorderers
+        self._routes = {name: PublisherEndpoints(*ends) for name, ends in publishers.items()}
         self._next_look_ns = 0
 
     @property
@@ -248,23 +238,23 @@ class Migration:
 
     def add(self, name: str, publish: str, serve: str) -> None:
         """Follow one more topic."""
-        self._routes[name] = Route(publish, serve)
+        self._routes[name] = PublisherEndpoints(publish, serve)
 
     def remove(self, name: str) -> None:
         """Follow a topic no longer."""
         self._routes.pop(name, None)
 
     def relocate(self, name: str, publish: str) -> None:
-        """Take the run directory's word for where a topic is published now, if no frame has told of it."""
+        """Follow a topic to where the run directory has it now, if no frame has announced that."""
         if publish not in self._routes[name].places:
-            self._ear.connect(publish)
+            self._socket.connect(publish)
             self._routes[name].replace(publish)  # the place before may have more to say: it is not left
 
     def follow(self, frame: Frame, now_ns: int) -> None:
         """Take a frame of kind MOVED.
 
         Raises:
-            SchemaMismatch: It says nothing that can be followed.
+            SchemaMismatch: It announces nothing that can be followed.
         """
         move, name = read_move(frame.payload), frame.topic
         route = self._routes[name]
@@ -277,13 +267,13 @@ class Migration:
                 route.forget(move.publish)
                 self._leave([move.publish])
             if len(route.places) == 1:
-                self._orders[name].end_move(now_ns)
+                self._end_move(name, now_ns)
         elif move.phase == "gone":
             self._listen_at(name, move.publish)
             self._settle(name, route.finish_before(move.publish, move.serve), now_ns, frame.sequence)
 
     def tick(self, now_ns: int) -> None:
-        """Give up places that have died before they could say what follows."""
+        """Give up places that have died before they could announce what follows."""
         for name, route in self._routes.items():
             if len(route.places) > 1:
                 self._settle(name, route.overdue(now_ns), now_ns, 0)
@@ -292,26 +282,30 @@ class Migration:
             for route in self._routes.values():
                 if route.is_lost():
                     if route.home not in self._all_places():
-                        self._ear.connect(route.home)
+                        self._socket.connect(route.home)
                     self._leave(route.go_home())
 
     def _listen_at(self, name: str, publish: str) -> None:
         known = self._all_places()
         if self._routes[name].add(publish):
             if publish not in known:
-                self._ear.connect(publish)
-            self._orders[name].begin_move()
-            self._listening(name, publish)
+                self._socket.connect(publish)
+            if name in self._reorderers:
+                self._reorderers[name].begin_move()
 
     def _settle(self, name: str, parted: list[str], now_ns: int, last: int) -> None:
         """Listen no longer where nothing more comes from."""
         self._leave(parted)
         if parted and len(self._routes[name].places) == 1:
-            self._orders[name].end_move(now_ns, last)
+            self._end_move(name, now_ns, last)
+
+    def _end_move(self, name: str, now_ns: int, last: int = 0) -> None:
+        if name in self._reorderers:
+            self._reorderers[name].end_move(now_ns, last)
 
     def _leave(self, places: list[str]) -> None:
         for place in set(places) - self._all_places():
-            self._ear.disconnect(place)
+            self._socket.disconnect(place)
 
     def _all_places(self) -> set[str]:
         return {place for route in self._routes.values() for place in route.places}

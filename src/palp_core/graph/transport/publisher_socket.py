@@ -14,7 +14,7 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import topic_of
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.transport.backpressure import Backpressure
-from palp_core.graph.transport.bytes_under_way import BytesUnderWay
+from palp_core.graph.transport.in_flight_bytes import InFlightBytes
 from palp_core.graph.transport.matched_readers import READER
 from palp_core.graph.transport.private_endpoint import bind_private
 from palp_core.graph.transport.reader_words import HOLD, WORD
@@ -56,7 +56,7 @@ class PublisherSocket:
         self._named: Counter[str] = Counter()
         self._publishers: dict[bytes, PublisherEnd[Any]] = {}
         self._direct: set[str] = set()
-        self._under_way = BytesUnderWay(QUEUE_BYTES)
+        self._in_flight = InFlightBytes(QUEUE_BYTES)
         self._held: list[bytes] | None = None
         self._stated: dict[bytes, int] = {}
 
@@ -135,8 +135,8 @@ class PublisherSocket:
         self.stirred = True
         if len(frame) < UNCOPIED_FROM_BYTES or self._held is not None:
             self._send_frame(frame)
-        elif self._under_way.has_room(len(frame)):
-            self._under_way.send(self._socket, frame)
+        elif self._in_flight.has_room(len(frame)):
+            self._in_flight.send(self._socket, frame)
             self._fill_places(topic_of(frame), len(frame))
 
     def _fill_places(self, topic: bytes, size: int) -> None:

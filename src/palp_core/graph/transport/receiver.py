@@ -2,7 +2,7 @@
 
 import itertools
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +42,6 @@ class TopicReceiver:
         publishers: Per input topic, where it is published and where its publisher answers.
         context: The process's ZeroMQ context.
         offsets: File of what a predecessor has taken up and what this process does; None: not kept.
-        listening: Is told a topic and the second place where it is listened to.
 
     Attributes:
         buffers: Puts each input topic in order.
@@ -55,7 +54,6 @@ class TopicReceiver:
         publishers: Mapping[str, tuple[str, str]],
         context: Any,
         offsets: Path | None,
-        listening: Callable[[str, str], None] = lambda *_: None,
     ) -> None:
         self._executor, self._inbox = executor, executor.inbox
         places = {name: publish for name, (publish, _) in publishers.items()}
@@ -73,7 +71,7 @@ class TopicReceiver:
             for name, subscriptions in executor.ends.subscriptions.items()
         }
         self._words = ReaderWords(executor, self.buffers, self._subscriber.say)
-        self._migration = Migration(self._subscriber, publishers, self.buffers, listening)
+        self._migration = Migration(self._subscriber, publishers, self.buffers)
         self._unread_bytes = 0
         self.monitor = EdgeMonitor(executor, self.buffers)
         self._was_active = False

@@ -15,7 +15,7 @@ import zmq
 
 from palp_core.errors import GraphError, NodeError, SchemaMismatch, in_words
 from palp_core.graph.messages.message import decode_any
-from palp_core.graph.transport.bytes_under_way import BytesUnderWay
+from palp_core.graph.transport.in_flight_bytes import InFlightBytes
 from palp_core.graph.transport.private_endpoint import bind_private
 from palp_core.graph.transport.requester_socket import readable
 
@@ -114,7 +114,7 @@ class RequestServer:
         self._waiting_bytes = 0
         self._remembered: OrderedDict[str, bytes] = OrderedDict()
         self._remembered_bytes = 0
-        self._under_way = BytesUnderWay(REPLY_BYTES)
+        self._in_flight = InFlightBytes(REPLY_BYTES)
         self._performs = False
 
     def add(self, node: str, operations: NodeOperations, deferred: Collection[str] = ()) -> None:
@@ -161,9 +161,9 @@ class RequestServer:
         self.stirred = True
         if len(reply) < LARGE_REPLY_BYTES:
             self._socket.send_multipart([*envelope, reply])
-        elif self._under_way.has_room(len(reply)):
+        elif self._in_flight.has_room(len(reply)):
             self._socket.send_multipart(envelope, zmq.SNDMORE)
-            self._under_way.send(self._socket, reply)
+            self._in_flight.send(self._socket, reply)
         else:
             text = "too many large replies wait to be taken; take them and ask again"
             self._socket.send_multipart([*envelope, _pack({"error": text})])

@@ -5,7 +5,7 @@ from collections import deque
 import zmq
 
 
-class BytesUnderWay:
+class InFlightBytes:
     """Bytes that were given to ZeroMQ and have not left yet.
 
     Args:

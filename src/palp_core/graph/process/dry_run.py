@@ -10,10 +10,10 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 
 
-def rehearse(executor: Executor, hand_over: HandOver, changes: Mapping[str, Any]) -> HandOver:
+def try_hand_over(executor: Executor, hand_over: HandOver, changes: Mapping[str, Any]) -> HandOver:
     """Let a node handle the last message of every input on a copy of a predecessor's state, and be as before.
 
-    Whoever asks keeps back what is published meanwhile.
+    The caller keeps back what is published meanwhile.
 
     Args:
         executor: The node, which is configured and inactive.
