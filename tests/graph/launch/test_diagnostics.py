@@ -14,12 +14,11 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from palp_core.cli.doctor.graph import examine_standing
 from palp_core.cli.launch.bars import Bars
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.discovery.running_graph import RunningGraph
-from palp_core.graph.discovery.standing import standing
+from palp_core.graph.discovery.troubles import Trouble, active_diagnostics
 from palp_core.graph.launch.diagnostics import Incident
 from palp_core.graph.launch.graph import Graph
 from palp_core.graph.messages.builtin import DiagnosticStatus
@@ -202,8 +201,6 @@ def test_a_running_graph_is_asked_and_a_silent_node_is_no_obstacle() -> None:
             return None
         return {"frames": [pack(b"/c/d", Kind.DATA, 0, 1, 0, 0, encode(said[endpoint]))]}
 
-    (found,) = standing(RunningGraph(record, answer), 1.0)
+    (found,) = active_diagnostics(RunningGraph(record, answer), 1.0)
     assert str(found) == "/c: tripped (112 s ago)"
-    (finding,) = examine_standing(RunningGraph(record, answer))
-    assert (finding.level, finding.where, finding.what) == ("error", "/c", "tripped (112 s ago)")
-    assert finding.advice == "palp safety ack"
+    assert found.trouble == Trouble("/c", "error", "tripped (112 s ago)", "palp safety ack")

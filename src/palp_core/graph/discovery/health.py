@@ -9,7 +9,7 @@ import psutil
 
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.discovery.running_graph import Answers, RunningGraph
 from palp_core.graph.messages.builtin import EdgeHealth, GraphHealth, NodeHealth
 from palp_core.graph.messages.frame import Kind, parse
 from palp_core.graph.messages.message import decode
@@ -122,7 +122,11 @@ def _health(raw: bytes) -> HealthSample | None:
 
 def sample_health(graph: RunningGraph) -> HealthSample:
     """Ask every node and the host."""
-    answers = graph.ask_all("info", timeout_s=ASK_S)
+    return sample_of(graph, graph.ask_all("info", timeout_s=ASK_S))
+
+
+def sample_of(graph: RunningGraph, answers: Answers) -> HealthSample:
+    """Return what the nodes' ``info`` and the host report now."""
     at_ns = monotonic_ns()
     nodes = []
     for entry in graph.record.nodes:

@@ -6,19 +6,26 @@ import math
 import uuid
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from palp_core.errors import GraphError
+from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.discovery.choice import choose
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, locked
 from palp_core.graph.messages.topic import Topic, topic_of
 from palp_core.graph.node.spec import COMPOSITION, HUNG_S, LAUNCHER, MERGED_LOG
 from palp_core.graph.problems import hint
 
+if TYPE_CHECKING:
+    from palp_core.graph.messages.frame import Frame
+    from palp_core.graph.messages.message import Message
+
 REPLY_TIMEOUT_S = 5.0
 SWAP_MARGIN_S = 10.0
 CHANGES_OF_HANDS = 10
+LAST = 2**62
+"""Above every sequence number."""
 
+MessageType = TypeVar("MessageType", bound="Message")
 Request = Callable[[str, dict[str, Any], float], dict[str, Any] | None]
 
 
@@ -250,6 +257,44 @@ class RunningGraph:
             {name: answer for name, answer in answers.items() if isinstance(answer, dict)},
             {name: answer for name, answer in answers.items() if isinstance(answer, GraphError)},
         )
+
+    def history(
+        self,
+        node: str,
+        topic: str,
+        *,
+        first: int = 1,
+        last: int = LAST,
+        timeout_s: float = REPLY_TIMEOUT_S,
+    ) -> list[Frame]:
+        """Return the messages of these sequences that a node still has of one of its topics.
+
+        Raises:
+            GraphError: No such node, it does not answer, or what it answers is not of this version.
+        """
+        from palp_core.graph.messages.frame import parse
+
+        reply = self.ask(node, "history", timeout_s=timeout_s, topic=topic, first=first, last=last)
+        try:
+            return [parse(raw) for raw in reply["frames"]]
+        except SchemaMismatch as error:
+            raise GraphError(f"/{node}: {error}") from error
+
+    def decoded_history(
+        self, node: str, topic: str, kind: type[MessageType], timeout_s: float
+    ) -> list[MessageType]:
+        """Return what a node still has of a topic as messages of a type.
+
+        Raises:
+            GraphError: As :meth:`history`; or a message is not of that type.
+        """
+        from palp_core.graph.messages.message import decode
+
+        frames = self.history(node, topic, timeout_s=timeout_s)
+        try:
+            return [decode(kind, frame.payload) for frame in frames]
+        except SchemaMismatch as error:
+            raise GraphError(f"/{node}: {topic}: {error}") from error
 
     def process_of(self, entry: NodeEntry) -> int:
         """Return the process of a node: its own, the launcher's if it is composed, or 0 on another host."""

@@ -24,7 +24,7 @@ from palp_core.graph.foxglove.json_messages import schema_text, to_json
 from palp_core.graph.foxglove.viewers import Look, Viewers, as_parameters
 from palp_core.graph.foxglove.watched_topics import WatchedTopics
 from palp_core.graph.messages.builtin import NodeEvent
-from palp_core.graph.messages.frame import Frame, parse
+from palp_core.graph.messages.frame import Frame
 from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.topic import Topic
@@ -172,11 +172,9 @@ class FoxgloveServer:
         """Return the latched messages of a topic, for whoever comes late."""
         if not topic.latched_depth or topic.node in self._silent:
             return []  # of who is silent it comes when the node answers again
-        asked: dict[str, Any] = {"topic": topic.name, "first": 1, "last": 2**62}
         try:
-            reply = self._access.graph.ask(topic.node, "history", timeout_s=HISTORY_S, **asked)
-            return [parse(raw) for raw in reply["frames"]]
-        except (GraphError, SchemaMismatch):
+            return self._access.graph.history(topic.node, topic.name, timeout_s=HISTORY_S)
+        except GraphError:
             return []
 
     def _show(self, frame: Frame) -> None:

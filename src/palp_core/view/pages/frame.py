@@ -7,10 +7,11 @@ from collections.abc import Iterator
 
 from nicegui import ui
 
+from palp_core.graph.discovery.troubles import Trouble, worst
 from palp_core.view.pages.parts import TroubleBox, duration, said
 from palp_core.view.pages.time_bar import time_bar
 from palp_core.view.pages.viewer import Viewer
-from palp_core.view.source.overview import Overview, Trouble, worst
+from palp_core.view.source.overview import Overview
 
 REFRESH_S = 0.5
 BLINDED = "what would tell the outcome is not shown, and not sent"

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from palp_core.errors import in_words
+from palp_core.graph.discovery.troubles import Trouble
 from palp_core.view.source.blind import BlindSource, Harmless
 from palp_core.view.source.live import LiveSource
 from palp_core.view.source.operator import GraphOperator
-from palp_core.view.source.overview import Trouble
 from palp_core.view.source.protocol import ViewSource
 
 if TYPE_CHECKING:

@@ -11,9 +11,10 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import GraphError
+from palp_core.graph.discovery.troubles import Trouble
 from palp_core.graph.messages.topic import Topic
 from palp_core.view.source.live import HAS_ENDED
-from palp_core.view.source.overview import NodeState, Overview, Trouble
+from palp_core.view.source.overview import NodeState, Overview
 from palp_core.view.source.protocol import Heard, ViewSource, Watch
 
 WHOLE = "*"

@@ -10,13 +10,12 @@ import contextlib
 import threading
 from collections import deque
 from collections.abc import Callable
-from typing import Any
 
 from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.discovery.topic_reader import TopicReader
-from palp_core.graph.messages.frame import Frame, parse
+from palp_core.graph.messages.frame import Frame
 from palp_core.graph.messages.message_text import decoded
 from palp_core.graph.messages.topic import Topic
 from palp_core.view.source.protocol import Heard
@@ -70,7 +69,9 @@ class _Feed:
                 .get("published", {})
                 .get(self.topic.name, 0)
             )
-            for frame in kept(self._graph(), self.topic, last, last):
+            for frame in self._graph().history(
+                self.topic.node, self.topic.name, first=last, last=last, timeout_s=ASK_S
+            ):
                 with self.lock:
                     self.last = self.last or frame
 
@@ -177,16 +178,6 @@ class Feeds:
         if not feed.watches:
             feed.stop()
             del self._feeds[watch.topic.name]
-
-
-def kept(graph: RunningGraph, topic: Topic, first: int = 1, last: int = 2**62) -> list[Frame]:
-    """Ask a publisher for messages of these sequences, as far as it still has them.
-
-    Raises:
-        GraphError: It does not answer.
-    """
-    asked: dict[str, Any] = {"topic": topic.name, "first": first, "last": last}
-    return [parse(raw) for raw in graph.ask(topic.node, "history", timeout_s=ASK_S, **asked)["frames"]]
 
 
 def heard(frame: Frame, topic: Topic) -> Heard:

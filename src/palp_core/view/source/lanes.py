@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import msgspec
 
-from palp_core.view.source.overview import ERROR, OK, WARN
+from palp_core.graph.discovery.troubles import ERROR, OK, WARN
 from palp_core.view.source.timeline import Happening
 
 PLACES = 60

@@ -13,8 +13,9 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import GraphError, PalpError
+from palp_core.graph.discovery.troubles import WARN, Trouble
 from palp_core.graph.messages.topic import Topic
-from palp_core.view.source.overview import WARN, Overview, Trouble
+from palp_core.view.source.overview import Overview
 from palp_core.view.source.protocol import Heard, Watch
 from palp_core.view.source.sealed import sealed_within
 

@@ -7,15 +7,12 @@ from typing import TYPE_CHECKING, get_args
 
 import msgspec
 
-from palp_core.errors import GraphError, SchemaMismatch
+from palp_core.errors import GraphError
+from palp_core.graph.discovery.troubles import ERROR, GRAPH_TROUBLE, OK, WARN
 from palp_core.graph.messages.builtin import GraphEvent, NodeEvent
-from palp_core.graph.messages.frame import parse
-from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.qos import EventKind
 from palp_core.view.source.live import LiveSource
-from palp_core.view.source.overview import ERROR, OK, WARN
 from palp_core.view.source.protocol import Heard
-from palp_core.view.source.trouble import GRAPH_TROUBLE
 
 if TYPE_CHECKING:
     from palp_core.view.source.recorded import RecordedSource
@@ -48,9 +45,8 @@ def happenings(live: LiveSource) -> list[Happening]:
     topics = {node: f"/{node}/_events" for node in graph.node_names}
     for node, topic in topics.items():
         try:
-            reply = graph.ask(node, "history", timeout_s=ASK_S, topic=topic, first=1, last=2**62)
-            events = [decode(NodeEvent, parse(frame).payload) for frame in reply["frames"]]
-        except (GraphError, SchemaMismatch):
+            events = graph.decoded_history(node, topic, NodeEvent, ASK_S)
+        except GraphError:
             continue
         found += [of_node(node, event) for event in events]
     nodes = {topic.name: topic.node for topic in live.topics() if topic.type == STATUS}

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from palp_core.graph.discovery.health import EdgeRow, NodeRow
     from palp_core.graph.discovery.running_graph import RunningGraph
-    from palp_core.graph.discovery.standing import Standing
+    from palp_core.graph.discovery.troubles import ActiveDiagnostic
 
 HEALTH_TIMEOUT_S = 2.5
 NODE_TITLES = (
@@ -39,7 +39,7 @@ EDGE_TITLES = (
     "P50 ms", "P99 ms", "MAX ms",
 )  # fmt: skip
 ASK_S = 0.5
-Sample = tuple["list[NodeRow]", "list[EdgeRow]", "list[Standing]"]
+Sample = tuple["list[NodeRow]", "list[EdgeRow]", "list[ActiveDiagnostic]"]
 
 
 def top(
@@ -76,7 +76,7 @@ def _samples(graph: RunningGraph, period_s: float) -> Iterator[Sample]:
     from threading import Event
 
     from palp_core.graph.discovery.health import HealthReader, actions_as_one, rows, sample_health
-    from palp_core.graph.discovery.standing import standing
+    from palp_core.graph.discovery.troubles import active_diagnostics
 
     reader = HealthReader(graph)
     try:
@@ -92,7 +92,7 @@ def _samples(graph: RunningGraph, period_s: float) -> Iterator[Sample]:
             by_topic = after is not None
             after = after or sample_health(graph)
             nodes, edges = rows(before, after)
-            yield nodes, actions_as_one(edges), standing(graph, ASK_S)
+            yield nodes, actions_as_one(edges), active_diagnostics(graph, ASK_S)
             before = after
     finally:
         reader.close()
@@ -134,7 +134,7 @@ def _cells(sample: Sample) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]]
     return nodes, edges
 
 
-def _state(node: NodeRow, found: list[Standing]) -> str:
+def _state(node: NodeRow, found: list[ActiveDiagnostic]) -> str:
     """Return the state of a node's lifecycle, or what is worse."""
     if not node.responsive:
         return "SILENT"
@@ -159,7 +159,7 @@ def _print(sample: Sample) -> None:
         print_table([EDGE_TITLES, *edges])
 
 
-def _line(found: Standing) -> str:
+def _line(found: ActiveDiagnostic) -> str:
     return f"{found} -> {found.advice}" if found.advice else str(found)
 
 
