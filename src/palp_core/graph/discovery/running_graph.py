@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.discovery.choice import choose
-from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, locked
+from palp_core.graph.discovery.run_directory import RECORD, NodeEntry, RunRecord, locked, read_record
 from palp_core.graph.messages.topic import Topic, topic_of
 from palp_core.graph.node.spec import COMPOSITION, HUNG_S, LAUNCHER, MERGED_LOG
 from palp_core.graph.problems import hint
@@ -85,13 +85,14 @@ class RunningGraph:
     """A running graph.
 
     Args:
-        record: What its ``graph.json`` holds.
+        record: What its ``graph.json`` holds; :meth:`refresh` reads it again.
         request: Sends a request to an endpoint and waits so many seconds for the reply; None if none comes.
     """
 
     def __init__(self, record: RunRecord, request: Request | None = None) -> None:
         self.record = record
         self._request = request or _ask
+        self._mark: tuple[int, int] | None = None
 
     @classmethod
     def find(cls, name: str | None = None) -> RunningGraph:
@@ -106,6 +107,19 @@ class RunningGraph:
     def folder(self) -> Path:
         """The run directory."""
         return Path(self.record.serve.removeprefix("ipc://")).parent
+
+    def refresh(self) -> RunRecord:
+        """Return the record as the run directory has it now; the same object as before if nothing changed."""
+        try:
+            entry = (self.folder / RECORD).stat()
+        except OSError:  # it has ended
+            return self.record
+        mark = entry.st_mtime_ns, entry.st_ino
+        if mark != self._mark and (record := read_record(self.folder)) is not None:
+            self._mark = mark
+            if record != self.record:
+                self.record = record
+        return self.record
 
     @property
     def alive(self) -> bool:

@@ -33,7 +33,7 @@ ASK_S = 1.0
 class _Feed:
     """One topic and its thread; it ends when the last watch is closed."""
 
-    def __init__(self, graph: Callable[[], RunningGraph], topic: Topic) -> None:
+    def __init__(self, graph: RunningGraph, topic: Topic) -> None:
         self.topic = topic
         self._graph = graph
         self.watches: list[TopicWatch] = []
@@ -46,9 +46,8 @@ class _Feed:
         self._stop.set()
 
     def _work(self) -> None:
-        graph = self._graph()
-        batch_s = BATCH_S[graph.record.clock]
-        with TopicReader(graph, [self.topic]) as reader:
+        batch_s = BATCH_S[self._graph.record.clock]
+        with TopicReader(self._graph, [self.topic]) as reader:
             self._ask_last()
             begun_ns = monotonic_ns()
             for heard in reader.messages():
@@ -64,12 +63,11 @@ class _Feed:
         """Ask the publisher for its last message, if it keeps one: a rare topic shows something at once."""
         with contextlib.suppress(GraphError):
             last = (
-                self._graph()
-                .ask(self.topic.node, "info", timeout_s=ASK_S)
+                self._graph.ask(self.topic.node, "info", timeout_s=ASK_S)
                 .get("published", {})
                 .get(self.topic.name, 0)
             )
-            for frame in self._graph().history(
+            for frame in self._graph.history(
                 self.topic.node, self.topic.name, first=last, last=last, timeout_s=ASK_S
             ):
                 with self.lock:
@@ -146,10 +144,10 @@ class Feeds:
     """The topics of a graph that somebody looks at.
 
     Args:
-        graph: Returns the graph as it is now.
+        graph: The graph.
     """
 
-    def __init__(self, graph: Callable[[], RunningGraph]) -> None:
+    def __init__(self, graph: RunningGraph) -> None:
         self._graph = graph
         self._feeds: dict[str, _Feed] = {}
 

@@ -13,7 +13,6 @@ import msgspec
 from palp_core.errors import GraphError, PalpError
 from palp_core.graph.clock import monotonic_ns, unix_ns
 from palp_core.graph.discovery.health import EdgeRow, HealthReader, HealthSample, NodeRow, rows, sample_health
-from palp_core.graph.discovery.run_directory import RECORD, read_record
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.discovery.troubles import (
     ERROR,
@@ -52,17 +51,16 @@ class LiveSource:
         period_s: How often it is asked.
 
     Attributes:
-        graph: It, as its record says now: nodes that join or are replaced are in it.
+        graph: It.
     """
 
     def __init__(self, graph: RunningGraph, period_s: float = PERIOD_S) -> None:
         self.graph = graph
         self._period_s = period_s
-        self._feeds = Feeds(lambda: self.graph)
+        self._feeds = Feeds(graph)
         self._lock = threading.Lock()
         self._wake, self._closed = threading.Event(), threading.Event()
         self._looked_ns = 0
-        self._record_mark: tuple[int, int] | None = None
         self._launch: dict[str, Any] = {}
         self._launch_of: object = None
         self._folder = ""
@@ -145,8 +143,8 @@ class LiveSource:
                 health.close()
 
     def _look(self, health: HealthReader | None) -> None:
-        self._read_record()
         graph = self.graph
+        graph.refresh()
         self._ask_launcher(graph)
         after = health.read(2 * self._period_s) if health is not None else None
         by_health = after is not None
@@ -172,26 +170,16 @@ class LiveSource:
             self._events = events or self._events
             self._overview = overview
 
-    def _read_record(self) -> None:
-        """Read anew who there is, if that has changed."""
-        folder = self.graph.folder
-        with contextlib.suppress(OSError):
-            entry = (folder / RECORD).stat()
-            mark = entry.st_mtime_ns, entry.st_ino
-            if mark != self._record_mark and (record := read_record(folder)) is not None:
-                self._record_mark = mark
-                self.graph = RunningGraph(record)
-
     def _ask_launcher(self, graph: RunningGraph) -> None:
         """Ask for the time, and for what the launch file says if who there is has changed."""
         reply = graph.ask(LAUNCHER, "clock", timeout_s=ASK_S)
         self._clock = int(reply["now_ns"]), monotonic_ns()
-        if self._launch_of is not graph:
+        if self._launch_of is not graph.record:
             with contextlib.suppress(GraphError):  # a node that runs alone has none
                 self._launch = graph.ask(LAUNCHER, "launch", timeout_s=2 * ASK_S)
             with contextlib.suppress(OSError):  # it has ended, or is another user's
                 self._folder = str(Path(f"/proc/{graph.record.pid}/cwd").readlink())
-            self._launch_of = graph
+            self._launch_of = graph.record
 
     def _ask_events(self, graph: RunningGraph) -> list[GraphEvent]:
         try:
