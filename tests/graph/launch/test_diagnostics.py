@@ -172,13 +172,13 @@ def test_below_the_bars_a_line_stands_in_red_and_their_time_with_it() -> None:
     now_s = 10.0
     bars.get_time = lambda: now_s
     bars.show("training", 12, 15, "3 right")
-    bars.stand("/a/d", "12:00:00 /a: tripped", "bold red")
+    bars.show_line("/a/d", "12:00:00 /a: tripped", "bold red")
     bars.console.print(*bars.get_renderables(), sep="\n")
     assert "\x1b[1;31m12:00:00 /a: tripped" in seen.getvalue()
     (task,) = bars.tasks
     now_s = 70.0
     assert task.elapsed == 0.0
-    bars.stand("/a/d", "", "")
+    bars.show_line("/a/d", "", "")
     assert task.elapsed == 60.0
     seen.truncate(0)
     bars.console.print(*bars.get_renderables(), sep="\n")

@@ -32,7 +32,7 @@ class Bars(Progress):
             self._phases[phase] = self.add_task(phase, total=total, note=note)
         self.update(self._phases[phase], completed=done, total=total, note=note)
 
-    def stand(self, key: str, line: str, style: str) -> None:
+    def show_line(self, key: str, line: str, style: str) -> None:
         """Show a line at once, until another or none ("") of that key comes."""
         self._lines.pop(key, None)
         if line:

@@ -7,22 +7,19 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
 from palp_core.cli import completion
 from palp_core.cli.launch.remarks import note_remarks, note_without_effect
-from palp_core.cli.launch.ros_args import (
-    LogLevelOption,
-    check_levels,
-    log_levels,
-)
+from palp_core.cli.options import Level
 from palp_core.cli.output import note, print_text
 from palp_core.counted import counted
 from palp_core.errors import GraphError, NodeError, PalpError
+from palp_core.graph.problems import hint
 from palp_core.graph.supervision.log_levels import LogLevels
 from palp_core.whole_file import write_whole
 
@@ -34,6 +31,15 @@ if TYPE_CHECKING:
 
 RESUMES = "resume:=true"
 """The option, written like an argument of the launch file."""
+
+LogLevelOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--log-level",
+        metavar="[NODE:=]LEVEL",
+        help="The least of what nodes, or one node, log that is shown here. Repeatable; default: warning.",
+    ),
+]
 
 
 def launch(
@@ -79,7 +85,7 @@ def launch(
     launch file has mistakes, 130 on Ctrl-C.
     """
     overrides = [word for word in arguments or [] if word != RESUMES]
-    levels = LogLevels(*log_levels(log_level))
+    levels = log_levels(log_level)
     resume = resume or RESUMES in (arguments or [])
     if operate and not view:
         raise GraphError("--operate lets a page be pressed that --view shows: give both")
@@ -167,10 +173,12 @@ def _run(
         log_level=log_level,
         show_log=show_log_line,
     )
-    graph.diagnostics.on_change = lambda topic, incident: view.stand(topic, _addressed(graph, incident))
+    graph.diagnostics.on_change = lambda topic, incident: view.show_diagnostic(
+        topic, _addressed(graph, incident)
+    )
     try:
         with _recorders_said(graph), graph:
-            check_levels(list(log_level.nodes), [spec.name for spec in graph.checked.nodes])
+            _check_levels(log_level, [spec.name for spec in graph.checked.nodes])
             _say_beside(graph)
             note_without_effect(file, graph.checked)
             if graph.gateway is not None:
@@ -200,6 +208,38 @@ def _run(
     if not graph.recorders.complete:
         return 1
     return summary.exit_code if 0 <= summary.exit_code < 256 else 1
+
+
+def log_levels(words: Sequence[str] | None) -> LogLevels:
+    """Return the level of all nodes, and of those that have their own.
+
+    Raises:
+        GraphError: A level that there is not.
+
+    >>> log_levels(["error", "policy:=debug"])
+    LogLevels(default='error', nodes={'policy': 'debug'})
+    """
+    default, nodes = "warning", dict[str, str]()
+    for word in words or ():
+        node, own, level = word.rpartition(":=")
+        if level.lower() not in get_args(Level):
+            raise GraphError(f"--log-level {word}: no level '{level}'{hint(level, get_args(Level))}")
+        if own:
+            nodes[node.removeprefix("/")] = level.lower()
+        else:
+            default = level.lower()
+    return LogLevels(default, nodes)
+
+
+def _check_levels(levels: LogLevels, known: Sequence[str]) -> None:
+    """See that the nodes that have a level of their own are there.
+
+    Raises:
+        GraphError: One is not.
+    """
+    for node in levels.nodes:
+        if node not in known:
+            raise GraphError(f"--log-level {node}:=...: no node '{node}'{hint(node, known)}")
 
 
 def _addressed(graph: Graph, incident: Incident | None) -> Incident | None:

@@ -96,14 +96,14 @@ class LaunchView:
         phase = escape_controls(progress.phase)
         self._bars.show(phase, progress.done_count, progress.total_count, escape_controls(note))
 
-    def stand(self, topic: str, incident: Incident | None) -> None:
+    def show_diagnostic(self, topic: str, incident: Incident | None) -> None:
         """Show what is wrong with a node for as long as it is; on no terminal say when it begins and ends."""
         line = ""
         if incident is not None:
             advice = f" -> {incident.advice}" if incident.advice else ""
             line = f"{incident.at} /{incident.node}: {incident.text}{advice}"
         if self._bars is not None:
-            self._bars.stand(
+            self._bars.show_line(
                 topic,
                 escape_controls(line),
                 "bold red" if incident and incident.level == "error" else "yellow",

@@ -22,7 +22,7 @@ from palp_core.graph.foxglove import log_entries
 from palp_core.graph.foxglove.gate import Gate, hidden_address
 from palp_core.graph.foxglove.graph_access import Description, GraphAccess, ServiceType, describe, full_names
 from palp_core.graph.foxglove.json_messages import schema_text, to_json
-from palp_core.graph.foxglove.viewers import Look, Viewers, as_parameters
+from palp_core.graph.foxglove.viewers import SubscriptionChange, Viewers, as_parameters
 from palp_core.graph.foxglove.watched_topics import WatchedTopics
 from palp_core.graph.messages.builtin import NodeEvent
 from palp_core.graph.messages.frame import Frame
@@ -91,7 +91,7 @@ class FoxgloveServer:
         self._describing: Future[Description] | None = None
         self._described_again = False
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="describe")
-        self._clock_ns, self._told_ns = 0, 0
+        self._clock_ns, self._broadcast_ns = 0, 0
         self._next_time_ns, self._retry_ns = 0, 0
         logging.getLogger("foxglove").setLevel(logging.CRITICAL)  # a viewer that left unasked is no news
         self._context = foxglove.Context()
@@ -132,41 +132,41 @@ class FoxgloveServer:
 
     def turn(self) -> None:
         """Show what has arrived, after waiting for it a little; see whether the graph has changed."""
-        for look in self._viewers.looks():
-            self._heed(look)
-        for words in self._viewers.refused():
-            self._server.publish_status(words, foxglove.StatusLevel.Error)
+        for change in self._viewers.subscription_changes():
+            self._on_subscription(change)
+        for reason in self._viewers.refused():
+            self._server.publish_status(reason, foxglove.StatusLevel.Error)
         for frame in self._watched.receive(WAIT_MS):
             self._clock_ns = max(self._clock_ns, frame.stamp_ns)
-            self._tell_time()
+            self._broadcast_time()
             self._show(frame)
-        self._tell_time()
+        self._broadcast_time()
         self._take_description()
 
-    def _tell_time(self) -> None:
-        """Tell the graph's time before what is shown of it: viewers take it for when that was."""
+    def _broadcast_time(self) -> None:
+        """Broadcast the graph's time before what is shown of it: viewers take it for when that was."""
         now_ns = monotonic_ns()
-        if self._clock_ns > self._told_ns and now_ns >= self._next_time_ns:
-            self._next_time_ns, self._told_ns = now_ns + TIME_NS, self._clock_ns
-            self._server.broadcast_time(self._told_ns)
+        if self._clock_ns > self._broadcast_ns and now_ns >= self._next_time_ns:
+            self._next_time_ns, self._broadcast_ns = now_ns + TIME_NS, self._clock_ns
+            self._server.broadcast_time(self._broadcast_ns)
 
-    def _heed(self, look: Look) -> None:
-        """Read a topic from the first viewer that looks at it to the last; each gets what was said before."""
-        self._looking[look.topic] += 1 if look.begins else -1
-        if not self._looking[look.topic]:
-            del self._looking[look.topic]
-        if look.begins and look.topic == log_entries.LOG:
+    def _on_subscription(self, change: SubscriptionChange) -> None:
+        """Read a topic from the first viewer that looks at it to the last; each gets what is latched."""
+        self._looking[change.topic] += 1 if change.begins else -1
+        if not self._looking[change.topic]:
+            del self._looking[change.topic]
+        if change.begins and change.topic == log_entries.LOG:
             for stamp_ns, text in self._entries:
-                self._log.log(text, log_time=stamp_ns, sink_id=look.viewer)
-        shown = self._shown.get(look.topic)
-        if shown is None or not (look.begins or look.topic not in self._looking):
+                self._log.log(text, log_time=stamp_ns, sink_id=change.viewer)
+        shown = self._shown.get(change.topic)
+        if shown is None or not (change.begins or change.topic not in self._looking):
             return
-        if look.begins:
+        if change.begins:
             self._watched.watch([shown.topic])
             for frame in self._history(shown.topic):
-                self._send(shown, frame, look.viewer)
+                self._send(shown, frame, change.viewer)
         elif not log_entries.tells(shown.topic.type_hash):
-            self._watched.leave([look.topic])
+            self._watched.leave([change.topic])
 
     def _history(self, topic: Topic) -> list[Frame]:
         """Return the latched messages of a topic, for whoever comes late."""
@@ -264,8 +264,8 @@ class FoxgloveServer:
 
     def _service(self, service: ServiceType) -> foxglove.Service:
         def described(name: str, schema: dict[str, Any]) -> foxglove.MessageSchema:
-            told = foxglove.Schema(name=name, encoding="jsonschema", data=schema_text(schema))
-            return foxglove.MessageSchema(encoding="json", schema=told)
+            described_as = foxglove.Schema(name=name, encoding="jsonschema", data=schema_text(schema))
+            return foxglove.MessageSchema(encoding="json", schema=described_as)
 
         return foxglove.Service(
             service.name,

@@ -73,13 +73,9 @@ def _heading(viewer: Viewer, overview: Overview) -> tuple[str, str, list[Trouble
 
 
 def _ways(viewer: Viewer) -> Iterator[tuple[str, str]]:
-    results = viewer.source.overview().kind == "results"
-    yield "Results" if results else "Graph", "/"
-    if not results:
-        yield "Topics", "/topics"
-    if viewer.live is not None:
-        yield "Record", "/record"
-    if viewer.happenings is not None:
+    yield "Graph", "/"
+    yield "Topics", "/topics"
+    if viewer.timeline_events is not None:
         yield "Timeline", "/timeline"
     if viewer.own_page is not None:
         yield viewer.own_page.title, "/own"

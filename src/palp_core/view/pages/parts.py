@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Collection, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -85,16 +85,16 @@ def folding(title: str) -> Any:
     return box
 
 
-def table(titles: Sequence[str], rows: Iterable[Sequence[Cell]], chosen: Collection[int] = ()) -> None:
-    """Show a table; a cell is a text, or what puts something into it. The chosen rows stand out."""
+def table(titles: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
+    """Show a table; a cell is a text, or what puts something into it."""
     box = ui.element("div").classes("table-box").props('tabindex="0"')
     with box, ui.element("table").classes("plain"):
         with ui.element("thead"), ui.element("tr"):
             for title in titles:
                 said("th", title)
         with ui.element("tbody"):
-            for place, row in enumerate(rows):
-                with ui.element("tr").classes("chosen" if place in chosen else ""):
+            for row in rows:
+                with ui.element("tr"):
                     for cell in row:
                         if isinstance(cell, str):
                             said("td", cell)

@@ -16,7 +16,7 @@ from palp_core.view.source.protocol import ViewSource
 
 if TYPE_CHECKING:
     from palp_core.view.source.recorded import RecordedSource
-    from palp_core.view.source.timeline import Happening
+    from palp_core.view.source.timeline import TimelineEvent
 
 
 class OwnPage:
@@ -108,12 +108,12 @@ class Viewer(msgspec.Struct, kw_only=True):
         return self.source if isinstance(self.source, LiveSource) else None
 
     @property
-    def happenings(self) -> Callable[[], list[Happening]] | None:
+    def timeline_events(self) -> Callable[[], list[TimelineEvent]] | None:
         """What returns what has happened, and waits for it; None where nothing of it may or can be told."""
-        from palp_core.view.source.timeline import happenings, recorded
+        from palp_core.view.source.timeline import recorded, timeline_events
 
         if (live := self.live) is not None:
-            return lambda: happenings(live)
+            return lambda: timeline_events(live)
         if (bag := self.time) is not None and not self.blind:
             return lambda: recorded(bag)
         return None

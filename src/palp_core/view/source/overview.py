@@ -65,7 +65,7 @@ class Overview(msgspec.Struct, frozen=True, kw_only=True):
     """All of a graph.
 
     Attributes:
-        kind: ``graph``, ``bag`` or ``results``.
+        kind: ``graph`` or ``bag``.
         run: Id of the run; of a bag its folder.
         clock: ``sim`` or ``wall``.
         now_s: Time on the graph's clock; None while the launcher does not tell.
