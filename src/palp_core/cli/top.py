@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palp_core.cli.options import GraphOption, JsonOption, until_ctrl_c
-from palp_core.cli.output import print_json, print_table, print_text
-from palp_core.cli.running import find_graph, note_ended
+from palp_core.cli.options import Call, graph_verb
+from palp_core.cli.output import table_lines
+from palp_core.cli.running import note_ended
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -42,32 +42,30 @@ ASK_S = 0.5
 Sample = tuple["list[NodeRow]", "list[EdgeRow]", "list[ActiveDiagnostic]"]
 
 
+@graph_verb()
 def top(
+    call: Call,
     *,
     once: Annotated[bool, typer.Option("--once", help="One sample, then end.")] = False,
     period: Annotated[
         float, typer.Option("--period", "-d", min=0.1, metavar="S", help="Between samples.")
     ] = 1.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """RATE counts a node's timer ticks and the messages that it handled; READERS LOST is what the readers of
     its topics say that they have lost for good. Below, each edge with its reader's own
     account; above, what nodes say is wrong. In a graph composed into one process, processor and memory are
     that process's.
     """
-    running = find_graph(graph)
-    with until_ctrl_c():
-        samples = _samples(running, period)
-        if as_json or once or not sys.stdout.isatty():
-            sample = next(samples)
-            if as_json:
-                named = zip(("nodes", "edges", "diagnostics"), sample, strict=True)
-                print_json({"graph": running.record.graph, "clock": running.record.clock, **dict(named)})
-            else:
-                _print(sample)
-            return
-        _show_live(running, samples)
+    running = call.graph
+    samples = _samples(running, period)
+    if call.as_json or once or not sys.stdout.isatty():
+        sample = next(samples)
+        named = zip(("nodes", "edges", "diagnostics"), sample, strict=True)
+        call.show(
+            {"graph": running.record.graph, "clock": running.record.clock, **dict(named)}, _lines(sample)
+        )
+        return
+    _show_live(running, samples)
     note_ended(running)
 
 
@@ -149,14 +147,13 @@ def _milliseconds(value_s: float | None) -> str:
     return "-" if value_s is None else f"{value_s * 1e3:.3f}"
 
 
-def _print(sample: Sample) -> None:
+def _lines(sample: Sample) -> Iterator[str]:
     nodes, edges = _cells(sample)
-    for found in sample[2]:
-        print_text(_line(found))
-    print_table([NODE_TITLES, *nodes])
+    yield from map(_line, sample[2])
+    yield from table_lines([NODE_TITLES, *nodes])
     if edges:
-        print_text("")
-        print_table([EDGE_TITLES, *edges])
+        yield ""
+        yield from table_lines([EDGE_TITLES, *edges])
 
 
 def _line(found: ActiveDiagnostic) -> str:

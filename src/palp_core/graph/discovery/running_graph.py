@@ -12,7 +12,7 @@ from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.discovery.choice import choose
 from palp_core.graph.discovery.run_directory import RECORD, NodeEntry, RunRecord, locked, read_record
 from palp_core.graph.messages.topic import Topic, topic_of
-from palp_core.graph.node.spec import COMPOSITION, HUNG_S, LAUNCHER, MERGED_LOG
+from palp_core.graph.node.spec import COMPOSITION, HUNG_S, LAUNCHER, MERGED_LOG, topic
 from palp_core.graph.problems import hint
 
 if TYPE_CHECKING:
@@ -162,22 +162,23 @@ class RunningGraph:
         raise GraphError(f"no topic '{name}' in graph '{self.record.graph}'{hint(_rooted(name), known)}")
 
     def topics(self, *, include_hidden: bool = False) -> list[Topic]:
-        """Return the topics, in graph order; the nodes themselves tell of the hidden ones."""
+        """Return the topics, in graph order, then the hidden ones."""
         if include_hidden:
             return [*self.record.topics, *self._hidden_topics(self.node_names)]
         return [topic for topic in self.record.topics if not hidden(topic.name)]
 
     def _hidden_topics(self, nodes: Iterable[str]) -> list[Topic]:
-        """Return what the runtime publishes for each node, of palp's own types."""
-        from palp_core.graph.messages import builtin
+        """Return what the runtime publishes for each node: its events, and the order of what it consumes."""
+        from palp_core.graph.messages.builtin import NodeEvent, Order
+        from palp_core.graph.node.event_publisher import EVENTS_PORT
+        from palp_core.graph.node.journal import ORDER_PORT
 
-        found = []
-        for name, info in self.ask_all("info", nodes).replies.items():
-            for topic, output in info.get("outputs", {}).items():
-                kind = getattr(builtin, output["type"], None)
-                if hidden(topic) and kind is not None:
-                    found.append(topic_of(topic, kind, name, self.node(name).publish))
-        return found
+        ports: dict[str, type[Message]] = {EVENTS_PORT: NodeEvent, ORDER_PORT: Order}
+        return [
+            topic_of(topic(entry.name, port), kind, entry.name, entry.publish)
+            for entry in map(self.node, nodes)
+            for port, kind in ports.items()
+        ]
 
     def ask(
         self,
