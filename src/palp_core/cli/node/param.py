@@ -84,8 +84,7 @@ def set_(
     ] = None,
 ) -> None:
     """Set parameters of a running node, all or none."""
-    from palp_core.graph.discovery.message_yaml import parse_yaml
-    from palp_core.graph.problems import hint
+    from palp_core.graph.discovery.message_yaml import typed_parameters
 
     words = [name, value, *(more or [])]
     if len(words) % 2:
@@ -94,14 +93,7 @@ def set_(
         )
     running = call.graph
     declared = running.ask(node, "describe_parameters", timeout_s=call.timeout_s)["parameters"]
-    wanted: dict[str, Any] = {}
-    for parameter, text in zip(words[::2], words[1::2], strict=True):
-        if parameter not in declared:
-            raise GraphError(
-                f"{node} has no parameter '{parameter}'{hint(parameter, declared)}; nothing was set"
-            )
-        takes_text = declared[parameter]["type"] == "str" and text[:1] not in ("'", '"')
-        wanted[parameter] = text if takes_text else parse_yaml(text, f"value of {parameter}")
+    wanted = typed_parameters(node, declared, dict(zip(words[::2], words[1::2], strict=True)))
     _set(call, node, wanted)
 
 

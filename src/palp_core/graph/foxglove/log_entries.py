@@ -51,8 +51,8 @@ def entry_of(frame: Frame, type_hash: str) -> dict[str, Any] | None:
 
     >>> from palp_core.graph.messages.frame import Kind
     >>> from palp_core.graph.messages.message import encode
-    >>> said = GraphEvent(stamp_ns=1_500_000_000, kind="failed", node="relay", text="it raised", data="{}")
-    >>> frame = Frame("/graph/events", Kind.DATA, 0, 1, 1_500_000_000, 0, memoryview(encode(said)))
+    >>> event = GraphEvent(stamp_ns=1_500_000_000, kind="failed", node="relay", text="it raised", data="{}")
+    >>> frame = Frame("/graph/events", Kind.DATA, 0, 1, 1_500_000_000, 0, memoryview(encode(event)))
     >>> entry = entry_of(frame, schema_of(GraphEvent).hash_text)
     >>> entry["name"], entry["level"], entry["message"], entry["timestamp"]
     ('/relay', 4, 'failed: it raised', {'sec': 1, 'nsec': 500000000})
@@ -64,15 +64,15 @@ def entry_of(frame: Frame, type_hash: str) -> dict[str, Any] | None:
     publisher = frame.topic.split("/")[1]
     match message:
         case GraphEvent(kind=kind, node=node, text=text):
-            said = (node or LAUNCHER, _EVENT_LEVELS.get(kind, INFO), f"{kind}: {text}")
+            entry = (node or LAUNCHER, _EVENT_LEVELS.get(kind, INFO), f"{kind}: {text}")
         case NodeEvent(kind=kind, text=text):
-            said = (publisher, _NODE_LEVELS.get(kind, INFO), f"{kind}: {text}")
+            entry = (publisher, _NODE_LEVELS.get(kind, INFO), f"{kind}: {text}")
         case DiagnosticStatus(level=level, text=text, advice=advice):
             words = "; ".join(part for part in (text, advice) if part)
-            said = (publisher, _STATUS_LEVELS.get(level, ERROR), words or level)
+            entry = (publisher, _STATUS_LEVELS.get(level, ERROR), words or level)
         case _:
             return None
-    name, rank, text = said
+    name, rank, text = entry
     sec, nsec = divmod(frame.stamp_ns, 1_000_000_000)
     return {
         "timestamp": {"sec": sec, "nsec": nsec}, "level": rank, "message": text, "name": f"/{name}",

@@ -23,7 +23,7 @@ from palp_core.graph.recording.recorder_messages import RecordOptions
 
 WAIT_MS = 50
 ANSWER_S = 0.5
-SAY_WAITING_NS = 5_000_000_000
+NOTE_WAITING_NS = 5_000_000_000
 DRAIN_NS = 300_000_000
 LONGEST_DRAIN_NS = 10_000_000_000
 QUIET_TURNS = 4
@@ -40,7 +40,7 @@ class LiveRecorder:
 
     Attributes:
         saved: Snapshots that were written.
-        unheard: Topics that were waited for, and never heard.
+        unmatched: Topics that were waited for, and of which no frame came.
 
     Raises:
         BagError: Nothing to record, a graph in simulated time, or the bag exists.
@@ -63,7 +63,7 @@ class LiveRecorder:
             raise BagError("no topic of the graph is chosen: name topics, or record all with -a")
         self._graph = graph
         self.saved: list[str] = []
-        self.unheard: list[str] = []
+        self.unmatched: list[str] = []
         topics = list(self._known.values())
         self._attached = self._attachments()
         sink: BagRecorder | LiveSnapshot
@@ -89,12 +89,12 @@ class LiveRecorder:
         chosen = {name: live for name, live in self._known.items() if self._chosen(name)}
         orders = {name: live for name, live in chosen.items() if is_order(name)}
         rest = {name: live for name, live in chosen.items() if name not in orders}
-        self.unheard = sorted(chosen)
+        self.unmatched = sorted(chosen)
         for part in (rest, orders):
             self._feed.follow(part)
             if not self._await_heard(end_wanted):
                 return False
-        self.unheard = []
+        self.unmatched = []
         kept = f"; the last {self._options.snapshot_s:g} s are kept" if self._options.snapshot_s else ""
         self._say(
             f"recording {counted(len(chosen), 'topic')} of '{self._graph.record.graph}' to "
@@ -103,14 +103,14 @@ class LiveRecorder:
         return True
 
     def _await_heard(self, end_wanted: Callable[[], bool]) -> bool:
-        begin_ns, said = monotonic_ns(), False
+        begin_ns, is_noted = monotonic_ns(), False
         while self._feed.unmatched:
             self.turn()
-            self.unheard = [name for name in self.unheard if not self._sink.has_heard(name)]
+            self.unmatched = [name for name in self.unmatched if not self._sink.has_heard(name)]
             if end_wanted() or self.ended:
                 return False
-            if not said and monotonic_ns() - begin_ns > SAY_WAITING_NS:
-                said = True
+            if not is_noted and monotonic_ns() - begin_ns > NOTE_WAITING_NS:
+                is_noted = True
                 names = ", ".join(sorted(name.decode() for name in self._feed.unmatched))
                 self._say(f"not heard yet, recording what comes: {names}")
         return True

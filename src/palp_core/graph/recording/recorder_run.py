@@ -87,14 +87,14 @@ class RecorderRun:
             PalpError: It cannot be recorded, or the disk is full.
         """
         recorder = LiveRecorder(graph, options, self._say)
-        told: _NoteFile | None = None
+        note_file: _NoteFile | None = None
         try:
             with contextlib.ExitStack() as stack:
-                told = stack.enter_context(_noted(graph, options)) if options.snapshot_s else None
+                note_file = stack.enter_context(_noted(graph, options)) if options.snapshot_s else None
                 try:
                     if recorder.await_topics(self.end_wanted):
                         begun()
-                        recorder.run(lambda: self._save_if_asked(recorder, told))
+                        recorder.run(lambda: self._save_if_asked(recorder, note_file))
                 finally:
                     summary = recorder.close(patient=not self.asked)
         except OSError as error:
@@ -103,26 +103,26 @@ class RecorderRun:
                 f"save what it has: palp bag recover {options.out} -o NEW"
             ) from error
         if self._save:
-            self._write(recorder, told)
+            self._write(recorder, note_file)
         text = f"heard {summary.text()}" if options.snapshot_s else f"{options.out}: {summary.text()}"
-        if recorder.unheard:
-            text += f"\nnever heard: {', '.join(recorder.unheard)}"
-        return summary.complete and not recorder.unheard, text
+        if recorder.unmatched:
+            text += f"\nnever heard: {', '.join(recorder.unmatched)}"
+        return summary.complete and not recorder.unmatched, text
 
-    def _save_if_asked(self, recorder: LiveRecorder, told: _NoteFile | None) -> bool:
+    def _save_if_asked(self, recorder: LiveRecorder, note_file: _NoteFile | None) -> bool:
         if self._save:
-            self._write(recorder, told)
+            self._write(recorder, note_file)
         return self.end_wanted()
 
-    def _write(self, recorder: LiveRecorder, told: _NoteFile | None) -> None:
+    def _write(self, recorder: LiveRecorder, note_file: _NoteFile | None) -> None:
         self._save = 0
         try:
             text = recorder.save()
         except BagError as error:
             text = str(error)
         self._say(text)
-        if told is not None:
-            told.add(text)
+        if note_file is not None:
+            note_file.add(text)
 
 
 def record_until_asked(
@@ -190,11 +190,11 @@ def _noted(graph: RunningGraph, options: RecordOptions) -> Iterator[_NoteFile]:
             folder.mkdir(mode=0o700, exist_ok=True)
             lock = stack.enter_context(open(path, "w", opener=open_private))
             fcntl.flock(lock, fcntl.LOCK_EX)
-            told = _NoteFile(path, SnapshotNote(os.getpid(), options.out, []), lock)
-            told.write()
+            note_file = _NoteFile(path, SnapshotNote(os.getpid(), options.out, []), lock)
+            note_file.write()
         except OSError as error:
             raise BagError(no_room(folder, error)) from error
-        yield told
+        yield note_file
     path.unlink(missing_ok=True)
 
 

@@ -39,7 +39,6 @@ LOOKS_NS = 5_000_000_000
 """So long after the last look a graph is still asked: a page that is being reloaded finds it fresh."""
 EVENTS = "/graph/events"
 RECENT_NS = 60_000_000_000
-SWAPPED = "swapped"
 HAS_ENDED = "it has ended; this is how it was last"
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.ending import ask_to_end
-from palp_core.graph.discovery.message_yaml import message_from_yaml, parse_yaml
+from palp_core.graph.discovery.message_yaml import message_from_yaml, typed_parameters
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.node.loading import class_from_here
 from palp_core.graph.problems import hint
@@ -89,12 +89,7 @@ class GraphOperator:
         """
         graph = self.allow()
         declared = graph.ask(node, "describe_parameters")["parameters"]
-        wanted = {}
-        for name, text in texts.items():
-            if name not in declared:
-                raise GraphError(f"/{node} has no parameter '{name}'{hint(name, declared)}")
-            plain = declared[name]["type"] == "str" and text[:1] not in ("'", '"')
-            wanted[name] = text if plain else parse_yaml(text, f"value of {name}")
+        wanted = typed_parameters(node, declared, texts)
         found: dict[str, Any] = graph.ask(node, "set_parameters", parameters=wanted)["parameters"]
         return found
 
