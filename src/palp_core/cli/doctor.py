@@ -243,7 +243,7 @@ def _pauses(graph: RunningGraph) -> Iterator[Trouble]:
             yield Trouble(name, OK, text)
         if node.missed_deadline_count:
             text = f"{counted(node.missed_deadline_count, 'deadline')} of its inputs missed"
-            yield Trouble(name, WARN, text, "palp topic info on its inputs tells which")
+            yield Trouble(name, WARN, text, "palp topic info on its inputs shows which")
 
 
 def _refusals(graph: RunningGraph) -> Iterator[Trouble]:

@@ -84,7 +84,7 @@ def _synchronised() -> Trouble:
     except (OSError, AttributeError):
         answer = -1
     if answer < 0:
-        return Trouble("clock", NOTE, "the kernel does not tell whether the wall clock is synchronised")
+        return Trouble("clock", NOTE, "the kernel does not report whether the wall clock is synchronised")
     if state.status & STA_UNSYNC:
         return Trouble(
             "clock",
@@ -160,7 +160,7 @@ def _realtime() -> Trouble:
         "limits",
         NOTE,
         "real-time priority is not allowed: realtime_priority in a launch file will have no effect",
-        "as root: a line '@palp - rtprio 80' in /etc/security/limits.conf, then log in anew",
+        "as root: a line '@palp - rtprio 80' in /etc/security/limits.conf, then log in again",
     )
 
 
@@ -207,7 +207,7 @@ def examine_runs() -> Iterator[Trouble]:
 
 
 def _foreign() -> Iterator[Trouble]:
-    """Find what stands among the run directories and may be another user's: no verb looks into it."""
+    """Find what is among the run directories and may be another user's: no verb looks into it."""
     base = runtime_folder()
     for folder in sorted(base.iterdir()) if base.is_dir() else ():
         with contextlib.suppress(FileNotFoundError):  # a run has just ended

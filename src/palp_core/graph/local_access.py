@@ -1,4 +1,4 @@
-"""Who may ask a server on this host: whoever has its token, and calls the host by a name of its own.
+"""Who may ask a server on this host: a client that has its token and calls the host by a name of its own.
 
 A page that somebody has open may connect to any port of their own host, and a name of another site may lead
 here (DNS rebinding). Which pages may ask (``Origin``) is each server's own.
@@ -13,7 +13,7 @@ LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 
 
 def new_token() -> str:
-    """Return a token that nobody guesses: 192 bits, for an address."""
+    """Return a token that cannot be guessed: 192 bits, for an address."""
     return secrets.token_urlsafe(24)
 
 

@@ -22,7 +22,7 @@ GREETING_NS = 2_000_000_000
 """For so long a publisher may take to greet who reads its feedback, before the goal is sent all the same."""
 
 ASK_NS = 1_000_000_000
-"""After so long without a message the server is asked how the goal stands."""
+"""After so long without a message the server is asked for the goal's status."""
 
 
 @graph_verb(timeout_s=5.0, changes=True)

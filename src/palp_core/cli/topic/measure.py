@@ -318,7 +318,7 @@ def delay(
             record = {"topic": name, "clock": graph.record.clock, "readers": [_latency(e) for e in edges]}
             call.show(record, (f"{name} -> /{e.node}: {_latency_text(e.account)}" for e in edges))
             if not edges and not call.as_json:
-                note(f"{name}: no node reads it, so nobody counts its latency")
+                note(f"{name}: no node reads it, so its latency is not counted")
         if once or call.as_json:
             return
         Event().wait(PERIOD_S)

@@ -110,8 +110,8 @@ class Stream(msgspec.Struct, frozen=True, kw_only=True):
 def decoder_for(stream: Stream) -> Callable[[bytes], Any]:
     """Return the function that decodes a stream's payloads.
 
-    Structs where the bag has a schema, dicts where it has none, the bytes themselves where neither msgpack
-    nor JSON tells what they are.
+    Structs where the bag has a schema, dicts where it has none, the bytes themselves where the encoding is
+    neither msgpack nor JSON.
 
     Raises:
         BagError: The bag's schema has what no message can have.

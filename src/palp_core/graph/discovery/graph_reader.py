@@ -29,7 +29,7 @@ class GraphReader:
         graph: The graph; its record follows the run directory.
         queue: Frames that may wait here; the rest waits at the publisher.
         name: Name by which publishers recognise a reader that was restarted; "": they do not.
-        on_change: Called after the graph was described anew, as by a node that joins or is replaced.
+        on_change: Called after the record has changed, as by a node that joins or is replaced.
 
     Attributes:
         graph: The graph.

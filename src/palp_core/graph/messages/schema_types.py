@@ -56,7 +56,7 @@ def type_from_schema(
     name: str = "Value",
     make: Callable[[JsonSchema, str, dict[str, Any]], Any] = _struct,
 ) -> Any:
-    """Return the Python type that a JSON Schema stands for.
+    """Return the Python type that a JSON Schema describes.
 
     Args:
         schema: Of a message or a field.
@@ -79,7 +79,7 @@ def type_from_schema(
 
 
 def message_class(schema: JsonSchema, name: str) -> type[Message]:
-    """Return the message class that a JSON Schema stands for; of progress it is the runtime's own.
+    """Return the message class that a JSON Schema describes; of progress it is the runtime's own.
 
     Args:
         schema: Of the message.

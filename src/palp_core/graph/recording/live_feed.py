@@ -52,7 +52,7 @@ class LiveFeed:
         sink: Takes every frame.
         from_start: Everything is expected from sequence 1 on; otherwise latched values come first, and the
             rest from where it is.
-        on_change: Called after the graph was described anew.
+        on_change: Called after the graph's record has changed.
 
     Attributes:
         unmatched: Topics of which no frame has come yet.
