@@ -20,7 +20,7 @@ from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.spec import LAUNCHER
 
 OK, NOTE, WARN, ERROR = "ok", "note", "warn", "error"
-GRAPH_TROUBLE = ("failed", "restarting", "unresponsive", "refused", "swap_failed")
+GRAPH_TROUBLE = ("failed", "restarting", "unresponsive", "refused", "swap_failed", "qos")
 """Kinds of the launcher's events that are bad news."""
 SWAPPING = "being swapped"
 """In place of a lifecycle's state: one of the two processes with the node's name is inactive by intent."""
@@ -130,22 +130,32 @@ def loss_troubles(rows: Iterable[EdgeRow], reliable: Iterable[tuple[str, str]] =
             yield Trouble(where, WARN, text, f"palp topic info {row.topic}")
 
 
+def level_of(event: GraphEvent | NodeEvent | DiagnosticStatus) -> str:
+    """Return how bad an event or a status is: ``ok``, ``warn`` or ``error``."""
+    match event:
+        case DiagnosticStatus(level=level):
+            return level if level in (OK, WARN) else ERROR
+        case GraphEvent(kind="failed"):
+            return ERROR
+        case GraphEvent(kind=kind):
+            return WARN if kind in GRAPH_TROUBLE else OK
+        case NodeEvent(kind=kind):
+            return WARN if kind in _QOS_EVENTS else OK
+
+
 def event_troubles(events: Iterable[GraphEvent]) -> Iterator[Trouble]:
     """Yield which of the launcher's events are bad news, of a kind and node the latest."""
-    bad = [event for event in events if event.kind in GRAPH_TROUBLE]
-    latest = {(event.kind, event.node): event.text for event in bad}
+    bad = [event for event in events if level_of(event) != OK]
+    latest = {(event.kind, event.node): event for event in bad}
     for (kind, node), count in Counter((event.kind, event.node) for event in bad).items():
-        yield Trouble(
-            f"/{node}" if node else "the graph",
-            ERROR if kind == "failed" else WARN,
-            f"{kind.replace('_', ' ')}: {latest[kind, node]}{_often(count)}",
-            "palp logs",
-        )
+        event = latest[kind, node]
+        text = f"{kind.replace('_', ' ')}: {event.text}{_often(count)}"
+        yield Trouble(f"/{node}" if node else "the graph", level_of(event), text, "palp logs")
 
 
 def qos_troubles(node: str, events: Iterable[NodeEvent]) -> Iterator[Trouble]:
     """Yield which promises about a node's topics were broken, by its own events."""
-    broken = [event for event in events if event.kind in _QOS_EVENTS]
+    broken = [event for event in events if level_of(event) != OK]
     latest = {(event.kind, _port(event)): event.text for event in broken}
     for key, count in Counter((event.kind, _port(event)) for event in broken).items():
         advice = f"palp topic echo /{node}/_events shows them as they come"

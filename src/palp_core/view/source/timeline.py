@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from palp_core.errors import GraphError
-from palp_core.graph.discovery.troubles import ERROR, GRAPH_TROUBLE, OK, WARN
+from palp_core.graph.discovery.troubles import ERROR, OK, WARN, level_of
 from palp_core.graph.messages.builtin import GraphEvent, NodeEvent
-from palp_core.graph.messages.qos import EventKind
 from palp_core.view.source.live import LiveSource
 from palp_core.view.source.protocol import Heard
 
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
 
 ASK_S = 2.0
 MOST = 300
-FAULTS: tuple[str, ...] = get_args(EventKind)
 STATUS = "DiagnosticStatus"
 WORDS = {OK: "well", WARN: "warning", ERROR: "fault"}
 """Of how a node stands."""
@@ -68,14 +66,12 @@ def latest_first(found: Iterable[TimelineEvent]) -> list[TimelineEvent]:
 
 def of_graph(event: GraphEvent) -> TimelineEvent:
     """Return an event of the launcher."""
-    level = ERROR if event.kind == "failed" else WARN if event.kind in GRAPH_TROUBLE else OK
-    return TimelineEvent(event.stamp_ns / 1e9, event.kind, event.node, event.text, level)
+    return TimelineEvent(event.stamp_ns / 1e9, event.kind, event.node, event.text, level_of(event))
 
 
 def of_node(node: str, event: NodeEvent) -> TimelineEvent:
     """Return an event of a node."""
-    level = WARN if event.kind in FAULTS else OK
-    return TimelineEvent(event.stamp_ns / 1e9, event.kind, node, event.text, level)
+    return TimelineEvent(event.stamp_ns / 1e9, event.kind, node, event.text, level_of(event))
 
 
 def of_status(node: str, heard: Heard) -> TimelineEvent | None:
