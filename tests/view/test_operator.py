@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ from palp_core.view.source.operator import ENDED, NOT_OPERATED, READ_ONLY, Graph
 from palp_core.view.source.overview import NodeState, Overview
 
 DECLARED = {"rate_hz": {"type": "float"}, "name": {"type": "str"}}
-PAUSES = (sys.executable, "-c", "import signal; signal.pause()")
 """In place of ``palp``: goes on until it is interrupted."""
 LOAD = {"title": "Load", "type": "object", "properties": {"load_n": {"type": "number"}}}
 

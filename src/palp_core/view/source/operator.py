@@ -48,17 +48,11 @@ class GraphOperator:
         self._read_only, self._operate = read_only, operate
         self._only = only
 
-    @property
-    def simulated(self) -> bool:
-        """Whether the graph's time is simulated."""
-        return self._source.overview().clock == "sim"
-
-    def refusal(self, *, stops: bool = False, over: bool = False, service: str = "") -> str:
+    def refusal(self, *, stops: bool = False, service: str = "") -> str:
         """Return why nothing may be pressed just now, in words; "" if it may.
 
         Args:
             stops: What is to be pressed only brings something to rest: a real rig allows it always.
-            over: It may be pressed when the graph has ended, too.
             service: What is to be called, if it is a service.
         """
         if self._read_only:
@@ -66,18 +60,18 @@ class GraphOperator:
         if self._only is not None and service not in self._only:
             return BLINDED
         overview = self._source.overview()
-        if not (over or self._source.graph.alive):
+        if not self._source.graph.alive:
             return ENDED
         real = overview.moves_something_real or (overview.clock == "wall" and not self._source.known)
         return NOT_OPERATED if real and not (self._operate or stops) else ""
 
-    def allow(self, *, stops: bool = False, over: bool = False, service: str = "") -> RunningGraph:
+    def allow(self, *, stops: bool = False, service: str = "") -> RunningGraph:
         """Return the graph, if something may be done to it; see :meth:`refusal`.
 
         Raises:
             Refused: It may not.
         """
-        if why := self.refusal(stops=stops, over=over, service=service):
+        if why := self.refusal(stops=stops, service=service):
             raise Refused(why)
         return self._source.graph
 
