@@ -1,6 +1,7 @@
 """Frames of a running graph, each for the observer of its topic; publishers are followed when they move."""
 
 import contextlib
+from collections import defaultdict
 from collections.abc import Callable, Iterable
 from typing import Self
 
@@ -16,7 +17,6 @@ from palp_core.graph.transport.subscriber_socket import RECEIVE_QUEUE, Subscribe
 SLICE_NS = 20_000_000
 LOOK_NS = 100_000_000
 KIND_OFFSET = 2  # from the NUL: version, kind
-_UNORDERED = Unordered()
 
 Observer = Callable[[bytes, int], object]
 """Takes a frame and when it arrived, on the machine's monotonic clock."""
@@ -48,7 +48,7 @@ class GraphReader:
         self.ended = False
         self._on_change = on_change
         self._subscriber = SubscriberSocket({}, queue=queue, name=name)
-        self._orders: dict[str, Ordered] = {}
+        self._orders: dict[str, Ordered] = defaultdict(Unordered)
         self._migration = Migration(self._subscriber, {}, self._orders)
         self._observers: dict[bytes, Observer] = {}
         self._publish: dict[str, str] = {}
@@ -61,18 +61,19 @@ class GraphReader:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def follow(self, topics: Iterable[Topic], observe: Observer, order: Ordered = _UNORDERED) -> None:
+    def follow(self, topics: Iterable[Topic], observe: Observer, order: Ordered | None = None) -> None:
         """Hand frames of more topics to an observer; those that are followed already stay as they are.
 
         Args:
             topics: The topics.
             observe: Takes each frame, of whatever kind.
-            order: Holds back what comes out of order while a publisher moves.
+            order: Holds back what comes out of order while a publisher moves; None: nothing does.
         """
         new = {topic.name: topic.publish for topic in topics if topic.name not in self._publish}
         for name, publish in new.items():
             self._publish[name], self._observers[name.encode()] = publish, observe
-            self._orders[name] = order
+            if order is not None:
+                self._orders[name] = order
             self._migration.add(name, publish, "")
         self._subscriber.subscribe(new)
 
@@ -85,7 +86,8 @@ class GraphReader:
         known = [name for name in names if self._publish.pop(name, None) is not None]
         self._subscriber.unsubscribe(known)
         for name in known:
-            del self._observers[name.encode()], self._orders[name]
+            del self._observers[name.encode()]
+            self._orders.pop(name, None)
             self._migration.remove(name)
 
     def receive(self, wait_ms: int, slice_ns: int = SLICE_NS) -> bool:
