@@ -60,7 +60,6 @@ def topics(ctx: typer.Context, incomplete: str) -> list[str]:
 
 
 def nodes(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Names of nodes."""
     return _of_graph(ctx, incomplete, lambda graph: (f"/{name}" for name in graph.node_names))
 
 
@@ -96,8 +95,6 @@ def launch_arguments(ctx: typer.Context, incomplete: str) -> list[str]:
 
 
 def services(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Names of services."""
-
     def names(graph: RunningGraph) -> Iterable[str]:
         return (service.name for service in graph.ask_all("info", timeout_s=ASK_S).services())
 
@@ -105,7 +102,6 @@ def services(ctx: typer.Context, incomplete: str) -> list[str]:
 
 
 def actions(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Names of actions."""
     from palp_core.graph.discovery.actions import actions_of
 
     def names(graph: RunningGraph) -> Iterable[str]:

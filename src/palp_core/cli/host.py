@@ -26,7 +26,6 @@ STA_UNSYNC, STA_NANO = 0x0040, 0x2000
 
 
 def examine_host() -> Iterator[Trouble]:
-    """Yield findings about this machine."""
     yield Trouble("host", OK, f"{platform.platform()}, Python {platform.python_version()}")
     yield _monotonic()
     yield _clock_source()
@@ -188,7 +187,6 @@ def _space() -> Iterator[Trouble]:
 
 
 def examine_runs() -> Iterator[Trouble]:
-    """Yield findings about the runs of this user."""
     over = {str(folder): record.graph for folder, record, lives in runs() if not lives}
     orphans = list(_orphans(over))
     yield from orphans

@@ -147,7 +147,6 @@ class Call:
         self.show_names([name for name, of_name in types.items() if wanted in of_name])
 
     def note_silent(self, silent: dict[str, Any]) -> None:
-        """Note why nodes did not answer."""
         for error in silent.values():
             note(str(error))
 

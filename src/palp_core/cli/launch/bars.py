@@ -27,7 +27,6 @@ class Bars(Progress):
         yield from list(self._lines.values())
 
     def show(self, phase: str, done: int, total: int, note: str) -> None:
-        """Show how far a phase is."""
         if phase not in self._phases:
             self._phases[phase] = self.add_task(phase, total=total, note=note)
         self.update(self._phases[phase], completed=done, total=total, note=note)

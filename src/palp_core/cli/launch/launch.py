@@ -312,7 +312,6 @@ def _recorders_said(graph: Graph) -> Iterator[None]:
 
 
 def _say_report(graph: Graph) -> None:
-    """Say what is kept of a run that did not come to its end."""
     if graph.summary is not None and graph.summary.report:
         print_text(graph.summary.report)
     _say_incidents(graph)

@@ -66,7 +66,6 @@ def logs(
 
 
 def _header(record: RunRecord, log: Path, *, lives: bool) -> str:
-    """Say which run it is."""
     began = datetime.fromtimestamp(record.start_unix_ns / 1e9, UTC).astimezone()
     state = "runs since" if lives else "is over; it began at"
     return (

@@ -63,7 +63,6 @@ class Launched:
 
     @property
     def ended(self) -> bool:
-        """Whether it has, with all that it started."""
         return self.process.poll() is not None
 
 
@@ -104,7 +103,6 @@ class SideBySideView:
             sys.stdout.flush()
 
     def ended(self, name: str, status: int) -> None:
-        """Show that a run has ended."""
         self._done += 1
         words = "whole" if status == 0 else "ended early"
         if self._bars is not None:

@@ -65,7 +65,6 @@ class LaunchView:
             self._bars.start()
 
     def __call__(self, now_ns: int, frame: bytes) -> None:
-        """Look at one frame of the graph."""
         if topic_of(frame) not in self._topics:
             return
         wall_ns = monotonic_ns()

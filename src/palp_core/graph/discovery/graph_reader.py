@@ -78,7 +78,6 @@ class GraphReader:
         self._subscriber.subscribe(new)
 
     def follows(self, name: str) -> bool:
-        """Tell whether a topic is followed."""
         return name in self._publish
 
     def leave(self, names: Iterable[str]) -> None:
@@ -118,7 +117,6 @@ class GraphReader:
         return RequesterSocket(self._subscriber.context)
 
     def close(self) -> None:
-        """Close the sockets."""
         self._subscriber.close()
 
     def _arrive(self, raw: bytes, now_ns: int) -> None:

@@ -104,7 +104,6 @@ class HealthReader:
         return found
 
     def close(self) -> None:
-        """Close the sockets."""
         self._reader.close()
 
     def _take(self, raw: bytes, now_ns: int) -> None:

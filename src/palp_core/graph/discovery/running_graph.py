@@ -123,7 +123,6 @@ class RunningGraph:
 
     @property
     def alive(self) -> bool:
-        """Whether the graph still runs."""
         return locked(self.folder)
 
     @property

@@ -32,7 +32,6 @@ class ReceivedFrame(NamedTuple):
 
     @property
     def is_message(self) -> bool:
-        """Whether it is one."""
         return self.frame.kind == Kind.DATA
 
     @property
@@ -79,7 +78,6 @@ class TopicReader:
 
     @property
     def ended(self) -> bool:
-        """Whether the graph has ended."""
         return self._reader.ended
 
     def follow(self, topics: Sequence[Topic]) -> None:

@@ -133,7 +133,6 @@ class Gate:
         self._thread.start()
 
     def close(self) -> None:
-        """Part from all viewers and let go."""
         asyncio.run_coroutine_threadsafe(self._end(), self._loop).result()
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()

@@ -122,7 +122,6 @@ class FoxgloveServer:
 
     @property
     def ended(self) -> bool:
-        """Whether the graph has ended."""
         return self._reader.ended
 
     @property
@@ -278,7 +277,6 @@ class FoxgloveServer:
         )
 
     def _connections(self, infos: Answers) -> foxglove.ConnectionGraph:
-        """Return who publishes and reads what."""
         graph = foxglove.ConnectionGraph()
         for name, shown in self._shown.items():
             graph.set_published_topic(name, [f"/{shown.topic.node}"])

@@ -74,7 +74,6 @@ class WatchedTopics:
                 self._reader.follow([topic], watched)
 
     def leave(self, names: Iterable[str]) -> None:
-        """Read topics no longer."""
         known = [name for name in names if self._watched.pop(name, None) is not None]
         self._reader.leave(known)
 

@@ -94,7 +94,6 @@ class LiveFeed:
 
     @property
     def ended(self) -> bool:
-        """Whether the graph has ended."""
         return self._reader.ended
 
     def ask(self, topic: str, epoch: int, first: int, last: int) -> None:
@@ -142,7 +141,6 @@ class LiveFeed:
             self.start_ns = clock["monotonic_ns"] - clock["now_ns"]
 
     def close(self) -> None:
-        """Let go."""
         self._requester.close()
         self._reader.close()
 

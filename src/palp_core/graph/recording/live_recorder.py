@@ -77,7 +77,6 @@ class LiveRecorder:
 
     @property
     def ended(self) -> bool:
-        """Whether the graph has ended."""
         return self._feed.ended
 
     def await_topics(self, end_wanted: Callable[[], bool]) -> bool:
@@ -207,7 +206,6 @@ class LiveRecorder:
                     self._sink.attach(LAUNCH_ATTACHMENT, now)
 
     def _add(self, new: dict[str, Topic]) -> None:
-        """Record topics that have appeared."""
         self._known |= new
         for live in new.values():
             self._sink.describe(live)

@@ -34,7 +34,6 @@ class LiveSnapshot:
         return topic in self._accounts
 
     def describe(self, topic: Topic) -> None:
-        """Make a topic known that appeared later."""
         self._topics[topic.name] = topic
 
     def expect_from(self, topic: str, epoch: int, first: int) -> None:

@@ -47,20 +47,16 @@ class RecorderRun:
         self._say = say
 
     def end(self, *_: object) -> None:
-        """Ask for the end."""
         self.asked = True
 
     def end_wanted(self) -> bool:
-        """Tell whether the end is asked for."""
         return self.asked
 
     def save(self, *_: object) -> None:
-        """Ask for a snapshot."""
         self._save += 1
 
     @contextlib.contextmanager
     def signals(self) -> Iterator[None]:
-        """Take the signals."""
         ends = dict.fromkeys((signal.SIGINT, signal.SIGTERM, signal.SIGHUP), self.end)
         before = {number: signal.signal(number, handle) for number, handle in ends.items()}
         before[signal.SIGUSR1] = signal.signal(signal.SIGUSR1, self.save)
@@ -174,7 +170,6 @@ class _NoteFile:
         self.write()
 
     def write(self) -> None:
-        """Write the note."""
         self._lock.seek(0)
         self._lock.write(msgspec.json.encode(self._kept).decode())
         self._lock.truncate()

@@ -28,7 +28,6 @@ MOST_LOG_LINES = 400
 
 
 def node_page(viewer: Viewer, name: str) -> None:
-    """Put up the page."""
     with frame(viewer, f"/{name}"):
         state = _state(viewer, name)
         if state is None:

@@ -126,7 +126,6 @@ class TroubleBox:
         self._box = ui.element("div").classes("troubles").props('role="status"')
 
     def show(self, troubles: list[Trouble]) -> None:
-        """Show these, if they are not shown already."""
         if troubles == self._shown:
             return
         self._shown = list(troubles)
@@ -156,7 +155,6 @@ class Outcome:
         self._label = said("div", "").props('role="status"')
 
     def tell(self, text: str, level: str = "ok") -> None:
-        """Show it."""
         self._label.classes(replace=level)
         self._label.text = text
 

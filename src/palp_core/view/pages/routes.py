@@ -15,7 +15,6 @@ from palp_core.view.pages.viewer import Viewer
 
 
 def register_pages(viewer: Viewer) -> None:
-    """Declare every page of a viewer."""
     ui.add_css(CSS, shared=True)
 
     @ui.page("/")  # type: ignore[untyped-decorator]

@@ -51,7 +51,6 @@ class OwnPage:
         return getattr(self._function, "over_bags", False) is True
 
     def put_up(self, viewer: Viewer) -> None:
-        """Fill the page."""
         _try(self._function, viewer)
 
     def heading(self, troubles: list[Trouble]) -> tuple[str, list[Trouble]] | None:

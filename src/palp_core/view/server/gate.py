@@ -52,7 +52,6 @@ class PageGate:
         self.refused_count = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Look at a request, and hand it on or refuse it."""
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
             return

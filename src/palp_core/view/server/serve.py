@@ -61,7 +61,6 @@ def listening_socket(port: int) -> socket.socket:
 
 
 def address(listening: socket.socket, token: str) -> str:
-    """Return what to type into a browser."""
     return f"http://{HOST}:{listening.getsockname()[1]}/?token={token}"
 
 

@@ -37,7 +37,6 @@ class NonBlockingStderr(io.TextIOBase):
         self._taken_count = self._left_out = 0
 
     def writable(self) -> bool:
-        """Return that it is."""
         return True
 
     def write(self, text: str) -> int:

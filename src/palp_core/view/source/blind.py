@@ -83,7 +83,6 @@ class BlindSource:
         return {}
 
     def close(self) -> None:
-        """Let go."""
         self._source.close()
 
     def _fields(self, topic: Topic) -> Collection[str]:
@@ -113,11 +112,9 @@ class BlindWatch:
 
     @property
     def rate_hz(self) -> float | None:
-        """Messages a second."""
         return self._watch.rate_hz
 
     def close(self) -> None:
-        """Look no longer."""
         self._watch.close()
 
     def _seen(self, heard: Heard) -> Heard:

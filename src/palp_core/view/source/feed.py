@@ -125,7 +125,6 @@ class TopicWatch:
         return self._rate_hz
 
     def close(self) -> None:
-        """Look no longer."""
         self._let_go(self)
 
     def _count(self, frame: Frame | None) -> None:
@@ -152,7 +151,6 @@ class Feeds:
         self._feeds: dict[str, _Feed] = {}
 
     def watch(self, topic: Topic) -> TopicWatch:
-        """Look at a topic; two who look share what is read."""
         feed = self._feeds.get(topic.name)
         if feed is None:
             feed = self._feeds[topic.name] = _Feed(self._graph, topic)
@@ -162,7 +160,6 @@ class Feeds:
         return found
 
     def close(self) -> None:
-        """Read nothing any more."""
         for feed in self._feeds.values():
             feed.stop()
         self._feeds.clear()

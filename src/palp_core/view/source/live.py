@@ -104,7 +104,6 @@ class LiveSource:
             return list(self._events)
 
     def topics(self) -> list[Topic]:
-        """Return the topics that are listed."""
         return self.graph.topics()
 
     def watch(self, topic: str) -> Watch:
@@ -116,7 +115,6 @@ class LiveSource:
         return self._feeds.watch(self.graph.topic(topic))
 
     def close(self) -> None:
-        """Let go."""
         self._closed.set()
         self._wake.set()
         self._feeds.close()

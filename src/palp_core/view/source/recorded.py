@@ -66,7 +66,6 @@ class RecordedSource:
         return msgspec.structs.replace(self._overview, now_s=self.at_s)
 
     def topics(self) -> list[Topic]:
-        """Return its topics."""
         return list(self._topics.values())
 
     def watch(self, topic: str) -> Watch:
@@ -129,7 +128,6 @@ class RecordedSource:
         return found
 
     def close(self) -> None:
-        """Let go."""
         with self._lock:
             if self._open is not None:
                 self._open.close()

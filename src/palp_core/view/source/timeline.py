@@ -65,12 +65,10 @@ def latest_first(found: Iterable[TimelineEvent]) -> list[TimelineEvent]:
 
 
 def of_graph(event: GraphEvent) -> TimelineEvent:
-    """Return an event of the launcher."""
     return TimelineEvent(event.stamp_ns / 1e9, event.kind, event.node, event.text, level_of(event))
 
 
 def of_node(node: str, event: NodeEvent) -> TimelineEvent:
-    """Return an event of a node."""
     return TimelineEvent(event.stamp_ns / 1e9, event.kind, node, event.text, level_of(event))
 
 
