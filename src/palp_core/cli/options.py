@@ -112,20 +112,13 @@ class Call:
         """The running graph; see :func:`find_graph`."""
         return find_graph(self.name, changes=self._changes)
 
-    def show(self, value: Any, lines: Iterable[str]) -> None:
-        """Print a value as JSON, or else lines of text."""
-        if self.as_json:
+    def show(self, value: Any, lines: Iterable[str], *, count: bool = False) -> None:
+        """Print a value as JSON, or else lines of text; or only how many there are in the value."""
+        if self.as_json and not count:
             print_json(value)
             return
-        for line in lines:
+        for line in [str(len(value))] if count else lines:
             print_text(line)
-
-    def show_names(self, names: list[str], *, count: bool = False) -> None:
-        """Print names, or only how many there are."""
-        if count:
-            print_text(str(len(names)))
-        else:
-            self.show(names, names)
 
     def show_of_type(self, wanted: str, types: Mapping[str, Iterable[str]], what: str) -> None:
         """Print the names that have a type.
@@ -144,7 +137,8 @@ class Call:
         known = {one for of_name in types.values() for one in of_name}
         if wanted not in known:
             raise GraphError(f"no {what} '{wanted}'{hint(wanted, known)}")
-        self.show_names([name for name, of_name in types.items() if wanted in of_name])
+        names = [name for name, of_name in types.items() if wanted in of_name]
+        self.show(names, names)
 
     def note_silent(self, silent: dict[str, Any]) -> None:
         for error in silent.values():

@@ -7,7 +7,7 @@ import typer
 from palp_core.cli import completion
 from palp_core.cli.node.send_goal import send_goal
 from palp_core.cli.options import Call, graph_verb
-from palp_core.cli.output import note, print_text
+from palp_core.cli.output import note
 
 app = typer.Typer()
 app.command("send_goal")(send_goal)
@@ -35,13 +35,11 @@ def list_actions(
 
     answers = call.graph.ask_all("info", timeout_s=call.timeout_s)
     actions = actions_of(answers)
-    if count:
-        print_text(str(len(actions)))
-    else:
-        call.show(
-            [{"name": a.name, "node": f"/{a.node}", "types": list(a.types)} for a in actions],
-            (a.name + (f" [{', '.join(a.types)}]" if show_types else "") for a in actions),
-        )
+    call.show(
+        [{"name": a.name, "node": f"/{a.node}", "types": list(a.types)} for a in actions],
+        (a.name + (f" [{', '.join(a.types)}]" if show_types else "") for a in actions),
+        count=count,
+    )
     call.note_silent(answers.silent)
 
 

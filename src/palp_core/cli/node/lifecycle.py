@@ -19,7 +19,8 @@ def nodes(
     count: Annotated[bool, typer.Option("-c", "--count-nodes", help="Their number only.")] = False,
 ) -> None:
     """List the nodes that have a lifecycle: all."""
-    call.show_names([f"/{name}" for name in call.graph.node_names], count=count)
+    names = [f"/{name}" for name in call.graph.node_names]
+    call.show(names, names, count=count)
 
 
 @app.command("get")

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palp_core.cli.options import Call, HiddenOption, NodeArgument, graph_verb
-from palp_core.cli.output import print_text
 from palp_core.counted import counted
 
 if TYPE_CHECKING:
@@ -29,13 +28,11 @@ def list_nodes(
     from palp_core.graph.discovery.running_graph import hidden
 
     nodes = [n for n in call.graph.record.nodes if show_all or not hidden(n.name)]
-    if count:
-        print_text(str(len(nodes)))
-    else:
-        call.show(
-            [{"name": f"/{n.name}", "run": n.run, "pid": n.pid} for n in nodes],
-            (f"/{n.name}  {n.run}" + (f"  (process {n.pid})" if n.pid else "") for n in nodes),
-        )
+    call.show(
+        [{"name": f"/{n.name}", "run": n.run, "pid": n.pid} for n in nodes],
+        (f"/{n.name}  {n.run}" + (f"  (process {n.pid})" if n.pid else "") for n in nodes),
+        count=count,
+    )
 
 
 @app.command("info")

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from palp_core.cli.options import Call, HiddenOption, ServiceArgument, graph_verb
-from palp_core.cli.output import print_text, yaml_text
+from palp_core.cli.output import yaml_text
 from palp_core.errors import GraphError
 
 app = typer.Typer()
@@ -24,13 +24,11 @@ def list_services(
     running = call.graph
     answers = running.ask_all("info", timeout_s=call.timeout_s)
     services = answers.services(include_hidden=include_hidden)
-    if count:
-        print_text(str(len(services)))
-    else:
-        call.show(
-            [{"name": s.name, "node": f"/{s.node}", "types": [s.request, s.reply]} for s in services],
-            (s.name + (f" [{s.request} -> {s.reply}]" if show_types else "") for s in services),
-        )
+    call.show(
+        [{"name": s.name, "node": f"/{s.node}", "types": [s.request, s.reply]} for s in services],
+        (s.name + (f" [{s.request} -> {s.reply}]" if show_types else "") for s in services),
+        count=count,
+    )
     call.note_silent(answers.silent)
 
 

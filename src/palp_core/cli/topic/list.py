@@ -6,7 +6,6 @@ from typing import Annotated, Any
 import typer
 
 from palp_core.cli.options import Call, HiddenOption, TopicArgument, graph_verb
-from palp_core.cli.output import print_text
 from palp_core.cli.text.words import type_name
 from palp_core.errors import GraphError
 
@@ -21,15 +20,13 @@ def list_topics(
     include_hidden: HiddenOption = False,
 ) -> None:
     topics = call.graph.topics(include_hidden=include_hidden)
-    if count:
-        print_text(str(len(topics)))
-    else:
-        kind = " [{0.type}]" if show_types or verbose else ""
-        line = "{0.name}" + kind + (" published by /{0.node}" if verbose else "")
-        call.show(
-            [{"name": t.name, "type": t.type, "hash": t.type_hash, "node": t.node} for t in topics],
-            map(line.format, topics),
-        )
+    kind = " [{0.type}]" if show_types or verbose else ""
+    line = "{0.name}" + kind + (" published by /{0.node}" if verbose else "")
+    call.show(
+        [{"name": t.name, "type": t.type, "hash": t.type_hash, "node": t.node} for t in topics],
+        map(line.format, topics),
+        count=count,
+    )
 
 
 @graph_verb(timeout_s=5.0)
@@ -104,4 +101,4 @@ def find(
         raise GraphError(f"no topic carries '{message_type}'{hint(wanted, known)}")
     shown = {topic.name for topic in call.graph.topics(include_hidden=include_hidden)}
     names = [topic.name for topic in topics if topic.type == wanted and topic.name in shown]
-    call.show_names(names, count=count)
+    call.show(names, names, count=count)
