@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from palp_core.graph.launch.diagnostics import Incident
     from palp_core.graph.launch.graph import Graph
     from palp_core.graph.launch.summary import RunSummary
-    from palp_core.graph.lockstep.conductor import Observer
+    from palp_core.graph.lockstep.digest import TopicDigest
 
 RESUMES = "resume:=true"
 """The option, written like an argument of the launch file."""
@@ -151,19 +151,16 @@ def _run(
     from palp_core.cli.launch.stop_key import stop_key
     from palp_core.cli.launch.view import LaunchView, show_log_line
     from palp_core.graph.launch.graph import Graph
+    from palp_core.graph.lockstep.digest import TopicDigest
+    from palp_core.graph.messages.builtin import Progress
     from palp_core.graph.supervision.interrupt import Interrupted
 
     view = LaunchView()
-    observers: list[Observer] = [view]
-
-    def observe(now_ns: int, frame: bytes) -> None:
-        for observer in observers:
-            observer(now_ns, frame)
-
+    of_topics = None if digest is None else TopicDigest()
     graph = Graph(
         file,
         compose=compose,
-        observe=observe,
+        observe=of_topics,
         overrides=overrides,
         started=started,
         listen=listen,
@@ -173,6 +170,7 @@ def _run(
         log_level=log_level,
         show_log=show_log_line,
     )
+    graph.observers.add(Progress, view.show_progress)
     graph.diagnostics.on_change = lambda topic, incident: view.show_diagnostic(
         topic, _addressed(graph, incident)
     )
@@ -185,7 +183,7 @@ def _run(
                 graph.gateway.announce_to(note)
             with (
                 _shown(graph, wanted=in_browser, operate=operate),
-                _digest_into(digest, observers),
+                _written(digest, of_topics),
                 view.showing(graph.checked),
                 stop_key(graph),
             ):
@@ -286,19 +284,13 @@ def _shown(graph: Graph, *, wanted: bool, operate: bool) -> contextlib.AbstractC
 
 
 @contextlib.contextmanager
-def _digest_into(file: Path | None, observers: list[Observer]) -> Iterator[None]:
-    """Write the digest of what is observed, if a file is named, however the run ends."""
-    from palp_core.graph.lockstep.digest import TopicDigest
-
-    if file is None:
-        yield
-        return
-    digest = TopicDigest()
-    observers.append(digest)
+def _written(file: Path | None, digest: TopicDigest | None) -> Iterator[None]:
+    """Write the digest, if there is one, however the run ends."""
     try:
         yield
     finally:
-        write_whole(file, json.dumps(digest.result(), indent=1) + "\n")
+        if file is not None and digest is not None:
+            write_whole(file, json.dumps(digest.result(), indent=1) + "\n")
 
 
 @contextlib.contextmanager
