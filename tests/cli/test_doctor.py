@@ -10,11 +10,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from palp_core.cli.doctor import examine_graph
 from palp_core.cli.host import examine_host
 from palp_core.graph.discovery.health import HealthSample, rows, sample_health
 from palp_core.graph.discovery.running_graph import RunningGraph
-from palp_core.graph.discovery.troubles import Trouble
+from palp_core.graph.discovery.troubles import Trouble, examine_graph
 from palp_core.graph.messages.builtin import GraphEvent, NodeEvent
 from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.messages.message import encode

@@ -1,48 +1,66 @@
-"""``palp doctor``."""
+"""``palp doctor`` and ``palp top``: what is wrong, and how nodes and edges do."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
-from typing import Annotated, Any
+from threading import Event
+from typing import TYPE_CHECKING, Annotated
 
-import msgspec
 import typer
 
 from palp_core.cli.host import examine_host, examine_runs
-from palp_core.cli.options import GraphOption, JsonOption
-from palp_core.cli.output import print_json, print_text
+from palp_core.cli.options import Call, GraphOption, JsonOption, graph_verb
+from palp_core.cli.output import print_json, print_text, table_lines
+from palp_core.cli.running import note_ended
 from palp_core.counted import counted
-from palp_core.errors import GraphError
 from palp_core.graph.discovery.choice import choose, line_of, meant
-from palp_core.graph.discovery.health import HealthReader, rows, sample_of
+from palp_core.graph.discovery.health import (
+    EdgeRow,
+    HealthReader,
+    NodeRow,
+    actions_as_one,
+    rows,
+    sample_health,
+)
 from palp_core.graph.discovery.run_directory import RunRecord, running
-from palp_core.graph.discovery.running_graph import Answers, RunningGraph
+from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.discovery.troubles import (
     ERROR,
     NOTE,
     OK,
     WARN,
+    ActiveDiagnostic,
     Trouble,
     active_diagnostics,
-    event_troubles,
-    loss_troubles,
-    node_troubles,
-    qos_troubles,
+    examine_graph,
 )
-from palp_core.graph.messages.builtin import EdgeHealth, GraphEvent, NodeEvent, NodeHealth
-from palp_core.graph.messages.qos import Qos, incompatibility
-from palp_core.graph.node.spec import LAUNCHER
-from palp_core.graph.transport.requester_socket import ask
+
+if TYPE_CHECKING:
+    import rich.console
 
 ASK_S = 2.0
-HEALTH_S = 1.6
-LONGEST_PAUSE_S = 0.005
-MANY_UNREAD = 100
-BEHIND_S = 1.0
-"""Of its own rate, by which a reader has to be behind: nodes are not asked at the same instant."""
-OVERRUNS_PART = 1e-4
-EVENTS = "/graph/events"
 _ORDER = (ERROR, WARN, NOTE, OK)
+TOP_ASK_S = 0.5
+HEALTH_TIMEOUT_S = 2.5
+NODE_TITLES = (
+    "NODE",
+    "STATE",
+    "CPU %",
+    "MEMORY",
+    "RATE Hz",
+    "P99 ms",
+    "LOST",
+    "READERS LOST",
+    "OVERRUNS",
+    "MISSED",
+    "PID",
+)
+EDGE_TITLES = (
+    "TOPIC", "READER", "RATE Hz", "RECEIVED", "LOST", "REPEATED", "LATE", "DROPPED",
+    "P50 ms", "P99 ms", "MAX ms",
+)  # fmt: skip
+Sample = tuple[list[NodeRow], list[EdgeRow], list[ActiveDiagnostic]]
 
 
 def doctor(
@@ -108,154 +126,148 @@ def _print(troubles: list[Trouble], counts: dict[str, int], graphs: int, *, repo
     )
 
 
-def examine_graph(graph: RunningGraph) -> Iterator[Trouble]:
-    """Yield what is wrong in a running graph, by the accounts that its own nodes keep."""
-    where = f"graph {graph.record.graph}"
-    answers = graph.ask_all("info", timeout_s=ASK_S)
-    yield Trouble(where, OK, f"{len(answers.replies)} of {len(graph.node_names)} nodes answer")
-    sample = sample_of(graph, answers)
-    node_rows, edge_rows = rows(None, sample)
-    yield from node_troubles(node_rows, sample.silent)
-    for node in sample.nodes:
-        yield from _overload(node)
-    accounts = {(edge.topic, f"/{edge.node}"): edge.account for edge in answers.edges()}
-    reliable = {edge for edge, account in accounts.items() if _reliable(account.get("qos", {}))}
-    found = [
-        *loss_troubles(edge_rows, reliable),
-        *(trouble for node in sample.nodes for edge in node.edges for trouble in _edge(node, edge)),
-        *_backlogs(answers, accounts),
-        *_incompatible(answers, accounts),
-    ]
-    yield from found
-    healthy = len(accounts) - len({trouble.where for trouble in found})
-    if healthy:
-        yield Trouble(where, OK, f"{healthy} edges with nothing lost, late or dropped")
-    for name, info in answers.replies.items():
-        topic = f"/{name}/_events"
-        if info.get("published", {}).get(topic, 0):
-            try:
-                yield from qos_troubles(name, graph.decoded_history(name, topic, NodeEvent, ASK_S))
-            except GraphError:
-                continue
-    try:
-        yield from event_troubles(graph.decoded_history(LAUNCHER, EVENTS, GraphEvent, ASK_S))
-    except GraphError as problem:
-        yield Trouble(where, ERROR, f"its launcher: {problem}", "is it stopped or stuck?")
-    yield from _pauses(graph)
-    yield from _refusals(graph)
-
-
-def _overload(node: NodeHealth) -> Iterator[Trouble]:
-    name, ticks = f"/{node.node}", max(node.tick_count, 1)
-    if node.overrun_count:
-        yield Trouble(
-            name,
-            WARN if node.overrun_count / ticks > OVERRUNS_PART else NOTE,
-            f"{node.overrun_count} of {ticks} ticks began after the next was due",
-            "lower its rate, shorten its handlers, or give it cores and realtime_priority in the launch file",
+@graph_verb()
+def top(
+    call: Call,
+    *,
+    once: Annotated[bool, typer.Option("--once", help="One sample, then end.")] = False,
+    period: Annotated[
+        float, typer.Option("--period", "-d", min=0.1, metavar="S", help="Between samples.")
+    ] = 1.0,
+) -> None:
+    """RATE counts a node's timer ticks and the messages that it handled; READERS LOST is what the readers of
+    its topics say that they have lost for good. Below, each edge with its reader's own
+    account; above, what nodes say is wrong. In a graph composed into one process, processor and memory are
+    that process's.
+    """
+    running = call.graph
+    samples = _samples(running, period)
+    if call.as_json or once or not sys.stdout.isatty():
+        sample = next(samples)
+        named = zip(("nodes", "edges", "diagnostics"), sample, strict=True)
+        call.show(
+            {"graph": running.record.graph, "clock": running.record.clock, **dict(named)},
+            _sample_lines(sample),
         )
-    if node.rejected_count:
-        yield Trouble(
-            name,
-            WARN,
-            f"{counted(node.rejected_count, 'frame was', 'frames were')} refused as malformed or of "
-            "another type",
-            "its log names them; was a node rebuilt with another message type while the graph ran?",
-        )
-    if node.unread_count > MANY_UNREAD:
-        yield Trouble(name, WARN, _waiting(node.unread_count), "its handlers are too slow for its inputs")
-
-
-def _waiting(count: int) -> str:
-    return f"{counted(count, 'message waits', 'messages wait')} to be read"
-
-
-def _reliable(requested: dict[str, Any]) -> bool:
-    return bool(requested.get("reliability", "reliable") == "reliable")
-
-
-def _edge(node: NodeHealth, edge: EdgeHealth) -> Iterator[Trouble]:
-    where = f"{edge.topic} -> /{node.node}"
-    if edge.late_count:
-        text = f"{counted(edge.late_count, 'message')} late, of {edge.received_count}"
-        yield Trouble(where, WARN, text, "see palp topic delay, and the load of the cores")
-    if edge.dropped_count:
-        yield Trouble(
-            where,
-            WARN,
-            f"{counted(edge.dropped_count, 'message')} dropped unread: past the lifespan, or beyond the "
-            "reader's depth",
-            "the reader is too slow for this topic, or its depth too small",
-        )
-    if edge.repeated_count:
-        text = f"{counted(edge.repeated_count, 'message')} came more than once, handed over once"
-        yield Trouble(where, NOTE, text)
-
-
-def _backlogs(answers: Answers, accounts: dict[tuple[str, str], dict[str, Any]]) -> Iterator[Trouble]:
-    """Count what is on its way or waits, most of it in sockets, which no node can count."""
-    published: dict[str, int] = {}
-    for info in answers.replies.values():
-        published |= info.get("published", {})
-    for (topic, reader), account in accounts.items():
-        sequence = published.get(topic, 0)
-        behind = sequence - account.get("sequence", sequence)
-        has_begun = account.get("epoch", 0) >= 0
-        if has_begun and behind > max(MANY_UNREAD, BEHIND_S * (account.get("rate_hz") or 0.0)):
-            advice = "the reader's handlers are too slow for it; history: keep_all makes the publisher wait"
-            yield Trouble(f"{topic} -> {reader}", WARN, _waiting(behind), advice)
-
-
-def _incompatible(answers: Answers, accounts: dict[tuple[str, str], dict[str, Any]]) -> Iterator[Trouble]:
-    offered: dict[str, Any] = {
-        topic: output.get("qos", {})
-        for info in answers.replies.values()
-        for topic, output in info.get("outputs", {}).items()
-    }
-    for (topic, reader), account in accounts.items():
-        if account.get("qos") and offered.get(topic):
-            reason = incompatibility(
-                msgspec.convert(account["qos"], Qos), msgspec.convert(offered[topic], Qos)
-            )
-            if reason is not None:
-                text = f"quality of service: {reason}"
-                yield Trouble(f"{topic} -> {reader}", ERROR, text, "change one of the two")
-
-
-def _pauses(graph: RunningGraph) -> Iterator[Trouble]:
-    if graph.record.clock != "wall":
         return
+    _show_live(running, samples)
+    note_ended(running)
+
+
+def _samples(graph: RunningGraph, period_s: float) -> Iterator[Sample]:
+    """Yield a sample each period while the graph runs, from its health topic where that speaks."""
     reader = HealthReader(graph)
     try:
-        health = reader.read(HEALTH_S)
+        before = reader.read(HEALTH_TIMEOUT_S) if graph.record.clock == "wall" else None
+        by_topic = before is not None
+        before = before or sample_health(graph)
+        while graph.alive:
+            if by_topic:
+                after = reader.read(HEALTH_TIMEOUT_S)
+            else:
+                Event().wait(period_s)
+                after = None
+            by_topic = after is not None
+            after = after or sample_health(graph)
+            nodes, edges = rows(before, after)
+            yield nodes, actions_as_one(edges), active_diagnostics(graph, TOP_ASK_S)
+            before = after
     finally:
         reader.close()
-    for node in health.nodes if health is not None else ():
-        name = f"/{node.node}"
-        text = (
-            f"{counted(node.gc_pause_count, 'pause')} of the garbage collector, the longest "
-            f"{node.gc_pause_max_s * 1e3:.1f} ms"
+
+
+def _cells(sample: Sample) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]]]:
+    nodes: list[tuple[str, ...]] = [
+        (
+            node.name,
+            _state(node, sample[2]),
+            _number(node.cpu_percent, 1),
+            f"{node.memory_bytes / 1e6:.1f} MB",
+            _number(node.rate_hz, 1),
+            _milliseconds(node.latency_p99_s),
+            str(node.lost),
+            str(node.lost_by_readers),
+            str(node.overruns),
+            str(node.missed_deadlines),
+            str(node.pid),
         )
-        if node.gc_pause_max_s > LONGEST_PAUSE_S:
-            advice = "make fewer objects that refer to each other in its handlers"
-            yield Trouble(name, WARN, text, advice)
-        else:
-            yield Trouble(name, OK, text)
-        if node.missed_deadline_count:
-            text = f"{counted(node.missed_deadline_count, 'deadline')} of its inputs missed"
-            yield Trouble(name, WARN, text, "palp topic info on its inputs shows which")
+        for node in sample[0]
+    ]
+    edges: list[tuple[str, ...]] = [
+        (
+            edge.topic,
+            edge.reader,
+            _number(edge.rate_hz, 1),
+            str(edge.received),
+            str(edge.lost),
+            str(edge.repeated),
+            str(edge.late),
+            str(edge.dropped),
+            _milliseconds(edge.latency_p50_s),
+            _milliseconds(edge.latency_p99_s),
+            _milliseconds(edge.latency_max_s),
+        )
+        for edge in sample[1]
+    ]
+    return nodes, edges
 
 
-def _refusals(graph: RunningGraph) -> Iterator[Trouble]:
-    path = graph.folder / "gateway.srv"
-    if not path.exists():
-        return
-    reply = ask(f"ipc://{path}", {"op": "refusals"}, ASK_S)
-    if reply is None or "error" in reply:
-        yield Trouble("gateway", ERROR, "does not answer", f"see {graph.folder / 'log'}")
-        return
-    for refusal in reply.get("refusals", []):
-        often = f", {refusal['count']} times" if refusal.get("count", 1) > 1 else ""
-        key = f" with key {refusal['key']}" if refusal.get("key") else ""
-        text = f"refused {refusal.get('address') or 'somebody'}{key}{often}: {refusal['reason']}"
-        yield Trouble("gateway", WARN, text, "palp keys list shows who is allowed")
+def _state(node: NodeRow, found: list[ActiveDiagnostic]) -> str:
+    """Return the state of a node's lifecycle, or what is worse."""
+    if not node.responsive:
+        return "SILENT"
+    return next((one.level.upper() for one in found if f"/{one.node}" == node.name), node.state)
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _milliseconds(value_s: float | None) -> str:
+    return "-" if value_s is None else f"{value_s * 1e3:.3f}"
+
+
+def _sample_lines(sample: Sample) -> Iterator[str]:
+    nodes, edges = _cells(sample)
+    yield from map(_diagnostic_line, sample[2])
+    yield from table_lines([NODE_TITLES, *nodes])
+    if edges:
+        yield ""
+        yield from table_lines([EDGE_TITLES, *edges])
+
+
+def _diagnostic_line(found: ActiveDiagnostic) -> str:
+    return f"{found} -> {found.advice}" if found.advice else str(found)
+
+
+def _show_live(graph: RunningGraph, samples: Iterator[Sample]) -> None:
+    from rich.live import Live
+
+    with Live(screen=True, auto_refresh=False) as live:
+        for sample in samples:
+            live.update(_picture(graph, sample), refresh=True)
+
+
+def _picture(graph: RunningGraph, sample: Sample) -> rich.console.RenderableType:
+    from rich.console import Group
+    from rich.table import Table
+    from rich.text import Text
+
+    tables = []
+    troubled = {f"/{found.node}" for found in sample[2] if found.level == "error"}
+    for titles, lines in zip((NODE_TITLES, EDGE_TITLES), _cells(sample), strict=True):
+        table = Table(box=None, header_style="bold", pad_edge=False)
+        for title in titles:
+            table.add_column(
+                title, justify="left" if title in ("NODE", "STATE", "TOPIC", "READER") else "right"
+            )
+        for line in lines:
+            bad = "SILENT" in line or line[0] in troubled or line[titles.index("LOST")] != "0"
+            table.add_row(*line, style="red" if bad else "")
+        tables.append(table)
+    head = f"{graph.record.graph}  ({graph.record.clock} clock, process {graph.record.pid})   Ctrl-C ends"
+    wrong = [
+        Text(_diagnostic_line(found), style="bold red" if found.level == "error" else "yellow")
+        for found in sample[2]
+    ]
+    return Group(Text(head, style="bold"), *wrong, Text(""), tables[0], Text(""), tables[1])

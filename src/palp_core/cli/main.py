@@ -47,7 +47,7 @@ app = lazy_app(
         "lifecycle": Verb(f"{_CLI}.node.lifecycle:app", "Show and change the states of running nodes."),
         "interface": Verb(f"{_CLI}.node.interface:app", "Show the types of messages and services."),
         "logs": Verb(f"{_CLI}.launch.logs:logs", "Show node output."),
-        "top": Verb(f"{_CLI}.top:top", "Show state, CPU, rate, latency and losses live."),
+        "top": Verb(f"{_CLI}.doctor:top", "Show state, CPU, rate, latency and losses live."),
         "view": Verb(f"{_CLI}.view.view:view", "Show a graph or a bag in the browser."),
         "bridge": Verb(f"{_CLI}.bridge:app", "Connect a running graph to Foxglove or ROS 2."),
         "doctor": Verb(f"{_CLI}.doctor:doctor", "Look for faults of the host and of running graphs."),

@@ -5,19 +5,20 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from typing import get_args
+from typing import Any, get_args
 
 import msgspec
 
 from palp_core.counted import counted
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.choice import addressed
-from palp_core.graph.discovery.health import EdgeRow, NodeRow
-from palp_core.graph.discovery.running_graph import RunningGraph
-from palp_core.graph.messages.builtin import DiagnosticStatus, GraphEvent, NodeEvent
-from palp_core.graph.messages.qos import EventKind
+from palp_core.graph.discovery.health import EdgeRow, HealthReader, NodeRow, rows, sample_of
+from palp_core.graph.discovery.running_graph import Answers, RunningGraph
+from palp_core.graph.messages.builtin import DiagnosticStatus, EdgeHealth, GraphEvent, NodeEvent, NodeHealth
+from palp_core.graph.messages.qos import EventKind, Qos, incompatibility
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.spec import LAUNCHER
+from palp_core.graph.transport.requester_socket import ask
 
 OK, NOTE, WARN, ERROR = "ok", "note", "warn", "error"
 GRAPH_TROUBLE = ("failed", "restarting", "unresponsive", "refused", "swap_failed", "qos")
@@ -25,6 +26,14 @@ GRAPH_TROUBLE = ("failed", "restarting", "unresponsive", "refused", "swap_failed
 SWAPPING = "being swapped"
 """In place of a lifecycle's state: one of the two processes with the node's name is inactive by intent."""
 _QOS_EVENTS: tuple[str, ...] = get_args(EventKind)
+ASK_S = 2.0
+HEALTH_S = 1.6
+LONGEST_PAUSE_S = 0.005
+MANY_UNREAD = 100
+BEHIND_S = 1.0
+"""Of its own rate, by which a reader has to be behind: nodes are not asked at the same instant."""
+OVERRUNS_PART = 1e-4
+EVENTS = "/graph/events"
 
 
 class Trouble(msgspec.Struct, frozen=True):
@@ -178,3 +187,156 @@ def worst(troubles: Iterable[Trouble]) -> str:
     """Return the worst level of what is wrong; ``ok`` if nothing is."""
     levels = {trouble.level for trouble in troubles}
     return ERROR if ERROR in levels else WARN if levels else OK
+
+
+def examine_graph(graph: RunningGraph) -> Iterator[Trouble]:
+    """Yield what is wrong in a running graph, by the accounts that its own nodes keep."""
+    where = f"graph {graph.record.graph}"
+    answers = graph.ask_all("info", timeout_s=ASK_S)
+    yield Trouble(where, OK, f"{len(answers.replies)} of {len(graph.node_names)} nodes answer")
+    sample = sample_of(graph, answers)
+    node_rows, edge_rows = rows(None, sample)
+    yield from node_troubles(node_rows, sample.silent)
+    for node in sample.nodes:
+        yield from _overload(node)
+    accounts = {(edge.topic, f"/{edge.node}"): edge.account for edge in answers.edges()}
+    reliable = {edge for edge, account in accounts.items() if _reliable(account.get("qos", {}))}
+    found = [
+        *loss_troubles(edge_rows, reliable),
+        *(trouble for node in sample.nodes for edge in node.edges for trouble in _edge(node, edge)),
+        *_backlogs(answers, accounts),
+        *_incompatible(answers, accounts),
+    ]
+    yield from found
+    healthy = len(accounts) - len({trouble.where for trouble in found})
+    if healthy:
+        yield Trouble(where, OK, f"{healthy} edges with nothing lost, late or dropped")
+    for name, info in answers.replies.items():
+        topic = f"/{name}/_events"
+        if info.get("published", {}).get(topic, 0):
+            try:
+                yield from qos_troubles(name, graph.decoded_history(name, topic, NodeEvent, ASK_S))
+            except GraphError:
+                continue
+    try:
+        yield from event_troubles(graph.decoded_history(LAUNCHER, EVENTS, GraphEvent, ASK_S))
+    except GraphError as problem:
+        yield Trouble(where, ERROR, f"its launcher: {problem}", "is it stopped or stuck?")
+    yield from _pauses(graph)
+    yield from _refusals(graph)
+
+
+def _overload(node: NodeHealth) -> Iterator[Trouble]:
+    name, ticks = f"/{node.node}", max(node.tick_count, 1)
+    if node.overrun_count:
+        yield Trouble(
+            name,
+            WARN if node.overrun_count / ticks > OVERRUNS_PART else NOTE,
+            f"{node.overrun_count} of {ticks} ticks began after the next was due",
+            "lower its rate, shorten its handlers, or give it cores and realtime_priority in the launch file",
+        )
+    if node.rejected_count:
+        yield Trouble(
+            name,
+            WARN,
+            f"{counted(node.rejected_count, 'frame was', 'frames were')} refused as malformed or of "
+            "another type",
+            "its log names them; was a node rebuilt with another message type while the graph ran?",
+        )
+    if node.unread_count > MANY_UNREAD:
+        yield Trouble(name, WARN, _waiting(node.unread_count), "its handlers are too slow for its inputs")
+
+
+def _waiting(count: int) -> str:
+    return f"{counted(count, 'message waits', 'messages wait')} to be read"
+
+
+def _reliable(requested: dict[str, Any]) -> bool:
+    return bool(requested.get("reliability", "reliable") == "reliable")
+
+
+def _edge(node: NodeHealth, edge: EdgeHealth) -> Iterator[Trouble]:
+    where = f"{edge.topic} -> /{node.node}"
+    if edge.late_count:
+        text = f"{counted(edge.late_count, 'message')} late, of {edge.received_count}"
+        yield Trouble(where, WARN, text, "see palp topic delay, and the load of the cores")
+    if edge.dropped_count:
+        yield Trouble(
+            where,
+            WARN,
+            f"{counted(edge.dropped_count, 'message')} dropped unread: past the lifespan, or beyond the "
+            "reader's depth",
+            "the reader is too slow for this topic, or its depth too small",
+        )
+    if edge.repeated_count:
+        text = f"{counted(edge.repeated_count, 'message')} came more than once, handed over once"
+        yield Trouble(where, NOTE, text)
+
+
+def _backlogs(answers: Answers, accounts: dict[tuple[str, str], dict[str, Any]]) -> Iterator[Trouble]:
+    """Count what is on its way or waits, most of it in sockets, which no node can count."""
+    published: dict[str, int] = {}
+    for info in answers.replies.values():
+        published |= info.get("published", {})
+    for (topic, reader), account in accounts.items():
+        sequence = published.get(topic, 0)
+        behind = sequence - account.get("sequence", sequence)
+        has_begun = account.get("epoch", 0) >= 0
+        if has_begun and behind > max(MANY_UNREAD, BEHIND_S * (account.get("rate_hz") or 0.0)):
+            advice = "the reader's handlers are too slow for it; history: keep_all makes the publisher wait"
+            yield Trouble(f"{topic} -> {reader}", WARN, _waiting(behind), advice)
+
+
+def _incompatible(answers: Answers, accounts: dict[tuple[str, str], dict[str, Any]]) -> Iterator[Trouble]:
+    offered: dict[str, Any] = {
+        topic: output.get("qos", {})
+        for info in answers.replies.values()
+        for topic, output in info.get("outputs", {}).items()
+    }
+    for (topic, reader), account in accounts.items():
+        if account.get("qos") and offered.get(topic):
+            reason = incompatibility(
+                msgspec.convert(account["qos"], Qos), msgspec.convert(offered[topic], Qos)
+            )
+            if reason is not None:
+                text = f"quality of service: {reason}"
+                yield Trouble(f"{topic} -> {reader}", ERROR, text, "change one of the two")
+
+
+def _pauses(graph: RunningGraph) -> Iterator[Trouble]:
+    if graph.record.clock != "wall":
+        return
+    reader = HealthReader(graph)
+    try:
+        health = reader.read(HEALTH_S)
+    finally:
+        reader.close()
+    for node in health.nodes if health is not None else ():
+        name = f"/{node.node}"
+        text = (
+            f"{counted(node.gc_pause_count, 'pause')} of the garbage collector, the longest "
+            f"{node.gc_pause_max_s * 1e3:.1f} ms"
+        )
+        if node.gc_pause_max_s > LONGEST_PAUSE_S:
+            advice = "make fewer objects that refer to each other in its handlers"
+            yield Trouble(name, WARN, text, advice)
+        else:
+            yield Trouble(name, OK, text)
+        if node.missed_deadline_count:
+            text = f"{counted(node.missed_deadline_count, 'deadline')} of its inputs missed"
+            yield Trouble(name, WARN, text, "palp topic info on its inputs shows which")
+
+
+def _refusals(graph: RunningGraph) -> Iterator[Trouble]:
+    path = graph.folder / "gateway.srv"
+    if not path.exists():
+        return
+    reply = ask(f"ipc://{path}", {"op": "refusals"}, ASK_S)
+    if reply is None or "error" in reply:
+        yield Trouble("gateway", ERROR, "does not answer", f"see {graph.folder / 'log'}")
+        return
+    for refusal in reply.get("refusals", []):
+        often = f", {refusal['count']} times" if refusal.get("count", 1) > 1 else ""
+        key = f" with key {refusal['key']}" if refusal.get("key") else ""
+        text = f"refused {refusal.get('address') or 'somebody'}{key}{often}: {refusal['reason']}"
+        yield Trouble("gateway", WARN, text, "palp keys list shows who is allowed")
