@@ -15,10 +15,9 @@ from palp_core.graph.discovery.health import EdgeRow, NodeRow
 from palp_core.graph.discovery.log_lines import LineReader, LogLine
 from palp_core.graph.discovery.troubles import event_troubles, loss_troubles, node_troubles, worst
 from palp_core.graph.messages.builtin import GraphEvent
-from palp_core.view.source.folded_log import MOST_LETTERS, FoldedLog
 from palp_core.view.source.live import node_state, swaps_named, wire_state
 from palp_core.view.source.message_lines import MOST_LINES, tree_text
-from palp_core.view.source.node_log import MOST_BYTES, NodeLog
+from palp_core.view.source.node_log import MOST_BYTES, MOST_LETTERS, FoldedLog, NodeLog
 from palp_core.view.source.overview import NodeState, Overview
 from palp_core.view.source.protocol import Heard
 from palp_core.view.source.series import FieldSeries, as_csv, number_fields, thinned

@@ -12,7 +12,7 @@ from nicegui.elements.mixins.text_element import TextElement
 
 from palp_core.errors import PalpError
 from palp_core.graph.discovery.troubles import Trouble, worst
-from palp_core.view.source.folded_log import kind_of
+from palp_core.view.source.node_log import kind_of
 
 HERE = Path(__file__).parent
 CSS = "".join((HERE / name).read_text(encoding="utf-8") for name in ("uplot/uPlot.min.css", "look.css"))
