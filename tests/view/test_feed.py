@@ -15,7 +15,7 @@ from palp_core.view.source import feed as feeds
 from palp_core.view.source.feed import Feeds, TopicWatch, heard
 from tests.support.fake_graph import FakeGraph
 
-THREAD = "palp view: /source/sample"
+THREAD = "palp view: topics"
 
 
 @pytest.fixture

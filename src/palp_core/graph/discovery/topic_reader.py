@@ -1,7 +1,7 @@
 """Messages of topics of a running graph in their order; what is missing is asked for, or counted."""
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple, Self
 
 from palp_core.errors import GraphError, SchemaMismatch
@@ -97,6 +97,14 @@ class TopicReader:
             )
             self._reader.follow([topic], self._arrive, buffer)
 
+    def leave(self, names: Iterable[str]) -> None:
+        """Follow topics no longer."""
+        known = [name for name in names if self._nodes.pop(name, None) is not None]
+        self._reader.leave(known)
+        for name in known:
+            del self._accounts[name], self._buffers[name]
+            self.last_sequence.pop(name, None)
+
     def __enter__(self) -> Self:
         return self
 
@@ -112,9 +120,9 @@ class TopicReader:
             received.clear()
             yield None
 
-    def turn(self, take: Callable[[ReceivedFrame], object]) -> None:
-        """Hand over what comes, for a tenth of a second at most."""
-        self._reader.receive(TICK_MS, SLICE_NS)
+    def turn(self, take: Callable[[ReceivedFrame], object], slice_ns: int = SLICE_NS) -> None:
+        """Hand over what comes: wait for it a tenth of a second at most, and take it for a slice of time."""
+        self._reader.receive(TICK_MS, slice_ns)
         now_ns = monotonic_ns()
         for buffer in self._buffers.values():
             buffer.expire(now_ns)
