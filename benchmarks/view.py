@@ -11,7 +11,7 @@ composed, lockstep: sweep seconds per wall second, viewed over alone, and over t
 that computes as much as viewers and browsers. wall: p50 and p99 of the torque edge, likewise, and what was
 lost. screen: from sample to screen, and frames a second, the emulated rig at work.
 first: wall seconds from ``palp view`` to its first page. extra: the extra on disk, and to import. stop,
-stop-loaded: from a click to ABORT on the wire; loaded: while a swap, a recording and page loads run. answer:
+stop-loaded: from a click to ABORT on the wire; loaded: while swaps and page loads run. answer:
 how long the server takes to answer a press meanwhile. memory: of viewers and pages over --minutes.
 """
 

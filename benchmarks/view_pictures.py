@@ -9,7 +9,6 @@ rig are of a short simulated session.
 from __future__ import annotations
 
 import argparse
-import os
 import tempfile
 from collections.abc import Callable
 from contextlib import ExitStack, closing
@@ -52,7 +51,6 @@ class Studio:
     def live(self) -> Viewing:
         """The rig, running."""
         run = self._stack.enter_context(emulated(*PATH))
-        os.chdir(run.folder)  # bags are made where a viewer is started
         viewer = run.palp.start("view", "--no-browser", "--operate", "--graph", "rig")
         return Viewing(self.chrome, viewer, WIDTH)
 
@@ -67,7 +65,7 @@ class Studio:
         return out
 
     def over(self, what: Path) -> Viewing:
-        """Show a bag or results."""
+        """Show a bag."""
         return Viewing(self.chrome, self.palp.start("view", what, "--no-browser"), WIDTH)
 
     def in_a_sweep(self) -> Viewing:
@@ -117,33 +115,11 @@ def swap(studio: Studio) -> Viewing:
     return studio.live
 
 
-def record(studio: Studio) -> Viewing:
-    """A recording that has ended, beside one under way."""
-    page = studio.live.go("/record")
-    for name in ("first", "second"):
-        page.get_by_label("name; empty: graph and time").fill(name)
-        page.get_by_role("button", name="record", exact=True).click()
-        page.locator("[data-what=recordings] b", has_text=name).wait_for()
-        studio.live.says("recording ")
-        wait(SWEPT_S if name == "first" else 0.5)
-        if name == "first":
-            page.locator("[data-what=recordings]").get_by_role("button", name="stop", exact=True).click()
-            studio.live.says("whole: nothing is missing")
-    return studio.live
-
-
 def bag(studio: Studio) -> Viewing:
     """A recording, somewhere in it."""
     viewing = studio.in_a_sweep()
     viewing.go("/topic/torque/block")
     viewing.plot("torque_n_m", frames=0)  # it stands where one is in it
-    return viewing
-
-
-def result(studio: Studio) -> Viewing:
-    """A run that is over: its report, and its files."""
-    viewing = studio.over(studio.session)
-    viewing.page.frame_locator("iframe.report").locator("h1").first.wait_for()
     return viewing
 
 
@@ -158,7 +134,7 @@ def rig(studio: Studio) -> Viewing:
 
 SHOTS: dict[str, Shot] = {
     "graph": graph, "node": node, "topic": topic, "swap": swap,
-    "record": record, "bag": bag, "result": result, "rig": rig,
+    "bag": bag, "rig": rig,
 }  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Somebody who presses everything at a viewer until killed: swaps of the policy, recordings, page after page.
+"""Somebody who presses everything at a viewer until killed: swaps of the policy, page after page.
 
 Run by stop.py: python -m benchmarks.view_bench.presses ADDRESS
 """
@@ -23,7 +23,6 @@ def main() -> None:
         print("pressing", flush=True)
         for number in itertools.count():
             quietly(lambda: swap(viewing, POLICIES[number % 2]))  # noqa: B023 - done at once
-            quietly(lambda: record(viewing, f"pressed-{number}"))  # noqa: B023
             for page in PAGES:
                 quietly(lambda: viewing.go(page))  # noqa: B023
 
@@ -33,16 +32,6 @@ def swap(viewing: Page, run: str) -> None:
     viewing.go("/node/policy")
     viewing.swap(run)
     viewing.says("->")
-
-
-def record(viewing: Page, name: str) -> None:
-    """Record for as long as it takes to start and stop."""
-    page = viewing.go("/record")
-    page.get_by_label("name; empty: graph and time").fill(name)
-    page.get_by_role("button", name="record", exact=True).click()
-    viewing.says("recording ")
-    page.locator("[data-what=recordings]").get_by_role("button", name="stop", exact=True).click()
-    viewing.says("has ended")
 
 
 if __name__ == "__main__":

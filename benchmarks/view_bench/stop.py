@@ -37,7 +37,7 @@ def stops(clicks: int, *, loaded: bool, beside: bool) -> dict[str, Any]:
 
     Args:
         clicks: So many; after each the trip is acknowledged.
-        loaded: Another browser swaps the policy, records, and loads pages meanwhile.
+        loaded: Another browser swaps the policy, and loads pages meanwhile.
         beside: The browsers have the priority of the graph.
     """
     took_ms: list[float] = []
@@ -62,7 +62,7 @@ def stops(clicks: int, *, loaded: bool, beside: bool) -> dict[str, Any]:
 
 
 def answers(seconds: float, rounds: int, *, beside: bool) -> dict[str, Any]:
-    """Return how long the server takes to answer, over a second person's swaps, recordings and page loads.
+    """Return how long the server takes to answer, over a second person's swaps and page loads.
 
     It is asked for a button that there is not, as a press asks: what the graph takes is not in it.
     """

@@ -164,7 +164,7 @@ def test_a_node_is_led_through_its_lifecycle(palp: Palp, tmp_path: Path) -> None
     )
     assert graph.refused("lifecycle", "set", "/source", "dance")
     doctor = graph.run("doctor")
-    assert "/source: is inactive: it handles nothing" in doctor.stdout
+    assert "/source: it is inactive: it handles nothing" in doctor.stdout
     assert graph.said("lifecycle", "set", "/source", "activate") == "/source: inactive -> active\n"
     assert graph.said("topic", "echo", "/source/sample", "--once")
 

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.cli.launch.ros_args import log_levels
+from palp_core.cli.launch.launch import log_levels
 from palp_core.errors import GraphError
-from palp_core.graph.supervision.log_levels import LogLevels
 from tests.support.palp import CHAIN, SIM, Palp
 
 
@@ -98,7 +97,7 @@ def test_a_wall_clock_graph_cannot_be_composed_and_says_so(palp: Palp) -> None:
 
 
 def test_a_node_has_a_log_level_of_its_own() -> None:
-    levels = LogLevels(*log_levels(["ERROR", "/policy:=debug"]))
+    levels = log_levels(["ERROR", "/policy:=debug"])
     assert (levels.shown("policy"), levels.shown("stage")) == ("debug", "error")
     assert (levels.logged("policy"), levels.logged("stage"), levels.least_logged) == (
         "debug",

@@ -10,11 +10,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from palp_core.cli.doctor.diagnostic import Diagnostic
-from palp_core.cli.doctor.graph import examine_graph
-from palp_core.cli.doctor.host import examine_host
+from palp_core.cli.host import examine_host
 from palp_core.graph.discovery.health import HealthSample, rows, sample_health
 from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.discovery.troubles import Trouble, examine_graph
 from palp_core.graph.messages.builtin import GraphEvent, NodeEvent
 from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.messages.message import encode
@@ -43,7 +42,7 @@ def sink(account: dict[str, Any] | None = None, **changes: Any) -> dict[str, Any
 
 def findings(
     tmp_path: Path, launcher_said: Sequence[bytes] | None = (), **nodes: dict[str, Any] | None
-) -> list[Diagnostic]:
+) -> list[Trouble]:
     def request(endpoint: str, asked: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
         if asked["op"] == "history":
             frames = told.get(asked["node"], [])
@@ -79,24 +78,24 @@ def test_a_healthy_graph_has_nothing_to_find(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("nodes", "level", "where", "what"),
     [
-        ({"relay": relay(), "sink": None}, "error", "graph chain", "/sink did not answer"),
+        ({"relay": relay(), "sink": None}, "error", "/sink", "/sink did not answer"),
         ({"relay": relay(), "sink": sink({"lost": 3})}, "error", f"{TOPIC} -> /sink", "3 messages lost"),
         (
             {"relay": relay(), "sink": sink({"lost": 3, "qos": qos(reliability="best_effort")})},
-            "warning",
+            "warn",
             f"{TOPIC} -> /sink",
             "3 messages lost",
         ),
         (
             {"relay": relay(published={TOPIC: 5000}), "sink": sink({"sequence": 400, "rate_hz": 96.0})},
-            "warning",
+            "warn",
             f"{TOPIC} -> /sink",
             "4600 messages wait to be read",
         ),
-        ({"relay": relay(), "sink": sink({"late": 2})}, "warning", f"{TOPIC} -> /sink", "2 messages late"),
+        ({"relay": relay(), "sink": sink({"late": 2})}, "warn", f"{TOPIC} -> /sink", "2 messages late"),
         (
             {"relay": relay(), "sink": sink({"dropped": 2})},
-            "warning",
+            "warn",
             f"{TOPIC} -> /sink",
             "2 messages dropped",
         ),
@@ -112,14 +111,14 @@ def test_a_healthy_graph_has_nothing_to_find(tmp_path: Path) -> None:
             f"{TOPIC} -> /sink",
             "the reader asks for transient_local",
         ),
-        ({"relay": relay(lifecycle="inactive"), "sink": sink()}, "warning", "/relay", "is inactive"),
-        ({"relay": relay(overruns=5, ticks=10), "sink": sink()}, "warning", "/relay", "5 of 10 ticks"),
+        ({"relay": relay(lifecycle="inactive"), "sink": sink()}, "warn", "/relay", "is inactive"),
+        ({"relay": relay(overruns=5, ticks=10), "sink": sink()}, "warn", "/relay", "5 of 10 ticks"),
         ({"relay": relay(overruns=1, ticks=10**6), "sink": sink()}, "note", "/relay", "1 of 1000000 ticks"),
-        ({"relay": relay(rejected=4), "sink": sink()}, "warning", "/relay", "4 frames were refused"),
-        ({"relay": relay(unread=4000), "sink": sink()}, "warning", "/relay", "4000 messages wait"),
+        ({"relay": relay(rejected=4), "sink": sink()}, "warn", "/relay", "4 frames were refused"),
+        ({"relay": relay(unread=4000), "sink": sink()}, "warn", "/relay", "4000 messages wait"),
         (
             {"relay": relay(), "sink": sink(published={"/sink/_events": 1})},
-            "warning",
+            "warn",
             "/sink",
             "no message within its deadline",
         ),
@@ -130,7 +129,7 @@ def test_a_fault_is_said_with_place_and_advice(
 ) -> None:
     bad = [finding for finding in findings(tmp_path, **nodes) if finding.level != "ok"]
     assert [(f.level, f.where) for f in bad] == [(level, where)]
-    assert what in bad[0].what
+    assert what in bad[0].text
     assert bad[0].advice or level == "note"
 
 
@@ -147,14 +146,14 @@ def test_who_was_asked_a_moment_earlier_or_has_just_joined_is_not_behind(
 def test_what_the_launcher_had_to_say_is_found(tmp_path: Path) -> None:
     said = [restarting(1), restarting(2)]
     bad = [f for f in findings(tmp_path, said, relay=relay(), sink=sink()) if f.level != "ok"]
-    assert [(f.level, f.where) for f in bad] == [("warning", "/relay")]
-    assert bad[0].what == "restarting: it was killed (2 such events remembered)"
+    assert [(f.level, f.where) for f in bad] == [("warn", "/relay")]
+    assert bad[0].text == "restarting: it was killed (2 such events remembered)"
 
 
 def test_a_launcher_that_does_not_answer_is_an_error(tmp_path: Path) -> None:
     bad = [f for f in findings(tmp_path, None, relay=relay(), sink=sink()) if f.level != "ok"]
     assert [f.level for f in bad] == ["error"]
-    assert "its launcher: /graph did not answer" in bad[0].what
+    assert "its launcher: /graph did not answer" in bad[0].text
 
 
 def test_the_host_is_examined_without_fault_of_its_own() -> None:

@@ -28,7 +28,7 @@ def test_a_healthy_graph_has_no_error_and_a_report_says_what_was_looked_at(talk:
     assert [f for f in found["findings"] if f["level"] == "error"] == []
     assert (done.returncode, found["error"]) == (0, 0)
     assert found["graphs"] == ["talk"]
-    assert set(found["findings"][0]) == {"level", "what", "where", "advice"}
+    assert set(found["findings"][0]) == {"where", "level", "text", "advice"}
     said = talk.run("doctor", "-r").stdout
     for part in ("monotonic clock resolves", "usable", "open files", "no orphans", "2 of 2 nodes answer"):
         assert part in said
@@ -51,7 +51,7 @@ def test_what_a_killed_launcher_leaves_is_found(palp: Palp, tmp_path: Path) -> N
         left = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE, stdout=log)
     done = graph.run("doctor")
     assert done.returncode == 1
-    assert f"ERROR    process {left.pid}: an orphan of graph 'talk'" in done.stdout
+    assert f"ERROR process {left.pid}: an orphan of graph 'talk'" in done.stdout
     assert f"kill {left.pid}" in done.stdout
     said = graph.run("doctor", "-r").stdout
     assert f"1 run directory of runs that are over; the latest 20 are kept: {folder.name}" in said

@@ -162,9 +162,9 @@ def test_unknown_names_get_the_nearest_one(tmp_path: Path) -> None:
         graph.service("/rely/tare")
 
 
-def test_hidden_topics_are_known_by_the_word_of_their_node(tmp_path: Path) -> None:
-    told = {"outputs": {"/relay/_order": {"type": "Order"}, "/relay/_own": {"type": "Strange"}}}
-    graph = RunningGraph(record(tmp_path, nodes=("relay",)), lambda *_: told)
+def test_hidden_topics_are_known_without_asking_their_node(tmp_path: Path) -> None:
+    graph = RunningGraph(record(tmp_path, nodes=("relay",)), lambda *_: pytest.fail("it was asked"))
     assert [topic.name for topic in graph.topics()] == ["/relay/amplified", "/relay/progress"]
-    assert [topic.name for topic in graph.topics(include_hidden=True)][2:] == ["/relay/_order"]
+    hidden = [topic.name for topic in graph.topics(include_hidden=True)][2:]
+    assert hidden == ["/relay/_events", "/relay/_order"]
     assert "sources" in graph.topic("/relay/_order").json_schema["properties"]

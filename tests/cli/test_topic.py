@@ -164,7 +164,7 @@ def test_delay_is_what_the_readers_have_counted(talk: Talk) -> None:
     (reader,) = found["readers"]
     assert reader["messages"] == 20 <= reader["received"]
     assert "of the last" in talk.said("topic", "delay", TOPIC, "-w", "20", "--once")
-    assert "nobody counts its latency" in talk.run("topic", "delay", "/scale/seen", "--once").stderr
+    assert "its latency is not counted" in talk.run("topic", "delay", "/scale/seen", "--once").stderr
 
 
 def echoed_to(talk: Talk, index: int) -> list[Any]:

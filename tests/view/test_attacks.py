@@ -255,10 +255,6 @@ def what_a_read_only_page_hides(target: Target) -> None:
     swap.click("swap")
     swap.says("this page is read-only")
     swap.close()
-    record = PageSocket(target.closed, "/record")
-    record.click("record")
-    record.says("this page is read-only")
-    record.close()
     assert target.value("rate_hz") == 100.0
     assert target.accounts.graph.ask("source", "info")["lifecycle"] == "active"
     assert target.accounts.swaps() == []
@@ -327,16 +323,6 @@ def too_long_a_word(target: Target) -> None:
     with contextlib.suppress(ConnectionClosed):
         page.connection.send("42" + "x" * (2 << 20))
     hung_up(page)
-
-
-def a_bag_elsewhere(target: Target) -> None:
-    page = PageSocket(target.open, "/record")
-    for name in ("../out", "/tmp/out", "-o", "a b", "a\nb", "x" * 300):
-        page.fill("name; empty: graph and time", name)
-        page.click("record")
-        page.says("is no name of a bag")
-    page.close()
-    assert list(target.talk.folder.glob("*.mcap")) == []
 
 
 def a_long_message(target: Target) -> None:
@@ -417,7 +403,6 @@ CHEAP: list[Callable[[Target], None]] = [
     values_out_of_their_bounds,
     events_of_nobody,
     too_long_a_word,
-    a_bag_elsewhere,
     half_a_request,
     an_endless_head,
 ]

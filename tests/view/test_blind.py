@@ -16,12 +16,13 @@ from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.discovery.troubles import Trouble
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from palp_core.view.source.blind import HIDDEN, WHOLE, BlindSource, Harmless
 from palp_core.view.source.live import HAS_ENDED
 from palp_core.view.source.operator import BLINDED, GraphOperator, Refused
-from palp_core.view.source.overview import NodeState, Overview, Trouble
+from palp_core.view.source.overview import NodeState, Overview
 from palp_core.view.source.protocol import Heard
 from tests.support.bags import TOPICS, run_frames
 from tests.support.palp import PATIENCE_S, Palp

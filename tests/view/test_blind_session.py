@@ -14,7 +14,7 @@ from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.mechanics.scene.sealed import seal
 from palp_core.palpation.session.operating.unsealing import unseal
 from palp_core.palpation.session.trials_csv import read_rows
-from palp_core.view.source.results import ResultsSource
+from palp_core.view.source.sealed import sealed_within
 from tests.support.palp import SIM, Palp
 from tests.support.rig_session import ComposedGraph
 from tests.support.view.browser import address_of
@@ -67,39 +67,27 @@ def test_of_its_folder_and_all_around_it_nothing_is_shown_before_it_is_unsealed(
     out = Path(shutil.copytree(session.out, tmp_path / "study" / "S1" / "out"))
     assert not list(tmp_path.rglob("*.sealed"))
     for folder in (tmp_path, out.parent, out, out / "bag"):
-        source = ResultsSource(folder)
-        assert (source.files(), source.path_of("trials.csv"), source.path_of("run.json")) == ([], None, None)
-        (trouble,) = source.overview().troubles
-        assert f"palp session unseal {out}" in trouble.advice
+        assert sealed_within(folder) == out
     unseal(out, "all is done", session.key)
-    assert "trials.csv" in [file.name for file in ResultsSource(out).files()]
-    assert ResultsSource(tmp_path).overview().troubles == []
+    assert (sealed_within(out), sealed_within(tmp_path)) == (None, None)
 
 
 def test_a_session_in_the_open_beside_it_is_shown_by_itself(session: Blinded, tmp_path: Path) -> None:
     shutil.copytree(session.out, tmp_path / "blinded")
     (tmp_path / "open").mkdir()
     (tmp_path / "open" / "run.json").write_text('{"params": {"phantom": {"blind": false}}}', encoding="utf-8")
-    assert [file.name for file in ResultsSource(tmp_path / "open").files()] == ["run.json"]
-    assert ResultsSource(tmp_path).files() == []
+    assert sealed_within(tmp_path / "open") is None
+    assert sealed_within(tmp_path) == tmp_path / "blinded"
 
 
 def test_a_table_that_was_copied_alone_is_shown_no_more_than_the_session(
-    session: Blinded, tmp_path: Path, shared_palp: Palp
+    session: Blinded, tmp_path: Path
 ) -> None:
     """Codes for depths and estimates stand side by side in it: they tell what was right."""
     copied = tmp_path / "mine" / "S1.csv"
     copied.parent.mkdir()
     shutil.copy(session.out / "trials.csv", copied)
-    for folder in (tmp_path, copied.parent):
-        source = ResultsSource(folder)
-        assert (source.files(), source.path_of("S1.csv"), source.path_of("mine/S1.csv")) == ([], None, None)
-        assert "it is sealed" in source.overview().troubles[0].text
-    server = PageServer(address_of(shared_palp.start("view", copied.parent, "--no-browser")))
-    with closing(PageSocket(server)) as page:
-        page.says("it is sealed")
-        assert told([*page.received, server.ask(f"/{server.token}/").body.decode()], session) == []
-    assert server.ask(f"/{server.token}/files/S1.csv").status == 404
+    assert (sealed_within(tmp_path), sealed_within(copied.parent)) == (copied.parent, copied.parent)
 
 
 TABLES = {
@@ -114,7 +102,7 @@ TABLES = {
 @pytest.mark.parametrize("text", TABLES.values(), ids=TABLES)
 def test_a_table_of_depths_or_of_anything_else_is_shown(text: str, tmp_path: Path) -> None:
     (tmp_path / "trials.csv").write_text(text, encoding="utf-8")
-    assert [file.name for file in ResultsSource(tmp_path).files()] == ["trials.csv"]
+    assert sealed_within(tmp_path) is None
 
 
 NOTES = {"no JSON": "{", "no run": "[1]", "no nodes": '{"params": 3}', "odd nodes": '{"params": {"a": 4}}'}
@@ -123,24 +111,13 @@ NOTES = {"no JSON": "{", "no run": "[1]", "no nodes": '{"params": 3}', "odd node
 @pytest.mark.parametrize("text", NOTES.values(), ids=NOTES)
 def test_what_is_no_note_of_a_run_hides_nothing_and_breaks_nothing(text: str, tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text(text, encoding="utf-8")
-    assert [file.name for file in ResultsSource(tmp_path).files()] == ["run.json"]
+    assert sealed_within(tmp_path) is None
 
 
 def test_a_pipe_in_place_of_the_note_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "run.json")
     (tmp_path / "report.html").touch()
-    assert [file.name for file in ResultsSource(tmp_path).files()] == ["report.html"]
-
-
-def test_nothing_that_the_page_of_its_folder_is_sent_tells_depth_or_accuracy(
-    session: Blinded, shared_palp: Palp
-) -> None:
-    server = PageServer(address_of(shared_palp.start("view", session.out, "--no-browser")))
-    said = [server.ask(f"/{server.token}{path}").body.decode() for path in ("/", "/files/audit.csv")]
-    with closing(PageSocket(server)) as page:
-        page.says("it is sealed")
-        assert told([*said, *page.received], session) == []
-    assert server.ask(f"/{server.token}/files/trials.csv").status == 404
+    assert sealed_within(tmp_path) is None
 
 
 def test_nothing_that_the_pages_of_its_bag_are_sent_tells_depth_or_accuracy(

@@ -15,7 +15,7 @@ from palp_core.view.source import feed as feeds
 from palp_core.view.source.feed import Feeds, TopicWatch, heard
 from tests.support.fake_graph import FakeGraph
 
-THREAD = "palp view: /source/sample"
+THREAD = "palp view: topics"
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def last(watch: TopicWatch) -> int:
 def test_what_comes_is_seen_and_nothing_is_kept_that_nobody_asks_for(
     graph: FakeGraph, known: RunningGraph
 ) -> None:
-    all_feeds = Feeds(lambda: known)
+    all_feeds = Feeds(known)
     watch = all_feeds.watch(known.topic("/source/sample"))
     listened(graph, so=True)
     graph.nodes[0].say(5)
@@ -71,7 +71,7 @@ def test_a_topic_that_comes_fast_is_taken_off_the_wire_many_messages_at_once(
         return wait(event, timeout)
 
     monkeypatch.setattr(threading.Event, "wait", noted)
-    all_feeds = Feeds(lambda: known)
+    all_feeds = Feeds(known)
     watch = all_feeds.watch(known.topic("/source/sample"))
     watch.drain()
     listened(graph, so=True)
@@ -87,7 +87,7 @@ def test_a_topic_that_comes_fast_is_taken_off_the_wire_many_messages_at_once(
 def test_two_who_look_share_what_is_read_and_the_last_one_ends_it(
     graph: FakeGraph, known: RunningGraph
 ) -> None:
-    all_feeds = Feeds(lambda: known)
+    all_feeds = Feeds(known)
     first, second = (all_feeds.watch(known.topic("/source/sample")) for _ in range(2))
     listened(graph, so=True)
     assert len([one for one in threading.enumerate() if one.name == THREAD]) == 1
@@ -103,7 +103,7 @@ def test_a_page_that_does_not_ask_keeps_no_more_than_its_bound(
     graph: FakeGraph, known: RunningGraph, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(feeds, "MOST_BYTES", 100)
-    all_feeds = Feeds(lambda: known)
+    all_feeds = Feeds(known)
     watch = all_feeds.watch(known.topic("/source/sample"))
     watch.drain()
     listened(graph, so=True)

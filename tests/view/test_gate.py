@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from palp_core.view.server.gate import LONGEST_BODY, MOST_REQUESTS, MOST_SOCKETS, PageGate, new_token
+from palp_core.graph.local_access import new_token
+from palp_core.view.server.gate import LONGEST_BODY, MOST_REQUESTS, MOST_SOCKETS, PageGate
 
 TOKEN = new_token()
 PORT = 8123

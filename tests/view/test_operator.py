@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-import threading
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import msgspec
-import psutil
 import pytest
 
-from palp_core.errors import BagError, GraphError
+from palp_core.errors import GraphError
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.view.source.operator import ENDED, NOT_OPERATED, READ_ONLY, GraphOperator, Refused
 from palp_core.view.source.overview import NodeState, Overview
-from palp_core.view.source.recordings import Recordings, StartedRecorder
 
 DECLARED = {"rate_hz": {"type": "float"}, "name": {"type": "str"}}
-PAUSES = (sys.executable, "-c", "import signal; signal.pause()")
 """In place of ``palp``: goes on until it is interrupted."""
 LOAD = {"title": "Load", "type": "object", "properties": {"load_n": {"type": "number"}}}
 
@@ -65,8 +57,6 @@ PRESSES: dict[str, Any] = {
     "a call": lambda operator: operator.call("stage", "home", {}),
     "a swap": lambda operator: operator.swap("stage", "nodes.other:Other"),
     "the end": lambda operator: operator.end(),
-    "a recording": lambda operator: Recordings(operator, Path()).start("bag", []),
-    "a snapshot": lambda operator: Recordings(operator, Path()).snapshot(),
 }
 
 
@@ -163,73 +153,3 @@ def test_a_file_of_a_class_is_looked_for_where_the_viewer_was_started_then_in_th
         f"{here}/none.py:None",
         "nodes.mine:Mine",
     ]
-
-
-@pytest.mark.parametrize("name", ["../bag", "/tmp/bag", "a/b", ".hidden", "-o", "a\0b", "x" * 200, "a b"])
-def test_a_bag_is_made_in_its_folder_and_nowhere_else(name: str, tmp_path: Path) -> None:
-    recordings = Recordings(Stage(tmp_path).operator(operate=True), tmp_path)
-    with pytest.raises(BagError, match="is no name of a bag"):
-        recordings.start(name, [])
-    assert recordings.all == []
-
-
-def test_a_recorder_has_the_priority_of_the_viewer_though_pages_give_way(tmp_path: Path) -> None:
-    recordings = Recordings(Stage(tmp_path).operator(operate=True), tmp_path, PAUSES)
-
-    def press() -> int:
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)
-        return psutil.Process(recordings.start("bag", []).pid).nice()
-
-    with ThreadPoolExecutor(1) as page:
-        assert page.submit(press).result() == os.nice(0)
-    recordings.close()
-    recordings.all[0]._said.close()
-
-
-def test_a_recorder_is_ended_as_ctrl_c_ends_it_and_its_words_are_kept(tmp_path: Path) -> None:
-    code = "import signal, sys; print('recording', flush=True)\ntry: signal.pause()\n"
-    code += "except KeyboardInterrupt: print('3 messages, 1 missing'); sys.exit(1)"
-    said = (tmp_path / "said").open("w+b")
-    process = subprocess.Popen([sys.executable, "-c", code], stdout=said)
-    recording = StartedRecorder(process, said, tmp_path / "bag", 0.0)
-    while not recording.words:
-        assert recording.running
-    recordings = Recordings(Stage(tmp_path).operator(operate=True), tmp_path)
-    recordings.all.append(recording)
-    recordings.close()
-    assert (recording.running, recording.complete) == (False, False)
-    assert recording.words == ["recording", "3 messages, 1 missing"]
-    said.close()
-
-
-def test_in_simulated_time_nothing_is_recorded_from_a_page_and_it_says_what_to_do(tmp_path: Path) -> None:
-    recordings = Recordings(Stage(tmp_path, clock="sim").operator(), tmp_path)
-    with pytest.raises(BagError, match="palp launch FILE --record DIR"):
-        recordings.start("bag", [])
-    assert recordings.all == []
-    assert Recordings(Stage(tmp_path).operator(), tmp_path).cannot == ""
-
-
-def test_a_button_that_is_pressed_often_starts_one_recorder(tmp_path: Path) -> None:
-    recordings = Recordings(Stage(tmp_path).operator(operate=True), tmp_path, PAUSES)  # it makes no folder
-    together = threading.Barrier(8)
-
-    def press() -> None:
-        together.wait()
-        recordings.start("often", [])
-
-    with ThreadPoolExecutor(together.parties) as pages:
-        presses = [pages.submit(press) for _ in range(together.parties)]
-        errors = {str(press.exception()) for press in presses}
-    assert errors == {"None", f"{tmp_path / 'often'} is being recorded already: choose another name"}
-    (recording,) = recordings.all
-    recordings.close()
-    recording._said.close()
-
-
-def test_a_name_that_is_taken_is_refused_before_a_recorder_starts(tmp_path: Path) -> None:
-    recordings = Recordings(Stage(tmp_path).operator(operate=True), tmp_path)
-    (tmp_path / "bag").mkdir()
-    with pytest.raises(BagError, match="exists already"):
-        recordings.start("bag", [])
-    assert recordings.all == []

@@ -12,9 +12,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from palp_core.graph.discovery.troubles import Trouble
 from palp_core.graph.messages.topic import Topic
 from palp_core.view.source.operator import READ_ONLY, Refused
-from palp_core.view.source.overview import NodeState, Overview, Trouble, WireState, shared_processes
+from palp_core.view.source.overview import NodeState, Overview, WireState, shared_processes
 from palp_core.view.source.protocol import Heard
 
 pytest.importorskip("nicegui")

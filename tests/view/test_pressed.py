@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import signal
 import subprocess
 from contextlib import closing
 from pathlib import Path
@@ -11,7 +10,6 @@ from pathlib import Path
 import psutil
 import pytest
 
-from palp_core.graph.bag.info import bag_info
 from palp_core.graph.swap.swap import STEPS
 from tests.support.palp import PATIENCE_S, Palp
 from tests.support.talkative import Talk, talk
@@ -100,37 +98,13 @@ def test_a_swap_for_which_the_host_has_no_room_is_refused_and_the_graph_goes_on(
     accounts.go_on()
 
 
-def test_a_recording_is_started_and_ended(server: PageServer, talk: Talk) -> None:
-    with closing(PageSocket(server, "/record")) as page:
-        page.fill("name; empty: graph and time", "taken")
-        page.click("record")
-        page.says("recording ")
-        page.click("stop")
-        page.says("whole: nothing is missing")
-        assert bag_info(talk.folder / "taken").complete
-        page.fill("name; empty: graph and time", "last")
-        page.fill("keep only the last, s", 60)
-        page.click("record")
-        page.says("the last 60 s are kept")
-        page.click("write snapshot")
-        page.says(f"{talk.folder / 'last'}: ")
-        assert bag_info(talk.folder / "last").message_count > 0
-        page.click("stop")
-        page.says("heard ")
-
-
-def test_a_viewer_that_is_killed_takes_neither_swap_nor_recording_nor_another_viewer_along(
+def test_a_viewer_that_is_killed_takes_neither_swap_nor_another_viewer_along(
     server: PageServer, talk: Talk, shared_palp: Palp
 ) -> None:
     accounts = Accounts(shared_palp, "talk", "scale", "/source/sample")
     before, process = accounts.swaps(), view(talk, shared_palp)
     other = PageServer(address_of(process))
     assert other.port != server.port
-    with closing(PageSocket(other, "/record")) as page:
-        page.fill("name; empty: graph and time", "orphan")
-        page.click("record")
-        page.says("recording ")
-    (recorder,) = shared_palp.running("orphan")
     with closing(PageSocket(other, "/node/scale")) as page:
         page.fill("shadow, s", 0.5)
         swap(page, "nodes.others:Calm")
@@ -142,6 +116,3 @@ def test_a_viewer_that_is_killed_takes_neither_swap_nor_recording_nor_another_vi
     accounts.go_on()
     *earlier, last = accounts.swaps()
     assert (earlier, last.partition(":")[0]) == (before, "swapped")
-    recorder.send_signal(signal.SIGINT)
-    recorder.wait(PATIENCE_S)
-    assert bag_info(talk.folder / "orphan").complete

@@ -1,19 +1,16 @@
-"""A bag and a folder of results as sources: at a chosen time, what is missing, and nothing outside."""
+"""A bag as a source: at a chosen time, and what is missing."""
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
 
-from palp_core.errors import BagError, PalpError
+from palp_core.errors import BagError
 from palp_core.view.pages.graph import wire_row, wire_words
 from palp_core.view.source import recorded
-from palp_core.view.source import results as results_module
 from palp_core.view.source.overview import Overview
 from palp_core.view.source.recorded import RecordedSource
-from palp_core.view.source.results import ResultsSource
 from tests.support.bags import bag, record, run_frames
 
 __all__ = ["bag"]
@@ -131,66 +128,3 @@ def test_a_bag_that_was_cut_off_is_shown_as_far_as_it_goes(bag: Path) -> None:
 def test_a_topic_that_a_bag_lacks_is_told_with_the_nearest(bag: Path) -> None:
     with pytest.raises(BagError, match="did you mean '/torque/block'"):
         RecordedSource(bag).watch("/torque/bloc")
-
-
-def test_a_sealed_folder_shows_nothing_before_it_is_opened(tmp_path: Path) -> None:
-    (tmp_path / "trials.csv").write_text("K7,decided", encoding="utf-8")
-    (tmp_path / "key.sealed").write_text("sealed", encoding="utf-8")
-    source = ResultsSource(tmp_path)
-    assert (source.files(), source.path_of("trials.csv")) == ([], None)
-    assert [one.level for one in source.overview().troubles] == ["warn"]
-    (tmp_path / "key.json").write_text("{}", encoding="utf-8")
-    assert [one.name for one in source.files()] == ["key.json", "trials.csv"]
-    assert source.overview().troubles == []
-
-
-OUTSIDE = [
-    "../secret.txt", "../../etc/passwd", "/etc/passwd", "charts/../../secret.txt", "link.txt",
-    "folder/secret.txt",    "a\0b.txt", "x" * 5000 + ".txt", "charts", ".", "", "program.sh",
-]  # fmt: skip
-
-
-@pytest.fixture
-def results(tmp_path: Path) -> ResultsSource:
-    folder = tmp_path / "results"
-    (folder / "charts").mkdir(parents=True)
-    (tmp_path / "secret.txt").write_text("secret", encoding="utf-8")
-    for name in ("report.html", "trials.csv", "charts/a.png", "program.sh"):
-        (folder / name).write_text(name, encoding="utf-8")
-    (folder / "link.txt").symlink_to(tmp_path / "secret.txt")
-    (folder / "folder").symlink_to(tmp_path)
-    return ResultsSource(folder)
-
-
-@pytest.mark.parametrize("name", OUTSIDE, ids=range(len(OUTSIDE)))
-def test_nothing_outside_the_folder_is_given(name: str, results: ResultsSource) -> None:
-    assert results.path_of(name) is None
-
-
-def test_a_name_that_is_no_text_hides_only_itself(tmp_path: Path) -> None:
-    (tmp_path / "trials.csv").touch()
-    Path(os.fsdecode(bytes(tmp_path) + b"/a\xff.html")).touch()
-    assert [file.name for file in ResultsSource(tmp_path).files()] == ["trials.csv"]
-
-
-def test_a_disk_is_no_folder_of_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(results_module, "MOST_BELOW", 3)
-    for name in ("a/b", "c"):
-        (tmp_path / name).mkdir(parents=True)
-    assert ResultsSource(tmp_path).files() == []
-    (tmp_path / "d").touch()
-    with pytest.raises(PalpError, match="more than 3 files are below it; give the folder of one run"):
-        ResultsSource(tmp_path)
-
-
-def test_the_files_of_the_folder_are_listed_reports_first(results: ResultsSource) -> None:
-    assert [file.name for file in results.files()] == ["report.html", "trials.csv", "charts/a.png"]
-    for file in results.files():
-        path = results.path_of(file.name)
-        assert path is not None
-        assert path.read_text(encoding="utf-8") == file.name
-
-
-def test_what_is_neither_bag_nor_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(PalpError, match="no such folder"):
-        ResultsSource(tmp_path / "none")

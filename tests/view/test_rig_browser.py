@@ -91,7 +91,7 @@ def test_a_stop_works_by_one_click_and_while_the_connection_is_away_without_a_re
 
 @pytest.mark.nightly
 def test_stop_is_in_sight_on_every_page(rig: Viewing) -> None:
-    for path in ("/", "/topics", "/topic/safety/beat", "/node/safety", "/record", "/timeline"):
+    for path in ("/", "/topics", "/topic/safety/beat", "/node/safety", "/timeline"):
         rig.go(path)
         pressed(rig)
 
@@ -173,7 +173,7 @@ def dark(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> str:
 DARK = (
     "/", "/own", "/topics", "/topic/safety/beat", "/topic/rig/belief", "/topic/rig/torque",
     "/topic/rig/result", "/topic/rig/progress", "/topic/rig/trial", "/topic/rig/_events",
-    "/node/safety", "/node/rig", "/record", "/timeline",
+    "/node/safety", "/node/rig", "/timeline",
 )  # fmt: skip
 
 
@@ -187,7 +187,7 @@ def test_of_a_blinded_session_no_byte_that_is_sent_tells_depth_or_accuracy(dark:
     for path in DARK:
         with closing(PageSocket(server, path)) as page:
             times = set[str]()
-            while path not in ("/record", "/timeline") and len(times) < 2:  # of those two there are none
+            while path != "/timeline" and len(times) < 2:  # of it there are none
                 times.add(
                     str(page.until(lambda one: AT.fullmatch(str(one.get("text"))) is not None)[1]["text"])
                 )
@@ -209,7 +209,7 @@ def test_of_a_blinded_session_a_browser_is_sent_no_byte_that_tells_depth_or_accu
     page, sent = viewing.page, Bytes(viewing.page)
     for path in DARK:
         viewing.go(path)
-        if path not in ("/record", "/timeline"):  # there are none
+        if path != "/timeline":  # there are none
             viewing.text_changes("[data-what=now]")
         sent.collect()
     viewing.go("/own")

@@ -13,16 +13,14 @@ import pytest
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.health import EdgeRow, NodeRow
 from palp_core.graph.discovery.log_lines import LineReader, LogLine
-from palp_core.graph.discovery.standing import Standing
+from palp_core.graph.discovery.troubles import event_troubles, loss_troubles, node_troubles, worst
 from palp_core.graph.messages.builtin import GraphEvent
-from palp_core.view.source.folded_log import MOST_LETTERS, FoldedLog
 from palp_core.view.source.live import node_state, swaps_named, wire_state
 from palp_core.view.source.message_lines import MOST_LINES, tree_text
-from palp_core.view.source.node_log import MOST_BYTES, NodeLog
-from palp_core.view.source.overview import NodeState, Overview, worst
+from palp_core.view.source.node_log import MOST_BYTES, MOST_LETTERS, FoldedLog, NodeLog
+from palp_core.view.source.overview import NodeState, Overview
 from palp_core.view.source.protocol import Heard
 from palp_core.view.source.series import FieldSeries, as_csv, number_fields, thinned
-from palp_core.view.source.trouble import event_trouble, node_troubles, wire_troubles
 
 NUMBER = {"type": "number", "x-unit": "N m"}
 ARRAY = {"type": "string", "x-dtype": "<f8", "x-unit": "N m"}
@@ -210,8 +208,8 @@ def edge_row(**changed: Any) -> EdgeRow:
 def test_a_node_that_is_well_is_told_so() -> None:
     state = node_state(node_row(), {"relay": "nodes.relay:Relay"}, [], {"relay"})
     assert (state.name, state.run, state.health, state.moves) == ("relay", "nodes.relay:Relay", "ok", True)
-    assert list(node_troubles([node_row()], {}, [], "")) == []
-    assert list(wire_troubles([edge_row()])) == []
+    assert list(node_troubles([node_row()], {})) == []
+    assert list(loss_troubles([edge_row()])) == []
 
 
 def test_of_a_node_that_changes_hands_it_is_not_said_that_it_rests() -> None:
@@ -225,18 +223,16 @@ def test_of_a_node_that_changes_hands_it_is_not_said_that_it_rests() -> None:
     assert (swaps_named(graph, [node_row()]), asked) == ([node_row()], [])
     rows = swaps_named(graph, [node_row(state="inactive"), node_row(name="/sink", state="inactive")])
     assert ([row.state for row in rows], asked) == (["being swapped", "inactive"], ["swap_progress"])
-    assert [trouble.where for trouble in node_troubles(rows, {}, [], "")] == ["/sink"]
+    assert [trouble.where for trouble in node_troubles(rows, {})] == ["/sink"]
 
 
 def test_what_is_wrong_is_said_with_what_to_type() -> None:
-    found = [Standing("safety", "error", "the rig is stopped", "palp safety ack", 3.0)]
     nodes = [node_row(), node_row(name="/sink", state="inactive"), node_row(name="/dead", responsive=False)]
     troubles = [
-        *node_troubles(nodes, {"dead": "its process 7 is gone"}, found, ""),
-        *wire_troubles([edge_row(lost=3)]),
+        *node_troubles(nodes, {"dead": "its process 7 is gone"}),
+        *loss_troubles([edge_row(lost=3)]),
     ]
     assert [(one.where, one.level, one.text, one.advice) for one in troubles] == [
-        ("/safety", "error", "the rig is stopped", "palp safety ack"),
         ("/dead", "error", "its process 7 is gone", "palp logs dead"),
         ("/sink", "warn", "it is inactive: it handles nothing", "palp lifecycle list /sink"),
         (
@@ -255,10 +251,10 @@ def test_what_is_wrong_is_said_with_what_to_type() -> None:
 
 def test_bad_news_of_the_launcher_is_among_it() -> None:
     crash = GraphEvent(stamp_ns=0, kind="restarting", node="relay", text="it died", data="{}")
-    trouble = event_trouble(crash)
-    assert trouble is not None
+    (trouble,) = event_troubles(
+        [crash, GraphEvent(stamp_ns=0, kind="swapped", node="relay", text="", data="{}")]
+    )
     assert (trouble.where, trouble.text) == ("/relay", "restarting: it died")
-    assert event_trouble(GraphEvent(stamp_ns=0, kind="swapped", node="relay", text="", data="{}")) is None
 
 
 def test_a_wire_knows_who_publishes() -> None:

@@ -10,7 +10,7 @@ from palp_core.graph.messages.builtin import DiagnosticStatus, GraphEvent, NodeE
 from palp_core.graph.messages.message import Message
 from palp_core.view.source.protocol import Heard
 from palp_core.view.source.recorded import RecordedSource
-from palp_core.view.source.timeline import Happening, latest_first, of_status, recorded
+from palp_core.view.source.timeline import TimelineEvent, latest_first, of_status, recorded
 from tests.support.bags import describe, frame
 
 SAID: list[tuple[str, Message]] = [
@@ -43,11 +43,11 @@ def test_a_bag_tells_what_happened_to_the_graph_to_its_nodes_and_how_they_stood(
 
 
 def test_a_page_keeps_what_was_each_once_and_the_latest_first() -> None:
-    fault, well = Happening(1.0, "fault", "a", "x", "error"), Happening(2.0, "well", "a", "y", "ok")
+    fault, well = TimelineEvent(1.0, "fault", "a", "x", "error"), TimelineEvent(2.0, "well", "a", "y", "ok")
     assert latest_first([fault, well, fault]) == [well, fault]
 
 
 def test_to_begin_well_is_no_news_and_a_level_that_nobody_knows_is_a_warning() -> None:
     assert of_status("a", Heard(0, 1, {"level": "ok", "text": ""})) is None
     odd = of_status("a", Heard(0, 1, {"level": "purple", "text": "odd"}))
-    assert odd == Happening(0.0, "warning", "a", "odd", "warn")
+    assert odd == TimelineEvent(0.0, "warning", "a", "odd", "warn")

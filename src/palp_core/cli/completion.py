@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING
 
 import typer
@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from palp_core.graph.discovery.running_graph import RunningGraph
 
 
+ASK_S = 0.3
+
+
 @contextlib.contextmanager
 def _quietly() -> Iterator[None]:
     """Keep errors and remarks to itself: what is written here stands in the middle of what a person types."""
@@ -22,10 +25,13 @@ def _quietly() -> Iterator[None]:
         yield
 
 
-def _running(context: typer.Context) -> RunningGraph | None:
+def _of_graph(
+    context: typer.Context, begun: str, names: Callable[[RunningGraph], Iterable[str]]
+) -> list[str]:
+    """Return the names in the running graph that begin so; a node that does not answer at once has none."""
     with _quietly():
-        return find_graph(context.params.get("graph"))
-    return None
+        return _matching(list(names(find_graph(context.params.get("graph")))), begun)
+    return []
 
 
 def _matching(names: list[str], begun: str) -> list[str]:
@@ -49,16 +55,12 @@ def graphs(incomplete: str) -> list[str]:
 
 def topics(ctx: typer.Context, incomplete: str) -> list[str]:
     """Names of topics; hidden ones only once their beginning is there."""
-    graph = _running(ctx)
-    if graph is None:
-        return []
-    return _matching([topic.name for topic in graph.topics(include_hidden="/_" in incomplete)], incomplete)
+    is_hidden = "/_" in incomplete
+    return _of_graph(ctx, incomplete, lambda graph: (t.name for t in graph.topics(include_hidden=is_hidden)))
 
 
 def nodes(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Names of nodes."""
-    graph = _running(ctx)
-    return [] if graph is None else _matching([f"/{name}" for name in graph.node_names], incomplete)
+    return _of_graph(ctx, incomplete, lambda graph: (f"/{name}" for name in graph.node_names))
 
 
 def logged_nodes(ctx: typer.Context, incomplete: str) -> list[str]:
@@ -93,38 +95,30 @@ def launch_arguments(ctx: typer.Context, incomplete: str) -> list[str]:
 
 
 def services(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Names of services; a node that does not answer at once has none."""
-    graph = _running(ctx)
-    with _quietly():
-        if graph is not None:
-            known = graph.ask_all("info", timeout_s=0.3).services()
-            return _matching([service.name for service in known], incomplete)
-    return []
+    def names(graph: RunningGraph) -> Iterable[str]:
+        return (service.name for service in graph.ask_all("info", timeout_s=ASK_S).services())
+
+    return _of_graph(ctx, incomplete, names)
 
 
 def actions(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Names of actions; a node that does not answer at once has none."""
     from palp_core.graph.discovery.actions import actions_of
 
-    graph = _running(ctx)
-    with _quietly():
-        if graph is not None:
-            known = actions_of(graph.ask_all("info", timeout_s=0.3))
-            return _matching([action.name for action in known], incomplete)
-    return []
+    def names(graph: RunningGraph) -> Iterable[str]:
+        return (action.name for action in actions_of(graph.ask_all("info", timeout_s=ASK_S)))
+
+    return _of_graph(ctx, incomplete, names)
 
 
 def parameters(ctx: typer.Context, incomplete: str) -> list[str]:
     """Names of the parameters of the node that is already on the line."""
-    graph = _running(ctx)
-    with _quietly():
-        if graph is not None:
-            reply = graph.ask(str(ctx.params["node"]), "get_parameters", timeout_s=0.3)
-            return _matching(list(reply["parameters"]), incomplete)
-    return []
+
+    def names(graph: RunningGraph) -> Iterable[str]:
+        return list(graph.ask(str(ctx.params["node"]), "get_parameters", timeout_s=ASK_S)["parameters"])
+
+    return _of_graph(ctx, incomplete, names)
 
 
 def types(ctx: typer.Context, incomplete: str) -> list[str]:
     """Names of the message types of the running graph's topics."""
-    graph = _running(ctx)
-    return [] if graph is None else _matching(sorted({t.type for t in graph.record.topics}), incomplete)
+    return _of_graph(ctx, incomplete, lambda graph: sorted({t.type for t in graph.record.topics}))

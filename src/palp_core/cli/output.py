@@ -88,17 +88,6 @@ def note(text: str, colour: str = "") -> None:
     sys.stderr.flush()
 
 
-def print_names(names: Sequence[str], *, count: bool, as_json: bool) -> None:
-    """Write names line by line, as JSON, or only how many there are."""
-    if count:
-        print_text(str(len(names)))
-    elif as_json:
-        print_json(names)
-    else:
-        for name in names:
-            print_text(name)
-
-
 def make_folder(out: Path) -> None:
     """Make the folder that ``--out`` names, and those above it, before hours of work rather than after.
 

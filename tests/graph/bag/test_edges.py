@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mcap.writer import Writer
 
-from palp_core.errors import BagError
+from palp_core.errors import BagError, SchemaMismatch
 from palp_core.extras import install_line
 from palp_core.graph.bag.convert import BagForm, convert
 from palp_core.graph.bag.edit import filter_bag
@@ -22,8 +22,8 @@ from palp_core.graph.bag.reader import Bag, read
 from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.bag.recover import recover
 from palp_core.graph.bag.ros2.import_bag import import_bag
-from palp_core.graph.bag.values import plain, type_from_schema
 from palp_core.graph.bag.writer import BagWriter
+from palp_core.graph.messages.schema_types import plain, type_from_schema
 from palp_core.graph.messages.topic import Topic
 
 
@@ -110,9 +110,9 @@ def test_schemas_become_types() -> None:
     assert type_from_schema(odd) == dict[str, Any]
     odd["properties"]["maybe"] = {"type": ["number", "null"]}
     assert type_from_schema(odd) == dict[str, Any]
-    with pytest.raises(BagError, match="'null'"):
+    with pytest.raises(SchemaMismatch, match="'null'"):
         type_from_schema({"type": "null"})
-    with pytest.raises(BagError, match="not a message's"):
+    with pytest.raises(SchemaMismatch, match="not a message's"):
         type_from_schema({"type": ["number", "null"]})
     assert plain({"a": (np.arange(2.0), b"\1")}) == {"a": [[0.0, 1.0], "AQ=="]}
 

@@ -13,12 +13,12 @@ import pytest
 
 from palp_core import Graph
 from palp_core.cli.completion import graphs
-from palp_core.cli.doctor.diagnostic import error
 from palp_core.cli.launch.stop_key import stopped_words
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.choice import WhichGraph, addressed, check_free, choose
 from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory, RunRecord, running
 from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.discovery.troubles import Trouble
 from palp_core.graph.launch.log_screen import MOST_PER_S, Shown
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.loading import endpoints
@@ -310,8 +310,8 @@ def test_advice_names_the_run_that_it_is_about_if_another_runs(bench: Bench) -> 
     assert stopped_words({"state": "latched", "cause": "operator"}, mine.id).endswith(
         f"ack --graph {mine.id}"
     )
-    finding = error("/safety", "tripped", "motion is stopped; type: palp safety ack")
-    assert finding.placed("", mine.id).advice.endswith(f"palp safety ack --graph {mine.id}")
+    finding = Trouble("/safety", "error", "tripped", "motion is stopped; type: palp safety ack")
+    assert finding.of_run(mine.id).advice.endswith(f"palp safety ack --graph {mine.id}")
     lines: list[str] = []
     screen = Shown("warning", {}, lambda line: lines.append(line.text), mine.id)
     for _ in range(MOST_PER_S + 1):

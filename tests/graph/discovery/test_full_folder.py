@@ -17,9 +17,7 @@ import pytest
 from palp_core.errors import BagError, GraphError
 from palp_core.graph.discovery import run_directory
 from palp_core.graph.discovery.run_directory import KEEP_ENDED, RunDirectory, running
-from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.recording import recorder_run
-from palp_core.graph.recording.recorder_messages import RecordOptions
 from palp_core.graph.supervision.fork_server import death_in_words
 from palp_core.graph.transport.offsets import Offsets
 from palp_core.user_folders import runtime_folder
@@ -140,19 +138,12 @@ def test_a_node_that_cannot_note_its_place_says_where(tmp_path: Path, full_disk:
         Offsets(tmp_path / "relay.offsets", ["/source/sample"])
 
 
-def test_a_snapshot_recorder_without_room_for_its_note_names_the_runs_folder(
-    own_runtime: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+def test_a_snapshot_recorder_without_room_for_its_socket_names_the_runs_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    directory = RunDirectory("chain")
-    serve = f"ipc://{directory.path}/graph.srv"
-    graph = RunningGraph(directory.record("chain", "chain.yaml", "wall", serve, [], []))
-    monkeypatch.setattr(recorder_run._NoteFile, "write", full)
-    with (
-        pytest.raises(BagError, match=f"{directory.path}/recorders: No space left on device"),
-        recorder_run._noted(graph, RecordOptions(out=str(tmp_path / "bag"))),
-    ):
-        pass
-    directory.remove()
+    monkeypatch.setattr(Path, "mkdir", full)
+    with pytest.raises(BagError, match=f"{tmp_path}/recorders: No space left on device"):
+        recorder_run.SnapshotRequests(tmp_path)
 
 
 def ended(logged_bytes: int, age_s: int) -> Path:

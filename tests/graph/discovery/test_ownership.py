@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.cli.doctor.runs import examine_runs
+from palp_core.cli.host import examine_runs
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.run_directory import RunDirectory, running, runs
 from palp_core.user_folders import folder_mistake, own_folder
@@ -92,7 +92,7 @@ def test_a_run_that_another_can_write_to_is_passed_over_and_the_doctor_says_so(
     for words in READERS[:-1]:
         done = palp.here(*words)
         assert (done.returncode, done.stdout) == (2, ""), words
-    said = [finding.what for finding in examine_runs() if finding.level == "warning"]
+    said = [finding.text for finding in examine_runs() if finding.level == "warn"]
     assert len(said) == 1
     assert str(forged) in said[0]
     assert said[0].endswith("it is passed over")

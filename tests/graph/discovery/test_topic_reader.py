@@ -42,7 +42,9 @@ def follow(
     """Return epoch and sequence of what is handed over, and how many were said to be lost."""
     graph = RunningGraph(record(tmp_path), history)
     with TopicReader(graph, [graph.topic(TOPIC)], **options) as listener:
-        heard: list[ReceivedFrame] = [h for raw in frames for h in listener._hear(raw, 0)]
+        for raw in frames:
+            listener._reader._arrive(raw, 0)
+        heard: list[ReceivedFrame] = listener._received
     messages = [(h.frame.epoch, h.frame.sequence) for h in heard if h.is_message]
     return messages, sum(h.lost for h in heard)
 

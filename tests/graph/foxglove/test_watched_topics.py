@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from palp_core.graph.discovery.graph_reader import GraphReader
+from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.foxglove.watched_topics import WatchedTopics
 from palp_core.graph.messages.frame import Frame
 from palp_core.graph.messages.message import decode
@@ -27,11 +29,14 @@ class Reader:
     def __init__(self, graph: FakeGraph, node: FakeNode, fastest_hz: float) -> None:
         self._graph, self._node = graph, node
         self.topic = topic_of(node.out.topic, Sample, "source", node.at[0])
-        self.watched = WatchedTopics(fastest_hz)
+        graph.announce(node)
+        assert graph.bus.record is not None
+        self.reader = GraphReader(RunningGraph(graph.bus.record))
+        self.watched = WatchedTopics(self.reader, fastest_hz)
         self.seen: list[int] = []
 
     def begin(self, *, every: bool = False) -> None:
-        self.watched.watch({self.topic.name: self.topic}, every=every)
+        self.watched.watch([self.topic], every=every)
         self._graph.until(lambda: self._node.out.listened)
 
     def read_until(self, index: int) -> None:
@@ -53,7 +58,7 @@ def test_a_fast_topic_is_thinned_and_its_latest_comes_when_it_is_due(graph: Fake
     reader.read_until(99)
     assert reader.seen[0] == 0
     assert len(reader.seen) < 100
-    reader.watched.close()
+    reader.reader.close()
 
 
 def test_every_message_comes_of_what_is_not_to_be_thinned(graph: FakeGraph) -> None:
@@ -63,7 +68,7 @@ def test_every_message_comes_of_what_is_not_to_be_thinned(graph: FakeGraph) -> N
     node.say(100)
     reader.read_until(99)
     assert reader.seen == list(range(100))
-    reader.watched.close()
+    reader.reader.close()
 
 
 def test_a_topic_that_is_left_is_not_sent_any_more(graph: FakeGraph) -> None:
@@ -72,11 +77,11 @@ def test_a_topic_that_is_left_is_not_sent_any_more(graph: FakeGraph) -> None:
     reader.begin()
     reader.watched.leave([reader.topic.name])
     graph.until(lambda: not node.out.listened)
-    assert not reader.watched.watches(reader.topic.name)
+    assert not reader.reader.follows(reader.topic.name)
     reader.begin()  # and may be looked at again
     node.say(1)
     reader.read_until(0)
-    reader.watched.close()
+    reader.reader.close()
 
 
 def test_a_publisher_that_goes_on_elsewhere_is_followed(graph: FakeGraph) -> None:
@@ -93,4 +98,4 @@ def test_a_publisher_that_goes_on_elsewhere_is_followed(graph: FakeGraph) -> Non
     after.say(3)
     reader.read_until(4)
     assert reader.seen == [0, 1, 2, 3, 4]
-    reader.watched.close()
+    reader.reader.close()

@@ -14,12 +14,11 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from palp_core.cli.doctor.graph import examine_standing
 from palp_core.cli.launch.bars import Bars
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.discovery.running_graph import RunningGraph
-from palp_core.graph.discovery.standing import standing
+from palp_core.graph.discovery.troubles import Trouble, active_diagnostics
 from palp_core.graph.launch.diagnostics import Incident
 from palp_core.graph.launch.graph import Graph
 from palp_core.graph.messages.builtin import DiagnosticStatus
@@ -173,13 +172,13 @@ def test_below_the_bars_a_line_stands_in_red_and_their_time_with_it() -> None:
     now_s = 10.0
     bars.get_time = lambda: now_s
     bars.show("training", 12, 15, "3 right")
-    bars.stand("/a/d", "12:00:00 /a: tripped", "bold red")
+    bars.show_line("/a/d", "12:00:00 /a: tripped", "bold red")
     bars.console.print(*bars.get_renderables(), sep="\n")
     assert "\x1b[1;31m12:00:00 /a: tripped" in seen.getvalue()
     (task,) = bars.tasks
     now_s = 70.0
     assert task.elapsed == 0.0
-    bars.stand("/a/d", "", "")
+    bars.show_line("/a/d", "", "")
     assert task.elapsed == 60.0
     seen.truncate(0)
     bars.console.print(*bars.get_renderables(), sep="\n")
@@ -202,8 +201,6 @@ def test_a_running_graph_is_asked_and_a_silent_node_is_no_obstacle() -> None:
             return None
         return {"frames": [pack(b"/c/d", Kind.DATA, 0, 1, 0, 0, encode(said[endpoint]))]}
 
-    (found,) = standing(RunningGraph(record, answer), 1.0)
+    (found,) = active_diagnostics(RunningGraph(record, answer), 1.0)
     assert str(found) == "/c: tripped (112 s ago)"
-    (finding,) = examine_standing(RunningGraph(record, answer))
-    assert (finding.level, finding.where, finding.what) == ("error", "/c", "tripped (112 s ago)")
-    assert finding.advice == "palp safety ack"
+    assert found.trouble == Trouble("/c", "error", "tripped (112 s ago)", "palp safety ack")

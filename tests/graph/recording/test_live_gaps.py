@@ -159,7 +159,7 @@ def test_a_topic_that_appears_later_is_recorded_too(palp: Palp, graph: FakeGraph
 def test_a_topic_that_is_never_heard_is_said_and_ends_non_zero(
     palp: Palp, graph: FakeGraph, tmp_path: Path
 ) -> None:
-    palp.constants["palp_core.graph.recording.live_recorder:SAY_WAITING_NS"] = 500_000_000
+    palp.constants["palp_core.graph.recording.live_recorder:NOTE_WAITING_NS"] = 500_000_000
     source, mute = graph.node("source", depth=10), graph.node("mute", depth=10, port="other")
     graph.announce(source, mute)
     graph.nodes.remove(mute)  # it greets nobody

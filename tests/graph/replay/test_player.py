@@ -12,7 +12,6 @@ import pytest
 
 from palp_core import Message
 from palp_core.errors import BagError
-from palp_core.graph.bag.message_class import message_class
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.rounds import Rounds
 from palp_core.graph.clock import SimClock
@@ -22,7 +21,7 @@ from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.replay.player import Player, playable, span_ns
+from palp_core.graph.replay.player import Player, playable, recorded_class, span_ns
 
 ROOT = Path(__file__).parents[3]
 
@@ -64,23 +63,23 @@ def drive(spec: NodeSpec) -> list[tuple[int, Any]]:
 
 @pytest.mark.parametrize("kind", messages_of_the_rig(), ids=lambda kind: kind.__name__)
 def test_a_class_from_the_schema_is_the_recorded_type(kind: type[Message]) -> None:
-    made = message_class(described(kind))
+    made = recorded_class(described(kind))
     assert made is not kind
     assert schema_of(made).type_hash == schema_of(kind).type_hash
     assert json_schema(schema_of(made)) == json_schema(schema_of(kind))
 
 
 def test_a_class_from_the_schema_has_every_kind_of_field(kit: Any) -> None:
-    assert schema_of(message_class(described(kit.Block))).type_hash == schema_of(kit.Block).type_hash
+    assert schema_of(recorded_class(described(kit.Block))).type_hash == schema_of(kit.Block).type_hash
 
 
 def test_a_schema_that_is_not_the_recorded_types_is_refused(kit: Any) -> None:
     with pytest.raises(BagError, match=r"type hash .* recorded was 0000000000000001"):
-        message_class(described(kit.Block, f"{1:016x}"))
+        recorded_class(described(kit.Block, f"{1:016x}"))
     with pytest.raises(BagError, match="no schema of palp's"):
-        message_class(Topic(name="/a/b"))
+        recorded_class(Topic(name="/a/b"))
     with pytest.raises(BagError, match="is not a palp message's"):
-        message_class(Topic(name="/a/b", json_schema={"type": "object", "properties": {"x": {}}}))
+        recorded_class(Topic(name="/a/b", json_schema={"type": "object", "properties": {"x": {}}}))
 
 
 def test_a_player_sends_the_recorded_bytes_at_the_recorded_times(bag: Path) -> None:

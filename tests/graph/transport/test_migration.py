@@ -133,7 +133,7 @@ def test_a_tool_that_missed_a_move_hears_the_publisher_again(tmp_path: Path) -> 
     heard: list[ReceivedFrame] = []
     with TopicReader(graph, [topic]) as reader, zmq.Context() as context:
         for phase in ("prepare", "gone"):
-            list(reader._hear(raw_of(moved(phase, f"{tmp_path}/+1")), 0))
+            reader._reader._arrive(raw_of(moved(phase, f"{tmp_path}/+1")), 0)
         publisher = context.socket(zmq.PUB)
         publisher.bind(name)
         for sequence in range(1, 1000):  # each turn waits a tenth of a second for something to come

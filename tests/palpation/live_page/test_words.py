@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from palp_core.graph.discovery.troubles import Trouble
 from palp_core.graph.messages.topic import Topic
 from palp_core.palpation.live_page.beside import BESIDE, POLICIES_COMMAND, other_protocol
 from palp_core.palpation.live_page.geometry import lean_rad, lengths_mm, path_of
 from palp_core.palpation.live_page.roles import safety_node, topics_by_type
 from palp_core.palpation.live_page.safety import heading, standing
 from palp_core.palpation.mechanics.probe import Probe
-from palp_core.view.source.overview import Trouble, WireState
+from palp_core.view.source.overview import WireState
 
 RESULTS = Path(__file__).resolve().parents[3] / "docs/explanation/results.md"
 BEAT = {"state": "ready", "permits": True, "cause": "", "text": "", "warning": ""}

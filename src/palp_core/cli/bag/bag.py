@@ -163,7 +163,7 @@ def echo(
     import yaml
 
     from palp_core.graph.bag.reader import read
-    from palp_core.graph.bag.values import plain
+    from palp_core.graph.messages.schema_types import plain
 
     check_topics(topics or (), bag)
     messages = read(bag, topics or None, _ns(start), _ns(end))

@@ -85,8 +85,8 @@ class PlayLoop:
         if self._clock_ns and now_ns >= self._next_clock_ns:
             self._next_clock_ns = now_ns + self._clock_ns
             position_ns = self._playback.position_ns(now_ns)
-            told = BagClock(stamp_ns=position_ns, rate=self._playback.rate, paused=self._playback.paused)
-            self._sink.publish(CLOCK_TOPIC, encode(told))
+            clock = BagClock(stamp_ns=position_ns, rate=self._playback.rate, paused=self._playback.paused)
+            self._sink.publish(CLOCK_TOPIC, encode(clock))
         if self._shown and now_ns >= self._next_show_ns:
             self._next_show_ns = now_ns + SHOW_NS
             self._show(now_ns)

@@ -1,6 +1,5 @@
 """``palp bag record`` and ``palp bag snapshot``."""
 
-import signal
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -81,5 +80,5 @@ def snapshot(graph: GraphOption = None) -> None:
     """Write the last seconds that recorders keep into bags."""
     from palp_core.graph.recording.recorder_run import save_snapshots
 
-    for line in save_snapshots(find_graph(graph, changes=True), signal.SIGUSR1):
+    for line in save_snapshots(find_graph(graph, changes=True)):
         print_text(line)

@@ -27,12 +27,11 @@ class Bars(Progress):
         yield from list(self._lines.values())
 
     def show(self, phase: str, done: int, total: int, note: str) -> None:
-        """Show how far a phase is."""
         if phase not in self._phases:
             self._phases[phase] = self.add_task(phase, total=total, note=note)
         self.update(self._phases[phase], completed=done, total=total, note=note)
 
-    def stand(self, key: str, line: str, style: str) -> None:
+    def show_line(self, key: str, line: str, style: str) -> None:
         """Show a line at once, until another or none ("") of that key comes."""
         self._lines.pop(key, None)
         if line:

@@ -7,22 +7,19 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
 from palp_core.cli import completion
 from palp_core.cli.launch.remarks import note_remarks, note_without_effect
-from palp_core.cli.launch.ros_args import (
-    LogLevelOption,
-    check_levels,
-    log_levels,
-)
+from palp_core.cli.options import Level
 from palp_core.cli.output import note, print_text
 from palp_core.counted import counted
 from palp_core.errors import GraphError, NodeError, PalpError
+from palp_core.graph.problems import hint
 from palp_core.graph.supervision.log_levels import LogLevels
 from palp_core.whole_file import write_whole
 
@@ -30,10 +27,19 @@ if TYPE_CHECKING:
     from palp_core.graph.launch.diagnostics import Incident
     from palp_core.graph.launch.graph import Graph
     from palp_core.graph.launch.summary import RunSummary
-    from palp_core.graph.lockstep.conductor import Observer
+    from palp_core.graph.lockstep.digest import TopicDigest
 
 RESUMES = "resume:=true"
 """The option, written like an argument of the launch file."""
+
+LogLevelOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--log-level",
+        metavar="[NODE:=]LEVEL",
+        help="The least of what nodes, or one node, log that is shown here. Repeatable; default: warning.",
+    ),
+]
 
 
 def launch(
@@ -79,7 +85,7 @@ def launch(
     launch file has mistakes, 130 on Ctrl-C.
     """
     overrides = [word for word in arguments or [] if word != RESUMES]
-    levels = LogLevels(*log_levels(log_level))
+    levels = log_levels(log_level)
     resume = resume or RESUMES in (arguments or [])
     if operate and not view:
         raise GraphError("--operate lets a page be pressed that --view shows: give both")
@@ -145,19 +151,16 @@ def _run(
     from palp_core.cli.launch.stop_key import stop_key
     from palp_core.cli.launch.view import LaunchView, show_log_line
     from palp_core.graph.launch.graph import Graph
+    from palp_core.graph.lockstep.digest import TopicDigest
+    from palp_core.graph.messages.builtin import Progress
     from palp_core.graph.supervision.interrupt import Interrupted
 
     view = LaunchView()
-    observers: list[Observer] = [view]
-
-    def observe(now_ns: int, frame: bytes) -> None:
-        for observer in observers:
-            observer(now_ns, frame)
-
+    of_topics = None if digest is None else TopicDigest()
     graph = Graph(
         file,
         compose=compose,
-        observe=observe,
+        observe=of_topics,
         overrides=overrides,
         started=started,
         listen=listen,
@@ -167,17 +170,20 @@ def _run(
         log_level=log_level,
         show_log=show_log_line,
     )
-    graph.diagnostics.on_change = lambda topic, incident: view.stand(topic, _addressed(graph, incident))
+    graph.observers.add(Progress, view.show_progress)
+    graph.diagnostics.on_change = lambda topic, incident: view.show_diagnostic(
+        topic, _addressed(graph, incident)
+    )
     try:
         with _recorders_said(graph), graph:
-            check_levels(list(log_level.nodes), [spec.name for spec in graph.checked.nodes])
+            _check_levels(log_level, [spec.name for spec in graph.checked.nodes])
             _say_beside(graph)
             note_without_effect(file, graph.checked)
             if graph.gateway is not None:
                 graph.gateway.announce_to(note)
             with (
                 _shown(graph, wanted=in_browser, operate=operate),
-                _digest_into(digest, observers),
+                _written(digest, of_topics),
                 view.showing(graph.checked),
                 stop_key(graph),
             ):
@@ -200,6 +206,38 @@ def _run(
     if not graph.recorders.complete:
         return 1
     return summary.exit_code if 0 <= summary.exit_code < 256 else 1
+
+
+def log_levels(words: Sequence[str] | None) -> LogLevels:
+    """Return the level of all nodes, and of those that have their own.
+
+    Raises:
+        GraphError: A level that there is not.
+
+    >>> log_levels(["error", "policy:=debug"])
+    LogLevels(default='error', nodes={'policy': 'debug'})
+    """
+    default, nodes = "warning", dict[str, str]()
+    for word in words or ():
+        node, own, level = word.rpartition(":=")
+        if level.lower() not in get_args(Level):
+            raise GraphError(f"--log-level {word}: no level '{level}'{hint(level, get_args(Level))}")
+        if own:
+            nodes[node.removeprefix("/")] = level.lower()
+        else:
+            default = level.lower()
+    return LogLevels(default, nodes)
+
+
+def _check_levels(levels: LogLevels, known: Sequence[str]) -> None:
+    """See that the nodes that have a level of their own are there.
+
+    Raises:
+        GraphError: One is not.
+    """
+    for node in levels.nodes:
+        if node not in known:
+            raise GraphError(f"--log-level {node}:=...: no node '{node}'{hint(node, known)}")
 
 
 def _addressed(graph: Graph, incident: Incident | None) -> Incident | None:
@@ -246,19 +284,13 @@ def _shown(graph: Graph, *, wanted: bool, operate: bool) -> contextlib.AbstractC
 
 
 @contextlib.contextmanager
-def _digest_into(file: Path | None, observers: list[Observer]) -> Iterator[None]:
-    """Write the digest of what is observed, if a file is named, however the run ends."""
-    from palp_core.graph.lockstep.digest import TopicDigest
-
-    if file is None:
-        yield
-        return
-    digest = TopicDigest()
-    observers.append(digest)
+def _written(file: Path | None, digest: TopicDigest | None) -> Iterator[None]:
+    """Write the digest, if there is one, however the run ends."""
     try:
         yield
     finally:
-        write_whole(file, json.dumps(digest.result(), indent=1) + "\n")
+        if file is not None and digest is not None:
+            write_whole(file, json.dumps(digest.result(), indent=1) + "\n")
 
 
 @contextlib.contextmanager
@@ -272,7 +304,6 @@ def _recorders_said(graph: Graph) -> Iterator[None]:
 
 
 def _say_report(graph: Graph) -> None:
-    """Say what is kept of a run that did not come to its end."""
     if graph.summary is not None and graph.summary.report:
         print_text(graph.summary.report)
     _say_incidents(graph)

@@ -53,10 +53,10 @@ def logs(
     as_it_is = level is None and since is None and log.exists()
     source = log if as_it_is else merged
     note(_header(record, source, lives=locked(folder)))
-    said = tail(log, lines) if as_it_is else deque(filter(sought.passes, all_lines(merged)), maxlen=lines)
-    for line in said:
+    shown = tail(log, lines) if as_it_is else deque(filter(sought.passes, all_lines(merged)), maxlen=lines)
+    for line in shown:
         print_text(line)
-    if not (said or follow or lines == 0):
+    if not (shown or follow or lines == 0):
         note("nothing like that was printed" if level or since else "nothing was printed yet")
     if follow:
         with until_ctrl_c():
@@ -66,7 +66,6 @@ def logs(
 
 
 def _header(record: RunRecord, log: Path, *, lives: bool) -> str:
-    """Say which run it is."""
     began = datetime.fromtimestamp(record.start_unix_ns / 1e9, UTC).astimezone()
     state = "runs since" if lives else "is over; it began at"
     return (

@@ -92,8 +92,8 @@ def repeat(file: Path, overrides: Sequence[str], count: int, *, compose: bool, r
         whole = sum(pooling.complete(run.folder) for run in runs)
         note(f"{stop}; every run has ended, {whole} of {count} are whole; to go on where they were: {again}")
         return 128 + int(stop.signal)
-    for name, said in failed.items():
-        note(f"{name} did not come to its end: {said}")
+    for name, why in failed.items():
+        note(f"{name} did not come to its end: {why}")
     if failed:
         note(f"to go on: {again}")
     print_text(pooling.pool(out))

@@ -33,7 +33,7 @@ class Launched:
         words: What follows ``palp launch``.
 
     Attributes:
-        last: The last that it said, beside its progress.
+        last: Its last lines that are no progress.
     """
 
     def __init__(self, words: Sequence[str]) -> None:
@@ -63,7 +63,6 @@ class Launched:
 
     @property
     def ended(self) -> bool:
-        """Whether it has, with all that it started."""
         return self.process.poll() is not None
 
 
@@ -90,7 +89,7 @@ class SideBySideView:
         with self._bars:
             yield
 
-    def said(self, run: Launched, name: str, line: str) -> None:
+    def show_line(self, run: Launched, name: str, line: str) -> None:
         """Show a line of a run if it tells how far it is; keep any other."""
         found = _PROGRESS.fullmatch(line)
         if found is None:
@@ -104,7 +103,6 @@ class SideBySideView:
             sys.stdout.flush()
 
     def ended(self, name: str, status: int) -> None:
-        """Show that a run has ended."""
         self._done += 1
         words = "whole" if status == 0 else "ended early"
         if self._bars is not None:
@@ -143,10 +141,10 @@ def run_side_by_side(commands: Mapping[str, Sequence[str]], workers: int) -> dic
                     continue
                 run = running[key.data]
                 for line in run.lines():
-                    view.said(run, key.data, line)
+                    view.show_line(run, key.data, line)
             for name, run in [(name, run) for name, run in running.items() if run.ended]:
                 for line in run.lines():
-                    view.said(run, name, line)
+                    view.show_line(run, name, line)
                 ready.unregister(run.output)
                 run.output.close()
                 del running[name]

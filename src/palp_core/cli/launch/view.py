@@ -11,9 +11,6 @@ from palp_core.cli.output import escape_controls, note, print_text
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.launch.diagnostics import time_of_day
 from palp_core.graph.messages.builtin import Progress
-from palp_core.graph.messages.frame import parse, topic_of
-from palp_core.graph.messages.message import decode
-from palp_core.graph.messages.schema import schema_of
 
 if TYPE_CHECKING:
     from palp_core.cli.launch.bars import Bars
@@ -36,7 +33,6 @@ class LaunchView:
     """Shows :class:`Progress` messages: bars on a terminal, a line every few seconds elsewhere."""
 
     def __init__(self) -> None:
-        self._topics: set[bytes] = set()
         self._bars: Bars | None = None
         self._start_ns = monotonic_ns()
         self._next_ns = 0
@@ -54,8 +50,6 @@ class LaunchView:
                 self._bars.stop()
 
     def _start(self, graph: CheckedGraph) -> None:
-        type_hash = schema_of(Progress).hash_text
-        self._topics = {name.encode() for name, t in graph.topics.items() if t.type_hash == type_hash}
         self._start_ns = monotonic_ns()
         self._lockstep = graph.clock == "sim"
         if sys.stdout.isatty():
@@ -64,12 +58,9 @@ class LaunchView:
             self._bars = Bars()
             self._bars.start()
 
-    def __call__(self, now_ns: int, frame: bytes) -> None:
-        """Look at one frame of the graph."""
-        if topic_of(frame) not in self._topics:
-            return
+    def show_progress(self, now_ns: int, _: str, progress: Progress) -> None:
+        """Show how far the graph is, at this time on its clock."""
         wall_ns = monotonic_ns()
-        progress = decode(Progress, parse(frame).payload)
         last = progress.done_count >= progress.total_count
         if wall_ns < self._next_ns and progress.phase == self._phase and not last:
             return
@@ -96,14 +87,14 @@ class LaunchView:
         phase = escape_controls(progress.phase)
         self._bars.show(phase, progress.done_count, progress.total_count, escape_controls(note))
 
-    def stand(self, topic: str, incident: Incident | None) -> None:
+    def show_diagnostic(self, topic: str, incident: Incident | None) -> None:
         """Show what is wrong with a node for as long as it is; on no terminal say when it begins and ends."""
         line = ""
         if incident is not None:
             advice = f" -> {incident.advice}" if incident.advice else ""
             line = f"{incident.at} /{incident.node}: {incident.text}{advice}"
         if self._bars is not None:
-            self._bars.stand(
+            self._bars.show_line(
                 topic,
                 escape_controls(line),
                 "bold red" if incident and incident.level == "error" else "yellow",

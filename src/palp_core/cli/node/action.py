@@ -6,10 +6,8 @@ import typer
 
 from palp_core.cli import completion
 from palp_core.cli.node.send_goal import send_goal
-from palp_core.cli.options import GraphOption, JsonOption, TimeoutOption
-from palp_core.cli.output import note, print_json, print_names, print_text
-from palp_core.cli.running import find_graph
-from palp_core.errors import GraphError
+from palp_core.cli.options import Call, graph_verb
+from palp_core.cli.output import note
 
 app = typer.Typer()
 app.command("send_goal")(send_goal)
@@ -23,75 +21,61 @@ ActionArgument = Annotated[
 
 
 @app.command("list")
+@graph_verb(timeout_s=5.0)
 def list_actions(
+    call: Call,
     *,
     show_types: Annotated[
         bool, typer.Option("-t", "--show-types", help="With goal, feedback and result.")
     ] = False,
     count: Annotated[bool, typer.Option("-c", "--count-actions", help="Their number only.")] = False,
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """List the actions."""
     from palp_core.graph.discovery.actions import actions_of
 
-    answers = find_graph(graph).ask_all("info", timeout_s=timeout)
+    answers = call.graph.ask_all("info", timeout_s=call.timeout_s)
     actions = actions_of(answers)
-    if count:
-        print_text(str(len(actions)))
-    elif as_json:
-        print_json([{"name": a.name, "node": f"/{a.node}", "types": list(a.types)} for a in actions])
-    else:
-        for action in actions:
-            print_text(action.name + (f" [{', '.join(action.types)}]" if show_types else ""))
-    for error in answers.silent.values():
-        note(str(error))
+    call.show(
+        [{"name": a.name, "node": f"/{a.node}", "types": list(a.types)} for a in actions],
+        (a.name + (f" [{', '.join(a.types)}]" if show_types else "") for a in actions),
+        count=count,
+    )
+    call.note_silent(answers.silent)
 
 
 @app.command("type")
+@graph_verb(timeout_s=5.0)
 def type_(
+    call: Call,
     action: ActionArgument,
-    *,
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """Show the types of an action's goal, feedback and result."""
     from palp_core.graph.discovery.actions import find_action
 
-    found = find_action(find_graph(graph), action, timeout)
-    if as_json:
-        print_json(
-            {"action": found.name} | dict(zip(("goal", "feedback", "result"), found.types, strict=True))
-        )
-    else:
-        print_text(", ".join(found.types))
+    found = find_action(call.graph, action, call.timeout_s)
+    types = dict(zip(("goal", "feedback", "result"), found.types, strict=True))
+    call.show({"action": found.name, **types}, [", ".join(found.types)])
 
 
 @app.command("find")
+@graph_verb(timeout_s=5.0)
 def find(
+    call: Call,
     action_type: Annotated[
         str, typer.Argument(metavar="TYPE", help="Of goal, feedback or result.", show_default=False)
     ],
-    *,
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """List the actions with a goal, feedback or result of a type."""
     from palp_core.graph.discovery.actions import actions_of
-    from palp_core.graph.problems import hint
 
-    actions = actions_of(find_graph(graph).ask_all("info", timeout_s=timeout))
-    known = {kind for action in actions for kind in action.types}
-    if action_type not in known:
-        raise GraphError(f"no action takes or gives '{action_type}'{hint(action_type, known)}")
-    print_names([a.name for a in actions if action_type in a.types], count=False, as_json=as_json)
+    actions = actions_of(call.graph.ask_all("info", timeout_s=call.timeout_s))
+    call.show_of_type(action_type, {a.name: a.types for a in actions}, "action takes or gives")
 
 
 @app.command("info")
+@graph_verb(timeout_s=5.0)
 def info(
+    call: Call,
     action: ActionArgument,
     *,
     show_types: Annotated[
@@ -100,57 +84,46 @@ def info(
     count: Annotated[
         bool, typer.Option("-c", "--count", help="Numbers of clients and servers only.")
     ] = False,
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """Show an action's server, clients and goals."""
     from palp_core.graph.discovery.actions import find_action
     from palp_core.graph.node.spec import part
 
-    running = find_graph(graph)
-    found = find_action(running, action, timeout)
-    goals: list[dict[str, Any]] = running.ask(found.node, "goals", timeout_s=timeout, action=found.port)[
-        "goals"
-    ]
-    if as_json:
-        print_json(
-            {
-                "action": found.name,
-                "types": list(found.types),
-                "when_busy": found.when_busy,
-                "servers": [f"/{found.node}"],
-                "clients": list(found.clients),
-                "goals": goals,
-                "topics": [f"/{found.node}/{part(name, found.port)}" for name in ("feedback", "status")],
-            }
-        )
-        return
-    print_text(f"Action: {found.name}")
-    print_text(f"Action clients: {len(found.clients)}")
-    if not count:
-        for client in found.clients:
-            print_text(f"    {client}")
-    print_text("Action servers: 1")
+    running = call.graph
+    found = find_action(running, action, call.timeout_s)
+    goals: list[dict[str, Any]] = running.ask(
+        found.node, "goals", timeout_s=call.timeout_s, action=found.port
+    )["goals"]
+    lines = [f"Action: {found.name}", f"Action clients: {len(found.clients)}"]
     if count:
-        return
-    print_text(f"    /{found.node}" + (f" [{', '.join(found.types)}]" if show_types else ""))
-    print_text(f"When busy: {found.when_busy}")
-    print_text(f"Goals: {len(goals)}")
-    for goal in goals:
-        print_text(
-            f"    {goal['goal_id']}: {goal['status']}" + (f", {goal['reason']}" if goal["reason"] else "")
-        )
+        lines += ["Action servers: 1"]
+    else:
+        types = f" [{', '.join(found.types)}]" if show_types else ""
+        lines += [f"    {client}" for client in found.clients]
+        lines += ["Action servers: 1", f"    /{found.node}{types}", f"When busy: {found.when_busy}"]
+        lines += [f"Goals: {len(goals)}"]
+        lines += [f"    {g['goal_id']}: {g['status']}" + (g["reason"] and f", {g['reason']}") for g in goals]
+    call.show(
+        {
+            "action": found.name,
+            "types": list(found.types),
+            "when_busy": found.when_busy,
+            "servers": [f"/{found.node}"],
+            "clients": list(found.clients),
+            "goals": goals,
+            "topics": [f"/{found.node}/{part(name, found.port)}" for name in ("feedback", "status")],
+        },
+        lines,
+    )
 
 
 @app.command("cancel")
+@graph_verb(timeout_s=5.0, changes=True)
 def cancel(
+    call: Call,
     action: ActionArgument,
     *,
     goal: Annotated[str, typer.Option("--goal", metavar="ID", help="Only this one; default: all.")] = "",
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """Cancel an action's goals.
 
@@ -158,16 +131,11 @@ def cancel(
     """
     from palp_core.graph.discovery.actions import ActionCaller, find_action
 
-    running = find_graph(graph, changes=True)
-    found = find_action(running, action, timeout)
-    reply = ActionCaller(running, found, timeout).cancel_goal(goal)
-    if as_json:
-        print_json(reply)
-    else:
-        for goal_id in reply["goal_ids"]:
-            print_text(f"{goal_id}: canceling")
-        if not reply["goal_ids"] and not reply["reason"]:
-            print_text(f"{found.name} has no goal to cancel")
+    running = call.graph
+    found = find_action(running, action, call.timeout_s)
+    reply = ActionCaller(running, found, call.timeout_s).cancel_goal(goal)
+    lines = [f"{goal_id}: canceling" for goal_id in reply["goal_ids"]]
+    call.show(reply, lines or ([] if reply["reason"] else [f"{found.name} has no goal to cancel"]))
     if reply["reason"]:
         note(reply["reason"])
         raise typer.Exit(1)

@@ -1,92 +1,96 @@
 """``palp node``: the nodes of the running graph."""
 
-from typing import Annotated, Any
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palp_core.cli.options import GraphOption, HiddenOption, JsonOption, NodeArgument, TimeoutOption
-from palp_core.cli.output import print_json, print_text
-from palp_core.cli.running import find_graph
+from palp_core.cli.options import Call, HiddenOption, NodeArgument, graph_verb
 from palp_core.counted import counted
+
+if TYPE_CHECKING:
+    from palp_core.graph.discovery.running_graph import RunningGraph
 
 app = typer.Typer()
 
 
 @app.command("list")
+@graph_verb()
 def list_nodes(
+    call: Call,
     *,
     count: Annotated[bool, typer.Option("-c", "--count-nodes", help="Their number only.")] = False,
     show_all: Annotated[bool, typer.Option("-a", "--all", help="Names that begin with _, too.")] = False,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """List the nodes with class and process."""
     from palp_core.graph.discovery.running_graph import hidden
 
-    nodes = [n for n in find_graph(graph).record.nodes if show_all or not hidden(n.name)]
-    if count:
-        print_text(str(len(nodes)))
-    elif as_json:
-        print_json([{"name": f"/{n.name}", "run": n.run, "pid": n.pid} for n in nodes])
-    else:
-        for node in nodes:
-            print_text(f"/{node.name}  {node.run}" + (f"  (process {node.pid})" if node.pid else ""))
+    nodes = [n for n in call.graph.record.nodes if show_all or not hidden(n.name)]
+    call.show(
+        [{"name": f"/{n.name}", "run": n.run, "pid": n.pid} for n in nodes],
+        (f"/{n.name}  {n.run}" + (f"  (process {n.pid})" if n.pid else "") for n in nodes),
+        count=count,
+    )
 
 
 @app.command("info")
+@graph_verb(timeout_s=5.0)
 def info(
+    call: Call,
     node: NodeArgument,
     *,
     include_hidden: HiddenOption = False,
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """Show what a node reads, publishes and serves."""
     from palp_core.graph.discovery.running_graph import hidden
 
-    running = find_graph(graph)
-    found = running.ask(node, "info", timeout_s=timeout)
+    running = call.graph
+    found = running.ask(node, "info", timeout_s=call.timeout_s)
     for part in ("inputs", "outputs", "services", "clients", "timers"):
         found[part] = {k: v for k, v in found.get(part, {}).items() if include_hidden or not hidden(k)}
-    if as_json:
-        print_json(found)
-        return
+    call.show(found, _lines(running, node, found))
+
+
+def _lines(running: RunningGraph, node: str, found: dict[str, Any]) -> Iterator[str]:
     entry = running.node(node)
-    print_text(f"/{entry.name}")
-    print_text(f"  Class: {found['run']}")
+    yield f"/{entry.name}"
+    yield f"  Class: {found['run']}"
     if file := found.get("file"):
-        print_text(f"  File: {file}")
-    print_text(f"  State: {found['lifecycle']}")
-    print_text(f"  Process: {found.get('pid') or running.process_of(entry)}")
-    _section("Subscribers", {k: _reader(v) for k, v in found["inputs"].items()})
-    _section("Publishers", {k: _output(v) for k, v in found["outputs"].items()})
-    services = {
-        f"/{entry.name}/{port}": " -> ".join(types) for port, types in found.get("services", {}).items()
+        yield f"  File: {file}"
+    yield f"  State: {found['lifecycle']}"
+    yield f"  Process: {found.get('pid') or running.process_of(entry)}"
+    named = {
+        "Subscribers": {name: _reader(account) for name, account in found["inputs"].items()},
+        "Publishers": {name: _output(account) for name, account in found["outputs"].items()},
+        "Service Servers": {
+            f"/{entry.name}/{port}": " -> ".join(types) for port, types in found.get("services", {}).items()
+        },
+        "Service Clients": found.get("clients", {}),
+        "Action Servers": {
+            f"/{entry.name}/{port}": ", ".join(action["types"])
+            for port, action in found.get("actions", {}).items()
+        },
+        "Action Clients": found.get("action_clients", {}),
+        "Timers": {
+            name: f"{timer['rate_hz']:g} Hz, tick {timer['tick']}"
+            for name, timer in found.get("timers", {}).items()
+        },
+        "Ports open to messages from outside": {
+            f"/{entry.name}/{port}": "" for port in found.get("external", [])
+        },
     }
-    actions = {f"/{entry.name}/{port}": ", ".join(a["types"]) for port, a in found.get("actions", {}).items()}
-    _section("Service Servers", services)
-    _section("Service Clients", found.get("clients", {}))
-    _section("Action Servers", actions)
-    _section("Action Clients", found.get("action_clients", {}))
-    _section(
-        "Timers", {k: f"{v['rate_hz']:g} Hz, tick {v['tick']}" for k, v in found.get("timers", {}).items()}
-    )
-    _section(
-        "Ports open to messages from outside", {f"/{entry.name}/{p}": "" for p in found.get("external", [])}
-    )
+    for title, lines in named.items():
+        if lines:
+            yield f"  {title}:"
+        for name, text in lines.items():
+            yield f"    {name}: {text}" if text else f"    {name}"
     for swap in found.get("swaps", []):
         how = f"gap {swap['gap_s'] * 1e3:.2f} ms, {counted(swap['held'], 'message')} waited"
-        print_text(f"  Changed hands at {swap['at_s']:.3f} s: {swap['before']} -> {swap['after']}; {how}")
-    print_text(f"  Overruns: {found.get('overruns', 0)} of {found.get('ticks', 0)} ticks")
-    print_text(f"  Refused frames: {found.get('rejected', 0)}")
-
-
-def _section(title: str, lines: dict[str, str]) -> None:
-    if lines:
-        print_text(f"  {title}:")
-        for name, text in lines.items():
-            print_text(f"    {name}: {text}" if text else f"    {name}")
+        yield f"  Changed hands at {swap['at_s']:.3f} s: {swap['before']} -> {swap['after']}; {how}"
+    yield f"  Overruns: {found.get('overruns', 0)} of {found.get('ticks', 0)} ticks"
+    yield f"  Refused frames: {found.get('rejected', 0)}"
 
 
 def _output(account: dict[str, Any]) -> str:

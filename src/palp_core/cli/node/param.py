@@ -7,9 +7,8 @@ from typing import Annotated, Any
 import typer
 
 from palp_core.cli import completion
-from palp_core.cli.options import GraphOption, JsonOption, NodeArgument, OptionalNodeArgument, TimeoutOption
-from palp_core.cli.output import note, print_json, print_text, yaml_text
-from palp_core.cli.running import find_graph
+from palp_core.cli.options import Call, NodeArgument, OptionalNodeArgument, graph_verb
+from palp_core.cli.output import yaml_text
 from palp_core.errors import GraphError
 
 app = typer.Typer()
@@ -23,22 +22,21 @@ NameArgument = Annotated[
 
 
 @app.command("list")
+@graph_verb(timeout_s=5.0)
 def list_parameters(
+    call: Call,
     node: OptionalNodeArgument = None,
     *,
     filter_: Annotated[str, typer.Option("--filter", metavar="REGEX", help="Only names that match.")] = "",
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """List the parameters of one node or of all."""
     from palp_core.graph.discovery.running_graph import Answers
 
-    running = find_graph(graph)
+    running = call.graph
     if node is None:
-        answers = running.ask_all("get_parameters", timeout_s=timeout)
+        answers = running.ask_all("get_parameters", timeout_s=call.timeout_s)
     else:
-        reply = running.ask(node, "get_parameters", timeout_s=timeout)
+        reply = running.ask(node, "get_parameters", timeout_s=call.timeout_s)
         answers = Answers({running.node(node).name: reply}, {})
     try:
         pattern = re.compile(filter_)
@@ -48,38 +46,33 @@ def list_parameters(
         f"/{name}": [parameter for parameter in reply["parameters"] if pattern.search(parameter)]
         for name, reply in answers.replies.items()
     }
-    if as_json:
-        print_json(found)
-    else:
-        for name, parameters in found.items():
-            print_text(f"{name}:")
-            for parameter in parameters:
-                print_text(f"  {parameter}")
-    for silent in answers.silent.values():
-        note(str(silent))
+    call.show(found, ("\n  ".join((f"{name}:", *parameters)) for name, parameters in found.items()))
+    call.note_silent(answers.silent)
 
 
 @app.command("get")
+@graph_verb(timeout_s=5.0)
 def get(
+    call: Call,
     node: NodeArgument,
     name: NameArgument,
     *,
     hide_type: Annotated[bool, typer.Option("--hide-type", help="The value only.")] = False,
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """Print a parameter's value."""
-    declared = _describe(node, name, timeout, graph)
-    if as_json:
-        print_json({"name": name, "value": declared["value"], "type": declared["type"]})
-        return
-    value = _value_text(declared["value"])
-    print_text(value if hide_type else f"{declared['type'].capitalize()} value is: {value}")
+    reply = call.graph.ask(node, "describe_parameters", timeout_s=call.timeout_s)
+    declared = _declared(reply["parameters"], node, name)
+    text = _value_text(declared["value"])
+    call.show(
+        {"name": name, "value": declared["value"], "type": declared["type"]},
+        [text if hide_type else f"{declared['type'].capitalize()} value is: {text}"],
+    )
 
 
 @app.command("set", context_settings={"ignore_unknown_options": True})  # -1 is a value
+@graph_verb(timeout_s=5.0, changes=True)
 def set_(
+    call: Call,
     node: NodeArgument,
     name: NameArgument,
     value: Annotated[str, typer.Argument(metavar="VALUE", help="As in YAML.", show_default=False)],
@@ -89,35 +82,25 @@ def set_(
             metavar="NAME VALUE", help="More of them, set together or not at all.", show_default=False
         ),
     ] = None,
-    *,
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """Set parameters of a running node, all or none."""
-    from palp_core.graph.discovery.message_yaml import parse_yaml
-    from palp_core.graph.problems import hint
+    from palp_core.graph.discovery.message_yaml import typed_parameters
 
     words = [name, value, *(more or [])]
     if len(words) % 2:
         raise GraphError(
             f"parameter '{words[-1]}' has no value; write it as in: palp param set NODE NAME VALUE"
         )
-    running = find_graph(graph, changes=True)
-    declared = running.ask(node, "describe_parameters", timeout_s=timeout)["parameters"]
-    wanted: dict[str, Any] = {}
-    for parameter, text in zip(words[::2], words[1::2], strict=True):
-        if parameter not in declared:
-            raise GraphError(
-                f"{node} has no parameter '{parameter}'{hint(parameter, declared)}; nothing was set"
-            )
-        takes_text = declared[parameter]["type"] == "str" and text[:1] not in ("'", '"')
-        wanted[parameter] = text if takes_text else parse_yaml(text, f"value of {parameter}")
-    _set_and_tell(running, node, wanted, timeout, as_json=as_json)
+    running = call.graph
+    declared = running.ask(node, "describe_parameters", timeout_s=call.timeout_s)["parameters"]
+    wanted = typed_parameters(node, declared, dict(zip(words[::2], words[1::2], strict=True)))
+    _set(call, node, wanted)
 
 
 @app.command("describe")
+@graph_verb(timeout_s=5.0)
 def describe(
+    call: Call,
     node: NodeArgument,
     names: Annotated[
         list[str] | None,
@@ -125,93 +108,68 @@ def describe(
             metavar="NAME", help="Default: all.", autocompletion=completion.parameters, show_default=False
         ),
     ] = None,
-    *,
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """Show type, unit, bounds, default and value."""
-    reply = find_graph(graph).ask(node, "describe_parameters", timeout_s=timeout)
+    reply = call.graph.ask(node, "describe_parameters", timeout_s=call.timeout_s)
     declared = reply["parameters"]
     found = {name: _declared(declared, node, name) for name in names or declared}
-    if as_json:
-        print_json(found)
-        return
+    lines = []
     for name, parameter in found.items():
-        print_text(f"Parameter name: {name}")
-        for what, told in parameter.items():
-            if what != "name" and told not in (None, "", [], False):
-                print_text(f"  {what.replace('_', ' ').capitalize()}: {_value_text(told)}")
+        lines.append(f"Parameter name: {name}")
+        for what, value in parameter.items():
+            if what != "name" and value not in (None, "", [], False):
+                lines.append(f"  {what.replace('_', ' ').capitalize()}: {_value_text(value)}")
     if about := reply.get("about"):
-        print_text(f"\n{about.replace('``', '')}")
+        lines.append(f"\n{about.replace('``', '')}")
+    call.show(found, lines)
 
 
 @app.command("dump")
+@graph_verb(timeout_s=5.0)
 def dump(
+    call: Call,
     node: NodeArgument,
-    *,
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """Print a node's parameters as a ROS 2 parameter file."""
-    running = find_graph(graph)
-    parameters = running.ask(node, "get_parameters", timeout_s=timeout)["parameters"]
+    running = call.graph
+    parameters = running.ask(node, "get_parameters", timeout_s=call.timeout_s)["parameters"]
     file = {f"/{running.node(node).name}": {"ros__parameters": parameters}}
-    if as_json:
-        print_json(file)
-    else:
-        print_text(yaml_text(file).rstrip())
+    call.show(file, [yaml_text(file).rstrip()])
 
 
 @app.command("load")
+@graph_verb(timeout_s=5.0, changes=True)
 def load(
+    call: Call,
     node: NodeArgument,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="As dump prints it.", show_default=False)],
     *,
     no_use_wildcard: Annotated[
         bool, typer.Option("--no-use-wildcard", help="Refuse the name /**, which stands for every node.")
     ] = False,
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """Set parameters from a ROS 2 parameter file, all or none."""
     from palp_core.graph.description.parameter_file import read_parameter_file
 
-    running = find_graph(graph, changes=True)
+    running = call.graph
     name = running.node(node).name
-    before = running.ask(node, "get_parameters", timeout_s=timeout)["parameters"]
+    before = running.ask(node, "get_parameters", timeout_s=call.timeout_s)["parameters"]
     wanted = read_parameter_file(file, name, before, wildcard=not no_use_wildcard)
     changes = {key: value for key, value in wanted.items() if before[key] != value}  # read-only ones may stay
-    _set_and_tell(running, node, changes, timeout, as_json=as_json)
+    _set(call, node, changes)
 
 
-def _set_and_tell(
-    running: Any, node: str, wanted: dict[str, Any], timeout_s: float, *, as_json: bool
-) -> None:
-    before = running.ask(node, "get_parameters", timeout_s=timeout_s)["parameters"]
+def _set(call: Call, node: str, wanted: dict[str, Any]) -> None:
+    before = call.graph.ask(node, "get_parameters", timeout_s=call.timeout_s)["parameters"]
     after = before
     if wanted:
-        reply = running.ask(node, "set_parameters", timeout_s=timeout_s, parameters=wanted)
+        reply = call.graph.ask(node, "set_parameters", timeout_s=call.timeout_s, parameters=wanted)
         after = reply["parameters"]
-    changed = {name: [before.get(name), value] for name, value in after.items() if before.get(name) != value}
-    if as_json:
-        print_json({"changed": {name: {"from": old, "to": new} for name, (old, new) in changed.items()}})
-        return
-    for name, (old, new) in changed.items():
-        print_text(f"{name}: {_value_text(old)} -> {_value_text(new)}")
-    for name in wanted:
-        if name not in changed:
-            print_text(f"{name}: is {_value_text(after[name])} already")
-    if not wanted:
-        print_text("nothing to change")
-
-
-def _describe(node: str, name: str, timeout_s: float, graph: str | None) -> dict[str, Any]:
-
-    declared = find_graph(graph).ask(node, "describe_parameters", timeout_s=timeout_s)["parameters"]
-    return _declared(declared, node, name)
+    changed = {name: (before.get(name), new) for name, new in after.items() if before.get(name) != new}
+    lines = [f"{name}: {_value_text(old)} -> {_value_text(new)}" for name, (old, new) in changed.items()]
+    lines += [f"{name}: is {_value_text(after[name])} already" for name in wanted if name not in changed]
+    changes = {name: {"from": old, "to": new} for name, (old, new) in changed.items()}
+    call.show({"changed": changes}, lines or ["nothing to change"])
 
 
 def _declared(declared: dict[str, Any], node: str, name: str) -> dict[str, Any]:

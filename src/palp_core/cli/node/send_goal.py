@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palp_core.cli import completion
-from palp_core.cli.options import INTERRUPTED, GraphOption, JsonOption, TimeoutOption
-from palp_core.cli.output import note, print_json, print_text, yaml_text
-from palp_core.cli.running import find_graph
+from palp_core.cli.options import INTERRUPTED, Call, graph_verb
+from palp_core.cli.output import note, yaml_text
 from palp_core.errors import GraphError
 
 if TYPE_CHECKING:
@@ -23,10 +22,12 @@ GREETING_NS = 2_000_000_000
 """For so long a publisher may take to greet who reads its feedback, before the goal is sent all the same."""
 
 ASK_NS = 1_000_000_000
-"""After so long without a word the server is asked how the goal stands."""
+"""After so long without a message the server is asked for the goal's status."""
 
 
+@graph_verb(timeout_s=5.0, changes=True)
 def send_goal(
+    call: Call,
     action: Annotated[
         str,
         typer.Argument(
@@ -42,9 +43,6 @@ def send_goal(
     deadline: Annotated[
         float, typer.Option("--deadline", metavar="S", min=0.0, help="The server cancels it after; 0: never.")
     ] = 0.0,
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """Send a goal and wait for its result.
 
@@ -58,45 +56,46 @@ def send_goal(
     from palp_core.graph.node.spec import part, topic
 
     kind, text = type_and_message(words or [], "palp action send_goal /node/port TYPE '{name: value}'")
-    running = find_graph(graph, changes=True)
-    found = find_action(running, action, timeout)
+    running = call.graph
+    found = find_action(running, action, call.timeout_s)
     if kind is not None and kind not in (found.types[0], found.types[0].removesuffix("Goal")):
         raise GraphError(f"{found.name} takes {found.types[0]}, not {kind}")
-    types = running.ask(found.node, "schemas", timeout_s=timeout)["ports"][found.port]["types"]
+    types = running.ask(found.node, "schemas", timeout_s=call.timeout_s)["ports"][found.port]["types"]
     goal = message_from_yaml(text or "{}", types[0]["json_schema"], "goal")
-    caller = ActionCaller(running, found, timeout)
+    caller = ActionCaller(running, found, call.timeout_s)
     topics = [running.topic(topic(found.node, part(name, found.port))) for name in ("feedback", "status")]
     with TopicReader(running, topics, reliable=True) as reader:
         following = _Following(running, found, caller, reader, topics)
         while not following.ended:
             try:
-                for said in following.goal(goal, deadline):
-                    if feedback and as_json:
-                        print_json({"feedback": said})
-                    elif feedback:
-                        _show("Feedback:", said)
+                for message in following.goal(goal, deadline):
+                    if feedback:
+                        call.show({"feedback": message}, _lines("Feedback:", message))
             except KeyboardInterrupt:  # wherever it came: a goal under way is cancelled, and followed on
                 if not following.sent:
                     raise typer.Exit(INTERRUPTED) from None
                 following.cancel()
     ended = following.ended
     result = [readable(one, types[2]["json_schema"]) for one in ended.get("result", [])]
-    if as_json:
-        print_json({"goal_id": caller.goal_id, "status": ended["status"], "reason": ended["reason"],
-                    "result": result[0] if result else None})  # fmt: skip
-    else:
-        if result:
-            _show("Result:", result[0])
-        why = f": {ended['reason']}" if ended["reason"] else ""
-        print_text(f"Goal finished with status: {ended['status'].upper()}{why}")
+    why = f": {ended['reason']}" if ended["reason"] else ""
+    call.show(
+        {
+            "goal_id": caller.goal_id,
+            "status": ended["status"],
+            "reason": ended["reason"],
+            "result": result[0] if result else None,
+        },
+        [
+            *(_lines("Result:", result[0]) if result else ()),
+            f"Goal finished with status: {ended['status'].upper()}{why}",
+        ],
+    )
     if ended["status"] != "succeeded":
         raise typer.Exit(1)
 
 
-def _show(title: str, message: dict[str, Any]) -> None:
-    print_text(title)
-    for line in yaml_text(message).splitlines() if message else ():
-        print_text(f"    {line}")
+def _lines(title: str, message: dict[str, Any]) -> list[str]:
+    return [title, *(f"    {line}" for line in (yaml_text(message).splitlines() if message else ()))]
 
 
 class _Following:
@@ -127,15 +126,15 @@ class _Following:
         asked_ns = monotonic_ns()
         messages = self._reader.messages()
         while not self.ended:
-            heard = next(messages, None) if not self._reader.ended else None
+            received = next(messages, None) if not self._reader.ended else None
             now_ns = monotonic_ns()
             greeted = self._schemas.keys() <= self._reader.last_sequence.keys()
             if not self.sent and (greeted or now_ns - asked_ns > GREETING_NS):
                 self.sent, asked_ns = True, now_ns
                 self._send(goal, deadline_s)
-            elif self.sent and heard is not None and heard.is_message:
+            elif self.sent and received is not None and received.is_message:
                 asked_ns = now_ns
-                yield from self._take(heard.frame.topic, heard.frame.payload)
+                yield from self._take(received.frame.topic, received.frame.payload)
             elif self._reader.ended:
                 self._end("unknown", "the graph has ended")
             elif self.sent and now_ns - asked_ns > ASK_NS:
@@ -164,14 +163,14 @@ class _Following:
     def _ask(self) -> None:
         """Ask how the goal stands; who has forgotten it was restarted, or replaced."""
         try:
-            told = self._caller.result()
+            result = self._caller.result()
         except GraphError as error:
             self._end("unknown", str(error))
             return
-        if told["status"] == "unknown":
+        if result["status"] == "unknown":
             self._end("aborted", "its server was restarted and has forgotten it")
-        elif told["status"] not in ("accepted", "executing", "canceling"):
-            self.ended = told
+        elif result["status"] not in ("accepted", "executing", "canceling"):
+            self.ended = result
 
     def cancel(self) -> None:
         """Ask for its end; it is followed until then."""

@@ -6,44 +6,37 @@ from typing import Annotated, Any
 import typer
 
 from palp_core.cli.launch.stop_key import call_safety, stop_motion, stopped_words
-from palp_core.cli.options import GraphOption, JsonOption, TimeoutOption, until_ctrl_c
+from palp_core.cli.options import Call, graph_verb
 from palp_core.cli.output import note, print_json, print_text
-from palp_core.cli.running import find_graph
 from palp_core.errors import GraphError
 
 app = typer.Typer()
 
 
+@graph_verb(timeout_s=5.0, changes=True)
 def stop(
+    call: Call,
     *,
     every: Annotated[
         bool, typer.Option("--all", help="Of every graph of this user, whatever its folder.")
     ] = False,
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """It stays stopped until ``palp safety ack``."""
     from palp_core.graph.discovery.choice import WhichGraph
 
-    if every and graph is not None:
+    if every and call.name is not None:
         raise GraphError("--all stops every graph: leave out --graph, or leave out --all")
-    with until_ctrl_c():
-        if every:
-            _stop_all(timeout, as_json=as_json)
-            return
-        try:
-            running = find_graph(graph, changes=True)
-            reply = stop_motion(running, "palp stop", timeout)
-        except WhichGraph as error:
-            raise GraphError(f"{error}\nor stop all of them: palp stop --all") from None
-    if as_json:
-        print_json(reply)
-    else:
-        print_text(stopped_words(reply, running.record.id))
+    if every:
+        _stop_all(call)
+        return
+    try:
+        reply = stop_motion(call.graph, "palp stop", call.timeout_s)
+    except WhichGraph as error:
+        raise GraphError(f"{error}\nor stop all of them: palp stop --all") from None
+    call.show(reply, [stopped_words(reply, call.graph.record.id)])
 
 
-def _stop_all(timeout_s: float, *, as_json: bool) -> None:
+def _stop_all(call: Call) -> None:
     """Stop all graphs at the same time, so that a silent one holds up none; status 2 if one was not."""
     from concurrent.futures import ThreadPoolExecutor
 
@@ -53,7 +46,7 @@ def _stop_all(timeout_s: float, *, as_json: bool) -> None:
 
     def stopped(record: RunRecord) -> dict[str, Any] | GraphError:
         try:
-            return stop_motion(RunningGraph(record), "palp stop --all", timeout_s)
+            return stop_motion(RunningGraph(record), "palp stop --all", call.timeout_s)
         except GraphError as error:
             return error
 
@@ -63,12 +56,12 @@ def _stop_all(timeout_s: float, *, as_json: bool) -> None:
     with ThreadPoolExecutor(max_workers=len(records)) as pool:
         answers = list(zip(records, pool.map(stopped, records), strict=True))
     replies = {record.id: reply for record, reply in answers if isinstance(reply, dict)}
-    if as_json:
+    if call.as_json:
         print_json(replies)
     for record, answer in answers:
         if isinstance(answer, GraphError):
             note(f"{line_of(record)}: {answer}")
-        elif not as_json:
+        elif not call.as_json:
             again = f"when all is well: palp safety ack --graph {record.id}"
             print_text(f"{line_of(record)}: {answer['state']}: {answer['cause']}; {again}")
     if len(replies) < len(records):
@@ -96,48 +89,31 @@ def checks_table(checks: list[dict[str, Any]], now_ns: int) -> str:
 
 
 @app.command("ack")
-def acknowledge(
-    *,
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
-) -> None:
+@graph_verb(timeout_s=5.0, changes=True)
+def acknowledge(call: Call) -> None:
     """Acknowledge a trip whose cause is gone.
 
     Status 1: the cause is still there.
     """
     from palp_core.palpation.live_page.safety import acknowledged_words
 
-    with until_ctrl_c():
-        reply = call_safety(find_graph(graph, changes=True), "acknowledge", {}, timeout)
-    if as_json:
-        print_json(reply)
-    else:
-        print_text(acknowledged_words(reply))
+    reply = call_safety(call.graph, "acknowledge", {}, call.timeout_s)
+    call.show(reply, [acknowledged_words(reply)])
     if not reply["done"]:
         sys.exit(1)
 
 
 @app.command("status")
-def status(
-    *,
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
-) -> None:
+@graph_verb(timeout_s=5.0)
+def status(call: Call) -> None:
     """Show whether motion is permitted, and what was verified.
 
     Status 1: it is tripped.
     """
-    with until_ctrl_c():
-        reply = call_safety(find_graph(graph), "status", {}, timeout)
-    if as_json:
-        print_json(reply)
-    else:
-        why = f": {reply['cause']}: {reply['text']}" if reply["cause"] else ""
-        print_text(f"{reply['state']}{why}")
-        if reply["warning"]:
-            print_text(f"warning: {reply['warning']}")
-        print_text(checks_table(reply["checks"], reply["stamp_ns"]))
+    reply = call_safety(call.graph, "status", {}, call.timeout_s)
+    lines = [f"{reply['state']}" + (f": {reply['cause']}: {reply['text']}" if reply["cause"] else "")]
+    if reply["warning"]:
+        lines.append(f"warning: {reply['warning']}")
+    call.show(reply, [*lines, checks_table(reply["checks"], reply["stamp_ns"])])
     if reply["cause"]:
         sys.exit(1)

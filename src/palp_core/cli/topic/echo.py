@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from palp_core.cli.options import GraphOption, JsonOption, TopicArgument, until_ctrl_c
+from palp_core.cli.options import Call, TopicArgument, graph_verb
 from palp_core.cli.output import note, print_json, print_text, yaml_text
-from palp_core.cli.running import find_graph, note_ended
+from palp_core.cli.running import note_ended
 from palp_core.cli.text.words import type_name
 from palp_core.counted import counted
 from palp_core.errors import GraphError
@@ -24,7 +24,9 @@ Profile = Literal["default", "sensor_data", "latched"]
 SILENCE_NS = 3_000_000_000
 
 
+@graph_verb()
 def echo(
+    call: Call,
     topic: TopicArgument,
     message_type: Annotated[
         str | None, typer.Argument(metavar="TYPE", help="Of the messages, to be sure.", show_default=False)
@@ -60,33 +62,31 @@ def echo(
     qos_depth: Annotated[
         int | None, typer.Option(min=1, help="Messages from before that come first.")
     ] = None,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     from palp_core.graph.discovery.topic_reader import TopicReader
     from palp_core.graph.messages.message_text import Truncation, decoded, parse_path, pick
 
-    running = find_graph(graph)
+    running = call.graph
     entry = running.topic(topic)
     _same_type(entry, message_type)
     path = None if field is None else parse_path(field, entry.json_schema)
     depth, reliable = requested_depth(running, entry, qos_profile, qos_reliability, qos_durability, qos_depth)
     how = Truncation(None if full_length else truncate_length, not no_arr, not no_str)
-    show = _printer(how, as_json=as_json, as_csv=as_csv, flow_style=flow_style)
+    show = _printer(how, as_json=call.as_json, as_csv=as_csv, flow_style=flow_style)
     limit = 1 if once else times
     shown = 0
-    with until_ctrl_c(), TopicReader(running, [entry], history_depth=depth, reliable=reliable) as listener:
-        for heard in _until_silent(listener, entry, timeout):
-            if heard.lost and not no_lost_messages:
-                note(f"{entry.name}: {counted(heard.lost, 'message')} lost before {_ordinal(heard)}")
-            if not heard.is_message:
+    with TopicReader(running, [entry], history_depth=depth, reliable=reliable) as listener:
+        for received in _until_silent(listener, entry, timeout):
+            if received.lost and not no_lost_messages:
+                note(f"{entry.name}: {counted(received.lost, 'message')} lost before {_ordinal(received)}")
+            if not received.is_message:
                 continue
-            message = decoded(heard.frame.payload, entry.json_schema)
+            message = decoded(received.frame.payload, entry.json_schema)
             if clear:
                 sys.stdout.write("\033[2J\033[H")
-            info = _info(heard) if include_message_info else None
+            info = _info(received) if include_message_info else None
             if raw:
-                _print_raw(heard, info)
+                _print_raw(received, info)
             else:
                 show(message if path is None else pick(message, path), info)
             sys.stdout.flush()
@@ -140,25 +140,25 @@ def requested_depth(
 
 
 def _until_silent(listener: TopicReader, entry: Topic, timeout_s: float | None) -> Iterator[ReceivedFrame]:
-    """Yield what is heard; say so when nothing comes for a while.
+    """Yield what comes; note when nothing has come for a while.
 
     Raises:
         GraphError: Nothing has come for as long as the caller would wait.
     """
     from palp_core.graph.clock import monotonic_ns
 
-    last_ns, said = monotonic_ns(), False
-    for heard in listener.messages():
-        if heard is not None:
-            last_ns, said = monotonic_ns(), False
-            yield heard
+    last_ns, is_noted = monotonic_ns(), False
+    for received in listener.messages():
+        if received is not None:
+            last_ns, is_noted = monotonic_ns(), False
+            yield received
             last_ns = monotonic_ns()
             continue
         silent_ns = monotonic_ns() - last_ns
         if timeout_s is not None and silent_ns > timeout_s * 1e9:
             raise GraphError(f"{entry.name}: no message for {timeout_s:g} s")
-        if silent_ns > SILENCE_NS and not said:
-            said = True
+        if silent_ns > SILENCE_NS and not is_noted:
+            is_noted = True
             count = listener.last_sequence.get(entry.name)
             known = "its publisher does not answer" if count is None else f"{count} published so far"
             note(f"{entry.name}: nothing for {SILENCE_NS // 10**9} s ({known}); waiting")
@@ -169,8 +169,8 @@ def _same_type(entry: Topic, stated: str | None) -> None:
         raise GraphError(f"{entry.name} carries {entry.type}, not {stated}")
 
 
-def _info(heard: ReceivedFrame) -> dict[str, Any]:
-    frame = heard.frame
+def _info(received: ReceivedFrame) -> dict[str, Any]:
+    frame = received.frame
     return {
         "topic": frame.topic,
         "epoch": frame.epoch,
@@ -180,14 +180,14 @@ def _info(heard: ReceivedFrame) -> dict[str, Any]:
     }
 
 
-def _ordinal(heard: ReceivedFrame) -> str:
-    return f"message {heard.frame.sequence}" if heard.is_message else "now"
+def _ordinal(received: ReceivedFrame) -> str:
+    return f"message {received.frame.sequence}" if received.is_message else "now"
 
 
-def _print_raw(heard: ReceivedFrame, info: dict[str, Any] | None) -> None:
+def _print_raw(received: ReceivedFrame, info: dict[str, Any] | None) -> None:
     if info is not None:
         print_json(info)
-    print_text(repr(bytes(heard.frame.payload)))
+    print_text(repr(bytes(received.frame.payload)))
 
 
 def _printer(

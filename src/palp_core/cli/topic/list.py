@@ -1,50 +1,47 @@
 """``palp topic list``, ``info``, ``type`` and ``find``."""
 
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 import typer
 
-from palp_core.cli.options import GraphOption, HiddenOption, JsonOption, TimeoutOption, TopicArgument
-from palp_core.cli.output import note, print_json, print_names, print_text
-from palp_core.cli.running import find_graph
+from palp_core.cli.options import Call, HiddenOption, TopicArgument, graph_verb
 from palp_core.cli.text.words import type_name
 from palp_core.errors import GraphError
 
 
+@graph_verb()
 def list_topics(
+    call: Call,
     *,
     show_types: Annotated[bool, typer.Option("-t", "--show-types", help="With message types.")] = False,
     count: Annotated[bool, typer.Option("-c", "--count-topics", help="Their number only.")] = False,
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="With publishers.")] = False,
     include_hidden: HiddenOption = False,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
-    topics = find_graph(graph).topics(include_hidden=include_hidden)
-    if count:
-        print_text(str(len(topics)))
-    elif as_json:
-        print_json([{"name": t.name, "type": t.type, "hash": t.type_hash, "node": t.node} for t in topics])
-    else:
-        for topic in topics:
-            kind = f" [{topic.type}]" if show_types or verbose else ""
-            print_text(topic.name + kind + (f" published by /{topic.node}" if verbose else ""))
+    topics = call.graph.topics(include_hidden=include_hidden)
+    kind = " [{0.type}]" if show_types or verbose else ""
+    line = "{0.name}" + kind + (" published by /{0.node}" if verbose else "")
+    call.show(
+        [{"name": t.name, "type": t.type, "hash": t.type_hash, "node": t.node} for t in topics],
+        map(line.format, topics),
+        count=count,
+    )
 
 
+@graph_verb(timeout_s=5.0)
 def info(
+    call: Call,
     topic: TopicArgument,
     *,
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="With quality of service.")] = False,
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     from palp_core.graph.node.spec import LAUNCHER
 
-    running = find_graph(graph)
+    running = call.graph
     entry = running.topic(topic)
     asked = [*running.node_names, *([LAUNCHER] if entry.node == LAUNCHER else [])]
-    answers = running.ask_all("info", asked, timeout_s=timeout)
+    answers = running.ask_all("info", asked, timeout_s=call.timeout_s)
     output = answers.replies.get(entry.node, {}).get("outputs", {}).get(entry.name, {})
     readers = [
         {"node": f"/{edge.node}", **{k: v for k, v in edge.account.items() if k != "topic"}}
@@ -56,57 +53,52 @@ def info(
         "qos": output.get("qos", {}),
     }
     silent = sorted(f"/{name}" for name in answers.silent)
-    if as_json:
-        found = {"topic": entry.name, "type": entry.type, "hash": entry.type_hash}
-        print_json(found | {"publisher": publisher, "readers": readers, "unresponsive": silent})
-        return
-    print_text(f"Type: {entry.type}")
-    print_text("Publisher count: 1")
-    _print_end(publisher, verbose=verbose)
-    print_text(f"Subscription count: {len(readers)}")
-    for reader in readers:
-        _print_end(reader, verbose=verbose)
-    if verbose:
-        print_text(f"Type hash: {entry.type_hash}")
-    for error in answers.silent.values():
-        note(str(error))
+    found = {"topic": entry.name, "type": entry.type, "hash": entry.type_hash}
+    call.show(
+        found | {"publisher": publisher, "readers": readers, "unresponsive": silent},
+        [
+            f"Type: {entry.type}",
+            "Publisher count: 1",
+            *_end_lines(publisher, verbose=verbose),
+            f"Subscription count: {len(readers)}",
+            *(line for reader in readers for line in _end_lines(reader, verbose=verbose)),
+            *([f"Type hash: {entry.type_hash}"] if verbose else []),
+        ],
+    )
+    if not call.as_json:
+        call.note_silent(answers.silent)
 
 
-def _print_end(end: dict[str, Any], *, verbose: bool) -> None:
+def _end_lines(end: dict[str, Any], *, verbose: bool) -> Iterator[str]:
     counts = [f"{end[name]} {name}" for name in ("received", "lost", "late", "dropped") if name in end]
     if end.get("sequence") is not None and not counts:
         counts = [f"{end['sequence']} published"]
     port = f" port '{end['port']}'" if end.get("port") else ""
-    print_text(f"  {end['node']}{port}" + (f": {', '.join(counts)}" if counts else ""))
+    yield f"  {end['node']}{port}" + (f": {', '.join(counts)}" if counts else "")
     if verbose:
-        for name, value in end.get("qos", {}).items():
-            print_text(f"    {name}: {value}")
+        yield from (f"    {name}: {value}" for name, value in end.get("qos", {}).items())
 
 
-def type_(topic: TopicArgument, *, graph: GraphOption = None, as_json: JsonOption = False) -> None:
-    entry = find_graph(graph).topic(topic)
-    if as_json:
-        print_json({"topic": entry.name, "type": entry.type, "hash": entry.type_hash})
-    else:
-        print_text(entry.type)
+@graph_verb()
+def type_(call: Call, topic: TopicArgument) -> None:
+    entry = call.graph.topic(topic)
+    call.show({"topic": entry.name, "type": entry.type, "hash": entry.type_hash}, [entry.type])
 
 
+@graph_verb()
 def find(
+    call: Call,
     message_type: Annotated[str, typer.Argument(metavar="TYPE", help="As in Belief.", show_default=False)],
     *,
     count: Annotated[bool, typer.Option("-c", "--count-topics", help="Their number only.")] = False,
     include_hidden: HiddenOption = False,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     from palp_core.graph.problems import hint
 
-    running = find_graph(graph)
-    topics = running.topics(include_hidden=True)
-    wanted = type_name(message_type)
-    known = {topic.type for topic in topics}
+    topics = call.graph.topics(include_hidden=True)
+    wanted, known = type_name(message_type), {topic.type for topic in topics}
     if wanted not in known:
         raise GraphError(f"no topic carries '{message_type}'{hint(wanted, known)}")
-    shown = {topic.name for topic in running.topics(include_hidden=include_hidden)}
+    shown = {topic.name for topic in call.graph.topics(include_hidden=include_hidden)}
     names = [topic.name for topic in topics if topic.type == wanted and topic.name in shown]
-    print_names(names, count=count, as_json=as_json)
+    call.show(names, names, count=count)

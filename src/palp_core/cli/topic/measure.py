@@ -1,22 +1,35 @@
-"""What ``hz``, ``bw`` and ``delay`` share: a window over a publisher's numbers, and the readers' accounts."""
+"""``palp topic hz``, ``bw`` and ``delay``: windows over a publisher's numbers, and the readers' accounts."""
+
+from __future__ import annotations
 
 import itertools
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from threading import Event
+from typing import Annotated, Any, NamedTuple
 
+import typer
+
+from palp_core.cli.options import Call, TopicsArgument, graph_verb
 from palp_core.cli.output import note
-from palp_core.cli.running import note_ended
+from palp_core.cli.running import find_topics, note_ended
+from palp_core.counted import counted
 from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import Edge, RunningGraph
 from palp_core.graph.discovery.topic_reader import ReceivedFrame, TopicReader
 from palp_core.graph.messages.topic import Topic
 
+OnceOption = Annotated[bool, typer.Option("--once", help="One report: when the window is full.")]
+LongestOption = Annotated[
+    float, typer.Option("--timeout", metavar="S", min=0.0, help="Longest time for one report.")
+]
+
 REPORT_NS = 1_000_000_000
 COUNTS = ("received", "lost", "repeated", "late", "dropped", "filled")
 ASK_S = 2.0
+PERIOD_S = 1.0
 
 
 class _Point(NamedTuple):
@@ -39,20 +52,20 @@ class Window:
         self._points: deque[_Point] = deque(maxlen=length + 1)
         self._epoch = -1
         self.lost = 0
-        self.heard_ns = monotonic_ns()
+        self.received_ns = monotonic_ns()
         self.fresh = 0
 
-    def add(self, heard: ReceivedFrame) -> None:
+    def add(self, received: ReceivedFrame) -> None:
         """Take a message, or what a heartbeat revealed."""
-        self.lost += heard.lost
-        if not heard.is_message:
+        self.lost += received.lost
+        if not received.is_message:
             return
-        frame = heard.frame
+        frame = received.frame
         if frame.epoch != self._epoch:
             self._points.clear()
             self._epoch, self.lost = frame.epoch, 0
-        self._points.append(_Point(frame.sequence, frame.stamp_ns, heard.arrived_ns, heard.size_bytes))
-        self.heard_ns = heard.arrived_ns
+        self._points.append(_Point(frame.sequence, frame.stamp_ns, received.arrived_ns, received.size_bytes))
+        self.received_ns = received.arrived_ns
         self.fresh += 1
 
     @property
@@ -101,7 +114,7 @@ class Window:
         return [point.size_bytes for point in self._points]
 
 
-def measure(
+def _measure(
     graph: RunningGraph,
     topics: Sequence[Topic],
     windows: dict[str, Window],
@@ -118,9 +131,9 @@ def measure(
     end_ns = monotonic_ns() + round(timeout_s * 1e9)
     next_ns = monotonic_ns() + REPORT_NS
     with TopicReader(graph, topics) as listener:
-        for heard in listener.messages():
-            if heard is not None:
-                windows[heard.frame.topic].add(heard)
+        for received in listener.messages():
+            if received is not None:
+                windows[received.frame.topic].add(received)
             now_ns = monotonic_ns()
             if once and (all(w.full for w in windows.values()) or now_ns > end_ns):
                 break
@@ -146,30 +159,204 @@ def measure(
 def _note_silence(listener: TopicReader, windows: dict[str, Window], now_ns: int) -> None:
     for name, window in windows.items():
         if not window.fresh:
-            silent_s = (now_ns - window.heard_ns) / 1e9
+            silent_s = (now_ns - window.received_ns) / 1e9
             count = listener.last_sequence.get(name)
             known = "its publisher does not answer" if count is None else f"{count} published so far"
             note(f"{name}: no new message for {silent_s:.0f} s ({known})")
 
 
-def readers(graph: RunningGraph, topics: Iterable[Topic], window: int = 0) -> dict[str, list[Edge]]:
+def _readers(graph: RunningGraph, topics: Iterable[Topic], window: int = 0) -> dict[str, list[Edge]]:
     """Ask the nodes for the accounts of who reads each topic, and the latencies of the last messages."""
     answers = graph.ask_all("info", timeout_s=ASK_S, window=window)
     return {topic.name: answers.edges(topic.name) for topic in topics}
 
 
-def account(edge: Edge) -> dict[str, Any]:
-    """Return a reader's account for machines."""
+def _account(edge: Edge) -> dict[str, Any]:
     names = ("port", *COUNTS, "rate_hz", "latency_s")
     return {"node": f"/{edge.node}", **{name: edge.account.get(name) for name in names}}
 
 
-def reader_lines(edges: Iterable[Edge]) -> list[str]:
-    """Return the readers' accounts in words."""
-    lines = []
-    for edge in edges:
-        counts = ", ".join(f"{edge.account[name]} {name}" for name in COUNTS if name in edge.account)
-        rate_hz = edge.account.get("rate_hz")
-        rate = "" if rate_hz is None else f", {rate_hz:.3f} Hz"
-        lines.append(f"\treader /{edge.node}: {counts}{rate}")
-    return lines
+def _reader_line(edge: Edge) -> str:
+    counts = ", ".join(f"{edge.account[name]} {name}" for name in COUNTS if name in edge.account)
+    rate_hz = edge.account.get("rate_hz")
+    return f"\treader /{edge.node}: {counts}" + ("" if rate_hz is None else f", {rate_hz:.3f} Hz")
+
+
+@graph_verb()
+def hz(
+    call: Call,
+    topics: TopicsArgument,
+    *,
+    window: Annotated[
+        int | None,
+        typer.Option(
+            "--window", "-w", min=1, help="Messages to measure; default: 10000, for one report 100."
+        ),
+    ] = None,
+    wall_time: Annotated[
+        bool, typer.Option("--wall-time", help="The rate on this machine's clock, not the graph's.")
+    ] = False,
+    once: OnceOption = False,
+    timeout: LongestOption = 10.0,
+) -> None:
+    """Rate and periods are of the publisher's sequence numbers and stamps, so they are exact even where this
+    process is too slow to hear every message. Each reader's own account follows. A report each second, or a
+    single one with --once or --json.
+    """
+    clock = call.graph.record.clock
+    once = once or call.as_json
+    entries = find_topics(call.graph, topics)
+    windows = {topic.name: Window(window or (100 if once else 10_000)) for topic in entries}
+
+    def lines(head: str, found: Window, edges: list[Edge]) -> Iterator[str]:
+        if found.messages < 2:
+            return
+        clock_hz, wall_hz = found.rates_hz()
+        rate_hz = wall_hz if wall_time else clock_hz
+        rate = f"average rate: {rate_hz:.3f}" if rate_hz else "no rate: all at one instant"
+        pace = clock == "sim" and not wall_time and wall_hz
+        yield head + rate + (f" ({wall_hz:.1f} Hz of wall time)" if pace else "")
+        low, high, deviation = found.periods_s().values()
+        if low is not None:
+            yield f"\tmin: {low:.6f}s max: {high:.6f}s std dev: {deviation:.6f}s window: {found.messages}"
+        yield from map(_reader_line, edges)
+        if found.lost:
+            yield f"\t{found.lost} did not reach this command; the rate counts them"
+
+    def report() -> None:
+        accounts = _readers(call.graph, entries)
+        for name, found in windows.items():
+            clock_hz, wall_hz = found.rates_hz()
+            edges = accounts[name]
+            result: dict[str, Any] = {"topic": name, "clock": clock, "hz": clock_hz, "wall_hz": wall_hz}
+            result |= found.periods_s() | {"messages": found.messages, "lost": found.lost}
+            result |= {"readers": [_account(edge) for edge in edges]}
+            call.show(result, lines(f"{name}: " if len(windows) > 1 else "", found, edges))
+
+    _measure(call.graph, entries, windows, report, once=once, timeout_s=timeout)
+
+
+@graph_verb()
+def bw(
+    call: Call,
+    topics: TopicsArgument,
+    *,
+    window: Annotated[int, typer.Option("--window", "-w", min=1, help="Messages to measure.")] = 100,
+    once: OnceOption = False,
+    timeout: LongestOption = 10.0,
+) -> None:
+    """It is the mean size on the wire, header included, times the rate by the publisher's own sequence
+    numbers on this machine's clock, to each reader. A report each second, or a single one with --once or
+    --json.
+    """
+    entries = find_topics(call.graph, topics)
+    windows = {topic.name: Window(window) for topic in entries}
+
+    def report() -> None:
+        for name, found in windows.items():
+            sizes = found.sizes_bytes()
+            if not sizes:
+                continue
+            mean = sum(sizes) / len(sizes)
+            clock_hz, wall_hz = found.rates_hz()
+            head = f"{name}: " if len(windows) > 1 else ""
+            rate = "no rate yet" if wall_hz is None else f"{_size(mean * wall_hz)}/s"
+            call.show(
+                {
+                    "topic": name,
+                    "bytes_per_s": None if wall_hz is None else mean * wall_hz,
+                    "bytes_per_clock_s": None if clock_hz is None else mean * clock_hz,
+                    "mean_bytes": mean,
+                    "min_bytes": min(sizes),
+                    "max_bytes": max(sizes),
+                    "messages": found.messages,
+                    "lost": found.lost,
+                },
+                [
+                    f"{head}{rate} from {counted(found.messages, 'message')}",
+                    f"\tMessage size mean: {_size(mean)} min: {_size(min(sizes))} max: {_size(max(sizes))}",
+                ],
+            )
+
+    _measure(call.graph, entries, windows, report, once=once or call.as_json, timeout_s=timeout)
+
+
+def _size(count: float) -> str:
+    for unit, scale in (("MB", 1e6), ("KB", 1e3)):
+        if count >= scale:
+            return f"{count / scale:.2f} {unit}"
+    return f"{count:.0f} B"
+
+
+@graph_verb()
+def delay(
+    call: Call,
+    topics: TopicsArgument,
+    *,
+    window: Annotated[
+        int | None,
+        typer.Option(
+            "--window",
+            "-w",
+            metavar="N",
+            min=1,
+            max=10_000,
+            help="Only the last N messages of each reader; default: all since it began.",
+            show_default=False,
+        ),
+    ] = None,
+    once: Annotated[bool, typer.Option("--once", help="One report, then end.")] = False,
+) -> None:
+    """From the publisher's stamp to arrival, of every message since the reader began, or with -w of its last
+    N: nothing is sampled, and this command is not in the way. A report each second, or a single one with
+    --once or --json.
+    """
+    graph = call.graph
+    entries = find_topics(graph, topics)
+    while True:
+        for name, edges in _readers(graph, entries, window or 0).items():
+            record = {"topic": name, "clock": graph.record.clock, "readers": [_latency(e) for e in edges]}
+            call.show(record, (f"{name} -> /{e.node}: {_latency_text(e.account)}" for e in edges))
+            if not edges and not call.as_json:
+                note(f"{name}: no node reads it, so its latency is not counted")
+        if once or call.as_json:
+            return
+        Event().wait(PERIOD_S)
+        if not graph.alive:
+            note_ended(graph)
+            return
+
+
+def _latency_s(account: dict[str, Any]) -> dict[str, Any] | None:
+    """Return the latencies that were asked for, and of how many messages they are; None: there are none."""
+    recent = account.get("recent_latency_s")
+    if recent is not None:
+        return recent if recent["messages"] else None
+    latency_s = account.get("latency_s")
+    return {"messages": account["received"], **latency_s} if latency_s else None
+
+
+def _latency(edge: Edge) -> dict[str, Any]:
+    latency_s = _latency_s(edge.account) or {"messages": 0, **dict.fromkeys(("p50", "p90", "p99", "max"))}
+    return {
+        "node": f"/{edge.node}",
+        "received": edge.account["received"],
+        "messages": latency_s["messages"],
+        "latency_s": {name: value for name, value in latency_s.items() if name != "messages"},
+    }
+
+
+def _latency_text(account: dict[str, Any]) -> str:
+    latency_s = _latency_s(account)
+    if latency_s is None:
+        received = account["received"]
+        return (
+            f"{counted(received, 'message')}, all within an instant of simulated time"
+            if received
+            else "no message yet"
+        )
+    parts = [f"{name} {latency_s[name] * 1e3:.3f} ms" for name in ("p50", "p90", "p99", "max")]
+    if "std" in latency_s:
+        spread = [f"{name} {latency_s[name] * 1e3:.3f} ms" for name in ("mean", "std", "min")]
+        return f"{' '.join(parts + spread)} of the last {latency_s['messages']} messages"
+    return f"{' '.join(parts)} of {counted(latency_s['messages'], 'message')}"

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palp_core.cli import completion
-from palp_core.cli.options import GraphOption, JsonOption, TimeoutOption, until_ctrl_c
-from palp_core.cli.output import note, print_json, print_text
-from palp_core.cli.running import find_graph
+from palp_core.cli.options import Call, graph_verb
+from palp_core.cli.output import note
 from palp_core.errors import GraphError
 
 if TYPE_CHECKING:
@@ -21,7 +20,9 @@ RETRY_S = 0.1
 MANY_LATE = 10
 
 
+@graph_verb(timeout_s=5.0, changes=True)
 def pub(
+    call: Call,
     topic: Annotated[
         str,
         typer.Argument(
@@ -56,9 +57,6 @@ def pub(
     max_wait_time_secs: Annotated[
         float | None, typer.Option(min=0.0, metavar="S", help="Longest such wait; default: without end.")
     ] = None,
-    timeout: TimeoutOption = 5.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """The message is checked before anything is sent; fields that are not given get the type's defaults. The
     node confirms each message with its sequence on the topic. With --stdin the end of the input ends it.
@@ -68,18 +66,14 @@ def pub(
     kind, text = type_and_message(words or [], "palp topic pub /node/port TYPE '{index: 1}'")
     if stdin and text is not None:
         raise GraphError("give the message either as a word or with --stdin, not both")
-    with until_ctrl_c():
-        running = find_graph(graph, changes=True)
-        node, port, schema = _external_port(running, topic, timeout)
-        if kind is not None and kind != schema.get("title"):
-            raise GraphError(f"{topic} takes {schema.get('title')}, not {kind}")
-        messages = _messages(text, schema, stdin=stdin)
-        if wait_matching if wait_matching is not None else max_wait_time_secs is not None:
-            _await_active(running, node, max_wait_time_secs)
-        _publish(
-            running, node, port, messages, rate_hz=rate, limit=1 if once else times,
-            timeout_s=timeout, print_every=print_every, as_json=as_json,
-        )  # fmt: skip
+    running = call.graph
+    node, port, schema = _external_port(running, topic, call.timeout_s)
+    if kind is not None and kind != schema.get("title"):
+        raise GraphError(f"{topic} takes {schema.get('title')}, not {kind}")
+    messages = _messages(text, schema, stdin=stdin)
+    if wait_matching if wait_matching is not None else max_wait_time_secs is not None:
+        _await_active(running, node, max_wait_time_secs)
+    _publish(call, node, port, messages, rate_hz=rate, limit=1 if once else times, print_every=print_every)
 
 
 def _external_port(graph: RunningGraph, topic: str, timeout_s: float) -> tuple[str, str, dict[str, Any]]:
@@ -157,16 +151,14 @@ def _await_active(graph: RunningGraph, node: str, longest_s: float | None) -> No
 
 
 def _publish(
-    graph: RunningGraph,
+    call: Call,
     node: str,
     port: str,
     messages: Iterator[dict[str, Any]],
     *,
     rate_hz: float,
     limit: int,
-    timeout_s: float,
     print_every: int,
-    as_json: bool,
 ) -> None:
     """Send on a grid of absolute times, so that the rate does not drift."""
     from threading import Event
@@ -179,11 +171,11 @@ def _publish(
         late += wait_s < -1.0 / rate_hz
         if wait_s > 0:
             Event().wait(wait_s)
-        reply = graph.ask(node, "publish", timeout_s=timeout_s, port=port, message=message)
-        if as_json:
-            print_json({"topic": f"/{node}/{port}", "sequence": reply["sequence"]})
-        elif print_every and (index + 1) % print_every == 0:
-            print_text(f"publishing #{index + 1}: sequence {reply['sequence']}")
+        reply = call.graph.ask(node, "publish", timeout_s=call.timeout_s, port=port, message=message)
+        sequence = reply["sequence"]
+        is_due = print_every and (index + 1) % print_every == 0
+        lines = [f"publishing #{index + 1}: sequence {sequence}"] if is_due else []
+        call.show({"topic": f"/{node}/{port}", "sequence": sequence}, lines)
         sys.stdout.flush()
         if index + 1 == limit:
             break

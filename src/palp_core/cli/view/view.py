@@ -12,7 +12,7 @@ import typer
 from palp_core.cli.options import GraphOption
 from palp_core.cli.output import note
 from palp_core.cli.running import find_graph
-from palp_core.errors import GraphError
+from palp_core.errors import BagError, GraphError
 
 if TYPE_CHECKING:
     import socket
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.view.pages.viewer import OwnPage
     from palp_core.view.source.protocol import ViewSource
+    from palp_core.view.source.recorded import RecordedSource
 
 OF_PALP = "palp_core."
 TRY = "palp launch rig:sim.yaml trials:=100000 --view"
@@ -30,8 +31,8 @@ def view(
     what: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[BAG|RESULTS]",
-            help="A bag, or the folder of a run that is over; default: the running graph.",
+            metavar="[BAG]",
+            help="A bag; default: the running graph.",
             show_default=False,
         ),
     ] = None,
@@ -49,7 +50,7 @@ def view(
     """To those who have the address that this prints, on this host. From another one:
     ssh -L PORT:127.0.0.1:PORT HOST, and there open the same address.
     """
-    from palp_core.view.server.gate import new_token
+    from palp_core.graph.local_access import new_token
     from palp_core.view.server.serve import address, check_installed, listening_socket
 
     check_installed()
@@ -83,38 +84,37 @@ def _running(name: str | None) -> RunningGraph:
         raise GraphError(f"{error}; to look around: {TRY}") from error
 
 
-def _over(what: Path) -> ViewSource:
-    """Return a bag, or a folder of results, as a source.
+def _over(what: Path) -> RecordedSource:
+    """Return a bag as a source.
 
     Raises:
-        PalpError: It is neither.
+        BagError: It is none.
     """
     from palp_core.graph.bag.metadata import in_order
     from palp_core.view.source.recorded import RecordedSource
-    from palp_core.view.source.results import ResultsSource
 
-    is_bag = what.is_file() or (what.is_dir() and in_order(what))
-    return RecordedSource(what) if is_bag else ResultsSource(what)
+    if what.is_dir() and not in_order(what):
+        raise BagError(f"{what}: no bag; give a bag, or open report.html of a run's folder in a browser")
+    return RecordedSource(what)
 
 
-def _show_over(listening: socket.socket, token: str, source: ViewSource) -> None:
+def _show_over(listening: socket.socket, token: str, bag: RecordedSource) -> None:
     from palp_core.view.server.imports import serving_alone
     from palp_core.view.server.serve import serve
     from palp_core.view.source.blind import BlindSource, Harmless
-    from palp_core.view.source.recorded import RecordedSource
     from palp_core.view.source.sealed import sealed_within
 
     with serving_alone():
-        from palp_core.view.pages.put_up import put_up
+        from palp_core.view.pages.routes import register_pages
         from palp_core.view.pages.viewer import Viewer
 
-    time = source if isinstance(source, RecordedSource) else None
-    launch = source.launch()
+    source: ViewSource = bag
+    launch = bag.launch()
     own = _page_over_bag(str(launch.get("view", "")))
-    if launch.get("blind") or (time is not None and sealed_within(time.path.resolve()) is not None):
-        source = BlindSource(source, own.harmless if own is not None else Harmless())
+    if launch.get("blind") or sealed_within(bag.path.resolve()) is not None:
+        source = BlindSource(bag, own.harmless if own is not None else Harmless())
     try:
-        serve(listening, token, lambda: put_up(Viewer(source=source, own_page=own, time=time)))
+        serve(listening, token, lambda: register_pages(Viewer(source=source, own_page=own, time=bag)))
     finally:
         source.close()
 
@@ -147,10 +147,9 @@ def _show_live(
     from palp_core.view.source.blind import BlindSource, Harmless
     from palp_core.view.source.live import LiveSource
     from palp_core.view.source.operator import GraphOperator
-    from palp_core.view.source.recordings import Recordings
 
     with serving_alone():
-        from palp_core.view.pages.put_up import put_up
+        from palp_core.view.pages.routes import register_pages
         from palp_core.view.pages.viewer import Viewer
 
     own = _loaded(running.record.view, running.record.workspace)
@@ -158,16 +157,14 @@ def _show_live(
     harmless = (own.harmless if own is not None else Harmless()) if running.record.blind else None
     only = None if harmless is None else harmless.calls
     operator = GraphOperator(source, read_only=read_only, operate=operate, only=only)
-    recordings = Recordings(operator, Path.cwd())
     shown = source if harmless is None else BlindSource(source, harmless)
     viewer = Viewer(source=shown, operator=operator, own_page=own)
     try:
-        pages = lambda: put_up(viewer, recordings if harmless is None else None)  # noqa: E731
+        pages = lambda: register_pages(viewer)  # noqa: E731
         simulated = running.record.clock == "sim"
         serve(listening, token, pages, gives_way=simulated, over=lambda: not running.alive)
         note(f"graph '{running.record.graph}' has ended, and nobody looks: the page is closed")
     finally:
-        recordings.close()
         source.close()
 
 

@@ -10,7 +10,8 @@ import msgspec
 import numpy as np
 
 from palp_core.graph.bag.reader import Bag, RecordedMessage
-from palp_core.graph.bag.values import decoder_for, plain
+from palp_core.graph.bag.stream import decoder_for
+from palp_core.graph.messages.schema_types import plain
 
 
 class Difference(msgspec.Struct, frozen=True, kw_only=True):

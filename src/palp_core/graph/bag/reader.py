@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 from palp_core.errors import BagDamaged, BagError
 from palp_core.graph.bag.mcap.file_reader import FileReader
 from palp_core.graph.bag.metadata import bag_files, named_files
-from palp_core.graph.bag.stream import Stream
-from palp_core.graph.bag.values import decoder_for
+from palp_core.graph.bag.stream import Stream, decoder_for
 from palp_core.graph.messages.topic import Topic
 
 

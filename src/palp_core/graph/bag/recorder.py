@@ -13,7 +13,7 @@ from palp_core.graph.bag.account import EpochAccount, Gap, TopicAccount
 from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.builtin import GraphEvent, GraphHealth, NodeEvent, Order, Progress
-from palp_core.graph.messages.frame import HEADER_BYTES, Frame, Kind, parse
+from palp_core.graph.messages.frame import HEADER_BYTES, Kind, parse
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.topic import Topic, topic_of
 
@@ -110,7 +110,6 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
     Attributes:
         missed: Is told of each gap when it shows: topic, epoch, first and last sequence; who can, hands the
             messages to :meth:`fill`.
-        moved: Is told what a publisher that is replaced says of the new place.
     """
 
     def __init__(
@@ -132,7 +131,6 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
         self._unreadable = 0
         self._summary: RecordingSummary | None = None
         self.missed: Callable[[str, int, int, int], None] = lambda *_: None
-        self.moved: Callable[[Frame], None] = lambda *_: None
         for name, data in (attachments or {}).items():
             writer.attach(name, data, media_type_of(name))
 
@@ -254,8 +252,6 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
         self._look_for_gap(parsed.topic, epoch, parsed.sequence - (parsed.kind == Kind.DATA))
         if parsed.kind != Kind.DATA:
             epoch.expect(parsed.sequence)
-            if parsed.kind == Kind.MOVED:
-                self.moved(parsed)
             return
         type_hash = f"{parsed.type_hash:016x}"
         topic = self._topics.get(parsed.topic)

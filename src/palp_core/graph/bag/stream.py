@@ -8,11 +8,14 @@ the wire and 32 in MCAP; the channel carries the upper half.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
 
+from palp_core.errors import BagError, SchemaMismatch
 from palp_core.graph.bag.mcap.records import ChannelRecord, SchemaRecord
+from palp_core.graph.messages.schema_types import payload_decoder
 from palp_core.graph.messages.topic import ANY_SCHEMA, Topic
 
 MESSAGE_ENCODING = "msgpack"
@@ -102,3 +105,22 @@ class Stream(msgspec.Struct, frozen=True, kw_only=True):
             schema_encoding=SCHEMA_ENCODING if schema is None else schema.encoding,
             foreign_schema=foreign,
         )
+
+
+def decoder_for(stream: Stream) -> Callable[[bytes], Any]:
+    """Return the function that decodes a stream's payloads.
+
+    Structs where the bag has a schema, dicts where it has none, the bytes themselves where the encoding is
+    neither msgpack nor JSON.
+
+    Raises:
+        BagError: The bag's schema has what no message can have.
+    """
+    if stream.encoding == "json":
+        return msgspec.json.decode
+    if stream.encoding != MESSAGE_ENCODING:
+        return bytes
+    try:
+        return payload_decoder(stream.topic.json_schema, stream.topic.type or "Value")
+    except SchemaMismatch as error:
+        raise BagError(str(error)) from error

@@ -29,9 +29,11 @@ def actions_of(answers: Answers) -> list[ServedAction]:
         for source in info.get("action_clients", {}).values():
             asking.setdefault(source, []).append(f"/{node}")
     return [
-        ServedAction(name, node, port, tuple(told["types"]), told["when_busy"], tuple(asking.get(name, ())))
+        ServedAction(
+            name, node, port, tuple(served["types"]), served["when_busy"], tuple(asking.get(name, ()))
+        )
         for node, info in answers.replies.items()
-        for port, told in info.get("actions", {}).items()
+        for port, served in info.get("actions", {}).items()
         for name in [topic(node, port)]
     ]
 

@@ -40,7 +40,6 @@ class EndingGraph:
         return bool(waiting.poll(timeout_s * 1e3))
 
     def close(self) -> None:
-        """Let go of the process."""
         os.close(self._process)
 
 

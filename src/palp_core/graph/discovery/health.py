@@ -9,15 +9,16 @@ import psutil
 
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.discovery.graph_reader import GraphReader
+from palp_core.graph.discovery.running_graph import Answers, RunningGraph
 from palp_core.graph.messages.builtin import EdgeHealth, GraphHealth, NodeHealth
 from palp_core.graph.messages.frame import Kind, parse
 from palp_core.graph.messages.message import decode
 from palp_core.graph.node.spec import action_of
-from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
 HEALTH = "/graph/health"
 ASK_S = 1.0
+WAIT_MS = 100
 
 
 class HealthSample(msgspec.Struct, frozen=True):
@@ -90,23 +91,23 @@ class HealthReader:
     """Reads the launcher's health topic, where there is one."""
 
     def __init__(self, graph: RunningGraph) -> None:
-        path = graph.folder / "graph.pub"
-        self._subscriber = SubscriberSocket({HEALTH: f"ipc://{path}"}) if path.exists() else None
+        self._latest: HealthSample | None = None
+        self._reader = GraphReader(graph)
+        self._reader.follow((topic for topic in graph.record.topics if topic.name == HEALTH), self._take)
 
     def read(self, timeout_s: float) -> HealthSample | None:
         """Return the latest message, or None if none comes in time."""
         end_ns = monotonic_ns() + round(timeout_s * 1e9)
-        found = None
-        while self._subscriber is not None and found is None and monotonic_ns() < end_ns:
-            self._subscriber.wait(0.1)
-            for raw in self._subscriber.receive():
-                found = _health(raw) or found
+        while self._reader.follows(HEALTH) and self._latest is None and monotonic_ns() < end_ns:
+            self._reader.receive(WAIT_MS)
+        found, self._latest = self._latest, None
         return found
 
     def close(self) -> None:
-        """Let go."""
-        if self._subscriber is not None:
-            self._subscriber.close()
+        self._reader.close()
+
+    def _take(self, raw: bytes, now_ns: int) -> None:
+        self._latest = _health(raw) or self._latest
 
 
 def _health(raw: bytes) -> HealthSample | None:
@@ -122,7 +123,11 @@ def _health(raw: bytes) -> HealthSample | None:
 
 def sample_health(graph: RunningGraph) -> HealthSample:
     """Ask every node and the host."""
-    answers = graph.ask_all("info", timeout_s=ASK_S)
+    return sample_of(graph, graph.ask_all("info", timeout_s=ASK_S))
+
+
+def sample_of(graph: RunningGraph, answers: Answers) -> HealthSample:
+    """Return what the nodes' ``info`` and the host report now."""
     at_ns = monotonic_ns()
     nodes = []
     for entry in graph.record.nodes:

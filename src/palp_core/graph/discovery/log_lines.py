@@ -9,7 +9,6 @@ from typing import NamedTuple
 from palp_core.graph.log_format import LEVELS
 
 RANK = {level: rank for rank, level in enumerate(LEVELS)}
-SUPERVISOR = "[supervisor]: "
 _LINE = re.compile(r"(?P<at>\S+) (?P<node>\w+): (?P<text>.*)", re.DOTALL)
 _LEVEL = re.compile(rf"\[({'|'.join(level.upper() for level in LEVELS)})\] (?=\[)")
 _UNLOGGED = re.compile(r"Traceback \(most recent call last\)|Fatal Python error|Exception in thread ")

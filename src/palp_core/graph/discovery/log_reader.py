@@ -1,14 +1,74 @@
-"""Read a run's logs: the last lines, and what is added while one looks."""
+"""Read what is added to a run's log while one looks."""
 
-import ctypes
+import contextlib
 import os
 import select
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import BinaryIO
 
-IN_MODIFY, IN_MOVED_TO, IN_CREATE, IN_DELETE = 0x2, 0x80, 0x100, 0x200
-LOOK_MS = 500
+LOOK_MS = 50
+
+
+class LogTail:
+    """What is added to a log; when it becomes the old one, the rest of that is read before the new one.
+
+    Args:
+        log: The file, which need not be there yet.
+        last_bytes: So much of what is there is read, in whole lines; None: all of it.
+        most_bytes: Read at one look; of more only the last is. 0: everything.
+
+    Attributes:
+        skipped_bytes: Left out at the last look.
+    """
+
+    def __init__(self, log: Path, *, last_bytes: int | None = None, most_bytes: int = 0) -> None:
+        self._log, self._most_bytes = log, most_bytes
+        self._inode, self._at = 0, 0
+        self.skipped_bytes = 0
+        with contextlib.suppress(OSError), log.open("rb") as file:
+            entry = os.fstat(file.fileno())
+            self._inode = entry.st_ino
+            if last_bytes is not None and entry.st_size > last_bytes:
+                file.seek(entry.st_size - last_bytes)
+                file.readline()
+                self._at = file.tell()
+
+    def new_lines(self) -> list[str]:
+        """Return the whole lines that were added since the last call."""
+        self.skipped_bytes = 0
+        try:
+            log = os.open(self._log, os.O_RDONLY | os.O_CLOEXEC)
+        except OSError:
+            return []
+        try:
+            lines = []
+            inode = os.fstat(log).st_ino
+            if inode != self._inode:
+                lines = self._rest_of_old()
+                self._inode, self._at = inode, 0
+            return lines + self._read(log)
+        finally:
+            os.close(log)
+
+    def _rest_of_old(self) -> list[str]:
+        with contextlib.suppress(OSError), Path(f"{self._log}.1").open("rb") as old:
+            if os.fstat(old.fileno()).st_ino == self._inode:
+                return self._read(old.fileno())
+        return []
+
+    def _read(self, descriptor: int) -> list[str]:
+        size = os.fstat(descriptor).st_size - self._at
+        skipped = size - self._most_bytes if self._most_bytes else 0
+        if skipped > 0:
+            self.skipped_bytes += skipped
+            self._at += skipped
+            size = self._most_bytes
+        whole, newline, _ = os.pread(descriptor, size, self._at).rpartition(b"\n")
+        if not newline:
+            return []
+        self._at += len(whole) + 1
+        lines = whole.decode(errors="replace").split("\n")
+        return lines[1:] if skipped > 0 else lines
 
 
 def follow(
@@ -21,78 +81,14 @@ def follow(
         lives: Whether the run goes on.
         begin: Yield the lines that are there, too.
         wake: A descriptor that is readable when it is to look at once.
-
-    When the log becomes the old one, the new one is followed. Between lines it waits for the kernel's word
-    that something in the folder has changed.
     """
-    folder = _Folder(log.parent)
-    file = _open(log)
-    if file is not None and not begin:
-        file.seek(0, os.SEEK_END)
-    try:
-        while True:
-            last = not lives()
-            if file is None:
-                file = _open(log)
-            if file is not None:
-                yield from _lines(file)
-                if _moved(file, log):
-                    file.close()
-                    file = None
-                    continue
-            if last:
-                return
-            folder.wait(wake)
-    finally:
-        folder.close()
-        if file is not None:
-            file.close()
-
-
-def _lines(file: BinaryIO) -> Iterator[str]:
-    """Yield whole lines; the beginning of one waits for its end."""
+    tail = LogTail(log, last_bytes=None if begin else 0)
+    poll = select.poll()
+    if wake is not None:
+        poll.register(wake, select.POLLIN)
     while True:
-        begin = file.tell()
-        line = file.readline()
-        if not line.endswith(b"\n"):
-            file.seek(begin)
+        last = not lives()
+        yield from tail.new_lines()
+        if last:
             return
-        yield line[:-1].decode(errors="replace")
-
-
-def _open(log: Path) -> BinaryIO | None:
-    try:
-        return log.open("rb")
-    except FileNotFoundError:
-        return None
-
-
-def _moved(file: BinaryIO, log: Path) -> bool:
-    try:
-        return os.fstat(file.fileno()).st_ino != log.stat().st_ino
-    except FileNotFoundError:
-        return False
-
-
-class _Folder:
-    """Tells when something in a folder changes, or is asked often where the kernel does not tell."""
-
-    def __init__(self, folder: Path) -> None:
-        libc = ctypes.CDLL(None, use_errno=True)
-        self._descriptor = int(libc.inotify_init1(os.O_CLOEXEC | os.O_NONBLOCK))
-        if self._descriptor >= 0:
-            events = IN_MODIFY | IN_MOVED_TO | IN_CREATE | IN_DELETE
-            libc.inotify_add_watch(self._descriptor, os.fsencode(folder), events)
-
-    def wait(self, wake: int | None) -> None:
-        """Return after a change, a while, or when it is woken."""
-        poll = select.poll()
-        for descriptor in (self._descriptor, wake):
-            if descriptor is not None and descriptor >= 0:
-                poll.register(descriptor, select.POLLIN)
-        if any(descriptor == self._descriptor for descriptor, _ in poll.poll(LOOK_MS)):
-            os.read(self._descriptor, 4096)
-
-    def close(self) -> None:
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
+        poll.poll(LOOK_MS)

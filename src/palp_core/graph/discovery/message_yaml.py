@@ -1,6 +1,7 @@
 """From what a person types to the map that travels: YAML, checked and packed by a message's JSON Schema."""
 
 import struct
+from collections.abc import Mapping
 from typing import Any
 
 from palp_core.errors import GraphError, SchemaMismatch
@@ -41,6 +42,30 @@ def message_from_yaml(text: str, schema: dict[str, Any], source: str) -> dict[st
     except SchemaMismatch as error:
         raise GraphError(f"{source}: no {schema.get('title', 'message')}: {error}") from error
     return message
+
+
+def typed_parameters(node: str, declared: dict[str, Any], texts: Mapping[str, str]) -> dict[str, Any]:
+    """Return values of parameters that are typed as in YAML; of a text parameter any text is one.
+
+    Args:
+        node: Its name, for errors.
+        declared: What it has, as its ``describe_parameters`` replies.
+        texts: By name of the parameter.
+
+    Raises:
+        GraphError: There is no such parameter, or it is not YAML.
+    """
+    for name in texts:
+        if name not in declared:
+            raise GraphError(
+                f"/{node.removeprefix('/')} has no parameter '{name}'{hint(name, declared)}; nothing was set"
+            )
+    return {
+        name: text
+        if declared[name]["type"] == "str" and text[:1] not in ("'", '"')
+        else parse_yaml(text, f"value of {name}")
+        for name, text in texts.items()
+    }
 
 
 def packed(value: Any, schema: dict[str, Any], where: str) -> Any:

@@ -112,7 +112,6 @@ class RunDirectory:
             ) from error
 
     def log(self, node: str) -> Path:
-        """Return the log file of a node."""
         return self.path / "log" / f"{node}.log"
 
     def end_asked_by(self) -> str:
@@ -170,7 +169,6 @@ class RunDirectory:
             _log.warning("%s. The graph goes on; other commands know it as it was before", text)
 
     def remove(self) -> None:
-        """Remove the folder with its logs."""
         shutil.rmtree(self.path, ignore_errors=True)
         self.release()
 

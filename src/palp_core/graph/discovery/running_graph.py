@@ -6,19 +6,26 @@ import math
 import uuid
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from palp_core.errors import GraphError
+from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.discovery.choice import choose
-from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, locked
+from palp_core.graph.discovery.run_directory import RECORD, NodeEntry, RunRecord, locked, read_record
 from palp_core.graph.messages.topic import Topic, topic_of
-from palp_core.graph.node.spec import COMPOSITION, HUNG_S, LAUNCHER, MERGED_LOG
+from palp_core.graph.node.spec import COMPOSITION, HUNG_S, LAUNCHER, MERGED_LOG, topic
 from palp_core.graph.problems import hint
+
+if TYPE_CHECKING:
+    from palp_core.graph.messages.frame import Frame
+    from palp_core.graph.messages.message import Message
 
 REPLY_TIMEOUT_S = 5.0
 SWAP_MARGIN_S = 10.0
 CHANGES_OF_HANDS = 10
+LAST = 2**62
+"""Above every sequence number."""
 
+MessageType = TypeVar("MessageType", bound="Message")
 Request = Callable[[str, dict[str, Any], float], dict[str, Any] | None]
 
 
@@ -78,13 +85,14 @@ class RunningGraph:
     """A running graph.
 
     Args:
-        record: What its ``graph.json`` holds.
+        record: What its ``graph.json`` holds; :meth:`refresh` reads it again.
         request: Sends a request to an endpoint and waits so many seconds for the reply; None if none comes.
     """
 
     def __init__(self, record: RunRecord, request: Request | None = None) -> None:
         self.record = record
         self._request = request or _ask
+        self._mark: tuple[int, int] | None = None
 
     @classmethod
     def find(cls, name: str | None = None) -> RunningGraph:
@@ -100,9 +108,21 @@ class RunningGraph:
         """The run directory."""
         return Path(self.record.serve.removeprefix("ipc://")).parent
 
+    def refresh(self) -> RunRecord:
+        """Return the record as the run directory has it now; the same object as before if nothing changed."""
+        try:
+            entry = (self.folder / RECORD).stat()
+        except OSError:  # it has ended
+            return self.record
+        mark = entry.st_mtime_ns, entry.st_ino
+        if mark != self._mark and (record := read_record(self.folder)) is not None:
+            self._mark = mark
+            if record != self.record:
+                self.record = record
+        return self.record
+
     @property
     def alive(self) -> bool:
-        """Whether the graph still runs."""
         return locked(self.folder)
 
     @property
@@ -141,22 +161,23 @@ class RunningGraph:
         raise GraphError(f"no topic '{name}' in graph '{self.record.graph}'{hint(_rooted(name), known)}")
 
     def topics(self, *, include_hidden: bool = False) -> list[Topic]:
-        """Return the topics, in graph order; the nodes themselves tell of the hidden ones."""
+        """Return the topics, in graph order, then the hidden ones."""
         if include_hidden:
             return [*self.record.topics, *self._hidden_topics(self.node_names)]
         return [topic for topic in self.record.topics if not hidden(topic.name)]
 
     def _hidden_topics(self, nodes: Iterable[str]) -> list[Topic]:
-        """Return what the runtime publishes for each node, of palp's own types."""
-        from palp_core.graph.messages import builtin
+        """Return what the runtime publishes for each node: its events, and the order of what it consumes."""
+        from palp_core.graph.messages.builtin import NodeEvent, Order
+        from palp_core.graph.node.event_publisher import EVENTS_PORT
+        from palp_core.graph.node.journal import ORDER_PORT
 
-        found = []
-        for name, info in self.ask_all("info", nodes).replies.items():
-            for topic, output in info.get("outputs", {}).items():
-                kind = getattr(builtin, output["type"], None)
-                if hidden(topic) and kind is not None:
-                    found.append(topic_of(topic, kind, name, self.node(name).publish))
-        return found
+        ports: dict[str, type[Message]] = {EVENTS_PORT: NodeEvent, ORDER_PORT: Order}
+        return [
+            topic_of(topic(entry.name, port), kind, entry.name, entry.publish)
+            for entry in map(self.node, nodes)
+            for port, kind in ports.items()
+        ]
 
     def ask(
         self,
@@ -251,6 +272,44 @@ class RunningGraph:
             {name: answer for name, answer in answers.items() if isinstance(answer, dict)},
             {name: answer for name, answer in answers.items() if isinstance(answer, GraphError)},
         )
+
+    def history(
+        self,
+        node: str,
+        topic: str,
+        *,
+        first: int = 1,
+        last: int = LAST,
+        timeout_s: float = REPLY_TIMEOUT_S,
+    ) -> list[Frame]:
+        """Return the messages of these sequences that a node still has of one of its topics.
+
+        Raises:
+            GraphError: No such node, it does not answer, or what it answers is not of this version.
+        """
+        from palp_core.graph.messages.frame import parse
+
+        reply = self.ask(node, "history", timeout_s=timeout_s, topic=topic, first=first, last=last)
+        try:
+            return [parse(raw) for raw in reply["frames"]]
+        except SchemaMismatch as error:
+            raise GraphError(f"/{node}: {error}") from error
+
+    def decoded_history(
+        self, node: str, topic: str, kind: type[MessageType], timeout_s: float
+    ) -> list[MessageType]:
+        """Return what a node still has of a topic as messages of a type.
+
+        Raises:
+            GraphError: As :meth:`history`; or a message is not of that type.
+        """
+        from palp_core.graph.messages.message import decode
+
+        frames = self.history(node, topic, timeout_s=timeout_s)
+        try:
+            return [decode(kind, frame.payload) for frame in frames]
+        except SchemaMismatch as error:
+            raise GraphError(f"/{node}: {topic}: {error}") from error
 
     def process_of(self, entry: NodeEntry) -> int:
         """Return the process of a node: its own, the launcher's if it is composed, or 0 on another host."""

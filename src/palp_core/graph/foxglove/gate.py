@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import hmac
 import ipaddress
 import secrets
 import threading
@@ -18,12 +17,12 @@ from collections.abc import Iterable
 from urllib.parse import parse_qs, urlsplit
 
 from palp_core.errors import GraphError
+from palp_core.graph.local_access import LOOPBACK_NAMES, is_token, named_host, new_token
 
 HEAD_BYTES = 16 << 10
 HEAD_S = 5.0
 MOST_VIEWERS = 32
 CHUNK_BYTES = 64 << 10
-LOOPBACK_NAMES = ("localhost", "127.0.0.1", "::1")
 FOXGLOVE = "foxglove.dev"
 """Foxglove's own pages are below it."""
 _END_OF_HEAD = b"\r\n\r\n"
@@ -80,9 +79,8 @@ def objection(head: str, token: str, hosts: frozenset[str], origins: frozenset[s
     if len(words) != 3 or words[0] != "GET":
         return "not a WebSocket's request"
     headers = [(name.strip().lower(), value.strip()) for name, _, value in (x.partition(":") for x in lines)]
-    named = [value for name, value in headers if name == "host"]
+    host = named_host([value for name, value in headers if name == "host"])
     try:
-        host = urlsplit(f"//{named[0] if len(named) == 1 else ''}").hostname or ""
         given = parse_qs(urlsplit(words[1]).query).get("token", [])
     except ValueError:
         return "not a WebSocket's request"
@@ -90,7 +88,7 @@ def objection(head: str, token: str, hosts: frozenset[str], origins: frozenset[s
         return f"this is not '{host[:100]}'"
     if foreign := [value for name, value in headers if name == "origin" and not is_viewer(value, origins)]:
         return f"the page of '{foreign[0][:100]}' is no viewer that is known; if it is yours: --origin"
-    if len(given) != 1 or not hmac.compare_digest(given[0].encode(), token.encode()):
+    if len(given) != 1 or not is_token(given[0], token):
         return "the token is missing or wrong: take the whole address that palp bridge foxglove printed"
     return ""
 
@@ -114,8 +112,8 @@ class Gate:
     def __init__(self, host: str, port: int, inner: tuple[str, int], origins: Iterable[str] = ()) -> None:
         self._inner = inner
         self._origins = frozenset(origin.lower().rstrip("/") for origin in origins)
-        self._token = secrets.token_urlsafe(16)
-        self._hosts = frozenset({*LOOPBACK_NAMES, host.lower()})
+        self._token = new_token()
+        self._hosts = LOOPBACK_NAMES | {host.lower()}
         self._tasks: set[asyncio.Task[None]] = set()
         self._loop = asyncio.new_event_loop()
         try:
@@ -135,7 +133,6 @@ class Gate:
         self._thread.start()
 
     def close(self) -> None:
-        """Part from all viewers and let go."""
         asyncio.run_coroutine_threadsafe(self._end(), self._loop).result()
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()

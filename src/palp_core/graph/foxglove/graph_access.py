@@ -10,7 +10,6 @@ from palp_core.graph.discovery.moving import moves_something_real
 from palp_core.graph.discovery.running_graph import Answers, RunningGraph, hidden
 from palp_core.graph.foxglove.json_messages import from_json, to_json
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.recording.live_feed import reread
 from palp_core.graph.recording.live_topics import is_order, live_topics
 
 ASK_S = 5.0
@@ -44,7 +43,6 @@ class Description(NamedTuple):
         silent: Nodes that did not answer: of those, this lacks a part.
     """
 
-    graph: RunningGraph
     topics: dict[str, Topic]
     services: dict[str, ServiceType]
     infos: Answers
@@ -53,10 +51,10 @@ class Description(NamedTuple):
 
 def describe(graph: RunningGraph) -> Description:
     """Ask a graph, as its run directory has it now, what it is made of."""
-    graph = reread(graph)
+    graph.refresh()
     topics = {name: topic for name, topic in live_topics(graph).items() if not is_order(name)}
     if not graph.node_names:
-        return Description(graph, topics, {}, Answers({}, {}), frozenset())
+        return Description(topics, {}, Answers({}, {}), frozenset())
     schemas, infos = (graph.ask_all(wanted, timeout_s=ASK_S) for wanted in ("schemas", "info"))
     services = [
         _service(node, port, *described["types"])
@@ -65,7 +63,7 @@ def describe(graph: RunningGraph) -> Description:
         if described["kind"] == "srv"
     ]
     shown = {service.name: service for service in services if not hidden(service.name)}
-    return Description(graph, topics, shown, infos, frozenset({*schemas.silent, *infos.silent}))
+    return Description(topics, shown, infos, frozenset({*schemas.silent, *infos.silent}))
 
 
 class GraphAccess:
@@ -77,7 +75,7 @@ class GraphAccess:
         operate: Everything may be, where something real moves, too.
 
     Attributes:
-        graph: The graph as it is now.
+        graph: The graph.
     """
 
     def __init__(self, graph: RunningGraph, *, read_only: bool, operate: bool) -> None:

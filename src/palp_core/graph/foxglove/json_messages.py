@@ -6,13 +6,12 @@ from typing import Any
 
 import msgspec
 
-from palp_core.errors import BagError, GraphError, SchemaMismatch
+from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.bag.forms.json import json_form
-from palp_core.graph.bag.stream import Stream
-from palp_core.graph.bag.values import decoder_for, plain
 from palp_core.graph.discovery.message_yaml import packed
 from palp_core.graph.messages.schema_reader import JsonSchema
-from palp_core.graph.messages.topic import ANY_SCHEMA, Topic
+from palp_core.graph.messages.schema_types import payload_decoder, plain
+from palp_core.graph.messages.topic import ANY_SCHEMA
 
 MOST_BYTES = 1 << 20
 """Of what a viewer sends."""
@@ -29,13 +28,13 @@ def to_json(schema: JsonSchema) -> Callable[[bytes | memoryview], bytes]:
     It raises SchemaMismatch if a payload is not what the schema says.
     """
     try:
-        decode = decoder_for(Stream(topic=Topic(name="", json_schema=dict(schema))))
-    except BagError:  # another tool's schema, which says what no message can: shown as it comes
-        decode = decoder_for(Stream(topic=Topic(name="", json_schema=dict(ANY_SCHEMA))))
+        decode = payload_decoder(schema, "Value")
+    except SchemaMismatch:  # another tool's schema, which has what no message can have: shown as it comes
+        decode = payload_decoder(ANY_SCHEMA, "Value")
 
     def convert(payload: bytes | memoryview) -> bytes:
         try:
-            return msgspec.json.encode(plain(decode(payload)))  # type: ignore[arg-type]  # or a view of it
+            return msgspec.json.encode(plain(decode(payload)))
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             raise SchemaMismatch(f"not what its schema says: {error}") from error
 

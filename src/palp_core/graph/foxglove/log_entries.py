@@ -1,11 +1,12 @@
-"""What happens to a graph as entries of Foxglove's log: events, and how nodes say that they stand."""
+"""Events of a graph and diagnostics of its nodes as entries of Foxglove's log."""
 
 from typing import Any
 
 from palp_core.errors import SchemaMismatch
+from palp_core.graph.discovery.troubles import ERROR, OK, WARN, level_of
 from palp_core.graph.messages.builtin import DiagnosticStatus, GraphEvent, NodeEvent
 from palp_core.graph.messages.frame import Frame
-from palp_core.graph.messages.message import Message, decode
+from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.spec import LAUNCHER
 
@@ -30,13 +31,8 @@ SCHEMA: dict[str, Any] = {
 }
 """Foxglove's well-known type, by whose name its Log panel finds the topic."""
 
-INFO, WARNING, ERROR = 2, 3, 4
-_EVENT_LEVELS = {"failed": ERROR} | dict.fromkeys(
-    ("unresponsive", "restarting", "swap_failed", "qos", "refused", "left"), WARNING
-)
-_NODE_LEVELS = dict.fromkeys(("deadline", "lifespan", "liveliness", "message_lost", "call_timeout"), WARNING)
-_STATUS_LEVELS = {"ok": INFO, "warn": WARNING}
-_TYPES: dict[str, type[Message]] = {
+RANKS = {OK: 2, WARN: 3, ERROR: 4}
+_TYPES: dict[str, type[GraphEvent | NodeEvent | DiagnosticStatus]] = {
     schema_of(kind).hash_text: kind for kind in (GraphEvent, NodeEvent, DiagnosticStatus)
 }
 
@@ -51,8 +47,8 @@ def entry_of(frame: Frame, type_hash: str) -> dict[str, Any] | None:
 
     >>> from palp_core.graph.messages.frame import Kind
     >>> from palp_core.graph.messages.message import encode
-    >>> said = GraphEvent(stamp_ns=1_500_000_000, kind="failed", node="relay", text="it raised", data="{}")
-    >>> frame = Frame("/graph/events", Kind.DATA, 0, 1, 1_500_000_000, 0, memoryview(encode(said)))
+    >>> event = GraphEvent(stamp_ns=1_500_000_000, kind="failed", node="relay", text="it raised", data="{}")
+    >>> frame = Frame("/graph/events", Kind.DATA, 0, 1, 1_500_000_000, 0, memoryview(encode(event)))
     >>> entry = entry_of(frame, schema_of(GraphEvent).hash_text)
     >>> entry["name"], entry["level"], entry["message"], entry["timestamp"]
     ('/relay', 4, 'failed: it raised', {'sec': 1, 'nsec': 500000000})
@@ -64,17 +60,17 @@ def entry_of(frame: Frame, type_hash: str) -> dict[str, Any] | None:
     publisher = frame.topic.split("/")[1]
     match message:
         case GraphEvent(kind=kind, node=node, text=text):
-            said = (node or LAUNCHER, _EVENT_LEVELS.get(kind, INFO), f"{kind}: {text}")
+            name, text = node or LAUNCHER, f"{kind}: {text}"
         case NodeEvent(kind=kind, text=text):
-            said = (publisher, _NODE_LEVELS.get(kind, INFO), f"{kind}: {text}")
+            name, text = publisher, f"{kind}: {text}"
         case DiagnosticStatus(level=level, text=text, advice=advice):
-            words = "; ".join(part for part in (text, advice) if part)
-            said = (publisher, _STATUS_LEVELS.get(level, ERROR), words or level)
-        case _:
-            return None
-    name, rank, text = said
+            name, text = publisher, "; ".join(part for part in (text, advice) if part) or level
     sec, nsec = divmod(frame.stamp_ns, 1_000_000_000)
     return {
-        "timestamp": {"sec": sec, "nsec": nsec}, "level": rank, "message": text, "name": f"/{name}",
-        "file": "", "line": 0,
-    }  # fmt: skip
+        "timestamp": {"sec": sec, "nsec": nsec},
+        "level": RANKS[level_of(message)],
+        "message": text,
+        "name": f"/{name}",
+        "file": "",
+        "line": 0,
+    }

@@ -16,21 +16,21 @@ from foxglove.websocket import Capability, WebSocketServer
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.bag.forms.json import json_form
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.discovery.graph_reader import GraphReader
 from palp_core.graph.discovery.running_graph import Answers, RunningGraph, hidden
 from palp_core.graph.foxglove import log_entries
 from palp_core.graph.foxglove.gate import Gate, hidden_address
 from palp_core.graph.foxglove.graph_access import Description, GraphAccess, ServiceType, describe, full_names
 from palp_core.graph.foxglove.json_messages import schema_text, to_json
-from palp_core.graph.foxglove.viewers import Look, Viewers, as_parameters
+from palp_core.graph.foxglove.viewers import SubscriptionChange, Viewers, as_parameters
 from palp_core.graph.foxglove.watched_topics import WatchedTopics
 from palp_core.graph.messages.builtin import NodeEvent
-from palp_core.graph.messages.frame import Frame, parse
+from palp_core.graph.messages.frame import Frame
 from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.topic import Topic
 
 WAIT_MS = 20
-LOOK_NS = 500_000_000
 TIME_NS = 10_000_000
 RETRY_NS = 3_000_000_000
 HISTORY_S = 3.0
@@ -61,7 +61,6 @@ class FoxgloveServer:
 
     Attributes:
         address: Where viewers connect.
-        ended: The graph has ended.
 
     Raises:
         GraphError: The address cannot be had.
@@ -78,10 +77,10 @@ class FoxgloveServer:
         operate: bool = False,
         origins: Iterable[str] = (),
     ) -> None:
-        self.ended = False
         self._access = GraphAccess(graph, read_only=read_only, operate=operate)
         self._viewers = Viewers(self._access)
-        self._watched = WatchedTopics(fastest_hz)
+        self._reader = GraphReader(graph, on_change=self._describe)
+        self._watched = WatchedTopics(self._reader, fastest_hz)
         self._topics: dict[str, Topic] = {}
         self._shown: dict[str, _Shown] = {}
         self._services: dict[str, ServiceType] = {}
@@ -90,9 +89,10 @@ class FoxgloveServer:
         self._noted: dict[str, tuple[int, int]] = {}
         self._silent: frozenset[str] = frozenset()
         self._describing: Future[Description] | None = None
+        self._described_again = False
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="describe")
-        self._clock_ns, self._told_ns = 0, 0
-        self._next_time_ns, self._next_look_ns, self._retry_ns = 0, 0, 0
+        self._clock_ns, self._broadcast_ns = 0, 0
+        self._next_time_ns, self._retry_ns = 0, 0
         logging.getLogger("foxglove").setLevel(logging.CRITICAL)  # a viewer that left unasked is no news
         self._context = foxglove.Context()
         self._log = foxglove.Channel(log_entries.LOG, schema=log_entries.SCHEMA, context=self._context)
@@ -106,10 +106,9 @@ class FoxgloveServer:
             self._gate = Gate(host, port, (inner, self._server.port), origins)
         except GraphError:
             self._server.stop()
-            self._watched.close()
+            self._reader.close()
             raise
         self.address = self._gate.address
-        self._described_at = self._described_ns()
         self._take(describe(graph))
 
     def __enter__(self) -> Self:
@@ -119,7 +118,11 @@ class FoxgloveServer:
         self._gate.close()
         self._server.stop()
         self._pool.shutdown(cancel_futures=True)
-        self._watched.close()
+        self._reader.close()
+
+    @property
+    def ended(self) -> bool:
+        return self._reader.ended
 
     @property
     def refusal(self) -> str:
@@ -128,55 +131,49 @@ class FoxgloveServer:
 
     def turn(self) -> None:
         """Show what has arrived, after waiting for it a little; see whether the graph has changed."""
-        for look in self._viewers.looks():
-            self._heed(look)
-        for words in self._viewers.refused():
-            self._server.publish_status(words, foxglove.StatusLevel.Error)
+        for change in self._viewers.subscription_changes():
+            self._on_subscription(change)
+        for reason in self._viewers.refused():
+            self._server.publish_status(reason, foxglove.StatusLevel.Error)
         for frame in self._watched.receive(WAIT_MS):
             self._clock_ns = max(self._clock_ns, frame.stamp_ns)
-            self._tell_time()
+            self._broadcast_time()
             self._show(frame)
-        self._tell_time()
-        now_ns = monotonic_ns()
-        if now_ns >= self._next_look_ns:
-            self._next_look_ns = now_ns + LOOK_NS
-            self.ended = not self._access.graph.alive
-            self._follow_changes()
+        self._broadcast_time()
+        self._take_description()
 
-    def _tell_time(self) -> None:
-        """Tell the graph's time before what is shown of it: viewers take it for when that was."""
+    def _broadcast_time(self) -> None:
+        """Broadcast the graph's time before what is shown of it: viewers take it for when that was."""
         now_ns = monotonic_ns()
-        if self._clock_ns > self._told_ns and now_ns >= self._next_time_ns:
-            self._next_time_ns, self._told_ns = now_ns + TIME_NS, self._clock_ns
-            self._server.broadcast_time(self._told_ns)
+        if self._clock_ns > self._broadcast_ns and now_ns >= self._next_time_ns:
+            self._next_time_ns, self._broadcast_ns = now_ns + TIME_NS, self._clock_ns
+            self._server.broadcast_time(self._broadcast_ns)
 
-    def _heed(self, look: Look) -> None:
-        """Read a topic from the first viewer that looks at it to the last; each gets what was said before."""
-        self._looking[look.topic] += 1 if look.begins else -1
-        if not self._looking[look.topic]:
-            del self._looking[look.topic]
-        if look.begins and look.topic == log_entries.LOG:
+    def _on_subscription(self, change: SubscriptionChange) -> None:
+        """Read a topic from the first viewer that looks at it to the last; each gets what is latched."""
+        self._looking[change.topic] += 1 if change.begins else -1
+        if not self._looking[change.topic]:
+            del self._looking[change.topic]
+        if change.begins and change.topic == log_entries.LOG:
             for stamp_ns, text in self._entries:
-                self._log.log(text, log_time=stamp_ns, sink_id=look.viewer)
-        shown = self._shown.get(look.topic)
-        if shown is None or not (look.begins or look.topic not in self._looking):
+                self._log.log(text, log_time=stamp_ns, sink_id=change.viewer)
+        shown = self._shown.get(change.topic)
+        if shown is None or not (change.begins or change.topic not in self._looking):
             return
-        if look.begins:
-            self._watched.watch({look.topic: shown.topic})
+        if change.begins:
+            self._watched.watch([shown.topic])
             for frame in self._history(shown.topic):
-                self._send(shown, frame, look.viewer)
+                self._send(shown, frame, change.viewer)
         elif not log_entries.tells(shown.topic.type_hash):
-            self._watched.leave([look.topic])
+            self._watched.leave([change.topic])
 
     def _history(self, topic: Topic) -> list[Frame]:
         """Return the latched messages of a topic, for whoever comes late."""
         if not topic.latched_depth or topic.node in self._silent:
             return []  # of who is silent it comes when the node answers again
-        asked: dict[str, Any] = {"topic": topic.name, "first": 1, "last": 2**62}
         try:
-            reply = self._access.graph.ask(topic.node, "history", timeout_s=HISTORY_S, **asked)
-            return [parse(raw) for raw in reply["frames"]]
-        except (GraphError, SchemaMismatch):
+            return self._access.graph.history(topic.node, topic.name, timeout_s=HISTORY_S)
+        except GraphError:
             return []
 
     def _show(self, frame: Frame) -> None:
@@ -209,33 +206,27 @@ class FoxgloveServer:
                 changed = {name: new for name, (_, new) in json.loads(event.data).items()}
                 self._server.publish_parameter_values(as_parameters(full_names({topic.node: changed})))
 
-    def _follow_changes(self) -> None:
-        """See whether the graph is described anew: a node has joined, left or been replaced.
+    def _describe(self) -> None:
+        """Ask the nodes what the graph is made of; what is shown goes on meanwhile."""
+        if self._describing is None:
+            self._described_again = False
+            self._describing = self._pool.submit(describe, self._access.graph)
+        else:
+            self._described_again = True
 
-        A node that did not answer, as one that was just starting again, is asked once more. Meanwhile the
-        rest is shown.
-        """
-        if self._describing is not None:
-            if not self._describing.done():
-                return
+    def _take_description(self) -> None:
+        """Show the graph as described; nodes that did not answer, as one that starts, are asked again."""
+        if self._describing is not None and self._describing.done():
             self._take(self._describing.result())
             self._describing = None
             self._retry_ns = monotonic_ns() + RETRY_NS
-        described_at = self._described_ns()
-        if described_at != self._described_at or (self._silent and monotonic_ns() >= self._retry_ns):
-            self._described_at = described_at
-            self._describing = self._pool.submit(describe, self._access.graph)
-
-    def _described_ns(self) -> int:
-        """Return when the graph was described last; 0 if it is gone."""
-        with contextlib.suppress(OSError):
-            return (self._access.graph.folder / "graph.json").stat().st_mtime_ns
-        return 0
+        is_due = self._described_again or (self._silent and monotonic_ns() >= self._retry_ns)
+        if self._describing is None and is_due:
+            self._describe()
 
     def _take(self, now: Description) -> None:
         """Offer what the graph has now."""
-        self._access.graph, self._topics, self._silent = now.graph, now.topics, now.silent
-        self._watched.relocate(now.graph.record.topics)
+        self._topics, self._silent = now.topics, now.silent
         shown = {name: topic for name, topic in self._topics.items() if not hidden(name)}
         for name in [n for n, old in self._shown.items() if n not in shown or _differ(old.topic, shown[n])]:
             self._watched.leave([name])
@@ -245,9 +236,9 @@ class FoxgloveServer:
                 self._shown[name] = self._shown[name]._replace(topic=topic)
             else:
                 self._offer(topic)
-        log = {name: topic for name, topic in self._topics.items() if log_entries.tells(topic.type_hash)}
+        log = [topic for topic in self._topics.values() if log_entries.tells(topic.type_hash)]
         self._watched.watch(log, every=True)
-        for topic in log.values():
+        for topic in log:
             for frame in self._history(topic):
                 self._note(frame, topic)
         known = {name: old for name, old in self._services.items() if old.node in now.silent}
@@ -272,8 +263,8 @@ class FoxgloveServer:
 
     def _service(self, service: ServiceType) -> foxglove.Service:
         def described(name: str, schema: dict[str, Any]) -> foxglove.MessageSchema:
-            told = foxglove.Schema(name=name, encoding="jsonschema", data=schema_text(schema))
-            return foxglove.MessageSchema(encoding="json", schema=told)
+            described_as = foxglove.Schema(name=name, encoding="jsonschema", data=schema_text(schema))
+            return foxglove.MessageSchema(encoding="json", schema=described_as)
 
         return foxglove.Service(
             service.name,
@@ -286,7 +277,6 @@ class FoxgloveServer:
         )
 
     def _connections(self, infos: Answers) -> foxglove.ConnectionGraph:
-        """Return who publishes and reads what."""
         graph = foxglove.ConnectionGraph()
         for name, shown in self._shown.items():
             graph.set_published_topic(name, [f"/{shown.topic.node}"])

@@ -14,7 +14,7 @@ from palp_core.errors import GraphError
 from palp_core.graph.foxglove.graph_access import GraphAccess
 
 
-class Look(NamedTuple):
+class SubscriptionChange(NamedTuple):
     """A viewer has begun, or ceased, to look at a topic."""
 
     viewer: int
@@ -31,22 +31,22 @@ class Viewers(ServerListener):
 
     def __init__(self, access: GraphAccess) -> None:
         self._access = access
-        self._looks: SimpleQueue[Look] = SimpleQueue()
+        self._changes: SimpleQueue[SubscriptionChange] = SimpleQueue()
         self._refused: SimpleQueue[str] = SimpleQueue()
 
-    def looks(self) -> list[Look]:
+    def subscription_changes(self) -> list[SubscriptionChange]:
         """Return who has begun or ceased to look at what since the last call, in order."""
-        return _drained(self._looks)
+        return _drained(self._changes)
 
     def refused(self) -> list[str]:
         """Return why parameters were not set since the last call."""
         return _drained(self._refused)
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
-        self._looks.put(Look(client.id, channel.topic, begins=True))
+        self._changes.put(SubscriptionChange(client.id, channel.topic, begins=True))
 
     def on_unsubscribe(self, client: Client, channel: ChannelView) -> None:
-        self._looks.put(Look(client.id, channel.topic, begins=False))
+        self._changes.put(SubscriptionChange(client.id, channel.topic, begins=False))
 
     def on_get_parameters(
         self, client: Client, param_names: list[str], request_id: str | None = None

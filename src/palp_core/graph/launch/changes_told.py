@@ -8,13 +8,9 @@ from typing import Any
 import msgspec
 
 from palp_core.graph.messages.builtin import GraphEvent, NodeEvent
-from palp_core.graph.messages.frame import parse, topic_of
-from palp_core.graph.messages.message import decode
-from palp_core.graph.node.event_publisher import EVENTS_PORT
 from palp_core.graph.node.spec import LAUNCHER, topic
 
 GRAPH_EVENTS = topic(LAUNCHER, "events")
-_GRAPH_EVENTS, _NODE_EVENTS = GRAPH_EVENTS.encode(), f"/{EVENTS_PORT}".encode()
 
 
 class ChangeTold(msgspec.Struct, frozen=True):
@@ -49,13 +45,9 @@ class ChangesTold:
         """Know what was said before an interruption."""
         self.told = list(told)
 
-    def observe(self, frame: bytes) -> None:
-        """Look at one frame of the graph."""
-        name = topic_of(frame)
-        if name == _GRAPH_EVENTS:
-            self.note(GRAPH_EVENTS, decode(GraphEvent, parse(frame).payload))
-        elif name.endswith(_NODE_EVENTS):
-            self.note(name.decode(), decode(NodeEvent, parse(frame).payload))
+    def observe(self, _: int, name: str, event: GraphEvent | NodeEvent) -> None:
+        """Take an event of the launcher or of a node."""
+        self.note(name, event)
 
     def note(self, name: str, event: Any) -> None:
         """Note what an event on a topic tells, if it is a change."""

@@ -6,11 +6,7 @@ from datetime import datetime
 import msgspec
 
 from palp_core.graph.clock import unix_ns
-from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.messages.builtin import DiagnosticStatus
-from palp_core.graph.messages.frame import parse, topic_of
-from palp_core.graph.messages.message import decode
-from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.spec import LAUNCHER
 
 
@@ -51,7 +47,6 @@ class Diagnostics:
     def __init__(self) -> None:
         self.incidents: list[Incident] = []
         self.on_change: Callable[[str, Incident | None], None] = lambda *_: None
-        self._nodes: Mapping[bytes, str] = {}
         self._standing: dict[str, int] = {}
 
     @property
@@ -65,22 +60,9 @@ class Diagnostics:
         for topic, place in standing.items():
             self.on_change(topic, self.incidents[place])
 
-    def follow(self, checked: CheckedGraph) -> None:
-        """Know which topics of a graph to look at."""
-        type_hash = schema_of(DiagnosticStatus).hash_text
-        self._nodes = {
-            name.encode(): topic.node
-            for name, topic in checked.topics.items()
-            if topic.type_hash == type_hash
-        }
-
-    def observe(self, now_ns: int, frame: bytes) -> None:
-        """Look at one frame of the graph, which comes at this time on its clock."""
-        topic = topic_of(frame)
-        node = self._nodes.get(topic)
-        if node is not None:
-            status = decode(DiagnosticStatus, parse(frame).payload)
-            self.note(topic.decode(), node, status, time_of_day(max(now_ns - status.stamp_ns, 0)))
+    def observe(self, now_ns: int, topic: str, status: DiagnosticStatus) -> None:
+        """Take what a node reports, which comes at this time on the graph's clock."""
+        self.note(topic, topic.split("/")[1], status, time_of_day(max(now_ns - status.stamp_ns, 0)))
 
     def tell(self, text: str, advice: str, now_ns: int) -> None:
         """Note what the launcher itself finds wrong, at a time on the graph's clock; "" once it is over."""

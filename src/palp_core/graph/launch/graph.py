@@ -27,10 +27,12 @@ from palp_core.graph.launch.checkpoints import RESUMES, Checkpoints
 from palp_core.graph.launch.diagnostics import Diagnostics
 from palp_core.graph.launch.log_screen import Show, Shown, showing_log
 from palp_core.graph.launch.methods_told import MethodsTold
+from palp_core.graph.launch.observers import MessageObservers
 from palp_core.graph.launch.summary import RunSummary, report_function, summary_of
 from palp_core.graph.launch.wall_checkpoints import WallCheckpoints
 from palp_core.graph.lockstep.conductor import Conductor, LockstepNodes, Observer
 from palp_core.graph.lockstep.simulated_time import SimulatedTime
+from palp_core.graph.messages.builtin import DiagnosticStatus, GraphEvent, MethodsUsed, NodeEvent
 from palp_core.graph.node.spec import MERGED_LOG, NodeSpec
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.recording.provenance import launch_provenance
@@ -122,7 +124,7 @@ class Graph:
     Args:
         path: The launch file; ``rig:sim.yaml`` is one of an installed workspace.
         compose: All nodes in this process (simulated time only).
-        observe: Is shown every frame in lockstep, and progress messages on the wall clock.
+        observe: Takes every frame in lockstep, and those of the launch on the wall clock.
         started: A fork server's process that was started before.
         overrides: Arguments as the command line has them, ``name:=value``.
         listen: ``tcp://HOST:PORT`` where other hosts may call; the launch file's ``listen`` by default.
@@ -160,6 +162,11 @@ class Graph:
         self.recorders = Recorders()
         self._told = Diagnostics(), MethodsTold(), ChangesTold()
         self.diagnostics, self.methods, self.changes = self._told
+        self.observers = MessageObservers()
+        self.observers.add(DiagnosticStatus, self.diagnostics.observe)
+        self.observers.add(MethodsUsed, self.methods.observe)
+        self.observers.add(GraphEvent, self.changes.observe)
+        self.observers.add(NodeEvent, self.changes.observe)
         self.gateway: GatewayHandle | None = None
         self._started, self._name, self._resume = started, name, resume
         self._compose = compose
@@ -207,11 +214,10 @@ class Graph:
                 kept = self.checkpoints.attached or _tell(self.checked, "attach", self._summary()) or {}
                 self.checked = msgspec.structs.replace(self.checked, attached=kept)
                 self.recorders = self.checkpoints.recorders(self.checked, self.record)
-                self.diagnostics.follow(self.checked)
+                self.observers.follow(self.checked)
                 self.checkpoints.on_trouble = lambda words: self.diagnostics.tell(
                     words, RESUMES, self._now_ns()
                 )
-                self.methods.follow(self.checked)
                 self._open_gateway(stack)
             except (PalpError, Interrupted):  # nothing has run: there are no logs to keep
                 server.close()
@@ -401,13 +407,11 @@ class Graph:
 
     def _show(self, now_ns: int, frame: bytes) -> None:
         self._observe(now_ns, frame)
-        self.diagnostics.observe(now_ns, frame)
-        self.methods.observe(frame)
         self.swaps.observe(now_ns, frame)
         self._keep_frame(now_ns, frame)
 
     def _keep_frame(self, now_ns: int, frame: bytes) -> None:
-        self.changes.observe(frame)
+        self.observers(now_ns, frame)
         self.recorders.observe(now_ns, frame)
 
     def _run_wall(self, until_ns: int | None) -> int:
@@ -430,8 +434,7 @@ class Graph:
     def _swapped(self, checked: CheckedGraph, index: int, done: Done | None) -> None:
         """Go on with another node in the place of one."""
         self.checked = checked
-        self.diagnostics.follow(checked)
-        self.methods.follow(checked)
+        self.observers.follow(checked)
         self.recorders.follow(checked)
         self._announce()
         if self._conductor is not None:

@@ -1,14 +1,10 @@
 """Which exchangeable methods the nodes of a run say they use, and from when on."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import msgspec
 
-from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.messages.builtin import MethodsUsed, MethodUse
-from palp_core.graph.messages.frame import parse, topic_of
-from palp_core.graph.messages.message import decode
-from palp_core.graph.messages.schema import schema_of
 
 
 class MethodTold(msgspec.Struct, frozen=True, kw_only=True):
@@ -36,7 +32,6 @@ class MethodsTold:
 
     def __init__(self) -> None:
         self.told: list[MethodTold] = []
-        self._nodes: Mapping[bytes, str] = {}
         self._standing: dict[tuple[str, str, str], int] = {}
 
     def restore(self, told: Sequence[MethodTold]) -> None:
@@ -48,20 +43,9 @@ class MethodsTold:
             if one.until_s is None
         }
 
-    def follow(self, checked: CheckedGraph) -> None:
-        """Know which topics of a graph to look at."""
-        type_hash = schema_of(MethodsUsed).hash_text
-        self._nodes = {
-            name.encode(): topic.node
-            for name, topic in checked.topics.items()
-            if topic.type_hash == type_hash
-        }
-
-    def observe(self, frame: bytes) -> None:
-        """Look at one frame of the graph."""
-        node = self._nodes.get(topic_of(frame))
-        if node is not None:
-            self.note(node, decode(MethodsUsed, parse(frame).payload))
+    def observe(self, _: int, topic: str, used: MethodsUsed) -> None:
+        """Take what a node reports."""
+        self.note(topic.split("/")[1], used)
 
     def note(self, node: str, said: MethodsUsed) -> None:
         """Note what a node uses from now on."""

@@ -67,7 +67,6 @@ def pack(
     type_hash: int,
     payload: bytes | memoryview = b"",
 ) -> bytes:
-    """Return one frame."""
     return b"".join(
         (topic, b"\0", _HEADER.pack(VERSION, kind, 0, epoch, sequence, stamp_ns, type_hash), payload)
     )

@@ -4,25 +4,19 @@ A frame goes to the recorder as it arrives, so that a crash costs no more than a
 asked for comes after what was published later; sequences tell the order.
 """
 
-import contextlib
 import os
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple, Protocol
-
-import msgspec
 
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.discovery.graph_reader import GraphReader
 from palp_core.graph.discovery.running_graph import RunningGraph
-from palp_core.graph.messages.frame import Frame, Kind, parse
+from palp_core.graph.messages.frame import Kind, parse, raw_of
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.transport.migration import Migration
-from palp_core.graph.transport.requester_socket import RequesterSocket
-from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
 QUEUE = 100_000
-SLICE_NS = 20_000_000
 ANSWER_NS = 4_000_000_000
 """How long an answer is waited for; a publisher that is gone gives none, one on a busy host takes its time.
 
@@ -58,24 +52,29 @@ class LiveFeed:
         sink: Takes every frame.
         from_start: Everything is expected from sequence 1 on; otherwise latched values come first, and the
             rest from where it is.
+        on_change: Called after the graph's record has changed.
 
     Attributes:
-        graph: The running graph as it is now.
-        unmatched: Topics that have not been heard yet.
+        unmatched: Topics of which no frame has come yet.
         start_ns: The graph's start on the machine's monotonic clock; None: not known yet.
     """
 
-    def __init__(self, graph: RunningGraph, sink: FrameSink, *, from_start: bool) -> None:
-        self.graph = graph
+    def __init__(
+        self,
+        graph: RunningGraph,
+        sink: FrameSink,
+        *,
+        from_start: bool,
+        on_change: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._reader = GraphReader(graph, queue=QUEUE, name=f"recorder {os.getpid()}", on_change=on_change)
         self.start_ns: int | None = None
         self.unmatched: dict[bytes, Topic] = {}
         self._sink = sink
         self._from_start = from_start
         self._topics: dict[str, Topic] = {}
         self._new: set[str] = set()
-        self._subscriber = SubscriberSocket({}, queue=QUEUE, name=f"recorder {os.getpid()}")
-        self._migration = Migration(self._subscriber, {})
-        self._requester = RequesterSocket(self._subscriber.context)
+        self._requester = self._reader.requester()
         self._questions: dict[str, _Question] = {}
         self._waiting: dict[str, deque[_Question]] = {}
         self._latest_ns = 0
@@ -91,24 +90,11 @@ class LiveFeed:
         self._new |= topics.keys() if new else set()
         self._topics.update(topics)
         self.unmatched |= {name.encode(): live for name, live in topics.items()}
-        for name, live in topics.items():
-            self._migration.add(name, live.publish, "")
-        self._subscriber.subscribe({name: live.publish for name, live in topics.items()})
+        self._reader.follow(topics.values(), self._arrive)
 
-    def follow_move(self, frame: Frame) -> None:
-        """Follow a publisher that is being replaced: listen at the new place before it speaks there."""
-        if frame.topic in self._topics:
-            with contextlib.suppress(SchemaMismatch):
-                self._migration.follow(frame, monotonic_ns())
-
-    def update(self, graph: RunningGraph) -> None:
-        """Take the graph as it is described now: publishers may be elsewhere."""
-        before = {entry.name: entry.publish for entry in self.graph.record.topics}
-        self.graph = graph
-        for entry in graph.record.topics:
-            # After a swap the old place's name leads to the new one: whoever followed is there already.
-            if entry.name in self._topics and entry.publish != before.get(entry.name, entry.publish):
-                self._migration.relocate(entry.name, entry.publish)
+    @property
+    def ended(self) -> bool:
+        return self._reader.ended
 
     def ask(self, topic: str, epoch: int, first: int, last: int) -> None:
         """Ask a topic's publisher for what is missing."""
@@ -134,8 +120,7 @@ class LiveFeed:
 
     def receive(self, wait_ms: int) -> bool:
         """Take what has arrived, for a slice of time, after waiting for it; tell if there may be more."""
-        more = self._subscriber.dispatch(self._arrive, SLICE_NS, wait_ms)
-        self._migration.tick(monotonic_ns())
+        more = self._reader.receive(wait_ms)
         if self._questions:
             self._take_answers()
         return more
@@ -149,16 +134,15 @@ class LiveFeed:
     def find_start(self) -> None:
         """Ask the launcher when the graph has started, if that is not known."""
         try:
-            told = self.graph.ask("graph", "clock", timeout_s=0.5)
+            clock = self._reader.graph.ask("graph", "clock", timeout_s=0.5)
         except GraphError:
             return
-        if told["now_ns"]:
-            self.start_ns = told["monotonic_ns"] - told["now_ns"]
+        if clock["now_ns"]:
+            self.start_ns = clock["monotonic_ns"] - clock["now_ns"]
 
     def close(self) -> None:
-        """Let go."""
         self._requester.close()
-        self._subscriber.close()
+        self._reader.close()
 
     def _arrive(self, raw: bytes, monotonic: int) -> None:
         end = raw.find(0)
@@ -189,16 +173,14 @@ class LiveFeed:
         if self._from_start or not live.latched_depth or not last:
             return
         first = max(last - live.latched_depth, 0) + 1
-        topic = live.name
         try:
-            reply = self.graph.ask(live.node, "history", timeout_s=1.0, topic=topic, first=first, last=last)
+            kept = self._reader.graph.history(live.node, live.name, first=first, last=last, timeout_s=1.0)
         except GraphError:
             return
-        kept: list[bytes] = reply["frames"]
         if kept:
-            self._sink.expect_from(topic, frame.epoch, parse(kept[0]).sequence)
+            self._sink.expect_from(live.name, frame.epoch, kept[0].sequence)
         for one in kept:
-            self._sink(self.now_ns(monotonic_ns()), one)
+            self._sink(self.now_ns(monotonic_ns()), raw_of(one))
 
     def _send_question(self, topic: str, question: _Question) -> None:
         live = self._topics.get(topic)
@@ -207,7 +189,7 @@ class LiveFeed:
         self._questions[topic] = question._replace(asked_ns=monotonic_ns())
         asked = {"topic": topic, "first": question.first, "last": question.last}
         try:
-            serve = self._migration.servers[topic] or self.graph.node(live.node).serve
+            serve = self._reader.server(topic) or self._reader.graph.node(live.node).serve
         except GraphError:
             return
         self._requester.ask(serve, {"op": "history", "node": live.node, **asked})
@@ -238,12 +220,3 @@ class LiveFeed:
         if question.first <= reached < question.last:  # a reply holds only so many bytes
             rest = question._replace(first=reached + 1)
             self._waiting.setdefault(str(reply["topic"]), deque()).appendleft(rest)
-
-
-def reread(graph: RunningGraph) -> RunningGraph:
-    """Return a running graph as its run directory describes it now."""
-    try:
-        record = msgspec.json.decode((graph.folder / "graph.json").read_bytes(), type=type(graph.record))
-    except (OSError, msgspec.MsgspecError):
-        return graph
-    return RunningGraph(record)

@@ -15,17 +15,15 @@ from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.clock import monotonic_ns, unix_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.recording.live_feed import ANSWER_NS, LiveFeed, reread
+from palp_core.graph.recording.live_feed import ANSWER_NS, LiveFeed
 from palp_core.graph.recording.live_snapshot import LiveSnapshot
 from palp_core.graph.recording.live_topics import ASK_S, is_order, live_topics
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT, attachments, launch_attachment
 from palp_core.graph.recording.recorder_messages import RecordOptions
 
 WAIT_MS = 50
-LOOK_NS = 100_000_000
-ALIVE_NS = 500_000_000
 ANSWER_S = 0.5
-SAY_WAITING_NS = 5_000_000_000
+NOTE_WAITING_NS = 5_000_000_000
 DRAIN_NS = 300_000_000
 LONGEST_DRAIN_NS = 10_000_000_000
 QUIET_TURNS = 4
@@ -42,7 +40,7 @@ class LiveRecorder:
 
     Attributes:
         saved: Snapshots that were written.
-        unheard: Topics that were waited for, and never heard.
+        unmatched: Topics that were waited for, and of which no frame came.
 
     Raises:
         BagError: Nothing to record, a graph in simulated time, or the bag exists.
@@ -64,10 +62,8 @@ class LiveRecorder:
         if not any(map(self._chosen, self._known)):
             raise BagError("no topic of the graph is chosen: name topics, or record all with -a")
         self._graph = graph
-        self._look_ns = 0
-        self._changed_ns = self._described_ns()
         self.saved: list[str] = []
-        self.unheard: list[str] = []
+        self.unmatched: list[str] = []
         topics = list(self._known.values())
         self._attached = self._attachments()
         sink: BagRecorder | LiveSnapshot
@@ -76,13 +72,12 @@ class LiveRecorder:
         else:
             sink = self._bag(Path(options.out), from_start=options.from_start)
         self._sink = sink
-        self._feed = LiveFeed(graph, sink, from_start=options.from_start)
-        sink.missed, sink.moved = self._feed.ask, self._feed.follow_move
+        self._feed = LiveFeed(graph, sink, from_start=options.from_start, on_change=self._follow_changes)
+        sink.missed = self._feed.ask
 
     @property
     def ended(self) -> bool:
-        """Whether the graph has ended."""
-        return not self._graph.alive
+        return self._feed.ended
 
     def await_topics(self, end_wanted: Callable[[], bool]) -> bool:
         """Listen until every topic has been heard; return whether that was so before the end was wanted.
@@ -93,12 +88,12 @@ class LiveRecorder:
         chosen = {name: live for name, live in self._known.items() if self._chosen(name)}
         orders = {name: live for name, live in chosen.items() if is_order(name)}
         rest = {name: live for name, live in chosen.items() if name not in orders}
-        self.unheard = sorted(chosen)
+        self.unmatched = sorted(chosen)
         for part in (rest, orders):
             self._feed.follow(part)
             if not self._await_heard(end_wanted):
                 return False
-        self.unheard = []
+        self.unmatched = []
         kept = f"; the last {self._options.snapshot_s:g} s are kept" if self._options.snapshot_s else ""
         self._say(
             f"recording {counted(len(chosen), 'topic')} of '{self._graph.record.graph}' to "
@@ -107,14 +102,14 @@ class LiveRecorder:
         return True
 
     def _await_heard(self, end_wanted: Callable[[], bool]) -> bool:
-        begin_ns, said = monotonic_ns(), False
+        begin_ns, is_noted = monotonic_ns(), False
         while self._feed.unmatched:
             self.turn()
-            self.unheard = [name for name in self.unheard if not self._sink.has_heard(name)]
+            self.unmatched = [name for name in self.unmatched if not self._sink.has_heard(name)]
             if end_wanted() or self.ended:
                 return False
-            if not said and monotonic_ns() - begin_ns > SAY_WAITING_NS:
-                said = True
+            if not is_noted and monotonic_ns() - begin_ns > NOTE_WAITING_NS:
+                is_noted = True
                 names = ", ".join(sorted(name.decode() for name in self._feed.unmatched))
                 self._say(f"not heard yet, recording what comes: {names}")
         return True
@@ -126,19 +121,11 @@ class LiveRecorder:
         self._sink.tick(now_ns)
         if self._feed.start_ns is None:
             self._feed.find_start()
-        if now_ns >= self._look_ns:
-            self._look_ns = now_ns + LOOK_NS
-            self._follow_changes()
 
     def run(self, end_wanted: Callable[[], bool]) -> None:
         """Record until the end is wanted or the graph has ended."""
-        look_ns = 0
-        while not end_wanted():
+        while not end_wanted() and not self.ended:
             self.turn()
-            if monotonic_ns() >= look_ns:
-                look_ns = monotonic_ns() + ALIVE_NS
-                if self.ended:
-                    return
 
     def save(self) -> str:
         """Snapshot mode: write what is kept into a bag of its own; return what to say."""
@@ -203,13 +190,7 @@ class LiveRecorder:
         }
 
     def _follow_changes(self) -> None:
-        """See whether the graph has changed: a node that joined, or goes on elsewhere."""
-        changed_ns = self._described_ns()
-        if changed_ns == self._changed_ns:
-            return
-        self._changed_ns = changed_ns
-        self._graph = reread(self._graph)
-        self._feed.update(self._graph)
+        """Record what a node that joined publishes, and what a swap made of the graph."""
         self._keep_launch()
         known = {entry.name for entry in self._graph.record.topics}
         if not known <= self._known.keys():
@@ -224,14 +205,7 @@ class LiveRecorder:
                 if isinstance(self._sink, BagRecorder):
                     self._sink.attach(LAUNCH_ATTACHMENT, now)
 
-    def _described_ns(self) -> int:
-        """Return when the graph was described last; 0 if it is gone."""
-        with contextlib.suppress(OSError):
-            return (self._graph.folder / "graph.json").stat().st_mtime_ns
-        return 0
-
     def _add(self, new: dict[str, Topic]) -> None:
-        """Record topics that have appeared."""
         self._known |= new
         for live in new.values():
             self._sink.describe(live)

@@ -6,7 +6,7 @@ from palp_core.errors import SchemaMismatch
 from palp_core.graph.bag.account import TopicAccount
 from palp_core.graph.bag.recorder import BagRecorder, RecordingSummary, TopicRecording
 from palp_core.graph.bag.snapshot import FrameHistory
-from palp_core.graph.messages.frame import Frame, Kind, parse
+from palp_core.graph.messages.frame import Kind, parse
 from palp_core.graph.messages.topic import Topic
 
 
@@ -18,12 +18,11 @@ class LiveSnapshot:
         topics: What is known of the topics.
 
     Attributes:
-        missed, moved, taken: As of a recorder.
+        missed, taken: As of a recorder.
     """
 
     def __init__(self, duration_ns: int, topics: Iterable[Topic]) -> None:
         self.missed: Callable[[str, int, int, int], None] = lambda *_: None
-        self.moved: Callable[[Frame], None] = lambda *_: None
         self.taken = 0
         self._topics = {topic.name: topic for topic in topics}
         latched = [topic.name for topic in self._topics.values() if topic.latched_depth]
@@ -35,7 +34,6 @@ class LiveSnapshot:
         return topic in self._accounts
 
     def describe(self, topic: Topic) -> None:
-        """Make a topic known that appeared later."""
         self._topics[topic.name] = topic
 
     def expect_from(self, topic: str, epoch: int, first: int) -> None:
@@ -68,8 +66,6 @@ class LiveSnapshot:
             self._history(now_ns, frame)
         else:
             account.expect(parsed.sequence)
-        if parsed.kind == Kind.MOVED:
-            self.moved(parsed)
 
     def save(self, recorder: BagRecorder) -> int:
         """Give a recorder what is kept; return how many messages."""

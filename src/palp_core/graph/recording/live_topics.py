@@ -5,18 +5,14 @@ from typing import Any
 import msgspec
 
 from palp_core.graph.discovery.running_graph import RunningGraph
-from palp_core.graph.messages import builtin
-from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.messages.topic import Topic, topic_of
-from palp_core.graph.node.event_publisher import EVENTS_PORT
+from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.journal import ORDER_PORT
-from palp_core.graph.node.spec import LAUNCHER, topic
+from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.supervision.launcher_node import EVENTS, HEALTH
 
 ASK_S = 3.0
 _LATCHED = {EVENTS: 100, HEALTH: 1}
-_HIDDEN: dict[str, type[Message]] = {EVENTS_PORT: builtin.NodeEvent, ORDER_PORT: builtin.Order}
 
 
 def is_order(name: str) -> bool:
@@ -27,21 +23,19 @@ def is_order(name: str) -> bool:
 def live_topics(graph: RunningGraph) -> dict[str, Topic]:
     """Return every topic of a running graph, the hidden ones and the launcher's among them, by name.
 
-    What the record of the run does not tell, the nodes are asked for; one that does not answer has only the
-    topics that are known without it, and none of them is known to be latched.
+    The nodes are asked how much they keep; of one that does not answer no topic is known to be latched.
     """
     outputs: dict[str, dict[str, Any]] = {}
     for info in graph.ask_all("info", timeout_s=ASK_S).replies.values() if graph.node_names else ():
         outputs |= info.get("outputs", {})
-    found = {}
-    for entry in graph.record.topics:
-        depth = _LATCHED.get(entry.name, _latched_depth(outputs.get(entry.name, {})))
-        found[entry.name] = msgspec.structs.replace(entry, node=entry.node or LAUNCHER, latched_depth=depth)
-    for node_entry in graph.record.nodes:
-        for port, message in _HIDDEN.items():
-            name = topic(node_entry.name, port)
-            found[name] = topic_of(name, message, node_entry.name, node_entry.publish)
-    return found
+    return {
+        entry.name: msgspec.structs.replace(
+            entry,
+            node=entry.node or LAUNCHER,
+            latched_depth=_LATCHED.get(entry.name, _latched_depth(outputs.get(entry.name, {}))),
+        )
+        for entry in graph.topics(include_hidden=True)
+    }
 
 
 def _latched_depth(output: dict[str, Any]) -> int:

@@ -60,7 +60,6 @@ class LockstepRecorder:
         self._count = 0
 
     def __call__(self, now_ns: int, frame: bytes) -> None:
-        """Record one frame."""
         self._recorder(now_ns, frame)
         self._count += 1
         if self._count % TICK_FRAMES == 0:

@@ -85,12 +85,12 @@ def _git_state(workspace: Path) -> bytes:
     """Return commit and changed files of the workspace; empty where it is no checkout or there is no git."""
     import subprocess
 
-    said = b""
+    output = b""
     for command in (("rev-parse", "HEAD"), ("status", "--porcelain")):
         try:
-            said += subprocess.run(
+            output += subprocess.run(
                 ("git", "-C", str(workspace), *command), capture_output=True, check=True, timeout=10.0
             ).stdout
         except (OSError, subprocess.SubprocessError):
-            return said
-    return said
+            return output
+    return output

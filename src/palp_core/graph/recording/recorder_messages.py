@@ -68,10 +68,8 @@ FromRecorder = RecordingStarted | RecorderNote | RecorderRefused | RecordingFini
 
 
 def to_recorder() -> msgspec.msgpack.Decoder[StartRecording]:
-    """Return the decoder of what a recorder is told."""
     return msgspec.msgpack.Decoder(StartRecording)
 
 
 def from_recorder() -> msgspec.msgpack.Decoder[FromRecorder]:
-    """Return the decoder of what a recorder says."""
     return msgspec.msgpack.Decoder(FromRecorder)

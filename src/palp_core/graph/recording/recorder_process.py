@@ -23,10 +23,10 @@ class LaunchedRecorder(RecorderRun):
     """A recording that a launcher ends."""
 
     def __init__(self, channel: MessageChannel[recorder_messages.StartRecording]) -> None:
-        super().__init__(lambda text: self.tell(recorder_messages.RecorderNote(text)))
+        super().__init__(lambda text: self.send(recorder_messages.RecorderNote(text)))
         self._channel = channel
 
-    def tell(self, message: ChannelMessage) -> None:
+    def send(self, message: ChannelMessage) -> None:
         """Send the launcher a message, if it is still there."""
         with contextlib.suppress(ChannelClosed):
             self._channel.send(message)
@@ -44,18 +44,18 @@ def main(connection: socket.socket) -> int:
     with run.signals():
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is for the launcher, which ends us
         try:
-            told = channel.receive()
+            request = channel.receive()
             complete, text = run.record(
-                RunningGraph(told.record),
-                told.options,
-                lambda: run.tell(recorder_messages.RecordingStarted()),
+                RunningGraph(request.record),
+                request.options,
+                lambda: run.send(recorder_messages.RecordingStarted()),
             )
         except ChannelClosed:
             return 1
         except PalpError as error:
-            run.tell(recorder_messages.RecorderRefused(str(error)))
+            run.send(recorder_messages.RecorderRefused(str(error)))
             return 2
-    run.tell(recorder_messages.RecordingFinished(complete, text))
+    run.send(recorder_messages.RecordingFinished(complete, text))
     return 0 if complete else 1
 
 

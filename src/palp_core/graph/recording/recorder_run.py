@@ -3,35 +3,56 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import os
 import signal
+import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TextIO
-
-import msgspec
 
 from palp_core.errors import BagError
-from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.choice import addressed
-from palp_core.graph.discovery.run_directory import locked
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.recording.live_recorder import LiveRecorder
 from palp_core.graph.recording.recorder_messages import RecordOptions
 from palp_core.user_folders import no_room
-from palp_core.whole_file import open_private
 
 FOLDER = "recorders"
-ANSWER_NS = 30_000_000_000
+ANSWER_S = 30.0
 
 
-class SnapshotNote(msgspec.Struct):
-    """What a recorder in snapshot mode leaves in the run directory: who it is, what it has written."""
+class SnapshotRequests:
+    """Requests for a snapshot of what a recorder keeps, on a socket in the run directory.
 
-    pid: int
-    out: str
-    saved: list[str]
+    Args:
+        folder: The run directory.
+
+    Raises:
+        BagError: There is no room in it.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / FOLDER / str(os.getpid())
+        self._socket = socket.socket(socket.AF_UNIX)
+        try:
+            self._path.parent.mkdir(mode=0o700, exist_ok=True)
+            self._socket.bind(str(self._path))
+        except OSError as error:
+            self._socket.close()
+            raise BagError(no_room(self._path.parent, error)) from error
+        self._socket.listen()
+        self._socket.setblocking(False)
+
+    def accept(self) -> list[socket.socket]:
+        """Return the connections of those who ask now."""
+        found = []
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                found.append(self._socket.accept()[0])
+        return found
+
+    def close(self) -> None:
+        self._socket.close()
+        self._path.unlink(missing_ok=True)
 
 
 class RecorderRun:
@@ -47,20 +68,16 @@ class RecorderRun:
         self._say = say
 
     def end(self, *_: object) -> None:
-        """Ask for the end."""
         self.asked = True
 
     def end_wanted(self) -> bool:
-        """Tell whether the end is asked for."""
         return self.asked
 
     def save(self, *_: object) -> None:
-        """Ask for a snapshot."""
         self._save += 1
 
     @contextlib.contextmanager
     def signals(self) -> Iterator[None]:
-        """Take the signals."""
         ends = dict.fromkeys((signal.SIGINT, signal.SIGTERM, signal.SIGHUP), self.end)
         before = {number: signal.signal(number, handle) for number, handle in ends.items()}
         before[signal.SIGUSR1] = signal.signal(signal.SIGUSR1, self.save)
@@ -87,14 +104,15 @@ class RecorderRun:
             PalpError: It cannot be recorded, or the disk is full.
         """
         recorder = LiveRecorder(graph, options, self._say)
-        told: _NoteFile | None = None
         try:
             with contextlib.ExitStack() as stack:
-                told = stack.enter_context(_noted(graph, options)) if options.snapshot_s else None
+                requests = SnapshotRequests(graph.folder) if options.snapshot_s else None
+                if requests is not None:
+                    stack.callback(requests.close)
                 try:
                     if recorder.await_topics(self.end_wanted):
                         begun()
-                        recorder.run(lambda: self._save_if_asked(recorder, told))
+                        recorder.run(lambda: self._save_if_asked(recorder, requests))
                 finally:
                     summary = recorder.close(patient=not self.asked)
         except OSError as error:
@@ -103,26 +121,28 @@ class RecorderRun:
                 f"save what it has: palp bag recover {options.out} -o NEW"
             ) from error
         if self._save:
-            self._write(recorder, told)
+            self._write(recorder, [])
         text = f"heard {summary.text()}" if options.snapshot_s else f"{options.out}: {summary.text()}"
-        if recorder.unheard:
-            text += f"\nnever heard: {', '.join(recorder.unheard)}"
-        return summary.complete and not recorder.unheard, text
+        if recorder.unmatched:
+            text += f"\nnever heard: {', '.join(recorder.unmatched)}"
+        return summary.complete and not recorder.unmatched, text
 
-    def _save_if_asked(self, recorder: LiveRecorder, told: _NoteFile | None) -> bool:
-        if self._save:
-            self._write(recorder, told)
+    def _save_if_asked(self, recorder: LiveRecorder, requests: SnapshotRequests | None) -> bool:
+        askers = requests.accept() if requests is not None else []
+        if self._save or askers:
+            self._write(recorder, askers)
         return self.end_wanted()
 
-    def _write(self, recorder: LiveRecorder, told: _NoteFile | None) -> None:
+    def _write(self, recorder: LiveRecorder, askers: list[socket.socket]) -> None:
         self._save = 0
         try:
             text = recorder.save()
         except BagError as error:
             text = str(error)
         self._say(text)
-        if told is not None:
-            told.add(text)
+        for asker in askers:
+            with contextlib.suppress(OSError), asker:  # it may have gone
+                asker.sendall(text.encode())
 
 
 def record_until_asked(
@@ -138,70 +158,32 @@ def record_until_asked(
         return run.record(graph, options)
 
 
-def save_snapshots(graph: RunningGraph, number: signal.Signals = signal.SIGUSR1) -> list[str]:
-    """Let every recorder that keeps a graph's last seconds write them; return what they say.
+def save_snapshots(graph: RunningGraph) -> list[str]:
+    """Let every recorder that keeps a graph's last seconds write them; return what each answers.
 
     Raises:
         BagError: There is none, or one does not answer.
     """
-    files = [path for path in sorted((graph.folder / FOLDER).glob("*.json")) if locked(path)]
-    if not files:
-        start_one = addressed("palp bag record -a --snapshot S", graph.record.id)
-        raise BagError(f"no recorder keeps this graph's last seconds; start one: {start_one}")
-    before = {path: _read(path) for path in files}
-    for kept in before.values():
-        os.kill(kept.pid, number)
-    end_ns = monotonic_ns() + ANSWER_NS
-    lines = []
-    for path, kept in before.items():
-        while len((now := _read(path)).saved) == len(kept.saved):
-            if monotonic_ns() > end_ns or not locked(path):
-                raise BagError(f"recorder {kept.pid} did not write its snapshot")
-            signal.sigtimedwait((), 0.02)
-        lines += now.saved[len(kept.saved) :]
-    return lines
-
-
-class _NoteFile:
-    """The note that a recorder keeps in the run directory."""
-
-    def __init__(self, path: Path, kept: SnapshotNote, lock: TextIO) -> None:
-        self._path, self._kept, self._lock = path, kept, lock
-
-    def add(self, text: str) -> None:
-        """Say that a snapshot has been written; the file stays the locked one."""
-        self._kept.saved.append(text)
-        self.write()
-
-    def write(self) -> None:
-        """Write the note."""
-        self._lock.seek(0)
-        self._lock.write(msgspec.json.encode(self._kept).decode())
-        self._lock.truncate()
-        self._lock.flush()
-
-
-@contextlib.contextmanager
-def _noted(graph: RunningGraph, options: RecordOptions) -> Iterator[_NoteFile]:
     folder = graph.folder / FOLDER
-    path = folder / f"{os.getpid()}.json"
     with contextlib.ExitStack() as stack:
-        try:
-            folder.mkdir(mode=0o700, exist_ok=True)
-            lock = stack.enter_context(open(path, "w", opener=open_private))
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            told = _NoteFile(path, SnapshotNote(os.getpid(), options.out, []), lock)
-            told.write()
-        except OSError as error:
-            raise BagError(no_room(folder, error)) from error
-        yield told
-    path.unlink(missing_ok=True)
+        asked: dict[str, socket.socket] = {}
+        for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+            asker = stack.enter_context(socket.socket(socket.AF_UNIX))
+            with contextlib.suppress(ConnectionRefusedError, FileNotFoundError):  # killed; just ended
+                asker.connect(str(path))
+                asker.settimeout(ANSWER_S)
+                asked[path.name] = asker
+        if not asked:
+            start_one = addressed("palp bag record -a --snapshot S", graph.record.id)
+            raise BagError(f"no recorder keeps this graph's last seconds; start one: {start_one}")
+        return [_answer(pid, asker) for pid, asker in asked.items()]
 
 
-def _read(path: Path) -> SnapshotNote:
-    """Read a note; while it is being written, read it again."""
-    for _ in range(100):
-        with contextlib.suppress(msgspec.MsgspecError, OSError):
-            return msgspec.json.decode(path.read_bytes(), type=SnapshotNote)
-        signal.sigtimedwait((), 0.01)
-    raise BagError(f"{path} cannot be read")
+def _answer(pid: str, asker: socket.socket) -> str:
+    answer = b""
+    with contextlib.suppress(OSError):
+        while part := asker.recv(1 << 16):
+            answer += part
+    if not answer:
+        raise BagError(f"recorder {pid} did not write its snapshot")
+    return answer.decode()

@@ -134,7 +134,6 @@ class Recorders:
                 raise BagError(f"recorder '{process.name}': {process.refused}")
 
     def close(self) -> None:
-        """Let every recorder finish its bag."""
         self._results += [writer.close() for writer in self._writers]
         for process in self._processes:
             process.finish()
@@ -235,7 +234,6 @@ class RecorderProcess:
             raise NodeError(self.name, text)
 
     def finish(self) -> None:
-        """Ask for the bag's end."""
         self._required = False  # the graph has ended
         if not self._gone:
             self._supervisor.forget(self._sidecar.descriptor)

@@ -11,11 +11,13 @@ from typing import Annotated, Any, Self
 
 from msgspec import Meta
 
-from palp_core.errors import BagError, GraphError
-from palp_core.graph.bag.message_class import message_class
+from palp_core.errors import BagError, GraphError, SchemaMismatch
 from palp_core.graph.bag.reader import Bag, RecordedMessage
 from palp_core.graph.bag.rounds import Rounds
+from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.qos import Qos
+from palp_core.graph.messages.schema import schema_of
+from palp_core.graph.messages.schema_types import message_class
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.node import Node, Params, ReadOnly, State
 from palp_core.graph.node.ports import Alarm, Pub, on
@@ -74,7 +76,7 @@ def replayed_class(base: type[Node], node: str, topics: Mapping[str, Topic]) -> 
     Raises:
         BagError: A topic that cannot be played: no schema, or a name that is the runtime's.
     """
-    ports = {port: Pub(message_class(topic), qos=_offer(topic)) for port, topic in topics.items()}
+    ports = {port: Pub(recorded_class(topic), qos=_offer(topic)) for port, topic in topics.items()}
     own = sorted(port for port in ports if hasattr(base, port))
     if own:
         raise BagError(f"/{node}/{own[0]} cannot be played: the name is the player's own; remap the topic")
@@ -88,6 +90,27 @@ def replayed_class(base: type[Node], node: str, topics: Mapping[str, Topic]) -> 
         return type(base.__name__, (base,), body)
     except GraphError as error:
         raise BagError(f"/{node} cannot be played: {error}") from error
+
+
+def recorded_class(topic: Topic) -> type[Message]:
+    """Return a message class like the one whose messages a topic of a bag has.
+
+    Raises:
+        BagError: The bag does not say what the messages are made of, or the class would not be that type.
+    """
+    where = f"{topic.name} cannot be played"
+    if "properties" not in topic.json_schema:
+        raise BagError(f"{where}: the bag has no schema of palp's for it; leave the topic out")
+    try:
+        made = message_class(topic.json_schema, topic.type)
+    except SchemaMismatch as error:
+        raise BagError(f"{where}: its schema is not a palp message's: {error}") from error
+    if topic.type_hash not in ("", type_hash := schema_of(made).hash_text):
+        raise BagError(
+            f"{where}: its schema makes a {topic.type} of type hash {type_hash}, recorded was "
+            f"{topic.type_hash}: the bag was written by another version or its schema was changed"
+        )
+    return made
 
 
 def _offer(topic: Topic) -> Qos:

@@ -19,7 +19,7 @@ from palp_core.graph.bag.diff import first_difference
 from palp_core.graph.bag.reader import Bag, RecordedMessage
 from palp_core.graph.bag.recorder import SUMMARY_NAME
 from palp_core.graph.bag.rounds import NODES_ATTACHMENT
-from palp_core.graph.bag.values import decoder_for
+from palp_core.graph.bag.stream import decoder_for
 from palp_core.graph.clock import SimClock, monotonic_ns
 from palp_core.graph.messages.builtin import MethodsUsed, Order
 from palp_core.graph.messages.frame import Kind, pack, parse

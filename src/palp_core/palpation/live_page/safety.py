@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from palp_core.view.source.overview import Trouble
+from palp_core.graph.discovery.troubles import Trouble
 
 SILENT_S = 1.0
 """A safety node beats a hundred times a second: one that is silent for so long is not to be relied on."""

@@ -7,10 +7,11 @@ from collections.abc import Iterator
 
 from nicegui import ui
 
+from palp_core.graph.discovery.troubles import Trouble, worst
 from palp_core.view.pages.parts import TroubleBox, duration, said
 from palp_core.view.pages.time_bar import time_bar
 from palp_core.view.pages.viewer import Viewer
-from palp_core.view.source.overview import Overview, Trouble, worst
+from palp_core.view.source.overview import Overview
 
 REFRESH_S = 0.5
 BLINDED = "what would tell the outcome is not shown, and not sent"
@@ -72,13 +73,9 @@ def _heading(viewer: Viewer, overview: Overview) -> tuple[str, str, list[Trouble
 
 
 def _ways(viewer: Viewer) -> Iterator[tuple[str, str]]:
-    results = viewer.source.overview().kind == "results"
-    yield "Results" if results else "Graph", "/"
-    if not results:
-        yield "Topics", "/topics"
-    if viewer.live is not None:
-        yield "Record", "/record"
-    if viewer.happenings is not None:
+    yield "Graph", "/"
+    yield "Topics", "/topics"
+    if viewer.timeline_events is not None:
         yield "Timeline", "/timeline"
     if viewer.own_page is not None:
         yield viewer.own_page.title, "/own"

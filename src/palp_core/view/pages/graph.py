@@ -50,7 +50,6 @@ class GraphDrawing(Element, component="graph_drawing.js"):  # type: ignore[misc,
 
 
 def pairs_of(wires: list[WireState]) -> dict[tuple[str, str], list[WireState]]:
-    """Return the wires by publisher and reader."""
     pairs: dict[tuple[str, str], list[WireState]] = defaultdict(list)
     for wire in wires:
         pairs[wire.source, wire.reader].append(wire)
@@ -138,7 +137,6 @@ def wire_words(wire: WireState) -> str:
 
 
 def graph_page(viewer: Viewer) -> None:
-    """Put up the page."""
     with frame(viewer):
         drawing = GraphDrawing()
         said("h2", "Nodes")

@@ -18,8 +18,7 @@ from palp_core.view.pages.parts import CHANGES, AskedTwice, Outcome, figure, nod
 from palp_core.view.pages.swap import swap_panel, swap_words
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.action_wires import ACTION
-from palp_core.view.source.folded_log import FoldedLog, LogRecord
-from palp_core.view.source.node_log import NodeLog
+from palp_core.view.source.node_log import FoldedLog, LogRecord, NodeLog
 from palp_core.view.source.overview import NodeState, Overview, shared_processes
 
 STATE_S, LOG_S = 1.0, 0.5
@@ -28,7 +27,6 @@ MOST_LOG_LINES = 400
 
 
 def node_page(viewer: Viewer, name: str) -> None:
-    """Put up the page."""
     with frame(viewer, f"/{name}"):
         state = _state(viewer, name)
         if state is None:

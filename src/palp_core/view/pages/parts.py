@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Collection, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -11,8 +11,8 @@ from nicegui import run, ui
 from nicegui.elements.mixins.text_element import TextElement
 
 from palp_core.errors import PalpError
-from palp_core.view.source.folded_log import kind_of
-from palp_core.view.source.overview import Trouble, worst
+from palp_core.graph.discovery.troubles import Trouble, worst
+from palp_core.view.source.node_log import kind_of
 
 HERE = Path(__file__).parent
 CSS = "".join((HERE / name).read_text(encoding="utf-8") for name in ("uplot/uPlot.min.css", "look.css"))
@@ -85,16 +85,16 @@ def folding(title: str) -> Any:
     return box
 
 
-def table(titles: Sequence[str], rows: Iterable[Sequence[Cell]], chosen: Collection[int] = ()) -> None:
-    """Show a table; a cell is a text, or what puts something into it. The chosen rows stand out."""
+def table(titles: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
+    """Show a table; a cell is a text, or what puts something into it."""
     box = ui.element("div").classes("table-box").props('tabindex="0"')
     with box, ui.element("table").classes("plain"):
         with ui.element("thead"), ui.element("tr"):
             for title in titles:
                 said("th", title)
         with ui.element("tbody"):
-            for place, row in enumerate(rows):
-                with ui.element("tr").classes("chosen" if place in chosen else ""):
+            for row in rows:
+                with ui.element("tr"):
                     for cell in row:
                         if isinstance(cell, str):
                             said("td", cell)
@@ -126,7 +126,6 @@ class TroubleBox:
         self._box = ui.element("div").classes("troubles").props('role="status"')
 
     def show(self, troubles: list[Trouble]) -> None:
-        """Show these, if they are not shown already."""
         if troubles == self._shown:
             return
         self._shown = list(troubles)
@@ -156,7 +155,6 @@ class Outcome:
         self._label = said("div", "").props('role="status"')
 
     def tell(self, text: str, level: str = "ok") -> None:
-        """Show it."""
         self._label.classes(replace=level)
         self._label.text = text
 

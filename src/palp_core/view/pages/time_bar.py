@@ -15,7 +15,6 @@ STEP_S = 0.1
 
 
 def time_bar(source: RecordedSource) -> None:
-    """Put it up."""
     with ui.element("div").classes("row-of"):
         play = ui.button("play").props("outline dense no-caps")
         bar = ui.slider(min=source.start_s, max=max(source.end_s, source.start_s + 1e-3), step=1e-3)

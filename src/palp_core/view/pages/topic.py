@@ -32,7 +32,6 @@ REFRESH_S = 0.25
 
 
 def topics_page(viewer: Viewer) -> None:
-    """Put up the list of all topics."""
     with frame(viewer, "Topics"):
         overview = viewer.source.overview()
         counted = viewer.live is not None and bool(overview.wires)

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from palp_core.errors import in_words
+from palp_core.graph.discovery.troubles import Trouble
 from palp_core.view.source.blind import BlindSource, Harmless
 from palp_core.view.source.live import LiveSource
 from palp_core.view.source.operator import GraphOperator
-from palp_core.view.source.overview import Trouble
 from palp_core.view.source.protocol import ViewSource
 
 if TYPE_CHECKING:
     from palp_core.view.source.recorded import RecordedSource
-    from palp_core.view.source.timeline import Happening
+    from palp_core.view.source.timeline import TimelineEvent
 
 
 class OwnPage:
@@ -51,7 +51,6 @@ class OwnPage:
         return getattr(self._function, "over_bags", False) is True
 
     def put_up(self, viewer: Viewer) -> None:
-        """Fill the page."""
         _try(self._function, viewer)
 
     def heading(self, troubles: list[Trouble]) -> tuple[str, list[Trouble]] | None:
@@ -108,12 +107,12 @@ class Viewer(msgspec.Struct, kw_only=True):
         return self.source if isinstance(self.source, LiveSource) else None
 
     @property
-    def happenings(self) -> Callable[[], list[Happening]] | None:
+    def timeline_events(self) -> Callable[[], list[TimelineEvent]] | None:
         """What returns what has happened, and waits for it; None where nothing of it may or can be told."""
-        from palp_core.view.source.timeline import happenings, recorded
+        from palp_core.view.source.timeline import recorded, timeline_events
 
         if (live := self.live) is not None:
-            return lambda: happenings(live)
+            return lambda: timeline_events(live)
         if (bag := self.time) is not None and not self.blind:
             return lambda: recorded(bag)
         return None

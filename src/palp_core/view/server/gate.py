@@ -8,14 +8,12 @@ what a browser sends of itself opens anything.
 
 from __future__ import annotations
 
-import hmac
-import secrets
 from collections.abc import Iterable
 from urllib.parse import parse_qs, quote
 
+from palp_core.graph.local_access import LOOPBACK_NAMES, is_token, named_host
 from palp_core.view.server.asgi import App, Message, Receive, Scope, Send
 
-LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 MOST_SOCKETS = 16
 MOST_REQUESTS = 64
 LONGEST_BODY = 1 << 20
@@ -35,11 +33,6 @@ HEADERS = (
 )
 
 
-def new_token() -> str:
-    """Return a token that nobody guesses: 192 bits, for an address."""
-    return secrets.token_urlsafe(24)
-
-
 class PageGate:
     """Lets in who has the token.
 
@@ -54,12 +47,11 @@ class PageGate:
 
     def __init__(self, app: App, token: str) -> None:
         self.app = app
-        self._token = token.encode()
+        self._token = token
         self._sockets = self._requests = 0
         self.refused_count = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Look at a request, and hand it on or refuse it."""
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
             return
@@ -88,22 +80,21 @@ class PageGate:
     def _judge(self, scope: Scope) -> tuple[int, str]:
         """Return the status and the words with which somebody is sent away; 0 who is let in."""
         headers = {name: value.decode("latin-1") for name, value in scope["headers"]}
-        host = headers.get(b"host", "")
-        name = host.rpartition(":")[0] if not host.endswith("]") and ":" in host else host
-        if name not in LOOPBACK or sum(pair[0] == b"host" for pair in scope["headers"]) != 1:
+        hosts = [value.decode("latin-1") for name, value in scope["headers"] if name == b"host"]
+        if named_host(hosts) not in LOOPBACK_NAMES:
             return 421, "this server answers to 127.0.0.1 and localhost only"
         origin = headers.get(b"origin")
         if origin is not None or scope["type"] == "websocket":
-            if origin != f"http://{host}":
+            if origin != f"http://{hosts[0]}":
                 return 403, "another site's page asked for this"
         elif _is_fetched_elsewhere(scope, headers):
             return 403, "another site's page asked for this"
         path = str(scope["path"])
         given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
-        if path == "/" and self._is_token(given):
+        if path == "/" and is_token(given, self._token):
             return 303, f"/{quote(given)}/"
         _, first, *rest = path.split("/") if path.startswith("/") else ("", "")
-        if not self._is_token(first):
+        if not is_token(first, self._token):
             return 403, "no token, or a wrong one: open the address that palp view has printed"
         if not rest:
             return 303, f"/{quote(first)}/"
@@ -116,9 +107,6 @@ class PageGate:
         if self._requests >= MOST_REQUESTS and scope["type"] == "http":
             return 503, "too many requests at once; try again"
         return 0, ""
-
-    def _is_token(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode(), self._token)
 
 
 def _is_fetched_elsewhere(scope: Scope, headers: dict[bytes, str]) -> bool:

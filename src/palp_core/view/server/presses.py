@@ -43,7 +43,6 @@ class Presses:
         self.app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a press, or hand on."""
         name = _pressed(scope)
         if not name:
             await self.app(scope, receive, send)

@@ -14,8 +14,8 @@ from palp_core.extras import install_line
 from palp_core.view.server.apart import Apart
 from palp_core.view.server.gate import PageGate
 from palp_core.view.server.presses import Presses
+from palp_core.view.server.stderr import nonblocking_stderr
 from palp_core.view.server.unwatched import end_unwatched
-from palp_core.view.server.words import unhurried_words
 
 if TYPE_CHECKING:
     import uvicorn
@@ -61,7 +61,6 @@ def listening_socket(port: int) -> socket.socket:
 
 
 def address(listening: socket.socket, token: str) -> str:
-    """Return what to type into a browser."""
     return f"http://{HOST}:{listening.getsockname()[1]}/?token={token}"
 
 
@@ -83,7 +82,7 @@ def serve(
         over: Tells whether what is shown has ended: a minute after that without a browser this returns.
     """
     sys.setswitchinterval(TURN_S)
-    with unhurried_words():
+    with nonblocking_stderr():
         running = server(token, put_up, gives_way=gives_way)
         gc.freeze()  # what is imported by now stays: it need not be looked through again and again
         if over is not None:

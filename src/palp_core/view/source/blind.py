@@ -11,9 +11,10 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import GraphError
+from palp_core.graph.discovery.troubles import Trouble
 from palp_core.graph.messages.topic import Topic
 from palp_core.view.source.live import HAS_ENDED
-from palp_core.view.source.overview import NodeState, Overview, Trouble
+from palp_core.view.source.overview import NodeState, Overview
 from palp_core.view.source.protocol import Heard, ViewSource, Watch
 
 WHOLE = "*"
@@ -82,7 +83,6 @@ class BlindSource:
         return {}
 
     def close(self) -> None:
-        """Let go."""
         self._source.close()
 
     def _fields(self, topic: Topic) -> Collection[str]:
@@ -112,11 +112,9 @@ class BlindWatch:
 
     @property
     def rate_hz(self) -> float | None:
-        """Messages a second."""
         return self._watch.rate_hz
 
     def close(self) -> None:
-        """Look no longer."""
         self._watch.close()
 
     def _seen(self, heard: Heard) -> Heard:

@@ -1,7 +1,7 @@
 """Topics of a running graph that somebody looks at: read as fast as they come, kept only as far as shown.
 
-Each has a thread that takes every message off the wire, so that nothing waits at the publisher; what nobody
-has asked for by then is let go. Messages are decoded when a page asks, not when they arrive.
+A thread takes every message off the wire, so that nothing waits at the publisher; what no page has asked for
+by then is let go. Messages are decoded when a page asks, not when they arrive.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ import contextlib
 import threading
 from collections import deque
 from collections.abc import Callable
-from typing import Any
+from functools import partial
 
 from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
-from palp_core.graph.discovery.topic_reader import TopicReader
-from palp_core.graph.messages.frame import Frame, parse
+from palp_core.graph.discovery.topic_reader import ReceivedFrame, TopicReader
+from palp_core.graph.messages.frame import Frame
 from palp_core.graph.messages.message_text import decoded
 from palp_core.graph.messages.topic import Topic
 from palp_core.view.source.protocol import Heard
@@ -26,55 +26,31 @@ MOST_MESSAGES = 2_000
 """Of one topic between two looks of a page: a screen shows no more, and decoding them takes some 20 ms."""
 BATCH_S = {"wall": 0.01, "sim": 0.1}
 """By the graph's clock: messages are taken off the wire so often at most, many at once if need be."""
+SLICE_NS = 20_000_000
 LONGEST_MESSAGE = 1 << 20
 """Bytes; of a longer one it is only said that it came: a page would be as large."""
 ASK_S = 1.0
 
 
 class _Feed:
-    """One topic and its thread; it ends when the last watch is closed."""
+    """One topic that is looked at."""
 
-    def __init__(self, graph: Callable[[], RunningGraph], topic: Topic) -> None:
+    def __init__(self, topic: Topic) -> None:
         self.topic = topic
-        self._graph = graph
         self.watches: list[TopicWatch] = []
         self.lock = threading.Lock()
         self.last: Frame | None = None
-        self._stop = threading.Event()
-        threading.Thread(target=self._work, name=f"palp view: {topic.name}", daemon=True).start()
 
-    def stop(self) -> None:
-        self._stop.set()
-
-    def _work(self) -> None:
-        graph = self._graph()
-        batch_s = BATCH_S[graph.record.clock]
-        with TopicReader(graph, [self.topic]) as reader:
-            self._ask_last()
-            begun_ns = monotonic_ns()
-            for heard in reader.messages():
-                if self._stop.is_set():
-                    return
-                if heard is None:  # all that was there has been taken
-                    self._stop.wait(batch_s - (monotonic_ns() - begun_ns) / 1e9)
-                    begun_ns = monotonic_ns()
-                elif heard.is_message:
-                    self._take(heard.frame)
-
-    def _ask_last(self) -> None:
+    def ask_last(self, graph: RunningGraph) -> None:
         """Ask the publisher for its last message, if it keeps one: a rare topic shows something at once."""
+        node, name = self.topic.node, self.topic.name
         with contextlib.suppress(GraphError):
-            last = (
-                self._graph()
-                .ask(self.topic.node, "info", timeout_s=ASK_S)
-                .get("published", {})
-                .get(self.topic.name, 0)
-            )
-            for frame in kept(self._graph(), self.topic, last, last):
+            last = graph.ask(node, "info", timeout_s=ASK_S).get("published", {}).get(name, 0)
+            for frame in graph.history(node, name, first=last, last=last, timeout_s=ASK_S):
                 with self.lock:
                     self.last = self.last or frame
 
-    def _take(self, frame: Frame) -> None:
+    def take(self, frame: Frame) -> None:
         with self.lock:
             self.last = frame
             for watch in self.watches:
@@ -126,7 +102,6 @@ class TopicWatch:
         return self._rate_hz
 
     def close(self) -> None:
-        """Look no longer."""
         self._let_go(self)
 
     def _count(self, frame: Frame | None) -> None:
@@ -142,51 +117,69 @@ class TopicWatch:
 
 
 class Feeds:
-    """The topics of a graph that somebody looks at.
+    """The topics of a graph that somebody looks at, read on one thread for as long as there are any."""
 
-    Args:
-        graph: Returns the graph as it is now.
-    """
-
-    def __init__(self, graph: Callable[[], RunningGraph]) -> None:
+    def __init__(self, graph: RunningGraph) -> None:
         self._graph = graph
+        self._lock = threading.Lock()
         self._feeds: dict[str, _Feed] = {}
+        self._is_reading = False
+        self._changed = threading.Event()
 
     def watch(self, topic: Topic) -> TopicWatch:
-        """Look at a topic; two who look share what is read."""
-        feed = self._feeds.get(topic.name)
-        if feed is None:
-            feed = self._feeds[topic.name] = _Feed(self._graph, topic)
-        found = TopicWatch(feed, self._let_go)
-        with feed.lock:
-            feed.watches.append(found)
+        with self._lock:
+            feed = self._feeds.get(topic.name)
+            if feed is None:
+                feed = self._feeds[topic.name] = _Feed(topic)
+            found = TopicWatch(feed, self._let_go)
+            with feed.lock:
+                feed.watches.append(found)
+            if not self._is_reading:
+                self._is_reading = True
+                threading.Thread(target=self._work, name="palp view: topics", daemon=True).start()
+        self._changed.set()
         return found
 
     def close(self) -> None:
-        """Read nothing any more."""
-        for feed in self._feeds.values():
-            feed.stop()
-        self._feeds.clear()
+        with self._lock:
+            self._feeds.clear()
+        self._changed.set()
 
     def _let_go(self, watch: TopicWatch) -> None:
-        feed = self._feeds.get(watch.topic.name)
-        if feed is None or watch not in feed.watches:
-            return
-        with feed.lock:
-            feed.watches.remove(watch)
-        if not feed.watches:
-            feed.stop()
-            del self._feeds[watch.topic.name]
+        with self._lock:
+            feed = self._feeds.get(watch.topic.name)
+            if feed is None or watch not in feed.watches:
+                return
+            with feed.lock:
+                feed.watches.remove(watch)
+            if not feed.watches:
+                del self._feeds[watch.topic.name]
+
+    def _work(self) -> None:
+        batch_s = BATCH_S[self._graph.record.clock]
+        followed: dict[str, _Feed] = {}
+        with TopicReader(self._graph, []) as reader:
+            while True:
+                begun_ns = monotonic_ns()
+                with self._lock:
+                    wanted = dict(self._feeds)
+                    if reader.ended or not wanted:
+                        self._is_reading = False
+                        return
+                reader.leave(name for name, feed in followed.items() if wanted.get(name) is not feed)
+                new = [feed for name, feed in wanted.items() if followed.get(name) is not feed]
+                reader.follow([feed.topic for feed in new])
+                for feed in new:
+                    threading.Thread(target=feed.ask_last, args=(self._graph,), daemon=True).start()
+                followed = wanted
+                reader.turn(partial(_hand_on, followed), SLICE_NS)
+                self._changed.wait(batch_s - (monotonic_ns() - begun_ns) / 1e9)
+                self._changed.clear()
 
 
-def kept(graph: RunningGraph, topic: Topic, first: int = 1, last: int = 2**62) -> list[Frame]:
-    """Ask a publisher for messages of these sequences, as far as it still has them.
-
-    Raises:
-        GraphError: It does not answer.
-    """
-    asked: dict[str, Any] = {"topic": topic.name, "first": first, "last": last}
-    return [parse(raw) for raw in graph.ask(topic.node, "history", timeout_s=ASK_S, **asked)["frames"]]
+def _hand_on(feeds: dict[str, _Feed], received: ReceivedFrame) -> None:
+    if received.is_message:
+        feeds[received.frame.topic].take(received.frame)
 
 
 def heard(frame: Frame, topic: Topic) -> Heard:

@@ -4,28 +4,34 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
-from palp_core.errors import GraphError, PalpError, SchemaMismatch
+from palp_core.errors import GraphError, PalpError
 from palp_core.graph.clock import monotonic_ns, unix_ns
 from palp_core.graph.discovery.health import EdgeRow, HealthReader, HealthSample, NodeRow, rows, sample_health
-from palp_core.graph.discovery.run_directory import RECORD, read_record
 from palp_core.graph.discovery.running_graph import RunningGraph
-from palp_core.graph.discovery.standing import Standing, standing
+from palp_core.graph.discovery.troubles import (
+    ERROR,
+    OK,
+    SWAPPING,
+    WARN,
+    Trouble,
+    active_diagnostics,
+    event_troubles,
+    loss_troubles,
+    node_troubles,
+)
 from palp_core.graph.messages.builtin import GraphEvent
-from palp_core.graph.messages.frame import parse
-from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.spec import LAUNCHER
 from palp_core.view.source.action_wires import actions_as_one
-from palp_core.view.source.feed import Feeds, heard, kept
-from palp_core.view.source.overview import ERROR, OK, SWAPPING, WARN, NodeState, Overview, Trouble, WireState
+from palp_core.view.source.feed import Feeds, heard
+from palp_core.view.source.overview import NodeState, Overview, WireState
 from palp_core.view.source.protocol import Heard, Watch
-from palp_core.view.source.trouble import event_trouble, node_troubles, wire_troubles
 
 PERIOD_S = 1.0
 ASK_S = 1.0
@@ -33,7 +39,6 @@ LOOKS_NS = 5_000_000_000
 """So long after the last look a graph is still asked: a page that is being reloaded finds it fresh."""
 EVENTS = "/graph/events"
 RECENT_NS = 60_000_000_000
-SWAPPED = "swapped"
 HAS_ENDED = "it has ended; this is how it was last"
 
 
@@ -45,17 +50,16 @@ class LiveSource:
         period_s: How often it is asked.
 
     Attributes:
-        graph: It, as its record says now: nodes that join or are replaced are in it.
+        graph: It.
     """
 
     def __init__(self, graph: RunningGraph, period_s: float = PERIOD_S) -> None:
         self.graph = graph
         self._period_s = period_s
-        self._feeds = Feeds(lambda: self.graph)
+        self._feeds = Feeds(graph)
         self._lock = threading.Lock()
         self._wake, self._closed = threading.Event(), threading.Event()
         self._looked_ns = 0
-        self._record_mark: tuple[int, int] | None = None
         self._launch: dict[str, Any] = {}
         self._launch_of: object = None
         self._folder = ""
@@ -84,7 +88,9 @@ class LiveSource:
         for name in topics:
             with contextlib.suppress(GraphError, KeyError):
                 topic = known[name]
-                found += [(name, heard(frame, topic)) for frame in kept(graph, topic)]
+                found += [
+                    (name, heard(frame, topic)) for frame in graph.history(topic.node, name, timeout_s=ASK_S)
+                ]
         yield from sorted(found, key=lambda one: one[1].stamp_ns)
 
     def launch(self) -> dict[str, Any]:
@@ -98,7 +104,6 @@ class LiveSource:
             return list(self._events)
 
     def topics(self) -> list[Topic]:
-        """Return the topics that are listed."""
         return self.graph.topics()
 
     def watch(self, topic: str) -> Watch:
@@ -110,7 +115,6 @@ class LiveSource:
         return self._feeds.watch(self.graph.topic(topic))
 
     def close(self) -> None:
-        """Let go."""
         self._closed.set()
         self._wake.set()
         self._feeds.close()
@@ -136,8 +140,8 @@ class LiveSource:
                 health.close()
 
     def _look(self, health: HealthReader | None) -> None:
-        self._read_record()
         graph = self.graph
+        graph.refresh()
         self._ask_launcher(graph)
         after = health.read(2 * self._period_s) if health is not None else None
         by_health = after is not None
@@ -146,51 +150,46 @@ class LiveSource:
         node_rows, edge_rows = rows(before, after)
         node_rows = swaps_named(graph, node_rows)
         self._before = after
-        found = standing(graph, ASK_S)
         events = self._ask_events(graph)
         silent = {} if by_health else after.silent
-        troubles = [*node_troubles(node_rows, silent, found, graph.record.id), *wire_troubles(edge_rows)]
-        troubles += _recent(events, self._clock)
-        overview = self._made(node_rows, edge_rows, found, troubles)
+        troubles = [
+            *(
+                Trouble(f"/{one.node}", one.level, one.text, one.advice)
+                for one in active_diagnostics(graph, ASK_S)
+            ),
+            *node_troubles(node_rows, silent),
+            *loss_troubles(edge_rows),
+            *event_troubles(_recent(events, self._clock)),
+        ]
+        troubles = [one.of_run(graph.record.id) for one in troubles]
+        overview = self._made(node_rows, edge_rows, troubles)
         with self._lock:
             self._events = events or self._events
             self._overview = overview
-
-    def _read_record(self) -> None:
-        """Read anew who there is, if that has changed."""
-        folder = self.graph.folder
-        with contextlib.suppress(OSError):
-            entry = (folder / RECORD).stat()
-            mark = entry.st_mtime_ns, entry.st_ino
-            if mark != self._record_mark and (record := read_record(folder)) is not None:
-                self._record_mark = mark
-                self.graph = RunningGraph(record)
 
     def _ask_launcher(self, graph: RunningGraph) -> None:
         """Ask for the time, and for what the launch file says if who there is has changed."""
         reply = graph.ask(LAUNCHER, "clock", timeout_s=ASK_S)
         self._clock = int(reply["now_ns"]), monotonic_ns()
-        if self._launch_of is not graph:
+        if self._launch_of is not graph.record:
             with contextlib.suppress(GraphError):  # a node that runs alone has none
                 self._launch = graph.ask(LAUNCHER, "launch", timeout_s=2 * ASK_S)
             with contextlib.suppress(OSError):  # it has ended, or is another user's
                 self._folder = str(Path(f"/proc/{graph.record.pid}/cwd").readlink())
-            self._launch_of = graph
+            self._launch_of = graph.record
 
     def _ask_events(self, graph: RunningGraph) -> list[GraphEvent]:
-        reply = graph.ask(LAUNCHER, "history", timeout_s=ASK_S, topic=EVENTS, first=1, last=2**62)
-        with contextlib.suppress(SchemaMismatch):
-            return [decode(GraphEvent, parse(frame).payload) for frame in reply["frames"]]
-        return []
+        try:
+            return graph.decoded_history(LAUNCHER, EVENTS, GraphEvent, ASK_S)
+        except GraphError:
+            return []
 
     def _unasked(self) -> Overview:
         record = self.graph.record
         nodes = [NodeState(name=node.name, run=node.run, pid=node.pid) for node in record.nodes]
         return Overview(kind="graph", title=record.graph, run=record.id, clock=record.clock, nodes=nodes)
 
-    def _made(
-        self, nodes: list[NodeRow], edges: list[EdgeRow], found: list[Standing], troubles: list[Trouble]
-    ) -> Overview:
+    def _made(self, nodes: list[NodeRow], edges: list[EdgeRow], troubles: list[Trouble]) -> Overview:
         record = self.graph.record
         moving = {spec["name"] for spec in self._launch.get("nodes", ()) if spec.get("moves")}
         types = {topic.name: (topic.node, topic.type) for topic in record.topics}
@@ -261,16 +260,15 @@ def wire_state(row: EdgeRow, types: dict[str, tuple[str, str]]) -> WireState:
     )
 
 
-def _recent(events: list[GraphEvent], clock: tuple[int, int] | None) -> list[Trouble]:
-    """Return the launcher's bad news of the last minute on the graph's clock, the latest of each node."""
+def _recent(events: list[GraphEvent], clock: tuple[int, int] | None) -> Iterable[GraphEvent]:
+    """Return the launcher's events of the last minute on the graph's clock, the latest of each node."""
     now_ns = clock[0] if clock else 0
-    latest = {event.node: event for event in events if now_ns - event.stamp_ns < RECENT_NS}
-    return [trouble for event in latest.values() if (trouble := event_trouble(event)) is not None]
+    return {event.node: event for event in events if now_ns - event.stamp_ns < RECENT_NS}.values()
 
 
 def _ended(overview: Overview) -> Overview:
     if not overview.alive:
         return overview
-    said = Trouble("the graph", WARN, HAS_ENDED, "palp launch FILE")
+    end = Trouble("the graph", WARN, HAS_ENDED, "palp launch FILE")
     lost = [one for one in overview.troubles if " -> " in one.where]  # that nodes are gone is no trouble
-    return msgspec.structs.replace(overview, alive=False, troubles=[said, *lost])
+    return msgspec.structs.replace(overview, alive=False, troubles=[end, *lost])

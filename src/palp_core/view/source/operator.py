@@ -7,7 +7,7 @@ from typing import Any
 
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.ending import ask_to_end
-from palp_core.graph.discovery.message_yaml import message_from_yaml, parse_yaml
+from palp_core.graph.discovery.message_yaml import message_from_yaml, typed_parameters
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.node.loading import class_from_here
 from palp_core.graph.problems import hint
@@ -48,17 +48,11 @@ class GraphOperator:
         self._read_only, self._operate = read_only, operate
         self._only = only
 
-    @property
-    def simulated(self) -> bool:
-        """Whether the graph's time is simulated."""
-        return self._source.overview().clock == "sim"
-
-    def refusal(self, *, stops: bool = False, over: bool = False, service: str = "") -> str:
+    def refusal(self, *, stops: bool = False, service: str = "") -> str:
         """Return why nothing may be pressed just now, in words; "" if it may.
 
         Args:
             stops: What is to be pressed only brings something to rest: a real rig allows it always.
-            over: It may be pressed when the graph has ended, too.
             service: What is to be called, if it is a service.
         """
         if self._read_only:
@@ -66,18 +60,18 @@ class GraphOperator:
         if self._only is not None and service not in self._only:
             return BLINDED
         overview = self._source.overview()
-        if not (over or self._source.graph.alive):
+        if not self._source.graph.alive:
             return ENDED
         real = overview.moves_something_real or (overview.clock == "wall" and not self._source.known)
         return NOT_OPERATED if real and not (self._operate or stops) else ""
 
-    def allow(self, *, stops: bool = False, over: bool = False, service: str = "") -> RunningGraph:
+    def allow(self, *, stops: bool = False, service: str = "") -> RunningGraph:
         """Return the graph, if something may be done to it; see :meth:`refusal`.
 
         Raises:
             Refused: It may not.
         """
-        if why := self.refusal(stops=stops, over=over, service=service):
+        if why := self.refusal(stops=stops, service=service):
             raise Refused(why)
         return self._source.graph
 
@@ -89,12 +83,7 @@ class GraphOperator:
         """
         graph = self.allow()
         declared = graph.ask(node, "describe_parameters")["parameters"]
-        wanted = {}
-        for name, text in texts.items():
-            if name not in declared:
-                raise GraphError(f"/{node} has no parameter '{name}'{hint(name, declared)}")
-            plain = declared[name]["type"] == "str" and text[:1] not in ("'", '"')
-            wanted[name] = text if plain else parse_yaml(text, f"value of {name}")
+        wanted = typed_parameters(node, declared, texts)
         found: dict[str, Any] = graph.ask(node, "set_parameters", parameters=wanted)["parameters"]
         return found
 

@@ -7,18 +7,9 @@ from collections.abc import Sequence
 
 import msgspec
 
-OK, WARN, ERROR, UNKNOWN = "ok", "warn", "error", "unknown"
-SWAPPING = "being swapped"
-"""In place of a lifecycle's state: of the two that have the node's name, the one that answers stands by."""
+from palp_core.graph.discovery.troubles import Trouble
 
-
-class Trouble(msgspec.Struct, frozen=True):
-    """Something that is wrong: where, how bad (``warn`` or ``error``), in words, and what to do or type."""
-
-    where: str
-    level: str
-    text: str
-    advice: str = ""
+UNKNOWN = "unknown"
 
 
 class NodeState(msgspec.Struct, frozen=True, kw_only=True):
@@ -74,7 +65,7 @@ class Overview(msgspec.Struct, frozen=True, kw_only=True):
     """All of a graph.
 
     Attributes:
-        kind: ``graph``, ``bag`` or ``results``.
+        kind: ``graph`` or ``bag``.
         run: Id of the run; of a bag its folder.
         clock: ``sim`` or ``wall``.
         now_s: Time on the graph's clock; None while the launcher does not tell.
@@ -97,9 +88,3 @@ class Overview(msgspec.Struct, frozen=True, kw_only=True):
     def moves_something_real(self) -> bool:
         """Whether a node of it moves something, and that not in simulated time."""
         return self.clock == "wall" and any(node.moves for node in self.nodes)
-
-
-def worst(troubles: list[Trouble]) -> str:
-    """Return the worst level of what is wrong; ``ok`` if nothing is."""
-    levels = {trouble.level for trouble in troubles}
-    return ERROR if ERROR in levels else WARN if levels else OK

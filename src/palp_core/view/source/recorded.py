@@ -15,12 +15,13 @@ from palp_core.errors import BagDamaged, BagError, GraphError, PalpError
 from palp_core.graph.bag.info import BagInfo, bag_info
 from palp_core.graph.bag.reader import Bag, RecordedMessage
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.discovery.troubles import ERROR, WARN, Trouble
 from palp_core.graph.messages.message_text import decoded
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.problems import hint
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from palp_core.view.source.action_wires import actions_as_one
-from palp_core.view.source.overview import ERROR, WARN, NodeState, Overview, Trouble, WireState
+from palp_core.view.source.overview import NodeState, Overview, WireState
 from palp_core.view.source.protocol import Heard, Watch
 
 SPAN_NS = 60_000_000_000
@@ -65,7 +66,6 @@ class RecordedSource:
         return msgspec.structs.replace(self._overview, now_s=self.at_s)
 
     def topics(self) -> list[Topic]:
-        """Return its topics."""
         return list(self._topics.values())
 
     def watch(self, topic: str) -> Watch:
@@ -128,7 +128,6 @@ class RecordedSource:
         return found
 
     def close(self) -> None:
-        """Let go."""
         with self._lock:
             if self._open is not None:
                 self._open.close()

@@ -40,7 +40,6 @@ class ClassText(msgspec.Struct, frozen=True):
 
 
 def classes_of(workspace: Path) -> Iterator[ClassText]:
-    """Yield the classes in a workspace's ``nodes/``."""
     for path in sorted((workspace / "nodes").glob("*.py"))[:MOST_FILES]:
         try:
             entry = path.stat()

@@ -3,32 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 import msgspec
 
-from palp_core.errors import GraphError, SchemaMismatch
+from palp_core.errors import GraphError
+from palp_core.graph.discovery.troubles import ERROR, OK, WARN, level_of
 from palp_core.graph.messages.builtin import GraphEvent, NodeEvent
-from palp_core.graph.messages.frame import parse
-from palp_core.graph.messages.message import decode
-from palp_core.graph.messages.qos import EventKind
 from palp_core.view.source.live import LiveSource
-from palp_core.view.source.overview import ERROR, OK, WARN
 from palp_core.view.source.protocol import Heard
-from palp_core.view.source.trouble import GRAPH_TROUBLE
 
 if TYPE_CHECKING:
     from palp_core.view.source.recorded import RecordedSource
 
 ASK_S = 2.0
 MOST = 300
-FAULTS: tuple[str, ...] = get_args(EventKind)
 STATUS = "DiagnosticStatus"
 WORDS = {OK: "well", WARN: "warning", ERROR: "fault"}
 """Of how a node stands."""
 
 
-class Happening(msgspec.Struct, frozen=True):
+class TimelineEvent(msgspec.Struct, frozen=True):
     """Something that happened, at a time on the graph's clock; ``level`` says how bad it is."""
 
     at_s: float
@@ -38,7 +33,7 @@ class Happening(msgspec.Struct, frozen=True):
     level: str
 
 
-def happenings(live: LiveSource) -> list[Happening]:
+def timeline_events(live: LiveSource) -> list[TimelineEvent]:
     """Return what has happened, the latest first. It asks every node: call it on a thread.
 
     How a node stands is remembered as far back as its own topic keeps it: of safety its last hundred words.
@@ -48,9 +43,8 @@ def happenings(live: LiveSource) -> list[Happening]:
     topics = {node: f"/{node}/_events" for node in graph.node_names}
     for node, topic in topics.items():
         try:
-            reply = graph.ask(node, "history", timeout_s=ASK_S, topic=topic, first=1, last=2**62)
-            events = [decode(NodeEvent, parse(frame).payload) for frame in reply["frames"]]
-        except (GraphError, SchemaMismatch):
+            events = graph.decoded_history(node, topic, NodeEvent, ASK_S)
+        except GraphError:
             continue
         found += [of_node(node, event) for event in events]
     nodes = {topic.name: topic.node for topic in live.topics() if topic.type == STATUS}
@@ -58,47 +52,43 @@ def happenings(live: LiveSource) -> list[Happening]:
     return latest_first(found)
 
 
-def recorded(bag: RecordedSource) -> list[Happening]:
+def recorded(bag: RecordedSource) -> list[TimelineEvent]:
     """Return what has happened in a recording, the latest first. It reads: call it on a thread."""
     known = {topic.name: topic for topic in bag.topics() if topic.type in RECORDED}
     said = bag.remembered(list(known))
     return latest_first(_read(RECORDED[known[name].type](known[name].node, heard) for name, heard in said))
 
 
-def latest_first(found: Iterable[Happening]) -> list[Happening]:
+def latest_first(found: Iterable[TimelineEvent]) -> list[TimelineEvent]:
     """Return the latest of what has happened, each once."""
     return sorted(set(found), key=lambda one: (one.at_s, one.node, one.text), reverse=True)[:MOST]
 
 
-def of_graph(event: GraphEvent) -> Happening:
-    """Return an event of the launcher."""
-    level = ERROR if event.kind == "failed" else WARN if event.kind in GRAPH_TROUBLE else OK
-    return Happening(event.stamp_ns / 1e9, event.kind, event.node, event.text, level)
+def of_graph(event: GraphEvent) -> TimelineEvent:
+    return TimelineEvent(event.stamp_ns / 1e9, event.kind, event.node, event.text, level_of(event))
 
 
-def of_node(node: str, event: NodeEvent) -> Happening:
-    """Return an event of a node."""
-    level = WARN if event.kind in FAULTS else OK
-    return Happening(event.stamp_ns / 1e9, event.kind, node, event.text, level)
+def of_node(node: str, event: NodeEvent) -> TimelineEvent:
+    return TimelineEvent(event.stamp_ns / 1e9, event.kind, node, event.text, level_of(event))
 
 
-def of_status(node: str, heard: Heard) -> Happening | None:
+def of_status(node: str, heard: Heard) -> TimelineEvent | None:
     """Return how a node says that it stands; None where it begins well, which is no news."""
     level, text = heard.message.get("level", OK), heard.message.get("text", "")
     if level == OK and heard.sequence == 1:
         return None
     known = level if level in WORDS else WARN
-    return Happening(heard.stamp_ns / 1e9, WORDS[known], node, str(text) or "it is well again", known)
+    return TimelineEvent(heard.stamp_ns / 1e9, WORDS[known], node, str(text) or "it is well again", known)
 
 
-def _read(found: Iterable[Happening | None]) -> list[Happening]:
+def _read(found: Iterable[TimelineEvent | None]) -> list[TimelineEvent]:
     return [one for one in found if one is not None]
 
 
-def _of_plain(kind: type[NodeEvent | GraphEvent]) -> Callable[[str, Heard], Happening | None]:
+def _of_plain(kind: type[NodeEvent | GraphEvent]) -> Callable[[str, Heard], TimelineEvent | None]:
     """Return what reads an event of a bag; of another graph's type of that name it is left out."""
 
-    def read(node: str, heard: Heard) -> Happening | None:
+    def read(node: str, heard: Heard) -> TimelineEvent | None:
         try:
             event = msgspec.convert(heard.message, kind)
         except msgspec.ValidationError:
@@ -108,7 +98,7 @@ def _of_plain(kind: type[NodeEvent | GraphEvent]) -> Callable[[str, Heard], Happ
     return read
 
 
-RECORDED: dict[str, Callable[[str, Heard], Happening | None]] = {
+RECORDED: dict[str, Callable[[str, Heard], TimelineEvent | None]] = {
     "GraphEvent": _of_plain(GraphEvent),
     "NodeEvent": _of_plain(NodeEvent),
     STATUS: of_status,

@@ -8,10 +8,10 @@ import msgspec
 
 from palp_core.graph.bag.mcap.compression import Compression
 from palp_core.graph.bag.reader import Bag
-from palp_core.graph.bag.stream import Stream
-from palp_core.graph.bag.values import decoder_for, plain
+from palp_core.graph.bag.stream import Stream, decoder_for
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.schema_reader import fields_of, is_array
+from palp_core.graph.messages.schema_types import plain
 
 
 def write(bag: str | Path, out: str | Path, compression: Compression = "zstd") -> int:

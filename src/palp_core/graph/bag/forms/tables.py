@@ -6,7 +6,7 @@ from typing import Any
 
 from palp_core.errors import BagError
 from palp_core.graph.bag.reader import Bag
-from palp_core.graph.bag.values import plain
+from palp_core.graph.messages.schema_types import plain
 
 HEAD = ("log_ns", "publish_ns", "epoch", "sequence")
 

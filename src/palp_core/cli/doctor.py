@@ -1,25 +1,47 @@
-"""``palp top``."""
+"""``palp doctor`` and ``palp top``: what is wrong, and how nodes and edges do."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from threading import Event
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palp_core.cli.options import GraphOption, JsonOption, until_ctrl_c
-from palp_core.cli.output import print_json, print_table, print_text
-from palp_core.cli.running import find_graph, note_ended
+from palp_core.cli.host import examine_host, examine_runs
+from palp_core.cli.options import Call, GraphOption, JsonOption, graph_verb
+from palp_core.cli.output import print_json, print_text, table_lines
+from palp_core.cli.running import note_ended
+from palp_core.counted import counted
+from palp_core.graph.discovery.choice import choose, line_of, meant
+from palp_core.graph.discovery.health import (
+    EdgeRow,
+    HealthReader,
+    NodeRow,
+    actions_as_one,
+    rows,
+    sample_health,
+)
+from palp_core.graph.discovery.run_directory import RunRecord, running
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.discovery.troubles import (
+    ERROR,
+    NOTE,
+    OK,
+    WARN,
+    ActiveDiagnostic,
+    Trouble,
+    active_diagnostics,
+    examine_graph,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     import rich.console
 
-    from palp_core.graph.discovery.health import EdgeRow, NodeRow
-    from palp_core.graph.discovery.running_graph import RunningGraph
-    from palp_core.graph.discovery.standing import Standing
-
+ASK_S = 2.0
+_ORDER = (ERROR, WARN, NOTE, OK)
+TOP_ASK_S = 0.5
 HEALTH_TIMEOUT_S = 2.5
 NODE_TITLES = (
     "NODE",
@@ -38,46 +60,102 @@ EDGE_TITLES = (
     "TOPIC", "READER", "RATE Hz", "RECEIVED", "LOST", "REPEATED", "LATE", "DROPPED",
     "P50 ms", "P99 ms", "MAX ms",
 )  # fmt: skip
-ASK_S = 0.5
-Sample = tuple["list[NodeRow]", "list[EdgeRow]", "list[Standing]"]
+Sample = tuple[list[NodeRow], list[EdgeRow], list[ActiveDiagnostic]]
 
 
+def doctor(
+    *,
+    report: Annotated[
+        bool, typer.Option("--report", "-r", help="Also what was looked at and found in order.")
+    ] = False,
+    include_warnings: Annotated[
+        bool, typer.Option("--include-warnings", "-iw", help="Status 1 for warnings, too.")
+    ] = False,
+    graph: GraphOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """It only looks: a healthy run does not notice. Status 1 if there is an error."""
+    records, troubles = _graphs(graph)
+    graphs = [
+        (RunningGraph(record), f"graph {record.id}, " if len(records) > 1 else "") for record in records
+    ]
+    for one, place in graphs:
+        reported = active_diagnostics(one, ASK_S)
+        troubles += [found.trouble.of_run(one.record.id, place) for found in reported]
+    troubles += [*examine_host(), *examine_runs()]
+    for one, place in graphs:
+        troubles += [found.of_run(one.record.id, place) for found in examine_graph(one)]
+    counts = {level: sum(trouble.level == level for trouble in troubles) for level in _ORDER}
+    if as_json:
+        print_json({"graphs": [record.graph for record in records], **counts, "findings": troubles})
+    else:
+        _print(troubles, counts, len(records), report=report)
+    if counts[ERROR] or (include_warnings and counts[WARN]):
+        raise typer.Exit(1)
+
+
+def _graphs(name: str | None) -> tuple[list[RunRecord], list[Trouble]]:
+    """Return the graph that is named, or those of this folder, and a note on each that is left out."""
+    if name is not None:
+        return [choose(name).record], []
+    records = running()
+    chosen = meant(records, None)
+    return chosen, [
+        Trouble(
+            f"graph {record.id}",
+            NOTE,
+            f"is another folder's, and not looked at: {line_of(record)}",
+            f"look at it: palp doctor --graph {record.id}",
+        )
+        for record in records
+        if record not in chosen
+    ]
+
+
+def _print(troubles: list[Trouble], counts: dict[str, int], graphs: int, *, report: bool) -> None:
+    for trouble in sorted(troubles, key=lambda trouble: _ORDER.index(trouble.level)):
+        if trouble.level == OK and not report:
+            continue
+        print_text(f"{trouble.level.upper():<5} {trouble.where}: {trouble.text}")
+        if trouble.advice:
+            print_text(f"      -> {trouble.advice}")
+    print_text(
+        f"{counted(counts[ERROR], 'error')}, {counted(counts[WARN], 'warning')}, "
+        f"{counted(counts[NOTE], 'note')}; "
+        f"{counted(counts[OK], 'check')} passed; {counted(graphs, 'graph')} running"
+    )
+
+
+@graph_verb()
 def top(
+    call: Call,
     *,
     once: Annotated[bool, typer.Option("--once", help="One sample, then end.")] = False,
     period: Annotated[
         float, typer.Option("--period", "-d", min=0.1, metavar="S", help="Between samples.")
     ] = 1.0,
-    graph: GraphOption = None,
-    as_json: JsonOption = False,
 ) -> None:
     """RATE counts a node's timer ticks and the messages that it handled; READERS LOST is what the readers of
     its topics say that they have lost for good. Below, each edge with its reader's own
     account; above, what nodes say is wrong. In a graph composed into one process, processor and memory are
     that process's.
     """
-    running = find_graph(graph)
-    with until_ctrl_c():
-        samples = _samples(running, period)
-        if as_json or once or not sys.stdout.isatty():
-            sample = next(samples)
-            if as_json:
-                named = zip(("nodes", "edges", "diagnostics"), sample, strict=True)
-                print_json({"graph": running.record.graph, "clock": running.record.clock, **dict(named)})
-            else:
-                _print(sample)
-            return
-        _show_live(running, samples)
+    running = call.graph
+    samples = _samples(running, period)
+    if call.as_json or once or not sys.stdout.isatty():
+        sample = next(samples)
+        named = zip(("nodes", "edges", "diagnostics"), sample, strict=True)
+        call.show(
+            {"graph": running.record.graph, "clock": running.record.clock, **dict(named)},
+            _sample_lines(sample),
+        )
+        return
+    _show_live(running, samples)
     note_ended(running)
 
 
 def _samples(graph: RunningGraph, period_s: float) -> Iterator[Sample]:
     """Yield a sample each period while the graph runs, from its health topic where that speaks."""
-    from threading import Event
-
-    from palp_core.graph.discovery.health import HealthReader, actions_as_one, rows, sample_health
-    from palp_core.graph.discovery.standing import standing
-
     reader = HealthReader(graph)
     try:
         before = reader.read(HEALTH_TIMEOUT_S) if graph.record.clock == "wall" else None
@@ -92,7 +170,7 @@ def _samples(graph: RunningGraph, period_s: float) -> Iterator[Sample]:
             by_topic = after is not None
             after = after or sample_health(graph)
             nodes, edges = rows(before, after)
-            yield nodes, actions_as_one(edges), standing(graph, ASK_S)
+            yield nodes, actions_as_one(edges), active_diagnostics(graph, TOP_ASK_S)
             before = after
     finally:
         reader.close()
@@ -134,7 +212,7 @@ def _cells(sample: Sample) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]]
     return nodes, edges
 
 
-def _state(node: NodeRow, found: list[Standing]) -> str:
+def _state(node: NodeRow, found: list[ActiveDiagnostic]) -> str:
     """Return the state of a node's lifecycle, or what is worse."""
     if not node.responsive:
         return "SILENT"
@@ -149,17 +227,16 @@ def _milliseconds(value_s: float | None) -> str:
     return "-" if value_s is None else f"{value_s * 1e3:.3f}"
 
 
-def _print(sample: Sample) -> None:
+def _sample_lines(sample: Sample) -> Iterator[str]:
     nodes, edges = _cells(sample)
-    for found in sample[2]:
-        print_text(_line(found))
-    print_table([NODE_TITLES, *nodes])
+    yield from map(_diagnostic_line, sample[2])
+    yield from table_lines([NODE_TITLES, *nodes])
     if edges:
-        print_text("")
-        print_table([EDGE_TITLES, *edges])
+        yield ""
+        yield from table_lines([EDGE_TITLES, *edges])
 
 
-def _line(found: Standing) -> str:
+def _diagnostic_line(found: ActiveDiagnostic) -> str:
     return f"{found} -> {found.advice}" if found.advice else str(found)
 
 
@@ -190,6 +267,7 @@ def _picture(graph: RunningGraph, sample: Sample) -> rich.console.RenderableType
         tables.append(table)
     head = f"{graph.record.graph}  ({graph.record.clock} clock, process {graph.record.pid})   Ctrl-C ends"
     wrong = [
-        Text(_line(found), style="bold red" if found.level == "error" else "yellow") for found in sample[2]
+        Text(_diagnostic_line(found), style="bold red" if found.level == "error" else "yellow")
+        for found in sample[2]
     ]
     return Group(Text(head, style="bold"), *wrong, Text(""), tables[0], Text(""), tables[1])

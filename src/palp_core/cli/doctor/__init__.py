@@ -1,1 +1,0 @@
-"""What is wrong, and how it goes."""
