@@ -1,7 +1,6 @@
 """Frames of a running graph, each for the observer of its topic; publishers are followed when they move."""
 
 import contextlib
-from collections import defaultdict
 from collections.abc import Callable, Iterable
 from typing import Self
 
@@ -10,7 +9,7 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import Kind, parse
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.transport.migration import Migration, Ordered, Unordered
+from palp_core.graph.transport.migration import Migration, Reorderer
 from palp_core.graph.transport.requester_socket import RequesterSocket
 from palp_core.graph.transport.subscriber_socket import RECEIVE_QUEUE, SubscriberSocket
 
@@ -48,7 +47,7 @@ class GraphReader:
         self.ended = False
         self._on_change = on_change
         self._subscriber = SubscriberSocket({}, queue=queue, name=name)
-        self._orders: dict[str, Ordered] = defaultdict(Unordered)
+        self._orders: dict[str, Reorderer] = {}
         self._migration = Migration(self._subscriber, {}, self._orders)
         self._observers: dict[bytes, Observer] = {}
         self._publish: dict[str, str] = {}
@@ -61,7 +60,7 @@ class GraphReader:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def follow(self, topics: Iterable[Topic], observe: Observer, order: Ordered | None = None) -> None:
+    def follow(self, topics: Iterable[Topic], observe: Observer, order: Reorderer | None = None) -> None:
         """Hand frames of more topics to an observer; those that are followed already stay as they are.
 
         Args:
