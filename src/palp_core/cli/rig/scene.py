@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,17 +22,6 @@ FileArgument = Annotated[Path, typer.Argument(help="Scene file (YAML).", show_de
 RungOption = Annotated[
     str | None, typer.Option(help="This rung of `palp methods list contact`, whatever the tolerance.")
 ]
-
-
-@app.command("schema")
-def schema(
-    *,
-    phantoms: Annotated[bool, typer.Option("--phantoms", help="Of files of phantoms instead.")] = False,
-) -> None:
-    """Print the JSON Schema of scene files, for editors."""
-    from palp_core.palpation.mechanics.scene.schema import phantoms_schema, scene_schema
-
-    print_text(json.dumps(phantoms_schema() if phantoms else scene_schema(), indent=1))
 
 
 @app.command("explain")

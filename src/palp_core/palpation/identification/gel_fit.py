@@ -72,7 +72,7 @@ def fit_gel(
         curves = []
         for cell in cells:
             phantom = replace(scene.with_bead(cell.depth_m).phantom, modulus_pa=float(np.exp(x[0])))
-            model = rung_model(choices[cell.depth_m].rung, phantom, probe.tip_radius_m, probe.tip)
+            model = rung_model(choices[cell.depth_m].rung, phantom, probe.tip_radius_m)
             indentation_m = float(np.exp(x[2 + cell.mounting]))
             table = solve(model, probe, cell.ring_m + ring_m, indentation_m, *cell.stage_m[[0, -1]].tolist())
             curves.append(table.torque_n_m(cell.stage_m))
@@ -139,9 +139,7 @@ def _mean_sweeps(sessions: Sequence[RecordedSweeps], scene: Scene) -> list[_Cell
 def _mean(mounting: int, sweeps: Sequence[RecordedSweep], scene: Scene, noise_n_m: float) -> _Cell:
     first = sweeps[0]
     if len({(sweep.torque_n_m.size, sweep.rate_hz) for sweep in sweeps}) != 1:
-        raise PalpError(
-            f"ring {first.ring_m:g} m: sweeps differ in length or rate; give sessions of one design"
-        )
+        raise PalpError(f"ring {first.ring_m:g} m: sweeps differ in length; give sessions of one design")
     count, edge = first.torque_n_m.size, _SMOOTH.edge
     mean = np.mean([_SMOOTH.apply(sweep.torque_n_m) for sweep in sweeps], axis=0)
     last = edge + int(np.argmax(mean[edge : count - edge])) if first.depth_m else count - edge
