@@ -20,7 +20,7 @@ from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
 
 REFERENCE = "l4"
 QUICK = ("l2", "l4")
-FILTERS = ("naive", "latent_ring", "latent_trial", "latent")
+FILTERS = ("naive", "latent")
 FEATURES = ("peak", "contrast")
 _LONG = "takes minutes, and was left out"
 
