@@ -7,19 +7,19 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import least_squares
+from scipy.signal import savgol_filter
 
 from palp_core.errors import PalpError
 from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.scene.choice import choose_rung, rung_model
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.nano17 import RESOLUTION_N_M
-from palp_core.palpation.perception.signal.smoothers import SavitzkyGolay
 from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps
 from palp_core.palpation.session.repeatability import sample_noise
 from palp_core.units import Float64Array
 
-_SMOOTH = SavitzkyGolay(50, 3)
-_NOISE_GAIN = 0.15  # of that window and degree: the root sum of its squared weights at the middle
+_EDGE = 50  # samples on either side of a cubic's middle (Savitzky and Golay, 1964)
+_NOISE_GAIN = 0.15  # the root sum of its squared weights there
 _POINT_STEP_M = 0.002
 _LEAST_RING_M = 1e-3  # with next to no spring torque, its sign is that of the ring's error
 _NUMERICS_N_M = 2e-6  # error of the tables' interpolation (assumed)
@@ -140,8 +140,8 @@ def _mean(mounting: int, sweeps: Sequence[RecordedSweep], scene: Scene, noise_n_
     first = sweeps[0]
     if len({(sweep.torque_n_m.size, sweep.rate_hz) for sweep in sweeps}) != 1:
         raise PalpError(f"ring {first.ring_m:g} m: sweeps differ in length; give sessions of one design")
-    count, edge = first.torque_n_m.size, _SMOOTH.edge
-    mean = np.mean([_SMOOTH.apply(sweep.torque_n_m) for sweep in sweeps], axis=0)
+    count, edge = first.torque_n_m.size, _EDGE
+    mean = savgol_filter(np.mean([sweep.torque_n_m for sweep in sweeps], axis=0), 2 * edge + 1, 3)
     last = edge + int(np.argmax(mean[edge : count - edge])) if first.depth_m else count - edge
     advance_m = np.copysign(scene.path.speed_m_s, scene.path.to_m - scene.path.from_m) / first.rate_hz
     points = np.arange(edge, last, max(1, round(_POINT_STEP_M / abs(advance_m))))
