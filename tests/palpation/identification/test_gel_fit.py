@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from palp_core.cli.main import app
 from palp_core.errors import PalpError
 from palp_core.palpation.identification.gel_fit import fit_gel
 from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.scene.choice import choose_rung, rung_model
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps
+from tests.support.rig_session import RigSession
 
 RESOLUTION = 1e-3 / 64
 RINGS_M = (0.008, 0.016)
@@ -48,6 +52,19 @@ def test_the_gel_is_found_within_its_intervals(seed: int) -> None:
         assert estimate.low <= truth <= estimate.high
         assert estimate.high - estimate.low < 0.25 * truth
     assert found.misfit < 2.0
+
+
+def test_the_command_finds_the_gel_of_a_run(rig_session: RigSession) -> None:
+    call = ["scene", "fit", str(rig_session.out), "--json"]
+    found = json.loads(CliRunner().invoke(app, call, catch_exceptions=False).stdout)
+    gel = Scene()
+    for name, truth in (("modulus_pa", gel.phantom.modulus_pa), ("friction", gel.probe.friction)):
+        assert 0.5 * truth < found[name]["low"] < truth < found[name]["high"] < 1.5 * truth
+
+
+def test_a_person_reads_the_gel_line_by_line(rig_session: RigSession) -> None:
+    result = CliRunner().invoke(app, ["scene", "fit", str(rig_session.out)], catch_exceptions=False)
+    assert [line.split(":")[0] for line in result.output.splitlines()] == ["modulus", "friction", "misfit"]
 
 
 def test_sweeps_of_unknown_phantoms_are_refused() -> None:

@@ -106,7 +106,7 @@ def fit_gel(
     slopes = np.asarray(found.jac, dtype=np.float64)
     reach = 1.96 * np.sqrt(max(misfit, 1.0) * np.diag(np.linalg.inv(slopes.T @ slopes))[:2])
     ends = np.array([x[:2], x[:2] - reach, x[:2] + reach])
-    return GelFit(Interval(*np.exp(ends[:, 0])), Interval(*ends[:, 1]), misfit)
+    return GelFit(Interval(*np.exp(ends[:, 0]).tolist()), Interval(*ends[:, 1].tolist()), misfit)
 
 
 @dataclass(frozen=True, eq=False)
