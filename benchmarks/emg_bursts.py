@@ -29,10 +29,10 @@ from typing import TYPE_CHECKING, Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from scipy.signal import find_peaks
 
 from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
 from palp_core.palpation.perception.emg.levels import to_levels
-from palp_core.palpation.perception.emg.peaks import PeakFinder
 from palp_core.palpation.perception.emg.settings import BURSTS, BurstSettings
 from palp_core.palpation.perception.strategy.figure5 import LEVELS
 from palp_core.palpation.reporting import charts
@@ -48,6 +48,7 @@ from palp_core.palpation.studies.perception.emg_known import (
     recorded,
 )
 from palp_core.palpation.studies.perception.emg_models import MODELS
+from palp_core.units import Float64Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -100,6 +101,15 @@ def row_of(table: str, model: str, name: str, one: Score) -> dict[str, Any]:
     }
 
 
+def prominent(values: Float64Array, distance: float) -> list[int]:
+    """Return the peaks of half a level's prominence; of those nearer than the distance the highest stay."""
+    kept: list[int] = []
+    for at in sorted(find_peaks(values, prominence=0.05, plateau_size=1)[0], key=lambda at: -values[at]):
+        if all(abs(at - other) >= distance for other in kept):
+            kept.append(int(at))
+    return kept
+
+
 def before(window_s: float, distance_s: float, model: str, subjects: int, count: int, seed: int) -> Score:
     """Return what peaks by prominence, held against the sum of maxima, make of the plain condition."""
     settings, of = EmgSettings(window_s=window_s, mvc_rule="sum_of_maxima"), EmgCondition("plain")
@@ -109,11 +119,10 @@ def before(window_s: float, distance_s: float, model: str, subjects: int, count:
         rng = np.random.default_rng((seed + one, 15))
         strength, made = contractions(of, count, rng)
         trial, mvc, _ = recorded(model, of, strength, rng)
-        peaks = PeakFinder(of.rate_hz, distance_s=distance_s).whole(
-            analyse(trial, mvc, settings).cocontraction
-        )
+        values = analyse(trial, mvc, settings).cocontraction
+        peaks = prominent(values, distance_s * of.rate_hz)
         for each in made:
-            inside = [p.value for p in peaks if each.begin <= p.index < each.end + 0.2 * of.rate_hz]
+            inside = [values[at] for at in peaks if each.begin <= at < each.end + 0.2 * of.rate_hz]
             found += len(inside) == 1
             extra += max(0, len(inside) - 1)
             if inside:

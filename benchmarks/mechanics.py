@@ -1,8 +1,7 @@
 """What the contact models and the joint cost, and how right they are: figures beside limits and peers.
 
 Times are medians of repeats on one core, taken in turns with a peer where there is one: Brent's method
-position by position for the joint, the same elements solved anew for the condensed compliance. Run it on an
-idle machine.
+position by position for the joint. Run it on an idle machine.
 
 Run: .venv/bin/python benchmarks/mechanics.py [--quick] [--json] [--picker DIR]
 
@@ -24,8 +23,6 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from palp_core.graph.clock import monotonic_ns
 from palp_core.palpation.mechanics import (
@@ -38,7 +35,6 @@ from palp_core.palpation.mechanics import (
     solve,
     sweep,
 )
-from palp_core.palpation.mechanics.contact.l3 import PlaneContact
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 from palp_core.palpation.mechanics.equilibrium.finders import brent
 from palp_core.palpation.mechanics.equilibrium.joint import Joint
@@ -164,42 +160,6 @@ def sweeps(quick: bool) -> list[Figure]:
     return [*figures, Figure("3000 positions of a solved sweep, ms", 1e3 * float(np.median(read)), 5.0)]
 
 
-def solved_again_n(model: PlaneContact, indentation_m: float) -> float:
-    """Return L3's normal force on the axis from the whole system, factorised anew in every round."""
-    solid = model.solid
-    freedom, (nodes, x) = solid.freedom(odd=False), solid.surface
-    stiffness = (freedom.T @ solid.matrix @ freedom).tocsc()
-    overlap = indentation_m - x**2 / (2.0 * model.tip_radius_m)
-    touching = overlap > 0.0
-    for _ in range(30):
-        held = freedom[nodes[touching]]
-        system = sp.bmat([[stiffness, held.T], [held, None]]).tocsc()
-        load = np.concatenate([np.zeros(stiffness.shape[0]), overlap[touching]])
-        solution = splu(system).solve(load)
-        force = -solution[stiffness.shape[0] :]
-        wrong = ~touching & (freedom[nodes] @ solution[: stiffness.shape[0]] < overlap - 1e-12)
-        wrong[touching] = force < 0.0
-        if not wrong.any():
-            break
-        touching ^= wrong
-    return 2.0 * float(force.sum()) * model.phantom.modulus_pa * 2.0 * model.tip_radius_m
-
-
-def condensed(quick: bool) -> list[Figure]:
-    """A position of L3 from the condensed compliance, and from the same elements solved again."""
-    model, at = PlaneContact(over(0.004), TIP_M), np.array(0.003)
-    ours_n = float(model.force(np.zeros(()), at)[0])
-    again_n = solved_again_n(model, 0.003)
-    taken = medians_s(
-        {"ours": lambda: model.force(np.zeros(()), at), "again": lambda: solved_again_n(model, 0.003)},
-        3 if quick else 9,
-    )
-    return [
-        Figure("condensed against solved again, relative", abs(ours_n / again_n - 1.0), 1e-10),
-        Figure("a condensed position (L3), ms", 1e3 * taken["ours"], 1e3 * taken["again"], "solved again"),
-    ]
-
-
 def accuracy(quick: bool) -> list[Figure]:
     """L4 at 1 mm against cells of 0.35 mm, and L2 against it: force from 1 mm on, peak, contrast."""
     figures = []
@@ -238,7 +198,7 @@ def picker(folder: Path, repeats: int = 9) -> list[Figure]:
             continue
         probe = one.scene.probe
         for phantom in one.scene.phantoms:
-            rung_model("l4", phantom, probe.tip_radius_m, probe.tip).force(np.zeros(1), np.full(1, 1e-4))
+            rung_model("l4", phantom, probe.tip_radius_m).force(np.zeros(1), np.full(1, 1e-4))
         taken = medians_s({r: functools.partial(run_scene, one.scene, r) for r in one.cost_s}, repeats)
         ratios.append(taken[one.rung] / min(taken.values()))
     if not ratios:
@@ -256,7 +216,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="a list for machines")
     parser.add_argument("--picker", type=Path, metavar="DIR", help="time the scenes judged in this folder")
     options = parser.parse_args()
-    figures = [*setups(options.quick), *sweeps(options.quick), *condensed(options.quick)]
+    figures = [*setups(options.quick), *sweeps(options.quick)]
     figures += accuracy(options.quick)
     if options.picker is not None:
         figures += picker(options.picker)

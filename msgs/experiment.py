@@ -12,14 +12,6 @@ class Mount(Message):
     remount: Count
 
 
-class TrialMount(Message):
-    """On which mounting a trial is felt, said before it begins; which phantom that is, it does not say."""
-
-    stamp_ns: Nanoseconds
-    trial: Count
-    remount: Count
-
-
 class MountedRequest(Message):
     """A person has put a phantom on; ``code``, if given, must be the one that was asked for."""
 

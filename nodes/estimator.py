@@ -4,7 +4,7 @@ import numpy as np
 
 from msgs.actuator import RingState
 from msgs.estimation import Belief, Outlook, Palpation, PrimitivesLearnt
-from msgs.experiment import Trial, TrialMount
+from msgs.experiment import Trial
 from msgs.stage import SweepStatus
 from msgs.torque import TorqueBlock
 from nodes.estimator_params import EstimatorParams, EstimatorState
@@ -45,7 +45,6 @@ class Estimator(MethodTeller):
     params: EstimatorParams
     state: EstimatorState
     trial = Sub(Trial)
-    mount = Sub(TrialMount, optional=True)
     ring = Sub(RingState)
     sweep = Sub(SweepStatus)
     torque = Sub(TorqueBlock)
@@ -101,26 +100,8 @@ class Estimator(MethodTeller):
             self._learn()
         state.trial, state.number, state.phase = trial.trial, trial.number, trial.phase
         state.label_known, state.depth_m = trial.label_known, trial.depth_m
-        if self.params.height_stays == "mounting":
-            state.earlier += state.probes
         state.probes, state.posteriors, state.gains = [], [], []
         state.trace.begin_trial(trial.code)
-
-    @on(mount)
-    def note_mount(self, mount: TrialMount) -> None:
-        self.state.mount = [mount]
-
-    def _same_mounting(self) -> list[TrialReading]:
-        """Return what was read in earlier trials of this mounting; forget what was read on another."""
-        state = self.state
-        if self.params.height_stays == "trial":
-            return []
-        remount = next((said.remount for said in state.mount if said.trial == state.trial), -1)
-        if remount < 0 and len(state.probes) == 1:
-            self.log.warning("trial %d: nobody told its mounting; its height is taken as new", state.number)
-        if remount < 0 or remount != state.remount:
-            state.remount, state.earlier = remount, []
-        return [TrialReading(*probe) for probe in state.earlier]
 
     @on(ring)
     def note_ring(self, ring: RingState) -> None:
@@ -369,7 +350,7 @@ class Estimator(MethodTeller):
         state.landed = False
         state.probes.append((peak_n_m, setting, landed))
         probes = [TrialReading(*probe) for probe in state.probes]
-        posterior = belief.posterior(probes, self._same_mounting())
+        posterior = belief.posterior(probes)
         self._judge(peak_n_m, posterior, outlier=memory.is_outlier(peak_n_m, setting))
 
     def _depths_m(self) -> Float64Array:

@@ -1,10 +1,7 @@
 """Parameters and state of the estimator."""
 
-from typing import Literal
-
 import msgspec
 
-from msgs.experiment import TrialMount
 from palp_core import Params, ReadOnly
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.session_check import SessionTrials
@@ -44,8 +41,7 @@ class EstimatorParams(Params):
     ``stop_value`` is the stop rule's own number, 0 for its default. ``depths`` is the number of depths of a
     grid from the shallowest to the deepest trained; 0 decides among the trained ones. A ``filter`` that knows
     what stays reads it from ``noise``, a file of the plan ``repeatability``; empty: landings of
-    ``ring_sd_mm``, heights of ``height_sd_mm``. ``height_stays``: a height is new with every trial, or with
-    every ``mounting``, whose number the experiment tells. ``scene`` is the scene file from whose mechanics
+    ``ring_sd_mm``, heights of ``height_sd_mm``. ``scene`` is the scene file from whose mechanics
     it knows how a reading answers to the height.
 
     With the ``reading`` ``trace`` the belief follows the torque along the path in bins of ``bin_mm``, and is
@@ -67,7 +63,6 @@ class EstimatorParams(Params):
     noise: str = ""
     ring_sd_mm: MillimetresNonNegative = 0.17
     height_sd_mm: MillimetresNonNegative = 0.1
-    height_stays: ReadOnly[Literal["trial", "mounting"]] = "trial"
     scene: str = ""
     stop: StopName = "paper_guarded"
     stop_value: RatioNonNegative = 0.0
@@ -115,9 +110,6 @@ class EstimatorState(MethodTellerState):
     primitives: dict[str, list[float]] = {}
     landed: bool = False
     probes: list[tuple[float, int, bool]] = []
-    earlier: list[tuple[float, int, bool]] = []
-    remount: int = -1
-    mount: list[TrialMount] = []
     posteriors: list[list[float]] = []
     gains: list[list[float]] = []
     trace: TraceMemory = msgspec.field(default_factory=TraceMemory)

@@ -4,7 +4,7 @@ from typing import Literal
 
 from msgs.actuator import RingCommand, RingState, RingTruth
 from msgs.estimation import Belief, Outlook, Palpation, PrimitivesLearnt
-from msgs.experiment import Mount, PhantomTruth, PolicyChange, Trial, TrialMount, TrialResult
+from msgs.experiment import Mount, PhantomTruth, PolicyChange, Trial, TrialResult
 from msgs.stage import SweepGoal, SweepStatus
 from msgs.torque import ContactGuard
 from nodes.experiment_params import POLICY, ExperimentParams, ExperimentState
@@ -49,7 +49,6 @@ class Experiment(Node):
     goal = Pub(SweepGoal)
     ring = Pub(RingCommand)
     mount = Pub(Mount)
-    trial_mount = Pub(TrialMount)
     result = Pub(TrialResult, qos=Qos(depth=1000))  # who looks later still sees the session's trials
     progress = Pub(Progress)
     swap = Pub(Swap)
@@ -210,10 +209,7 @@ class Experiment(Node):
     def _announce_trial(self) -> None:
         state = self.state
         state.trial_announced = True
-        now_ns = self.now_ns()
-        if self.params.height_stays == "mounting":
-            self.trial_mount.publish(TrialMount(stamp_ns=now_ns, trial=state.trial, remount=state.remount))
-        self.trial.publish(trial_of(state, now_ns))
+        self.trial.publish(trial_of(state, self.now_ns()))
         run = self.swaps.get(state.trials_done + 1, "") if state.phase == "estimation" else ""
         if run:  # the policy that is there begins the trial, the next one goes on with it
             state.next_policy = plan.policy_name(run)

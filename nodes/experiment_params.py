@@ -47,7 +47,6 @@ class ExperimentParams(Params):
     that is to be replaced (``overwrite``).
     ``session`` names the session's sheet, which the report checks and copies.
     ``plan`` is the paper's experiment, or how well the rig repeats. ``depths`` and ``stop``: the estimator's.
-    ``height_stays``: the estimator's, who is told on which mounting each trial is if that counts.
     ``mounting``: which phantom when: ``grouped`` to limit remounts, ``each_trial``, ``block_randomised``, or
     a CSV of trials. ``specimens``: whether trials are of the phantoms of training, or of others.
     ``blind``: what is said and written has codes for depths, and no live accuracy; ``key`` says who is who.
@@ -71,7 +70,6 @@ class ExperimentParams(Params):
     estimation_mounts: CountPositive = 1
     depths: DepthCount = 0
     stop: str = ""
-    height_stays: ReadOnly[Literal["trial", "mounting"]] = "trial"
     from_m: Metres = -0.03
     to_m: Metres = 0.05
     scene: str = ""

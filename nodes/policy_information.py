@@ -21,7 +21,7 @@ class InformationParams(PolicyParams):
     """Set in the launch file.
 
     ``knows`` is what the policy knows to stay, a filter's name: ``naive`` takes all readings for independent,
-    ``latent_ring`` knows that a landing stays until the ring moves, ``latent`` that the height stays as well.
+    ``latent`` knows that a landing stays until the ring moves, and the height for the trial.
     ``noise``, ``ring_sd_mm``, ``height_sd_mm``, ``scene``, ``feature``, ``depths`` and ``training`` are as of
     the estimator, ``auto`` too; with equal ones it has the estimator's own belief. ``per_second`` weighs bits
     by the time of move and sweep. ``start_mm`` is where it probes as long as nothing was learnt (assumed: the

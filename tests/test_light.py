@@ -59,7 +59,7 @@ for name in names:
 """
 EVERY_METHOD = """
 from palp_core.methods import methods, tasks
-assert sum(len(methods(task.name)) for task in tasks()) > 30
+assert sum(len(methods(task.name)) for task in tasks()) > 25
 """
 EVERY_DRIVER = """
 from palp_core.palpation.devices.registry import back_end, drivers

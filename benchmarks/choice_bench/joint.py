@@ -31,7 +31,7 @@ def _scene(rng: np.random.Generator) -> Scene:
 
 
 def _model(scene: Scene) -> LayeredHertz:
-    return LayeredHertz(scene.phantoms[0], scene.probe.tip_radius_m, tip=scene.probe.tip)
+    return LayeredHertz(scene.phantoms[0], scene.probe.tip_radius_m)
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,27 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import math
+import re
 from collections.abc import Iterator
 from typing import Any
 
-from palp_core.palpation.mechanics.scene.schema import SECTIONS, WORDS, limits_of, sentences
+from palp_core.errors import OutOfRange
+from palp_core.palpation.mechanics.phantom import Bead, Phantom
+from palp_core.palpation.mechanics.probe import Probe
+from palp_core.palpation.mechanics.scene.scene import OUTPUTS, STRAINS, Scene, StagePath, Tolerance
+
+SECTIONS: dict[str, tuple[str, type]] = {
+    "": ("The file", Scene),
+    "phantom": ("The phantom", Phantom),
+    "phantom.bead": ("The bead", Bead),
+    "probe": ("The probe", Probe),
+    "path": ("The path", StagePath),
+    "tolerance": ("The tolerance", Tolerance),
+}
+"""Title and class by the place in a scene file."""
+
+_WORDS = {"output": OUTPUTS, "strain": STRAINS}
 
 _HEAD = """# Scene and phantom files: every key
 
@@ -15,9 +32,6 @@ A scene says what is swept over what, and how right which output must be. What i
 rig.
 `palp scene explain FILE` tells which contact model it gets and why; `palp launch launch/sim.yaml
 scene:=FILE` runs in it.
-For editors there is the JSON Schema of both files, made from the same keys: `palp scene schema`
-and `palp scene schema --phantoms` print them; they are kept as `launch/scene.schema.json` and
-`launch/phantoms.schema.json`.
 A mistake is told with file, line, column and the nearest key. Lengths are in metres, all else in SI units.
 
 ```yaml
@@ -64,17 +78,31 @@ def _section(place: str, title: str, kind: type) -> Iterator[str]:
     yield (f"At `{place}`. " if place else "") + (inspect.getdoc(kind) or "").splitlines()[0] + "\n"
     yield "| key | without it | bounds | what it is |"
     yield "|---|---|---|---|"
-    said, bounds = sentences(kind), bounds_of(kind)
+    said = _sentences(kind)
     for field in dataclasses.fields(kind):
-        words = " or ".join(f"`{word}`" for word in WORDS.get(field.name, ()))
-        bound = words or bounds.get(field.name, "")
+        words = " or ".join(f"`{word}`" for word in _WORDS.get(field.name, ()))
+        bound = words or _bounds(kind, field)
         yield f"| `{field.name}` | {_default(field)} | {bound} | {said[field.name]} |"
     yield ""
 
 
-def bounds_of(kind: type) -> dict[str, str]:
-    """Return the bounds that a class's constructor requires of each attribute, in words."""
-    return {name: f"{least:g} to {most:g}" for name, (least, most) in limits_of(kind).items()}
+def _sentences(kind: type) -> dict[str, str]:
+    """Return what a class's docstring has of each attribute."""
+    text = (inspect.getdoc(kind) or "").partition("Attributes:\n")[2].partition("\n\n")[0]
+    found = re.findall(r"^    (\w+): (.*(?:\n {8,}.*)*)", text, flags=re.MULTILINE)
+    plain = {name: re.sub(r":\w+:`~?([\w.]+)`", r"`\1`", " ".join(words.split())) for name, words in found}
+    return {name: words.replace("``", "`").replace(" None", " `none`") for name, words in plain.items()}
+
+
+def _bounds(kind: type, field: dataclasses.Field[Any]) -> str:
+    """Return the bounds that a constructor states when it refuses what is no number."""
+    given = {"depth_m": 0.004} if kind is Bead else {}
+    try:
+        kind(**given | {field.name: math.nan})
+    except (OutOfRange, TypeError) as error:
+        bounds = re.search(r"not in \[(\S+), (\S+)\]", str(error))
+        return f"{bounds[1]} to {bounds[2]}" if bounds else ""
+    return ""
 
 
 def _default(field: dataclasses.Field[Any]) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from docs.site.scene_page import SECTIONS as SCENE_SECTIONS
 from docs.site.units_page import quantities
 from palp_core import units
 from palp_core.cli.lazy import LazyGroup, load
@@ -21,7 +22,6 @@ from palp_core.cli.main import app
 from palp_core.graph.description.launch_keys import SECTIONS
 from palp_core.graph.description.tree_reader import fields_of
 from palp_core.palpation.devices.contract import PROMISES
-from palp_core.palpation.mechanics.scene.schema import SECTIONS as SCENE_SECTIONS
 from tests.support.palp import ROOT
 
 pytestmark = pytest.mark.nightly

@@ -288,9 +288,9 @@ def test_what_is_not_declared_is_said_with_what_is() -> None:
 
 
 def test_a_range_that_a_scene_leaves_is_named_with_its_value() -> None:
-    assert outside("contact", "l1", {"poisson": 0.4}) == ""
-    assert outside("contact", "l1", {"poisson": (0.4, 0.49)}) == (
-        "l1 is outside its valid range: poisson = 0.4 and 0.49 is not in [0, 0.45]; l2 survives there"
+    assert outside("contact", "l2", {"poisson": 0.49}) == ""
+    assert outside("contact", "l2", {"poisson": (0.4, 0.49)}) == (
+        "l2 is outside its valid range: poisson = 0.4 and 0.49 is not in [0.45, 0.5]; l4 survives there"
     )
 
 

@@ -294,15 +294,6 @@ def test_a_row_says_what_its_own_sweep_met(tmp_path: Path, order: dict[str, bool
     assert 0 < sum(map(bool, rig.felt)) < len(rig.felt)
 
 
-def test_the_mounting_of_each_trial_is_told_where_heights_stay_with_it(tmp_path: Path) -> None:
-    bench = run(tmp_path / "told", height_stays="mounting").bench
-    rows = read_rows(tmp_path / "told")
-    told = [(mount.trial, mount.remount) for mount in bench.sent(Experiment.trial_mount)]
-    felt = dict.fromkeys((row.phase, row.trial, row.remount) for row in rows)
-    assert told == [(place, remount) for place, (_, _, remount) in enumerate(felt)]
-    assert not run(tmp_path / "untold").bench.sent(Experiment.trial_mount)
-
-
 def test_the_label_is_told_in_training_only(tmp_path: Path) -> None:
     rig = run(tmp_path)
     trials = [request for request in rig.asked if isinstance(request, Trial)]

@@ -298,7 +298,7 @@ class Surface:
         angle = self._turn * math.pi / self._slices
         self._x, self._y = ring_m[ring[once]] * np.cos(angle), ring_m[ring[once]] * np.sin(angle)
 
-    def press(self, offset_m: float, indentation_m: float, tip: str = "sphere") -> Pressed:
+    def press(self, offset_m: float, indentation_m: float) -> Pressed:
         """Press the ball in, its lowest point ``offset_m`` past the bead.
 
         Raises:
@@ -311,8 +311,8 @@ class Surface:
             raise ArithmeticError(f"the surface is known to {self._reach_m:g} m only")
         near = np.flatnonzero(aside < widest)
         x, aside = x[near], aside[near]
-        height = np.sqrt(TIP_M**2 - aside**2) if tip == "sphere" else np.full(near.size, TIP_M)
-        overlap = indentation_m - (TIP_M - height if tip == "sphere" else aside**2 / (2.0 * TIP_M))
+        height = np.sqrt(TIP_M**2 - aside**2)
+        overlap = indentation_m - (TIP_M - height)
         force = touching_forces(self._pairs(near), overlap)
         if widest < TIP_M and aside[force > 0.0].max() > widest - self._facet_m:
             raise ArithmeticError("the contact reaches the last of the nodes that were looked at")

@@ -60,14 +60,6 @@ def test_a_probe_names_the_dimension_it_refuses(name: str, value: float) -> None
     assert caught.value.quantity == name
 
 
-def test_a_form_that_there_is_not_is_refused_by_name() -> None:
-    assert Probe().tip == "sphere"
-    assert Probe(tip="paraboloid").tip == "paraboloid"
-    with pytest.raises(OutOfRange, match="'cube' is no form of the tip; use sphere or paraboloid") as caught:
-        Probe(tip="cube")  # type: ignore[arg-type]
-    assert caught.value.quantity == "tip"
-
-
 def test_the_probe_has_the_published_length() -> None:
     probe = Probe()
     assert probe.connecting_m + probe.base_m + probe.tip_m == pytest.approx(0.293)

@@ -122,9 +122,8 @@ def feed(session: RecordedSweeps, **params: Any) -> Iterator[Any]:
 @pytest.mark.parametrize("feature", ["peak", "contrast"])
 @pytest.mark.parametrize(
     ("name", "likelihood"),
-    [("naive", "normal"), ("naive", "student_t"), ("latent", "normal"), ("latent_ring", "normal"),
-     ("latent_trial", "normal")],
-)  # fmt: skip
+    [("naive", "normal"), ("naive", "student_t"), ("latent", "normal")],
+)
 def test_node_and_library_have_the_same_beliefs_to_the_last_bit(
     session: RecordedSweeps, folder: Path, name: str, likelihood: str, feature: str, depths: int
 ) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,17 +22,6 @@ FileArgument = Annotated[Path, typer.Argument(help="Scene file (YAML).", show_de
 RungOption = Annotated[
     str | None, typer.Option(help="This rung of `palp methods list contact`, whatever the tolerance.")
 ]
-
-
-@app.command("schema")
-def schema(
-    *,
-    phantoms: Annotated[bool, typer.Option("--phantoms", help="Of files of phantoms instead.")] = False,
-) -> None:
-    """Print the JSON Schema of scene files, for editors."""
-    from palp_core.palpation.mechanics.scene.schema import phantoms_schema, scene_schema
-
-    print_text(json.dumps(phantoms_schema() if phantoms else scene_schema(), indent=1))
 
 
 @app.command("explain")
@@ -141,6 +129,37 @@ def table(
             ),
         ]
     )
+
+
+@app.command("fit")
+def fit(
+    outs: Annotated[
+        list[Path], typer.Argument(metavar="OUT...", help="Sessions' folders or bags.", show_default=False)
+    ],
+    *,
+    scene: Annotated[
+        Path | None, typer.Option(help="What is not fitted, and where the search starts; a scene file.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Fit a gel's modulus and friction to recorded sweeps.
+
+    Sweeps of training and of plan:=repeatability count, since their phantoms are known.
+    """
+    from palp_core.palpation.identification.gel_fit import fit_gel
+    from palp_core.palpation.mechanics.scene.file import read_scene
+    from palp_core.palpation.mechanics.scene.scene import Scene
+    from palp_core.palpation.session.recorded_sweeps import read_sessions
+
+    found = fit_gel(read_sessions(outs), read_scene(scene) if scene else Scene())
+    if as_json:
+        estimates = {"modulus_pa": found.modulus_pa, "friction": found.friction}
+        print_json({name: one._asdict() for name, one in estimates.items()} | {"misfit": found.misfit})
+        return
+    modulus, friction = found.modulus_pa, found.friction
+    print_text(f"modulus: {modulus.value:.4g} Pa (95 %: {modulus.low:.4g} to {modulus.high:.4g})")
+    print_text(f"friction: {friction.value:.3f} (95 %: {friction.low:.3f} to {friction.high:.3f})")
+    print_text(f"misfit: chi^2 is {found.misfit:.2g} times its degrees of freedom")
 
 
 @app.command("cache")

@@ -20,9 +20,9 @@ def reanalyse(
         ),
     ],
     *,
-    smoother: Annotated[
+    denoise: Annotated[
         str, typer.Option(help="How noise is taken off; names with commas, or all.")
-    ] = "db10_soft",
+    ] = "soft_universal",
     feature: Annotated[str, typer.Option(help="What is read off a sweep; as above.")] = "peak",
     filter: Annotated[str, typer.Option(help="What is known to stay; as above.")] = "naive",
     likelihood: Annotated[str, typer.Option(help="Of the naive filter; as above.")] = "normal",
@@ -70,7 +70,7 @@ def reanalyse(
         for said in left_out:
             note(f"left out: {said['path']}: {said['why']}")
     combinations = analysis.combinations(
-        smoother=smoother,
+        denoise=denoise,
         feature=feature,
         filter=filter,
         likelihood=likelihood,

@@ -2,7 +2,7 @@
 
 >>> from palp_core.palpation.mechanics import Bead, StagePath, Phantom, Probe, contact_model, solve
 >>> probe, path = Probe(), StagePath()
->>> model, choice = contact_model(Phantom(bead=Bead(depth_m=0.004)), probe.tip_radius_m, tip=probe.tip)
+>>> model, choice = contact_model(Phantom(bead=Bead(depth_m=0.004)), probe.tip_radius_m)
 >>> choice.method.name
 'l2'
 >>> table = solve(model, probe, 0.008, path.indentation_m, path.from_m, path.to_m)

@@ -7,7 +7,6 @@ import numpy as np
 
 from palp_core.errors import OutOfRange
 from palp_core.palpation.mechanics.limits import require
-from palp_core.palpation.mechanics.tip import TipForm, require_form
 from palp_core.units import Float64Array
 
 GRAVITY_M_S2 = 9.80665
@@ -27,11 +26,9 @@ class Probe:
         tip_mass_kg: Mass of the tip link; assumed.
         tip_com_m: From the joint to the tip link's centre of mass; assumed, half of l2.
         friction: Coulomb coefficient between ball and gel; assumed.
-        tip: Form of the ball: ``sphere``, or the ``paraboloid`` of its curvature that Hertz's law is for.
 
     Raises:
-        OutOfRange: A value is negative or not a number, the ball does not fit on the tip link, or there is no
-            such form.
+        OutOfRange: A value is negative or not a number, or the ball does not fit on the tip link.
     """
 
     connecting_m: float = 0.143
@@ -43,13 +40,9 @@ class Probe:
     tip_mass_kg: float = 0.008
     tip_com_m: float = 0.035
     friction: float = 0.3
-    tip: TipForm = "sphere"
 
     def __post_init__(self) -> None:
-        require_form(self.tip)
         for item in fields(self):
-            if item.name == "tip":
-                continue
             require(item.name, getattr(self, item.name), 0.0, 1e6, "a probe has no negative dimension")
         if not 0.0 < self.tip_radius_m < self.tip_m:
             raise OutOfRange(

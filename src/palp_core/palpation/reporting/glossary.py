@@ -91,9 +91,8 @@ WORDS = {
     r"front": ("front", "What nothing else beats in both: less error and less cost."),
     r"[Rr]ungs?|[Ll][0-5]": (
         "L0 to L5, rungs",
-        "The ladder of contact models: L0 a replayed bump; L1 springs of the gel's local thickness; L2 "
-        "Hertz on a layer; L3 a cylinder in plane strain, for tests; L4 finite elements at small strain; "
-        "L5 at finite strain.",
+        "The ladder of contact models: L0 a replayed bump; L2 Hertz on a layer; L4 finite elements at small "
+        "strain; L5 at finite strain.",
     ),
     r"co-contraction|MVC|EMG": (
         "co-contraction, MVC",

@@ -13,7 +13,6 @@ from palp_core.errors import PalpError
 from palp_core.methods import names as names_of
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.belief.rig_noise import RigNoise
-from palp_core.palpation.perception.signal.smoothers import SMOOTHERS
 from palp_core.palpation.perception.statistics import statistics
 from palp_core.palpation.perception.statistics.resampling import (
     SessionMean,
@@ -27,12 +26,12 @@ from palp_core.palpation.session.recorded_sweeps import RecordedSweeps
 from palp_core.whole_file import write_json
 
 _SEED = 1
-_TASKS = ("smoother", "feature", "filter", "likelihood", "stop")
+_TASKS = ("denoise", "feature", "filter", "likelihood", "stop")
 
 
 def combinations(
     *,
-    smoother: str,
+    denoise: str,
     feature: str,
     filter: str,
     likelihood: str,
@@ -53,7 +52,7 @@ def combinations(
     if trace_filter:
         pairs = product(_named("trace_filter", trace_filter), _named("stop", stop))
         return [Methods(trace_filter=one, stop=rule, **more) for one, rule in pairs]  # type: ignore[arg-type]
-    words = dict(zip(_TASKS, (smoother, feature, filter, likelihood, stop), strict=True))
+    words = dict(zip(_TASKS, (denoise, feature, filter, likelihood, stop), strict=True))
     choices = [_named(task, said) for task, said in words.items()]
     return [
         Methods(**dict(zip(_TASKS, names, strict=True)), **more)  # type: ignore[arg-type]
@@ -64,7 +63,7 @@ def combinations(
 
 def _named(task: str, said: str) -> list[str]:
     if said == "all":
-        return list(SMOOTHERS) if task == "smoother" else names_of(task)
+        return names_of(task)
     return [word.strip() for word in said.split(",") if word.strip()]
 
 
@@ -257,7 +256,7 @@ def rows_of(record: dict[str, Any]) -> list[list[str]]:
 
 def _shown(row: dict[str, Any], task: str) -> str:
     """Return a method as the table has it: whole traces have a filter of their own, and no feature."""
-    of_trace = {"smoother": "-", "feature": "trace", "filter": row["trace_filter"], "likelihood": "-"}
+    of_trace = {"denoise": "-", "feature": "trace", "filter": row["trace_filter"], "likelihood": "-"}
     return str(of_trace.get(task, row[task]) if row["trace_filter"] else row[task])
 
 

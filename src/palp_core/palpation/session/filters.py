@@ -87,7 +87,7 @@ def height_slope(
     slope = np.zeros((len(depths_m), len(rings_m)))
     for row, depth_m in enumerate(depths_m):
         over = scene.with_bead(depth_m)
-        model = rung_model(choose_rung(over).rung, over.phantom, probe.tip_radius_m, probe.tip)
+        model = rung_model(choose_rung(over).rung, over.phantom, probe.tip_radius_m)
         for column, ring_m in enumerate(rings_m):
             ends = []
             for height_m in (-_HEIGHT_STEP_M, _HEIGHT_STEP_M):

@@ -16,7 +16,7 @@ from palp_core.palpation.perception.belief.primitives import Primitives, fit, qu
 from palp_core.palpation.perception.belief.rig_noise import RigNoise
 from palp_core.palpation.perception.belief.stopping import decide, stop_rule
 from palp_core.palpation.perception.belief.trial_filter import NAIVE, TrialFilter, TrialReading
-from palp_core.palpation.perception.signal.smoothers import smoother
+from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.perception.strategy.trained_rings import untrained
 from palp_core.palpation.session.filters import filter_of
 from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps
@@ -30,7 +30,7 @@ class Methods:
     """Which methods, by name.
 
     Attributes:
-        smoother: Of :data:`.SMOOTHERS`.
+        denoise: Task ``denoise``, of db10 at five levels.
         feature: Task ``feature``.
         filter: Task ``filter``: ``naive``, eq. (7), or one that knows what stays.
         likelihood: Task ``likelihood``; of the naive filter.
@@ -42,7 +42,7 @@ class Methods:
             likelihood are not used; empty: they are.
     """
 
-    smoother: str = "db10_soft"
+    denoise: str = "soft_universal"
     feature: str = "peak"
     filter: str = "naive"
     likelihood: str = "normal"
@@ -53,8 +53,7 @@ class Methods:
     trace_filter: str = ""
 
     def __post_init__(self) -> None:
-        smoother(self.smoother)
-        for task in ("feature", "filter", "likelihood", "stop"):
+        for task in ("denoise", "feature", "filter", "likelihood", "stop"):
             find(task, getattr(self, task))
         if self.trace_filter:
             find("trace_filter", self.trace_filter)
@@ -99,8 +98,9 @@ def readings(sweeps: Sequence[RecordedSweep], methods: Methods) -> Float64Array:
     Raises:
         PerceptionError: A sweep is too short, or holds NaN.
     """
-    smooth, feature = smoother(methods.smoother), find("feature", methods.feature).target
-    return np.array([feature(smooth.apply(sweep.torque_n_m), edge=smooth.edge).value_n_m for sweep in sweeps])
+    feature, edge = find("feature", methods.feature).target, edge_cone()
+    clean = (denoise(sweep.torque_n_m, rule=methods.denoise) for sweep in sweeps)
+    return np.array([feature(torque_n_m, edge=edge).value_n_m for torque_n_m in clean])
 
 
 def learn(sweeps: Sequence[RecordedSweep], values: Float64Array, where: object) -> Primitives:

@@ -78,7 +78,7 @@ def specimen_parts(
         Parts, shape (..., 7).
     """
     depths_m = np.asarray(depth_m, dtype=np.float64)
-    contact_m = contact_radius_m("sphere", tip_radius_m, _PRESSED * indentation_m)
+    contact_m = contact_radius_m(tip_radius_m, _PRESSED * indentation_m)
     weight = np.array([layer_weight(d, contact_m, poisson) for d in depths_m.ravel()]).reshape(depths_m.shape)
     luck = rng.standard_normal((*depths_m.shape, 4))
     parts = np.zeros((*depths_m.shape, len(LATENTS)))
@@ -154,7 +154,7 @@ def latent_spread(
         ring_sd_m: Spread of the ring's landing.
         height_sd_m: Spread of the height over mountings.
     """
-    contact_m = contact_radius_m("sphere", 0.006, _PRESSED * 0.004)
+    contact_m = contact_radius_m(0.006, _PRESSED * 0.004)
     layer = world.layer_modulus_sd * layer_weight(depth_m, contact_m)
     beside = world.bead_beside_specimen_sd_m**2 + world.bead_beside_mounting_sd_m**2
     mean, sd = np.zeros(len(LATENTS)), np.zeros(len(LATENTS))

@@ -80,7 +80,7 @@ def touch(phantom: Phantom, probe: Probe, rung: str, *, tips: bool = True) -> To
     step_m = float(REACH[TIP])
     radii = probe.tip_radius_m + (np.array([-step_m, 0.0, step_m]) if tips else np.zeros(1))
     under = phantom if phantom.bead is None else replace(phantom, bead=replace(phantom.bead, beside_m=0.0))
-    models = tuple(rung_model(rung, under, float(radius_m), probe.tip) for radius_m in radii)
+    models = tuple(rung_model(rung, under, float(radius_m)) for radius_m in radii)
     return Touch(probe, models, step_m)
 
 

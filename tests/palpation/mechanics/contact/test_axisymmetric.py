@@ -20,7 +20,6 @@ from skfem import Basis, BilinearForm, ElementTriP1, ElementTriP2, ElementVector
 
 from palp_core.palpation.mechanics import Bead, LayeredHertz, Phantom
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
-from palp_core.palpation.mechanics.tip import TIP_FORMS, TipForm
 from palp_core.units import Float64Array
 
 NU, HEIGHT_M, RADIUS_M, TIP_M, OUTER_M = 0.49, 0.030, 0.0075, 0.006, 0.130
@@ -83,11 +82,11 @@ class Surface:
     compliance: Float64Array
     r_m: Float64Array
 
-    def normal(self, indentation_m: float, tip: TipForm) -> float:
+    def normal(self, indentation_m: float) -> float:
         """Return the force of a ball."""
         near = self.r_m < TIP_M
         r = self.r_m[near]
-        gap = r**2 / (2.0 * TIP_M) if tip == "paraboloid" else TIP_M - np.sqrt(TIP_M**2 - r**2)
+        gap = TIP_M - np.sqrt(TIP_M**2 - r**2)
         c = self.compliance[np.ix_(near, near)]
         lower = np.linalg.cholesky(c + 1e-14 * np.trace(c) / len(c) * np.eye(len(c)))
         force, _ = nnls(lower.T, np.linalg.solve(lower, indentation_m - gap), maxiter=20000)
@@ -138,18 +137,13 @@ def test_both_rungs_meet_other_elements_on_the_axis(depth_m: float | None, l2_wi
     """Seen: L4 at 1 mm within 0.33 % of the elements at 0.25 mm, whose own 0.5 mm differ by 0.38 %."""
     phantom = Phantom(bead=None if depth_m is None else Bead(depth_m=depth_m), poisson=NU)
     solved, at = surface(depth_m, 0.00025), np.array(INDENTATIONS_M)
-    for tip in TIP_FORMS:
-        true_n = np.array([solved.normal(d, tip) for d in INDENTATIONS_M]) * phantom.modulus_pa
-        l4_n = HarmonicContact(phantom, TIP_M, tip=tip).force(np.zeros(()), at)[0]
-        assert l4_n == pytest.approx(true_n, rel=0.0045)
-        assert LayeredHertz(phantom, TIP_M, tip=tip).force(np.zeros(()), at)[0] == pytest.approx(
-            true_n, rel=l2_within
-        )
+    true_n = np.array([solved.normal(d) for d in INDENTATIONS_M]) * phantom.modulus_pa
+    assert HarmonicContact(phantom, TIP_M).force(np.zeros(()), at)[0] == pytest.approx(true_n, rel=0.0045)
+    assert LayeredHertz(phantom, TIP_M).force(np.zeros(()), at)[0] == pytest.approx(true_n, rel=l2_within)
 
 
 def test_on_bare_gel_coarser_elements_are_met_too() -> None:
     solved, phantom = surface(None, 0.0005), Phantom(poisson=NU)
-    for tip in TIP_FORMS:
-        true_n = solved.normal(0.003, tip) * phantom.modulus_pa
-        l4_n = float(HarmonicContact(phantom, TIP_M, tip=tip).force(np.zeros(()), np.array(0.003))[0])
-        assert l4_n == pytest.approx(true_n, rel=0.003)
+    true_n = solved.normal(0.003) * phantom.modulus_pa
+    l4_n = float(HarmonicContact(phantom, TIP_M).force(np.zeros(()), np.array(0.003))[0])
+    assert l4_n == pytest.approx(true_n, rel=0.003)

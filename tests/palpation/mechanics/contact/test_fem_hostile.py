@@ -9,7 +9,6 @@ import pytest
 
 from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics import Bead, Phantom
-from palp_core.palpation.mechanics.contact.l3 import PlaneContact
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 from palp_core.palpation.mechanics.contact.l5 import FiniteStrainContact
 
@@ -24,7 +23,7 @@ def drawn(rng: np.random.Generator, usual: list[float]) -> float:
 @pytest.mark.slow
 def test_a_thousand_hostile_scenes_end_in_an_answer_or_a_named_error() -> None:
     rng, answered, refused = np.random.default_rng(20), 0, 0
-    rungs = [PlaneContact, HarmonicContact, FiniteStrainContact]
+    rungs: list[type[HarmonicContact | FiniteStrainContact]] = [HarmonicContact, FiniteStrainContact]
     for _ in range(1000):
         try:
             # One geometry may be set up, in two moduli; the rest must be refused before any elements.
@@ -34,7 +33,7 @@ def test_a_thousand_hostile_scenes_end_in_an_answer_or_a_named_error() -> None:
             phantom = Phantom(
                 bead=bead, modulus_pa=drawn(rng, [1.0, 20e3, 1e9]), poisson=poisson, height_m=height_m
             )
-            model = rungs[rng.integers(3)](phantom, tip_m)
+            model = rungs[rng.integers(2)](phantom, tip_m)
             offset_m = np.array([drawn(rng, [0.0, 0.0, 0.005]) for _ in range(2)])
             indentation_m = np.array([drawn(rng, [1e-9, 0.001, 0.003, -0.1, 10.0]) for _ in range(2)])
             normal_n, lateral_n = model.force(offset_m, indentation_m)

@@ -51,9 +51,7 @@ TIP_M, OFFSET_M, INDENTATION_M = 0.006, 0.003, 0.0025
 def miss(inner: int, outer: int) -> Float64Array:
     """Return how far the loaded elements miss the ball within 3 mm of its axis, over the indentation."""
     bead = Bead(depth_m=DEPTH_M, radius_m=RADIUS_M)
-    model = HarmonicContact(
-        Phantom(bead=bead, height_m=HEIGHT_M, poisson=NU), TIP_M, 0.0005, tip="paraboloid"
-    )
+    model = HarmonicContact(Phantom(bead=bead, height_m=HEIGHT_M, poisson=NU), TIP_M, 0.0005)
     patch = model.patch(INDENTATION_M)
     force = patch.press(OFFSET_M).force_n
     x, y = patch.cells()

@@ -14,8 +14,8 @@ from palp_core.errors import MechanicsError, MethodError
 from palp_core.palpation.mechanics import Scene, read_scene, run_scene
 from palp_core.palpation.mechanics.scene.choice import choose_rung
 
-CLOSED_FORM = ("l0", "l1", "l2")
-EVERY_RUNG = (*CLOSED_FORM, "l3", "l4", "l5")
+CLOSED_FORM = ("l0", "l2")
+EVERY_RUNG = (*CLOSED_FORM, "l4", "l5")
 
 
 def hostile_numbers(rng: np.random.Generator) -> dict[str, Any]:

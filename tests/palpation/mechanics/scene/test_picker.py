@@ -60,7 +60,7 @@ def test_the_chosen_rung_still_gives_what_is_on_record(
     monkeypatch.setenv("PALP_CACHE", str(tmp_path / "cache"))
     scene = one.scene
     probe = scene.probe
-    models = [rung_model(one.rung, phantom, probe.tip_radius_m, probe.tip) for phantom in scene.phantoms]
+    models = [rung_model(one.rung, phantom, probe.tip_radius_m) for phantom in scene.phantoms]
     truth = one.truth
     if scene.tolerance.output == "decision":
         truth = [[int(c) for c in row] for row in truth]
@@ -134,7 +134,7 @@ def test_random_scenes_are_right_enough_at_most_twice_the_cheapest_cost(tmp_path
 @pytest.mark.slow
 def test_where_the_reference_has_no_lagging_equilibrium_the_chosen_rung_has_none_either() -> None:
     scene = scene_of(11)
-    chosen = rung_model(choose_rung(scene).rung, scene.phantom, scene.probe.tip_radius_m, scene.probe.tip)
+    chosen = rung_model(choose_rung(scene).rung, scene.phantom, scene.probe.tip_radius_m)
     for model in (chosen, *reference_models(scene)):
         with pytest.raises(MechanicsError, match="no lagging equilibrium"):
             answer([model], scene)

@@ -123,10 +123,10 @@ def test_a_budget_that_the_needed_rung_exceeds_is_refused_with_an_offer() -> Non
 def test_a_rung_asked_for_by_name_is_taken_with_its_stated_error_or_none() -> None:
     scene = Scene(tolerance=Tolerance(output="contrast", relative=1e-3))
     assert choose_rung(scene, "l2").bound is not None
-    taught = choose_rung(scene, "l1")
-    assert (taught.rung, taught.bound) == ("l1", None)
-    assert "finer: l2" in taught.reason
-    assert [c.name for c in taught.candidates if c.mark == "chosen"] == ["l1"]
+    replayed = choose_rung(scene, "l0")
+    assert (replayed.rung, replayed.bound) == ("l0", None)
+    assert "finer: l2" in replayed.reason
+    assert [c.name for c in replayed.candidates if c.mark == "chosen"] == ["l0"]
 
 
 def test_a_fast_sweep_has_inertia_and_a_slow_one_does_without() -> None:
@@ -215,8 +215,6 @@ def test_a_run_has_every_ring_and_says_what_it_met(tmp_path: Path) -> None:
     pressed = run_scene(Scene(phantom=Phantom(bead=Bead(depth_m=0.0015))), "l2")
     assert any("small strain" in words for words in pressed.guards)
     assert pressed.as_json()["guards"] == list(pressed.guards)
-    taught = run_scene(Scene(), "l1")
-    assert any("outside its valid range: poisson = 0.49" in words for words in taught.guards)
 
 
 def test_a_table_has_both_forces_over_offsets_and_indentations() -> None:

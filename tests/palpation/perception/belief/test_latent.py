@@ -59,49 +59,6 @@ def joint_posterior(
     return bayes.posterior(np.array(logs))
 
 
-SHARED = 0.5
-
-
-def on_a_mounting(given_model: OffsetModel, trials: list[tuple[np.ndarray, list[int]]]) -> np.ndarray:
-    """Return the belief of the last of a mounting's trials from the joint normal of all its readings.
-
-    Those before it are of one class, whichever; a ring lands anew with every reading of every trial.
-    """
-    count, last = len(given_model.mean), len(trials) - 1
-    logs = np.zeros((count, count))
-    for d, c in np.ndindex(count, count):
-        felt = [(d if n == last else c, k) for n, (_, places) in enumerate(trials) for k in places]
-        slopes = np.array([given_model.slope[of, k, 0] for of, k in felt])
-        alike = np.array([[1.0 if a == b else SHARED for b, _ in felt] for a, _ in felt])
-        cov = HEIGHT_SD**2 * alike * np.outer(slopes[:, 1], slopes[:, 1])
-        cov += np.diag(
-            [
-                RING_SD**2 * s[0] ** 2 + given_model.noise[of, k, 0, 0]
-                for (of, k), s in zip(felt, slopes, strict=True)
-            ]
-        )
-        centre = [given_model.mean[of, k, 0] for of, k in felt]
-        logs[d, c] = multivariate_normal(centre, cov).logpdf(np.concatenate([r.ravel() for r, _ in trials]))
-    return bayes.posterior(np.logaddexp.reduce(logs, axis=1))
-
-
-@settings(max_examples=20, deadline=None)
-@given(seed=seeds)
-def test_what_stays_with_a_mounting_is_what_the_joint_normal_of_its_trials_says(seed: int) -> None:
-    given_model, rng = model(seed), np.random.default_rng(seed)
-    places = [rng.integers(0, 4, count).tolist() for count in (2, 3, 2)]
-    trials = [(rng.normal(0, 2, (len(one), 1)), one) for one in places]
-    earlier = latent.start(given_model)
-    for readings, where in trials[:-1]:
-        for reading, place in zip(readings, where, strict=True):
-            earlier = latent.update(given_model, earlier, reading, place, True)
-    pairs, belief = latent.on_mounting(given_model, earlier, SHARED)
-    for reading, place in zip(*trials[-1], strict=True):
-        belief = latent.update(pairs, belief, reading, place, True)
-    expected = on_a_mounting(given_model, trials)
-    np.testing.assert_allclose(latent.of_pairs(belief.posterior), expected, rtol=1e-6, atol=1e-9)
-
-
 @given(seeds, st.integers(1, 5), st.integers(1, 2))
 @settings(max_examples=25, deadline=None)
 def test_the_filter_is_the_joint_normal_of_all_readings(seed: int, count: int, features: int) -> None:
@@ -218,7 +175,7 @@ def test_a_model_that_cannot_be_is_refused() -> None:
 
 
 def test_the_filters_are_declared() -> None:
-    assert {m.name for m in methods("filter")} == {"naive", "latent", "latent_ring", "latent_trial"}
+    assert {m.name for m in methods("filter")} == {"naive", "latent"}
 
 
 def test_what_a_filter_does_not_know_to_stay_is_new_with_every_reading() -> None:
@@ -226,9 +183,8 @@ def test_what_a_filter_does_not_know_to_stay_is_new_with_every_reading() -> None
     model = latent.OffsetModel(
         np.zeros((1, 2, 1)), np.full((1, 2, 1, 1), 1e-9), slope, np.array([1.7e-4, 1e-4]), (True, False)
     )
-    for kind, stays in (("latent_ring", (True,)), ("latent_trial", (False,)), ("naive", ())):
-        known = find("filter", kind).target(model)
-        assert known.renewed_by_move == stays
-        for setting in (0, 1):
-            single = [latent.predict(m, latent.start(m), setting)[1].item() for m in (model, known)]
-            assert single[1] == pytest.approx(single[0], rel=1e-12)
+    known = find("filter", "naive").target(model)
+    assert known.renewed_by_move == ()
+    for setting in (0, 1):
+        single = [latent.predict(m, latent.start(m), setting)[1].item() for m in (model, known)]
+        assert single[1] == pytest.approx(single[0], rel=1e-12)

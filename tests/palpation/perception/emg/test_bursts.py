@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.perception.emg.bursts import Burst, BurstRule, BurstState, Found
-from palp_core.palpation.perception.emg.peaks import EmgPeak
+from palp_core.palpation.perception.emg.bursts import Burst, BurstRule, BurstState, EmgPeak, Found
 from palp_core.palpation.perception.emg.settings import BURSTS, BurstSettings
 
 RATE_HZ = 1000.0

@@ -6,9 +6,8 @@ from hypothesis import strategies as st
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse, second_eigenvalue
-from palp_core.palpation.perception.emg.bursts import Burst, BurstRule
+from palp_core.palpation.perception.emg.bursts import Burst, BurstRule, EmgPeak
 from palp_core.palpation.perception.emg.emg import EmgChain
-from palp_core.palpation.perception.emg.peaks import EmgPeak
 from palp_core.palpation.perception.emg.settings import Crosstalk
 from palp_core.palpation.perception.emg.stream import CoContractionStream, StreamState
 

@@ -87,10 +87,3 @@ def test_tables_and_slopes_are_of_the_contact_model_that_the_feature_needs(
     sweep_torque(gel, 0.004, 0.016)
     height_slope(gel.depths_m, gel.rings_m, feature, Scene(ring_m=gel.rings_m))
     assert used == [rung, rung]
-
-
-def test_a_coarse_table_has_slopes_too() -> None:
-    gel = Gel(rings_m=(0.012, 0.016))
-    coarse, fine = tabulate(gel, noisy_sweeps=2, coarse=True), tabulate(gel, noisy_sweeps=2)
-    np.testing.assert_allclose(coarse.ring_slope(), fine.ring_slope(), rtol=0.3)
-    np.testing.assert_allclose(coarse.height_slope(), fine.height_slope(), rtol=0.3)

@@ -2,9 +2,7 @@
 
 from palp_core.methods import declare_task
 from palp_core.palpation.mechanics.contact.l0 import Bump, FittedBump, fit_bump
-from palp_core.palpation.mechanics.contact.l1 import ElasticFoundation
 from palp_core.palpation.mechanics.contact.l2 import LayeredHertz
-from palp_core.palpation.mechanics.contact.l3 import PlaneContact
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 from palp_core.palpation.mechanics.contact.l5 import FiniteStrainContact
 from palp_core.palpation.mechanics.contact.model import ContactModel
@@ -17,18 +15,12 @@ declare_task(
     tolerance=0.02,
 )
 
-PARABOLOIDS = (ElasticFoundation, PlaneContact)
-"""Rungs that take every tip for a paraboloid."""
-
 __all__ = [
-    "PARABOLOIDS",
     "Bump",
     "ContactModel",
-    "ElasticFoundation",
     "FiniteStrainContact",
     "FittedBump",
     "HarmonicContact",
     "LayeredHertz",
-    "PlaneContact",
     "fit_bump",
 ]

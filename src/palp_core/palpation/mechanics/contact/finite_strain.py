@@ -3,7 +3,7 @@
 The energy is mu/2 (I1 - 3 - 2 ln J) + p (J - 1) - p^2 / (2 lambda): compressible neo-Hookean (Bonet and Wood,
 Nonlinear Continuum Mechanics, 2008, section 6.4, with a quadratic volumetric part) whose pressure
 p = lambda (J - 1) is an unknown of its own; biquadratic displacements, bilinear pressure. The ball is a
-frictionless sphere or paraboloid that no node of the surface may enter. Every step of Newton's method solves
+frictionless sphere that no node of the surface may enter. Every step of Newton's method solves
 its contact exactly, on the tangent's compliance of the surface. Young's modulus is 1; z points down.
 """
 
@@ -21,7 +21,6 @@ from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.contact.active_set import solve_contact
 from palp_core.palpation.mechanics.contact.section_mesh import Section, bead_section, slab_section
 from palp_core.palpation.mechanics.phantom import Phantom
-from palp_core.palpation.mechanics.tip import TipForm
 from palp_core.units import Float64Array
 
 _NEWTON = 20
@@ -38,14 +37,12 @@ class PressedSolid:
         poisson: Poisson's ratio, below 0.5.
         tip_radius_m: Radius of the ball.
         contact_m: Distance from the axis within which the ball may touch.
-        tip: Form of the ball.
     """
 
     section: Section
     poisson: float
     tip_radius_m: float
     contact_m: float
-    tip: TipForm = "sphere"
 
     def __post_init__(self) -> None:
         self._state = np.zeros(self._basis.N + self._pressure.N)
@@ -197,7 +194,7 @@ class PressedSolid:
         x = self._basis.doflocs
         a = x[0, along] + state[along]
         b = x[1, down] + state[down] - (indentation_m - self.tip_radius_m)
-        gap, n, curvature = _apart(self.tip, self.tip_radius_m, a, b)
+        gap, n, curvature = _apart(self.tip_radius_m, a, b)
         node, size = np.arange(along.size), state.size
         places = np.concatenate([along, down])
         normal = sp.csc_matrix((n.ravel(), (places, np.tile(node, 2))), (size, along.size))
@@ -253,38 +250,28 @@ class PressedSolid:
 
 
 def _apart(
-    tip: TipForm, radius_m: float, a: Float64Array, b: Float64Array
+    radius_m: float, a: Float64Array, b: Float64Array
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
     """Return how far points lie outside the ball, its gradient (2, n) and curvature (rr, rz, zr, zz).
 
-    A sphere's is the distance, a paraboloid's the height under its surface.
-
     Args:
-        tip: Form of the ball.
-        radius_m: Its radius.
+        radius_m: Of the ball.
         a: Distance from the axis, shape (n,).
         b: Depth below the ball's centre, shape (n,).
     """
-    if tip == "paraboloid":
-        none = np.zeros_like(a)
-        curvature = np.stack([none + 1.0 / radius_m, none, none, none])
-        return b - radius_m + a**2 / (2.0 * radius_m), np.stack([a / radius_m, none + 1.0]), curvature
     distance = np.hypot(a, b)
     n = np.stack([a, b]) / distance
     curvature = np.stack([n[1] ** 2, -n[0] * n[1], -n[0] * n[1], n[0] ** 2]) / distance
     return distance - radius_m, n, curvature
 
 
-def pressed_solid(
-    phantom: Phantom, tip_radius_m: float, facet_m: float, tip: TipForm = "sphere"
-) -> PressedSolid:
+def pressed_solid(phantom: Phantom, tip_radius_m: float, facet_m: float) -> PressedSolid:
     """Mesh a phantom for a ball.
 
     Args:
         phantom: What is pressed.
         tip_radius_m: Radius of the ball.
         facet_m: Length of the surface's facets where the ball may touch.
-        tip: Form of the ball.
     """
     contact_m = 1.25 * tip_radius_m
     bead, height_m = phantom.bead, phantom.height_m
@@ -295,4 +282,4 @@ def pressed_solid(
         far = np.geomspace(contact_m, contact_m + 4.0 * height_m, 12)
         rows = np.concatenate([[0.0], np.cumsum(np.geomspace(1.0, 6.0, 12))])
         section = slab_section(height_m, np.concatenate([near, far[1:]]), rows * (height_m / rows[-1]))
-    return PressedSolid(section, phantom.poisson, tip_radius_m, contact_m, tip)
+    return PressedSolid(section, phantom.poisson, tip_radius_m, contact_m)

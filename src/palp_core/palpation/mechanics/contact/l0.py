@@ -1,6 +1,6 @@
 """Rung L0: a bump on a bare force, fitted to measured forces or to another rung. No mechanics in it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -13,7 +13,6 @@ from palp_core.palpation.mechanics.contact.l2 import LayeredHertz
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
-from palp_core.palpation.mechanics.tip import TipForm, require_form
 from palp_core.units import Float64Array
 
 _WORKING_POINT = (0.55, 1.0)  # share of the nominal indentation that a yielding joint leaves, and all of it
@@ -119,26 +118,23 @@ class FittedBump:
         phantom: What is touched.
         tip_radius_m: Radius of the ball.
         bump: The fit; None to fit L2.
-        tip: Form of the ball, for that fit.
 
     Raises:
-        OutOfRange: There is no such form, or L2 does not answer for this phantom.
+        OutOfRange: L2 does not answer for this phantom.
     """
 
     phantom: Phantom
     tip_radius_m: float
     bump: Bump | None = None
-    tip: TipForm = field(default="sphere", kw_only=True)
 
     def __post_init__(self) -> None:
-        require_form(self.tip)
         require("tip_radius_m", self.tip_radius_m, 1e-6, 1.0, "give the ball's radius in metres, as in 0.006")
         _ = self.fit
 
     @cached_property
     def fit(self) -> Bump:
         """The bump in use."""
-        return self.bump or fit_to(LayeredHertz(self.phantom, self.tip_radius_m, tip=self.tip))
+        return self.bump or fit_to(LayeredHertz(self.phantom, self.tip_radius_m))
 
     @property
     def rung(self) -> str:

@@ -1,7 +1,7 @@
 """Rung L2: Hertz on a bonded layer, thinner over a bead that sinks in the gel. Closed form up to one root."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,7 @@ from palp_core.palpation.mechanics import finite_bounds
 from palp_core.palpation.mechanics.contact.l2_bounds import BOUNDS
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
-from palp_core.palpation.mechanics.tip import TipForm, over_paraboloid, require_form
+from palp_core.palpation.mechanics.tip import over_paraboloid
 from palp_core.units import Float64Array
 
 _ITERATIONS = 60
@@ -92,19 +92,15 @@ class LayeredHertz:
     Attributes:
         phantom: What is touched.
         tip_radius_m: Radius of the ball.
-        tip: Form of the ball.
 
     Raises:
-        OutOfRange: The radius is not positive, there is no such form, or the gel over the bead is thinner
-            than a quarter of it.
+        OutOfRange: The radius is not positive, or the gel over the bead is thinner than a quarter of it.
     """
 
     phantom: Phantom
     tip_radius_m: float
-    tip: TipForm = field(default="sphere", kw_only=True)
 
     def __post_init__(self) -> None:
-        require_form(self.tip)
         require("tip_radius_m", self.tip_radius_m, 1e-6, 1.0, "give the ball's radius in metres, as in 0.006")
         bead = self.phantom.bead
         if bead is not None and bead.depth_m * _THIN < self.tip_radius_m:
@@ -121,7 +117,7 @@ class LayeredHertz:
     @cached_property
     def _terms(self) -> Float64Array:
         """Coefficients of the layer's series: powers of chi, then of l / R."""
-        rows = [c * over_paraboloid(self.tip, k) for k, c in enumerate(self._series)]
+        rows = [c * over_paraboloid(k) for k, c in enumerate(self._series)]
         return np.stack(rows)
 
     @cached_property

@@ -1,7 +1,7 @@
 """Rung L4: three dimensions, small strain. Layer in closed form, bead by finite elements."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,7 @@ from palp_core.palpation.mechanics.contact.patch import Patch
 from palp_core.palpation.mechanics.contact.table import EnergyTable, energy_table
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
-from palp_core.palpation.mechanics.tip import TipForm, contact_radius_m, require_form
+from palp_core.palpation.mechanics.tip import contact_radius_m
 from palp_core.units import Float64Array
 
 _ROOTS = 12  # indentations in the table, uniform in their square roots
@@ -56,21 +56,17 @@ class HarmonicContact:
         cell_m: Side of the cells where the contact on a half-space has a radius of 5 mm, in proportion to it
             below and up to 7.5 mm.
         progress: Told how far the set-up is.
-        tip: Form of the ball.
 
     Raises:
-        OutOfRange: The phantom or the ball is outside the range that the rung is stated for, or there is no
-            such form.
+        OutOfRange: The phantom or the ball is outside the range that the rung is stated for.
     """
 
     phantom: Phantom
     tip_radius_m: float
     cell_m: float = 0.001
     progress: Progress | None = None
-    tip: TipForm = field(default="sphere", kw_only=True)
 
     def __post_init__(self) -> None:
-        require_form(self.tip)
         require_range(self.phantom, self.tip_radius_m)
         require("cell_m", self.cell_m, 0.0002, 0.002, "use cells of 0.2 to 2 mm")
 
@@ -138,14 +134,14 @@ class HarmonicContact:
 
     @cached_property
     def _table(self) -> EnergyTable:
-        inputs = {**self.geometry, "cell_m": self.cell_m, "tip": self.tip}
+        inputs = {**self.geometry, "cell_m": self.cell_m}
         kept = cached("l4-table", inputs, self._tabulate)
         return EnergyTable(float(kept["offset_max_m"]), float(kept["root_max"]), kept["pieces"])
 
     def patch(self, indentation_m: float) -> Patch:
         """Return the ball on its cells at an indentation, for Young's modulus 1."""
         bead = self.phantom.bead
-        contact_m = contact_radius_m(self.tip, self.tip_radius_m, indentation_m)
+        contact_m = contact_radius_m(self.tip_radius_m, indentation_m)
         return Patch(
             BondedLayer(self.phantom.poisson, self.phantom.height_m),
             self._bead,
@@ -153,7 +149,6 @@ class HarmonicContact:
             indentation_m,
             self.cell_m * min(_LARGEST, contact_m / _UNIT_M),
             math.inf if bead is None else bead.depth_m,
-            tip=self.tip,
         )
 
     @cached_property

@@ -1,7 +1,7 @@
 """Rung L5: finite strain, for what small strain leaves out; off the bead's axis with L4's shape."""
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +17,6 @@ from palp_core.palpation.mechanics.contact.model import FEM_SCENES, require_rang
 from palp_core.palpation.mechanics.contact.table import EnergyTable, energy_table
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
-from palp_core.palpation.mechanics.tip import TipForm, require_form
 from palp_core.units import Float64Array
 
 _ROOTS = 12  # indentations up to the ball's radius, uniform in their square roots
@@ -57,21 +56,17 @@ class FiniteStrainContact:
         tip_radius_m: Radius of the ball.
         facet_m: Length of the surface's facets where the ball may touch; 1/16 of its radius by default.
         progress: Told how far the set-up is.
-        tip: Form of the ball.
 
     Raises:
-        OutOfRange: The phantom or the ball is outside the range that the rung is stated for, or there is no
-            such form.
+        OutOfRange: The phantom or the ball is outside the range that the rung is stated for.
     """
 
     phantom: Phantom
     tip_radius_m: float
     facet_m: float | None = None
     progress: Progress | None = None
-    tip: TipForm = field(default="sphere", kw_only=True)
 
     def __post_init__(self) -> None:
-        require_form(self.tip)
         require_range(self.phantom, self.tip_radius_m)
         require(
             "facet_m", self._facet_m, self.tip_radius_m / 64.0, self.tip_radius_m / 4.0, "use R/64 to R/4"
@@ -162,14 +157,14 @@ class FiniteStrainContact:
 
     @cached_property
     def _small(self) -> HarmonicContact:
-        return HarmonicContact(self.phantom, self.tip_radius_m, progress=self.progress, tip=self.tip)
+        return HarmonicContact(self.phantom, self.tip_radius_m, progress=self.progress)
 
     @cached_property
     def _small_bare(self) -> HarmonicContact:
         return replace(self._small, phantom=replace(self.phantom, bead=None))
 
     def _tabulated(self, small: HarmonicContact) -> EnergyTable:
-        inputs = {**small.geometry, "facet_m": self._facet_m, "tip": self.tip}
+        inputs = {**small.geometry, "facet_m": self._facet_m}
         kept = cached("l5-table", inputs, lambda: self._tabulate(small))
         return EnergyTable(0.0, float(kept["root_max"]), kept["pieces"])
 
@@ -183,7 +178,7 @@ class FiniteStrainContact:
             at_m = np.minimum(root**2, self.tip_radius_m)  # the last root's square may be the next number
             return small.force(np.zeros(()), at_m)[0] / small.phantom.modulus_pa
 
-        solid = pressed_solid(small.phantom, self.tip_radius_m, self._facet_m, self.tip)
+        solid = pressed_solid(small.phantom, self.tip_radius_m, self._facet_m)
         roots, shares = [0.0], [1.0]
         for j in range(_FIRST, _ROOTS + 1):
             root = math.sqrt(self.tip_radius_m) * j / _ROOTS

@@ -11,7 +11,7 @@ class ContactModel(Protocol):
     """Elastic, frictionless contact of the ball with a phantom, as a function of where the ball is.
 
     A rung is declared in the register under task ``contact``; its target is called as ``target(phantom,
-    tip_radius_m, tip=form)`` and returns an object of this protocol. The forces derive from one energy
+    tip_radius_m)`` and returns an object of this protocol. The forces derive from one energy
     U(s, delta): the normal force is dU/d(delta), the lateral force is dU/ds.
     """
 

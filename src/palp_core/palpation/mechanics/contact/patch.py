@@ -17,7 +17,7 @@ from palp_core.palpation.mechanics.contact.active_set import solve_contact
 from palp_core.palpation.mechanics.contact.bead_squares import BeadTerm
 from palp_core.palpation.mechanics.contact.halfspace import love_mean
 from palp_core.palpation.mechanics.contact.layer import BondedLayer
-from palp_core.palpation.mechanics.tip import TipForm, gap_m, overlap_radius_m
+from palp_core.palpation.mechanics.tip import gap_m, overlap_radius_m
 from palp_core.units import Float64Array
 
 _MARGIN = 1.025  # patch radius over that of the overlap of the undeformed bodies
@@ -51,7 +51,6 @@ class Patch:
         indentation_m: Its indentation, positive.
         cell_m: Side of the cells.
         thinnest_m: Gel over the bead: cells larger than a quarter of it average the stiffening.
-        tip: Form of the ball.
     """
 
     layer: BondedLayer
@@ -60,7 +59,6 @@ class Patch:
     indentation_m: float
     cell_m: float
     thinnest_m: float = math.inf
-    tip: TipForm = "sphere"
     _margin: float = field(default=_MARGIN, init=False)
 
     def __post_init__(self) -> None:
@@ -68,8 +66,8 @@ class Patch:
 
     def _build(self) -> None:
         h = self.cell_m
-        radius_m = self._margin * overlap_radius_m(self.tip, self.tip_radius_m, self.indentation_m) + h
-        whole = self.tip == "sphere" and radius_m >= self.tip_radius_m
+        radius_m = self._margin * overlap_radius_m(self.tip_radius_m, self.indentation_m) + h
+        whole = radius_m >= self.tip_radius_m
         radius_m = self.tip_radius_m if whole else radius_m
         count = math.ceil(radius_m / h)
         along = (np.arange(-count, count) + 0.5) * h
@@ -91,7 +89,7 @@ class Patch:
     def _mean_gap(self) -> Float64Array:
         """Return the mean over each cell of the ball's height above its lowest point."""
         dx, dy, share = self._places_within(_GAP_NODES)
-        gap = gap_m(self.tip, self.tip_radius_m, np.hypot(self._x + dx, self._y + dy))
+        gap = gap_m(self.tip_radius_m, np.hypot(self._x + dx, self._y + dy))
         return np.asarray(share @ gap)
 
     def _places_within(self, count: int) -> tuple[Float64Array, Float64Array, Float64Array]:

@@ -11,7 +11,6 @@ from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.beside import BesideBead
 from palp_core.palpation.mechanics.scene.scene import RINGS_M, Scene, motion_output, pressed
-from palp_core.palpation.mechanics.tip import TipForm
 
 
 @dataclass(frozen=True)
@@ -108,14 +107,13 @@ def moved_by(
     return choose("motion", motion_output(output), tolerance, known, asked=asked)
 
 
-def rung_model(rung: str, phantom: Phantom, tip_radius_m: float, tip: TipForm = "sphere") -> ContactModel:
+def rung_model(rung: str, phantom: Phantom, tip_radius_m: float) -> ContactModel:
     """Return a rung by name, ready to use, at its usual resolution.
 
     Args:
         rung: Its name.
         phantom: What is touched.
         tip_radius_m: Radius of the ball.
-        tip: Form of the ball, the probe's.
 
     A bead beside the path is felt at its distance.
 
@@ -123,7 +121,7 @@ def rung_model(rung: str, phantom: Phantom, tip_radius_m: float, tip: TipForm = 
         MethodError: There is no such rung.
         MechanicsError: It cannot be set up for this phantom and ball.
     """
-    model: ContactModel = find("contact", rung).target(phantom, tip_radius_m, tip=tip)
+    model: ContactModel = find("contact", rung).target(phantom, tip_radius_m)
     bead = phantom.bead
     return model if bead is None or bead.beside_m == 0.0 else BesideBead(model, bead.beside_m)
 
@@ -134,7 +132,6 @@ def contact_model(
     output: str = "peak",
     tolerance: float = 0.02,
     indentation_m: float | None = None,
-    tip: TipForm = "sphere",
 ) -> tuple[ContactModel, MethodChoice]:
     """Return the cheapest contact rung that is good enough for any ring and probe, ready to use, and why.
 
@@ -144,14 +141,13 @@ def contact_model(
         output: What must be right: ``peak``, ``contrast`` or ``trace``.
         tolerance: Largest acceptable relative error of it.
         indentation_m: Nominal indentation, by the published joint; None leaves it out of the choice.
-        tip: Form of the ball, the probe's.
 
     Raises:
         MethodError: No declared rung is good enough in this scene; the message says what each vouches for.
     """
     quantities: dict[str, float | tuple[float, ...]] = dict(phantom.scene(tip_radius_m))
     if indentation_m is not None:
-        probe = Probe(tip_radius_m=tip_radius_m, tip=tip)
+        probe = Probe(tip_radius_m=tip_radius_m)
         quantities |= pressed((phantom,), probe, indentation_m, RINGS_M)
     choice = choose("contact", output, tolerance, quantities)
-    return rung_model(choice.method.name, phantom, tip_radius_m, tip), choice
+    return rung_model(choice.method.name, phantom, tip_radius_m), choice

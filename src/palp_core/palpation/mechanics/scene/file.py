@@ -3,7 +3,7 @@
 ::
 
     phantom: {modulus_pa: 20000.0, poisson: 0.49, height_m: 0.030, bead: {radius_m: 0.0075, depth_m: 0.004}}
-    probe: {tip_radius_m: 0.006, tip: sphere, friction: 0.3, tip_mass_kg: 0.008}
+    probe: {tip_radius_m: 0.006, friction: 0.3, tip_mass_kg: 0.008}
     path: {indentation_m: 0.004, speed_m_s: 0.02, from_m: -0.03, to_m: 0.05}
     ring_m: [0.004, 0.016]
     tolerance: {output: contrast, relative: 0.05}

@@ -7,7 +7,6 @@ finds; each answer comes with the words for the record.
 import numpy as np
 
 from palp_core.methods import Method, MethodChoice, find
-from palp_core.palpation.mechanics.contact import PARABOLOIDS
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
@@ -24,10 +23,7 @@ _TWENTIETH = 0.05
 def sweep_guards(phantom: Phantom, probe: Probe, rung: str, solved: Sweep) -> tuple[str, ...]:
     """Return what a sweep met that its record must say, the rung's failing regions included."""
     words = list(solved.guards)
-    declared = find("contact", rung)
-    if declared.target in PARABOLOIDS and probe.tip != "paraboloid":
-        words.append(f"tip: {rung} takes the {probe.tip} for a paraboloid; other rungs take it as it is")
-    if not states_finite_strain(declared):
+    if not states_finite_strain(find("contact", rung)):
         words += _small_strain(phantom, probe, solved)
     return tuple(words)
 
@@ -75,4 +71,4 @@ def task_of(words: str) -> str:
     >>> task_of("small strain: 2 mm pressed into 2 mm of gel"), task_of("2 snap(s): the torque jumps")
     ('contact', 'motion')
     """
-    return "contact" if words.startswith(("small strain:", "tip:")) else "motion"
+    return "contact" if words.startswith("small strain:") else "motion"

@@ -49,7 +49,7 @@ class Rig:
         """Return a phantom's contact model, ready to use."""
         method, probe = self.choices[code].method, self.probe
         with at_work(method):
-            return rung_model(method.name, self.phantoms[code], probe.tip_radius_m, probe.tip)
+            return rung_model(method.name, self.phantoms[code], probe.tip_radius_m)
 
     def motion(self, speed_m_s: float) -> MethodChoice:
         """Return what its quasi-static sweeps vouch for at a speed of the stage: they are all it has."""

@@ -106,7 +106,7 @@ def run_scene(scene: Scene, rung: str | None = None) -> SceneRun:
         MechanicsError: The rung has no answer for this phantom, or there is no equilibrium.
     """
     choice = choose_rung(scene, rung)
-    model = rung_model(choice.rung, scene.phantom, scene.probe.tip_radius_m, scene.probe.tip)
+    model = rung_model(choice.rung, scene.phantom, scene.probe.tip_radius_m)
     stage = grid_m(scene)
     sweeps = _swept(model, scene, stage, moving=choice.motion.name == "dynamic")
     guards = tuple(
@@ -135,7 +135,7 @@ def force_table(
         MethodError: There is no such rung.
         MechanicsError: The rung has no answer for this phantom or at an indentation.
     """
-    model = rung_model(rung, scene.phantom, scene.probe.tip_radius_m, scene.probe.tip)
+    model = rung_model(rung, scene.phantom, scene.probe.tip_radius_m)
     offsets, depths = np.asarray(offset_m, dtype=np.float64), np.asarray(indentation_m, dtype=np.float64)
     normal_n, lateral_n = model.force(offsets[:, None], depths[None, :])
     outputs = ["finite_normal"] if scene.tolerance.strain == "finite" else ["normal"]

@@ -37,8 +37,7 @@ def update(log_prior: Float64Array, log_likelihood: Float64Array) -> Float64Arra
     top = joint.max()
     if not np.isfinite(top):
         raise PerceptionError(
-            "no class is left: prior or likelihood is NaN, or excludes every class; "
-            "check the reading, or use the 'robust' likelihood"
+            "no class is left: prior or likelihood is NaN, or excludes every class; check the reading"
         )
     joint = joint - top
     return np.asarray(joint - np.log(np.exp(joint).sum()))

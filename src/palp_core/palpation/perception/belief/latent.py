@@ -5,10 +5,10 @@ linear-Gaussian about the class means::
 
     y_t = mean[d, k] + sum_l slope[d, k, l] x_l + e_t,   x_l ~ N(0, sd_l^2),   e_t ~ N(0, noise[d, k])
 
-An offset x_l is drawn anew at a move or stays for the whole trial; :func:`on_mounting` carries it on to the
-next trial. Given the class d, all readings are jointly normal, so the offsets are integrated out in closed
-form: one Kalman filter per class (Anderson and Moore, "Optimal Filtering", 1979, sec. 3.1), its innovations'
-density the likelihood. With no offsets it is eq. (7).
+An offset x_l is drawn anew at a move or stays for the whole trial. Given the class d, all readings are
+jointly normal, so the offsets are integrated out in closed form: one Kalman filter per class (Anderson and
+Moore, "Optimal Filtering", 1979, sec. 3.1), its innovations' density the likelihood. With no offsets it is
+eq. (7).
 
 Every array of :class:`Belief` may have leading dimensions, one entry per trial: a batch of trials is filtered
 by the same lines as one.
@@ -124,44 +124,6 @@ def start(model: OffsetModel, trial_count: int | None = None) -> Belief:
     )
 
 
-def on_mounting(model: OffsetModel, before: Belief, shared: float) -> tuple[OffsetModel, Belief]:
-    """Return model and belief of a new trial on a mounting that earlier trials have felt.
-
-    The trial begins with flat classes; what stays with the mounting is known from the earlier trials, though
-    only as well as their class is. So a class of this trial is a pair, with the class ``c`` that those had:
-    class ``d m + c`` has the readings of ``d``, and the offsets that are to be expected under ``d`` where
-    ``c`` was felt before. :func:`of_pairs` adds the pairs up.
-
-    Args:
-        model: The readings' model.
-        before: After all readings of the mounting's earlier trials, no leading dimension.
-        shared: Correlation of an offset under one class with that under another, 0 to 1: a height counts
-            against that of the training's mounting, and each class had its own.
-    """
-    count = len(model.mean)
-    same = np.eye(count, dtype=bool)[:, :, None]  # (d, c, 1)
-    part = np.where(same, 1.0, shared)
-    prior = np.diag(model.offset_sd**2)
-    cov = part[..., None] ** 2 * before.offset_cov + (1.0 - part[..., None] ** 2) * prior
-    pairs = replace(
-        model,
-        mean=np.repeat(model.mean, count, axis=0),
-        noise=np.repeat(model.noise, count, axis=0),
-        slope=np.repeat(model.slope, count, axis=0),
-    )
-    offsets = len(model.offset_sd)
-    return pairs, Belief(
-        np.tile(before.log_class - np.log(count), count),
-        (part * before.offset_mean).reshape(count * count, offsets),
-        cov.reshape(count * count, offsets, offsets),
-    )
-
-
-def of_pairs(posterior: Float64Array) -> Float64Array:
-    """Return the probabilities of the m classes from those of the m^2 pairs of :func:`on_mounting`."""
-    return np.asarray(posterior.reshape(round(posterior.size**0.5), -1).sum(axis=1))
-
-
 def renewed(model: OffsetModel, belief: Belief, moved: ArrayLike) -> Belief:
     """Return the belief once the setting moved: offsets that a move renews are at their prior again.
 
@@ -269,24 +231,6 @@ def _at(model: OffsetModel, setting: Indices) -> tuple[Float64Array, Float64Arra
     )
 
 
-def keep(model: OffsetModel, kept: ArrayLike) -> OffsetModel:
-    """Return the model of the same single readings that takes some offsets for drawn anew at each reading.
-
-    Args:
-        model: The readings' model.
-        kept: Whether each offset still stays, shape (l,).
-    """
-    stays = np.asarray(kept, dtype=bool)
-    spread = (model.slope * model.offset_sd)[..., ~stays]
-    return OffsetModel(
-        model.mean,
-        model.noise + spread @ np.swapaxes(spread, -1, -2),
-        model.slope[..., stays],
-        model.offset_sd[stays],
-        tuple(flag for flag, stay in zip(model.renewed_by_move, stays, strict=True) if stay),
-    )
-
-
 def _stays(error: float, ring_sd_m: float, height_sd_m: float) -> Bound:
     """Return a bound on the calibration error of trials whose ring and height spread up to so much."""
     return on_rig("calibration", error, ring_sd_m=ring_sd_m, height_sd_m=height_sd_m, training_count=10.0)
@@ -316,34 +260,6 @@ def latent(model: OffsetModel) -> OffsetModel:
 
 @method(
     task="filter",
-    name="latent_ring",
-    cost_s=5.4e-5,
-    bounds=[_stays(0.013, LANDS_M, 0.03e-3), _stays(0.106, LANDS_M, 0.1e-3)],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="an error that stays for the whole trial, as the phantom's height",
-    survivor="latent",
-)
-def latent_ring(model: OffsetModel) -> OffsetModel:
-    """Return the model that knows only what stays until the ring moves."""
-    return keep(model, model.renewed_by_move)
-
-
-@method(
-    task="filter",
-    name="latent_trial",
-    cost_s=5.6e-5,
-    bounds=[_stays(0.033, 1e-6, 0.1e-3), _stays(0.1, LANDS_M, 0.1e-3)],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="an error that stays until the ring moves, as its landing",
-    survivor="latent",
-)
-def latent_trial(model: OffsetModel) -> OffsetModel:
-    """Return the model that knows only what stays for the whole trial."""
-    return keep(model, ~np.array(model.renewed_by_move, dtype=bool))
-
-
-@method(
-    task="filter",
     name="naive",
     cost_s=4.5e-5,
     bounds=[
@@ -358,4 +274,11 @@ def latent_trial(model: OffsetModel) -> OffsetModel:
 )
 def naive(model: OffsetModel) -> OffsetModel:
     """Return the model of the same single readings that takes every reading for independent, eq. (7)."""
-    return keep(model, np.zeros(len(model.renewed_by_move), dtype=bool))
+    spread = model.slope * model.offset_sd
+    return OffsetModel(
+        model.mean,
+        model.noise + spread @ np.swapaxes(spread, -1, -2),
+        model.slope[..., :0],
+        model.offset_sd[:0],
+        (),
+    )

@@ -20,8 +20,6 @@ from palp_core.units import Float64Array
 
 NAIVE = "naive"
 MOST_DEPTHS = 1000
-HEIGHTS_SHARE = 0.5
-"""Correlation of a mounting's height over those of two phantoms' training: of two parts one is shared."""
 DepthCount = Annotated[int, msgspec.Meta(ge=0, le=MOST_DEPTHS)]
 """Depths of a grid: a thousand over the trained range are finer than any phantom is made."""
 
@@ -55,35 +53,19 @@ class TrialFilter:
     model: latent.OffsetModel | None
     likelihood: str
 
-    def posterior(self, probes: Sequence[TrialReading], earlier: Sequence[TrialReading] = ()) -> Float64Array:
-        """Return the probabilities of the classes after the probes, shape (m,).
-
-        Args:
-            probes: Readings of the trial.
-            earlier: Those of the trials before it on the same mounting, whose height is then known; the
-                naive filter has no use for them.
+    def posterior(self, probes: Sequence[TrialReading]) -> Float64Array:
+        """Return the probabilities of the classes after the probes of a trial, shape (m,).
 
         Raises:
             PerceptionError: A reading is not finite, or a setting was not trained.
         """
         if self.model is not None:
-            return _after(self.model, probes, earlier)
+            return belief_after(self.model, probes).posterior
         log_belief = bayes.flat_prior(self.primitives.depths_m.size)
         for probe in probes:
             density = self.primitives.log_likelihood(probe.reading, probe.setting, model=self.likelihood)
             log_belief = bayes.update(log_belief, density)
         return bayes.posterior(log_belief)
-
-
-def _after(
-    model: latent.OffsetModel, probes: Sequence[TrialReading], earlier: Sequence[TrialReading]
-) -> Float64Array:
-    if not earlier:
-        return belief_after(model, probes).posterior
-    pairs, belief = latent.on_mounting(model, belief_after(model, earlier), HEIGHTS_SHARE)
-    for probe in probes:
-        belief = latent.update(pairs, belief, probe.reading, probe.setting, probe.landed)
-    return latent.of_pairs(belief.posterior)
 
 
 def belief_after(model: latent.OffsetModel, probes: Sequence[TrialReading]) -> latent.Belief:
@@ -113,26 +95,6 @@ def classes_of(depths_m: Sequence[float], count: int) -> Float64Array:
             f"a grid of {count} depths over {len(depths_m)} trained: at least two of both are needed"
         )
     return np.round(np.linspace(depths_m[0], depths_m[-1], count), 9)
-
-
-def require_height(name: str, stays: str, depth_count: int) -> None:
-    """Refuse that heights stay with a mounting where the filter would not know it, before anything was felt.
-
-    Raises:
-        MethodError: No such filter.
-        PerceptionError: The filter has no height, or decides on a grid of depths.
-    """
-    find("filter", name)
-    if stays == "mounting" and name not in ("latent", "latent_trial"):
-        raise PerceptionError(
-            f"the filter '{name}' has no height that could stay with a mounting; 'latent' and "
-            "'latent_trial' have"
-        )
-    if stays == "mounting" and depth_count:
-        raise PerceptionError(
-            "heights that stay with a mounting count against those of training, and between trained depths "
-            "there was none; with shared.depths:=0 they do"
-        )
 
 
 def require_likelihood(name: str, likelihood: str) -> None:

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.perception.emg.bursts import Burst, BurstRule
+from palp_core.palpation.perception.emg.bursts import Burst, BurstRule, EmgPeak
 from palp_core.palpation.perception.emg.calibration import Calibration, calibrate, look_step
 from palp_core.palpation.perception.emg.emg import EmgChain, normalise
 from palp_core.palpation.perception.emg.levels import Levels, to_levels
-from palp_core.palpation.perception.emg.peaks import EmgPeak
 from palp_core.palpation.perception.emg.quality import BoolArray, SampleQuality, bridge, lost_samples, quality
 from palp_core.palpation.perception.emg.settings import (
     BURSTS,

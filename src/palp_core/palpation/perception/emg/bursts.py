@@ -14,12 +14,28 @@ import numpy as np
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.emg.calibration import Calibration, look_step
-from palp_core.palpation.perception.emg.peaks import EmgPeak
 from palp_core.palpation.perception.emg.settings import BURSTS, LOOK_S, BurstSettings
 from palp_core.units import Float64Array
 
 _LEAST_TOP = 4  # looks of a top that a parabola is laid through
 _MOST_LOOKS = 4096  # of one peak; beyond, every other one is forgotten
+
+
+@dataclass(frozen=True)
+class EmgPeak:
+    """A peak of co-contraction.
+
+    Attributes:
+        index: Its sample; of a flat top the middle.
+        value: Co-contraction there, dimensionless.
+        known_at: The sample that settled it; ``known_at - index`` is its lag.
+        level: Strength that it stands for, dimensionless; ``value`` where nothing is known of its noise.
+    """
+
+    index: int
+    value: float
+    known_at: int
+    level: float
 
 
 @dataclass(frozen=True)

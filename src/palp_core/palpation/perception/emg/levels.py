@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from palp_core.errors import PerceptionError
@@ -25,30 +24,6 @@ class Levels:
     index: NDArray[np.int64]
     clamped_low_count: int
     clamped_high_count: int
-
-
-def find_bursts(
-    cocontraction: Float64Array, *, rate_hz: float, prominence: float = 0.05, distance_s: float = 0.2
-) -> NDArray[np.int64]:
-    """Return the samples at the peaks of co-contraction; a flat top counts once, at its middle.
-
-    Neither prominence nor distance was published, and both shape the transition matrix.
-
-    Args:
-        cocontraction: s_CC^N, dimensionless, shape (n,).
-        rate_hz: Its sampling rate.
-        prominence: Least rise above the higher of the two surrounding valleys (assumed: half a level).
-        distance_s: Least time between two peaks; the lower one goes (assumed).
-
-    Raises:
-        PerceptionError: Prominence or distance is not positive.
-    """
-    if not (prominence > 0.0 and distance_s > 0.0):
-        raise PerceptionError(f"prominence {prominence} and distance {distance_s} s must be positive")
-    found, _ = scipy.signal.find_peaks(
-        cocontraction, prominence=prominence, distance=max(distance_s * rate_hz, 1.0), plateau_size=1
-    )
-    return np.asarray(found, dtype=np.int64)
 
 
 def to_levels(values: Float64Array, levels: Sequence[float] = LEVELS) -> Levels:

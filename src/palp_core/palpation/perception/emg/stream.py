@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.perception.emg.bursts import Burst, BurstRule, BurstState, Found
+from palp_core.palpation.perception.emg.bursts import Burst, BurstRule, BurstState, EmgPeak, Found
 from palp_core.palpation.perception.emg.emg import EmgChain, EnvelopeState, cocontraction, without_common
-from palp_core.palpation.perception.emg.peaks import EmgPeak
 from palp_core.palpation.perception.emg.settings import Crosstalk
 from palp_core.units import Float64Array
 

@@ -14,23 +14,7 @@ import numpy as np
 import scipy
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.perception.statistics.resampling import sign_flip
 from palp_core.units import Float64Array
-
-__all__ = [
-    "NOT_FINITE",
-    "Anova",
-    "Effect",
-    "NotTestable",
-    "PairTest",
-    "bonferroni",
-    "checked",
-    "fisher",
-    "is_constant",
-    "permutation",
-    "sign_flip",
-    "two_way",
-]
 
 Labels = Sequence[Hashable]
 

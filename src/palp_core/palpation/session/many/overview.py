@@ -171,8 +171,6 @@ def _design(session: RecordedSession, summary: RunSummary, roles: Roles) -> str:
     reading = estimator.get("reading", "feature")
     if estimator.get("filter", PUBLISHED) != PUBLISHED:
         reading += f", filter {estimator['filter']}"
-    if estimator.get("height_stays", "trial") != "trial":
-        reading += f", height stays a {estimator['height_stays']}"
     touch = f"world {roles.params('phantom').get('world', 'paper')}" if roles.touch_simulated else "the rig"
     return f"{policy}{swaps}{ring}; {reading}; {depths} mm; {touch}"
 

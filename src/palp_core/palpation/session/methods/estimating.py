@@ -10,7 +10,7 @@ from palp_core.graph.messages.builtin import MethodUse
 from palp_core.methods import find
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.perception.belief.stopping import stop_rule
-from palp_core.palpation.perception.belief.trial_filter import NAIVE, require_height, require_likelihood
+from palp_core.palpation.perception.belief.trial_filter import NAIVE, require_likelihood
 from palp_core.palpation.perception.signal.features import Peak
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.session.method_choices import AUTO, TRACE, checks_of, given_by, names_of
@@ -46,18 +46,11 @@ def together(params: Any, used: dict[str, str]) -> dict[str, Callable[[], object
         "stop": lambda: stop_rule(used["stop"], params.stop_value, max_probes=params.max_probes)
     }
     if params.reading == TRACE:
-        stays = {"height_stays": lambda: _require_new_heights(params)}
-        return {**found, **stays, "bin_mm": lambda: TraceSettings.of(params).bins}
+        return {**found, "bin_mm": lambda: TraceSettings.of(params).bins}
     return {
         "likelihood": lambda: require_likelihood(used["filter"], used["likelihood"]),
-        "height_stays": lambda: require_height(used["filter"], params.height_stays, params.depths),
         **found,
     }
-
-
-def _require_new_heights(params: Any) -> None:
-    if params.height_stays != "trial":
-        raise PerceptionError("the reading 'trace' takes the height as new in every trial")
 
 
 def mistakes(params: Any) -> dict[str, str]:

@@ -14,7 +14,6 @@ from palp_core.palpation.perception.belief.information import gain_vector
 from palp_core.palpation.perception.belief.rig_noise import RigNoise
 from palp_core.palpation.perception.belief.stopping import StopRule, decide
 from palp_core.palpation.perception.trace.bins import sample_times_ns
-from palp_core.palpation.perception.trace.training import TrainedTraces
 from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps
 from palp_core.palpation.session.trace.reader import (
     SweepUnderWay,
@@ -22,7 +21,6 @@ from palp_core.palpation.session.trace.reader import (
     TraceMemory,
     TraceReader,
     reader_of,
-    trained_traces,
 )
 from palp_core.palpation.session.trace.settings import TraceSettings
 from palp_core.units import Float64Array
@@ -57,11 +55,6 @@ def trace_reader(
         PalpError: Training is missing, or does not go together with the settings.
     """
     return reader_of(_taught(session, settings), settings, noise=noise, scene=scene)
-
-
-def trained_by(session: RecordedSweeps, settings: TraceSettings) -> TrainedTraces:
-    """Return what a session's training taught; errors as of :func:`trace_reader`."""
-    return trained_traces(_taught(session, settings), settings)
 
 
 def _taught(session: RecordedSweeps, settings: TraceSettings) -> list[TaughtSweep]:

@@ -49,7 +49,7 @@ class RungVariant:
     def model(self, phantom: Phantom, probe: Probe) -> ContactModel:
         """Return the contact model, set up by its first force."""
         target, arguments = find("contact", self.rung).target, dict(self.arguments)
-        made: ContactModel = target(phantom, probe.tip_radius_m, tip=probe.tip, **arguments)
+        made: ContactModel = target(phantom, probe.tip_radius_m, **arguments)
         return made
 
 
@@ -84,7 +84,6 @@ def variants() -> list[RungVariant]:
         size("l5", "facet_m", 0.00075, 0.000375),
         size("l4", "cell_m", 0.0005, 0.001),
         size("l5", "facet_m", 0.000375, 0.000375),
-        *(size("l3", "facet_m", length_m, 0.001) for length_m in (0.002, 0.001)),
     ]
     declared, sized = names("contact"), {one.rung for one in sizes}
     whole = [RungVariant(name) for name in declared if name not in sized]

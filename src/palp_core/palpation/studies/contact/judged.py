@@ -19,7 +19,6 @@ from palp_core.errors import MechanicsError, MethodError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.methods import find, methods
 from palp_core.palpation.mechanics import ContactModel, Scene, choose_rung, run_scene
-from palp_core.palpation.mechanics.contact import PlaneContact
 from palp_core.palpation.mechanics.contact.cache import code
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 from palp_core.palpation.mechanics.scene.choice import rung_model
@@ -61,7 +60,6 @@ def scene_keys(scene: Scene) -> dict[str, Any]:
             "tip_radius_m": probe.tip_radius_m,
             "friction": probe.friction,
             "tip_mass_kg": probe.tip_mass_kg,
-            "tip": probe.tip,
         },
         "path": {
             "indentation_m": scene.path.indentation_m,
@@ -78,16 +76,14 @@ def scene_keys(scene: Scene) -> dict[str, Any]:
 
 
 def rungs() -> list[str]:
-    """Return the rungs to hold against L4: not a cylinder, nor another constitutive law."""
-    offered = (one for one in methods("contact") if one.target is not PlaneContact)
-    return [one.name for one in offered if not states_finite_strain(one)]
+    """Return the rungs to hold against L4: not another constitutive law."""
+    return [one.name for one in methods("contact") if not states_finite_strain(one)]
 
 
 def reference_models(scene: Scene) -> list[ContactModel]:
     """Return the finest rung, L4 at 0.5 mm, for each of a scene's phantoms."""
     return [
-        HarmonicContact(phantom, scene.probe.tip_radius_m, REFERENCE_CELL_M, tip=scene.probe.tip)
-        for phantom in scene.phantoms
+        HarmonicContact(phantom, scene.probe.tip_radius_m, REFERENCE_CELL_M) for phantom in scene.phantoms
     ]
 
 
@@ -234,7 +230,7 @@ def judge(index: int, *, timed: bool = True) -> Judged:
         for name in rungs():
             start_ns = monotonic_ns()
             try:
-                models = [rung_model(name, one, probe.tip_radius_m, probe.tip) for one in scene.phantoms]
+                models = [rung_model(name, one, probe.tip_radius_m) for one in scene.phantoms]
                 for model in models:
                     model.force(np.zeros(1), np.full(1, 1e-4))
             except (MechanicsError, MethodError):

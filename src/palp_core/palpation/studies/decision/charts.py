@@ -14,8 +14,6 @@ Rows = Sequence[Mapping[str, Any]]
 _GAIN = charts.BLUE
 _FILTERS = {
     "naive": charts.VERMILION,
-    "latent_ring": charts.AMBER,
-    "latent_trial": charts.PINK,
     "latent": _GAIN,
 }
 

@@ -42,7 +42,7 @@ STOPS: dict[str, StopRule] = {
     "fixed_8": FixedNumber(8),
 }
 FEATURES = ("peak", "contrast")
-FILTERS = ("naive", "latent_ring", "latent_trial", "latent")
+FILTERS = ("naive", "latent")
 UNKNOWN = Conditions(height_sd_m=0.1e-3, mounting="each_trial", trials=30)
 """Remounted for every trial, so that the height is a trial's own, as the latent filter takes it."""
 

@@ -19,10 +19,9 @@ from palp_core.palpation.studies.simulation.reading_table import Gel, scene_of, 
 from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
 
 REFERENCE = "l4"
-QUICK = ("l1", "l2", "l4")
-FILTERS = ("naive", "latent_ring", "latent_trial", "latent")
+QUICK = ("l2", "l4")
+FILTERS = ("naive", "latent")
 FEATURES = ("peak", "contrast")
-_COARSE = ("l3",)  # seconds a sweep: solved at the ends of errors and heights only
 _LONG = "takes minutes, and was left out"
 
 
@@ -131,7 +130,7 @@ def _decide(job: RungJob, feature: str) -> RungWorld:
     conditions = Conditions(mounting="each_trial", trials=20)
     try:
         sweep_torque(gel, gel.depths_m[0], gel.rings_m[0])  # sets the rung up
-        felt = tabulate(gel, noisy_sweeps=8, coarse=job.rung in _COARSE)
+        felt = tabulate(gel, noisy_sweeps=8)
         sweep_s = cpu_s(lambda: sweep_torque(gel, gel.depths_m[0], gel.rings_m[-1]))
     except PalpError as error:
         return RungWorld({}, {}, {}, float("nan"), str(error))

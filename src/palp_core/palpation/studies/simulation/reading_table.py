@@ -126,39 +126,28 @@ class ReadingTable:
         return self._at_zero(0, 1)
 
     def _at_zero(self, dx: int, dy: int) -> Float64Array:
-        values = [self._value_at_zero(spline, dx, dy) for spline in self.splines]
+        values = [float(spline.ev(np.zeros(1), np.zeros(1), dx=dx, dy=dy)[0]) for spline in self.splines]
         return np.reshape(values, (len(self.gel.depths_m), len(self.gel.rings_m)))
 
-    def _value_at_zero(self, spline: RectBivariateSpline, dx: int, dy: int) -> float:
-        if (dx or dy) and 1 in spline.degrees:  # FITPACK has no slope of a bilinear surface: from end to end
-            ends_m = (ERRORS_M if dx else self.gel.heights_m)[[0, -1]]
-            values = spline.ev(*((ends_m, np.zeros(2)) if dx else (np.zeros(2), ends_m)))
-            return float((values[1] - values[0]) / (ends_m[1] - ends_m[0]))
-        return float(spline.ev(np.zeros(1), np.zeros(1), dx=dx, dy=dy)[0])
 
-
-def tabulate(gel: Gel, *, noisy_sweeps: int = 24, coarse: bool = False) -> ReadingTable:
+def tabulate(gel: Gel, *, noisy_sweeps: int = 24) -> ReadingTable:
     """Solve the sweeps of every cell and measure what noise becomes.
 
     Args:
         gel: What is touched.
         noisy_sweeps: Sweeps per cell from which bias and spread are measured, with a seed of their own.
-        coarse: Whether to solve at the ends of errors and heights only, for a contact model of seconds a
-            sweep; the reading is bilinear then.
 
     Raises:
         MethodError: No contact model is good enough for the feature in this gel.
         MechanicsError: A sweep has no solution.
     """
-    return _tabulated(gel, noisy_sweeps, coarse)
+    return _tabulated(gel, noisy_sweeps)
 
 
 @functools.lru_cache(maxsize=16)  # a study asks for the same gel in several of its parts
-def _tabulated(gel: Gel, noisy_sweeps: int, coarse: bool) -> ReadingTable:
+def _tabulated(gel: Gel, noisy_sweeps: int) -> ReadingTable:
     rng = np.random.default_rng(20)
     rungs, splines, bias, spread = [], [], [], []
-    errors_m, heights_m = (x[[0, -1]] if coarse else x for x in (ERRORS_M, gel.heights_m))
-    degree = 1 if coarse else 3
     for depth_m in gel.depths_m:
         model = _model(gel, depth_m)
         rungs.append(model.rung)
@@ -167,12 +156,12 @@ def _tabulated(gel: Gel, noisy_sweeps: int, coarse: bool) -> ReadingTable:
                 [
                     [
                         read(_torque(model, _probe(gel), ring_m + error_m, gel.indentation_m + height_m), gel)
-                        for height_m in heights_m
+                        for height_m in gel.heights_m
                     ]
-                    for error_m in errors_m
+                    for error_m in ERRORS_M
                 ]
             )
-            splines.append(RectBivariateSpline(errors_m, heights_m, table, kx=degree, ky=degree))
+            splines.append(RectBivariateSpline(ERRORS_M, gel.heights_m, table))
             clean = _torque(model, _probe(gel), ring_m, gel.indentation_m)
             noisy = np.array([read(measured(clean, gel, rng), gel) for _ in range(noisy_sweeps)])
             bias.append(float(noisy.mean()) - read(clean, gel))
@@ -212,7 +201,7 @@ def _probe(gel: Gel) -> Probe:
 def _model(gel: Gel, depth_m: float) -> ContactModel:
     scene = scene_of(gel, depth_m)
     rung = choose_rung(scene, gel.rung or None).rung
-    return rung_model(rung, scene.phantom, scene.probe.tip_radius_m, scene.probe.tip)
+    return rung_model(rung, scene.phantom, scene.probe.tip_radius_m)
 
 
 def scene_of(gel: Gel, depth_m: float) -> Scene:

@@ -22,7 +22,7 @@ _FAST_M_S = (0.05, 0.2)
 
 
 def _model(scene: Scene) -> LayeredHertz:
-    return LayeredHertz(scene.phantoms[0], scene.probe.tip_radius_m, tip=scene.probe.tip)
+    return LayeredHertz(scene.phantoms[0], scene.probe.tip_radius_m)
 
 
 @begins_after(1.0)

@@ -35,8 +35,7 @@ Row = Mapping[str, Any]
 TOO_SURE = 0.10
 """A decision whose stated confidence is by so much above its accuracy is not to be trusted."""
 
-_RUNGS = {"l0": (SKY, "D"), "l1": (AMBER, "s"), "l2": (BLUE, "o"), "l3": (GREY, "^"), "l4": (GREEN, "v")}
-_RUNGS |= {"l5": (PINK, "P")}
+_RUNGS = {"l0": (SKY, "D"), "l2": (BLUE, "o"), "l4": (GREEN, "v"), "l5": (PINK, "P")}
 _FAMILIES = {
     "fixed": ("one position", GREY, "s"),
     "markov": ("as people do", VERMILION, "^"),

@@ -49,7 +49,7 @@ _OF = Combinations(
     ("naive", "latent"),
 )
 _KEPT = ("policy", "stop", "filter", "accuracy", "ci", "seconds", "overconfidence", "sessions")
-_RUNGS, _RUNG_FILTERS = ("l0", "l1", "l2", "l4", "l5"), ("latent",)  # l3, a cylinder, takes minutes
+_RUNGS, _RUNG_FILTERS = ("l0", "l2", "l4", "l5"), ("latent",)
 _READ = ("scheme", "reading", "rule", "accuracy", "ci", "seconds", "ece")
 _SESSIONS, _READING_SESSIONS, _RUNG_SESSIONS = 20, 40, 6
 _DIGITS = 5

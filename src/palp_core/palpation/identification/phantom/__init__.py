@@ -1,1 +1,0 @@
-"""A gel's modulus and friction, from sweeps over it."""
