@@ -16,8 +16,8 @@ from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.session.method_choices import AUTO, choose_for, chosen_method, launch_defaults
 from palp_core.palpation.session.methods.estimating import TASKS
 from palp_core.palpation.session.reanalysis import Methods
-from palp_core.palpation.studies.decision import combinations, feature_cases, rungs
-from palp_core.palpation.studies.perception import trials
+from palp_core.palpation.studies.decision import combinations, rungs
+from palp_core.palpation.studies.perception import signals, trials
 from palp_core.palpation.studies.simulation.policies import NAMES
 from tests.support.rig_session import ComposedGraph, check_here
 
@@ -46,7 +46,7 @@ def offered() -> list[tuple[str, str, str]]:
         found += [(module.__name__, "filter", name) for name in module.FILTERS]
         found += [(module.__name__, "feature", name) for name in module.FEATURES]
     found += [(rungs.__name__, "contact", name) for name in rungs.QUICK]
-    found += [("features", "feature", name) for name in feature_cases.FEATURES]
+    found += [("signals", "feature", name) for name in signals.FEATURES]
     found += [("trials", "filter", name) for name in trials.FILTERS]
     return found
 

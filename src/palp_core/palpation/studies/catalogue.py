@@ -132,12 +132,6 @@ STUDIES = {
             "palp_core.palpation.studies.paper.why:run",
             picture="why",
         ),
-        Study(
-            "features",
-            "How late is a sweep's feature known, and how wrong is it, as a stream and offline?",
-            "palp_core.palpation.studies.decision.feature_lag:run",
-            picture="features",
-        ),
     )
 }
 

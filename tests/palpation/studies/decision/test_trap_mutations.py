@@ -13,7 +13,6 @@ from palp_core.palpation.perception.belief.primitives import Primitives, fit
 from palp_core.palpation.perception.belief.stopping import BeliefStep, PaperGuarded, PaperVerbatim, StopState
 from palp_core.palpation.perception.emg.emg import EmgChain
 from palp_core.palpation.perception.signal.wavelet import denoise
-from palp_core.palpation.perception.signal.wavelet_stream import WaveletStream
 from palp_core.palpation.perception.strategy import markov
 from palp_core.palpation.perception.strategy.policies import MarkovPolicy
 from palp_core.palpation.studies.decision import traps_belief as belief
@@ -61,7 +60,6 @@ MUTATIONS: dict[str, tuple[Any, str, Any]] = {
     "T8": (signal, "denoise", lambda values, **_: np.asarray(values)),
     "T8b": (signal, "peak", lambda *_, **__: SimpleNamespace(index=signal._naive_peak())),
     "T8c": (signal, "denoise", lambda values, **_: denoise(values, rule="approximation")),
-    "T8d": (WaveletStream, "lag_samples", 0),
     "T9": (signal, "MarkovPolicy", lambda **_: MarkovPolicy(reading="mean")),
     "T9c": (MarkovPolicy, "level_law", lambda self, mean: signal._printed_law()),
     "T10": (EmgChain, "step", rms_of_the_counts),

@@ -10,11 +10,12 @@ import pytest
 
 from palp_core.methods import names
 from palp_core.methods.measured import measure_of
-from palp_core.palpation.mechanics.scene.scene import Scene
+from palp_core.palpation.mechanics import Scene, run_scene
 from palp_core.palpation.studies.catalogue import study
 from palp_core.palpation.studies.perception import beliefs, signals
 from palp_core.palpation.studies.perception.case import Seen
 from palp_core.palpation.studies.perception.study import PARTS
+from palp_core.palpation.studies.simulation.reading_table import Gel
 
 
 @pytest.mark.parametrize("part", [signals.seen, beliefs.likelihoods_seen], ids=lambda part: part.__name__)
@@ -49,6 +50,16 @@ def test_the_latent_filter_is_calibrated_where_the_papers_is_not() -> None:
     found = {one.method: one.error for one in beliefs.filters_seen(quick=True)}
     assert found["naive"] > 3.0 * found["latent"]
     assert found["latent"] < 0.05
+
+
+def test_sweeps_have_the_truth_of_their_own() -> None:
+    gel = Gel()
+    sweeps = signals.clean_sweeps((0.016,), gel)
+    peaks = [
+        run_scene(Scene(ring_m=(0.016,)).with_bead(depth_m), "l2").peak_n_m[0] for depth_m in gel.depths_m
+    ]
+    assert [one.truth_n_m["peak"] for one in sweeps] == pytest.approx(peaks, rel=1e-3)
+    assert all(gap > 0.0 for one in sweeps for gap in one.gap_n_m.values())
 
 
 def test_the_study_writes_its_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

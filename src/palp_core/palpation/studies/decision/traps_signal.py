@@ -11,7 +11,6 @@ from palp_core.palpation.perception.emg.emg import EmgChain, find_offset
 from palp_core.palpation.perception.emg.levels import to_levels
 from palp_core.palpation.perception.signal.features import peak
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
-from palp_core.palpation.perception.signal.wavelet_stream import WaveletStream, WaveletStreamState
 from palp_core.palpation.perception.statistics.anova import NotTestable, two_way
 from palp_core.palpation.perception.strategy import figure5, markov
 from palp_core.palpation.perception.strategy.policies import MarkovPolicy
@@ -48,31 +47,6 @@ def _naive_peak() -> int:
 
 def _step() -> Float64Array:
     return np.repeat([0.0, 1.0], 2000)
-
-
-def _noisy(seed: int = 0) -> Float64Array:
-    return np.random.default_rng(seed).normal(0.0, 0.05, 2400) + np.sin(np.arange(2400) / 150.0)
-
-
-STREAM = WaveletStream(threshold=0.2)
-
-
-def _prefixes_apart() -> float:
-    """Return how far de-noising what has come so far is from de-noising the whole, at its newest sample."""
-    signal = _noisy()
-    whole = STREAM.whole(signal)
-    newest = [denoise(signal[:n], threshold=0.2)[-1] - whole[n - 1] for n in range(1000, 2000, 100)]
-    return float(np.abs(newest).max())
-
-
-def _stream_apart() -> float:
-    """Return how far the stream's samples, told after the lag, are from the whole's, beyond the edge."""
-    signal, state, told = _noisy(), WaveletStreamState(), []
-    for start in range(0, len(signal), 50):
-        state, clean = STREAM.step(state, signal[start : start + 50])
-        told.append(clean)
-    found = np.concatenate(told)
-    return float(np.abs(found - STREAM.whole(signal)[: len(found)]).max())
 
 
 def _visited(reading: str) -> int:
@@ -204,17 +178,6 @@ TRAPS = (
         lambda: float(denoise(_step())[600:-600].max() - 1.0),
         lambda found: not isinstance(found, Exception) and found < 0.02,
         lambda found: f"overshoot {found:.3g}",
-    ),
-    Trap(
-        "T8d",
-        "de-noising while the sweep runs",
-        "noise on a slow wave, sample by sample",
-        "de-noise what has come so far",
-        f"a stream with a stated lag of {STREAM.lag_samples} samples",
-        _prefixes_apart,
-        _stream_apart,
-        lambda found: not isinstance(found, Exception) and found < 1e-12,
-        lambda found: f"up to {found:.2g} from the whole",
     ),
     Trap(
         "T9",

@@ -19,12 +19,11 @@ from palp_core.palpation.mechanics.scene.scene import PAPER_DEPTHS_M, Scene
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.latent import OffsetModel, start, update
 from palp_core.palpation.perception.belief.stopping import BeliefStep, stop_rule
-from palp_core.palpation.perception.signal.wavelet import edge_cone
+from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.perception.strategy.figure5 import RINGS_M
 from palp_core.palpation.perception.strategy.policies import FixedRing, UniformRings, given
 from palp_core.palpation.perception.trace.belief import along, begin_sweep
 from palp_core.palpation.perception.trace.belief import start as trace_start
-from palp_core.palpation.studies.decision.feature_cases import CleanSweep, clean_cases
 from palp_core.palpation.studies.frontier.trace_trials import model_of
 from palp_core.palpation.studies.perception import traces
 from palp_core.palpation.studies.perception.beliefs import (
@@ -37,7 +36,7 @@ from palp_core.palpation.studies.perception.beliefs import (
     sessions,
     told,
 )
-from palp_core.palpation.studies.perception.signals import ways, worst
+from palp_core.palpation.studies.perception.signals import CleanSweep, clean_sweeps, feature_error
 from palp_core.palpation.studies.perception.traces import TraceCase
 from palp_core.palpation.studies.perception.trials import (
     LAST,
@@ -70,14 +69,15 @@ def gel_of(scene: Scene, rings_m: tuple[float, ...] = RINGS_M) -> Gel:
 def measure_denoising(scene: Scene) -> Iterator[Measured]:
     """Measure every rule for wavelet coefficients."""
     cases, noisy = _sweeps(scene)
-    for way in ways():
-        cost_s = cpu_s(partial(way.apply, noisy, RESOLUTION_N_M))
-        yield Measured("denoise", way.family, "", cost_s, worst(way, cases, 1.0, _SWEEPS), "feature", _TRUTH)
+    for rule in names("denoise"):
+        cost_s = cpu_s(partial(denoise, noisy, rule=rule))
+        error = feature_error(rule, cases, 1.0, _SWEEPS)
+        yield Measured("denoise", rule, "", cost_s, error, "feature", _TRUTH)
 
 
 def _sweeps(scene: Scene) -> tuple[list[CleanSweep], Float64Array]:
     rings_m = tuple(ring_m for ring_m in scene.ring_m if ring_m > 0.0) or (0.016,)
-    cases = clean_cases(rings_m, gel_of(scene, rings_m))
+    cases = clean_sweeps(rings_m, gel_of(scene, rings_m))
     clean = cases[0].torque_n_m
     return cases, clean + RESOLUTION_N_M * np.random.default_rng(0).standard_normal(clean.size)
 
@@ -86,7 +86,7 @@ def _sweeps(scene: Scene) -> tuple[list[CleanSweep], Float64Array]:
 def measure_features(scene: Scene) -> Iterator[Measured]:
     """Measure every feature: wrong decisions from one reading at the stiffest ring."""
     rings_m = (max(scene.ring_m),)
-    (case, *_) = clean_cases(rings_m, gel_of(scene, rings_m))
+    (case, *_) = clean_sweeps(rings_m, gel_of(scene, rings_m))
     for name in names("feature"):
         cost_s = cpu_s(partial(find("feature", name).target, case.torque_n_m, edge=edge_cone()))
         error = one_reading(name, gel_of(scene, rings_m), REMOUNTED, _FEW)
