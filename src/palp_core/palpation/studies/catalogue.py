@@ -114,12 +114,6 @@ STUDIES = {
             picture="policies",
         ),
         Study(
-            "power",
-            "How many trials and sessions does it take to see the paper's differences?",
-            "palp_core.palpation.studies.power.study:run",
-            picture="power_over_sessions",
-        ),
-        Study(
             "robustness",
             "Do the results hold for other gels, rigs, contact models, trainings and human chains?",
             "palp_core.palpation.studies.robustness.study:run",

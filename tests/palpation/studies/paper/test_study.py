@@ -89,6 +89,7 @@ def test_every_figure_and_table_is_on_the_page(out: Path) -> None:
         "Tables 3 and 4",
         "Table 5",
         "Table 6",
+        "How many sessions a comparison takes",
         "published numbers",
         "reconstruction",
     ):

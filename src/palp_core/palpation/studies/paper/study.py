@@ -24,6 +24,7 @@ from palp_core.palpation.studies.paper.jobs import (
 )
 from palp_core.palpation.studies.paper.numbers import PUBLISHED, TABLE_3, TABLE_4, TABLE_6, statements
 from palp_core.palpation.studies.paper.positions import positions
+from palp_core.palpation.studies.paper.power import power_report
 from palp_core.palpation.studies.paper.readings import ReadingSize, by_readings
 from palp_core.palpation.studies.paper.scenes import judge
 from palp_core.palpation.studies.paper.tests import analyses, comparisons
@@ -138,6 +139,7 @@ def results(sessions: Mapping[str, Sequence[Outcomes]], depths_m: Sequence[float
         "iterations": took,
         "words_beside_ours": words.beside_ours(took, tested),
         "comparisons": comparisons(sessions, average["per_session"]),
+        "power": power_report(sessions, len(depths_m)),
         "tables": _tables(),
     }
 
