@@ -30,13 +30,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
-from palp_core.palpation.perception.emg.levels import to_levels
-from palp_core.palpation.perception.emg.peaks import PeakFinder
-from palp_core.palpation.perception.emg.settings import BURSTS, BurstSettings
-from palp_core.palpation.perception.strategy.figure5 import LEVELS
-from palp_core.palpation.reporting import charts
-from palp_core.palpation.studies.perception.emg_known import (
+from benchmarks.emg_known import (
     CONDITIONS,
     CROSSTALK,
     EmgCondition,
@@ -47,7 +41,13 @@ from palp_core.palpation.studies.perception.emg_known import (
     judge,
     recorded,
 )
-from palp_core.palpation.studies.perception.emg_models import MODELS
+from benchmarks.emg_models import MODELS
+from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
+from palp_core.palpation.perception.emg.levels import to_levels
+from palp_core.palpation.perception.emg.peaks import PeakFinder
+from palp_core.palpation.perception.emg.settings import BURSTS, BurstSettings
+from palp_core.palpation.perception.strategy.figure5 import LEVELS
+from palp_core.palpation.reporting import charts
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

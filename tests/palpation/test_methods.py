@@ -17,7 +17,7 @@ from palp_core.palpation.session.method_choices import AUTO, choose_for, chosen_
 from palp_core.palpation.session.methods.estimating import TASKS
 from palp_core.palpation.session.reanalysis import Methods
 from palp_core.palpation.studies.decision import combinations, rungs
-from palp_core.palpation.studies.perception import signals, trials
+from palp_core.palpation.studies.perception import signals
 from palp_core.palpation.studies.simulation.policies import NAMES
 from tests.support.rig_session import ComposedGraph, check_here
 
@@ -47,7 +47,6 @@ def offered() -> list[tuple[str, str, str]]:
         found += [(module.__name__, "feature", name) for name in module.FEATURES]
     found += [(rungs.__name__, "contact", name) for name in rungs.QUICK]
     found += [("signals", "feature", name) for name in signals.FEATURES]
-    found += [("trials", "filter", name) for name in trials.FILTERS]
     return found
 
 

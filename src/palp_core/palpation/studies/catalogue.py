@@ -103,11 +103,6 @@ STUDIES = {
             picture="mismatch_lab",
         ),
         Study(
-            "method-bounds",
-            "What do the methods of perception get wrong, and do they keep what they state?",
-            "palp_core.palpation.studies.perception.study:run",
-        ),
-        Study(
             "paper",
             "Does a probe that varies its stiffness as humans do find nodules better? The paper, re-run.",
             "palp_core.palpation.studies.paper.study:run",

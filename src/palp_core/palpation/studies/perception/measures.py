@@ -29,12 +29,12 @@ from palp_core.palpation.studies.perception import traces
 from palp_core.palpation.studies.perception.beliefs import (
     REMOUNTED,
     RULES,
-    decided,
+    decide,
+    informed_model,
     miscalibrated,
     one_reading,
     overtrust,
     sessions,
-    told,
 )
 from palp_core.palpation.studies.perception.signals import CleanSweep, clean_sweeps, feature_error
 from palp_core.palpation.studies.perception.traces import TraceCase
@@ -115,12 +115,12 @@ def measure_filters(scene: Scene) -> Iterator[Measured]:
     begun = sessions(tabulate(gel_of(scene)), REMOUNTED, _FEW)
     for name in names("filter"):
         model: OffsetModel = (
-            begun[0].naive if name == "naive" else find("filter", name).target(told(begun[0]))
+            begun[0].naive if name == "naive" else find("filter", name).target(informed_model(begun[0]))
         )
         at = float(model.mean[0, -1, 0])
         cost_s = cpu_s(partial(update, model, start(model), at, model.mean.shape[1] - 1, moved=True))
         error = max(
-            miscalibrated([decided(one, name, policy, rule) for one in begun])
+            miscalibrated([decide(one, name, policy, rule) for one in begun])
             for policy in (FixedRing(), UniformRings())
             for rule in RULES
         )
@@ -146,14 +146,14 @@ def measure_trace_filters(scene: Scene) -> Iterator[Measured]:
 def measure_stops(scene: Scene) -> Iterator[Measured]:
     """Measure every stop rule under uniform draws and the filter that knows what stays."""
     begun = sessions(tabulate(gel_of(scene)), REMOUNTED, _FEW)
-    last = Trials.of([decided(one, "latent", UniformRings(), LAST) for one in begun])
+    last = Trials.of([decide(one, "latent", UniformRings(), LAST) for one in begun])
     classes = len(begun[0].table.gel.depths_m)
     flat, sure = np.full(classes, 1.0 / classes), np.full(classes, 0.1 / (classes - 1))
     sure[0] = 0.9
     for name in names("stop"):
         rule = stop_rule(name)
         cost_s = cpu_s(lambda rule=rule: rule.check(BeliefStep.over(flat, sure, flat, 2)))  # type: ignore[misc]
-        came = Trials.of([decided(one, "latent", UniformRings(), rule) for one in begun])
+        came = Trials.of([decide(one, "latent", UniformRings(), rule) for one in begun])
         yield from _outputs("stop", name, cost_s, came.wrong - last.wrong, came)
 
 
@@ -170,7 +170,7 @@ def measure_policies(scene: Scene) -> Iterator[Measured]:
 def _step_s(name: str, session: SimulatedSession) -> float:
     policy = policy_of(name, session)
     assert policy is not None
-    belief = start(told(session) if name == "information_gain_latent" else session.naive)
+    belief = start(informed_model(session) if name == "information_gain_latent" else session.naive)
     at = policy.start(given(0.5))
     return cpu_s(partial(policy.step, at, belief, given(0.5)))
 

@@ -9,9 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
-from palp_core.palpation.perception.emg.settings import BurstSettings
-from palp_core.palpation.studies.perception.emg_known import (
+from benchmarks.emg_known import (
     CONDITIONS,
     CROSSTALK,
     Contraction,
@@ -23,13 +21,15 @@ from palp_core.palpation.studies.perception.emg_known import (
     recorded,
     score,
 )
-from palp_core.palpation.studies.perception.emg_models import (
+from benchmarks.emg_models import (
     MODELS,
     MotorUnitPool,
     Muscle,
     band_noise,
     surface_noise,
 )
+from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
+from palp_core.palpation.perception.emg.settings import BurstSettings
 
 RATE_HZ = 1500.0
 NAMED = {of.name: of for of in CONDITIONS}

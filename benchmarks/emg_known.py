@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from benchmarks.emg_models import MODELS
 from palp_core.palpation.perception.emg.analysis import EmgAnalysis, EmgSettings, analyse
 from palp_core.palpation.perception.emg.levels import to_levels
 from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.perception.strategy.figure5 import LEVELS
 from palp_core.palpation.perception.strategy.markov import stationary
 from palp_core.palpation.perception.strategy.markov_posterior import fit_chain, summarise
-from palp_core.palpation.studies.perception.emg_models import MODELS
 from palp_core.units import Float64Array
 
 MVC_V = 300e-6
