@@ -72,13 +72,6 @@ STUDIES = {
             picture="stability",
         ),
         Study(
-            "contact-validity",
-            "Are the stated bounds kept, and is the chosen model right enough, on random scenes?",
-            "palp_core.palpation.studies.contact.validity:run",
-            picture="validity",
-            checkpoint="scenes.jsonl",
-        ),
-        Study(
             "decision-stability",
             "Where does the published algorithm fail, what does the naive way give there, and what ours?",
             "palp_core.palpation.studies.decision.stability:run",

@@ -22,10 +22,6 @@ KEPT = ROOT / FOLDER
 RESULTS = ROOT / "docs" / "explanation" / "results.md"
 
 
-def test_the_picture_is_younger_than_its_methods() -> None:
-    assert not outdated(KEPT), "\n".join(outdated(KEPT))
-
-
 def test_a_method_that_changed_is_named_with_the_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
