@@ -24,7 +24,7 @@ _NODES = 16
     cost_s=0.018,
     bounds=[Bound("normal", 0.03, within={"height_m": (0.0, 0.002), "poisson": (0.0, 0.4)})],
     evidence="tests/palpation/mechanics/contact/test_l1.py: the thin bonded compressible layer; "
-    "charted by palp methods measure --task contact",
+    "measured by palp methods measure --task contact",
     valid={
         "poisson": (0.0, 0.45),
         "indentation_m": (0.0, 0.005),

@@ -12,7 +12,7 @@ import numpy as np
 
 from palp_core.errors import MechanicsError, MethodError
 from palp_core.methods import find, names
-from palp_core.methods.measured import REFERENCE, Measured, begins_after, cpu_s
+from palp_core.methods.measured import REFERENCE, Measured, cpu_s
 from palp_core.palpation.mechanics import ContactModel, Phantom, Probe, Scene, sweep
 from palp_core.palpation.mechanics.scene.guard import states_finite_strain
 from palp_core.palpation.mechanics.scene.output import answer, answer_error
@@ -90,7 +90,6 @@ def variants() -> list[RungVariant]:
     return whole + [one for one in sizes if one.rung in declared]
 
 
-@begins_after(2.9)
 def measure_contact(
     scene: Scene, offered: Sequence[RungVariant] | None = None, references: Sequence[str] = ("l4",)
 ) -> Iterator[Measured]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from palp_core.methods import find, names
-from palp_core.methods.measured import Measured, begins_after, cpu_s
+from palp_core.methods.measured import Measured, cpu_s
 from palp_core.palpation.mechanics.scene.scene import PAPER_DEPTHS_M, Scene
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.latent import OffsetModel, start, update
@@ -65,7 +65,6 @@ def gel_of(scene: Scene, rings_m: tuple[float, ...] = RINGS_M) -> Gel:
     )
 
 
-@begins_after(0.2)
 def measure_denoising(scene: Scene) -> Iterator[Measured]:
     """Measure every rule for wavelet coefficients."""
     cases, noisy = _sweeps(scene)
@@ -82,7 +81,6 @@ def _sweeps(scene: Scene) -> tuple[list[CleanSweep], Float64Array]:
     return cases, clean + RESOLUTION_N_M * np.random.default_rng(0).standard_normal(clean.size)
 
 
-@begins_after(0.4)
 def measure_features(scene: Scene) -> Iterator[Measured]:
     """Measure every feature: wrong decisions from one reading at the stiffest ring."""
     rings_m = (max(scene.ring_m),)
@@ -93,7 +91,6 @@ def measure_features(scene: Scene) -> Iterator[Measured]:
         yield Measured("feature", name, "", cost_s, error, "decision", _TRUTH)
 
 
-@begins_after(1.6)
 def measure_likelihoods(scene: Scene) -> Iterator[Measured]:
     """Measure every likelihood with few, the published and many training readings a class."""
     begun = sessions(tabulate(gel_of(scene)), REMOUNTED, 1)[0]
@@ -109,7 +106,6 @@ def measure_likelihoods(scene: Scene) -> Iterator[Measured]:
             yield Measured("likelihood", name, words, cost_s, error, "calibration", "its own model", usual)
 
 
-@begins_after(1.7)
 def measure_filters(scene: Scene) -> Iterator[Measured]:
     """Measure every filter: the confidence at the end of trials on the rig."""
     begun = sessions(tabulate(gel_of(scene)), REMOUNTED, _FEW)
@@ -127,7 +123,6 @@ def measure_filters(scene: Scene) -> Iterator[Measured]:
         yield Measured("filter", name, "", cost_s, error, "calibration", _TRUTH)
 
 
-@begins_after(3.0)
 def measure_trace_filters(scene: Scene) -> Iterator[Measured]:
     """Measure every filter of whole traces in the lab's world: one sweep a trial, at the stiffest ring."""
     case = TraceCase(gel_of(scene))
@@ -142,7 +137,6 @@ def measure_trace_filters(scene: Scene) -> Iterator[Measured]:
             yield Measured(traces.TASK, name, "", cost_s, error, output, _TRUTH)
 
 
-@begins_after(1.6)
 def measure_stops(scene: Scene) -> Iterator[Measured]:
     """Measure every stop rule under uniform draws and the filter that knows what stays."""
     begun = sessions(tabulate(gel_of(scene)), REMOUNTED, _FEW)
@@ -157,7 +151,6 @@ def measure_stops(scene: Scene) -> Iterator[Measured]:
         yield from _outputs("stop", name, cost_s, came.wrong - last.wrong, came)
 
 
-@begins_after(1.9)
 def measure_policies(scene: Scene) -> Iterator[Measured]:
     """Measure every policy that takes no person, under the filter that knows what stays."""
     begun = sessions(tabulate(gel_of(scene)), REMOUNTED, _FEW)

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palp_core.methods.measured import Measured, begins_after, cpu_s
+from palp_core.methods.measured import Measured, cpu_s
 from palp_core.palpation.mechanics import LayeredHertz, Scene, sweep
 from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
@@ -25,7 +25,6 @@ def _model(scene: Scene) -> LayeredHertz:
     return LayeredHertz(scene.phantoms[0], scene.probe.tip_radius_m, tip=scene.probe.tip)
 
 
-@begins_after(1.0)
 def measure_motion(scene: Scene) -> Iterator[Measured]:
     """Measure the joint at rest and in motion, at the scene's own speed first, then at faster ones.
 
