@@ -78,12 +78,6 @@ STUDIES = {
             picture="traps",
         ),
         Study(
-            "decision-limits",
-            "How near do policies, stop rules and filters come to what no policy can pass?",
-            "palp_core.palpation.studies.decision.combinations:run",
-            picture="accuracy_against_seconds",
-        ),
-        Study(
             "frontier",
             "What does a decision cost in seconds of the rig: peak, contrast, whole trace, in two worlds?",
             "palp_core.palpation.studies.frontier.study:run",

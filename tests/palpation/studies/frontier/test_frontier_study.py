@@ -8,13 +8,17 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from matplotlib.figure import Figure
+from scipy.stats import norm
 
 from nodes.experiment_params import ExperimentParams
 from palp_core.palpation.session.plan import Specimens
 from palp_core.palpation.studies.catalogue import OPTIONS, study
 from palp_core.palpation.studies.frontier import depth_error, tables
 from palp_core.palpation.studies.frontier.frontier_charts import frontier_chart
+from palp_core.palpation.studies.frontier.limits import fano_accuracy, wald_accuracy
 from palp_core.palpation.studies.frontier.mismatch import MismatchJob, WorldDifference, mismatch_session
 from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, SWIFT
 from palp_core.palpation.studies.frontier.schemes import SURE, DepthTask, Scheme, run_schemes
@@ -182,6 +186,21 @@ def test_what_simulating_costs_is_no_part_of_deciding(
     for scheme in (Scheme("contrast", "uniform", "threshold"), Scheme("trace", "fixed_best", "threshold")):
         assert run_schemes(lambda _: session, (scheme,))[scheme.name].cpu_s == 0.0
     assert session.simulating.seconds == now_s[0] > 0.0
+
+
+@given(st.floats(0.0, 1.58), st.integers(3, 6))
+@settings(max_examples=30, deadline=None)
+def test_fano_permits_more_with_more_information_and_chance_with_none(bits: float, classes: int) -> None:
+    assert fano_accuracy(0.0, classes) == pytest.approx(1.0 / classes, abs=1e-6)
+    assert fano_accuracy(bits, classes) <= fano_accuracy(bits + 0.1, classes) + 1e-12
+    assert fano_accuracy(np.log2(classes), classes) == 1.0
+    assert fano_accuracy(1.016, 3) == pytest.approx(0.9, abs=1e-3)
+
+
+def test_no_test_of_a_fixed_number_of_readings_beats_walds_bound() -> None:
+    """Readings a standard deviation apart diverge by half a nat each."""
+    for count in (1, 4, 9):
+        assert wald_accuracy(0.5 * count) > norm.cdf(0.5 * np.sqrt(count))
 
 
 def test_the_chart_has_every_scheme_limits_a_cross_and_a_front(whole: WorldSession) -> None:
