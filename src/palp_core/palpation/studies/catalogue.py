@@ -84,12 +84,6 @@ STUDIES = {
             picture="frontier",
         ),
         Study(
-            "mismatch",
-            "Trained in one world, judged in another: where does each way of deciding fail, and who says so?",
-            "palp_core.palpation.studies.frontier.mismatch:run",
-            picture="mismatch_lab",
-        ),
-        Study(
             "paper",
             "Does a probe that varies its stiffness as humans do find nodules better? The paper, re-run.",
             "palp_core.palpation.studies.paper.study:run",

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palp_core.palpation.studies.frontier.mismatch import sessions_of
-from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL
+from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, sessions_by_protocol
 from palp_core.palpation.studies.frontier.schemes import SCHEMES, TRACE, DepthTask, Scheme, run_schemes
 from palp_core.palpation.studies.frontier.world_session import WorldPlan
 
@@ -57,7 +56,7 @@ class DepthError:
 def depth_errors(job: DepthJob) -> dict[tuple[str, int], DepthError]:
     """Return the error of the mean depth by scheme and number of sweeps."""
     conditions = replace(job.plan.conditions, trials=_TRIALS)
-    swept = sessions_of(replace(job.plan, conditions=conditions, test_depths_m=TRUE_M), job.seed)
+    swept = sessions_by_protocol(replace(job.plan, conditions=conditions, test_depths_m=TRUE_M), job.seed)
     true_m = np.asarray(TRUE_M)[swept(PAPER_PROTOCOL).depth]
     found = {}
     for sweeps in SWEEPS:

@@ -19,8 +19,7 @@ from palp_core.palpation.session.plan import Specimens
 from palp_core.palpation.studies.frontier.depth_error import DepthJob, depth_errors
 from palp_core.palpation.studies.frontier.frontier_charts import frontier_chart, threshold_chart
 from palp_core.palpation.studies.frontier.limits import most_accurate
-from palp_core.palpation.studies.frontier.mismatch import sessions_of
-from palp_core.palpation.studies.frontier.protocols import SWIFT
+from palp_core.palpation.studies.frontier.protocols import SWIFT, sessions_by_protocol
 from palp_core.palpation.studies.frontier.schemes import SCHEMES, Scheme, SchemeRun, run_schemes
 from palp_core.palpation.studies.frontier.tables import Runs, compared, depth_rows, scheme_rows
 from palp_core.palpation.studies.frontier.trace_trials import (
@@ -74,7 +73,7 @@ class FrontierSession:
 
 def frontier_session(job: WorldJob) -> FrontierSession:
     """Return what every scheme did in a session."""
-    swept = sessions_of(job.plan, job.seed)
+    swept = sessions_by_protocol(job.plan, job.seed)
     runs = run_schemes(swept, SCHEMES)
     session = swept(SWIFT)
     model = model_of(session, settings_of(session))
@@ -90,7 +89,7 @@ def frontier_session(job: WorldJob) -> FrontierSession:
 
 def gel_session(job: WorldJob) -> dict[str, SchemeRun]:
     """Return what schemes did whose filters choose their own contact model, whatever the gel's is."""
-    return run_schemes(sessions_of(job.plan, job.seed), GEL_SCHEMES)
+    return run_schemes(sessions_by_protocol(job.plan, job.seed), GEL_SCHEMES)
 
 
 def gel_rows(found: Mapping[str, Runs]) -> list[dict[str, Any]]:

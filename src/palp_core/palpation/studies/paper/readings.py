@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from palp_core.palpation.studies.frontier.depth_error import DEPTH_SCHEMES, DepthJob, depth_errors
-from palp_core.palpation.studies.frontier.mismatch import sessions_of
+from palp_core.palpation.studies.frontier.protocols import sessions_by_protocol
 from palp_core.palpation.studies.frontier.schemes import SCHEMES, TRACE, Scheme, SchemeRun, run_schemes
 from palp_core.palpation.studies.frontier.study import SEEDS
 from palp_core.palpation.studies.frontier.tables import Runs, compared, depth_rows, scheme_rows
@@ -53,7 +53,7 @@ class ReadingJob:
 
 def reading_session(job: ReadingJob) -> dict[str, SchemeRun]:
     """Return what each scheme did in a session."""
-    return run_schemes(sessions_of(job.plan, job.seed), job.schemes)
+    return run_schemes(sessions_by_protocol(job.plan, job.seed), job.schemes)
 
 
 def by_readings(size: ReadingSize, *, seed: int, workers: int = 1, dask: str = "") -> dict[str, Any]:
