@@ -66,18 +66,6 @@ STUDIES = {
     one.name: one
     for one in (
         Study(
-            "contact-stability",
-            "Where does each method fail, by which symptom, and what survives there?",
-            "palp_core.palpation.studies.contact.stability:run",
-            picture="stability",
-        ),
-        Study(
-            "decision-stability",
-            "Where does the published algorithm fail, what does the naive way give there, and what ours?",
-            "palp_core.palpation.studies.decision.stability:run",
-            picture="traps",
-        ),
-        Study(
             "frontier",
             "What does a decision cost in seconds of the rig: peak, contrast, whole trace, in two worlds?",
             "palp_core.palpation.studies.frontier.study:run",
@@ -95,6 +83,12 @@ STUDIES = {
             "palp_core.palpation.studies.robustness.study:run",
             picture="robustness_to_best_paper",
             checkpoint="cells.jsonl",
+        ),
+        Study(
+            "stability",
+            "Where does each method of touch, belief and signals fail, by which symptom, and what survives?",
+            "palp_core.palpation.studies.stability.study:run",
+            picture="stability",
         ),
         Study(
             "why",

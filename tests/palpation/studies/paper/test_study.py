@@ -260,7 +260,7 @@ def test_no_worker_is_too_few() -> None:
 @pytest.mark.parametrize(
     ("name", "option", "value", "said"),
     [
-        ("contact-stability", "workers", 2, "'contact-stability' does not take --workers; leave it out"),
+        ("stability", "workers", 2, "'stability' does not take --workers; leave it out"),
         ("paper", "mounting", "each_trial", "'paper' does not take --mounting; leave it out"),
         ("frontier", "mounting", "grooped", "no mounting 'grooped'; use one of grouped, each_trial, block_"),
         ("frontier", "specimens", "others", "no specimens 'others'; use one of same, other"),

@@ -12,7 +12,7 @@ from palp_core.palpation.mechanics.equilibrium.finders import (
     plain_newton,
 )
 from palp_core.palpation.mechanics.equilibrium.joint import Joint
-from palp_core.palpation.studies.contact.case import FailureCase
+from palp_core.palpation.studies.stability.case import Case
 from palp_core.units import Float64Array
 
 INDENTATION_M = 0.004
@@ -26,24 +26,18 @@ def gel(depth_m: float, modulus_pa: float = 20e3) -> LayeredHertz:
     return LayeredHertz(Phantom(bead=Bead(depth_m=depth_m), modulus_pa=modulus_pa), TIP_M)
 
 
-def joint_cases(*, quick: bool) -> list[FailureCase]:
+def joint_cases(*, quick: bool) -> list[Case]:
     """Return the cases, over few values if quick."""
-    newton, fixed, lagged, several = finder_cases(quick=quick)
     return [
-        newton,
-        fixed,
-        lagged,
+        _newton(quick),
+        _fixed(quick),
+        _lagged(quick),
         _flat(quick),
-        several,
+        _several(quick),
         _leading(quick),
         _dead_load(quick),
         _naive_spring(quick),
     ]
-
-
-def finder_cases(*, quick: bool) -> list[FailureCase]:
-    """Return the cases of root finders alone."""
-    return [_newton(quick), _fixed(quick), _lagged(quick), _several(quick)]
 
 
 def _rings(quick: bool) -> Float64Array:
@@ -66,9 +60,9 @@ def _against_ring(quick: bool, name: str) -> tuple[Float64Array, Float64Array, F
     return rings, np.array(failing), np.array(surviving)
 
 
-def _of_finder(quick: bool, finder: str, name: str, failing: str, survivor: str, why: str) -> FailureCase:
+def _of_finder(quick: bool, finder: str, name: str, failing: str, survivor: str, why: str) -> Case:
     rings, off, surviving = _against_ring(quick, finder)
-    return FailureCase(
+    return Case(
         name,
         failing,
         survivor,
@@ -83,7 +77,7 @@ def _of_finder(quick: bool, finder: str, name: str, failing: str, survivor: str,
     )
 
 
-def _newton(quick: bool) -> FailureCase:
+def _newton(quick: bool) -> Case:
     return _of_finder(
         quick,
         "plain_newton",
@@ -94,7 +88,7 @@ def _newton(quick: bool) -> FailureCase:
     )
 
 
-def _fixed(quick: bool) -> FailureCase:
+def _fixed(quick: bool) -> Case:
     return _of_finder(
         quick,
         "fixed_point",
@@ -105,7 +99,7 @@ def _fixed(quick: bool) -> FailureCase:
     )
 
 
-def _lagged(quick: bool) -> FailureCase:
+def _lagged(quick: bool) -> Case:
     return _of_finder(
         quick,
         "lagged_force",
@@ -116,7 +110,7 @@ def _lagged(quick: bool) -> FailureCase:
     )
 
 
-def _flat(quick: bool) -> FailureCase:
+def _flat(quick: bool) -> Case:
     rings = np.geomspace(1e-7, 0.016, 8 if quick else 40)
     angles = np.linspace(0.0, np.pi / 2.0, 200)
     at = np.zeros_like(angles)
@@ -126,7 +120,7 @@ def _flat(quick: bool) -> FailureCase:
         past = angles > joint.lift_off_rad
         return float(np.mean(np.abs(joint.residual(at, angles)[past]) < 1e-6))
 
-    return FailureCase(
+    return Case(
         "no_spring_no_weight",
         "accepting any angle whose residual is below 1e-6 N m, tip without weight",
         "keeping the weight, and reporting lift-off",
@@ -142,7 +136,7 @@ def _flat(quick: bool) -> FailureCase:
     )
 
 
-def _several(quick: bool) -> FailureCase:
+def _several(quick: bool) -> Case:
     depths = np.linspace(0.0015, 0.006, 6 if quick else 24)
     failing, surviving = [], []
     for depth_m in depths:
@@ -154,7 +148,7 @@ def _several(quick: bool) -> FailureCase:
         stable = [every.angle_rad[(every.position == i) & every.stable] for i in range(len(STAGE_M))]
         nearest = [np.min(np.abs(s - q)) for s, q in zip(stable, solved.angle_rad, strict=True)]
         surviving.append(float(np.degrees(np.max(nearest))))
-    return FailureCase(
+    return Case(
         "several_equilibria",
         "one root per position, each for itself (Brent), E = 5 kPa, r_a = 16 mm",
         "all roots, the stable branch followed along the path",
@@ -169,7 +163,7 @@ def _several(quick: bool) -> FailureCase:
     )
 
 
-def _leading(quick: bool) -> FailureCase:
+def _leading(quick: bool) -> Case:
     frictions = np.linspace(0.005, 0.2, 8 if quick else 40)
     failing, surviving = [], []
     for friction in frictions:
@@ -182,7 +176,7 @@ def _leading(quick: bool) -> FailureCase:
             surviving.append(float(np.degrees(max(-solved.angle_rad[0], 0.0))))
         except MechanicsError:
             surviving.append(0.0)  # it says so by name rather than return a leading angle
-    return FailureCase(
+    return Case(
         "leading_tip",
         "any stable root, r_a = 0.5 mm",
         "started lagging, sign tested; no lagging equilibrium is an error by name",
@@ -197,7 +191,7 @@ def _leading(quick: bool) -> FailureCase:
     )
 
 
-def _dead_load(quick: bool) -> FailureCase:
+def _dead_load(quick: bool) -> Case:
     shares = np.linspace(0.2, 2.0, 7 if quick else 37)
     probe, ring_m = Probe(), 0.008
     restoring = probe.spring_n_m(ring_m) + probe.weight_n_m
@@ -211,7 +205,7 @@ def _dead_load(quick: bool) -> FailureCase:
         failing.append(float(np.degrees(angles[held[0]])) if held.size else 90.0)
     solved = sweep(gel(0.004), probe, ring_m, INDENTATION_M, STAGE_M)
     steady = float(np.degrees(solved.angle_rad.max()))
-    return FailureCase(
+    return Case(
         "dead_load",
         "a dead load on the tip, r_a = 8 mm",
         "constant height of the stage",
@@ -225,12 +219,12 @@ def _dead_load(quick: bool) -> FailureCase:
     )
 
 
-def _naive_spring(quick: bool) -> FailureCase:
+def _naive_spring(quick: bool) -> Case:
     angles = np.linspace(1.0, 60.0, 8 if quick else 60)
     probe, q = Probe(), np.radians(angles)
     exact = probe.joint_torque(0.008, q)
     naive = probe.joint_stiffness(0.008, q) * q
-    return FailureCase(
+    return Case(
         "stiffness_times_angle",
         "joint torque as K_s(q) q",
         "2 r_a R k_s sin q, exact for springs of zero free length",

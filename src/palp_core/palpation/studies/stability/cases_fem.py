@@ -4,13 +4,13 @@ import numpy as np
 
 from palp_core.palpation.mechanics import Phantom
 from palp_core.palpation.mechanics.contact import fem_failures
-from palp_core.palpation.studies.contact.case import FailureCase
+from palp_core.palpation.studies.stability.case import Case
 from palp_core.units import Float64Array
 
 _SWEEP_S = 4.0
 
 
-def fem_cases(*, quick: bool) -> list[FailureCase]:
+def fem_cases(*, quick: bool) -> list[Case]:
     """Return the cases, over few values if quick."""
     return [
         _locking(quick),
@@ -26,9 +26,9 @@ def _towards_half(count: int) -> Float64Array:
     return 0.5 - np.geomspace(0.2, 1e-5, count)
 
 
-def _locking(quick: bool) -> FailureCase:
+def _locking(quick: bool) -> Case:
     ratios = _towards_half(6 if quick else 16)
-    return FailureCase(
+    return Case(
         "linear_triangles",
         "linear triangles (P1), five cells under the load",
         "Taylor-Hood on the same mesh",
@@ -44,14 +44,14 @@ def _locking(quick: bool) -> FailureCase:
     )
 
 
-def _iterative(quick: bool) -> FailureCase:
+def _iterative(quick: bool) -> Case:
     ratios = _towards_half(6 if quick else 12)
     counts = [fem_failures.iterations_of_conjugate_gradients(float(nu)) for nu in ratios]
 
     def one_solution(poisson: float) -> float:
         return 1.0 if fem_failures.residual_of_direct_solution(poisson) < 1e-8 else np.inf
 
-    return FailureCase(
+    return Case(
         "iterative_solver",
         "conjugate gradients, diagonal preconditioner",
         "sparse direct solution",
@@ -67,10 +67,10 @@ def _iterative(quick: bool) -> FailureCase:
     )
 
 
-def _truncated(quick: bool) -> FailureCase:
+def _truncated(quick: bool) -> Case:
     radii = np.array([0.03, 0.06, 0.12, 0.2]) if quick else np.geomspace(0.025, 0.25, 14)
     endless = fem_failures.softness_error_of_taylor_hood(0.49, 6, 0.3)  # of the widest block
-    return FailureCase(
+    return Case(
         "truncated_block",
         "a block of gel held at its outer edge, nu = 0.49",
         "the endless layer in closed form (Hankel transform)",
@@ -85,14 +85,14 @@ def _truncated(quick: bool) -> FailureCase:
     )
 
 
-def _cells(quick: bool) -> FailureCase:
+def _cells(quick: bool) -> Case:
     shares = np.array([0.25, 1.1]) if quick else np.array([0.25, 0.5, 0.7, 1.0, 1.4, 2.0])
 
     def error(share: float, averaged: bool) -> float:
         lowest, off = fem_failures.coarse_cells(share, averaged)
         return abs(off) if lowest > 0.0 and np.isfinite(off) else np.inf
 
-    return FailureCase(
+    return Case(
         "coarse_cells",
         "the bead's stiffening taken at the centre of each cell (L4)",
         "averaged over each cell; cells of at most half the gel over the bead",
@@ -109,10 +109,10 @@ def _cells(quick: bool) -> FailureCase:
     )
 
 
-def _explicit(quick: bool) -> FailureCase:
+def _explicit(quick: bool) -> Case:
     ratios = _towards_half(4 if quick else 10)
     step_s = np.array([fem_failures.critical_step_s(float(nu)) for nu in ratios])
-    return FailureCase(
+    return Case(
         "explicit_elements",
         "explicit finite elements of 0.4 mm, E = 20 kPa",
         "condensed quasi-static compliance: one solution per stage position",
@@ -129,9 +129,9 @@ def _explicit(quick: bool) -> FailureCase:
     )
 
 
-def _small_strain(quick: bool) -> FailureCase:
+def _small_strain(quick: bool) -> Case:
     pressed_m = np.linspace(0.0003, 0.006, 6 if quick else 39)
-    return FailureCase(
+    return Case(
         "small_strain",
         "small strain (L4), ball of 6 mm on bare gel",
         "finite strain (L5), and beyond its elements an honest refusal",

@@ -1,7 +1,9 @@
-"""A case of the stability map: a method that fails, where it does, beside its survivor."""
+"""A case of stability: a method that fails, by which symptom, from where on, and what survives there."""
 
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -9,15 +11,15 @@ from palp_core.units import Float64Array
 
 
 @dataclass(frozen=True, eq=False)
-class FailureCase:
+class Case:
     """Symptom of a failing method and of the survivor over the same range.
 
     Attributes:
-        name: Stem of its files.
+        name: Of it, as in ``pytest -k NAME``.
         failing: The method that fails.
         survivor: The method that does not.
-        parameter: What is varied, with its unit.
-        values: Of the parameter, shape (n,).
+        parameter: What is varied, with its unit; of a case with one input, that input in words.
+        values: Of the parameter, shape (n,); one where nothing is varied.
         symptom: What is measured, with its unit.
         of_failing: Symptom of the failing method, shape (n,); infinite where it gave no answer at all.
         of_survivor: Symptom of the survivor, shape (n,).
@@ -64,6 +66,8 @@ class FailureCase:
     @property
     def row(self) -> tuple[str, str, str, str]:
         """Failing method, symptom with its limit, where it fails of what was tried, survivor; in words."""
+        if self.values.size == 1:
+            return self.failing, self.symptom, self.parameter, self.survivor
         least, most = (f"{end:.5g}" for end in (self.values[0], self.values[-1]))
         worst = float(np.max(self.of_survivor))
         most_left = f"{worst:.1g}" if worst > 1e-6 * self.limit else "0"  # round-off is no symptom
@@ -95,3 +99,44 @@ class FailureCase:
                 spans.append(f"{self.values[start]:.4g} to {self.values[i - 1]:.4g}")
                 start = None
         return ", ".join(spans)
+
+
+def compare_once(
+    name: str,
+    symptom: str,
+    given: str,
+    failing: str,
+    survivor: str,
+    naive: Callable[[], Any],
+    ours: Callable[[], Any],
+    survives: Callable[[Any], bool],
+    words: Callable[[Any], str],
+) -> Case:
+    """Return a case with one input: what both methods answer to it.
+
+    Args:
+        name: As in T1.
+        symptom: What it is about.
+        given: The smallest input at which the one fails.
+        failing: The naive method.
+        survivor: What palp does.
+        naive: The naive method on that input.
+        ours: What palp does on the same input.
+        survives: Whether an answer, or the error raised instead, is one to go on with.
+        words: What an answer is.
+    """
+    found = [answer(naive), answer(ours)]
+    wrong = [np.full(1, float(not survives(one))) for one in found]
+    spoken = [f"{type(one).__name__}: {one}" if isinstance(one, Exception) else words(one) for one in found]
+    why = f"Gives {spoken[0]}; the survivor {spoken[1]}."
+    return Case(name, failing, survivor, given, np.zeros(1), symptom, wrong[0], wrong[1], 0.5, why)
+
+
+def answer(way: Callable[[], Any]) -> Any:
+    """Return what a method answers; an error that it raises is its answer too, and no warning is shown."""
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        try:
+            return way()
+        except Exception as error:  # noqa: BLE001  whatever the naive way runs into is what is to be shown
+            return error

@@ -10,27 +10,17 @@ from palp_core.palpation.mechanics.contact.patch import Patch
 from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics, simulate
 from palp_core.palpation.mechanics.equilibrium.friction import coulomb_implicit, tanh_explicit
 from palp_core.palpation.mechanics.limits import explicit_step_s
-from palp_core.palpation.studies.contact.case import FailureCase
+from palp_core.palpation.studies.stability.case import Case
 
 _RING_M, _INDENTATION_M = 0.016, 0.004
 
 
-def other_cases(*, quick: bool) -> list[FailureCase]:
+def other_cases(*, quick: bool) -> list[Case]:
     """Return the cases, over few values if quick."""
-    return [*friction_cases(quick=quick), _sampling(quick), *contact_cases(quick=quick)]
+    return [_explicit_friction(quick), _sampling(quick), _winkler(quick)]
 
 
-def friction_cases(*, quick: bool) -> list[FailureCase]:
-    """Return the cases of laws of friction alone."""
-    return [_explicit_friction(quick)]
-
-
-def contact_cases(*, quick: bool) -> list[FailureCase]:
-    """Return the cases of contact rungs alone, of those that take no seconds."""
-    return [_winkler(quick)]
-
-
-def _explicit_friction(quick: bool) -> FailureCase:
+def _explicit_friction(quick: bool) -> Case:
     model, probe = LayeredHertz(Phantom(bead=Bead(depth_m=0.004)), 0.006), Probe()
     start = sweep(model, probe, _RING_M, _INDENTATION_M, [-0.03, -0.029])
     setting = Dynamics(regular_m_s=1e-3, damping_n_m_s=0.0)
@@ -54,7 +44,7 @@ def _explicit_friction(quick: bool) -> FailureCase:
                 continue
             late = moved.slip_m_s[0, 60:]
             into.append(float(np.max(np.abs(np.diff(late)))) / 0.0005)
-    return FailureCase(
+    return Case(
         "explicit_friction",
         "explicit friction mu N tanh(v / v_r), v_r = 1 mm/s, from rest at 0.5 mm/s",
         "implicit friction (Moreau's time stepping)",
@@ -69,7 +59,7 @@ def _explicit_friction(quick: bool) -> FailureCase:
     )
 
 
-def _sampling(quick: bool) -> FailureCase:
+def _sampling(quick: bool) -> Case:
     steps = np.geomspace(0.00025, 0.010, 6 if quick else 20)
     model, probe = LayeredHertz(Phantom(bead=Bead(depth_m=0.002)), 0.006), Probe()
     fine = sweep(model, probe, _RING_M, _INDENTATION_M, np.linspace(-0.03, 0.05, 8001))
@@ -82,7 +72,7 @@ def _sampling(quick: bool) -> FailureCase:
             worst = max(worst, 1.0 - float(np.interp(at, fine.stage_m, fine.torque_n_m).max()) / true)
         return worst
 
-    return FailureCase(
+    return Case(
         "coarse_stage",
         "peak of samples at this step, d = 2 mm, r_a = 16 mm",
         "at most 1 mm for the physics; 1 kHz for noise and filters",
@@ -98,7 +88,7 @@ def _sampling(quick: bool) -> FailureCase:
     )
 
 
-def _winkler(quick: bool) -> FailureCase:
+def _winkler(quick: bool) -> Case:
     ratios = np.array([0.3, 0.4, 0.45, 0.48, 0.49, 0.495, 0.499]) if quick else _towards_half(30)
     at, depth = np.zeros(1), np.array([0.001])
     true, failing, surviving = [], [], []
@@ -115,7 +105,7 @@ def _winkler(quick: bool) -> FailureCase:
         except MechanicsError:
             failing.append(np.inf)
     base = np.array(true)
-    return FailureCase(
+    return Case(
         "winkler_incompressible",
         "elastic foundation (L1), 1 mm into 30 mm of bare gel",
         "Hertz on a bonded layer (L2), L4",

@@ -1,4 +1,4 @@
-"""Each row of the stability map: the method fails where it is said to, and its survivor does not."""
+"""Each row of the stability table: the method fails where it states, and its survivor does not."""
 
 from __future__ import annotations
 
@@ -28,19 +28,20 @@ from palp_core.palpation.mechanics.equilibrium.friction import tanh_explicit
 from palp_core.palpation.mechanics.equilibrium.joint import Joint
 from palp_core.palpation.mechanics.limits import explicit_step_s, stage_step
 from palp_core.palpation.mechanics.scene.guard import BARE_GEL_SHARE, sweep_guards
-from palp_core.palpation.studies.contact import cases_fem as fem
-from palp_core.palpation.studies.contact.case import FailureCase
-from palp_core.palpation.studies.contact.cases_joint import INDENTATION_M, gel, joint_cases
-from palp_core.palpation.studies.contact.cases_other import other_cases
-from palp_core.palpation.studies.contact.map import METHODS, MapVerdict, judge, map_chart, points
-from palp_core.palpation.studies.contact.stability_charts import overview
+from palp_core.palpation.studies.catalogue import study
+from palp_core.palpation.studies.stability import cases_fem as fem
+from palp_core.palpation.studies.stability import study as stability_study
+from palp_core.palpation.studies.stability.case import Case
+from palp_core.palpation.studies.stability.cases_joint import INDENTATION_M, gel, joint_cases
+from palp_core.palpation.studies.stability.cases_other import other_cases
+from palp_core.palpation.studies.stability.charts import overview
 from palp_core.units import Float64Array
 
 STAGE_M = np.linspace(-0.03, 0.05, 41)
 
 
 @pytest.fixture(scope="module")
-def cases() -> dict[str, FailureCase]:
+def cases() -> dict[str, Case]:
     return {case.name: case for case in (*joint_cases(quick=True), *other_cases(quick=True))}
 
 
@@ -61,20 +62,20 @@ FAILS = {
 
 @pytest.mark.parametrize("name", FAILS)
 def test_the_method_fails_where_it_is_said_to_and_the_survivor_does_not(
-    name: str, cases: dict[str, FailureCase]
+    name: str, cases: dict[str, Case]
 ) -> None:
     case = cases[name]
     assert case.threshold.startswith(FAILS[name])
     assert case.survived
 
 
-def test_every_case_is_tested(cases: dict[str, FailureCase]) -> None:
+def test_every_case_is_tested(cases: dict[str, Case]) -> None:
     assert set(cases) == set(FAILS)
 
 
-def a_case(failing: list[float]) -> FailureCase:
+def a_case(failing: list[float]) -> Case:
     values = np.arange(float(len(failing)))
-    return FailureCase("c", "a", "b", "p", values, "s", np.array(failing), np.zeros(len(failing)), 1.0, "why")
+    return Case("c", "a", "b", "p", values, "s", np.array(failing), np.zeros(len(failing)), 1.0, "why")
 
 
 @pytest.mark.parametrize(
@@ -127,27 +128,20 @@ def test_a_rung_outside_its_range_is_named_with_the_quantity_and_the_survivor() 
     assert "l2 survives" in words
 
 
-def test_the_users_map_covers_the_grid_and_draws(tmp_path: Path) -> None:
-    from palp_core.palpation.reporting.charts import save
-
-    grid = list(points(quick=True))
-    assert len(grid) == 48
-    assert len(list(points(quick=False))) == 700
-    found = [judge(point) for point in grid[::5]]
-    assert all(set(verdict.safe) == set(METHODS) for verdict in found)
-    share = {name: np.mean([verdict.safe[name] for verdict in found]) for name in METHODS}
-    assert share["plain_newton"] < 0.5
-    assert share["fixed_point"] < 0.5
-    assert share["lagging_start"] == 1.0
-    whole = [MapVerdict(point, dict.fromkeys(METHODS, point.depth_m > 0.002)) for point in grid]
-    chart = map_chart(whole, "small_strain")
-    save(chart, tmp_path)
-    assert {path.suffix for path in tmp_path.iterdir()} == {".png", ".svg", ".csv"}
-    assert len(chart.rows) == 48
-    assert "Safe in 50 % of 48 scenes" in chart.caption
+def test_the_study_writes_a_row_a_case_and_one_chart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stability_study, "fem_cases", lambda **_: [])
+    page = study("stability").run(tmp_path, quick=True)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "index.html", "stability.md", "stability.png", "stability.svg", "stability.csv",
+    }  # fmt: skip
+    text, rows = page.read_text(encoding="utf-8"), (tmp_path / "stability.md").read_text(encoding="utf-8")
+    assert rows.count("\n") == 2 + len(FAILS) + 18
+    assert all(f"stability -k {name}" in text for name in (*FAILS, "T1", "T11"))
+    assert "ABOVE THE LIMIT" not in text
+    assert "fails everywhere" not in rows
 
 
-def drawn_axes(case: FailureCase) -> Axes:
+def drawn_axes(case: Case) -> Axes:
     figure = Figure()
     overview([case]).draw(figure)
     (axes,) = figure.axes
@@ -189,7 +183,7 @@ def test_a_bar_spreads_ratios_next_to_a_half() -> None:
     assert at["0.499"] - at["0.49"] == pytest.approx(1.0)
 
 
-def test_every_case_says_where_the_rig_is_or_varies_nothing_of_it(cases: dict[str, FailureCase]) -> None:
+def test_every_case_says_where_the_rig_is_or_varies_nothing_of_it(cases: dict[str, Case]) -> None:
     unmarked = {name for name, case in cases.items() if not case.rig}
     assert unmarked == {"dead_load", "stiffness_times_angle", "explicit_friction"}
 
@@ -262,7 +256,7 @@ NOT_OFFERED = {
 
 @pytest.mark.parametrize("name", sorted(set(SEEN) & set(FAILS)))
 def test_where_a_method_fails_the_register_refuses_it_or_a_guard_says_so(
-    name: str, cases: dict[str, FailureCase]
+    name: str, cases: dict[str, Case]
 ) -> None:
     case = cases[name]
     failing = case.values[case.failed]

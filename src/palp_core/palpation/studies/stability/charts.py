@@ -1,4 +1,4 @@
-"""Charts of the study ``contact-stability``: where methods fail, each on the scale of its own parameter."""
+"""The chart of the study ``stability``: where methods fail, each on the scale of its own parameter."""
 
 from __future__ import annotations
 
@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palp_core.palpation.reporting.charts import BLUE, GREY, INK, PALE_GREEN, VERMILION, Chart, legend, tidy
-from palp_core.palpation.studies.contact.case import FailureCase
+from palp_core.palpation.reporting.charts import INK, PALE_GREEN, VERMILION, Chart, legend
+from palp_core.palpation.studies.stability.case import Case
 from palp_core.units import Float64Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_FAILING, _SURVIVOR = VERMILION, BLUE
-_HUGE = 1e6
 _RATIOS = (0.3, 0.4, 0.45, 0.48, 0.49, 0.499, 0.4999, 0.49999)
 _PLACES: dict[str, Callable[[Float64Array], Float64Array]] = {
     "linear": lambda values: values,
@@ -27,7 +25,7 @@ _PLACES: dict[str, Callable[[Float64Array], Float64Array]] = {
 """Where values of a parameter stand on an axis, by its kind."""
 
 
-def overview(cases: Sequence[FailureCase]) -> Chart:
+def overview(cases: Sequence[Case]) -> Chart:
     """Return all cases, a bar each over its parameter: where it fails, from which value, where the rig is."""
 
     def draw(to: Figure) -> None:
@@ -37,7 +35,7 @@ def overview(cases: Sequence[FailureCase]) -> Chart:
         for axes, case in zip(to.subplots(len(cases), 1, squeeze=False)[:, 0], cases, strict=True):
             _bar(axes, case)
         shown = [
-            Patch(facecolor=_FAILING, hatch="///", edgecolor="white", label="fails"),
+            Patch(facecolor=VERMILION, hatch="///", edgecolor="white", label="fails"),
             Patch(facecolor=PALE_GREEN, label="holds"),
             Line2D([], [], color=INK, marker="v", linestyle="", label="the published rig"),
         ]
@@ -45,7 +43,7 @@ def overview(cases: Sequence[FailureCase]) -> Chart:
 
     return Chart(
         "stability",
-        "All cases",
+        "All cases with a parameter",
         "One bar per failing method, on the scale of its parameter; beside its name, from which of the "
         "values tried it fails. Triangles: the values that the published rig has, an arrow where they lie "
         "beyond what was tried. Without a mark the parameter is none of the rig's.",
@@ -66,49 +64,13 @@ def overview(cases: Sequence[FailureCase]) -> Chart:
     )
 
 
-def case_chart(case: FailureCase) -> Chart:
-    """Return the symptom of a failing method and of its survivor over the parameter."""
-    at = _PLACES[case.axis](case.values)
-
-    def draw(to: Figure) -> None:
-        axes = to.subplots()
-        shown = np.minimum(np.where(np.isfinite(case.of_failing), case.of_failing, _HUGE), _HUGE)
-        floor = case.limit * 1e-4
-        axes.plot(at, np.maximum(shown, floor), color=_FAILING, marker="o", ms=3, label=case.failing)
-        survivor = f"survivor: {case.survivor}"
-        survived = np.maximum(case.of_survivor, floor)
-        axes.plot(at, survived, color=_SURVIVOR, ls="--", marker="s", ms=3, label=survivor)
-        axes.axhline(case.limit, color=GREY, lw=0.8, ls=":")
-        axes.set_yscale("log")
-        _scale(axes, case)
-        _rig(axes, case)
-        legend(to)
-        tidy(axes, case.symptom, case.parameter, "")
-
-    return Chart(
-        f"case_{case.name}",
-        f"{case.failing}: fails {case.threshold}",
-        f"{case.why} Dotted: the limit. Values below a ten-thousandth of it are drawn there."
-        + (" Triangles: the published rig." if case.rig else ""),
-        3.8,
-        (case.parameter, "failing", "survivor", "limit", "failed"),
-        [
-            (value, bad, good, case.limit, int(failed))
-            for value, bad, good, failed in zip(
-                case.values, case.of_failing, case.of_survivor, case.failed, strict=True
-            )
-        ],
-        draw,
-    )
-
-
-def _bar(axes: Axes, case: FailureCase) -> None:
+def _bar(axes: Axes, case: Case) -> None:
     at = _PLACES[case.axis](case.values)
     edges = np.concatenate([at[:1], 0.5 * (at[1:] + at[:-1]), at[-1:]])
     for low, high, bad in zip(edges[:-1], edges[1:], case.failed, strict=True):
         axes.axvspan(
             *(float(low), float(high)),
-            facecolor=_FAILING if bad else PALE_GREEN,
+            facecolor=VERMILION if bad else PALE_GREEN,
             edgecolor="white" if bad else "none",
             hatch="///" if bad else None,
             linewidth=0.0,
@@ -125,7 +87,7 @@ def _bar(axes: Axes, case: FailureCase) -> None:
     axes.set_xlabel(case.parameter, fontsize=7.5, labelpad=1)
 
 
-def _scale(axes: Axes, case: FailureCase) -> None:
+def _scale(axes: Axes, case: Case) -> None:
     """Write an axis in the parameter's own values."""
     from matplotlib.ticker import MaxNLocator
 
@@ -140,7 +102,7 @@ def _scale(axes: Axes, case: FailureCase) -> None:
     axes.set_xticks(_PLACES[case.axis](np.array(ticks)), [f"{tick:g}" for tick in ticks])
 
 
-def _rig(axes: Axes, case: FailureCase) -> None:
+def _rig(axes: Axes, case: Case) -> None:
     """Mark the values of the published rig above an axis; those beyond it by an arrow at its end."""
     place = axes.get_xaxis_transform()
     look: Any = {
