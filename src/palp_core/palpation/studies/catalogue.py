@@ -90,12 +90,6 @@ STUDIES = {
             "palp_core.palpation.studies.stability.study:run",
             picture="stability",
         ),
-        Study(
-            "why",
-            "Which hypotheses make a fixed stiffness stop making progress?",
-            "palp_core.palpation.studies.paper.why:run",
-            picture="why",
-        ),
     )
 }
 

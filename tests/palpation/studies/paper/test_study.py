@@ -43,12 +43,19 @@ NAMES = {
 }
 
 
+WHY = {
+    "cell": "only H1", "accuracy": 0.8, "ci": [0.7, 0.9], "progress": 0.1, "progress_ci": [0.0, 0.2],
+    "probes": 2.0, "ece": 0.1,
+}  # fmt: skip
+
+
 def run_few(folder: Path, scene_sessions: int) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         if not scene_sessions:
             render_nothing(patch)
-        patch.setattr(paper_study, "QUICK", PaperSize(2, scene_sessions, grid_sessions=0, trials=6))
+        patch.setattr(paper_study, "QUICK", PaperSize(2, scene_sessions, 0, 0, trials=6))
         patch.setattr(paper_study, "by_readings", lambda *_, **__: made_readings())
+        patch.setattr(paper_study, "_why", lambda *_: {"hypotheses": {"H1": "one"}, "cells": [WHY]})
         patch.setattr(
             paper_study,
             "_grid",
@@ -90,6 +97,7 @@ def test_every_figure_and_table_is_on_the_page(out: Path) -> None:
         "Table 5",
         "Table 6",
         "How many sessions a comparison takes",
+        "Why would a fixed stiffness make no progress?",
         "published numbers",
         "reconstruction",
     ):

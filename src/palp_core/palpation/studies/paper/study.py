@@ -28,6 +28,7 @@ from palp_core.palpation.studies.paper.power import power_report
 from palp_core.palpation.studies.paper.readings import ReadingSize, by_readings
 from palp_core.palpation.studies.paper.scenes import judge
 from palp_core.palpation.studies.paper.tests import analyses, comparisons
+from palp_core.palpation.studies.paper.why import HYPOTHESES, why_rows
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.policies import FIXED, NAMES, SessionJob
 from palp_core.palpation.studies.simulation.policy_summary import average_of, summarise
@@ -46,6 +47,7 @@ class PaperSize:
         sessions: Sessions of the paper's design.
         scene_sessions: Sessions of each scene.
         grid_sessions: Sessions on 31 depths; 0 leaves them out.
+        why_sessions: Sessions of each hypothesis; 0 leaves them out.
         trials: Trials per depth and session; 100 as published.
         readings: How much is run by peak, contrast and trace.
     """
@@ -53,6 +55,7 @@ class PaperSize:
     sessions: int = 40
     scene_sessions: int = 100
     grid_sessions: int = 10
+    why_sessions: int = 20
     trials: int = 100
     readings: ReadingSize = field(default_factory=ReadingSize)
 
@@ -61,6 +64,7 @@ QUICK = PaperSize(
     sessions=8,
     scene_sessions=0,
     grid_sessions=0,
+    why_sessions=0,
     trials=40,
     readings=ReadingSize(sessions=2, depth_sessions=0, trials=20, scenes=False),
 )
@@ -71,7 +75,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
 
     Args:
         out: Folder for the files; made if missing.
-        quick: Few sessions, no scenes, no depths between the trained ones.
+        quick: Few sessions, no scenes, no hypotheses, no depths between the trained ones.
         workers: Local processes.
         dask: Address of a Dask scheduler instead.
         seed: Of everything; results do not depend on the workers.
@@ -91,6 +95,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         "conditions": asdict(conditions) | {"contact_model": sorted(set(felt.rungs)), **asdict(gel)},
         "positions": positions(felt, conditions),
         "scenes": _scenes(size, seed, workers, dask),
+        "why": _why(size, seed, workers, dask),
         "grid_31_depths_rmse_mm": _grid(size, seed, workers, dask),
         "readings": by_readings(size.readings, seed=seed, workers=workers, dask=dask),
     }
@@ -166,6 +171,16 @@ def _scenes(size: PaperSize, seed: int, workers: int, dask: str) -> dict[str, An
         found = run_jobs(scene_session, jobs, label=f"sessions, scene {name}", workers=workers, dask=dask)
         judged[name] = judge(found, gel.depths_m)
     return judged
+
+
+def _why(size: PaperSize, seed: int, workers: int, dask: str) -> dict[str, Any]:
+    """Return what each hypothesis is, and a line per cell; nothing where they are left out."""
+    if not size.why_sessions:
+        return {}
+    return {
+        "hypotheses": {name: words for name, (words, _) in HYPOTHESES.items()},
+        "cells": why_rows(size.why_sessions, 40, seed=seed, workers=workers, dask=dask),
+    }
 
 
 def _grid(size: PaperSize, seed: int, workers: int, dask: str) -> dict[str, dict[str, list[float]]]:
