@@ -71,7 +71,7 @@ class WorldPlan:
 
     def __post_init__(self) -> None:
         usual, ours = Conditions(), self.conditions
-        for name in ("specimen_sd_m", "landing", "drift_n_m", "same_reading"):
+        for name in ("landing", "drift_n_m", "same_reading"):
             if getattr(ours, name) != getattr(usual, name):
                 raise PalpError(f"whole sweeps know no {name} '{getattr(ours, name)}'; leave it out")
 
