@@ -20,7 +20,7 @@ from palp_core.palpation.studies.frontier import depth_error, tables
 from palp_core.palpation.studies.frontier.frontier_charts import frontier_chart
 from palp_core.palpation.studies.frontier.limits import fano_accuracy, wald_accuracy
 from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, SWIFT
-from palp_core.palpation.studies.frontier.schemes import SURE, DepthTask, Scheme, run_schemes
+from palp_core.palpation.studies.frontier.schemes import SURE, DepthTask, Scheme, run_plan, run_schemes
 from palp_core.palpation.studies.frontier.study import GEL_SCHEMES, gel_rows
 from palp_core.palpation.studies.frontier.tables import compared, scheme_rows
 from palp_core.palpation.studies.frontier.trace_trials import (
@@ -37,7 +37,7 @@ from palp_core.palpation.studies.frontier.world_session import (
     begin,
     worlds,
 )
-from palp_core.palpation.studies.robustness.differences import DifferenceJob, WorldDifference, run_difference
+from palp_core.palpation.studies.robustness.differences import WorldDifference, differing
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.reading_table import Gel
 from palp_core.palpation.studies.simulation.trace_table import TraceTable
@@ -105,8 +105,8 @@ def test_friction_ruins_the_peak_and_neither_contrast_nor_trace() -> None:
         Scheme("contrast", "fixed_best", "threshold"),
         Scheme("trace", "fixed_best", "threshold", "swift"),
     )
-    less = DifferenceJob(WorldPlan(), WorldDifference("", (("friction", -0.2),)), (23, 1, 0), schemes)
-    found = {name: run.ended.correct.mean() for name, run in run_difference(less).items()}
+    less = differing(WorldPlan(), WorldDifference("", (("friction", -0.2),)))
+    found = {n: run.ended.correct.mean() for n, run in run_plan(less, (23, 1, 0), schemes=schemes).items()}
     assert found[schemes[0].name] < 0.8
     assert found[schemes[1].name] > 0.95
     assert found[schemes[2].name] > 0.95
@@ -160,7 +160,7 @@ def coarse_depths(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_every_scheme_tells_a_depth_after_one_sweep_and_more() -> None:
     schemes = (Scheme("contrast", "uniform", "paper"), Scheme("trace", "fixed_best", "threshold"))
     plan = replace(PLAN, gel=Gel(rings_m=(0.012, 0.016)))
-    found = depth_error.depth_errors(depth_error.DepthJob(plan, (3, 8), schemes))
+    found = depth_error.depth_errors(plan, (3, 8), schemes=schemes)
     assert set(found) == {(one.name, sweeps) for one in schemes for sweeps in (1, 2)}
     for one in schemes:
         first, second = found[one.name, 1], found[one.name, 2]
@@ -247,9 +247,9 @@ def test_trials_whose_friction_is_off_are_told_and_those_of_training_are_not() -
     schemes = (Scheme("peak", "fixed_best", "paper"), Scheme("trace", "fixed_best", "threshold", "swift"))
     seeds, less = [(23, 1, number) for number in range(4)], WorldDifference("", (("friction", -0.25),))
     plan = worlds("each_trial", "other")["lab"]
-    usual = [run_difference(DifferenceJob(plan, WorldDifference(""), one, schemes)) for one in seeds]
+    usual = [run_plan(plan, one, schemes=schemes) for one in seeds]
     assert sum(run.shift is not None for one in usual for run in one.values()) <= 1
-    off = [run_difference(DifferenceJob(plan, less, one, schemes)) for one in seeds]
+    off = [run_plan(differing(plan, less), one, schemes=schemes) for one in seeds]
     told = [shift for one in off if (shift := one[schemes[1].name].shift)]
     assert len(told) >= 2
     assert all(one.scores < 0.0 for one in told if one.name in ("friction", "modulus", "height_m"))

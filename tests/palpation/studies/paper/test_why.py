@@ -6,13 +6,14 @@ from palp_core.palpation.studies.paper import why
 from palp_core.palpation.studies.paper.why import (
     HYPOTHESES,
     NONE,
-    WhyJob,
+    WhyCase,
     cells,
     conditions_of,
     why_session,
 )
 from palp_core.palpation.studies.simulation.policies import FIXED
 from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
+from palp_core.palpation.studies.toolkit.parallel import Runner
 
 
 def test_every_hypothesis_is_run_alone_and_left_out() -> None:
@@ -35,7 +36,7 @@ def test_what_is_left_out_is_gone() -> None:
 
 def test_without_shared_errors_every_stiff_position_makes_progress_or_is_right_at_once() -> None:
     felt = tabulate(Gel())
-    found = why_session(WhyJob(felt, conditions_of((), 20), (1,), FIXED[1:], correlation_stop=False))
+    found = why_session(WhyCase(felt, conditions_of((), 20), FIXED[1:], correlation_stop=False), (1,))
     for one in found.values():
         assert one.right[:, -1].mean() >= max(0.99, one.right[:, 0].mean())
 
@@ -43,7 +44,7 @@ def test_without_shared_errors_every_stiff_position_makes_progress_or_is_right_a
 def test_errors_that_stay_cost_accuracy_and_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     few = {"control": (), "only H1": ("H1",), "all": tuple(HYPOTHESES)}
     monkeypatch.setattr(why, "cells", lambda: few)
-    rows = why.why_rows(3, 10, seed=1)
+    rows = why.why_rows(3, 10, Runner())
     assert [row["cell"] for row in rows] == list(few)
     assert rows[0]["accuracy"] > rows[1]["accuracy"] > rows[2]["accuracy"]
     for row in rows:

@@ -106,19 +106,6 @@ def worlds(mounting: str = GROUPED, specimens: Specimens = "same") -> dict[str, 
     return {name: WorldPlan(world, conditions) for name, world in WORLDS.items()}
 
 
-@dataclass(frozen=True)
-class WorldJob:
-    """A session of a world.
-
-    Attributes:
-        plan: How it is run, and in which world.
-        seed: Of the session.
-    """
-
-    plan: WorldPlan
-    seed: tuple[int, ...]
-
-
 @dataclass(frozen=True, eq=False)
 class TrainingSweeps:
     """The sweeps of training, all cells.

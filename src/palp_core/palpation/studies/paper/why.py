@@ -14,11 +14,11 @@ import numpy as np
 from palp_core.palpation.perception.belief.stopping import FixedNumber, PaperVerbatim
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.policies import FIXED, SessionJob, run_policy
+from palp_core.palpation.studies.simulation.policies import FIXED, SessionCase, run_policy
 from palp_core.palpation.studies.simulation.policy_summary import average_of
 from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
 from palp_core.palpation.studies.simulation.trials import Outcomes
-from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
+from palp_core.palpation.studies.toolkit.parallel import Runner
 
 NONE = Conditions(repeatability_m=0.0, height_sd_m=0.0)
 """The control: no shared error at all."""
@@ -50,18 +50,18 @@ def conditions_of(names: Sequence[str], trials: int) -> Conditions:
 
 
 @dataclass(frozen=True, eq=False)
-class WhyJob(SessionJob):
-    """A session, and what is run in it."""
+class WhyCase(SessionCase):
+    """Sessions alike, and what is run in them."""
 
     policies: tuple[str, ...]
     correlation_stop: bool
 
 
-def why_session(job: WhyJob) -> dict[str, Outcomes]:
+def why_session(case: WhyCase, seed: tuple[int, ...]) -> dict[str, Outcomes]:
     """Return what each policy does in a session."""
-    stop = PaperVerbatim() if job.correlation_stop else FixedNumber(PROBES)
-    session = job.begin()
-    return {name: run_policy(name, session, stop) for name in job.policies}
+    stop = PaperVerbatim() if case.correlation_stop else FixedNumber(PROBES)
+    session = case.begin(seed)
+    return {name: run_policy(name, session, stop) for name in case.policies}
 
 
 HOLDS = {"H2": "H1"}
@@ -82,29 +82,23 @@ def cells() -> dict[str, tuple[str, ...]]:
     }
 
 
-def why_rows(
-    session_count: int, trials: int, *, seed: int, workers: int = 1, dask: str = ""
-) -> list[dict[str, Any]]:
+def why_rows(session_count: int, trials: int, runner: Runner) -> list[dict[str, Any]]:
     """Return a line per cell: the average over fixed positions, and its progress over the probes.
 
     Args:
         session_count: Sessions of each cell.
         trials: Per depth and session.
-        seed: Of the sessions.
-        workers: Local processes.
-        dask: Address of a Dask scheduler instead.
+        runner: Of the sessions.
     """
     felt = tabulate(Gel())
-    jobs = [
-        WhyJob(felt, conditions_of(held, trials), s, FIXED if "H3" in held else FIXED[1:], "H4" in held)
+    cases = [
+        WhyCase(felt, conditions_of(held, trials), FIXED if "H3" in held else FIXED[1:], "H4" in held)
         for held in cells().values()
-        for s in seeds(30, seed, session_count)
     ]
-    found = run_jobs(why_session, jobs, label="sessions, hypotheses", workers=workers, dask=dask)
+    found = runner.run(why_session, cases, session_count, stream=30, label="sessions, hypotheses")
     rows = []
-    for number, name in enumerate(cells()):
-        part = found[number * session_count : (number + 1) * session_count]
-        by_policy = {policy: [one[policy] for one in part] for policy in part[0]}
+    for name, sessions in zip(cells(), found, strict=True):
+        by_policy = {policy: [one[policy] for one in sessions] for policy in sessions[0]}
         rows.append({"cell": name, **_line(by_policy, felt.gel.depths_m)})
     return rows
 

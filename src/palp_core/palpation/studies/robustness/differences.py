@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from palp_core.palpation.perception.statistics.statistics import wilson
 from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M
-from palp_core.palpation.studies.frontier.protocols import sessions_by_protocol
-from palp_core.palpation.studies.frontier.schemes import Scheme, SchemeRun, run_schemes
+from palp_core.palpation.studies.frontier.schemes import Scheme, SchemeRun, run_plan
 from palp_core.palpation.studies.frontier.world_session import Shift, WorldPlan, worlds
 from palp_core.palpation.studies.simulation.policy_summary import summarise
-from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
+from palp_core.palpation.studies.toolkit.parallel import Runner
 
 SCHEMES = (
     Scheme("peak", "fixed_best", "paper"),
@@ -69,36 +69,23 @@ DIFFERENCES = (
 QUICK = (DIFFERENCES[0], DIFFERENCES[4], DIFFERENCES[9])
 
 
-@dataclass(frozen=True)
-class DifferenceJob:
-    """A session of a world whose trials differ in one thing."""
-
-    plan: WorldPlan
-    difference: WorldDifference
-    seed: tuple[int, ...]
-    schemes: tuple[Scheme, ...]
-
-
-def run_difference(job: DifferenceJob) -> dict[str, SchemeRun]:
-    """Return what each scheme did in a session."""
-    one = job.difference
-    plan = replace(job.plan, shift=one.shift, test_rung=one.rung, test_repeatability_m=one.repeatability_m)
-    return run_schemes(sessions_by_protocol(plan, job.seed), job.schemes)
+def differing(plan: WorldPlan, one: WorldDifference) -> WorldPlan:
+    """Return a plan whose trials differ from its training."""
+    return replace(plan, shift=one.shift, test_rung=one.rung, test_repeatability_m=one.repeatability_m)
 
 
 def difference_rows(
-    differences: Sequence[WorldDifference], count: int, *, trials: int, workers: int, dask: str, seed: int
+    differences: Sequence[WorldDifference], count: int, *, trials: int, runner: Runner
 ) -> list[dict[str, Any]]:
     """Return a line per world, difference and scheme, over sessions that all differences share."""
     rows = []
     for world, usual in WORLDS.items():
         plan = replace(usual, conditions=replace(usual.conditions, trials=trials))
-        jobs = [DifferenceJob(plan, one, s, SCHEMES) for one in differences for s in seeds(23, seed, count)]
-        found = run_jobs(run_difference, jobs, label=f"sessions, {world}", workers=workers, dask=dask)
-        for number, one in enumerate(differences):
-            sessions = found[number * count : (number + 1) * count]
+        plans, session = [differing(plan, one) for one in differences], partial(run_plan, schemes=SCHEMES)
+        found = runner.run(session, plans, count, stream=23, label=f"sessions, {world}")
+        for one, sessions in zip(differences, found, strict=True):
             for scheme in sessions[0]:
-                line = _line([session[scheme] for session in sessions])
+                line = _line([own[scheme] for own in sessions])
                 rows.append({"world": world, "difference": one.name, "scheme": scheme, **line})
     return rows
 

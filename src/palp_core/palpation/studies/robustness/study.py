@@ -29,7 +29,7 @@ from palp_core.palpation.studies.robustness.jobs import (
     run_cell,
 )
 from palp_core.palpation.studies.toolkit.checkpoint import Checkpoint
-from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
+from palp_core.palpation.studies.toolkit.parallel import Runner, seeds
 from palp_core.whole_file import write_json
 
 Report = dict[str, Any]
@@ -79,16 +79,15 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     named = tuple(seeds(40, seed, size.sessions))
     jobs = [CellJob(cell, tuple(DESIGNS.items()), named) for cell in varied]
     checkpoint = Checkpoint(out / CELLS)
-    found = run_jobs(run_cell, jobs, label="cells", workers=workers, dask=dask, checkpoint=checkpoint)
+    runner = Runner(seed, workers, dask)
+    found = runner.run_jobs(run_cell, jobs, label="cells", checkpoint=checkpoint)
     lines = {cell.name: one for cell, one in zip(varied, found, strict=True)}
     claims = _claims(lines)
     differences = difference_rows(
         FEW_DIFFERENCES if quick else DIFFERENCES,
         size.sessions,
         trials=size.trials,
-        workers=workers,
-        dask=dask,
-        seed=seed,
+        runner=runner,
     )
     report: Report = {
         "quick": quick,

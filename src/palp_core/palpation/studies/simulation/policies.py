@@ -117,16 +117,15 @@ def begin_session(table: ReadingTable, conditions: Conditions, seed: Sequence[in
 
 
 @dataclass(frozen=True, eq=False)
-class SessionJob:
-    """A session to be run wherever there is a processor: table, conditions, and its seed."""
+class SessionCase:
+    """Sessions alike: what is felt, and the rig and the experiment."""
 
     table: ReadingTable
     conditions: Conditions
-    seed: tuple[int, ...]
 
-    def begin(self) -> SimulatedSession:
-        """Train the session and draw its trials."""
-        return begin_session(self.table, self.conditions, self.seed)
+    def begin(self, seed: tuple[int, ...]) -> SimulatedSession:
+        """Train a session and draw its trials."""
+        return begin_session(self.table, self.conditions, seed)
 
 
 def best_ring(readings: Float64Array) -> int:
