@@ -31,12 +31,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from scipy.signal import find_peaks
 
-from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
-from palp_core.palpation.perception.emg.levels import to_levels
-from palp_core.palpation.perception.emg.settings import BURSTS, BurstSettings
-from palp_core.palpation.perception.strategy.figure5 import LEVELS
-from palp_core.palpation.reporting import charts
-from palp_core.palpation.studies.perception.emg_known import (
+from benchmarks.emg_known import (
     CONDITIONS,
     CROSSTALK,
     EmgCondition,
@@ -47,7 +42,12 @@ from palp_core.palpation.studies.perception.emg_known import (
     judge,
     recorded,
 )
-from palp_core.palpation.studies.perception.emg_models import MODELS
+from benchmarks.emg_models import MODELS
+from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
+from palp_core.palpation.perception.emg.levels import to_levels
+from palp_core.palpation.perception.emg.settings import BURSTS, BurstSettings
+from palp_core.palpation.perception.strategy.figure5 import LEVELS
+from palp_core.palpation.reporting import charts
 from palp_core.units import Float64Array
 
 if TYPE_CHECKING:

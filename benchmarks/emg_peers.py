@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.emg_known import Contraction, Score, added, score
 from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
 from palp_core.palpation.perception.strategy.figure5 import LEVELS
-from palp_core.palpation.studies.perception.emg_known import Contraction, Score, added, score
 from palp_core.units import Float64Array
 
 RATE_HZ = 1000

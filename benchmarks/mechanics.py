@@ -3,10 +3,7 @@
 Times are medians of repeats on one core, taken in turns with a peer where there is one: Brent's method
 position by position for the joint. Run it on an idle machine.
 
-Run: .venv/bin/python benchmarks/mechanics.py [--quick] [--json] [--picker DIR]
-
-``--picker DIR`` times once more the rungs that would have done in the scenes that ``palp study run
-contact-validity --out DIR`` has judged; set-ups that the cache lacks come first and are not counted.
+Run: .venv/bin/python benchmarks/mechanics.py [--quick] [--json]
 """
 
 from __future__ import annotations
@@ -17,7 +14,6 @@ import json
 import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -31,7 +27,6 @@ from palp_core.palpation.mechanics import (
     LayeredHertz,
     Phantom,
     Probe,
-    run_scene,
     solve,
     sweep,
 )
@@ -40,8 +35,7 @@ from palp_core.palpation.mechanics.equilibrium.finders import brent
 from palp_core.palpation.mechanics.equilibrium.joint import Joint
 from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, peak_n_m
-from palp_core.palpation.studies.contact.cost import cold_cache, side_by_side
-from palp_core.palpation.studies.contact.validity import kept
+from palp_core.palpation.studies.contact.cost import cold_cache
 
 TIP_M = 0.006
 NOMINAL_M = 0.004
@@ -110,6 +104,17 @@ def timed_s(action: Callable[[], object]) -> float:
     start_ns = monotonic_ns()
     action()
     return (monotonic_ns() - start_ns) / 1e9
+
+
+def side_by_side(actions: dict[str, Callable[[], object]], repeats: int = 7) -> dict[str, list[float]]:
+    """Return the times of each action, in s, taken in turns so that a busy machine slows all alike."""
+    times: dict[str, list[float]] = {name: [] for name in actions}
+    for action in actions.values():
+        action()
+    for _ in range(repeats):
+        for name, action in actions.items():
+            times[name].append(timed_s(action))
+    return times
 
 
 def medians_s(actions: dict[str, Callable[[], object]], repeats: int) -> dict[str, float]:
@@ -190,36 +195,14 @@ def accuracy(quick: bool) -> list[Figure]:
     return figures
 
 
-def picker(folder: Path, repeats: int = 9) -> list[Figure]:
-    """Runs of the chosen rung and of each that would have done, in the scenes of a folder."""
-    ratios = []
-    for one in kept(folder, any_code=True).values():
-        if len(one.cost_s) < 2 or one.rung not in one.cost_s:
-            continue
-        probe = one.scene.probe
-        for phantom in one.scene.phantoms:
-            rung_model("l4", phantom, probe.tip_radius_m).force(np.zeros(1), np.full(1, 1e-4))
-        taken = medians_s({r: functools.partial(run_scene, one.scene, r) for r in one.cost_s}, repeats)
-        ratios.append(taken[one.rung] / min(taken.values()))
-    if not ratios:
-        return []
-    return [
-        Figure(f"cost of the choice over the cheapest, largest of {len(ratios)} scenes", max(ratios), 2.0),
-        Figure("the same, median", float(np.median(ratios)), 2.0),
-    ]
-
-
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="few repeats, the paper's depths only")
     parser.add_argument("--json", action="store_true", help="a list for machines")
-    parser.add_argument("--picker", type=Path, metavar="DIR", help="time the scenes judged in this folder")
     options = parser.parse_args()
     figures = [*setups(options.quick), *sweeps(options.quick)]
     figures += accuracy(options.quick)
-    if options.picker is not None:
-        figures += picker(options.picker)
     if options.json:
         print(json.dumps([asdict(one) | {"ratio": one.ratio} for one in figures]))
         return

@@ -62,7 +62,7 @@ def test_the_register_holds_what_it_claims() -> None:
 def test_a_claim_that_does_not_hold_is_found(claim: dict[str, Any], words: str) -> None:
     given: dict[str, Any] = {
         "bounds": (Bound("edge", 0.1),), "valid": {}, "fails": "", "survivor": "",
-        "evidence": "palp study run contact-stability; tests/methods/test_evidence.py", **claim,
+        "evidence": "palp study run stability; tests/methods/test_evidence.py", **claim,
     }  # fmt: skip
     found = list(faults(Method(task="contact", name="m", target=str, cost_s=1.0, **given)))
     assert len(found) == bool(words)

@@ -11,13 +11,12 @@ import yaml
 from nodes.estimator_params import EstimatorParams
 from nodes.policy_information import InformationParams
 from palp_core.graph.problems import GraphProblems
-from palp_core.methods import methods, names, tasks
+from palp_core.methods import names, tasks
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.session.method_choices import AUTO, choose_for, chosen_method, launch_defaults
 from palp_core.palpation.session.methods.estimating import TASKS
 from palp_core.palpation.session.reanalysis import Methods
-from palp_core.palpation.studies.decision import combinations, feature_cases, rungs
-from palp_core.palpation.studies.perception import trials
+from palp_core.palpation.studies.perception import signals
 from palp_core.palpation.studies.simulation.policies import NAMES
 from tests.support.rig_session import ComposedGraph, check_here
 
@@ -42,12 +41,7 @@ def offered() -> list[tuple[str, str, str]]:
                 found.append((file.name, task, arguments[task]["default"]))
         if "knows" in arguments:
             found.append((file.name, "filter", arguments["knows"]["default"]))
-    for module in (rungs, combinations):
-        found += [(module.__name__, "filter", name) for name in module.FILTERS]
-        found += [(module.__name__, "feature", name) for name in module.FEATURES]
-    found += [(rungs.__name__, "contact", name) for name in rungs.QUICK]
-    found += [("features", "feature", name) for name in feature_cases.FEATURES]
-    found += [("trials", "filter", name) for name in trials.FILTERS]
+    found += [("signals", "feature", name) for name in signals.FEATURES]
     return found
 
 
@@ -60,9 +54,7 @@ def test_what_is_offered_is_in_the_register() -> None:
     assert unknown == []
 
 
-def test_every_stop_rule_and_policy_of_a_study_is_one_of_the_register() -> None:
-    declared = [one.target for one in methods("stop")]
-    assert all(type(rule) in declared for rule in combinations.STOPS.values())
+def test_every_policy_of_a_study_is_one_of_the_register() -> None:
     without_suffix = {re.sub(r"_(best|stiff|stationary|reversed|permuted|\d+)$", "", name) for name in NAMES}
     assert without_suffix - {"chance", "best_single_probe"} <= set(names("policy"))
 

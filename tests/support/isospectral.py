@@ -15,6 +15,26 @@ from palp_core.units import Float64Array
 _LEAST_ENTRY = 1e-6  # keeps every entry positive and the logarithm finite
 
 
+def ar1_kernel(levels: Float64Array, lag_correlation: float, *, mean: float, sd: float) -> Float64Array:
+    """Return a stationary Gaussian AR(1) restricted to levels.
+
+    Column i is N(mean + rho (x_i - mean), sd^2 (1 - rho^2)) at the levels, normalised.
+
+    Args:
+        levels: Values of the levels, shape (n,).
+        lag_correlation: rho, between 0 and 1.
+        mean: Stationary mean.
+        sd: Stationary standard deviation.
+
+    Returns:
+        Column-stochastic M[next, current], shape (n, n).
+    """
+    centres = mean + lag_correlation * (levels - mean)
+    variance = sd * sd * (1.0 - lag_correlation**2)
+    density = np.exp(-0.5 * (levels[:, None] - centres[None, :]) ** 2 / variance)
+    return np.asarray(density / density.sum(axis=0))
+
+
 def nearest_chain(
     kernel: Float64Array, spectrum: Float64Array, *, by_squares_from: Float64Array | None = None
 ) -> Float64Array:

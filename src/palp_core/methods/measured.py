@@ -1,18 +1,22 @@
 """What methods cost and how wrong they are here and now: a function per task measures it.
 
 A package that declares methods may say how they are measured: an entry point of the group :data:`GROUP`,
-named as the task, whose value is ``module:function``. The function is called with the scene and gives each
-way as soon as it is measured, the cheap ones first, so that whoever asks may stop at any time.
+named as the task, whose value is ``module:function``. The function is called with the scene and yields each
+way as soon as it is measured, the cheap ones first, so that the caller may stop at any time.
 """
 
+import itertools
+import math
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, TypeVar
+from typing import Any
 
 from palp_core.errors import MethodError, PalpError
+from palp_core.foreign import catch_foreign
+from palp_core.methods.register import names
 
 GROUP = "palp.measures"
 """Entry points by task: the functions that measure its methods."""
@@ -54,28 +58,6 @@ Measure = Callable[[Any], Iterator[Measured]]
 """Takes a :class:`palp_core.palpation.mechanics.scene.scene.Scene`; gives what it measures, cheap first."""
 
 
-_M = TypeVar("_M", bound=Callable[..., Iterator[Measured]])
-
-
-def begins_after(first_s: float) -> Callable[[_M], _M]:
-    """Say how long the decorated measure takes until its first point, so that a survey begins with the cheap.
-
-    Args:
-        first_s: Seconds of one core in the published scene, roughly; one that does not say is taken first.
-    """
-
-    def declare(measure: _M) -> _M:
-        measure.__dict__["first_s"] = first_s
-        return measure
-
-    return declare
-
-
-def first_s(measure: Measure) -> float:
-    """Return the seconds that a measure says to take until its first point; 0 where it does not say."""
-    return float(getattr(measure, "first_s", 0.0))
-
-
 def measured_tasks() -> list[str]:
     """Return the tasks that can be measured, by name."""
     return sorted({point.name for point in entry_points(group=GROUP)})
@@ -99,11 +81,6 @@ def measure_of(task: str) -> list[Measure]:
     return found
 
 
-def unmeasurable(task: str) -> list[str]:
-    """Return in words which functions of a task cannot be loaded, and why."""
-    return [str(one) for one in _tried(task) if isinstance(one, MethodError)]
-
-
 def _tried(task: str) -> list[Measure | MethodError]:
     return [_loaded(point) for point in entry_points(group=GROUP) if point.name == task]
 
@@ -118,6 +95,64 @@ def _loaded(point: EntryPoint) -> Measure | MethodError:
             f"what measures task '{point.name}', {point.value}{of}, cannot be loaded: {kind}{error}"
         )
     return measure
+
+
+class Survey:
+    """The points of tasks, measured in turns.
+
+    Args:
+        names: Of the tasks.
+        scene: What each measure is called with.
+
+    Raises:
+        MethodError: No measure of a task can be loaded.
+    """
+
+    def __init__(self, names: Sequence[str], scene: object) -> None:
+        self.failed = False
+        """Whether a measure failed, or cannot be loaded."""
+        self.missing: list[str] = []
+        """What was not measured and why, in words."""
+        self._found: dict[tuple[str, ...], Measured] = {}
+        self._running: dict[str, Iterator[Measured]] = {}
+        for name in names:
+            measures = measure_of(name)
+            self._running[name] = itertools.chain.from_iterable(one(scene) for one in measures)
+            self.missing += [str(one) for one in _tried(name) if isinstance(one, MethodError)]
+        self.failed = bool(self.missing)
+
+    @property
+    def points(self) -> list[Measured]:
+        """What was measured; of the same method at the same setting, the last."""
+        return list(self._found.values())
+
+    def measure(self, budget_s: float) -> None:
+        """Take a point of each task by turns, until all is measured or the time is up."""
+        end_ns = time.monotonic_ns() + round(1e9 * budget_s)
+        while self._running and time.monotonic_ns() < end_ns:
+            name = next(iter(self._running))
+            points = self._running.pop(name)
+            try:
+                with catch_foreign("its measure", MethodError):
+                    one = next(points, None)
+                if one is not None:
+                    self._add(name, one)
+                    self._running[name] = points  # at the end of the turn
+            except PalpError as error:
+                self.failed = True
+                self.missing.append(f"{name}: {error}")
+        self.missing += [f"{name}: time was up" for name in self._running]
+
+    def _add(self, name: str, one: Measured) -> None:
+        if one.task != name or one.method not in names(name):
+            raise MethodError(
+                f"it measured '{one.method}' of task '{one.task}', which is not in the register"
+            )
+        if not 0.0 < one.cost_s < math.inf:
+            raise MethodError(f"it gave '{one.method}' a cost of {one.cost_s:g} s")
+        # a reference takes the place of what was held against another
+        condition = "" if one.condition == REFERENCE else one.condition
+        self._found[name, one.method, one.setting, one.output, condition] = one
 
 
 def cpu_s(

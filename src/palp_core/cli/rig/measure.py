@@ -1,17 +1,22 @@
-"""``palp methods measure``: error against time of every method, here and now."""
+"""``palp methods measure``: error and CPU time of every method, here and now."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palp_core.cli.options import INTERRUPTED, until_ctrl_c
-from palp_core.cli.output import make_folder, note, print_table, print_text
+from palp_core.cli.options import INTERRUPTED, JsonOption
+from palp_core.cli.output import note, print_json, print_table, print_text
 
-_HEAD = ("method", "setting", "cost", "error", "bound", "mark")
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from palp_core.methods.measured import Measured
+    from palp_core.palpation.session.method_choices import TaskChoice
+
 _DURATION = re.compile(r"(\d+(?:\.\d+)?)\s*(s|min|h)")
 _UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 
@@ -39,72 +44,62 @@ def measure(
     task: Annotated[
         list[str] | None, typer.Option(help="Only this task, as in contact; may be given again.")
     ] = None,
-    budget: Annotated[str, typer.Option(help="How long it may take: 60s, 2min, 1h.")] = "60s",
-    out: Annotated[Path, typer.Option(help="Folder for page, charts, tables and tradeoff.json.")] = Path(
-        "tradeoff"
-    ),
-    signature: Annotated[
-        bool, typer.Option("--signature", help="The README's first picture instead: minutes, no budget.")
-    ] = False,
-    draw: Annotated[
-        bool, typer.Option("--draw", help="With --signature: draw what was measured again, no more.")
-    ] = False,
+    budget: Annotated[
+        str, typer.Option(help="After how long no further point is begun: 60s, 2min, 1h.")
+    ] = "60s",
+    as_json: JsonOption = False,
 ) -> None:
-    """All tasks in turns, first the first point of each, the cheapest first. When time is up, or on Ctrl-C,
-    the page has what there is.
-    """
+    """All tasks in turns, a point of each. When time is up, or on Ctrl-C, the tables have what there is."""
     from palp_core.methods import left_out
     from palp_core.methods import task as task_of
-    from palp_core.methods.measured import measure_of, measured_tasks, unmeasurable
+    from palp_core.methods.machine import slowness
+    from palp_core.methods.measured import Survey, measured_tasks
     from palp_core.palpation.mechanics.scene.file import read_scene
     from palp_core.palpation.mechanics.scene.scene import Scene
     from palp_core.palpation.session.method_choices import AUTO, choose_for, launch_defaults
-    from palp_core.palpation.studies.toolkit.progress import told
-    from palp_core.palpation.studies.tradeoff.page import task_rows, write_tradeoff
-    from palp_core.palpation.studies.tradeoff.survey import take
 
-    if signature or draw:
-        print_text(str(_signature(out, measured=not draw)))
-        return
     budget_s = duration_s(budget)
     given = read_scene(scene) if scene else Scene()
     names = list(dict.fromkeys(task)) if task else measured_tasks()
-    for name in task or ():
-        measure_of(name)
-    unmeasured = [words for name in names for words in unmeasurable(name)]
-    defaults = launch_defaults()
-    choices = [choose_for(task_of(name), given, default=defaults.get(name, AUTO)) for name in names]
-    for words in left_out() + unmeasured:
+    survey = Survey(names, given)
+    for words in left_out():
         note(f"left out: {words}")
-    make_folder(out)
-    with told() as tell:
-        survey = take(given, choices, budget_s=budget_s, tell=tell)
-    if survey.ended == "interrupted":
-        note("interrupted: the page is made of what there is; Ctrl-C again leaves it")
-    with until_ctrl_c():
-        page = write_tradeoff(survey, out)
-    if survey.left_out:
-        why = {"budget": "time was up", "interrupted": "interrupted"}.get(survey.ended, "not complete")
-        note(f"{why}, and the page has what there was; left out: {survey.left_out}")
-    for one in survey.tasks:
-        asked = one.choice
-        print_text(f"{asked.task.name}: error of {asked.output} against CPU time of {asked.task.per}")
-        print_table([_HEAD, *(cells[: len(_HEAD)] for cells, _ in task_rows(one))])
-        print_text("")
-    print_text(str(page))
-    if survey.ended == "interrupted":
+    interrupted = False
+    try:
+        survey.measure(budget_s)
+    except KeyboardInterrupt:
+        interrupted = True
+    for words in survey.missing:
+        note(f"left out: {words}")
+    if as_json:
+        print_json([vars(one) | {"slowness": slowness()} for one in survey.points])
+    else:
+        defaults = launch_defaults()
+        for name in names:
+            choice = choose_for(task_of(name), given, default=defaults.get(name, AUTO))
+            print_text(f"{name}: error of {choice.output} against CPU time of {choice.task.per}")
+            print_table(
+                [("method", "setting", "cost", "error", "bound", "mark"), *_rows(choice, survey.points)]
+            )
+            print_text("")
+        note(f"This machine takes {slowness():.2f} times as long as the one where costs were measured.")
+    if interrupted:
         raise typer.Exit(INTERRUPTED)
-    if survey.broken or unmeasured:
+    if survey.failed:
         raise typer.Exit(1)
 
 
-def _signature(out: Path, *, measured: bool) -> Path:
-    """Measure and draw the README's first picture, or only draw it; return it."""
-    from palp_core.palpation.studies.toolkit.progress import told
-    from palp_core.palpation.studies.tradeoff.signature import draw_signature, measure_signature
+def _rows(choice: TaskChoice, points: Iterable[Measured]) -> Iterator[tuple[str, ...]]:
+    """Give a row per point of the output that is asked for, or one for a method that was not measured."""
+    from palp_core.methods.choice import amount, seconds
 
-    if not measured:
-        return draw_signature(out)
-    make_folder(out)
-    with until_ctrl_c(), told() as tell:
-        return measure_signature(out, tell)
+    for method, offer in choice.declared():
+        bound = "-" if offer.bound is None else amount(offer.bound, choice.output)
+        own = [one for one in points if (one.task, one.method) == (choice.task.name, method.name)]
+        own = [one for one in own if one.output == choice.output]
+        if not own:
+            yield method.name, "", "not measured", "", bound, offer.mark
+        for one in own:
+            setting = ", ".join(filter(None, (one.setting, one.condition)))
+            error = one.fails or amount(one.error, one.output)
+            yield method.name, setting, seconds(one.cost_s), error, bound, offer.mark

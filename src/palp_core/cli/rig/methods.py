@@ -22,7 +22,7 @@ app = lazy_app(
     {
         "list": Verb(f"{_HERE}.methods:list_methods", "List the methods of every task, cheapest first."),
         "why": Verb(f"{_HERE}.why:why", "Show which methods a run used, and why."),
-        "measure": Verb(f"{_HERE}.measure:measure", "Measure error against time of every method."),
+        "measure": Verb(f"{_HERE}.measure:measure", "Measure error and CPU time of every method."),
     }
 )
 

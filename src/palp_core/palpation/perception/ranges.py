@@ -1,7 +1,7 @@
 """Sessions in which errors of the methods of perception were measured: what their bounds hold within.
 
-``palp study run method-bounds`` measures them again; a bound is the largest error that it saw in the range
-and about a third more. Quantities are as of :mod:`palp_core.palpation.session.method_choices`.
+The nightly rows of ``test_method_bounds.py`` measure them again; a bound is the largest error that was seen
+in the range and about a third more. Quantities are as of :mod:`palp_core.palpation.session.method_choices`.
 """
 
 from collections.abc import Mapping

@@ -66,58 +66,16 @@ STUDIES = {
     one.name: one
     for one in (
         Study(
-            "contact-stability",
-            "Where does each method fail, by which symptom, and what survives there?",
-            "palp_core.palpation.studies.contact.stability:run",
-            picture="stability",
-        ),
-        Study(
-            "contact-validity",
-            "Are the stated bounds kept, and is the chosen model right enough, on random scenes?",
-            "palp_core.palpation.studies.contact.validity:run",
-            picture="validity",
-            checkpoint="scenes.jsonl",
-        ),
-        Study(
-            "decision-stability",
-            "Where does the published algorithm fail, what does the naive way give there, and what ours?",
-            "palp_core.palpation.studies.decision.stability:run",
-            picture="traps",
-        ),
-        Study(
-            "decision-limits",
-            "How near do policies, stop rules and filters come to what no policy can pass?",
-            "palp_core.palpation.studies.decision.combinations:run",
-            picture="accuracy_against_seconds",
-        ),
-        Study(
             "frontier",
             "What does a decision cost in seconds of the rig: peak, contrast, whole trace, in two worlds?",
             "palp_core.palpation.studies.frontier.study:run",
             picture="frontier",
         ),
         Study(
-            "mismatch",
-            "Trained in one world, judged in another: where does each way of deciding fail, and who says so?",
-            "palp_core.palpation.studies.frontier.mismatch:run",
-            picture="mismatch_lab",
-        ),
-        Study(
-            "method-bounds",
-            "What do the methods of perception get wrong, and do they keep what they state?",
-            "palp_core.palpation.studies.perception.study:run",
-        ),
-        Study(
             "paper",
             "Does a probe that varies its stiffness as humans do find nodules better? The paper, re-run.",
             "palp_core.palpation.studies.paper.study:run",
             picture="policies",
-        ),
-        Study(
-            "power",
-            "How many trials and sessions does it take to see the paper's differences?",
-            "palp_core.palpation.studies.power.study:run",
-            picture="power_over_sessions",
         ),
         Study(
             "robustness",
@@ -127,16 +85,10 @@ STUDIES = {
             checkpoint="cells.jsonl",
         ),
         Study(
-            "why",
-            "Which hypotheses make a fixed stiffness stop making progress?",
-            "palp_core.palpation.studies.paper.why:run",
-            picture="why",
-        ),
-        Study(
-            "features",
-            "How late is a sweep's feature known, and how wrong is it, as a stream and offline?",
-            "palp_core.palpation.studies.decision.feature_lag:run",
-            picture="features",
+            "stability",
+            "Where does each method of touch, belief and signals fail, by which symptom, and what survives?",
+            "palp_core.palpation.studies.stability.study:run",
+            picture="stability",
         ),
     )
 }

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy
 
 from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.methods import choose, find
@@ -29,6 +30,44 @@ def test_a_slow_sweep_is_the_quasi_static_one_within_its_stated_bound() -> None:
     for torque_n_m, ring_m in zip(moved.torque_n_m, RINGS_M, strict=True):
         still = sweep(gel(0.002), Probe(), ring_m, 0.004, moved.stage_m)
         assert torque_n_m.max() == pytest.approx(still.torque_n_m.max(), rel=stated)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(("speed_m_s", "modulus_pa"), [(0.05, 2e4), (0.1, 8e3), (0.4, 2e4)])
+def test_the_peak_is_that_of_scipys_solver_within_its_stated_bound(
+    speed_m_s: float, modulus_pa: float
+) -> None:
+    """The equation as it is written in the module, friction turned over at a ten-thousandth of the speed."""
+    probe, setting, ring_m, from_m, indentation_m = Probe(), Dynamics(), 0.008, -0.005, 0.004
+    model = LayeredHertz(Phantom(modulus_pa=modulus_pa, bead=Bead(depth_m=0.004)), probe.tip_radius_m)
+
+    def accelerate(time_s: float, angle: float, rate: float) -> tuple[float, float]:
+        """Return the angular acceleration and the ball's horizontal force."""
+        lever_m, arm_m = probe.lever_m, probe.lever_m * math.cos(angle) + probe.tip_radius_m
+        normal, drag = model.force(
+            np.array([from_m + speed_m_s * time_s - lever_m * math.sin(angle)]),
+            np.array([indentation_m - lever_m * (1.0 - math.cos(angle))]),
+        )
+        friction_n = probe.friction * normal[0] * math.tanh((speed_m_s - arm_m * rate) / (1e-4 * speed_m_s))
+        moment = lever_m * (normal[0] * math.sin(angle) + drag[0] * math.cos(angle)) + arm_m * friction_n
+        moment -= (probe.spring_n_m(ring_m) + probe.weight_n_m) * math.sin(angle)
+        moment -= setting.damping_n_m_s * rate
+        return moment / setting.inertia_kg_m2, friction_n + drag[0]
+
+    moved = simulate(model, probe, ring_m, indentation_m, from_m, 0.02, speed_m_s, setting)
+    still = sweep(model, probe, ring_m, indentation_m, moved.stage_m[:2])
+    times_s = (moved.stage_m - from_m) / speed_m_s
+    solved = scipy.integrate.solve_ivp(
+        lambda t, y: (y[1], accelerate(t, *y)[0]), (0.0, times_s[-1]), (still.angle_rad[0], 0.0),
+        method="LSODA", t_eval=times_s, rtol=1e-7, atol=1e-10,
+    )  # fmt: skip
+    torque_n_m = []
+    for t, angle, rate in zip(times_s, *solved.y, strict=True):
+        turning, force_n = accelerate(t, angle, rate)
+        pull_n = probe.tip_mass_kg * probe.tip_com_m * (turning * math.cos(angle) - rate**2 * math.sin(angle))
+        torque_n_m.append(probe.spring_n_m(ring_m) * math.sin(angle) + probe.base_m * (force_n - pull_n))
+    stated = find("motion", "dynamic").bound("peak", {"speed_m_s": speed_m_s})
+    assert moved.torque_n_m[0].max() == pytest.approx(max(torque_n_m), rel=stated)
 
 
 def test_halving_the_step_halves_the_error() -> None:

@@ -57,7 +57,7 @@ def test_the_default_scene_is_answered_by_l2_with_its_reason() -> None:
     assert model.rung == choice.method.name == "l2"
     assert choice.bound is not None
     assert choice.bound <= 0.02
-    assert "contact-validity" in choice.reason
+    assert "test_picker.py" in choice.reason
     assert model.force(np.zeros(1), np.array([0.003]))[0] > 0.0
 
 

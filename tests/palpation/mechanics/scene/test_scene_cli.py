@@ -73,10 +73,10 @@ def test_a_mistake_in_the_file_is_the_libraries_own_error(tmp_path: Path) -> Non
 
 
 def test_studies_are_listed_and_an_unknown_one_is_named(tmp_path: Path) -> None:
-    assert "contact-validity" in CliRunner().invoke(study.app, ["list"]).output
+    assert "robustness" in CliRunner().invoke(study.app, ["list"]).output
     assert {one["name"] for one in json.loads(CliRunner().invoke(study.app, ["list", "--json"]).output)} >= {
-        "contact-stability",
-        "contact-validity",
+        "paper",
+        "robustness",
     }
     result = CliRunner().invoke(study.app, ["run", "contact-magic", "--out", str(tmp_path)])
     assert isinstance(result.exception, PalpError)

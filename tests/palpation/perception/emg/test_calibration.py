@@ -5,12 +5,12 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
+from benchmarks.emg_models import band_noise, surface_noise
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.emg.analysis import EmgSettings, analyse
 from palp_core.palpation.perception.emg.calibration import calibrate, plateau, scatter
 from palp_core.palpation.perception.emg.emg import EmgChain
 from palp_core.palpation.perception.emg.settings import MvcRule
-from palp_core.palpation.studies.perception.emg_models import band_noise, surface_noise
 
 RATE_HZ, STEP, WINDOW_S = 1500.0, 15, 0.15
 LOOKS: dict[str, Any] = {"rate_hz": RATE_HZ / STEP, "window_s": WINDOW_S}

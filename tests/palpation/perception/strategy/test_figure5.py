@@ -5,7 +5,6 @@ import pytest
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.strategy import figure5
-from palp_core.palpation.perception.strategy.isospectral_family import ar1_kernel
 from palp_core.palpation.perception.strategy.markov import (
     check_stochastic,
     eigenvalues,
@@ -14,7 +13,7 @@ from palp_core.palpation.perception.strategy.markov import (
     stationary,
     structure,
 )
-from tests.support.isospectral import nearest_chain, tridiagonal_chain
+from tests.support.isospectral import ar1_kernel, nearest_chain, tridiagonal_chain
 
 SPECTRA = np.array(figure5.EIGENVALUES)
 KINDS: list[figure5.Reconstruction] = ["ar1", "tridiagonal"]

@@ -8,16 +8,19 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from matplotlib.figure import Figure
+from scipy.stats import norm
 
 from nodes.experiment_params import ExperimentParams
 from palp_core.palpation.session.plan import Specimens
 from palp_core.palpation.studies.catalogue import OPTIONS, study
 from palp_core.palpation.studies.frontier import depth_error, tables
 from palp_core.palpation.studies.frontier.frontier_charts import frontier_chart
-from palp_core.palpation.studies.frontier.mismatch import MismatchJob, WorldDifference, mismatch_session
+from palp_core.palpation.studies.frontier.limits import fano_accuracy, wald_accuracy
 from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, SWIFT
-from palp_core.palpation.studies.frontier.schemes import SURE, DepthTask, Scheme, run_schemes
+from palp_core.palpation.studies.frontier.schemes import SURE, DepthTask, Scheme, run_plan, run_schemes
 from palp_core.palpation.studies.frontier.study import GEL_SCHEMES, gel_rows
 from palp_core.palpation.studies.frontier.tables import compared, scheme_rows
 from palp_core.palpation.studies.frontier.trace_trials import (
@@ -34,6 +37,7 @@ from palp_core.palpation.studies.frontier.world_session import (
     begin,
     worlds,
 )
+from palp_core.palpation.studies.robustness.differences import WorldDifference, differing
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.reading_table import Gel
 from palp_core.palpation.studies.simulation.trace_table import TraceTable
@@ -101,8 +105,8 @@ def test_friction_ruins_the_peak_and_neither_contrast_nor_trace() -> None:
         Scheme("contrast", "fixed_best", "threshold"),
         Scheme("trace", "fixed_best", "threshold", "swift"),
     )
-    less = MismatchJob(WorldPlan(), WorldDifference("", (("friction", -0.2),)), (23, 1, 0), schemes)
-    found = {name: run.ended.correct.mean() for name, run in mismatch_session(less).items()}
+    less = differing(WorldPlan(), WorldDifference("", (("friction", -0.2),)))
+    found = {n: run.ended.correct.mean() for n, run in run_plan(less, (23, 1, 0), schemes=schemes).items()}
     assert found[schemes[0].name] < 0.8
     assert found[schemes[1].name] > 0.95
     assert found[schemes[2].name] > 0.95
@@ -156,7 +160,7 @@ def coarse_depths(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_every_scheme_tells_a_depth_after_one_sweep_and_more() -> None:
     schemes = (Scheme("contrast", "uniform", "paper"), Scheme("trace", "fixed_best", "threshold"))
     plan = replace(PLAN, gel=Gel(rings_m=(0.012, 0.016)))
-    found = depth_error.depth_errors(depth_error.DepthJob(plan, (3, 8), schemes))
+    found = depth_error.depth_errors(plan, (3, 8), schemes=schemes)
     assert set(found) == {(one.name, sweeps) for one in schemes for sweeps in (1, 2)}
     for one in schemes:
         first, second = found[one.name, 1], found[one.name, 2]
@@ -182,6 +186,21 @@ def test_what_simulating_costs_is_no_part_of_deciding(
     for scheme in (Scheme("contrast", "uniform", "threshold"), Scheme("trace", "fixed_best", "threshold")):
         assert run_schemes(lambda _: session, (scheme,))[scheme.name].cpu_s == 0.0
     assert session.simulating.seconds == now_s[0] > 0.0
+
+
+@given(st.floats(0.0, 1.58), st.integers(3, 6))
+@settings(max_examples=30, deadline=None)
+def test_fano_permits_more_with_more_information_and_chance_with_none(bits: float, classes: int) -> None:
+    assert fano_accuracy(0.0, classes) == pytest.approx(1.0 / classes, abs=1e-6)
+    assert fano_accuracy(bits, classes) <= fano_accuracy(bits + 0.1, classes) + 1e-12
+    assert fano_accuracy(np.log2(classes), classes) == 1.0
+    assert fano_accuracy(1.016, 3) == pytest.approx(0.9, abs=1e-3)
+
+
+def test_no_test_of_a_fixed_number_of_readings_beats_walds_bound() -> None:
+    """Readings a standard deviation apart diverge by half a nat each."""
+    for count in (1, 4, 9):
+        assert wald_accuracy(0.5 * count) > norm.cdf(0.5 * np.sqrt(count))
 
 
 def test_the_chart_has_every_scheme_limits_a_cross_and_a_front(whole: WorldSession) -> None:
@@ -228,9 +247,9 @@ def test_trials_whose_friction_is_off_are_told_and_those_of_training_are_not() -
     schemes = (Scheme("peak", "fixed_best", "paper"), Scheme("trace", "fixed_best", "threshold", "swift"))
     seeds, less = [(23, 1, number) for number in range(4)], WorldDifference("", (("friction", -0.25),))
     plan = worlds("each_trial", "other")["lab"]
-    usual = [mismatch_session(MismatchJob(plan, WorldDifference(""), one, schemes)) for one in seeds]
+    usual = [run_plan(plan, one, schemes=schemes) for one in seeds]
     assert sum(run.shift is not None for one in usual for run in one.values()) <= 1
-    off = [mismatch_session(MismatchJob(plan, less, one, schemes)) for one in seeds]
+    off = [run_plan(differing(plan, less), one, schemes=schemes) for one in seeds]
     told = [shift for one in off if (shift := one[schemes[1].name].shift)]
     assert len(told) >= 2
     assert all(one.scores < 0.0 for one in told if one.name in ("friction", "modulus", "height_m"))
@@ -238,10 +257,9 @@ def test_trials_whose_friction_is_off_are_told_and_those_of_training_are_not() -
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("coarse_depths")
-@pytest.mark.parametrize("name", ["frontier", "mismatch", "actions"])
-def test_a_study_writes_its_page_and_tables(name: str, tmp_path: Path) -> None:
-    page = study(name).run(tmp_path / "out", quick=True)
+def test_the_study_writes_its_page_and_tables(tmp_path: Path) -> None:
+    page = study("frontier").run(tmp_path / "out", quick=True)
     assert "no result" in page.read_text()
-    rows = json.loads((tmp_path / "out" / f"{name}.json").read_text())["rows"]
+    rows = json.loads((tmp_path / "out" / "frontier.json").read_text())["rows"]
     best = max(rows, key=lambda row: row["accuracy"])
     assert best["accuracy"] > 0.97

@@ -14,6 +14,7 @@ from palp_core.palpation.studies.paper.readings import (
     side_by_side,
 )
 from palp_core.palpation.studies.simulation.reading_table import Gel
+from palp_core.palpation.studies.toolkit.parallel import Runner
 from tests.palpation.studies.paper.made_readings import made_session
 
 FIXED, HUMAN = (Scheme("contrast", policy, "threshold") for policy in ("fixed_best", "markov"))
@@ -50,18 +51,18 @@ def test_the_sessions_are_the_frontiers_own(monkeypatch: pytest.MonkeyPatch) -> 
     small = replace(WORLDS["paper"], gel=Gel(rings_m=(0.0, 0.004, 0.008, 0.012, 0.016)))
     monkeypatch.setattr(readings, "WORLDS", {"paper": small})
     size = ReadingSize(1, 0, trials=4, scenes=False, schemes=(FIXED, HUMAN))
-    found = by_readings(size, seed=1)
+    found = by_readings(size, Runner())
     assert list(found["places"]) == ["paper"]
     (line,) = found["places"]["paper"]
     assert found["worth"] == [{"world": "paper", "reading": "contrast", **line["human_less_fixed"]}]
     assert line["policies"]["fixed_best"]["accuracy"] == 1.0
-    assert not by_readings(replace(size, sessions=0), seed=1)
+    assert not by_readings(replace(size, sessions=0), Runner())
 
 
 @pytest.mark.slow
 def test_the_scenes_and_31_depths_are_run_by_every_reading() -> None:
     schemes = (FIXED, Scheme("peak", "fixed_best", "threshold"), Scheme("trace", "fixed_best", "threshold"))
-    found = by_readings(ReadingSize(2, 1, trials=30, schemes=schemes), seed=1)
+    found = by_readings(ReadingSize(2, 1, trials=30, schemes=schemes), Runner())
     assert set(found["places"]) == {"paper", "lab", "easy", "noisy", "unknown_height", "noisy_re_homed"}
     by_contrast = {
         name: line["policies"]["fixed_best"]["accuracy"]

@@ -27,10 +27,10 @@ from palp_core.palpation.studies.paper.numbers import (
 from palp_core.palpation.studies.paper.study import PaperSize, results
 from palp_core.palpation.studies.paper.tests import FIXED_DEPTH_AND_RING, THREE_EXPERIMENTS
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.policies import SessionJob
+from palp_core.palpation.studies.simulation.policies import SessionCase
 from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
 from palp_core.palpation.studies.simulation.trials import Outcomes
-from palp_core.palpation.studies.toolkit.parallel import run_jobs
+from palp_core.palpation.studies.toolkit.parallel import Runner, run_jobs
 from tests.palpation.studies.paper.made_readings import made_readings
 from tests.support.drawing import render_nothing
 
@@ -43,12 +43,19 @@ NAMES = {
 }
 
 
+WHY = {
+    "cell": "only H1", "accuracy": 0.8, "ci": [0.7, 0.9], "progress": 0.1, "progress_ci": [0.0, 0.2],
+    "probes": 2.0, "ece": 0.1,
+}  # fmt: skip
+
+
 def run_few(folder: Path, scene_sessions: int) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         if not scene_sessions:
             render_nothing(patch)
-        patch.setattr(paper_study, "QUICK", PaperSize(2, scene_sessions, grid_sessions=0, trials=6))
+        patch.setattr(paper_study, "QUICK", PaperSize(2, scene_sessions, 0, 0, trials=6))
         patch.setattr(paper_study, "by_readings", lambda *_, **__: made_readings())
+        patch.setattr(paper_study, "_why", lambda *_: {"hypotheses": {"H1": "one"}, "cells": [WHY]})
         patch.setattr(
             paper_study,
             "_grid",
@@ -65,9 +72,9 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def jobs() -> list[SessionJob]:
+def case() -> SessionCase:
     felt = tabulate(Gel())
-    return [SessionJob(felt, Conditions(trials=4), (0, 1, number)) for number in range(3)]
+    return SessionCase(felt, Conditions(trials=4))
 
 
 def test_every_policy_is_reported_with_what_a_reader_needs(out: Path) -> None:
@@ -89,6 +96,8 @@ def test_every_figure_and_table_is_on_the_page(out: Path) -> None:
         "Tables 3 and 4",
         "Table 5",
         "Table 6",
+        "How many sessions a comparison takes",
+        "Why would a fixed stiffness make no progress?",
         "published numbers",
         "reconstruction",
     ):
@@ -227,19 +236,24 @@ def test_the_error_on_31_depths_has_an_interval_over_sessions(out: Path) -> None
         assert low < value < high
 
 
+def sessions(case: SessionCase, runner: Runner) -> list[dict[str, Outcomes]]:
+    (found,) = runner.run(paper_session, [case], 3, stream=0, label="sessions")
+    return found
+
+
 @pytest.mark.slow
-def test_workers_do_not_change_the_results(jobs: list[SessionJob]) -> None:
-    here, there = (run_jobs(paper_session, jobs, label="sessions", workers=count) for count in (1, 2))
+def test_workers_do_not_change_the_results(case: SessionCase) -> None:
+    here, there = (sessions(case, Runner(workers=count)) for count in (1, 2))
     by_name = [{name: [one[name] for one in found] for name in found[0]} for found in (here, there)]
     assert results(by_name[0], Gel().depths_m) == results(by_name[1], Gel().depths_m)
 
 
 @pytest.mark.nightly
-def test_a_dask_cluster_gives_the_same_json(jobs: list[SessionJob]) -> None:
+def test_a_dask_cluster_gives_the_same_json(case: SessionCase) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster:
-        there = run_jobs(paper_session, jobs, label="sessions", dask=cluster.scheduler_address)
-    here = run_jobs(paper_session, jobs, label="sessions")
+        there = sessions(case, Runner(dask=cluster.scheduler_address))
+    here = sessions(case, Runner())
     by_name = [{name: [one[name] for one in found] for name in found[0]} for found in (here, there)]
     texts = [msgspec.json.encode(results(found, Gel().depths_m)) for found in by_name]
     assert texts[0] == texts[1]
@@ -259,7 +273,7 @@ def test_no_worker_is_too_few() -> None:
 @pytest.mark.parametrize(
     ("name", "option", "value", "said"),
     [
-        ("contact-validity", "workers", 2, "'contact-validity' does not take --workers; leave it out"),
+        ("stability", "workers", 2, "'stability' does not take --workers; leave it out"),
         ("paper", "mounting", "each_trial", "'paper' does not take --mounting; leave it out"),
         ("frontier", "mounting", "grooped", "no mounting 'grooped'; use one of grouped, each_trial, block_"),
         ("frontier", "specimens", "others", "no specimens 'others'; use one of same, other"),

@@ -94,7 +94,7 @@ def fit_to(model: ContactModel, indentation_m: float = _NOMINAL_M) -> Bump:
     cost_s=0.0034,
     bounds=[],
     evidence="tests/palpation/mechanics/contact/test_l0.py: against what it was fitted to; "
-    "charted by palp methods measure --task contact",
+    "measured by palp methods measure --task contact",
     valid={
         "depth_m": (0.0015, 0.015),
         "depth_per_tip": (0.25, 1e4),

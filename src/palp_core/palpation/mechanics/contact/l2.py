@@ -48,8 +48,7 @@ def layer_series(poisson: float) -> tuple[float, ...]:
     name="l2",
     cost_s=0.0041,
     bounds=[*BOUNDS, *finite_bounds.L2],
-    evidence="palp study run contact-validity: against L4 on random scenes; "
-    "tests/palpation/mechanics/scene/test_picker.py; "
+    evidence="tests/palpation/mechanics/scene/test_picker.py: against L4 on random scenes; "
     "against finite strain: tests/palpation/mechanics/scene/test_finite_strain_scenes.py",
     valid={
         "depth_m": (0.0015, 0.015),

@@ -12,8 +12,8 @@ hold; from 4 mm on they break. Trace and beads beside the path were measured wit
 They hold for a sphere and for a paraboloid: the numbers are the larger of both, from the corners of the boxes
 at depths of 1.5 to 8.5 mm. For the paraboloid each had up to 54 loads at four rings, and the published
 phantom seventy at twelve depths; for the sphere the worst corners had 128 or 200 loads at four rings, up to
-mu = 0.6 and 60 kPa, and the published phantom 200 at seven depths. The study ``contact-validity`` draws other
-scenes and must find every bound kept.
+mu = 0.6 and 60 kPa, and the published phantom 200 at seven depths. Random scenes, 200 and 50
+near the rig, kept every bound; ``tests/palpation/mechanics/scene/test_picker.py`` repeats some.
 """
 
 from collections.abc import Mapping

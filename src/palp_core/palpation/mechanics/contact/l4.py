@@ -31,7 +31,7 @@ _LARGEST = 1.5  # cells over their nominal size
     name="l4",
     cost_s=0.85,
     bounds=[*BOUNDS, *finite_bounds.L4],
-    evidence="palp study run contact-validity: against cells of 0.5 mm; "
+    evidence="tests/palpation/mechanics/scene/test_picker.py: against cells of 0.5 mm; "
     "tests/palpation/mechanics/contact/test_l4.py; "
     "against finite strain: tests/palpation/mechanics/scene/test_finite_strain_scenes.py",
     valid={**FEM_SCENES, "modulus_pa": (1.0, 1e9), "indentation_m": (0.0, 0.006)},

@@ -6,7 +6,7 @@ but for a gel so soft that it does not. The contrast is the small difference of 
 the deeper the bead; a gel so stiff that the tip all but lifts off leaves even less of it. Of two depths the
 gap between the peaks is likewise a difference, the smaller the closer they are.
 
-The numbers are from the study ``contact-validity`` and from the published phantom at twelve depths with
+The numbers are from 250 random scenes and from the published phantom at twelve depths with
 seventy loads and rings each. Elements twice as fine around the bead and cells of 0.35 mm change the force by
 less than 0.7 %.
 """

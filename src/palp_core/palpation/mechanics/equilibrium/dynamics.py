@@ -224,7 +224,7 @@ declare_task(
         Bound("contrast", 0.1, within={"speed_m_s": (0.0, 0.5), **_RINGS}),
     ],
     evidence="tests/palpation/mechanics/equilibrium/test_dynamics.py: "
-    "step halved, and the quasi-static limit; benchmarks/choices.py: against SciPy's LSODA",
+    "step halved, the quasi-static limit, and SciPy's LSODA",
     valid={"speed_m_s": (1e-4, 2.0)},
     fails="seconds of CPU a sweep; the gel's own inertia is left out",
 )

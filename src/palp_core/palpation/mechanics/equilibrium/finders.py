@@ -2,7 +2,7 @@
 
 Each takes a :class:`.Joint` and stage positions in sweep order, shape (n,), and returns what it takes for the
 angles, shape (n,): NaN where it says itself that it found none. Only the survivor checks its answer. Where
-each fails was measured by the study ``contact-stability``.
+each fails was measured by the study ``stability``.
 """
 
 import numpy as np

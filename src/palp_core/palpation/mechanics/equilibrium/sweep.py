@@ -26,7 +26,7 @@ from palp_core.units import Float64Array
 _ANGLES = 65  # a third of a millimetre of the tip's travel apart
 _ANCHOR_M = 0.001  # of the stage between two samplings
 _STEEP = 0.5  # of the stage's step that the lagging tip may lose in a step before every position is sampled
-_BALANCED_N_M = 1e-6  # a moment below it does not tell one angle from another: study contact-stability
+_BALANCED_N_M = 1e-6  # a moment below it does not tell one angle from another: study stability
 
 
 @dataclass(frozen=True, eq=False)

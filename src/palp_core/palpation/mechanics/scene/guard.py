@@ -1,6 +1,6 @@
 """Guards, the stability map put to use: they mark a sweep that met what its method may fail at.
 
-They replace nothing: a run keeps its methods. Thresholds are those that the study ``contact-stability``
+They replace nothing: a run keeps its methods. Thresholds are those that the study ``stability``
 finds; each answer comes with the words for the record.
 """
 

@@ -4,16 +4,15 @@ import contextlib
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from palp_core.errors import MechanicsError, MethodError
-from palp_core.graph.clock import monotonic_ns
 from palp_core.methods import find, names
-from palp_core.methods.measured import REFERENCE, Measured, begins_after, cpu_s
+from palp_core.methods.measured import REFERENCE, Measured, cpu_s
 from palp_core.palpation.mechanics import ContactModel, Phantom, Probe, Scene, sweep
 from palp_core.palpation.mechanics.scene.guard import states_finite_strain
 from palp_core.palpation.mechanics.scene.output import answer, answer_error
@@ -90,7 +89,6 @@ def variants() -> list[RungVariant]:
     return whole + [one for one in sizes if one.rung in declared]
 
 
-@begins_after(2.9)
 def measure_contact(
     scene: Scene, offered: Sequence[RungVariant] | None = None, references: Sequence[str] = ("l4",)
 ) -> Iterator[Measured]:
@@ -204,16 +202,3 @@ def cold_cache() -> Iterator[None]:
                 del os.environ["PALP_CACHE"]
             else:
                 os.environ["PALP_CACHE"] = before
-
-
-def side_by_side(actions: Mapping[str, Callable[[], object]], repeats: int = 7) -> dict[str, list[float]]:
-    """Return the times of each action, in s, taken in turns so that a busy machine slows all alike."""
-    times: dict[str, list[float]] = {name: [] for name in actions}
-    for action in actions.values():
-        action()
-    for _ in range(repeats):
-        for name, action in actions.items():
-            start_ns = monotonic_ns()
-            action()
-            times[name].append((monotonic_ns() - start_ns) / 1e9)
-    return times

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palp_core.palpation.studies.frontier.mismatch import sessions_of
-from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL
+from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, sessions_by_protocol
 from palp_core.palpation.studies.frontier.schemes import SCHEMES, TRACE, DepthTask, Scheme, run_schemes
 from palp_core.palpation.studies.frontier.world_session import WorldPlan
 
@@ -27,21 +26,6 @@ DEPTH_SCHEMES = tuple(
 
 
 @dataclass(frozen=True)
-class DepthJob:
-    """A session whose nodules lie between the trained depths, too.
-
-    Attributes:
-        plan: The world.
-        seed: Of the session.
-        schemes: Which.
-    """
-
-    plan: WorldPlan
-    seed: tuple[int, ...]
-    schemes: tuple[Scheme, ...] = DEPTH_SCHEMES
-
-
-@dataclass(frozen=True)
 class DepthError:
     """What a scheme's mean depth was off by in a session.
 
@@ -54,14 +38,16 @@ class DepthError:
     seconds: float
 
 
-def depth_errors(job: DepthJob) -> dict[tuple[str, int], DepthError]:
+def depth_errors(
+    plan: WorldPlan, seed: tuple[int, ...], *, schemes: tuple[Scheme, ...] = DEPTH_SCHEMES
+) -> dict[tuple[str, int], DepthError]:
     """Return the error of the mean depth by scheme and number of sweeps."""
-    conditions = replace(job.plan.conditions, trials=_TRIALS)
-    swept = sessions_of(replace(job.plan, conditions=conditions, test_depths_m=TRUE_M), job.seed)
+    conditions = replace(plan.conditions, trials=_TRIALS)
+    swept = sessions_by_protocol(replace(plan, conditions=conditions, test_depths_m=TRUE_M), seed)
     true_m = np.asarray(TRUE_M)[swept(PAPER_PROTOCOL).depth]
     found = {}
     for sweeps in SWEEPS:
-        for name, run in run_schemes(swept, job.schemes, DepthTask(GRID_M, sweeps)).items():
+        for name, run in run_schemes(swept, schemes, DepthTask(GRID_M, sweeps)).items():
             off_m = run.ended.expected_m[:, -1] - true_m
             found[name, sweeps] = DepthError(float(np.mean(off_m**2)), float(run.ended.seconds.mean()))
     return found

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import scipy
 
-from palp_core.palpation.perception.strategy.optimal_shared import fano_accuracy
 from palp_core.palpation.perception.trace.model import SweepOf, TraceModel
 from palp_core.palpation.studies.frontier.protocols import Protocol
 from palp_core.units import Float64Array
@@ -45,11 +44,30 @@ def most_accurate(model: TraceModel, setting: int, protocol: Protocol, bin_m: fl
         least = min(kl[i, j, b] for i in range(m) for j in range(m) if i != j)
         way = np.array([(b + 1) * bin_m])
         seconds = float(protocol.sweep_s(way)[0] + protocol.back_s(way)[0])
-        rows.append((seconds, fano_accuracy(bits, m), _wald(float(least))))
+        rows.append((seconds, fano_accuracy(bits, m), wald_accuracy(float(least))))
     return np.array(rows)
 
 
-def _wald(nats: float) -> float:
+def fano_accuracy(information_bits: float, class_count: int) -> float:
+    """Return the largest share of right answers that an information permits, from a flat belief.
+
+    Fano's inequality: H(d) - I <= h(e) + e log2(m - 1), solved for the error e.
+    """
+    left = np.log2(class_count) - max(information_bits, 0.0)
+    if left <= 0.0:
+        return 1.0
+
+    def slack(error: float) -> float:
+        spread = -error * np.log2(error) - (1.0 - error) * np.log2(1.0 - error)
+        return float(spread + error * np.log2(class_count - 1.0) - left)
+
+    worst = 1.0 - 1.0 / class_count
+    if slack(worst) <= 0.0:
+        return 1.0 - worst
+    return 1.0 - float(scipy.optimize.brentq(slack, 1e-15, worst))
+
+
+def wald_accuracy(nats: float) -> float:
     """Return the accuracy at which the divergence between error and success is so large."""
     if nats > 30.0:
         return 1.0

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
 from palp_core.palpation.devices.motion_profile import MotionProfile
 from palp_core.palpation.devices.sim.stage import SimStage
 from palp_core.palpation.perception.strategy.policies_informed import Timing
-from palp_core.palpation.studies.frontier.world_session import PATH_M
+from palp_core.palpation.studies.frontier.world_session import PATH_M, WorldPlan, WorldSession, begin
 from palp_core.units import Float64Array
 
 
@@ -72,3 +74,14 @@ SWIFT = Protocol("swift", (-0.026, 0.034), 0.006, rehome=False, in_sweep=True)
 """The ball drags from its place of landing on, 26 mm before the bead: half is bare gel, by which friction,
 height and modulus are known, half the bead's flank. At 34 mm it has passed the bead's other flank even where
 it lags most. A lift of 6 mm clears an indentation of 4 mm."""
+
+
+def sessions_by_protocol(plan: WorldPlan, seed: tuple[int, ...]) -> Callable[[Protocol], WorldSession]:
+    """Return a session as any protocol sweeps it, made when it is asked for."""
+
+    @cache
+    def swept(protocol: Protocol) -> WorldSession:
+        conditions = replace(plan.conditions, rehome=protocol.rehome)
+        return begin(replace(plan, path_m=protocol.path_m, conditions=conditions), seed)
+
+    return swept

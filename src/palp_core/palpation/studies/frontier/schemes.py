@@ -42,7 +42,12 @@ from palp_core.palpation.perception.trace.model import TraceModel
 from palp_core.palpation.perception.trace.training import TrainedTraces
 from palp_core.palpation.session.filters import height_slope
 from palp_core.palpation.session.unlike_training import by_readings
-from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, SWIFT, Protocol
+from palp_core.palpation.studies.frontier.protocols import (
+    PAPER_PROTOCOL,
+    SWIFT,
+    Protocol,
+    sessions_by_protocol,
+)
 from palp_core.palpation.studies.frontier.trace_trials import (
     Asking,
     Keep,
@@ -53,7 +58,7 @@ from palp_core.palpation.studies.frontier.trace_trials import (
     run_trace_trials,
     settings_of,
 )
-from palp_core.palpation.studies.frontier.world_session import FeatureTrials, WorldSession
+from palp_core.palpation.studies.frontier.world_session import FeatureTrials, WorldPlan, WorldSession
 from palp_core.palpation.studies.simulation.policies import best_ring
 from palp_core.palpation.studies.simulation.reading_table import scene_of
 from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
@@ -192,6 +197,11 @@ class SchemeRun:
     fit: Float64Array
     shift: Shifted | None
     cpu_s: float
+
+
+def run_plan(plan: WorldPlan, seed: tuple[int, ...], *, schemes: tuple[Scheme, ...]) -> dict[str, SchemeRun]:
+    """Return what each scheme did in a session of a world."""
+    return run_schemes(sessions_by_protocol(plan, seed), schemes)
 
 
 def run_schemes(

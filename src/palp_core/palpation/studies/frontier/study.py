@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,11 @@ from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.reporting.table import write_records
 from palp_core.palpation.session.operating.orders import GROUPED
 from palp_core.palpation.session.plan import Specimens
-from palp_core.palpation.studies.frontier.depth_error import DepthJob, depth_errors
+from palp_core.palpation.studies.frontier.depth_error import depth_errors
 from palp_core.palpation.studies.frontier.frontier_charts import frontier_chart, threshold_chart
 from palp_core.palpation.studies.frontier.limits import most_accurate
-from palp_core.palpation.studies.frontier.mismatch import sessions_of
-from palp_core.palpation.studies.frontier.protocols import SWIFT
-from palp_core.palpation.studies.frontier.schemes import SCHEMES, Scheme, SchemeRun, run_schemes
+from palp_core.palpation.studies.frontier.protocols import SWIFT, sessions_by_protocol
+from palp_core.palpation.studies.frontier.schemes import SCHEMES, Scheme, SchemeRun, run_plan, run_schemes
 from palp_core.palpation.studies.frontier.tables import Runs, compared, depth_rows, scheme_rows
 from palp_core.palpation.studies.frontier.trace_trials import (
     BIN_M,
@@ -30,11 +30,11 @@ from palp_core.palpation.studies.frontier.trace_trials import (
     run_trace_trials,
     settings_of,
 )
-from palp_core.palpation.studies.frontier.world_session import WorldJob, worlds
+from palp_core.palpation.studies.frontier.world_session import WorldPlan, worlds
 from palp_core.palpation.studies.simulation.policy_summary import summarise
 from palp_core.palpation.studies.simulation.reading_table import Gel, scene_of
 from palp_core.palpation.studies.simulation.trials import Outcomes
-from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
+from palp_core.palpation.studies.toolkit.parallel import Runner
 from palp_core.units import Float64Array
 from palp_core.whole_file import write_json
 
@@ -72,9 +72,9 @@ class FrontierSession:
     wall_s: float
 
 
-def frontier_session(job: WorldJob) -> FrontierSession:
+def frontier_session(plan: WorldPlan, seed: tuple[int, ...]) -> FrontierSession:
     """Return what every scheme did in a session."""
-    swept = sessions_of(job.plan, job.seed)
+    swept = sessions_by_protocol(plan, seed)
     runs = run_schemes(swept, SCHEMES)
     session = swept(SWIFT)
     model = model_of(session, settings_of(session))
@@ -86,11 +86,6 @@ def frontier_session(job: WorldJob) -> FrontierSession:
     }
     wall_s = (time.perf_counter() - before) / len(THRESHOLDS) / len(session.depth)
     return FrontierSession(runs, looked, most_accurate(model, stiffest, SWIFT, BIN_M), wall_s)
-
-
-def gel_session(job: WorldJob) -> dict[str, SchemeRun]:
-    """Return what schemes did whose filters choose their own contact model, whatever the gel's is."""
-    return run_schemes(sessions_of(job.plan, job.seed), GEL_SCHEMES)
 
 
 def gel_rows(found: Mapping[str, Runs]) -> list[dict[str, Any]]:
@@ -144,22 +139,21 @@ def run(
     """
     count = 2 if quick else 40
     plans = worlds(mounting, specimens)
-    jobs = [WorldJob(plan, one) for plan in plans.values() for one in seeds(SEEDS, seed, count)]
-    found = run_jobs(frontier_session, jobs, label="sessions", workers=workers, dask=dask)
-    by_world = {world: found[i * count : (i + 1) * count] for i, world in enumerate(plans)}
+    runner, cases = Runner(seed, workers, dask), list(plans.values())
+    found = runner.run(frontier_session, cases, count, stream=SEEDS, label="sessions")
+    by_world = dict(zip(plans, found, strict=True))
     rows = [
         row
         for world, sessions in by_world.items()
         for row in scheme_rows(world, [one.runs for one in sessions])
     ]
     few = max(1, count // 4)
-    told = [DepthJob(plan, one) for plan in plans.values() for one in seeds(SEEDS, seed, few)]
-    off = run_jobs(depth_errors, told, label="sessions, 31 depths", workers=workers, dask=dask)
-    depths = [row for i, world in enumerate(plans) for row in depth_rows(world, off[i * few : (i + 1) * few])]
+    off = runner.run(depth_errors, cases, few, stream=SEEDS, label="sessions, 31 depths")
+    depths = [row for world, own in zip(plans, off, strict=True) for row in depth_rows(world, own)]
     of_gels = [replace(plans["lab"], gel=Gel(rung=rung)) for rung in GEL_RUNGS]
-    gel_jobs = [WorldJob(plan, one) for plan in of_gels for one in seeds(SEEDS, seed, few)]
-    done = run_jobs(gel_session, gel_jobs, label="sessions, gels", workers=workers, dask=dask)
-    gels = gel_rows({rung: done[i * few : (i + 1) * few] for i, rung in enumerate(GEL_RUNGS)})
+    of_gel = partial(run_plan, schemes=GEL_SCHEMES)
+    done = runner.run(of_gel, of_gels, few, stream=SEEDS, label="sessions, gels")
+    gels = gel_rows(dict(zip(GEL_RUNGS, done, strict=True)))
     looked = [row for world, sessions in by_world.items() for row in threshold_rows(world, sessions)]
     limits = {
         world: np.mean([one.limits for one in sessions], axis=0).tolist()

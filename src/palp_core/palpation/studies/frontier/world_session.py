@@ -71,7 +71,7 @@ class WorldPlan:
 
     def __post_init__(self) -> None:
         usual, ours = Conditions(), self.conditions
-        for name in ("specimen_sd_m", "landing", "drift_n_m", "same_reading"):
+        for name in ("landing", "drift_n_m", "same_reading"):
             if getattr(ours, name) != getattr(usual, name):
                 raise PalpError(f"whole sweeps know no {name} '{getattr(ours, name)}'; leave it out")
 
@@ -104,19 +104,6 @@ def worlds(mounting: str = GROUPED, specimens: Specimens = "same") -> dict[str, 
     count = CAST_COUNT // 2 if specimens == "other" else 1
     conditions = Conditions(mounting=mounting, specimens=specimens, phantoms=count)
     return {name: WorldPlan(world, conditions) for name, world in WORLDS.items()}
-
-
-@dataclass(frozen=True)
-class WorldJob:
-    """A session of a world.
-
-    Attributes:
-        plan: How it is run, and in which world.
-        seed: Of the session.
-    """
-
-    plan: WorldPlan
-    seed: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)

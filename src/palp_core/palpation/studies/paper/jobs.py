@@ -12,7 +12,7 @@ from palp_core.palpation.studies.simulation.conditions import Conditions, draw, 
 from palp_core.palpation.studies.simulation.policies import (
     NAMES,
     STIFF_M,
-    SessionJob,
+    SessionCase,
     fixed_name,
     run_policy,
 )
@@ -41,16 +41,16 @@ The last is a control, added afterwards: the noisy scene with a training that la
 """
 
 
-def paper_session(job: SessionJob) -> dict[str, Outcomes]:
+def paper_session(case: SessionCase, seed: tuple[int, ...]) -> dict[str, Outcomes]:
     """Return what every policy does in a session: peak, the paper's filter, its stop rule verbatim."""
-    session = job.begin()
+    session = case.begin(seed)
     names = [*NAMES, *READINGS[1:]]
     return {name: run_policy(name, session, PaperVerbatim()) for name in names}
 
 
-def scene_session(job: SessionJob) -> dict[str, Outcomes]:
+def scene_session(case: SessionCase, seed: tuple[int, ...]) -> dict[str, Outcomes]:
     """Return the informed policies under the latent filter, and every fixed ring after 1, 2, ... probes."""
-    session = job.begin()
+    session = case.begin(seed)
     stop = PosteriorThreshold()
     found = {
         "information_gain_latent": run_policy("information_gain_latent", session, stop, filter_name="latent"),
@@ -65,36 +65,37 @@ def scene_session(job: SessionJob) -> dict[str, Outcomes]:
     for ring_m in figure5.RINGS_M[1:]:
         name = fixed_name(ring_m)
         for filter_name in ("naive", "latent"):
-            whole = run_policy(name, session, FixedNumber(job.conditions.max_probes), filter_name=filter_name)
+            whole = run_policy(
+                name, session, FixedNumber(case.conditions.max_probes), filter_name=filter_name
+            )
             found[f"{name}/{filter_name}"] = whole
     return found
 
 
 @dataclass(frozen=True, eq=False)
-class GridJob:
-    """A session whose nodules lie at any of 31 depths, while training knew three."""
+class GridCase:
+    """Sessions whose nodules lie at any of 31 depths, while training knew three."""
 
     trained_touch: ReadingTable
     grid_touch: ReadingTable
     conditions: Conditions
-    seed: tuple[int, ...]
 
 
-def grid_session(job: GridJob) -> dict[str, Float64Array]:
+def grid_session(case: GridCase, seed: tuple[int, ...]) -> dict[str, Float64Array]:
     """Return the squared error of the posterior mean depth, m^2, by filter: a mean over trials per probe."""
-    training, estimation = (np.random.default_rng(s) for s in np.random.SeedSequence(job.seed).spawn(2))
-    primitives = train(job.trained_touch, job.conditions, training).primitives
+    training, estimation = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
+    primitives = train(case.trained_touch, case.conditions, training).primitives
     fine = primitives.interpolated(np.array(GRID_M))
     nothing = np.zeros((*fine.mean.shape, 1, 0))
     naive = OffsetModel(fine.mean[..., None], fine.sd[..., None, None] ** 2, nothing, np.zeros(0), ())
-    aware = _aware(naive, job.grid_touch, job.conditions, primitives.floor)
-    conditions = replace(job.conditions, trials=4)
-    draws = draw(job.grid_touch, conditions, estimation)
+    aware = _aware(naive, case.grid_touch, case.conditions, primitives.floor)
+    conditions = replace(case.conditions, trials=4)
+    draws = draw(case.grid_touch, conditions, estimation)
     truth = np.array(GRID_M)[draws.depth]
     found = {}
     for name, model in (("naive", naive), ("latent", aware)):
         ended = run_trials(
-            TabledTrials(job.grid_touch, conditions, draws),
+            TabledTrials(case.grid_touch, conditions, draws),
             model,
             UniformRings(STIFF_M),
             FixedNumber(conditions.max_probes),

@@ -7,16 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
-from palp_core.palpation.studies.frontier.depth_error import DEPTH_SCHEMES, DepthJob, depth_errors
-from palp_core.palpation.studies.frontier.mismatch import sessions_of
-from palp_core.palpation.studies.frontier.schemes import SCHEMES, TRACE, Scheme, SchemeRun, run_schemes
+from palp_core.palpation.studies.frontier.depth_error import DEPTH_SCHEMES, depth_errors
+from palp_core.palpation.studies.frontier.schemes import SCHEMES, TRACE, Scheme, run_plan
 from palp_core.palpation.studies.frontier.study import SEEDS
 from palp_core.palpation.studies.frontier.tables import Runs, compared, depth_rows, scheme_rows
 from palp_core.palpation.studies.frontier.world_session import WorldPlan, worlds
 from palp_core.palpation.studies.paper.jobs import SCENES
-from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
+from palp_core.palpation.studies.toolkit.parallel import Runner
 
 SHOWN = tuple(one for one in SCHEMES if one.protocol == "paper" or one.reading == TRACE)
 WORLDS = worlds()
@@ -42,28 +42,12 @@ class ReadingSize:
     schemes: tuple[Scheme, ...] = SHOWN
 
 
-@dataclass(frozen=True)
-class ReadingJob:
-    """A session of a world or a scene, decided by every scheme."""
-
-    plan: WorldPlan
-    seed: tuple[int, ...]
-    schemes: tuple[Scheme, ...]
-
-
-def reading_session(job: ReadingJob) -> dict[str, SchemeRun]:
-    """Return what each scheme did in a session."""
-    return run_schemes(sessions_of(job.plan, job.seed), job.schemes)
-
-
-def by_readings(size: ReadingSize, *, seed: int, workers: int = 1, dask: str = "") -> dict[str, Any]:
+def by_readings(size: ReadingSize, runner: Runner) -> dict[str, Any]:
     """Return every scheme's accuracy and error of the depth, side by side, and what varying is worth.
 
     Args:
         size: How much is run.
-        seed: Of the sessions.
-        workers: Local processes.
-        dask: Address of a Dask scheduler instead.
+        runner: Of the sessions.
 
     Returns:
         ``worth``: what varying is worth by contrast and by trace; ``places``, by world and scene: lines of
@@ -72,19 +56,21 @@ def by_readings(size: ReadingSize, *, seed: int, workers: int = 1, dask: str = "
     """
     if not size.sessions:
         return {}
-    places = {}
-    for name, plan in _plans(size.scenes).items():
-        plan = replace(plan, conditions=replace(plan.conditions, trials=size.trials))
-        jobs = [ReadingJob(plan, one, size.schemes) for one in seeds(SEEDS, seed, size.sessions)]
-        label = f"sessions by reading, {name}"
-        found = run_jobs(reading_session, jobs, label=label, workers=workers, dask=dask)
-        places[name] = side_by_side(name, found)
-    schemes = tuple(one for one in size.schemes if one in DEPTH_SCHEMES)
+    plans = {
+        name: replace(plan, conditions=replace(plan.conditions, trials=size.trials))
+        for name, plan in _plans(size.scenes).items()
+    }
+    session = partial(run_plan, schemes=size.schemes)
+    found = runner.run(
+        session, list(plans.values()), size.sessions, stream=SEEDS, label="sessions by reading"
+    )
+    places = {name: side_by_side(name, own) for name, own in zip(plans, found, strict=True)}
     depths = []
-    for name, plan in WORLDS.items() if size.depth_sessions else ():
-        told = [DepthJob(plan, one, schemes) for one in seeds(SEEDS, seed, size.depth_sessions)]
-        label = f"sessions by reading, {name}, 31 depths"
-        depths += depth_rows(name, run_jobs(depth_errors, told, label=label, workers=workers, dask=dask))
+    if size.depth_sessions:
+        errors = partial(depth_errors, schemes=tuple(one for one in size.schemes if one in DEPTH_SCHEMES))
+        cases, label = list(WORLDS.values()), "sessions by reading, 31 depths"
+        off = runner.run(errors, cases, size.depth_sessions, stream=SEEDS, label=label)
+        depths = [row for name, own in zip(WORLDS, off, strict=True) for row in depth_rows(name, own)]
     return gathered(places, depths, sessions=size.sessions, depth_sessions=size.depth_sessions)
 
 

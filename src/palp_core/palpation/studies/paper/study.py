@@ -17,22 +17,24 @@ from palp_core.palpation.studies.paper.jobs import (
     GRID_M,
     READINGS,
     SCENES,
-    GridJob,
+    GridCase,
     grid_session,
     paper_session,
     scene_session,
 )
 from palp_core.palpation.studies.paper.numbers import PUBLISHED, TABLE_3, TABLE_4, TABLE_6, statements
 from palp_core.palpation.studies.paper.positions import positions
+from palp_core.palpation.studies.paper.power import power_report
 from palp_core.palpation.studies.paper.readings import ReadingSize, by_readings
 from palp_core.palpation.studies.paper.scenes import judge
 from palp_core.palpation.studies.paper.tests import analyses, comparisons
+from palp_core.palpation.studies.paper.why import HYPOTHESES, why_rows
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.policies import FIXED, NAMES, SessionJob
+from palp_core.palpation.studies.simulation.policies import FIXED, NAMES, SessionCase
 from palp_core.palpation.studies.simulation.policy_summary import average_of, summarise
 from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
 from palp_core.palpation.studies.simulation.trials import Outcomes
-from palp_core.palpation.studies.toolkit.parallel import run_jobs, seeds
+from palp_core.palpation.studies.toolkit.parallel import Runner
 from palp_core.units import Float64Array
 from palp_core.whole_file import write_json
 
@@ -45,6 +47,7 @@ class PaperSize:
         sessions: Sessions of the paper's design.
         scene_sessions: Sessions of each scene.
         grid_sessions: Sessions on 31 depths; 0 leaves them out.
+        why_sessions: Sessions of each hypothesis; 0 leaves them out.
         trials: Trials per depth and session; 100 as published.
         readings: How much is run by peak, contrast and trace.
     """
@@ -52,6 +55,7 @@ class PaperSize:
     sessions: int = 40
     scene_sessions: int = 100
     grid_sessions: int = 10
+    why_sessions: int = 20
     trials: int = 100
     readings: ReadingSize = field(default_factory=ReadingSize)
 
@@ -60,6 +64,7 @@ QUICK = PaperSize(
     sessions=8,
     scene_sessions=0,
     grid_sessions=0,
+    why_sessions=0,
     trials=40,
     readings=ReadingSize(sessions=2, depth_sessions=0, trials=20, scenes=False),
 )
@@ -70,7 +75,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
 
     Args:
         out: Folder for the files; made if missing.
-        quick: Few sessions, no scenes, no depths between the trained ones.
+        quick: Few sessions, no scenes, no hypotheses, no depths between the trained ones.
         workers: Local processes.
         dask: Address of a Dask scheduler instead.
         seed: Of everything; results do not depend on the workers.
@@ -81,21 +86,22 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     size = QUICK if quick else PaperSize()
     gel, conditions = Gel(), Conditions(trials=size.trials)
     felt = tabulate(gel)
-    jobs = [SessionJob(felt, conditions, one) for one in seeds(0, seed, size.sessions)]
-    found = run_jobs(paper_session, jobs, label="sessions", workers=workers, dask=dask)
+    case, runner = SessionCase(felt, conditions), Runner(seed, workers, dask)
+    (found,) = runner.run(paper_session, [case], size.sessions, stream=0, label="sessions")
     sessions = {name: [one[name] for one in found] for name in found[0]}
     report = results(sessions, gel.depths_m) | {
         "quick": quick,
         "seed": seed,
         "conditions": asdict(conditions) | {"contact_model": sorted(set(felt.rungs)), **asdict(gel)},
         "positions": positions(felt, conditions),
-        "scenes": _scenes(size, seed, workers, dask),
-        "grid_31_depths_rmse_mm": _grid(size, seed, workers, dask),
-        "readings": by_readings(size.readings, seed=seed, workers=workers, dask=dask),
+        "scenes": _scenes(size, runner),
+        "why": _why(size, runner),
+        "grid_31_depths_rmse_mm": _grid(size, runner),
+        "readings": by_readings(size.readings, runner),
     }
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "paper.json", report)
-    trained = jobs[0].begin().trained
+    trained = case.begin((0, seed, 0)).trained
     charts: list[Chart] = [
         charts_human.figure_3(seed),
         charts_human.figure_4(),
@@ -138,6 +144,7 @@ def results(sessions: Mapping[str, Sequence[Outcomes]], depths_m: Sequence[float
         "iterations": took,
         "words_beside_ours": words.beside_ours(took, tested),
         "comparisons": comparisons(sessions, average["per_session"]),
+        "power": power_report(sessions, len(depths_m)),
         "tables": _tables(),
     }
 
@@ -156,26 +163,33 @@ def _tables() -> dict[str, Any]:
     }
 
 
-def _scenes(size: PaperSize, seed: int, workers: int, dask: str) -> dict[str, Any]:
+def _scenes(size: PaperSize, runner: Runner) -> dict[str, Any]:
     judged = {}
     for number, (name, (gel, conditions)) in enumerate(SCENES.items() if size.scene_sessions else ()):
-        felt = tabulate(gel)
-        jobs = [SessionJob(felt, conditions, s) for s in seeds(1 + number, seed, size.scene_sessions)]
-        found = run_jobs(scene_session, jobs, label=f"sessions, scene {name}", workers=workers, dask=dask)
+        case, label = SessionCase(tabulate(gel), conditions), f"sessions, scene {name}"
+        (found,) = runner.run(scene_session, [case], size.scene_sessions, stream=1 + number, label=label)
         judged[name] = judge(found, gel.depths_m)
     return judged
 
 
-def _grid(size: PaperSize, seed: int, workers: int, dask: str) -> dict[str, dict[str, list[float]]]:
+def _why(size: PaperSize, runner: Runner) -> dict[str, Any]:
+    """Return what each hypothesis is, and a line per cell; nothing where they are left out."""
+    if not size.why_sessions:
+        return {}
+    return {
+        "hypotheses": {name: words for name, (words, _) in HYPOTHESES.items()},
+        "cells": why_rows(size.why_sessions, 40, runner),
+    }
+
+
+def _grid(size: PaperSize, runner: Runner) -> dict[str, dict[str, list[float]]]:
     """Return the root mean square error in mm after each probe, by filter, with 95 % intervals."""
     if not size.grid_sessions:
         return {}
     conditions = Conditions(height_sd_m=0.2e-3, mounting="each_trial")
-    trained, grid = run_jobs(
-        tabulate, [Gel(), Gel(depths_m=GRID_M)], label="gels", workers=workers, dask=dask
-    )
-    jobs = [GridJob(trained, grid, conditions, s) for s in seeds(9, seed, size.grid_sessions)]
-    found = run_jobs(grid_session, jobs, label="sessions, 31 depths", workers=workers, dask=dask)
+    trained, grid = runner.run_jobs(tabulate, [Gel(), Gel(depths_m=GRID_M)], label="gels")
+    case, label = GridCase(trained, grid, conditions), "sessions, 31 depths"
+    (found,) = runner.run(grid_session, [case], size.grid_sessions, stream=9, label=label)
     return {name: _root_mean(np.array([one[name] for one in found])) for name in found[0]}
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palp_core.methods import Quantities, find, names
+from palp_core.methods import find
 from palp_core.palpation.perception.belief.latent import OffsetModel
 from palp_core.palpation.perception.belief.likelihoods import Cells
 from palp_core.palpation.perception.belief.rig_noise import assumed_noise, latent_model
@@ -15,12 +15,8 @@ from palp_core.palpation.perception.belief.stopping import FixedNumber, Posterio
 from palp_core.palpation.perception.statistics.statistics import calibration
 from palp_core.palpation.perception.strategy.policies import (
     FixedRing,
-    MarkovPolicy,
     StiffnessPolicy,
-    UniformRings,
 )
-from palp_core.palpation.studies.perception.case import Seen, in_words, session_quantities
-from palp_core.palpation.studies.perception.signals import TOUCHES
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.policies import SimulatedSession, begin_session
 from palp_core.palpation.studies.simulation.reading_table import Gel, ReadingTable, tabulate
@@ -30,7 +26,6 @@ from palp_core.units import Float64Array
 
 REMOUNTED = Conditions(mounting="each_trial", trials=50)
 """Remounted for every trial: a session's height is not one number for all of its trials."""
-_REACH = {"height_reach_m": 0.9e-3}  # 4.5 standard deviations; deeper the contact models end
 _SEED = 32
 
 
@@ -40,8 +35,6 @@ def sessions(felt: ReadingTable, conditions: Conditions, count: int) -> list[Sim
 
 
 # feature: wrong decisions from one reading at the stiffest ring, that of all which tells most
-
-HEIGHTS_M = (0.0, 0.1e-3, 0.2e-3)
 
 
 def one_reading(feature: str, touch: Gel, conditions: Conditions, count: int) -> float:
@@ -62,33 +55,8 @@ def one_reading(feature: str, touch: Gel, conditions: Conditions, count: int) ->
     return float(np.mean([~one.correct for one in ended]))
 
 
-def features_seen(*, quick: bool = False) -> list[Seen]:
-    """Return the errors of every feature on every touch and height; quick: the published one alone."""
-    found = []
-    for touch in TOUCHES[:1] if quick else TOUCHES:
-        gel = Gel(rings_m=(0.004, 0.016), **touch, **_REACH)  # type: ignore[arg-type]
-        for noise in (1.0,) if quick else (1.0, 5.0):
-            noisy = replace(gel, noise_factor=noise)
-            for height_m in HEIGHTS_M:
-                conditions = replace(REMOUNTED, height_sd_m=height_m)
-                found += [
-                    Seen(
-                        "feature",
-                        name,
-                        "decision",
-                        one_reading(name, noisy, conditions, 20 if quick else 100),
-                        session_quantities(noisy, conditions),
-                        in_words(noisy, conditions),
-                    )
-                    for name in names("feature")
-                ]
-    return found
-
-
 # likelihood: confidence at the end of trials whose readings are normal and independent, as it takes them
 
-COUNTS = (3, 5, 10, 25, 100)
-GAPS_SD = (2.0, 3.0, 4.0, 6.0)
 _FLOOR_SD, _MOST, _LEVEL = 0.05, 15, 0.95
 
 
@@ -119,9 +87,9 @@ def overtrust(
     """
     rng = np.random.default_rng(seed or (_SEED, count, round(gap_sd * 100)))
     centre = gap_sd * np.arange(float(classes))
-    taught = rng.standard_normal((trials, classes, count)) + centre[:, None]
-    sd = np.maximum(taught.std(axis=-1, ddof=1), _FLOOR_SD)
-    cells = Cells(taught.mean(axis=-1), sd, np.full(sd.shape, float(count)), _FLOOR_SD)
+    trained = rng.standard_normal((trials, classes, count)) + centre[:, None]
+    sd = np.maximum(trained.std(axis=-1, ddof=1), _FLOOR_SD)
+    cells = Cells(trained.mean(axis=-1), sd, np.full(sd.shape, float(count)), _FLOOR_SD)
     density: Callable[[Float64Array, Cells], Float64Array] = find("likelihood", name).target
     truth = rng.integers(0, classes, trials)
     log, posterior, ended = np.zeros(sd.shape), np.zeros(sd.shape), np.zeros(trials, dtype=bool)
@@ -137,53 +105,21 @@ def overtrust(
     return calibration(np.clip(posterior.max(axis=1), 0.0, 1.0), right.tolist()).expected_error
 
 
-def likelihoods_seen(*, quick: bool = False) -> list[Seen]:
-    """Return the errors of every likelihood by training, gap and outliers; quick: few of them."""
-    found = []
-    for count in (5, 25) if quick else COUNTS:
-        for share in (0.0, 0.01):
-            for name in names("likelihood"):
-                error = max(
-                    overtrust(name, count, gap_sd, share, 10_000 if quick else 40_000, probes=probes)
-                    for gap_sd in (GAPS_SD[:1] if quick else GAPS_SD)
-                    for probes in ((_MOST,) if quick else (1, _MOST))
-                )
-                where: Quantities = {
-                    "training_count": float(count),
-                    "class_gap_sd": (min(GAPS_SD), max(GAPS_SD)),
-                    "class_count": 3.0,
-                    "outlier_share": share,
-                    "probe_count": float(_MOST),
-                }
-                words = f"{count} readings a class, {share:.0%} outliers"
-                found.append(Seen("likelihood", name, "calibration", error, where, words))
-    return found
-
-
 # filter: confidence at the end of trials on the simulated rig, whose readings share what its rig makes them
 
 RULES: Sequence[StopRule] = (PosteriorThreshold(), FixedNumber())
-SPREADS_M = (
-    (0.0, 0.0),
-    (0.1e-3, 0.0),
-    (0.3e-3, 0.0),
-    (0.0, 0.1e-3),
-    (0.3e-3, 0.03e-3),
-    (0.3e-3, 0.1e-3),
-)
-"""Repeatability of the ring and spread of the height."""
 
 
-def told(session: SimulatedSession) -> OffsetModel:
+def informed_model(session: SimulatedSession) -> OffsetModel:
     """Return what a node that knows the rig's spreads makes of a training, as :mod:`.rig_noise` does."""
     knows, table = session.conditions, session.table
     noise = assumed_noise(knows.ring_sd_m, knows.height_sd_m)
     return latent_model(session.trained.primitives, noise, table.height_slope())
 
 
-def decided(session: SimulatedSession, name: str, policy: StiffnessPolicy, rule: StopRule) -> Outcomes:
+def decide(session: SimulatedSession, name: str, policy: StiffnessPolicy, rule: StopRule) -> Outcomes:
     """Return how a session's trials end under a filter of task ``filter``, told what the rig does."""
-    model = session.naive if name == "naive" else find("filter", name).target(told(session))
+    model = session.naive if name == "naive" else find("filter", name).target(informed_model(session))
     return run_trials(session.felt, model, policy, rule)
 
 
@@ -191,25 +127,3 @@ def miscalibrated(ended: Sequence[Outcomes]) -> float:
     """Return the expected calibration error of trials."""
     stated = np.clip(np.concatenate([one.confidence for one in ended]), 0.0, 1.0)
     return calibration(stated, np.concatenate([one.correct for one in ended]).tolist()).expected_error
-
-
-def filters_seen(*, quick: bool = False) -> list[Seen]:
-    """Return the errors of every filter by what stays, worst of three policies and two rules; quick: few.
-
-    The policies are the best fixed ring, where readings share most, uniform draws, and the human chain.
-    """
-    found = []
-    for count in (25,) if quick else (10, 25):
-        for ring_m, height_m in SPREADS_M[-1:] if quick else SPREADS_M:
-            felt = tabulate(Gel())
-            conditions = replace(REMOUNTED, repeatability_m=ring_m, height_sd_m=height_m, training=count)
-            begun = sessions(felt, conditions, 20 if quick else 100)
-            for name in names("filter"):
-                error = max(
-                    miscalibrated([decided(one, name, policy, rule) for one in begun])
-                    for policy in (FixedRing(), UniformRings(), MarkovPolicy())
-                    for rule in RULES
-                )
-                where, words = session_quantities(Gel(), conditions), in_words(Gel(), conditions)
-                found.append(Seen("filter", name, "calibration", error, where, words))
-    return found

@@ -14,30 +14,29 @@ from typing import Any
 import numpy as np
 
 from palp_core.methods import find, names
-from palp_core.methods.measured import Measured, begins_after, cpu_s
+from palp_core.methods.measured import Measured, cpu_s
 from palp_core.palpation.mechanics.scene.scene import PAPER_DEPTHS_M, Scene
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.latent import OffsetModel, start, update
 from palp_core.palpation.perception.belief.stopping import BeliefStep, stop_rule
-from palp_core.palpation.perception.signal.wavelet import edge_cone
+from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.perception.strategy.figure5 import RINGS_M
 from palp_core.palpation.perception.strategy.policies import FixedRing, UniformRings, given
 from palp_core.palpation.perception.trace.belief import along, begin_sweep
 from palp_core.palpation.perception.trace.belief import start as trace_start
-from palp_core.palpation.studies.decision.feature_cases import CleanSweep, clean_cases
 from palp_core.palpation.studies.frontier.trace_trials import model_of
 from palp_core.palpation.studies.perception import traces
 from palp_core.palpation.studies.perception.beliefs import (
     REMOUNTED,
     RULES,
-    decided,
+    decide,
+    informed_model,
     miscalibrated,
     one_reading,
     overtrust,
     sessions,
-    told,
 )
-from palp_core.palpation.studies.perception.signals import ways, worst
+from palp_core.palpation.studies.perception.signals import CleanSweep, clean_sweeps, feature_error
 from palp_core.palpation.studies.perception.traces import TraceCase
 from palp_core.palpation.studies.perception.trials import (
     LAST,
@@ -66,34 +65,32 @@ def gel_of(scene: Scene, rings_m: tuple[float, ...] = RINGS_M) -> Gel:
     )
 
 
-@begins_after(0.2)
 def measure_denoising(scene: Scene) -> Iterator[Measured]:
     """Measure every rule for wavelet coefficients."""
     cases, noisy = _sweeps(scene)
-    for way in ways():
-        cost_s = cpu_s(partial(way.apply, noisy, RESOLUTION_N_M))
-        yield Measured("denoise", way.family, "", cost_s, worst(way, cases, 1.0, _SWEEPS), "feature", _TRUTH)
+    for rule in names("denoise"):
+        cost_s = cpu_s(partial(denoise, noisy, rule=rule))
+        error = feature_error(rule, cases, 1.0, _SWEEPS)
+        yield Measured("denoise", rule, "", cost_s, error, "feature", _TRUTH)
 
 
 def _sweeps(scene: Scene) -> tuple[list[CleanSweep], Float64Array]:
     rings_m = tuple(ring_m for ring_m in scene.ring_m if ring_m > 0.0) or (0.016,)
-    cases = clean_cases(rings_m, gel_of(scene, rings_m))
+    cases = clean_sweeps(rings_m, gel_of(scene, rings_m))
     clean = cases[0].torque_n_m
     return cases, clean + RESOLUTION_N_M * np.random.default_rng(0).standard_normal(clean.size)
 
 
-@begins_after(0.4)
 def measure_features(scene: Scene) -> Iterator[Measured]:
     """Measure every feature: wrong decisions from one reading at the stiffest ring."""
     rings_m = (max(scene.ring_m),)
-    (case, *_) = clean_cases(rings_m, gel_of(scene, rings_m))
+    (case, *_) = clean_sweeps(rings_m, gel_of(scene, rings_m))
     for name in names("feature"):
         cost_s = cpu_s(partial(find("feature", name).target, case.torque_n_m, edge=edge_cone()))
         error = one_reading(name, gel_of(scene, rings_m), REMOUNTED, _FEW)
         yield Measured("feature", name, "", cost_s, error, "decision", _TRUTH)
 
 
-@begins_after(1.6)
 def measure_likelihoods(scene: Scene) -> Iterator[Measured]:
     """Measure every likelihood with few, the published and many training readings a class."""
     begun = sessions(tabulate(gel_of(scene)), REMOUNTED, 1)[0]
@@ -109,25 +106,23 @@ def measure_likelihoods(scene: Scene) -> Iterator[Measured]:
             yield Measured("likelihood", name, words, cost_s, error, "calibration", "its own model", usual)
 
 
-@begins_after(1.7)
 def measure_filters(scene: Scene) -> Iterator[Measured]:
     """Measure every filter: the confidence at the end of trials on the rig."""
     begun = sessions(tabulate(gel_of(scene)), REMOUNTED, _FEW)
     for name in names("filter"):
         model: OffsetModel = (
-            begun[0].naive if name == "naive" else find("filter", name).target(told(begun[0]))
+            begun[0].naive if name == "naive" else find("filter", name).target(informed_model(begun[0]))
         )
         at = float(model.mean[0, -1, 0])
         cost_s = cpu_s(partial(update, model, start(model), at, model.mean.shape[1] - 1, moved=True))
         error = max(
-            miscalibrated([decided(one, name, policy, rule) for one in begun])
+            miscalibrated([decide(one, name, policy, rule) for one in begun])
             for policy in (FixedRing(), UniformRings())
             for rule in RULES
         )
         yield Measured("filter", name, "", cost_s, error, "calibration", _TRUTH)
 
 
-@begins_after(3.0)
 def measure_trace_filters(scene: Scene) -> Iterator[Measured]:
     """Measure every filter of whole traces in the lab's world: one sweep a trial, at the stiffest ring."""
     case = TraceCase(gel_of(scene))
@@ -142,22 +137,20 @@ def measure_trace_filters(scene: Scene) -> Iterator[Measured]:
             yield Measured(traces.TASK, name, "", cost_s, error, output, _TRUTH)
 
 
-@begins_after(1.6)
 def measure_stops(scene: Scene) -> Iterator[Measured]:
     """Measure every stop rule under uniform draws and the filter that knows what stays."""
     begun = sessions(tabulate(gel_of(scene)), REMOUNTED, _FEW)
-    last = Trials.of([decided(one, "latent", UniformRings(), LAST) for one in begun])
+    last = Trials.of([decide(one, "latent", UniformRings(), LAST) for one in begun])
     classes = len(begun[0].table.gel.depths_m)
     flat, sure = np.full(classes, 1.0 / classes), np.full(classes, 0.1 / (classes - 1))
     sure[0] = 0.9
     for name in names("stop"):
         rule = stop_rule(name)
         cost_s = cpu_s(lambda rule=rule: rule.check(BeliefStep.over(flat, sure, flat, 2)))  # type: ignore[misc]
-        came = Trials.of([decided(one, "latent", UniformRings(), rule) for one in begun])
+        came = Trials.of([decide(one, "latent", UniformRings(), rule) for one in begun])
         yield from _outputs("stop", name, cost_s, came.wrong - last.wrong, came)
 
 
-@begins_after(1.9)
 def measure_policies(scene: Scene) -> Iterator[Measured]:
     """Measure every policy that takes no person, under the filter that knows what stays."""
     begun = sessions(tabulate(gel_of(scene)), REMOUNTED, _FEW)
@@ -170,7 +163,7 @@ def measure_policies(scene: Scene) -> Iterator[Measured]:
 def _step_s(name: str, session: SimulatedSession) -> float:
     policy = policy_of(name, session)
     assert policy is not None
-    belief = start(told(session) if name == "information_gain_latent" else session.naive)
+    belief = start(informed_model(session) if name == "information_gain_latent" else session.naive)
     at = policy.start(given(0.5))
     return cpu_s(partial(policy.step, at, belief, given(0.5)))
 

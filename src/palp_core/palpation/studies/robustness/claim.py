@@ -1,22 +1,17 @@
-"""Is information gain ever significantly worse than the best of the others, and what makes it so?
+"""Is information gain ever significantly worse than the best of the others?
 
 The best of the others is chosen for each session by all the other sessions, so that the one it is compared in
 does not choose it: the largest of a dozen noisy means is otherwise too large. A family of comparisons is one
 policy and design over all cells (Holm).
-
-Where information gain is worse, the cell is run again with one thing changed, for all policies alike: the
-reason is what, changed alone, takes the deficit away.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from palp_core.palpation.perception.belief.stopping import FixedNumber
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap, holm, sign_flip
-from palp_core.palpation.studies.robustness.jobs import DESIGNS, POLICIES, FilterDesign
+from palp_core.palpation.studies.robustness.jobs import POLICIES
 from palp_core.units import Float64Array
 
 CLAIMS = (
@@ -27,77 +22,6 @@ CLAIMS = (
 """Policy and design; the first is the paper's filter throughout."""
 
 LEVEL = 0.05
-_ALL_BITS = float(np.log2(3.0))
-_SATURATED = 0.02  # bits below what three depths hold
-_PROBES = 6
-_TRAINING = 2000
-
-
-@dataclass(frozen=True)
-class Change:
-    """One thing changed, and what it says if the deficit goes with it.
-
-    Attributes:
-        name: As in tables.
-        reason: What the cause then is.
-        designs: The design to run instead, by the one that was run; a claim of another design has no such
-            change.
-    """
-
-    name: str
-    reason: str
-    designs: Mapping[str, FilterDesign]
-
-
-_PAPER, _AWARE = DESIGNS["paper"], DESIGNS["aware"]
-
-CHANGES = (
-    Change(
-        f"{_PROBES} probes for all",
-        "the stop rule: it takes fewer probes than the others",
-        {
-            "paper": FilterDesign("naive", FixedNumber(_PROBES)),
-            "aware": FilterDesign("latent", FixedNumber(_PROBES)),
-        },
-    ),
-    Change(
-        "the policy is told what stays",
-        "the policy's promise: it takes readings for independent, so a new landing of the ring, and a second "
-        "ring position, look worth no more than the same reading again",
-        {"paper": FilterDesign("naive", _PAPER.stop, promise=True)},
-    ),
-    Change(
-        "the filter is told what stays",
-        "the filter: it takes readings that share an error for independent, and weighs them wrongly",
-        {"paper": FilterDesign("latent", _PAPER.stop)},
-    ),
-    Change(
-        "policy and filter are told",
-        "policy and filter together: neither knows what stays",
-        {"paper": FilterDesign("latent", _PAPER.stop, promise=True)},
-    ),
-    Change(
-        f"{_TRAINING} training palpations",
-        "training: too few palpations to know what each ring position is worth",
-        {
-            "paper": FilterDesign("naive", _PAPER.stop, training=_TRAINING),
-            "aware": FilterDesign("latent", _AWARE.stop, training=_TRAINING),
-        },
-    ),
-)
-
-
-def changes_of(policy: str, design: str) -> list[Change]:
-    """Return the changes that are changes for a claim."""
-    return [
-        one
-        for one in CHANGES
-        if design in one.designs and not (policy == "information_gain_latent" and _only_promise(one))
-    ]
-
-
-def _only_promise(change: Change) -> bool:
-    return all(design.promise for design in change.designs.values())
 
 
 def against_best(lines: Mapping[str, Mapping[str, Any]], policy: str) -> dict[str, Any]:
@@ -109,7 +33,7 @@ def against_best(lines: Mapping[str, Mapping[str, Any]], policy: str) -> dict[st
 
     Returns:
         ``best``, the other with the highest mean; ``difference`` with ``ci`` and sign-flip ``p``, where in
-        each session the best is that of all the others; and ``probes``, how many it takes less than the best.
+        each session the best is that of all the others.
     """
     best, difference = _paired(lines, policy)
     rng = np.random.default_rng(17)
@@ -119,7 +43,6 @@ def against_best(lines: Mapping[str, Mapping[str, Any]], policy: str) -> dict[st
         "difference": interval.value,
         "ci": [interval.low, interval.high],
         "p": sign_flip(difference, rng),
-        "fewer_probes": lines[best]["probes"] - lines[policy]["probes"],
     }
 
 
@@ -166,36 +89,3 @@ def judged(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         }
         for row, p in zip(rows, holm([row["p"] for row in rows]), strict=True)
     ]
-
-
-def reasons(
-    row: Mapping[str, Any], changed: Sequence[Mapping[str, Any]], promised: Mapping[str, Mapping[str, float]]
-) -> list[str]:
-    """Return why information gain is worse in a cell.
-
-    Args:
-        row: Its comparison with the best of the others.
-        changed: The same comparison, with one thing changed each.
-        promised: What it is promised by each ring position, as of
-            :func:`~palp_core.palpation.studies.robustness.jobs.promises`.
-    """
-    by_name = {one.name: one for one in CHANGES}
-    found = [
-        f"{by_name[one['change']].reason} ({_points(one)} instead of {_points(row)})"
-        for one in changed
-        if one["ci"][1] >= 0.0 and one["difference"] > 0.5 * row["difference"]
-    ]
-    full = [ring for ring, one in promised.items() if one["bits"] > _ALL_BITS - _SATURATED]
-    if len(full) > 1:
-        found.append(
-            f"its promise is full: by its model one reading tells all {_ALL_BITS:.2f} bits at "
-            f"{', '.join(full)} mm alike, so it does not see which position errs least"
-        )
-    return found or [
-        "none of the changes alone takes it away: what is left is that it looks one probe ahead, and takes "
-        "readings to answer in straight lines to landing and height"
-    ]
-
-
-def _points(row: Mapping[str, Any]) -> str:
-    return f"{100 * row['difference']:+.1f} points, {100 * row['ci'][0]:+.1f} to {100 * row['ci'][1]:+.1f}"

@@ -1,16 +1,13 @@
 """The work of the study ``robustness``: every policy in a cell, over its sessions, under a design."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.stopping import PaperVerbatim, PosteriorThreshold, StopRule
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
-from palp_core.palpation.perception.strategy.policies import MarkovPolicy
-from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
 from palp_core.palpation.studies.robustness.cells import RobustnessCell
 from palp_core.palpation.studies.simulation.policies import (
     FIXED,
@@ -19,10 +16,9 @@ from palp_core.palpation.studies.simulation.policies import (
     fixed_name,
     run_policy,
 )
-from palp_core.palpation.studies.simulation.policy_summary import accuracies, joined, summarise
+from palp_core.palpation.studies.simulation.policy_summary import joined, summarise
 from palp_core.palpation.studies.simulation.reading_table import ReadingTable, tabulate
 from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
-from palp_core.units import Float64Array
 
 POLICIES = (
     *FIXED,
@@ -44,14 +40,10 @@ class FilterDesign:
     Attributes:
         filter_name: ``naive`` or ``latent``.
         stop: The stop rule.
-        training: Palpations a cell instead of the cell's own; 0: the cell's own.
-        promise: Whether ``information_gain`` is given the model that knows what stays.
     """
 
     filter_name: str
     stop: StopRule
-    training: int = 0
-    promise: bool = False
 
 
 DESIGNS = {
@@ -102,10 +94,9 @@ def sessions_of(
     cell: RobustnessCell, felt: ReadingTable, design: FilterDesign, seeds: Sequence[tuple[int, ...]]
 ) -> Mapping[str, Sequence[Outcomes]]:
     """Return the outcomes of every policy, a session each; ``fixed_average`` is not one."""
-    conditions = replace(cell.conditions, training=design.training or cell.conditions.training)
     every: dict[str, list[Outcomes]] = {name: [] for name in POLICIES if name != "fixed_average"}
     for seed in seeds:
-        session = begin_session(felt, conditions, seed)
+        session = begin_session(felt, cell.conditions, seed)
         for name, kept in every.items():
             kept.append(_run(name, cell, session, design, every))
     return every
@@ -121,60 +112,6 @@ def _run(
     if name == "fixed_best":  # it met the same luck as the position it is
         return done[fixed_name(session.best_ring_m)][-1]
     if name == "markov":
-        return chain_outcomes(cell.markov(), session, design)
-    asked = "information_gain_latent" if name == "information_gain" and design.promise else name
-    return run_policy(asked, session, design.stop, filter_name=design.filter_name)
-
-
-def chain_outcomes(chain: MarkovPolicy, session: SimulatedSession, design: FilterDesign) -> Outcomes:
-    """Return what a chain does in a session."""
-    model = session.naive if design.filter_name == "naive" else session.latent
-    return run_trials(session.felt, model, chain, design.stop)
-
-
-def promises(
-    cell: RobustnessCell, seeds: Sequence[tuple[int, ...]], *, aware: bool
-) -> dict[str, dict[str, float]]:
-    """Return what information gain is promised by each ring position at the first probe.
-
-    Args:
-        cell: The cell.
-        seeds: Of its sessions.
-        aware: Whether by the model that knows what stays.
-
-    Returns:
-        By ring position in mm: ``bits``, a mean over sessions, and ``begin``, the share that begins there.
-    """
-    felt = tabulate(cell.gel)
-    bits = []
-    for seed in seeds:
-        session = begin_session(felt, cell.conditions, seed)
-        model = session.latent if aware else session.naive
-        policy = InformationGainLatent(model, felt.gel.rings_m)
-        bits.append(policy.actions(latent.start(model), None).gain_bits[:-1])
-    first = np.bincount(np.argmax(bits, axis=1), minlength=len(felt.gel.rings_m)) / len(bits)
-    return {
-        f"{1e3 * ring_m:g}": {"bits": float(promised), "begin": float(share)}
-        for ring_m, promised, share in zip(felt.gel.rings_m, np.mean(bits, axis=0), first, strict=True)
-    }
-
-
-@dataclass(frozen=True, eq=False)
-class FamilyJob:
-    """Members of the family of chains, shape (members, 3, 5, 5), in the centre's sessions."""
-
-    matrices: Float64Array
-    cell: RobustnessCell
-    seeds: tuple[tuple[int, ...], ...]
-
-
-def family_shares(job: FamilyJob) -> Float64Array:
-    """Return the accuracy of each member in each session, shape (members, s)."""
-    felt = tabulate(job.cell.gel)
-    sessions = [begin_session(felt, job.cell.conditions, seed) for seed in job.seeds]
-    return np.array(
-        [
-            accuracies([chain_outcomes(MarkovPolicy(each), one, DESIGNS["paper"]) for one in sessions])
-            for each in job.matrices
-        ]
-    )
+        model = session.naive if design.filter_name == "naive" else session.latent
+        return run_trials(session.felt, model, cell.markov(), design.stop)
+    return run_policy(name, session, design.stop, filter_name=design.filter_name)

@@ -41,8 +41,6 @@ class Conditions:
         specimens: Of a launch file: trials are of the ``same`` phantoms as training, or of ``other`` ones.
         phantoms: Phantoms per depth, in turn in training and in estimation; 1 as published, so that a depth
             cannot be told from its phantom.
-        specimen_sd_m: Spread of the phantoms of a depth, as the height of the surface that feels alike; not
-            published. Of the gel's modulus 4 % are as much as 0.1 mm of 4 mm, force being E h^1.5.
         trials: Trials per depth; 100 as published.
         rehome: Whether the ring is re-homed before each trial. If not, a fixed ring keeps one landing for all
             trials of a phantom; a policy that moves it begins a trial elsewhere than it ended the last, and
@@ -61,7 +59,6 @@ class Conditions:
     mounting: str = GROUPED
     specimens: Specimens = "same"
     phantoms: int = 1
-    specimen_sd_m: float = 0.0
     trials: int = 100
     rehome: bool = True
     landing: str = "move"
@@ -148,29 +145,18 @@ class Draws:
     bias_n_m: float
 
 
-def specimens(table: ReadingTable, conditions: Conditions, rng: np.random.Generator) -> Float64Array:
-    """Return what the phantoms of each depth are off by, as heights, shape (m, phantoms)."""
-    shape = (len(table.gel.depths_m), conditions.phantoms)
-    return np.asarray(conditions.specimen_sd_m * rng.standard_normal(shape))
-
-
-def train(
-    table: ReadingTable, conditions: Conditions, rng: np.random.Generator, off_m: Float64Array | None = None
-) -> Trained:
+def train(table: ReadingTable, conditions: Conditions, rng: np.random.Generator) -> Trained:
     """Return what a training on the rig leaves: every depth at every ring position.
 
     Args:
         table: What is felt.
         conditions: The rig and the experiment.
         rng: Draws mountings, landings and noise.
-        off_m: What the phantoms are off by, as of :func:`specimens`; None: nothing.
     """
     m, k = len(table.gel.depths_m), len(table.gel.rings_m)
     count, mounts = conditions.training, conditions.training_mounts
     turn = np.arange(count)
     height_m = (conditions.height_sd_m * rng.standard_normal((m, 1, mounts)))[..., turn % mounts]
-    if off_m is not None:
-        height_m = height_m + off_m[:, None, turn % conditions.phantoms]
     landing_m = conditions.landings_m(rng, (m, k, count if conditions.training_lands == "each" else 1))
     depth, ring, _ = np.indices((m, k, count))
     readings = table.reading(
@@ -191,9 +177,7 @@ def train(
     return Trained(primitives, readings.reshape(depth.shape))
 
 
-def draw(
-    table: ReadingTable, conditions: Conditions, rng: np.random.Generator, off_m: Float64Array | None = None
-) -> Draws:
+def draw(table: ReadingTable, conditions: Conditions, rng: np.random.Generator) -> Draws:
     """Return the luck of a session's trials: ``trials`` of every depth; the arguments are :func:`train`'s."""
     m, count = len(table.gel.depths_m), conditions.trials
     shape = (m * count, conditions.max_probes)
@@ -202,8 +186,6 @@ def draw(
     turn = np.arange(count) % conditions.phantoms
     if conditions.mounting == GROUPED:
         height_m = height_m[:, turn]
-    if off_m is not None:
-        height_m = height_m + off_m[:, turn]
     landing_m = conditions.landings_m(rng, shape)
     own_m = landing_m[:, 0]
     return Draws(
@@ -226,8 +208,7 @@ def offset_model(trained: Trained, table: ReadingTable, conditions: Conditions) 
     ring through the session's own, where there are rings enough and the cells do not contradict it. Known
     from the rig, not from this session: the spreads of landing and height, the sensor's noise, and how a
     reading answers to both offsets. A height counts against that of the training's mounting, hence its
-    variance twice; against their mean where training had many. A phantom counts against the mean of its
-    depth's in training, which it is part of unless it is another one.
+    variance twice; against their mean where training had many.
     """
     mean, rings_m = trained.primitives.mean, trained.primitives.rings_m
     landings = conditions.training if conditions.training_lands == "each" else 1
@@ -241,11 +222,7 @@ def offset_model(trained: Trained, table: ReadingTable, conditions: Conditions) 
         root = error_sd[..., None] * np.eye(len(rings_m))
     own = np.stack([ring, table.height_slope()], axis=-1)
     slope = np.concatenate([own, root], axis=-1)[:, :, None, :]
-    share = 1.0 / conditions.phantoms
-    height_sd = np.hypot(
-        np.sqrt(1.0 + 1.0 / conditions.training_mounts) * conditions.height_sd_m,
-        np.sqrt(1.0 - share if conditions.specimens == "same" else 1.0 + share) * conditions.specimen_sd_m,
-    )
+    height_sd = np.sqrt(1.0 + 1.0 / conditions.training_mounts) * conditions.height_sd_m
     left = root.shape[-1]
     offset_sd = np.array([sd, height_sd, *[1.0] * left])
     return OffsetModel(

@@ -27,7 +27,6 @@ from palp_core.palpation.studies.simulation.conditions import (
     Trained,
     draw,
     offset_model,
-    specimens,
     train,
 )
 from palp_core.palpation.studies.simulation.reading_table import ReadingTable
@@ -99,20 +98,17 @@ def begin_session(table: ReadingTable, conditions: Conditions, seed: Sequence[in
     Args:
         table: What is felt.
         conditions: The rig and the experiment.
-        seed: Numbers that name the session; training, trials and phantoms have streams of their own.
+        seed: Numbers that name the session; training and trials have streams of their own.
     """
-    training, estimation, shuffling, pouring = (
-        np.random.default_rng(s) for s in np.random.SeedSequence(list(seed)).spawn(4)
+    training, estimation, shuffling = (
+        np.random.default_rng(s) for s in np.random.SeedSequence(list(seed)).spawn(3)
     )
-    off_m = specimens(table, conditions, pouring)
-    trained = train(table, conditions, training, off_m)
-    if conditions.specimens == "other":
-        off_m = specimens(table, conditions, pouring)
+    trained = train(table, conditions, training)
     return SimulatedSession(
         table,
         conditions,
         trained,
-        draw(table, conditions, estimation, off_m),
+        draw(table, conditions, estimation),
         independent_model(trained.primitives),
         offset_model(trained, table, conditions),
         table.gel.rings_m[best_ring(trained.readings)],
@@ -121,16 +117,15 @@ def begin_session(table: ReadingTable, conditions: Conditions, seed: Sequence[in
 
 
 @dataclass(frozen=True, eq=False)
-class SessionJob:
-    """A session to be run wherever there is a processor: table, conditions, and its seed."""
+class SessionCase:
+    """Sessions alike: what is felt, and the rig and the experiment."""
 
     table: ReadingTable
     conditions: Conditions
-    seed: tuple[int, ...]
 
-    def begin(self) -> SimulatedSession:
-        """Train the session and draw its trials."""
-        return begin_session(self.table, self.conditions, self.seed)
+    def begin(self, seed: tuple[int, ...]) -> SimulatedSession:
+        """Train a session and draw its trials."""
+        return begin_session(self.table, self.conditions, seed)
 
 
 def best_ring(readings: Float64Array) -> int:

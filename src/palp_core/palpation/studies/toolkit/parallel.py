@@ -12,6 +12,8 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeVar
 
 from palp_core.errors import PalpError
@@ -20,8 +22,60 @@ from palp_core.graph.process.parent_death import die_with_parent
 from palp_core.palpation.studies.toolkit.checkpoint import Checkpoint
 from palp_core.palpation.studies.toolkit.progress import progress
 
+C = TypeVar("C")
 J = TypeVar("J")
 R = TypeVar("R")
+
+
+Seed = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Runner:
+    """Runs sessions of cases; results depend on the seed alone, not on where they are run.
+
+    Attributes:
+        seed: Of everything.
+        workers: Local processes.
+        dask: Address of a Dask scheduler instead.
+    """
+
+    seed: int = 1
+    workers: int = 1
+    dask: str = ""
+
+    def run(
+        self, session: Callable[[C, Seed], R], cases: Sequence[C], count: int, *, stream: int, label: str
+    ) -> list[list[R]]:
+        """Return what each session of each case gives; those of one number have one seed in all cases.
+
+        Args:
+            session: Of a module's top level, or a partial of one; called with a case and a seed.
+            cases: What to run it on; they must pickle.
+            count: Sessions of each case.
+            stream: First number of the seeds; sessions of another stream share no luck.
+            label: What the sessions are, for whoever waits.
+        """
+        jobs = [(case, seed) for case in cases for seed in seeds(stream, self.seed, count)]
+        found = self.run_jobs(partial(_run_session, session), jobs, label=label)
+        return [found[number * count : (number + 1) * count] for number in range(len(cases))]
+
+    def run_jobs(
+        self,
+        function: Callable[[J], R],
+        jobs: Sequence[J],
+        *,
+        label: str,
+        checkpoint: Checkpoint | None = None,
+    ) -> list[R]:
+        """Return ``function`` of every job, as :func:`run_jobs` does."""
+        return run_jobs(
+            function, jobs, label=label, workers=self.workers, dask=self.dask, checkpoint=checkpoint
+        )
+
+
+def _run_session(session: Callable[[C, Seed], R], job: tuple[C, Seed]) -> R:
+    return session(*job)
 
 
 def run_jobs(
@@ -69,7 +123,7 @@ def run_jobs(
     return [found[number] for number in range(len(jobs))]
 
 
-def seeds(study: int, seed: int, count: int) -> Sequence[tuple[int, ...]]:
+def seeds(study: int, seed: int, count: int) -> Sequence[Seed]:
     """Return the seeds of a study's sessions."""
     return [(study, seed, number) for number in range(count)]
 

@@ -67,31 +67,3 @@ def _lines(label: str, count: int, before: int, now_ns: Callable[[], int]) -> Ca
 
 def _duration(time_s: float) -> str:
     return f"{time_s:.0f} s" if time_s < 100.0 else f"{time_s / 60.0:.0f} min"
-
-
-@contextmanager
-def told(now_ns: Callable[[], int] = monotonic_ns) -> Iterator[Callable[[str], None]]:
-    """Give what is called with what is being done, in words, where it is not known how much there is to do.
-
-    Where nobody watches, a line is written at most every 20 s.
-
-    Args:
-        now_ns: Clock, in ns.
-    """
-    from rich.console import Console
-
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        last_ns = now_ns()
-
-        def tell(text: str) -> None:
-            nonlocal last_ns
-            if now_ns() - last_ns >= EVERY_NS:
-                last_ns = now_ns()
-                sys.stderr.write(f"{text}\n")
-                sys.stderr.flush()
-
-        yield tell
-        return
-    with console.status("") as status:
-        yield status.update

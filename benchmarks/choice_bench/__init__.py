@@ -1,1 +1,0 @@
-"""Scenes drawn anew for every task of the register, and the truth that its choices are held against."""

@@ -1,1 +1,0 @@
-"""Decisions: speed, accuracy, and where they fail."""

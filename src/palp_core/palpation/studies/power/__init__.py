@@ -1,1 +1,0 @@
-"""How many sessions tell strategies apart."""
