@@ -11,7 +11,6 @@ from nodes.experiment_params import POLICY, ExperimentParams, ExperimentState
 from nodes.experiment_plan import (
     begin_trial_again,
     believed,
-    codes_of,
     design_of,
     is_right,
     mistakes,
@@ -58,7 +57,7 @@ class Experiment(Node):
     def on_configure(self) -> None:
         self.design = design_of(self.params)
         self.swaps = plan.planned(self.params.swaps)
-        self.record = SessionWriter(self.params.out, believed(self.params), labels=codes_of(self.params))
+        self.record = SessionWriter(self.params.out, believed(self.params))
         self.plan: plan.Plan | None = None
         self.step: plan.Step | None = None
 
@@ -327,13 +326,11 @@ class Experiment(Node):
             state.dropped_count += 1
         else:
             right = is_right(self.design, belief.estimate_m, state.depth_m)
-            if not self.params.blind:  # nobody may know how well it goes
-                state.right_count += right
-                note_judged(state, right=right)
+            state.right_count += right
+            note_judged(state, right=right)
         for words in take_up_marked(state, self.design, self.record.folder):
             self.log.warning("%s", words)
         self.result.publish(result_of(state, belief, self.now_ns()))
 
     def _report(self, phase: str) -> None:
-        blind = self.params.blind
-        self.progress.publish(progress_of(self.design, self.state, phase, self.now_ns(), blind=blind))
+        self.progress.publish(progress_of(self.design, self.state, phase, self.now_ns()))

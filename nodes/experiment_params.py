@@ -9,7 +9,7 @@ from msgs.experiment import PolicyChange
 from palp_core import Params, ReadOnly, State
 from palp_core.palpation.perception.belief.trial_filter import DepthCount
 from palp_core.palpation.perception.strategy.trained_rings import PUBLISHED
-from palp_core.palpation.session.operating.orders import GROUPED
+from palp_core.palpation.session.orders import GROUPED
 from palp_core.palpation.session.plan import Specimens
 from palp_core.units import Count, CountPositive, Metres, Seconds
 
@@ -50,7 +50,6 @@ class ExperimentParams(Params):
     ``height_stays``: the estimator's, who is told on which mounting each trial is if that counts.
     ``mounting``: which phantom when: ``grouped`` to limit remounts, ``each_trial``, ``block_randomised``, or
     a CSV of trials. ``specimens``: whether trials are of the phantoms of training, or of others.
-    ``blind``: what is said and written has codes for depths, and no live accuracy; ``key`` says who is who.
     """
 
     out: str = "results"
@@ -77,8 +76,6 @@ class ExperimentParams(Params):
     scene: str = ""
     mounting: ReadOnly[str] = GROUPED
     specimens: ReadOnly[Specimens] = "same"
-    blind: ReadOnly[bool] = False
-    key: ReadOnly[str] = ""
 
 
 class ExperimentState(State):

@@ -9,7 +9,7 @@ from nodes.human.params import HumanParams, HumanState, begin_step_again, design
 from palp_core import Alarm, Node, Progress, Pub, Qos, Srv, Sub, Timer, on, serve
 from palp_core.errors import NodeError, PalpError
 from palp_core.palpation.perception.emg.quality import clipped
-from palp_core.palpation.session.decided.audit import note_redone, to_be_redone
+from palp_core.palpation.session.audit import note_redone, to_be_redone
 from palp_core.palpation.session.human import plan, questions
 from palp_core.palpation.session.human.effort import judged, mvc_trouble, rms, stretch
 from palp_core.palpation.session.human.plan import HumanStep, HumanTrial
@@ -162,7 +162,7 @@ class HumanSession(Node):
             HumanTrialBegun(
                 stamp_ns=self.now_ns(), trial=trial.index, phase=trial.phase, number=trial.number,
                 attempt=trial.attempt, phantom=trial.phantom, told=trial.told,
-                depth_m=trial.depth_m if trial.told else 0.0,
+                depth_m=(trial.depth_m or 0.0) if trial.told else 0.0,
             )
         )  # fmt: skip
 
@@ -213,7 +213,7 @@ class HumanSession(Node):
         state.palpated_ns = state.end_ns - state.begin_ns
         state.lost_count = sum(one.lost_count for one in found)
         state.clipped_count = sum(one.clipped_count for one in found)
-        name = emg_name(trial.phase, trial.number, trial.attempt, trial.phantom, trial.known_depth_m)
+        name = emg_name(trial.phase, trial.number, trial.attempt, trial.phantom, trial.depth_m)
         state.emg = (
             self.record.emg(state.subject, name, samples, self._rate_hz, discarded=spoilt) if found else ""
         )
@@ -233,7 +233,7 @@ class HumanSession(Node):
         estimate_m = None if answer_mm is None else questions.nearest_depth(answer_mm, self.design.phantoms)
         row = HumanRow(
             row=state.row, subject=state.subject, phase=trial.phase, trial=trial.number,
-            attempt=trial.attempt, phantom=trial.phantom, depth_m=trial.known_depth_m, told=trial.told,
+            attempt=trial.attempt, phantom=trial.phantom, depth_m=trial.depth_m, told=trial.told,
             palpation_s=state.palpated_ns * 1e-9, ended_by=state.ended_by,
             answer_s=None if answer_mm is None else answer_ns * 1e-9, answer_mm=answer_mm,
             estimate_m=estimate_m, emg=state.emg, lost_count=state.lost_count,

@@ -1,120 +1,59 @@
-"""A real blinded session whose key lies elsewhere: what its folder and its bag tell before it is unsealed."""
+"""What the folder of a blinded session with a person shows before it is unsealed, wherever its key lies."""
 
 from __future__ import annotations
 
 import os
-import shutil
-from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 
 import pytest
 
-from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
-from palp_core.palpation.mechanics.scene.sealed import seal
-from palp_core.palpation.session.operating.unsealing import unseal
-from palp_core.palpation.session.trials_csv import read_rows
 from palp_core.view.source.results import ResultsSource
-from tests.support.palp import SIM, Palp
-from tests.support.rig_session import ComposedGraph
+from tests.support.palp import Palp
 from tests.support.view.browser import address_of
 from tests.support.view.page_socket import PageServer, PageSocket
 
-TELLING = (
-    *(
-        "torque_n_m",
-        "peak_n_m",
-        "depth_m",
-        "estimate_m",
-        "posterior",
-        "confidence",
-        "Right so far",
-        "mm deep",
-    ),
-    *("trials.csv", "primitives.json", "run.json"),
-)
-"""Fields, panels and files that only a session in the open has on its pages."""
+BLIND, OPEN = (f'{{"params": {{"session": {{"blind": {word}}}}}}}' for word in ("true", "false"))
+TABLE = "human_trials.csv"
 
 
-class Blinded:
-    """A session, its bag in its folder, and its key somewhere else."""
-
-    def __init__(self, folder: Path) -> None:
-        self.out, self.bag, self.key = folder / "out", folder / "out" / "bag", folder / "key.sealed"
-        seal(self.key, load_phantoms(""))
-        given = {"policy": "fixed", "rings_mm": "8, 16", "training": 2, "trials": 1, "blind": True}
-        with ComposedGraph(SIM, phantoms=self.key, out=self.out, record=folder / "bag", **given) as graph:
-            assert graph.run().exit_code == 0
-        shutil.move(folder / "bag", self.bag)
-
-    def secrets(self) -> Iterator[str]:
-        """What was felt, and what stands for depths and estimates, as text."""
-        for row in read_rows(self.out):
-            yield f"{row.peak_n_m:.6f}"
-            yield f"{1e3 * row.peak_n_m:.3f}"
-            if row.posterior:
-                yield from (f"{one:.4f}" for one in row.posterior if 0.001 < one < 0.999)
-
-
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Blinded:
-    return Blinded(tmp_path_factory.mktemp("elsewhere"))
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    """A session's folder; its key lies somewhere else."""
+    folder = tmp_path / "study" / "S1" / "out"
+    (folder / "bag").mkdir(parents=True)
+    for path, text in (("run.json", BLIND), (TABLE, "row,phantom\n0,K7\n"), ("bag/metadata.yaml", "a: 1\n")):
+        (folder / path).write_text(text, encoding="utf-8")
+    return folder
 
 
 def test_of_its_folder_and_all_around_it_nothing_is_shown_before_it_is_unsealed(
-    session: Blinded, tmp_path: Path
+    out: Path, tmp_path: Path
 ) -> None:
-    out = Path(shutil.copytree(session.out, tmp_path / "study" / "S1" / "out"))
-    assert not list(tmp_path.rglob("*.sealed"))
     for folder in (tmp_path, out.parent, out, out / "bag"):
         source = ResultsSource(folder)
-        assert (source.files(), source.path_of("trials.csv"), source.path_of("run.json")) == ([], None, None)
+        assert (source.files(), source.path_of(TABLE), source.path_of("run.json")) == ([], None, None)
         (trouble,) = source.overview().troubles
         assert f"palp session unseal {out}" in trouble.advice
-    unseal(out, "all is done", session.key)
-    assert "trials.csv" in [file.name for file in ResultsSource(out).files()]
+    (out / "key.json").write_text("{}", encoding="utf-8")
+    assert TABLE in [file.name for file in ResultsSource(out).files()]
     assert ResultsSource(tmp_path).overview().troubles == []
 
 
-def test_a_session_in_the_open_beside_it_is_shown_by_itself(session: Blinded, tmp_path: Path) -> None:
-    shutil.copytree(session.out, tmp_path / "blinded")
-    (tmp_path / "open").mkdir()
-    (tmp_path / "open" / "run.json").write_text('{"params": {"phantom": {"blind": false}}}', encoding="utf-8")
-    assert [file.name for file in ResultsSource(tmp_path / "open").files()] == ["run.json"]
+def test_a_key_that_lies_there_unopened_hides_as_much(tmp_path: Path) -> None:
+    (tmp_path / "stickers.sealed").touch()
+    (tmp_path / TABLE).touch()
     assert ResultsSource(tmp_path).files() == []
+    (tmp_path / "stickers.json").touch()
+    assert TABLE in [file.name for file in ResultsSource(tmp_path).files()]
 
 
-def test_a_table_that_was_copied_alone_is_shown_no_more_than_the_session(
-    session: Blinded, tmp_path: Path, shared_palp: Palp
-) -> None:
-    """Codes for depths and estimates stand side by side in it: they tell what was right."""
-    copied = tmp_path / "mine" / "S1.csv"
-    copied.parent.mkdir()
-    shutil.copy(session.out / "trials.csv", copied)
-    for folder in (tmp_path, copied.parent):
-        source = ResultsSource(folder)
-        assert (source.files(), source.path_of("S1.csv"), source.path_of("mine/S1.csv")) == ([], None, None)
-        assert "it is sealed" in source.overview().troubles[0].text
-    server = PageServer(address_of(shared_palp.start("view", copied.parent, "--no-browser")))
-    with closing(PageSocket(server)) as page:
-        page.says("it is sealed")
-        assert told([*page.received, server.ask(f"/{server.token}/").body.decode()], session) == []
-    assert server.ask(f"/{server.token}/files/S1.csv").status == 404
-
-
-TABLES = {
-    "depths": "trial,depth_m,estimate_m\n1,0.004,0.004\n",
-    "nobody told": "trial,depth_m\n1,\n2,deep\n",
-    "no such column": "trial,row\n1,100\n",
-    "no table": "\0\0\n",
-    "empty": "",
-}
-
-
-@pytest.mark.parametrize("text", TABLES.values(), ids=TABLES)
-def test_a_table_of_depths_or_of_anything_else_is_shown(text: str, tmp_path: Path) -> None:
-    (tmp_path / "trials.csv").write_text(text, encoding="utf-8")
-    assert [file.name for file in ResultsSource(tmp_path).files()] == ["trials.csv"]
+def test_a_session_in_the_open_next_to_it_is_shown_by_itself(out: Path) -> None:
+    study = out.parents[1]
+    (study / "open").mkdir()
+    (study / "open" / "run.json").write_text(OPEN, encoding="utf-8")
+    assert [file.name for file in ResultsSource(study / "open").files()] == ["run.json"]
+    assert ResultsSource(study).files() == []
 
 
 NOTES = {"no JSON": "{", "no run": "[1]", "no nodes": '{"params": 3}', "odd nodes": '{"params": {"a": 4}}'}
@@ -132,30 +71,10 @@ def test_a_pipe_in_place_of_the_note_is_not_waited_for(tmp_path: Path) -> None:
     assert [file.name for file in ResultsSource(tmp_path).files()] == ["report.html"]
 
 
-def test_nothing_that_the_page_of_its_folder_is_sent_tells_depth_or_accuracy(
-    session: Blinded, shared_palp: Palp
-) -> None:
-    server = PageServer(address_of(shared_palp.start("view", session.out, "--no-browser")))
-    said = [server.ask(f"/{server.token}{path}").body.decode() for path in ("/", "/files/audit.csv")]
+def test_nothing_that_the_page_of_its_folder_is_sent_is_of_its_table(out: Path, shared_palp: Palp) -> None:
+    server = PageServer(address_of(shared_palp.start("view", out, "--no-browser")))
+    said = server.ask(f"/{server.token}/").body.decode()
     with closing(PageSocket(server)) as page:
         page.says("it is sealed")
-        assert told([*said, *page.received], session) == []
-    assert server.ask(f"/{server.token}/files/trials.csv").status == 404
-
-
-def test_nothing_that_the_pages_of_its_bag_are_sent_tells_depth_or_accuracy(
-    session: Blinded, shared_palp: Palp
-) -> None:
-    server = PageServer(address_of(shared_palp.start("view", session.bag, "--no-browser")))
-    pages = ("/", "/topics", "/topic/phantom/contact", "/topic/estimator/belief", "/node/estimator")
-    said = [server.ask(f"/{server.token}{path}").body.decode() for path in pages]
-    with closing(PageSocket(server, "/own")) as page:
-        page.says("The session is blinded")
-        page.event(page.labelled("time in the bag"), "update:", 1e9)
-        page.says("the session is over: 3 of 3 trials done")
-        assert told([*said, *page.received], session) == []
-
-
-def told(said: Sequence[str], session: Blinded) -> list[str]:
-    """Return which secrets there are in what was sent."""
-    return [secret for secret in (*TELLING, *session.secrets()) if any(secret in one for one in said)]
+        assert not any(TABLE in one or "K7" in one for one in (said, *page.received))
+    assert server.ask(f"/{server.token}/files/{TABLE}").status == 404

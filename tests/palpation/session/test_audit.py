@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from palp_core.cli.session.session import app
 from palp_core.errors import PalpError
-from palp_core.palpation.session.decided.audit import AUDIT, decide, decisions, left_out
+from palp_core.palpation.session.audit import AUDIT, decide, decisions, left_out
 from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.recorded_sweeps import read_sweeps
 from palp_core.palpation.session.report import write
@@ -72,7 +72,7 @@ def test_of_two_first_decisions_one_writes_the_heading(
         waits.set()
         flock(file, how)
 
-    monkeypatch.setattr("palp_core.palpation.session.decided.audit.fcntl.flock", lock)
+    monkeypatch.setattr("palp_core.palpation.session.audit.fcntl.flock", lock)
     other = threading.Thread(target=decide, args=(tmp_path, ("training", 2), "redo", "noise"))
     with (tmp_path / AUDIT).open("a") as file:
         flock(file, fcntl.LOCK_EX)

@@ -14,8 +14,7 @@ from palp_core.errors import PalpError
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
-from palp_core.palpation.session.decided.audit import left_out
-from palp_core.palpation.session.decided.blind import refuse_blinded
+from palp_core.palpation.session.audit import left_out
 from palp_core.palpation.session.method_choices import AUTO
 from palp_core.palpation.session.roles import roles_of
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
@@ -125,7 +124,6 @@ def read_sweeps(path: Path) -> RecordedSweeps:
         raise PalpError(f"{path}: neither a session's folder (trials.csv) nor a bag (*.mcap)")
     if not sweeps:
         raise PalpError(f"{path}: holds no sweep")
-    refuse_blinded(sweeps, path)
     return RecordedSweeps(path, sweeps, each, read_by)
 
 

@@ -128,23 +128,12 @@ def write(folder: Path, summary: RunSummary, beside: ChartsBeside | None = None)
     Raises:
         PalpError: There is no record, or the report cannot be written.
     """
-    from palp_core.palpation.session.decided.blind import is_blinded, opened_run
     from palp_core.palpation.session.recorded_session import read_session
     from palp_core.palpation.session.trials_csv import read_rows
 
     rows = read_rows(folder) if (folder / TABLE).exists() else None
-    if rows is not None and is_blinded(rows):
-        try:
-            write_copy(summary, folder)
-        except OSError as error:
-            raise _cannot_report(folder, error) from error
-        return (
-            f"A blinded session: no report before `palp session unseal {folder}`.\n"
-            f"Kept: {counted(len(rows), 'palpation')} (trials.csv with codes for depths, sweeps/) in {folder}"
-        )
     if rows == [] and summary.exit_code != 0 and not any(folder.glob(f"{SWEEPS}/*.npz")):
         return f"Nothing is kept: '{folder}' holds no palpation."
-    summary = opened_run(summary, folder)
     found = read_session(folder, rows)
     if not found.rows and (orphans := sum(1 for _ in folder.glob(f"{SWEEPS}/*.npz"))):
         raise PalpError(

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from palp_core.errors import PalpError
-from palp_core.palpation.session.decided import audit
+from palp_core.palpation.session import audit
 from palp_core.palpation.session.human.analysis import analyse, gather
 from palp_core.palpation.session.human.power import power_of
 from palp_core.palpation.session.human.record import HumanRow, HumanWriter, is_of_a_person, read_human

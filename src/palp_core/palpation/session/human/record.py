@@ -26,7 +26,7 @@ import numpy as np
 
 from palp_core.counted import counted
 from palp_core.errors import PalpError
-from palp_core.palpation.session.decided.audit import left_out
+from palp_core.palpation.session.audit import left_out
 from palp_core.palpation.session.session_folder import FolderLock, cannot_write, link_latest, set_aside
 from palp_core.palpation.session.trials_csv import read_table
 from palp_core.units import Float64Array

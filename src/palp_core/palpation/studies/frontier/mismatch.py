@@ -18,7 +18,7 @@ from palp_core.palpation.perception.statistics.statistics import wilson
 from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.reporting.table import write_records
-from palp_core.palpation.session.operating.orders import GROUPED
+from palp_core.palpation.session.orders import GROUPED
 from palp_core.palpation.session.plan import Specimens
 from palp_core.palpation.studies.frontier.mismatch_charts import map_chart, power_chart
 from palp_core.palpation.studies.frontier.protocols import Protocol
