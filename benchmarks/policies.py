@@ -114,7 +114,7 @@ def draw(summary: dict[str, Any], target: Path) -> None:
     picture = charts.Chart(
         "policies", title, "", 3.8, ("policy", "right, %"), list(zip(order, shares, strict=True)), bars
     )
-    target.write_bytes(charts.images(picture)[0])
+    target.write_bytes(charts.image(picture, "png"))
 
 
 def main() -> None:

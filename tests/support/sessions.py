@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -165,11 +166,16 @@ def summary() -> Summariser:
     return describe
 
 
+def charts_in(page: Path) -> set[str]:
+    """Return the names of the charts on a page."""
+    return set(re.findall(r'data-name="(\w+)"', page.read_text(encoding="utf-8")))
+
+
 @contextlib.contextmanager
 def no_charts() -> Iterator[None]:
-    """Write charts that show nothing, for who looks at other things: to draw a page of them takes seconds."""
+    """Make charts that show nothing, for who looks at other things: to draw a page of them takes seconds."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(charts, "images", lambda chart: (b"", b""))
+        patch.setattr(charts, "image", lambda chart, form: b"")
         yield
 
 

@@ -19,16 +19,18 @@ from palp_core.errors import PalpError
 from palp_core.graph.launch.methods_told import MethodTold
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.perception.belief.primitives import Primitives
-from palp_core.palpation.reporting.charts import Chart, images, save
+from palp_core.palpation.reporting.charts import Chart, image, save
 from palp_core.palpation.session import report_page
 from palp_core.palpation.session.charts.of_session import charts_of
 from palp_core.palpation.session.charts.rig import rig_chart
 from palp_core.palpation.session.charts.training import primitives_chart
 from palp_core.palpation.session.methods.used import used
 from palp_core.palpation.session.recorded_session import read_session
-from palp_core.palpation.session.report import session
+from palp_core.palpation.session.report import session, write
+from palp_core.palpation.session.result_json import build
+from palp_core.palpation.session.run_note import read_note
 from tests.support.rig_session import RigSession
-from tests.support.sessions import SMALL_STRAIN, describe, no_charts, writer
+from tests.support.sessions import SMALL_STRAIN, charts_in, describe, no_charts, writer
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,12 +52,12 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a session with its report, for tests that only read it; its charts are blank."""
     out = writer(tmp_path_factory.mktemp("reported"))(trials=TRIALS)
     with no_charts():
-        session(describe(out))
+        write(out, describe(out), charts=True)
     return out
 
 
 def charts(out: Path) -> set[str]:
-    return {path.stem for path in (out / "charts").glob("*.png")}
+    return charts_in(out / "report.html")
 
 
 def numbers(out: Path, name: str) -> list[dict[str, str]]:
@@ -63,20 +65,26 @@ def numbers(out: Path, name: str) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_a_session_gets_a_result_a_page_and_every_chart_with_its_numbers(rig_session: RigSession) -> None:
+def test_a_session_gets_a_result_and_a_page_with_every_chart(rig_session: RigSession) -> None:
     out = rig_session.out
     assert (out / "result.json").exists()
     assert charts(out) == ALL
-    assert {path.stem for path in (out / "charts").glob("*.csv")} == ALL
-    assert {path.stem for path in (out / "charts").glob("*.svg")} == ALL
+    assert not (out / "charts").exists()
     assert not list(out.rglob("*.part"))
 
 
+def test_files_of_the_charts_are_made_where_they_are_asked_for(reported: Path) -> None:
+    names = {path.name for path in (reported / "charts").iterdir()}
+    assert names == {f"{name}.{form}" for name in ALL for form in ("png", "svg", "csv")}
+    assert "charts/accuracy.csv" in (reported / "report.html").read_text(encoding="utf-8")
+
+
 def test_the_page_needs_no_other_file(rig_session: RigSession) -> None:
-    out = rig_session.out
-    page = (out / "report.html").read_text(encoding="utf-8")
-    pictures = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
-    assert {base64.b64decode(one) for one in pictures} == {p.read_bytes() for p in out.glob("charts/*.png")}
+    page = (rig_session.out / "report.html").read_text(encoding="utf-8")
+    pictures = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', page)
+    assert len(pictures) == len(ALL)
+    assert all(b"<svg" in base64.b64decode(one) for one in pictures)
+    assert len(page) < 2_000_000
     assert not re.search(r'(src|href)="(?!data:|#)', page)
     assert "http" not in re.sub(r"base64,[^\"]+", "", page)
 
@@ -227,7 +235,8 @@ def test_a_single_trial_of_a_single_depth_that_stayed_undecided_is_drawn(
 ) -> None:
     out = record(depths_m=(0.003,), repeats=1, trials=[(0, [[1.0]])], last_word="undecided")
     session(summary(out, stop="fixed_number"))
-    assert {chart.name for chart in charts_of(out) if laid_out(chart).axes} == ALL
+    run, found = summary(out, stop="fixed_number"), read_session(out)
+    assert {one.name for one in charts_of(found, run, build(found, run)) if laid_out(one).axes} == ALL
     assert "1 undecided" in (out / "report.html").read_text(encoding="utf-8")
 
 
@@ -297,7 +306,7 @@ def test_the_page_states_what_the_sweeps_met_or_that_nobody_told(record: Writer,
     assert "What the sweeps met was not recorded" in page
 
 
-def test_any_number_of_ring_positions_finds_a_panel(record: Writer) -> None:
+def test_any_number_of_ring_positions_finds_a_panel(record: Writer, tmp_path: Path) -> None:
     found = read_session(record(repeats=0))
     shape = (3, 5)
     learnt = Primitives(
@@ -312,13 +321,16 @@ def test_any_number_of_ring_positions_finds_a_panel(record: Writer) -> None:
     assert chart is not None
     assert len(chart.rows) == 15
     assert "1 to 15 palpations" in chart.caption
-    assert save(chart, found.folder / "charts").startswith(b"\x89PNG")
+    save(chart, tmp_path)
+    assert (tmp_path / "primitives.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_chart_is_the_same_bytes_every_time(rig_session: RigSession) -> None:
-    chart = next(one for one in charts_of(rig_session.out) if one.name == "sweeps")
-    before = [(rig_session.out / "charts" / f"sweeps.{form}").read_bytes() for form in ("png", "svg")]
-    assert list(images(chart)) == before
+    found, run = read_session(rig_session.out), read_note(rig_session.out)
+    chart = next(one for one in charts_of(found, run, build(found, run)) if one.name == "sweeps")
+    page = (rig_session.out / "report.html").read_text(encoding="utf-8")
+    assert base64.b64encode(image(chart, "svg")).decode() in page
+    assert image(chart, "png") == image(chart, "png")
 
 
 @pytest.mark.usefixtures("blank_charts")
@@ -327,9 +339,9 @@ def test_a_smoother_that_was_left_to_the_register_is_drawn_as_the_run_chose_it(
 ) -> None:
     chosen = MethodTold(node="estimator", at_s=0.0, use=used("denoise"))
     out = record(trials=TRIALS)
-    session(summary(out, denoise=chosen.use.name))
+    write(out, summary(out, denoise=chosen.use.name), charts=True)
     by_name = numbers(out, "sweeps")
-    session(msgspec.structs.replace(summary(out, denoise="auto"), methods=[chosen]))
+    write(out, msgspec.structs.replace(summary(out, denoise="auto"), methods=[chosen]), charts=True)
     assert numbers(out, "sweeps") == by_name
 
 

@@ -106,13 +106,16 @@ def _ways_on(folder: Path) -> str:
         return others
 
 
-def write_human(folders: list[Path], out: Path, sheet: SessionSheet | None = None) -> str:
+def write_human(
+    folders: list[Path], out: Path, sheet: SessionSheet | None = None, *, charts: bool = False
+) -> str:
     """Write what one session or several tell into a folder; return it in words.
 
     Args:
         folders: Of the sessions.
         out: For result and page.
         sheet: Of a single session.
+        charts: Each chart is kept as PNG, SVG and CSV, too, in ``charts/``.
 
     Raises:
         PalpError: A session cannot be read.
@@ -126,7 +129,7 @@ def write_human(folders: list[Path], out: Path, sheet: SessionSheet | None = Non
     found = told | analyse(trials)
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / RESULT, found)
-    pictures = [picture(one, out / "charts") for one in human_charts(trials, found)]
+    pictures = [picture(one, out / "charts" if charts else None) for one in human_charts(trials, found)]
     lines = sheet_lines(sheet) if sheet is not None else []
     write_page(out / PAGE, "human.html", result=found, rows=trials.rows, pictures=pictures, sheet=lines)
     return (
