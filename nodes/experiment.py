@@ -23,8 +23,8 @@ from nodes.experiment_plan import (
 )
 from palp_core import Alarm, Node, Progress, Pub, Qos, Sub, Swap, on
 from palp_core.palpation.session import plan
+from palp_core.palpation.session.policy_changes import apply_policy_changes
 from palp_core.palpation.session.trials_csv import SessionWriter, primitives_json, row_of
-from palp_core.palpation.session.who_chose import take_up_changes
 
 
 class Experiment(Node):
@@ -308,7 +308,7 @@ class Experiment(Node):
 
     def _write_row(self, palpation: Palpation, belief: Belief | None) -> None:
         state, params = self.state, self.params
-        take_up_changes(state, palpation)
+        apply_policy_changes(state, palpation)
         row = row_of(state, palpation, belief, policy=params.policy, seed=params.seed)
         self.record.append(row, palpation.torque_n_m, palpation.rate_hz)
         state.ring_landed, state.last_ring_m = False, palpation.ring_m

@@ -14,7 +14,7 @@ import pytest
 
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.reporting import charts
-from palp_core.palpation.session.result_json import TIME_KEYS
+from palp_core.palpation.session.result import TIME_KEYS
 from palp_core.palpation.session.trials_csv import Row, SessionWriter
 
 RINGS_M = (0.0, 0.016)

@@ -3,13 +3,12 @@ from __future__ import annotations
 import base64
 import csv
 import dataclasses
-import json
 import re
 import shutil
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -27,6 +26,7 @@ from palp_core.palpation.session.charts.training import primitives_chart
 from palp_core.palpation.session.methods.used import used
 from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.report import session, write
+from palp_core.palpation.session.result import read_result
 from palp_core.palpation.session.result_json import build
 from palp_core.palpation.session.run_note import read_note
 from tests.support.rig_session import RigSession
@@ -169,8 +169,9 @@ def test_the_rig_is_drawn_to_scale_with_its_labels(reported: Path) -> None:
     assert sizes["probe", "base_m"] == 80.0
     assert [sizes[code, "depth_m"] for code in "ABC"] == [2.0, 4.0, 8.0]
     assert sizes["stage", "indentation_m"] == 4.0
-    scene = json.loads((reported / "result.json").read_text())["mechanics"]["scene"]
-    figure = laid_out(rig_chart(scene, rings_m=(0.0, 0.016), indentation_m=0.004))
+    mechanics = read_result(reported).mechanics
+    assert mechanics is not None
+    figure = laid_out(rig_chart(mechanics.scene, rings_m=(0.0, 0.016), indentation_m=0.004))
     drawn = {text.get_text() for axes in figure.axes for text in axes.texts}
     for words in ("torque sensor", "base link, 80 mm", "joint, R = 6.8 mm", "tip link, 70 mm", "bead, 15 mm"):
         assert words in drawn
@@ -348,19 +349,22 @@ def test_a_smoother_that_was_left_to_the_register_is_drawn_as_the_run_chose_it(
 @pytest.mark.parametrize(
     ("device", "link", "touch", "said"),
     [
-        ("sim", None, {}, "simulated rig"),
-        ("aerotech", "socket://10.0.0.1:8001", {}, "emulated devices, simulated phantoms"),
-        ("aerotech", "socket://10.0.0.1:8001", None, "rig with devices"),
-        ("newport", "none", None, "rig with devices, without a link of the safety node's own to the stage"),
-        ("newport", "none", {}, "simulated phantoms, without a link of the safety node's own to the stage"),
+        ("sim", None, True, "simulated rig"),
+        ("aerotech", "socket://10.0.0.1:8001", True, "emulated devices, simulated phantoms"),
+        ("aerotech", "socket://10.0.0.1:8001", False, "rig with devices"),
+        ("newport", "none", False, "rig with devices, without a link of the safety node's own to the stage"),
+        ("newport", "none", True, "simulated phantoms, without a link of the safety node's own to the stage"),
     ],
 )
 def test_the_page_says_what_was_swept_and_repeats_that_the_stage_had_no_link_for_stopping(
-    device: str, link: str | None, touch: dict[str, Any] | None, said: str
+    device: str, link: str | None, touch: bool, said: str, record: Writer, summary: Summariser
 ) -> None:
-    protocol: dict[str, Any] = {"stage": {"device": {"value": device}}}
+    run = summary(out := record())
+    run.params["stage"] = {"device": device}
     if link is not None:
-        protocol["safety"] = {"stop_link": {"value": link}}
-    words = report_page._rig({"mechanics": touch, "protocol": protocol, "roles": {}})
+        run.params["safety"] = {"stop_link": link}
+    if not touch:
+        run.publishes["phantom"].pop("/phantom/guard")
+    words = report_page._rig(build(read_session(out), run))
     assert said in words
     assert ("(stop_link: none)" in words) == (link == "none")

@@ -28,10 +28,10 @@ from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.perception.belief.trial_filter import classes_of
 from palp_core.palpation.session.plan import policy_name
+from palp_core.palpation.session.policy_changes import apply_policy_changes
 from palp_core.palpation.session.roles import GUARD, NoSession, Roles, roles_of
 from palp_core.palpation.session.session_folder import RUN, cannot_write, refuse_input, refuse_occupied
 from palp_core.palpation.session.trials_csv import Row, SessionWriter, primitives_json, row_of
-from palp_core.palpation.session.who_chose import take_up_changes
 from palp_core.whole_file import write_json
 
 HEALTH = topic(LAUNCHER, "health")
@@ -324,7 +324,7 @@ class _Retold:
             return None
         if of in self._written:  # a message that is in the bag twice
             return None
-        take_up_changes(facts, palpation)
+        apply_policy_changes(facts, palpation)
         row = row_of(facts, palpation, belief, policy=self._policy, seed=self._seed)
         self._written.add(of)
         facts.row += 1

@@ -155,12 +155,13 @@ def _write(found: RecordedSession, summary: RunSummary, *, charts: bool) -> str:
     from palp_core.palpation.session.charts.of_session import charts_of
     from palp_core.palpation.session.plan_repeatability import is_repeatability
     from palp_core.palpation.session.report_page import headline, write_report
-    from palp_core.palpation.session.result_json import build, unfinished_words, write_result
+    from palp_core.palpation.session.result import write_result
+    from palp_core.palpation.session.result_json import build
 
     result = build(found, summary)
     write_result(result, found.folder)
     if is_repeatability([row.phase for row in found.rows]):
-        return _repeatability(found, summary, unfinished_words(result))
+        return _repeatability(found, summary, result.unfinished_words())
     folder = found.folder / "charts" if charts else None
     pictures = [picture(chart, folder) for chart in charts_of(found, summary, result)]
     page = found.folder / "report.html"
