@@ -15,6 +15,7 @@ from palp_core.palpation.session.human.effort import judged, mvc_trouble, rms, s
 from palp_core.palpation.session.human.plan import HumanStep, HumanTrial
 from palp_core.palpation.session.human.record import HumanRow, HumanWriter, emg_name
 from palp_core.palpation.session.human.sheet import subject_of_sheet
+from palp_core.palpation.session.plan import resume
 from palp_core.palpation.session.sheet.identity import consent_id, subject_code
 from palp_core.units import Float64Array
 
@@ -70,7 +71,8 @@ class HumanSession(Node):
         state = self.state
         if self.plan is None:  # a replacement leads a fresh plan to where the old one was
             self.plan = plan.human(self.design, state.again)
-            self.step = plan.resume(self.plan, state.words)
+            replies = (plan.HumanReply(word) for word in state.words)  # type: ignore[arg-type]
+            self.step = resume(self.plan, replies)
         while self.step is not None:
             word = self._do(self.step)
             if word == "":

@@ -8,7 +8,7 @@ and goes on from recorded replies::
 """
 
 import itertools
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
@@ -227,19 +227,6 @@ def _done(step: HumanStep) -> HumanPlan:
     reply = yield step
     if reply.word != "done":
         raise PerceptionError(f"{step} was answered '{reply.word}', not 'done'")
-
-
-def resume(plan: HumanPlan, words: Iterable[str]) -> HumanStep | None:
-    """Send recorded words to a fresh plan; return the first step that has none, or None at its end."""
-    step = next(plan, None)
-    for word in words:
-        if step is None:
-            raise PerceptionError("the plan ended before its recorded replies; they are of another design")
-        try:
-            step = plan.send(HumanReply(word))  # type: ignore[arg-type]
-        except StopIteration:
-            step = None
-    return step
 
 
 @dataclass(frozen=True)
