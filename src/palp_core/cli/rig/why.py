@@ -73,7 +73,8 @@ def _recorded(run: str) -> tuple[RunSummary, list[Row]]:
     if not run or not path.exists():
         return _running(run)
     if is_bag(path):
-        return read_record(path)
+        found = read_record(path)
+        return found.summary, found.rows
     if not (path / RUN).is_file():
         raise PalpError(f"'{path}' is neither a session's folder ({RUN} is missing) nor a bag, so no run")
     summary = read_note(path)

@@ -68,31 +68,55 @@ def write_record(path: Path, folder: Path, *, overwrite: bool = False) -> RunSum
         ways_on = "name another folder, --out NAME, or let this replace it, --overwrite"
         refuse_occupied(folder, ways_on, _NAMED_BY)
     refuse_input(folder, path, f"the bag '{path}'")
-    with Bag(path) as bag:
-        found = _Contents(bag)
-    rows = found.rows()
-    writer = SessionWriter(str(folder), found.believed_m(), _NAMED_BY)
+    found = read_record(path)
+    writer = SessionWriter(str(folder), found.believed_m, _NAMED_BY)
     writer.start(overwrite=overwrite)
     try:
-        for row, palpation in rows:
+        for row, palpation in zip(found.rows, found.palpations, strict=True):
             writer.append(row, palpation.torque_n_m, palpation.rate_hz)
-        for learnt in found.values("PrimitivesLearnt"):
+        for learnt in found.learnt:
             writer.primitives(primitives_json(learnt))
-        summary = found.summary([row for row, _ in rows])
-        write_json(folder / RUN, summary)
+        write_json(folder / RUN, found.summary)
     except OSError as error:
         raise cannot_write(folder, error, _NAMED_BY) from error
     finally:
         writer.close()
-    return summary
+    return found.summary
 
 
-def read_record(path: Path) -> tuple[RunSummary, list[Row]]:
-    """Return how the run went that a bag holds, and its rows; errors as of :func:`write_record`."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class BagRecord:
+    """The record of the session that a bag holds.
+
+    Attributes:
+        summary: How the run went, as far as the bag has it.
+        rows: Its palpations as the experiment recorded them.
+        palpations: The message of each, with its torque.
+        believed_m: Depths that the beliefs are about.
+        learnt: Messages of memory primitives.
+    """
+
+    summary: RunSummary
+    rows: list[Row]
+    palpations: list[Any]
+    believed_m: Sequence[float]
+    learnt: list[Any]
+
+
+def read_record(path: Path) -> BagRecord:
+    """Return the record of the session that a bag holds.
+
+    Raises:
+        PalpError: The bag lacks what a session needs.
+        BagError: The bag cannot be read.
+    """
     with Bag(path) as bag:
         found = _Contents(bag)
-    rows = [row for row, _ in found.rows()]
-    return found.summary(rows), rows
+    made = found.rows()
+    rows = [row for row, _ in made]
+    palpations = [palpation for _, palpation in made]
+    learnt = found.values("PrimitivesLearnt")
+    return BagRecord(found.summary(rows), rows, palpations, found.believed_m(), learnt)
 
 
 class _Contents:
@@ -125,9 +149,9 @@ class _Contents:
         Raises:
             PalpError: There is none, or the bag lacks what rows are made of.
         """
-        retold, found = _Retold(self._roles.params("experiment")), []
+        builder, found = _RecordBuilder(self._roles.params("experiment")), []
         for message in self._messages:
-            made = retold.tell(self._kind_of[message.topic], message.value)
+            made = builder.feed(self._kind_of[message.topic], message.value)
             if made is not None:
                 found.append(made)
         estimated = any(trial.phase == "estimation" for trial in self.values("Trial"))
@@ -269,7 +293,7 @@ class _Facts:
     leave_ns: int | None = None
 
 
-class _Retold:
+class _RecordBuilder:
     """Makes the rows again: follows what the experiment heard and said, and keeps what it kept."""
 
     def __init__(self, params: Mapping[str, Any]) -> None:
@@ -279,7 +303,7 @@ class _Retold:
         self._belief: Any = None
         self._written: set[tuple[int, int]] = set()
 
-    def tell(self, kind: str, value: Any) -> tuple[Row, Any] | None:
+    def feed(self, kind: str, value: Any) -> tuple[Row, Any] | None:
         """Take a message; return the row that it completes, and its palpation."""
         facts = self._facts
         match kind:

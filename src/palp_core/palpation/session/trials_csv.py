@@ -72,7 +72,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     seed: int
     start_ns: int
     end_ns: int
-    landed: bool | None = None
+    landed: bool = False
     guards: list[str] = []
     enter_ns: int | None = None
     leave_ns: int | None = None

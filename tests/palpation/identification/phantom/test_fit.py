@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,16 +9,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from msgs.estimation import Palpation
-from msgs.experiment import Mount, PhantomTruth, Trial
 from palp_core.cli.main import app
 from palp_core.errors import PalpError
-from palp_core.graph.bag.recorder import BagRecorder
-from palp_core.graph.bag.writer import BagWriter
-from palp_core.graph.messages.frame import Kind, pack
-from palp_core.graph.messages.message import Message, encode
-from palp_core.graph.messages.schema import json_schema, schema_of
-from palp_core.graph.messages.topic import Topic
 from palp_core.palpation.identification.phantom.fit import Fitted, PhantomFit
 from palp_core.palpation.identification.phantom.scene import ASSUMED, fit_sources, record_of, scene_text
 from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
@@ -27,7 +18,7 @@ from palp_core.palpation.mechanics.phantom import Bead
 from palp_core.palpation.mechanics.scene.choice import choose_rung, rung_model
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.scene import Scene
-from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps, read_sweeps
+from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps
 
 RESOLUTION = 1e-3 / 64
 RINGS_M = (0.008, 0.016)
@@ -96,72 +87,6 @@ def test_the_scene_that_is_written_is_read_and_explained(tmp_path: Path) -> None
 def test_bare_gel_alone_does_not_tell_modulus_from_indentation() -> None:
     found = fit_sources([made((0.0,), 4, repeats=2)])[0]
     assert any("cannot be told apart" in w or "hardly determined" in w for w in found.warnings)
-
-
-def bag_of(folder: Path, sweeps: Sequence[RecordedSweep], *, truth: bool) -> Path:
-    """A bag as a run of the plan ``repeatability`` leaves it: its trials tell no depth."""
-    sent: list[tuple[str, Message]] = []
-    for trial, sweep in enumerate(sweeps):
-        code, remount, depth_m = sweep.phantom, sweep.remount, sweep.depth_m or 0.0
-        sent.append(("/experiment/mount", Mount(stamp_ns=trial, code=code, remount=remount)))
-        true = PhantomTruth(
-            stamp_ns=trial,
-            code=code,
-            remount=remount,
-            depth_m=depth_m,
-            height_offset_m=0.0,
-            rung="l4",
-            bound=0.005,
-        )
-        told = Trial(
-            stamp_ns=trial, trial=trial, number=1, phase="stay", code="", label_known=False, depth_m=0.0
-        )
-        felt = Palpation(
-            stamp_ns=trial,
-            trial=trial,
-            iteration=1,
-            ring_m=sweep.ring_m,
-            start_ns=trial,
-            end_ns=trial,
-            rate_hz=sweep.rate_hz,
-            peak_n_m=0.0,
-            peak_index=0,
-            torque_n_m=sweep.torque_n_m,
-        )
-        sent += [("/phantom/truth", true)] if truth else []
-        sent += [("/experiment/trial", told), ("/estimator/palpation", felt)]
-    recorder = BagRecorder(BagWriter(folder))
-    types = {topic: schema_of(type(message)) for topic, message in sent}
-    for topic, schema in types.items():
-        type_hash = f"{schema.type_hash:016x}"
-        recorder.describe(
-            Topic(
-                name=topic,
-                type=schema.name,
-                type_hash=type_hash,
-                json_schema=json_schema(schema),
-                latched_depth=0,
-            )
-        )
-    counts = dict.fromkeys(types, 0)
-    for at, (topic, message) in enumerate(sent, start=1):
-        counts[topic] += 1
-        head = (topic.encode(), Kind.DATA, 0, counts[topic], at)
-        recorder(at, pack(*head, types[topic].type_hash, encode(message)))
-    recorder.close()
-    return folder
-
-
-def test_a_bag_whose_trials_tell_no_depth_has_it_from_what_was_mounted(tmp_path: Path) -> None:
-    depths_m = (0.0, 0.004, 0.0)
-    sweeps = [
-        RecordedSweep("stay", "AB"[depth_m > 0.0], n, 1, n, depth_m, 0.016, np.full(9, 1e-3), 1000.0)
-        for n, depth_m in enumerate(depths_m)
-    ]
-    stored = read_sweeps(bag_of(tmp_path / "told", sweeps, truth=True))
-    assert tuple(sweep.depth_m for sweep in stored.sweeps) == depths_m
-    untold = read_sweeps(bag_of(tmp_path / "untold", sweeps, truth=False))
-    assert {sweep.depth_m for sweep in untold.sweeps} == {None}
 
 
 def test_sweeps_of_unknown_phantoms_are_refused() -> None:
