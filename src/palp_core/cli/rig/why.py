@@ -33,8 +33,7 @@ def why(
 ) -> None:
     """All of it is what the run itself has recorded; nothing is computed again."""
     from palp_core.methods import left_out
-    from palp_core.palpation.session.methods.record import methods_of, unsaid
-    from palp_core.palpation.session.methods.text import paragraphs
+    from palp_core.palpation.session.methods.record import methods_of, paragraphs, unsaid
 
     summary, rows = _recorded(run)
     record = methods_of(summary, rows)

@@ -23,7 +23,6 @@ from palp_core.graph.launch.methods_told import MethodsTold, MethodTold
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.graph.messages.builtin import DiagnosticStatus, MethodsUsed
 from palp_core.graph.node.event_publisher import EVENTS_PORT
-from palp_core.graph.node.spec import LAUNCHER, topic
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.perception.belief.trial_filter import classes_of
@@ -34,7 +33,6 @@ from palp_core.palpation.session.session_folder import RUN, cannot_write, refuse
 from palp_core.palpation.session.trials_csv import Row, SessionWriter, primitives_json, row_of
 from palp_core.whole_file import write_json
 
-HEALTH = topic(LAUNCHER, "health")
 _NAMED_BY = "--out"
 _HEARD = (
     *("Belief", "Palpation", "PrimitivesLearnt", "RingState", "RingTruth", "PhantomTruth", "SweepStatus"),
@@ -136,7 +134,6 @@ class _Contents:
             self._damage = str(error)
         self._messages.sort(key=lambda message: message.publish_ns)
         self._topics = bag.topics()
-        self._cpu_s = _cpu_s(bag) if HEALTH in self._topics else {}
         self._changes = _changes(bag)
 
     def values(self, kind: str) -> list[Any]:
@@ -200,7 +197,6 @@ class _Contents:
             activation_count=None,
             incidents=self._incidents(),
             methods=self._methods(),
-            cpu_s=self._cpu_s,
             changes=self._changes,
         )
 
@@ -356,15 +352,6 @@ class _RecordBuilder:
         facts.policy, facts.next_policy = facts.next_policy or facts.policy, ""
         self._palpation = self._belief = None
         return row, palpation
-
-
-def _cpu_s(bag: Bag) -> dict[str, float]:
-    """Return the CPU time of each node's process, as the launcher said last before any damage."""
-    found: dict[str, float] = {}
-    with contextlib.suppress(BagDamaged):
-        for message in bag.messages([HEALTH]):
-            found |= {node.node: node.cpu_s for node in message.value.nodes}
-    return found
 
 
 def _changes(bag: Bag) -> list[ChangeTold]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from palp_core.palpation.reporting.html_page import Picture, percent, write_page
-from palp_core.palpation.session.methods.text import paragraphs
+from palp_core.palpation.session.methods.record import paragraphs
 from palp_core.palpation.session.policy_changes import NodeChange
 from palp_core.palpation.session.published import FIXED, HUMAN_STRATEGY_TEXT
 from palp_core.palpation.session.recorded_session import RecordedTrial, mm

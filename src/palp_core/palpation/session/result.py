@@ -12,6 +12,7 @@ from msgspec import UNSET, UnsetType
 
 from palp_core.errors import PalpError
 from palp_core.graph.launch.diagnostics import Incident
+from palp_core.palpation.session.methods.record import MethodRecord
 from palp_core.palpation.session.plan import planned, policy_name
 from palp_core.palpation.session.policy_changes import NodeChange, PolicySwap
 from palp_core.palpation.session.session_folder import RESULT
@@ -186,7 +187,7 @@ class SessionResult(msgspec.Struct, kw_only=True):
     stop_rule: StopRuleUsed | None
     mechanics: MechanicsResult | None
     world: WorldResult | UnsetType = UNSET
-    methods: list[dict[str, Any]]
+    methods: list[MethodRecord]
     methods_unsaid: list[str]
     roles: dict[str, str]
     protocol: dict[str, dict[str, Based]]

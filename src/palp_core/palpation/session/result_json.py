@@ -24,8 +24,7 @@ from palp_core.palpation.perception.belief.stopping import stop_rule
 from palp_core.palpation.perception.statistics import statistics
 from palp_core.palpation.perception.strategy.trained_rings import PUBLISHED, rings_of
 from palp_core.palpation.session.method_choices import AUTO
-from palp_core.palpation.session.methods.record import methods_of, unsaid
-from palp_core.palpation.session.methods.text import reason
+from palp_core.palpation.session.methods.record import methods_of, reason, unsaid
 from palp_core.palpation.session.methods.used import rig_of, rig_uses
 from palp_core.palpation.session.parameter_basis import SCENE, basis_of
 from palp_core.palpation.session.plan import policy_name
