@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from palp_core.palpation.session.result_json import policy_label, read_result
+from palp_core.palpation.session.result import SessionResult, read_result
 
 __all__ = ["compare"]
 
@@ -21,7 +20,7 @@ def compare(outs: Sequence[str | Path]) -> str:
         PalpError: A folder has no result.
     """
     results = [read_result(out) for out in outs]
-    depths = sorted({d for r in results for d in r["accuracy"]["per_depth_mm"]}, key=float)
+    depths = sorted({d for r in results for d in r.accuracy.per_depth_mm}, key=float)
     head = [
         "policy",
         "seed",
@@ -44,20 +43,20 @@ def compare(outs: Sequence[str | Path]) -> str:
     return "\n".join([*lines, "", note, ""])
 
 
-def _row(result: dict[str, Any], depths: Sequence[str]) -> list[str]:
-    accuracy, calibration = result["accuracy"], result["calibration"] or {}
-    overall = accuracy["overall"]
-    interval = f" ({_percent(overall['ci'][0])} to {_percent(overall['ci'][1])})" if overall["ci"] else ""
+def _row(result: SessionResult, depths: Sequence[str]) -> list[str]:
+    overall, calibration = result.accuracy.overall, result.calibration
+    interval = f" ({_percent(overall.ci[0])} to {_percent(overall.ci[1])})" if overall.ci else ""
+    at_depth = [result.accuracy.per_depth_mm.get(depth) for depth in depths]
     return [
-        policy_label(result),
-        str(result["seed"]),
-        str(result["trials_done"]),
-        _percent(overall["value"]) + interval,
-        *(_percent(accuracy["per_depth_mm"].get(depth, {}).get("value")) for depth in depths),
-        _number(result["probes_mean"], "{:.1f}"),
-        str(result["verdicts"]["undecided"]),
-        _number(calibration.get("expected_error"), "{:.3f}"),
-        _number(calibration.get("overconfidence"), "{:+.3f}"),
+        result.policy_label(),
+        str(result.seed),
+        str(result.trials_done),
+        _percent(overall.value) + interval,
+        *(_percent(share.value if share else None) for share in at_depth),
+        _number(result.probes_mean, "{:.1f}"),
+        str(result.verdicts.undecided),
+        _number(calibration.expected_error if calibration else None, "{:.3f}"),
+        _number(calibration.overconfidence if calibration else None, "{:+.3f}"),
     ]
 
 

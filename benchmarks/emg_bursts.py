@@ -296,7 +296,7 @@ def draw(known_rows: list[dict[str, Any]], target: Path) -> None:
 
     title = "What is wrong of what the processing says, by condition and model"
     picture = charts.Chart("emg_bursts", title, "", 5.5, (), (), panels, width=10.0)
-    target.write_bytes(charts.images(picture)[0])
+    target.write_bytes(charts.image(picture, "png"))
 
 
 def main() -> None:

@@ -18,13 +18,14 @@ from typing import TYPE_CHECKING, Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import msgspec
 import numpy as np
 from compare_policies import compare
 from scipy.stats import t as student_t
 
 from palp_core.graph.launch.graph import Graph
 from palp_core.palpation.reporting import charts
-from palp_core.palpation.session.result_json import read_result
+from palp_core.palpation.session.result import read_result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,7 +44,7 @@ def run(job: tuple[Path, dict[str, Any], list[str]]) -> dict[str, Any]:
     out, arguments, overrides = job
     with Graph(LAUNCH, compose=True, overrides=overrides, out=str(out), **arguments) as graph:
         graph.run()
-    return read_result(out)
+    return dict(msgspec.to_builtins(read_result(out)))
 
 
 def over_sessions(values: list[float]) -> dict[str, Any]:
@@ -114,7 +115,7 @@ def draw(summary: dict[str, Any], target: Path) -> None:
     picture = charts.Chart(
         "policies", title, "", 3.8, ("policy", "right, %"), list(zip(order, shares, strict=True)), bars
     )
-    target.write_bytes(charts.images(picture)[0])
+    target.write_bytes(charts.image(picture, "png"))
 
 
 def main() -> None:

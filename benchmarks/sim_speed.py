@@ -26,7 +26,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from palp_core.graph.launch.graph import Graph
-from palp_core.palpation.session.result_json import read_result
+from palp_core.palpation.session.result import SessionResult, read_result
 
 LAUNCH = Path(__file__).parents[1] / "launch" / "sim.yaml"
 SWEEP_S = 4.0
@@ -44,7 +44,7 @@ PLACES = (
 )
 
 
-def run(folder: Path, *, compose: bool, trials: int, training: int) -> dict[str, Any]:
+def run(folder: Path, *, compose: bool, trials: int, training: int) -> SessionResult:
     """Run one session and return its result."""
     with Graph(
         LAUNCH, compose=compose, out=str(folder), overwrite=True, trials=trials, training=training
@@ -156,7 +156,7 @@ def main() -> None:
         if options.quick
         else (options.rounds or 3, {"trials": 20, "training": 10})
     )
-    found: dict[str, list[dict[str, Any]]] = {"composed": [], "processes": []}
+    found: dict[str, list[SessionResult]] = {"composed": [], "processes": []}
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(rounds):
             for name in found:
@@ -165,7 +165,7 @@ def main() -> None:
     result: dict[str, Any] = {}
     for name, results in found.items():
         result[name] = {
-            key: statistics.median(r[key] for r in results)
+            key: statistics.median(getattr(r, key) for r in results)
             for key in ("sweep_s_per_wall_s", "palpations_per_wall_s", "wall_time_s")
         }
     result["processes_over_composed"] = (

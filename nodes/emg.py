@@ -17,9 +17,9 @@ from palp_core.palpation.devices.registry import device_mistakes, open_device
 from palp_core.palpation.devices.seen_rate import SeenRate
 from palp_core.palpation.devices.sim.emg import SimEmg
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
-from palp_core.palpation.mechanics.scene.sealed import own_codes
+from palp_core.palpation.mechanics.scene.sealed import is_sealed, own_codes, sealed_phantoms
 from palp_core.palpation.perception.strategy import figure5
-from palp_core.palpation.session.decided.blind import phantoms_file
+from palp_core.palpation.session.human.blinding import key_of
 from palp_core.units import CountPositive, HertzPositive, Seconds
 
 SUBJECT = "palp_core.palpation.devices.sim.subject:SimSubject"
@@ -65,10 +65,11 @@ class EmgParams(Params):
 
     def _chains(self) -> dict[str, Any]:
         """Return the human chain of the published depth that is nearest to each phantom's, by code."""
-        path = phantoms_file(self)
-        depths = {code: one.bead.depth_m for code, one in load_phantoms(path).items() if one.bead}
+        key = key_of(self.phantoms, self.key)
+        found = sealed_phantoms(key) if self.blind else load_phantoms(self.phantoms)
+        depths = {code: one.bead.depth_m for code, one in found.items() if one.bead}
         if self.blind:
-            depths |= {own: depths[code] for code, own in own_codes(path).items()}
+            depths |= {own: depths[code] for code, own in own_codes(key).items()}
         published = np.array(figure5.DEPTHS_M)
         chains = figure5.matrices()
         return {code: chains[int(np.argmin(np.abs(published - d)))] for code, d in depths.items()}
@@ -97,7 +98,8 @@ class Emg(DeviceNode):
     @staticmethod
     def examine(params: EmgParams) -> dict[str, str]:
         too_long = block_mistakes(params.block_samples, params.rate_hz)
-        shown = msgspec.structs.replace(params, blind=False)  # a check draws no key
+        has_key = params.blind and is_sealed(params.phantoms)
+        shown = msgspec.structs.replace(params, blind=has_key)  # or the key is still to be drawn
         return too_long | device_mistakes("emg", params.device, shown.driver_options())
 
     def on_configure(self) -> None:

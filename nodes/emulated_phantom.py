@@ -17,7 +17,6 @@ from palp_core.palpation.devices.sim.ring import SimRing
 from palp_core.palpation.devices.sim.torque import SimTorque
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import read_noise
-from palp_core.palpation.session.decided.blind import phantoms_file, shown_depth
 from palp_core.palpation.session.method_choices import FeatureName, Reading, what_is_read
 from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
 from palp_core.palpation.session.methods.used import rig_uses
@@ -45,7 +44,6 @@ class EmulatedPhantomParams(Params):
     ``lift_mm`` is where the lifting axis has its reference; the others are as in the simulated rig: a noise
     file in ``noise`` (plan ``repeatability``) has the spreads of torque, ring and height of its own.
     ``world`` is the paper's own design, ``lab``, or a YAML file of what else is on.
-    ``blind`` and ``key`` are as in the simulated rig.
     ``guard_hz`` is how often it looks whether the contact has met a region in which its rung fails.
     """
 
@@ -71,8 +69,6 @@ class EmulatedPhantomParams(Params):
     lift_mm: ReadOnly[MillimetresPositive] = 20.0
     guard_hz: ReadOnly[HertzPositive] = 5.0
     world: ReadOnly[str] = "paper"
-    blind: ReadOnly[bool] = False
-    key: ReadOnly[str] = ""
 
 
 class EmulatedPhantomState(MethodTellerState):
@@ -101,7 +97,7 @@ class EmulatedPhantom(MethodTeller):
         world = read_world(p.world)
         settings = RigSettings(
             contact=ContactSettings(
-                phantoms=phantoms_file(p),
+                phantoms=p.phantoms,
                 scene=p.scene,
                 read=what_is_read(p.reading, p.feature),
                 from_m=min(p.from_m, p.to_m) - MARGIN_M,
@@ -132,8 +128,6 @@ class EmulatedPhantom(MethodTeller):
 
     def uses(self) -> list[MethodUse]:
         self.told_m_s = self.rig.contact.swept_m_s
-        if self.params.blind:
-            return []
         return rig_uses(self.rig.contact.rig, self.told_m_s or None, self.rig.contact.settings.world)
 
     def on_deactivate(self) -> None:
@@ -149,20 +143,19 @@ class EmulatedPhantom(MethodTeller):
         self.rig.call(lambda _: self.rig.contact.mount(mount.code, height_m))
         touched, self.state.code, self.state.remount = self.rig.contact.rig, mount.code, mount.remount
         bead, choice = touched.phantoms[mount.code].bead, touched.choices[mount.code]
-        blind = self.params.blind
         self.truth.publish(
             PhantomTruth(
                 stamp_ns=self.now_ns(),
                 code=mount.code,
                 remount=mount.remount,
-                depth_m=shown_depth(self.params, mount.code, bead.depth_m if bead is not None else 0.0),
+                depth_m=bead.depth_m if bead is not None else 0.0,
                 height_offset_m=height_m,
-                rung="" if blind else choice.method.name,
-                bound=0.0 if blind else choice.bound or 0.0,
+                rung=choice.method.name,
+                bound=choice.bound or 0.0,
             )
         )
         world = self.rig.contact.settings.world
-        if not world.plain and not blind:  # see the simulated phantom
+        if not world.plain:  # see the simulated phantom
             row = self.rig.call(lambda _: self.rig.contact.latents())
             told = WorldTruth(
                 stamp_ns=self.now_ns(),
@@ -179,8 +172,6 @@ class EmulatedPhantom(MethodTeller):
         if self.rig.contact.swept_m_s not in (0.0, self.told_m_s):
             self.tell_methods(self.uses())
         for met in self.rig.call(self._taken):
-            if self.params.blind:  # what is met tells the depth
-                continue
             self.guard.publish(
                 ContactGuard(
                     stamp_ns=self.now_ns(),

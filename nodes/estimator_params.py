@@ -49,7 +49,6 @@ class EstimatorParams(Params):
     above, and by ``scene``'s mechanics what spreads as stated here (assumed), never as the simulated phantom
     does. ``run_in``: whether a sweep begins with a tip that sticks. ``sweep_speed_m_s``: of training, where
     a policy chooses others. From ``from_m`` on, of this reading only.
-    ``blind``: numbers stand for depths, so that only what takes them as names can be used.
     """
 
     reading: ReadOnly[Reading] = "feature"
@@ -86,7 +85,6 @@ class EstimatorParams(Params):
     texture_length_mm: MillimetresPositive = 3.0
     run_in: bool = False
     sweep_speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.020
-    blind: ReadOnly[bool] = False
 
 
 class EstimatorState(MethodTellerState):

@@ -11,7 +11,6 @@ from nodes.experiment_params import POLICY, ExperimentParams, ExperimentState
 from nodes.experiment_plan import (
     begin_trial_again,
     believed,
-    codes_of,
     design_of,
     is_right,
     mistakes,
@@ -24,8 +23,8 @@ from nodes.experiment_plan import (
 )
 from palp_core import Alarm, Node, Progress, Pub, Qos, Sub, Swap, on
 from palp_core.palpation.session import plan
+from palp_core.palpation.session.policy_changes import apply_policy_changes
 from palp_core.palpation.session.trials_csv import SessionWriter, primitives_json, row_of
-from palp_core.palpation.session.who_chose import take_up_changes
 
 
 class Experiment(Node):
@@ -57,7 +56,7 @@ class Experiment(Node):
     def on_configure(self) -> None:
         self.design = design_of(self.params)
         self.swaps = plan.planned(self.params.swaps)
-        self.record = SessionWriter(self.params.out, believed(self.params), labels=codes_of(self.params))
+        self.record = SessionWriter(self.params.out, believed(self.params))
         self.plan: plan.Plan | None = None
         self.step: plan.Step | None = None
 
@@ -305,7 +304,7 @@ class Experiment(Node):
 
     def _write_row(self, palpation: Palpation, belief: Belief | None) -> None:
         state, params = self.state, self.params
-        take_up_changes(state, palpation)
+        apply_policy_changes(state, palpation)
         row = row_of(state, palpation, belief, policy=params.policy, seed=params.seed)
         self.record.append(row, palpation.torque_n_m, palpation.rate_hz)
         state.ring_landed, state.last_ring_m = False, palpation.ring_m
@@ -323,13 +322,11 @@ class Experiment(Node):
             state.dropped_count += 1
         else:
             right = is_right(self.design, belief.estimate_m, state.depth_m)
-            if not self.params.blind:  # nobody may know how well it goes
-                state.right_count += right
-                note_judged(state, right=right)
+            state.right_count += right
+            note_judged(state, right=right)
         for words in take_up_marked(state, self.design, self.record.folder):
             self.log.warning("%s", words)
         self.result.publish(result_of(state, belief, self.now_ns()))
 
     def _report(self, phase: str) -> None:
-        blind = self.params.blind
-        self.progress.publish(progress_of(self.design, self.state, phase, self.now_ns(), blind=blind))
+        self.progress.publish(progress_of(self.design, self.state, phase, self.now_ns()))

@@ -9,7 +9,7 @@ from msgs.experiment import PolicyChange
 from palp_core import Params, ReadOnly, State
 from palp_core.palpation.perception.belief.trial_filter import DepthCount
 from palp_core.palpation.perception.strategy.trained_rings import PUBLISHED
-from palp_core.palpation.session.operating.orders import GROUPED
+from palp_core.palpation.session.orders import GROUPED
 from palp_core.palpation.session.plan import Specimens
 from palp_core.units import Count, CountPositive, Metres, Seconds
 
@@ -49,7 +49,6 @@ class ExperimentParams(Params):
     ``plan`` is the paper's experiment, or how well the rig repeats. ``depths`` and ``stop``: the estimator's.
     ``mounting``: which phantom when: ``grouped`` to limit remounts, ``each_trial``, ``block_randomised``, or
     a CSV of trials. ``specimens``: whether trials are of the phantoms of training, or of others.
-    ``blind``: what is said and written has codes for depths, and no live accuracy; ``key`` says who is who.
     """
 
     out: str = "results"
@@ -75,8 +74,6 @@ class ExperimentParams(Params):
     scene: str = ""
     mounting: ReadOnly[str] = GROUPED
     specimens: ReadOnly[Specimens] = "same"
-    blind: ReadOnly[bool] = False
-    key: ReadOnly[str] = ""
 
 
 class ExperimentState(State):

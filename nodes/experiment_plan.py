@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from msgs.estimation import Belief
@@ -12,35 +11,29 @@ from nodes.experiment_params import ExperimentParams, ExperimentState
 from palp_core import Progress
 from palp_core.errors import MethodError, PalpError, PerceptionError
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
-from palp_core.palpation.mechanics.scene.sealed import is_sealed
 from palp_core.palpation.perception.belief.stopping import require_classes
 from palp_core.palpation.perception.belief.trial_filter import classes_of as grid_of
 from palp_core.palpation.perception.strategy.trained_rings import rings_of
 from palp_core.palpation.session import plan
-from palp_core.palpation.session.decided.audit import note_redone, to_be_redone
-from palp_core.palpation.session.decided.blind import blind_mistakes, shown_depths
+from palp_core.palpation.session.audit import note_redone, to_be_redone
 from palp_core.palpation.session.method_choices import AUTO
 from palp_core.palpation.session.named_files import file_mistakes
-from palp_core.palpation.session.operating.orders import MOUNTINGS, ordered
+from palp_core.palpation.session.orders import ordered
 from palp_core.palpation.session.plan import ExperimentDesign
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, repeatability, sweep_count
 from palp_core.palpation.session.trials_csv import read_rows
 
 
 def classes_of(params: ExperimentParams) -> dict[str, float]:
-    """Return the depth of each phantom that has a bead, by code; in a blinded session what stands for it."""
-    return shown_depths(params)
+    """Return the depth of each phantom that has a bead, by code."""
+    phantoms = load_phantoms(params.phantoms)
+    return {code: one.bead.depth_m for code, one in phantoms.items() if one.bead is not None}
 
 
 def believed(params: ExperimentParams) -> list[float]:
     """Return the depths that a belief is about, in its order."""
     depths: list[float] = grid_of(sorted({*classes_of(params).values()}), params.depths).tolist()
     return depths
-
-
-def codes_of(params: ExperimentParams) -> list[str] | None:
-    """Return the codes that a blinded session's table names for depths; None where depths are told."""
-    return sorted(shown_depths(params)) if params.blind else None
 
 
 def is_right(design: plan.ExperimentDesign | RepeatDesign, estimate_m: float, depth_m: float) -> bool:
@@ -81,12 +74,8 @@ def design_of(params: ExperimentParams) -> plan.ExperimentDesign | RepeatDesign:
 
 def mistakes(params: ExperimentParams) -> dict[str, str]:
     """Return what is wrong with the experiment asked for, by parameter; "" for what concerns several."""
-    if found := file_mistakes(params) | blind_mistakes(params):
+    if found := file_mistakes(params):
         return found
-    if params.blind:
-        if found := _too_blind(params):
-            return found
-        params = msgspec.structs.replace(params, blind=False)  # the same numbers, and no key is drawn
     checks: tuple[tuple[str, Callable[[], object]], ...] = (
         ("rings_mm", lambda: rings_of(params.rings_mm)),
         ("", lambda: design_of(params)),
@@ -100,26 +89,6 @@ def mistakes(params: ExperimentParams) -> dict[str, str]:
                 found[name] = str(error)
     if params.from_m == params.to_m:
         found["to_m"] = f"from_m and to_m are both {params.to_m:g} m: a sweep needs a length"
-    return found
-
-
-def _too_blind(params: ExperimentParams) -> dict[str, str]:
-    """Return what a blinded session cannot have, by parameter: what needs a depth to be a length."""
-    why = "a blinded session has codes for depths, and this needs the depths themselves"
-    wrong = {
-        "depths": params.depths != 0,
-        "policy": params.policy == "information",
-        "plan": params.plan != "paper",
-        "specimens": params.specimens != "same",
-    }
-    found = {name: why for name, is_so in wrong.items() if is_so}
-    if params.mounting not in MOUNTINGS and not is_sealed(params.phantoms):
-        found["mounting"] = (
-            "a list that names phantoms by their own codes would tell which is which: seal them first "
-            "(palp session seal KEY, phantoms:=KEY), and list them by their stickers"
-        )
-    if params.overwrite:
-        found["overwrite"] = "a blinded session takes a folder of its own: another one's key may be known"
     return found
 
 
@@ -221,8 +190,6 @@ def progress_of(
     state: ExperimentState,
     phase: str,
     now_ns: int,
-    *,
-    blind: bool = False,
 ) -> Progress:
     """Return how far a phase has come: palpations in training, trials afterwards."""
     if isinstance(design, RepeatDesign):
@@ -236,7 +203,7 @@ def progress_of(
             score_defined=False,
             busy_s=state.sweep_s,
         )
-    judged_count = 0 if blind else state.trials_done - state.dropped_count
+    judged_count = state.trials_done - state.dropped_count
     training = phase == "training"
     return Progress(
         stamp_ns=now_ns,

@@ -2,11 +2,9 @@
 
 from msgs.experiment import Mount, MountedReply, MountedRequest, PhantomTruth
 from msgs.operator import AnswerReply, AnswerRequest, Prompt
-from palp_core import Node, Params, Pub, Qos, ReadOnly, Srv, State, Sub, on, serve
+from palp_core import Node, Params, Pub, Qos, Srv, State, Sub, on, serve
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
-from palp_core.palpation.mechanics.scene.sealed import is_sealed
-from palp_core.palpation.session.decided.blind import shown_depth
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.units import Count, MillimetresNonNegative
 
@@ -26,18 +24,6 @@ class OperatorParams(Params):
     ring_error: str = ""
     height_sd_mm: MillimetresNonNegative = 0.0
     noise: str = ""
-    blind: ReadOnly[bool] = False
-    key: ReadOnly[str] = ""
-
-
-def mistakes(params: OperatorParams) -> dict[str, str]:
-    """Return what is wrong with the files, and that real phantoms have got their stickers, by parameter."""
-    if params.blind and not is_sealed(params.phantoms):
-        return {
-            "phantoms": "real phantoms need stickers with new codes: let somebody who takes no part in the "
-            "session run `palp session seal KEY`, and give phantoms:=KEY"
-        }
-    return file_mistakes(params)
 
 
 class OperatorState(State):
@@ -53,7 +39,7 @@ class Operator(Node):
     """Ask for each phantom, and wait for Enter (`palp session operate`) or for the service ``mounted``."""
 
     simulates = True  # its port `truth` says what the phantom was made as
-    examine = staticmethod(mistakes)
+    examine = staticmethod(file_mistakes)
     params: OperatorParams
     state: OperatorState
     mount = Sub(Mount)
@@ -105,7 +91,7 @@ class Operator(Node):
                 stamp_ns=self.now_ns(),
                 code=state.code,
                 remount=state.remount,
-                depth_m=shown_depth(self.params, state.code, depth_m),
+                depth_m=depth_m,
                 height_offset_m=0.0,
                 rung="",
                 bound=0.0,

@@ -5,7 +5,6 @@ from msgs.experiment import Mount, PhantomTruth, WorldTruth
 from msgs.stage import StagePose
 from msgs.torque import Contact, ContactGuard
 from palp_core import Params, Pub, ReadOnly, Sub, on
-from palp_core.errors import MechanicsError
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.methods import at_work
 from palp_core.palpation.devices.sim.mount import MountVariation
@@ -14,7 +13,6 @@ from palp_core.palpation.mechanics.equilibrium.grid_moments import GridMoments
 from palp_core.palpation.mechanics.equilibrium.sweep_table import SweepTable, solve
 from palp_core.palpation.mechanics.scene.rig import rig
 from palp_core.palpation.perception.belief.rig_noise import read_noise
-from palp_core.palpation.session.decided.blind import phantoms_file, shown_depth
 from palp_core.palpation.session.method_choices import FeatureName, Reading, what_is_read
 from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
 from palp_core.palpation.session.methods.used import rig_uses
@@ -46,8 +44,7 @@ class PhantomParams(Params):
     parameters of that name are not used. ``height_sd_mm`` is the spread of
     the surface's height over remounts (assumed: set down by hand against a stop); a noise file in ``noise``
     has its own. ``world`` is the paper's own design, ``lab``, or a YAML file of what else is on. Friction,
-    tip mass and indentation are assumed, as the paper gives none. In a ``blind`` session what is touched is
-    read from the ``key``, and nothing is said that tells the depth: no rung, bound, method, guard or world.
+    tip mass and indentation are assumed, as the paper gives none.
     """
 
     phantoms: str = ""
@@ -63,8 +60,6 @@ class PhantomParams(Params):
     friction: RatioNonNegative = 0.3
     tip_mass_kg: Kilograms = 0.008
     world: str = "paper"
-    blind: ReadOnly[bool] = False
-    key: ReadOnly[str] = ""
 
 
 class PhantomState(MethodTellerState):
@@ -102,7 +97,7 @@ class Phantom(MethodTeller):
     def on_configure(self) -> None:
         params = self.params
         self.rig = rig(
-            phantoms=phantoms_file(params),
+            phantoms=params.phantoms,
             scene=params.scene,
             read=what_is_read(params.reading, params.feature),
             tolerance=params.tolerance,
@@ -121,7 +116,7 @@ class Phantom(MethodTeller):
         self.height_sd_m = read_noise(noise).height_sd_m.value if noise else params.height_sd_mm * 1e-3
 
     def uses(self) -> list[MethodUse]:
-        return [] if self.params.blind else rig_uses(self.rig, self.state.speed_m_s or None, self.world)
+        return rig_uses(self.rig, self.state.speed_m_s or None, self.world)
 
     @on(mount)
     def put_on(self, mount: Mount) -> None:
@@ -133,31 +128,31 @@ class Phantom(MethodTeller):
         state.code, state.remount = mount.code, mount.remount
         state.height_offset_m = variation.draw(self.rng).height_m
         self._forget()
-        bead, choice, blind = phantoms[mount.code].bead, self.rig.choices[mount.code], self.params.blind
+        bead, choice = phantoms[mount.code].bead, self.rig.choices[mount.code]
         self.truth.publish(
             PhantomTruth(
                 stamp_ns=self.now_ns(),
                 code=mount.code,
                 remount=mount.remount,
-                depth_m=shown_depth(self.params, mount.code, bead.depth_m if bead is not None else 0.0),
+                depth_m=bead.depth_m if bead is not None else 0.0,
                 height_offset_m=state.height_offset_m,
-                rung="" if blind else choice.method.name,
-                bound=0.0 if blind else choice.bound or 0.0,
+                rung=choice.method.name,
+                bound=choice.bound or 0.0,
             )
         )
         if self.world.plain:
             return
         state.world_seed = state.world_seed or seed_of(self.rng)
-        if not blind:  # what the layer over a bead is off by follows from seed, code and depth
-            row = self.live.row(state.code, state.remount, state.height_offset_m, state.path_m)
-            told = WorldTruth(
+        row = self.live.row(state.code, state.remount, state.height_offset_m, state.path_m)
+        self.world_truth.publish(
+            WorldTruth(
                 stamp_ns=self.now_ns(),
                 world=self.world.name,
                 code=mount.code,
                 remount=mount.remount,
                 **off_by(row),
             )
-            self.world_truth.publish(told)
+        )
 
     @on(ring)
     def stiffen(self, ring: RingTruth) -> None:
@@ -203,15 +198,8 @@ class Phantom(MethodTeller):
     def _table(self, pose: StagePose) -> SweepTable | WorldTrace:
         if not self.state.code:
             raise ValueError("the probe sweeps but no phantom is mounted")
-        try:
-            with at_work(self.rig.choices[self.state.code].method):
-                return self._solve() if self.world.plain else self._solve_in_world(pose)
-        except MechanicsError:
-            if not self.params.blind:
-                raise
-        raise MechanicsError(
-            f"phantom {self.state.code} cannot be touched; a blinded session does not say why"
-        )
+        with at_work(self.rig.choices[self.state.code].method):
+            return self._solve() if self.world.plain else self._solve_in_world(pose)
 
     def _solve(self) -> SweepTable:
         state, params = self.state, self.params
@@ -258,8 +246,6 @@ class Phantom(MethodTeller):
     def _tell_guards(self, table: SweepTable | WorldTrace, *, again: bool = False) -> None:
         """Say what the sweeps of this mounting and ring meet: once, and again where that has changed."""
         state = self.state
-        if self.params.blind:
-            return
         words = list(self.rig.met(state.code, table.solved, state.speed_m_s or None))
         if (words or again) and (again or not state.guard_told):
             state.guard_told = True

@@ -28,7 +28,7 @@ from palp_core.foreign import catch_foreign
 from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.topic import Topic
-from palp_core.palpation.reporting.charts import Chart, images
+from palp_core.palpation.reporting.charts import Chart, image
 from tests.palpation.identification.emg.xdf_writer import XdfStream, xdf
 from tests.support.palp import PATIENCE_S, Palp
 
@@ -361,8 +361,7 @@ def test_what_matplotlib_makes_of_names_is_a_chart_or_an_error_of_palp(
 
         return Chart("names", "", "", 2.0, [], [], draw)
 
-    image, _ = images(named("\u65e5\U0001f600"))
-    assert image.startswith(b"\x89PNG")
+    assert image(named("\u65e5\U0001f600"), "png").startswith(b"\x89PNG")
     with pytest.raises(PalpError, match="chart 'names' cannot be drawn: ValueError"):
-        images(named("$x^{$"))
+        image(named("$x^{$"), "svg")
     assert capfd.readouterr() == ("", "")

@@ -8,8 +8,13 @@ from msgs.emg import EmgBlock
 from palp_core import Params, ReadOnly, State
 from palp_core.errors import MechanicsError, PalpError, PerceptionError
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
-from palp_core.palpation.mechanics.scene.sealed import is_sealed, own_codes, sealed_phantoms, standing
-from palp_core.palpation.session.decided.blind import blind_mistakes, phantoms_file
+from palp_core.palpation.mechanics.scene.sealed import (
+    is_sealed,
+    own_codes,
+    require_sealable,
+    sealed_phantoms,
+)
+from palp_core.palpation.session.human.blinding import key_of
 from palp_core.palpation.session.human.plan import HumanDesign
 from palp_core.palpation.session.human.questions import AnswerForm
 from palp_core.palpation.session.human.record import Source, source_of
@@ -99,20 +104,15 @@ def begin_step_again(state: HumanState) -> None:
     state.kind, state.blocks = "none", []
 
 
-def phantoms_of(params: HumanParams) -> tuple[tuple[PlannedPhantom, ...], tuple[PlannedPhantom, ...]]:
-    """Return code and depth of each phantom with a bead; and those of estimation, where they are sealed.
-
-    In training the depth is told, by the phantom's own code. For estimation a blinded session has codes of
-    its own, in their order, each with what stands for its depth.
-    """
-    path = phantoms_file(params)
+def phantoms_of(params: HumanParams) -> tuple[tuple[PlannedPhantom, ...], tuple[str, ...]]:
+    """Return own code and depth of each phantom with a bead; and the codes of a blinded estimation."""
     if not params.blind:
-        found = load_phantoms(path)
+        found = load_phantoms(params.phantoms)
         return tuple(PlannedPhantom(code, one.bead.depth_m) for code, one in found.items() if one.bead), ()
-    depths = {code: one.bead.depth_m for code, one in sealed_phantoms(path).items() if one.bead}
-    own = {own: depths[code] for code, own in own_codes(path).items()}
-    open_ones = tuple(PlannedPhantom(code, depth_m) for code, depth_m in sorted(own.items()))
-    return open_ones, tuple(PlannedPhantom(code, depth_m) for code, depth_m in standing(path).items())
+    key = key_of(params.phantoms, params.key)
+    own, sealed = own_codes(key), sealed_phantoms(key)
+    known = {own[code]: one.bead.depth_m for code, one in sealed.items() if one.bead}
+    return tuple(PlannedPhantom(code, known[code]) for code in sorted(known)), tuple(sorted(sealed))
 
 
 def design_of(params: HumanParams) -> HumanDesign:
@@ -148,11 +148,15 @@ def mistakes(params: HumanParams) -> dict[str, str]:
                 check(text)
         except PalpError as error:
             found[name] = str(error)
-    found |= _blind_mistakes(params)
+    if params.blind:
+        found |= _blind_mistakes(params)
     if found:
         return found
+    has_key = params.blind and is_sealed(params.phantoms)
     try:
-        design_of(msgspec.structs.replace(params, blind=False))  # the same numbers, and no key is drawn
+        design_of(
+            msgspec.structs.replace(params, blind=has_key)
+        )  # a key that is still to be drawn: same numbers
     except MechanicsError as error:
         found["phantoms"] = str(error)
     except PerceptionError as error:
@@ -161,16 +165,21 @@ def mistakes(params: HumanParams) -> dict[str, str]:
 
 
 def _blind_mistakes(params: HumanParams) -> dict[str, str]:
-    """Return why a session cannot be blinded, or has to be, by parameter."""
-    found = blind_mistakes(params)
-    if not params.blind:
-        return found
+    """Return why a session cannot be blinded, by parameter; nothing is drawn."""
+    found = {}
     if params.order == "paper":
         found["order"] = (
             "the paper's order is published, and tells of each trial which depth it has: counterbalanced"
         )
-    if params.source != "simulated" and not is_sealed(params.phantoms):
+    if is_sealed(params.phantoms):
+        return found
+    if params.source != "simulated":
         found["phantoms"] = (
             "somebody who takes no part gives real phantoms their codes: palp session seal KEY, phantoms:=KEY"
         )
+        return found
+    try:
+        require_sealable(load_phantoms(params.phantoms))
+    except MechanicsError as error:
+        found["phantoms"] = str(error)
     return found

@@ -9,12 +9,13 @@ from nodes.human.params import HumanParams, HumanState, begin_step_again, design
 from palp_core import Alarm, Node, Progress, Pub, Qos, Srv, Sub, Timer, on, serve
 from palp_core.errors import NodeError, PalpError
 from palp_core.palpation.perception.emg.quality import clipped
-from palp_core.palpation.session.decided.audit import note_redone, to_be_redone
+from palp_core.palpation.session.audit import note_redone, to_be_redone
 from palp_core.palpation.session.human import plan, questions
 from palp_core.palpation.session.human.effort import judged, mvc_trouble, rms, stretch
 from palp_core.palpation.session.human.plan import HumanStep, HumanTrial
 from palp_core.palpation.session.human.record import HumanRow, HumanWriter, emg_name
 from palp_core.palpation.session.human.sheet import subject_of_sheet
+from palp_core.palpation.session.plan import resume
 from palp_core.palpation.session.sheet.identity import consent_id, subject_code
 from palp_core.units import Float64Array
 
@@ -70,7 +71,8 @@ class HumanSession(Node):
         state = self.state
         if self.plan is None:  # a replacement leads a fresh plan to where the old one was
             self.plan = plan.human(self.design, state.again)
-            self.step = plan.resume(self.plan, state.words)
+            replies = (plan.HumanReply(word) for word in state.words)  # type: ignore[arg-type]
+            self.step = resume(self.plan, replies)
         while self.step is not None:
             word = self._do(self.step)
             if word == "":
@@ -162,7 +164,7 @@ class HumanSession(Node):
             HumanTrialBegun(
                 stamp_ns=self.now_ns(), trial=trial.index, phase=trial.phase, number=trial.number,
                 attempt=trial.attempt, phantom=trial.phantom, told=trial.told,
-                depth_m=trial.depth_m if trial.told else 0.0,
+                depth_m=(trial.depth_m or 0.0) if trial.told else 0.0,
             )
         )  # fmt: skip
 
@@ -213,7 +215,7 @@ class HumanSession(Node):
         state.palpated_ns = state.end_ns - state.begin_ns
         state.lost_count = sum(one.lost_count for one in found)
         state.clipped_count = sum(one.clipped_count for one in found)
-        name = emg_name(trial.phase, trial.number, trial.attempt, trial.phantom, trial.known_depth_m)
+        name = emg_name(trial.phase, trial.number, trial.attempt, trial.phantom, trial.depth_m)
         state.emg = (
             self.record.emg(state.subject, name, samples, self._rate_hz, discarded=spoilt) if found else ""
         )
@@ -233,7 +235,7 @@ class HumanSession(Node):
         estimate_m = None if answer_mm is None else questions.nearest_depth(answer_mm, self.design.phantoms)
         row = HumanRow(
             row=state.row, subject=state.subject, phase=trial.phase, trial=trial.number,
-            attempt=trial.attempt, phantom=trial.phantom, depth_m=trial.known_depth_m, told=trial.told,
+            attempt=trial.attempt, phantom=trial.phantom, depth_m=trial.depth_m, told=trial.told,
             palpation_s=state.palpated_ns * 1e-9, ended_by=state.ended_by,
             answer_s=None if answer_mm is None else answer_ns * 1e-9, answer_mm=answer_mm,
             estimate_m=estimate_m, emg=state.emg, lost_count=state.lost_count,

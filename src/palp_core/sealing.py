@@ -6,14 +6,6 @@ It is no safe: it keeps from seeing, not from prying.
 import base64
 import zlib
 
-STANDS_FROM_M = 100.0
-"""A depth of so many metres or more stands for one that nobody is to know yet: nothing is that deep."""
-
-
-def stands_for_a_depth(depth_m: float) -> bool:
-    """Tell whether a number stands for a depth that is sealed."""
-    return depth_m >= STANDS_FROM_M
-
 
 def sealed(line: bytes, body: bytes, level: int = -1) -> bytes:
     r"""Return content behind a line that says what it is and what opens it.

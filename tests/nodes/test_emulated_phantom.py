@@ -15,8 +15,6 @@ from palp_core import Bench
 from palp_core.errors import NodeError
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.palpation.devices.emulator import EmulatedRig
-from palp_core.palpation.mechanics.scene.phantom_file import PAPER_PHANTOMS
-from palp_core.palpation.mechanics.scene.sealed import seal
 from palp_core.palpation.perception.belief.rig_noise import Component, RigNoise, write_noise
 
 PORTS = {"stage_port": 0, "stop_port": 0, "can_port": 0, "emg_port": 0}
@@ -132,16 +130,3 @@ def test_in_the_labs_world_each_mounting_tells_what_it_is_off_by(tmp_path: Path)
     assert first.modulus == again.modulus != other.modulus
     assert first.friction != again.friction
     assert again.height_m - first.height_m == pytest.approx(heights[1] - heights[0])
-
-
-def test_what_a_blinded_world_is_off_by_is_not_told_here_either(tmp_path: Path) -> None:
-    key = tmp_path / "key.sealed"
-    code = min(seal(key, PAPER_PHANTOMS))
-    given = {**PORTS, "folder": str(tmp_path), "world": "lab", "phantoms": str(key), "key": str(key)}
-    bench = Bench(EmulatedPhantom, {**given, "blind": True}, seed=3)
-    try:
-        bench.feed(EmulatedPhantom.mount, Mount(stamp_ns=0, code=code, remount=0))
-        assert [one.code for one in bench.sent(EmulatedPhantom.truth)] == [code]
-        assert bench.sent(EmulatedPhantom.world_truth) == []
-    finally:
-        bench.executor.transition(Transition.SHUTDOWN)

@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import json
-import re
-import traceback
 from dataclasses import asdict
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,12 +13,7 @@ from msgs.experiment import Mount
 from msgs.stage import StagePose
 from nodes.phantom import Phantom
 from palp_core import Bench
-from palp_core.errors import MechanicsError, NodeError
-from palp_core.palpation.mechanics.contact.model import ContactModel
-from palp_core.palpation.mechanics.phantom import Phantom as Touched
-from palp_core.palpation.mechanics.scene.choice import rung_model
-from palp_core.palpation.mechanics.scene.phantom_file import PAPER_PHANTOMS
-from palp_core.palpation.mechanics.scene.sealed import own_codes, seal
+from palp_core.errors import NodeError
 from palp_core.units import Float64Array
 
 PATH_M = np.linspace(-0.03, 0.05, 401)
@@ -204,67 +195,3 @@ def test_a_replacement_feels_the_same_mounting(successor, frames_of) -> None:  #
         bench.feed(Phantom.pose, pose())
         bench.feed(Phantom.mount, mount("A", 1))
     assert frames_of(first) + frames_of(second) == frames_of(whole)
-
-
-def blind(tmp_path: Path, **given: Any) -> tuple[Bench[Phantom], dict[str, str]]:
-    """Return a blinded phantom, and the session's code by the phantom's own; their orders differ."""
-    own: dict[str, str] = {}
-    while [own[code] for code in sorted(own)] in ([], ["A", "B", "C"]):
-        key = tmp_path / f"{len([*tmp_path.iterdir()])}.sealed"
-        own = seal(key, PAPER_PHANTOMS)
-    assert own == own_codes(key)
-    bench = Bench(Phantom, {"blind": True, "key": str(key), **given})
-    return bench, {own: code for code, own in own.items()}
-
-
-@pytest.mark.parametrize("world", ["paper", "lab"])
-def test_blinded_phantoms_are_set_up_in_the_order_of_depths_whatever_their_codes_and_which_is_on(
-    world: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A set-up that takes long leaves a file with a time in the cache."""
-    depths: list[float] = []
-
-    def noted(rung: str, phantom: Touched, *given: Any) -> ContactModel:
-        assert phantom.bead is not None
-        depths.append(phantom.bead.depth_m)
-        return rung_model(rung, phantom, *given)
-
-    for module in ("mechanics.scene.rig", "world.touch"):
-        monkeypatch.setattr(f"palp_core.palpation.{module}.rung_model", noted)
-    bench, codes = blind(tmp_path, world=world)
-    torque_n_m(bench, codes["C"])
-    assert depths[:3] == [0.002, 0.004, 0.008]
-    assert depths[3:] == ([] if world == "paper" else [0.002] * 3 + [0.004] * 3 + [0.008] * 3)
-    torque_n_m(bench, codes["A"])
-    assert len(depths) == (3 if world == "paper" else 12)
-
-
-def test_what_a_blinded_world_is_off_by_is_not_told(tmp_path: Path) -> None:
-    """Of the layer over the bead it follows from seed, code and depth: who knows two knows the third."""
-    told = Bench(Phantom, {"world": "lab"})
-    bench, codes = blind(tmp_path, world="lab")
-    for one, code in ((told, "B"), (bench, codes["B"])):
-        one.feed(Phantom.mount, mount(code))
-    assert len(told.sent(Phantom.world_truth)) == 1
-    assert bench.sent(Phantom.world_truth) == []
-
-
-def test_a_blinded_phantom_that_cannot_be_touched_does_not_say_why(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fails(*_: Any, **__: Any) -> None:
-        raise MechanicsError("the gel over the bead folds before 0.0031 m of indentation")
-
-    monkeypatch.setattr("nodes.phantom.solve", fails)
-    bench, codes = blind(tmp_path)
-    with pytest.raises(NodeError, match=f"phantom {codes['A']} cannot be touched.*blinded") as met:
-        torque_n_m(bench, codes["A"])
-    assert "0.0031" not in "".join(traceback.format_exception(met.value))
-    assert "l2" not in str(met.value)
-
-
-def test_where_no_method_is_good_enough_a_blinded_session_tells_of_the_shallowest_whatever_its_code(
-    tmp_path: Path,
-) -> None:
-    with pytest.raises(NodeError, match=re.escape("depth_m = 0.002,")):
-        blind(tmp_path, tolerance=1e-9)

@@ -6,23 +6,31 @@ import csv
 import json
 import shutil
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
 import pytest
 from typer.testing import CliRunner
 
 from palp_core.cli.main import app as palp
 from palp_core.cli.rig import emg
 from palp_core.cli.session.session import app
+from palp_core.errors import PalpError
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.problems import GraphProblems
-from palp_core.palpation.mechanics.scene.sealed import own_codes, standing
-from palp_core.palpation.session.decided.audit import decisions
+from palp_core.palpation.mechanics.scene.sealed import SEAL, own_codes, seal, sealed_phantoms
+from palp_core.palpation.session.audit import decisions
+from palp_core.palpation.session.bag_record import launch_of
+from palp_core.palpation.session.human.blinding import DIGEST, refuse_other_key, sealed_name, unseal
 from palp_core.palpation.session.human.record import HUMAN_TABLE, HumanRow, read_human
 from palp_core.palpation.session.many.overview import find_sessions
 from palp_core.palpation.session.many.page import rows_of
-from palp_core.palpation.session.operating.unsealing import sealed_name
+from palp_core.palpation.session.run_note import read_note, refuse_resuming
+from palp_core.sealing import opened, sealed
+from palp_core.whole_file import write_whole
 from tests.rig.test_human import HUMAN, session
+from tests.support.palp import ROOT
 from tests.support.rig_session import check_here
 
 DEPTHS_M = {"A": 0.0021373, "B": 0.0042917, "C": 0.0067131}
@@ -40,7 +48,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_estimation_has_codes_in_table_files_and_messages_and_training_depths(out: Path) -> None:
     rows = read_human(out)
-    codes = standing(out / "key.sealed")
+    codes = own_codes(out / "key.sealed")
     training, estimation = rows[:3], rows[3:]
     assert {row.phantom: row.depth_m for row in training} == DEPTHS_M
     assert sorted(row.phantom for row in estimation) == sorted(codes)
@@ -62,12 +70,16 @@ def test_an_export_has_codes_and_no_depth_of_estimation_either(out: Path, tmp_pa
     with (tmp_path / "csv" / "human_trials.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert {row["phantom"]: float(row["depth_m"]) for row in rows[:3]} == DEPTHS_M
-    assert {row["phantom"] for row in rows[3:]} == set(standing(out / "key.sealed"))
+    assert {row["phantom"] for row in rows[3:]} == set(own_codes(out / "key.sealed"))
     assert {row["depth_m"] for row in rows[3:]} == {""}
 
 
-def test_unsealed_it_has_the_depths_and_what_was_written_before_is_kept(out: Path, tmp_path: Path) -> None:
-    copy = Path(shutil.copytree(out, tmp_path / "copy"))
+@pytest.fixture
+def copy(out: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(out, tmp_path / "copy"))
+
+
+def test_unsealed_it_has_the_depths_and_what_was_written_before_is_kept(copy: Path) -> None:
     before = (copy / "human_trials.csv").read_bytes()
     own = own_codes(copy / "key.sealed")
     done = CliRunner().invoke(app, ["unseal", str(copy), "--reason", "all is done"])
@@ -82,10 +94,7 @@ def test_unsealed_it_has_the_depths_and_what_was_written_before_is_kept(out: Pat
     assert "is not sealed" in str(again.exception)
 
 
-def test_a_folder_of_sessions_tells_that_it_is_blinded_and_its_report_is_made_again(
-    out: Path, tmp_path: Path
-) -> None:
-    copy = Path(shutil.copytree(out, tmp_path / "copy"))
+def test_a_folder_of_sessions_tells_that_it_is_blinded_and_its_report_is_made_again(copy: Path) -> None:
     (entry,) = find_sessions(copy)
     assert entry.words == "with a person, 6 trials, 3 of them blinded, whole"
     assert rows_of([entry], copy)[1][4] == "-"
@@ -95,6 +104,95 @@ def test_a_folder_of_sessions_tells_that_it_is_blinded_and_its_report_is_made_ag
     assert (copy / "human.html").exists()
     analysed = CliRunner().invoke(palp, ["emg", "analyse", str(copy), "--json"])
     assert {one["subject"] for one in json.loads(analysed.stdout)["trials"]} == {"S01"}
+
+
+@pytest.mark.parametrize("done", range(2))
+def test_unsealing_that_was_cut_off_is_finished_by_the_next_run(
+    copy: Path, tmp_path: Path, done: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = Path(shutil.copytree(copy, tmp_path / "whole"))
+    unseal(whole, "all is done")
+    left = [done]
+
+    def write_some(path: Path, content: str | bytes) -> None:
+        if not left[0]:
+            raise OSError("disk full")
+        left[0] -= 1
+        write_whole(path, content)
+
+    monkeypatch.setattr("palp_core.palpation.session.human.blinding.write_whole", write_some)
+    with pytest.raises(OSError, match="disk full"):
+        unseal(copy, "all is done")
+    monkeypatch.undo()
+    unseal(copy, "all is done")
+    for name in (HUMAN_TABLE, sealed_name(Path(HUMAN_TABLE)).name, "key.json"):
+        assert (copy / name).read_bytes() == (whole / name).read_bytes()
+
+
+def test_a_session_is_either_unsealed_or_resumed(copy: Path) -> None:
+    (copy / "checkpoint").touch()
+    with pytest.raises(PalpError, match=r"unfinished.*palp launch --resume, or remove"):
+        unseal(copy, "curious")
+    (copy / "checkpoint").unlink()
+    refuse_resuming(copy, HUMAN_TABLE)
+    unseal(copy, "all is done")
+    with pytest.raises(PalpError, match="was unsealed"):
+        refuse_resuming(copy, HUMAN_TABLE)
+
+
+def other_phantoms(key: Path) -> bytes:
+    """Return a key with codes of its own for the same phantoms."""
+    other = key.with_name("other")
+    seal(other, sealed_phantoms(key))
+    return other.read_bytes()
+
+
+def exchanged_depths(key: Path) -> bytes:
+    """Return a key with the same codes, in which two phantoms have each other's depth and own code."""
+    content = json.loads(opened(SEAL, key.read_bytes()))
+    first, second, *_ = sorted(content["was"])
+    for told in (content["phantoms"], content["was"]):
+        told[first], told[second] = told[second], told[first]
+    return sealed(SEAL, json.dumps(content).encode())
+
+
+@pytest.mark.parametrize("forge", [other_phantoms, exchanged_depths])
+def test_another_key_opens_nothing_and_resumes_nothing(copy: Path, forge: Callable[[Path], bytes]) -> None:
+    key = copy / "key.sealed"
+    key.write_bytes(forge(key))
+    before = {path: path.read_bytes() for path in copy.iterdir() if path.is_file()}
+    with pytest.raises(PalpError, match="another session's key, or was changed"):
+        unseal(copy, "with the wrong key")
+    assert {path: path.read_bytes() for path in copy.iterdir() if path.is_file()} == before
+    summary = read_note(copy)
+    of_copy = {
+        node: told | {"key": str(key)} if "key" in told else told for node, told in summary.params.items()
+    }
+    resumed = msgspec.structs.replace(summary, params=of_copy)
+    with pytest.raises(PalpError, match="another session's key, or was changed"):
+        refuse_other_key(resumed, copy)
+    key.unlink()
+    with pytest.raises(PalpError, match="is gone, and nothing else says which phantom is which"):
+        refuse_other_key(resumed, copy)
+
+
+def test_the_digest_of_the_key_belongs_to_the_run_and_its_bag(out: Path) -> None:
+    summary = read_note(out)
+    refuse_other_key(summary, out)
+    with Bag(out / "bag") as bag:
+        assert launch_of(bag).attached[DIGEST] == summary.attached[DIGEST]
+
+
+@pytest.mark.parametrize("file", ["sim.yaml", "emulated.yaml", "rig.yaml", "human.yaml"])
+def test_a_sealed_key_is_read_by_no_session_in_the_open(file: str, out: Path) -> None:
+    """It would tell the depth of each code, and no audit would know."""
+    key = out / "key.sealed"
+    given = [f"phantoms:={key}", *(["order:=counterbalanced"] if file == "human.yaml" else [])]
+    with pytest.raises(GraphProblems, match="is sealed: read in the open it would tell"):
+        check_here(ROOT / "launch" / file, given)
+    shown = CliRunner().invoke(app, ["plan", "--phantoms", str(key), "--order", "counterbalanced"])
+    assert "is sealed" in str(shown.exception)
+    assert shown.output == ""
 
 
 def by_file(rows: list[HumanRow]) -> list[HumanRow]:

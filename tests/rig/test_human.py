@@ -17,7 +17,7 @@ from palp_core.palpation.identification.emg.markov_fit import EmgRecordingPath, 
 from palp_core.palpation.identification.emg.muscles import ImportOptions
 from palp_core.palpation.perception.emg.analysis import EmgSettings
 from palp_core.palpation.perception.strategy.chain_file import markov_policy, write_chains
-from palp_core.palpation.session.decided import audit
+from palp_core.palpation.session import audit
 from palp_core.palpation.session.human.orders import TABLE_4_MM
 from palp_core.palpation.session.human.record import read_human
 from tests.palpation.session.sheet.filled import FILLED

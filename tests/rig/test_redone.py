@@ -12,7 +12,7 @@ from nodes.experiment import Experiment
 from palp_core import Bench
 from palp_core.cli.session.session import app
 from palp_core.graph.process.keeping import Keeping
-from palp_core.palpation.session.decided.audit import AUDIT, decide, decisions, left_out
+from palp_core.palpation.session.audit import AUDIT, decide, decisions, left_out
 from palp_core.palpation.session.human.record import read_human
 from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.session_folder import RUN

@@ -11,10 +11,10 @@ from palp_core.palpation.reporting.charts import Chart
 
 def render_nothing(patch: pytest.MonkeyPatch) -> None:
     """Let every chart be drawn onto its figure, and its files hold no picture."""
-    patch.setattr(charts, "images", sketch)
+    patch.setattr(charts, "image", sketch)
 
 
-def sketch(chart: Chart) -> tuple[bytes, bytes]:
-    """Return what stands for a chart's pictures, after it was drawn onto a figure."""
+def sketch(chart: Chart, form: str) -> bytes:
+    """Return what stands for a chart's picture, after it was drawn onto a figure."""
     chart.draw(Figure(figsize=(chart.width, chart.height), layout="constrained"))
-    return b"PNG", b"SVG"
+    return form.encode()

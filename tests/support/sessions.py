@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import pytest
 
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.reporting import charts
-from palp_core.palpation.session.result_json import TIME_KEYS
+from palp_core.palpation.session.result import TIME_KEYS
 from palp_core.palpation.session.trials_csv import Row, SessionWriter
 
 RINGS_M = (0.0, 0.016)
@@ -165,11 +166,16 @@ def summary() -> Summariser:
     return describe
 
 
+def charts_in(page: Path) -> set[str]:
+    """Return the names of the charts on a page."""
+    return set(re.findall(r'data-name="(\w+)"', page.read_text(encoding="utf-8")))
+
+
 @contextlib.contextmanager
 def no_charts() -> Iterator[None]:
-    """Write charts that show nothing, for who looks at other things: to draw a page of them takes seconds."""
+    """Make charts that show nothing, for who looks at other things: to draw a page of them takes seconds."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(charts, "images", lambda chart: (b"", b""))
+        patch.setattr(charts, "image", lambda chart, form: b"")
         yield
 
 

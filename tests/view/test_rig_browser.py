@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from tests.support.palp import Palp
-from tests.support.view.browser import Page, Viewing, address_of, browser
+from tests.support.view.browser import Page, Viewing, browser
 from tests.support.view.page_socket import PageServer, PageSocket
-from tests.support.view.rig_stub import SECRETS, launch_stub
+from tests.support.view.rig_stub import launch_stub
 
 __all__ = ["browser"]
 pytestmark = pytest.mark.expensive("Chromium draws, while a graph and a viewer go on")
@@ -161,66 +161,3 @@ class Bytes:
             if "/_nicegui/" not in answer.url and not 300 <= answer.status < 400:
                 self.sent.append(answer.body())
         self._answers.clear()
-
-
-@pytest.fixture(scope="module")
-def dark(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A blinded session's viewer: its address."""
-    launch_stub(shared_palp, tmp_path_factory.mktemp("dark"), "dark", "blind:=true")
-    return address_of(shared_palp.start("view", "--no-browser", "--operate", "--graph", "dark"))
-
-
-DARK = (
-    "/", "/own", "/topics", "/topic/safety/beat", "/topic/rig/belief", "/topic/rig/torque",
-    "/topic/rig/result", "/topic/rig/progress", "/topic/rig/trial", "/topic/rig/_events",
-    "/node/safety", "/node/rig", "/timeline",
-)  # fmt: skip
-
-
-def secrets_in(sent: bytes) -> dict[bytes, bytes]:
-    """Return what of the secrets was sent, with what stands around it."""
-    return {secret: sent[max(sent.find(secret) - 80, 0) :][:120] for secret in SECRETS if secret in sent}
-
-
-def test_of_a_blinded_session_no_byte_that_is_sent_tells_depth_or_accuracy(dark: str) -> None:
-    server, sent = PageServer(dark), []
-    for path in DARK:
-        with closing(PageSocket(server, path)) as page:
-            times = set[str]()
-            while path != "/timeline" and len(times) < 2:  # of it there are none
-                times.add(
-                    str(page.until(lambda one: AT.fullmatch(str(one.get("text"))) is not None)[1]["text"])
-                )
-                page.read()
-            if path == "/own":
-                page.says("estimation: 2 of 30 trials done")
-            sent += [path.encode(), *(said.encode() for said in page.received)]
-    said = b"\n".join(sent)
-    assert b"The session is blinded" in said
-    assert b"estimation: 2 of 30" in said  # it is really what is sent
-    assert secrets_in(said) == {}
-
-
-@pytest.mark.nightly
-def test_of_a_blinded_session_a_browser_is_sent_no_byte_that_tells_depth_or_accuracy(
-    browser: Any, dark: str
-) -> None:
-    viewing = Page(browser, dark)
-    page, sent = viewing.page, Bytes(viewing.page)
-    for path in DARK:
-        viewing.go(path)
-        if path != "/timeline":  # there are none
-            viewing.text_changes("[data-what=now]")
-        sent.collect()
-    viewing.go("/own")
-    viewing.until("() => Number(document.querySelector('.rig-scene').dataset.frames) > 20")
-    viewing.says("The session is blinded")
-    viewing.says("estimation: 2 of 30 trials done")
-    page.keyboard.press("Space")
-    viewing.until(STOPPED)
-    released(viewing)
-    sent.collect()
-    said = b"\n".join(sent.sent)
-    assert b"estimation: 2 of 30" in said  # it is really what is sent
-    assert secrets_in(said) == {}
-    page.close()

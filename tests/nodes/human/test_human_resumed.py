@@ -11,9 +11,9 @@ from palp_core.errors import NodeError, PalpError
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.process.checkpoint import restore
 from palp_core.graph.process.keeping import Keeping
+from palp_core.palpation.session.human.blinding import unseal
 from palp_core.palpation.session.human.questions import QUESTION
 from palp_core.palpation.session.human.record import HUMAN_TABLE, HumanRow, read_human, refuse_human
-from palp_core.palpation.session.operating.unsealing import unseal_by_hand
 from tests.nodes.human.test_human_session import Lab
 
 
@@ -89,7 +89,7 @@ def test_what_lacks_trials_or_goes_on_already_is_not_gone_on_with(tmp_path: Path
     with pytest.raises(NodeError, match="another session is writing"):
         resumed(out, kept)
     with pytest.raises(PalpError, match="unsealed when it is over"):
-        unseal_by_hand(out, "too early")
+        unseal(out, "too early")
     lab.bench.node.record.close()
     with pytest.raises(PalpError, match="never overwritten"):
         refuse_human(out)

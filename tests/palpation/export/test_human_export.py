@@ -14,7 +14,7 @@ from palp_core.palpation.export.dictionary import DICTIONARY
 from palp_core.palpation.export.export import Form, write_export
 from palp_core.palpation.export.source import ExportSource, read_source
 from palp_core.palpation.identification.emg.files import read_emg
-from palp_core.palpation.session.decided.audit import decide
+from palp_core.palpation.session.audit import decide
 from palp_core.palpation.session.human.record import HumanRow, HumanWriter
 from palp_core.palpation.session.session_folder import RUN, SHEET
 from palp_core.palpation.session.sheet.sheet_file import sheet_text

@@ -10,10 +10,8 @@ import pytest
 
 from palp_core.graph.messages.topic import Topic
 from palp_core.palpation.live_page.desk import DeskMonitor
-from palp_core.palpation.live_page.harmless import HARMLESS
 from palp_core.palpation.live_page.page import human, rig
 from palp_core.palpation.session.human.questions import IDENTITY, QUESTION
-from palp_core.view.source.blind import BlindSource
 from palp_core.view.source.overview import NodeState, Overview
 from palp_core.view.source.protocol import Heard, Watch
 
@@ -140,19 +138,16 @@ def test_what_is_asked_is_answered_by_a_press_to_the_node_and_prompt_that_asked(
     ]
 
 
-@pytest.mark.parametrize("blind", [False, True])
-def test_on_the_page_of_the_rig_whoever_mounts_phantoms_is_asked_blinded_too(blind: bool) -> None:
+def test_on_the_page_of_the_rig_who_mounts_phantoms_is_asked() -> None:
     session, answered = ToldSession(), Answered()
     session.ask(2, "enter", "Mount phantom K7, indent 4.0 mm.")
-    source = BlindSource(session, HARMLESS) if blind else session
 
     async def look(user: Any) -> None:
         await user.should_see("Mount phantom K7")
         user.find("go on (Enter)").click()
         await called(answered, 1)
 
-    simulated(put(Viewer(source=source, operator=answered), rig), look)  # type: ignore[arg-type]
-    assert "answer" in HARMLESS.calls
+    simulated(put(Viewer(source=session, operator=answered), rig), look)  # type: ignore[arg-type]
 
 
 def test_what_may_be_a_name_is_refused_before_it_is_sent_and_a_code_is() -> None:

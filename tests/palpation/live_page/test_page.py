@@ -11,12 +11,10 @@ import numpy as np
 import pytest
 
 from palp_core.graph.messages.topic import Topic
-from palp_core.palpation.live_page.harmless import HARMLESS
 from palp_core.palpation.live_page.monitor import RigMonitor
 from palp_core.palpation.live_page.muscles import muscle_words
 from palp_core.palpation.live_page.page import rig
 from palp_core.palpation.session.trials_csv import Row, SessionWriter
-from palp_core.view.source.blind import BlindSource
 from palp_core.view.source.overview import NodeState, Overview
 from palp_core.view.source.protocol import Heard, ViewSource, Watch
 
@@ -216,18 +214,6 @@ def test_a_depth_is_a_bar_of_its_share_and_the_most_probable_one_is_marked() -> 
     ]
 
 
-def test_of_a_blinded_session_none_of_it_is_on_the_page() -> None:
-    async def look(user: Any) -> None:
-        await user.should_see("The session is blinded")
-        await user.should_see("1 of 300 trials done")
-        await user.should_see("ring: 16.2 mm, settled; phantom K7")
-        for words in ("%", "4 mm", "phantom B", "vouches", "posterior", "Entropy", "Right so far", "Uniform"):
-            await user.should_not_see(words)
-
-    source = BlindSource(ToldRig(), HARMLESS)
-    simulated(strip_and_page(Viewer(source=source, operator=Pressed())), look)  # type: ignore[arg-type]
-
-
 def test_a_trip_is_left_behind_only_when_asked_twice() -> None:
     told, pressed = ToldRig(), Pressed()
     told.said["SafetyBeat"].append((91, {**BEAT, "state": "latched", "cause": "torque", "text": "105 N mm"}))
@@ -298,26 +284,6 @@ def test_over_a_bag_it_is_as_it_was_at_the_chosen_time() -> None:
     assert (now.belief.posterior, now.board.rows, now.learnt) == ([], [], SAID["PrimitivesLearnt"][0][1])
 
 
-def test_a_field_that_no_message_has_is_no_harm() -> None:
-    """What may be seen of a blinded session is named by messages that there are."""
-    import msgs.actuator
-    import msgs.emg
-    import msgs.experiment
-    import msgs.operator
-    import msgs.safety
-    import msgs.stage
-    from palp_core import Progress
-
-    modules = (msgs.actuator, msgs.emg, msgs.experiment, msgs.operator, msgs.safety, msgs.stage)
-    known = {name: kind for module in modules for name, kind in vars(module).items()} | {"Progress": Progress}
-    for name, fields in HARMLESS.fields.items():
-        assert set(fields) <= {"*", *known[name].__struct_fields__}, name
-    told = {"depth_m", "torque_n_m", "estimate_m", "confidence", "posterior", "label_known", "score", "gain"}
-    for name, fields in HARMLESS.fields.items():
-        seen = known[name].__struct_fields__ if "*" in fields else fields
-        assert not told & set(seen), name
-
-
 def test_a_slow_browser_is_sent_no_more_than_it_takes_and_then_the_whole_sweep() -> None:
     from palp_core.palpation.live_page.drawing.paced import MOST_UNDER_WAY
     from palp_core.palpation.live_page.drawing.touch import TouchPanel
@@ -328,12 +294,11 @@ def test_a_slow_browser_is_sent_no_more_than_it_takes_and_then_the_whole_sweep()
     made: list[TouchPanel] = []
 
     def put() -> None:
-        made.append(TouchPanel(now, blind=False))
+        made.append(TouchPanel(now))
 
     async def look(user: Any) -> None:
         panel = made[-1]
         chart, sent = panel._chart, list[tuple[str, int]]()
-        assert chart is not None
         chart.run_method = lambda name, points, number: sent.append((name, len(points)))
         panel.show([])
         for _ in range(9):
@@ -380,7 +345,7 @@ def test_once_training_is_over_its_sweeps_are_read_from_the_sessions_folder(tmp_
         await user.should_see(f"palp view {tmp_path / 'out'}")  # of a graph that has ended, too
 
     def put() -> None:
-        OutcomePanel(told, now, blind=False).show()
+        OutcomePanel(told, now).show()
 
     simulated(put, look)
     told.said_launch = {"params": {"rig": {"out": "out"}}}  # where that is nobody knows

@@ -89,23 +89,7 @@ def test_a_trial_is_held_against_the_phantom_that_was_mounted_then() -> None:
 
 def test_the_phantom_that_is_asked_for_at_a_trials_end_is_of_the_next() -> None:
     board = TrialBoard()
-    board.mounted(10, {"code": "D9"})
-    board.mounted(30, {"code": "M7"})
+    board.mounted(10, {"code": "D9", "depth_m": 0.002})
+    board.mounted(30, {"code": "M7", "depth_m": 0.004})
     board.result(30, result(4, 0.002))
     assert [row.code for row in board.rows] == ["D9"]
-
-
-def test_of_a_blinded_session_it_knows_codes_and_nothing_that_is_right() -> None:
-    board = TrialBoard()
-    board.mounted(5, {"code": "K7", "remount": 3})
-    board.result(10, {"trial": 1, "probe_count": 4, "verdict": "decided"})
-    row = board.rows[0]
-    assert (row.code, row.depth_mm, row.estimate_mm, row.confidence, row.right) == (
-        "K7",
-        None,
-        None,
-        None,
-        None,
-    )
-    assert board.accuracy() is None
-    assert board.by_depth() == {}

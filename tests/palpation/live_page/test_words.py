@@ -45,7 +45,7 @@ def test_a_stop_that_somebody_asked_for_is_told_once_and_not_as_something_wrong(
         ({**BEAT, "warning": "one link only"}, 0.0, "warn"),
         ({**BEAT, "state": "starting"}, 0.0, "warn"),
         (BEAT, 3.0, "error"),
-        ({"state": "moving", "permits": True, "cause": "", "text": ""}, 0.0, "ok"),  # of a blinded session
+        ({"state": "moving", "permits": True, "cause": "", "text": ""}, 0.0, "ok"),
     ],
 )
 def test_how_bad_it_is_shows(beat: dict[str, object] | None, silent_s: float, level: str) -> None:

@@ -33,11 +33,13 @@ def test_a_value_that_nobody_hands_in_is_an_error_and_leaves_no_page(tmp_path: P
     assert not (tmp_path / "index.html").exists()
 
 
-def test_a_picture_names_the_files_it_left(tmp_path: Path) -> None:
+def test_a_picture_leaves_files_where_it_is_asked_for_them_and_names_them(tmp_path: Path) -> None:
     chart = Chart("one", "Title", "Caption.", 1.0, ("x",), [(1,)], lambda figure: None)
+    alone = picture(chart)
+    assert alone.files == ()
     shown = picture(chart, tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == set(shown.files) == {"one.png", "one.svg", "one.csv"}
-    assert (tmp_path / "one.png").read_bytes() == shown.png
+    assert (tmp_path / "one.svg").read_bytes() == shown.svg == alone.svg
 
 
 def test_tags_and_styles_are_in_templates_alone() -> None:

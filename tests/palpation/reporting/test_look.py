@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 import palp_core.palpation
 from palp_core.palpation.reporting import charts
-from palp_core.palpation.reporting.charts import Chart, in_percent, legend, number, save
+from palp_core.palpation.reporting.charts import Chart, image, in_percent, legend, number, save
 from palp_core.palpation.reporting.glossary import WORDS, words_of
 from palp_core.palpation.reporting.outline import outlined
 from tests.palpation.reporting.page_flaws import flaws
@@ -124,7 +124,7 @@ def test_every_figure_of_a_page_is_as_wide_as_the_others(tmp_path: Path) -> None
     assert widths == {round(charts.WIDTH_IN * 144)}
 
 
-def test_a_legend_covers_no_data(tmp_path: Path) -> None:
+def test_a_legend_covers_no_data() -> None:
     drawn: list[Figure] = []
 
     def draw(figure: Figure) -> None:
@@ -134,7 +134,7 @@ def test_a_legend_covers_no_data(tmp_path: Path) -> None:
         legend(figure.axes[0], "title")
         legend(figure, "below", handles=figure.axes[0].get_lines())
 
-    save(Chart("one", "", "", 3.0, ("x",), [(1,)], draw), tmp_path)
+    image(Chart("one", "", "", 3.0, ("x",), [(1,)], draw), "png")
     (figure,) = drawn
     legends = [*figure.legends, *(one for axes in figure.axes if (one := axes.get_legend()) is not None)]
     assert len(legends) == 2

@@ -13,11 +13,11 @@ from typer.testing import CliRunner
 
 from palp_core.cli.session.session import app
 from palp_core.errors import PalpError
-from palp_core.palpation.session.decided.audit import AUDIT, decide, decisions, left_out
+from palp_core.palpation.session.audit import AUDIT, decide, decisions, left_out
 from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.recorded_sweeps import read_sweeps
 from palp_core.palpation.session.report import write
-from palp_core.palpation.session.result_json import read_result
+from palp_core.palpation.session.result import read_result
 from palp_core.palpation.session.trials_csv import SessionWriter, read_rows
 from tests.support.sessions import Summariser, Writer
 
@@ -55,8 +55,8 @@ def test_what_is_excluded_or_to_be_done_again_counts_nowhere_and_is_still_there(
     assert every - sweeps == {("training", 1), ("estimation", 1002)}
     write(session, summary(session))
     result = read_result(session)
-    assert result["accuracy"]["overall"]["right"] == 2
-    assert result["left_out"] == {
+    assert result.accuracy.overall.right == 2
+    assert result.left_out == {
         "estimation 1002": "exclude: the phantom slipped",
         "training 1": "redo: the gel was touched",
     }
@@ -72,7 +72,7 @@ def test_of_two_first_decisions_one_writes_the_heading(
         waits.set()
         flock(file, how)
 
-    monkeypatch.setattr("palp_core.palpation.session.decided.audit.fcntl.flock", lock)
+    monkeypatch.setattr("palp_core.palpation.session.audit.fcntl.flock", lock)
     other = threading.Thread(target=decide, args=(tmp_path, ("training", 2), "redo", "noise"))
     with (tmp_path / AUDIT).open("a") as file:
         flock(file, fcntl.LOCK_EX)
@@ -88,7 +88,8 @@ def test_of_two_first_decisions_one_writes_the_heading(
 
 def test_a_session_without_decisions_says_nothing_of_them(session: Path, summary: Summariser) -> None:
     write(session, summary(session))
-    assert "left_out" not in read_result(session)
+    assert not read_result(session).left_out
+    assert "left_out" not in (session / "result.json").read_text()
 
 
 def test_decisions_are_appended(session: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.session import plan
-from palp_core.palpation.session.operating.orders import BLOCKS, EACH_TRIAL, GROUPED, ordered
+from palp_core.palpation.session.orders import BLOCKS, EACH_TRIAL, GROUPED, ordered
 from palp_core.palpation.session.plan import ExperimentDesign
 
 DESIGN = ExperimentDesign(rings_m=(0.008, 0.016), repeats=2, trials_per_phantom=4)

@@ -3,13 +3,12 @@ from __future__ import annotations
 import base64
 import csv
 import dataclasses
-import json
 import re
 import shutil
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -19,16 +18,19 @@ from palp_core.errors import PalpError
 from palp_core.graph.launch.methods_told import MethodTold
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.perception.belief.primitives import Primitives
-from palp_core.palpation.reporting.charts import Chart, images, save
+from palp_core.palpation.reporting.charts import Chart, image, save
 from palp_core.palpation.session import report_page
 from palp_core.palpation.session.charts.of_session import charts_of
 from palp_core.palpation.session.charts.rig import rig_chart
 from palp_core.palpation.session.charts.training import primitives_chart
 from palp_core.palpation.session.methods.used import used
 from palp_core.palpation.session.recorded_session import read_session
-from palp_core.palpation.session.report import session
+from palp_core.palpation.session.report import session, write
+from palp_core.palpation.session.result import read_result
+from palp_core.palpation.session.result_json import build
+from palp_core.palpation.session.run_note import read_note
 from tests.support.rig_session import RigSession
-from tests.support.sessions import SMALL_STRAIN, describe, no_charts, writer
+from tests.support.sessions import SMALL_STRAIN, charts_in, describe, no_charts, writer
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,12 +52,12 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a session with its report, for tests that only read it; its charts are blank."""
     out = writer(tmp_path_factory.mktemp("reported"))(trials=TRIALS)
     with no_charts():
-        session(describe(out))
+        write(out, describe(out), charts=True)
     return out
 
 
 def charts(out: Path) -> set[str]:
-    return {path.stem for path in (out / "charts").glob("*.png")}
+    return charts_in(out / "report.html")
 
 
 def numbers(out: Path, name: str) -> list[dict[str, str]]:
@@ -63,20 +65,26 @@ def numbers(out: Path, name: str) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_a_session_gets_a_result_a_page_and_every_chart_with_its_numbers(rig_session: RigSession) -> None:
+def test_a_session_gets_a_result_and_a_page_with_every_chart(rig_session: RigSession) -> None:
     out = rig_session.out
     assert (out / "result.json").exists()
     assert charts(out) == ALL
-    assert {path.stem for path in (out / "charts").glob("*.csv")} == ALL
-    assert {path.stem for path in (out / "charts").glob("*.svg")} == ALL
+    assert not (out / "charts").exists()
     assert not list(out.rglob("*.part"))
 
 
+def test_files_of_the_charts_are_made_where_they_are_asked_for(reported: Path) -> None:
+    names = {path.name for path in (reported / "charts").iterdir()}
+    assert names == {f"{name}.{form}" for name in ALL for form in ("png", "svg", "csv")}
+    assert "charts/accuracy.csv" in (reported / "report.html").read_text(encoding="utf-8")
+
+
 def test_the_page_needs_no_other_file(rig_session: RigSession) -> None:
-    out = rig_session.out
-    page = (out / "report.html").read_text(encoding="utf-8")
-    pictures = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
-    assert {base64.b64decode(one) for one in pictures} == {p.read_bytes() for p in out.glob("charts/*.png")}
+    page = (rig_session.out / "report.html").read_text(encoding="utf-8")
+    pictures = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', page)
+    assert len(pictures) == len(ALL)
+    assert all(b"<svg" in base64.b64decode(one) for one in pictures)
+    assert len(page) < 2_000_000
     assert not re.search(r'(src|href)="(?!data:|#)', page)
     assert "http" not in re.sub(r"base64,[^\"]+", "", page)
 
@@ -161,8 +169,9 @@ def test_the_rig_is_drawn_to_scale_with_its_labels(reported: Path) -> None:
     assert sizes["probe", "base_m"] == 80.0
     assert [sizes[code, "depth_m"] for code in "ABC"] == [2.0, 4.0, 8.0]
     assert sizes["stage", "indentation_m"] == 4.0
-    scene = json.loads((reported / "result.json").read_text())["mechanics"]["scene"]
-    figure = laid_out(rig_chart(scene, rings_m=(0.0, 0.016), indentation_m=0.004))
+    mechanics = read_result(reported).mechanics
+    assert mechanics is not None
+    figure = laid_out(rig_chart(mechanics.scene, rings_m=(0.0, 0.016), indentation_m=0.004))
     drawn = {text.get_text() for axes in figure.axes for text in axes.texts}
     for words in ("torque sensor", "base link, 80 mm", "joint, R = 6.8 mm", "tip link, 70 mm", "bead, 15 mm"):
         assert words in drawn
@@ -227,7 +236,8 @@ def test_a_single_trial_of_a_single_depth_that_stayed_undecided_is_drawn(
 ) -> None:
     out = record(depths_m=(0.003,), repeats=1, trials=[(0, [[1.0]])], last_word="undecided")
     session(summary(out, stop="fixed_number"))
-    assert {chart.name for chart in charts_of(out) if laid_out(chart).axes} == ALL
+    run, found = summary(out, stop="fixed_number"), read_session(out)
+    assert {one.name for one in charts_of(found, run, build(found, run)) if laid_out(one).axes} == ALL
     assert "1 undecided" in (out / "report.html").read_text(encoding="utf-8")
 
 
@@ -297,7 +307,7 @@ def test_the_page_states_what_the_sweeps_met_or_that_nobody_told(record: Writer,
     assert "What the sweeps met was not recorded" in page
 
 
-def test_any_number_of_ring_positions_finds_a_panel(record: Writer) -> None:
+def test_any_number_of_ring_positions_finds_a_panel(record: Writer, tmp_path: Path) -> None:
     found = read_session(record(repeats=0))
     shape = (3, 5)
     learnt = Primitives(
@@ -312,13 +322,16 @@ def test_any_number_of_ring_positions_finds_a_panel(record: Writer) -> None:
     assert chart is not None
     assert len(chart.rows) == 15
     assert "1 to 15 palpations" in chart.caption
-    assert save(chart, found.folder / "charts").startswith(b"\x89PNG")
+    save(chart, tmp_path)
+    assert (tmp_path / "primitives.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_chart_is_the_same_bytes_every_time(rig_session: RigSession) -> None:
-    chart = next(one for one in charts_of(rig_session.out) if one.name == "sweeps")
-    before = [(rig_session.out / "charts" / f"sweeps.{form}").read_bytes() for form in ("png", "svg")]
-    assert list(images(chart)) == before
+    found, run = read_session(rig_session.out), read_note(rig_session.out)
+    chart = next(one for one in charts_of(found, run, build(found, run)) if one.name == "sweeps")
+    page = (rig_session.out / "report.html").read_text(encoding="utf-8")
+    assert base64.b64encode(image(chart, "svg")).decode() in page
+    assert image(chart, "png") == image(chart, "png")
 
 
 @pytest.mark.usefixtures("blank_charts")
@@ -327,28 +340,31 @@ def test_a_smoother_that_was_left_to_the_register_is_drawn_as_the_run_chose_it(
 ) -> None:
     chosen = MethodTold(node="estimator", at_s=0.0, use=used("denoise"))
     out = record(trials=TRIALS)
-    session(summary(out, denoise=chosen.use.name))
+    write(out, summary(out, denoise=chosen.use.name), charts=True)
     by_name = numbers(out, "sweeps")
-    session(msgspec.structs.replace(summary(out, denoise="auto"), methods=[chosen]))
+    write(out, msgspec.structs.replace(summary(out, denoise="auto"), methods=[chosen]), charts=True)
     assert numbers(out, "sweeps") == by_name
 
 
 @pytest.mark.parametrize(
     ("device", "link", "touch", "said"),
     [
-        ("sim", None, {}, "simulated rig"),
-        ("aerotech", "socket://10.0.0.1:8001", {}, "emulated devices, simulated phantoms"),
-        ("aerotech", "socket://10.0.0.1:8001", None, "rig with devices"),
-        ("newport", "none", None, "rig with devices, without a link of the safety node's own to the stage"),
-        ("newport", "none", {}, "simulated phantoms, without a link of the safety node's own to the stage"),
+        ("sim", None, True, "simulated rig"),
+        ("aerotech", "socket://10.0.0.1:8001", True, "emulated devices, simulated phantoms"),
+        ("aerotech", "socket://10.0.0.1:8001", False, "rig with devices"),
+        ("newport", "none", False, "rig with devices, without a link of the safety node's own to the stage"),
+        ("newport", "none", True, "simulated phantoms, without a link of the safety node's own to the stage"),
     ],
 )
 def test_the_page_says_what_was_swept_and_repeats_that_the_stage_had_no_link_for_stopping(
-    device: str, link: str | None, touch: dict[str, Any] | None, said: str
+    device: str, link: str | None, touch: bool, said: str, record: Writer, summary: Summariser
 ) -> None:
-    protocol: dict[str, Any] = {"stage": {"device": {"value": device}}}
+    run = summary(out := record())
+    run.params["stage"] = {"device": device}
     if link is not None:
-        protocol["safety"] = {"stop_link": {"value": link}}
-    words = report_page._rig({"mechanics": touch, "protocol": protocol, "roles": {}})
+        run.params["safety"] = {"stop_link": link}
+    if not touch:
+        run.publishes["phantom"].pop("/phantom/guard")
+    words = report_page._rig(build(read_session(out), run))
     assert said in words
     assert ("(stop_link: none)" in words) == (link == "none")

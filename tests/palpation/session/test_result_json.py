@@ -14,11 +14,12 @@ from palp_core.graph.launch.changes_told import ChangeTold
 from palp_core.graph.launch.methods_told import MethodTold
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.mechanics.scene.rig import rig
-from palp_core.palpation.session import result_json as result
 from palp_core.palpation.session import run_note
 from palp_core.palpation.session.methods.used import rig_uses
 from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.report_page import headline, write_report
+from palp_core.palpation.session.result import TIME_KEYS, SessionResult, read_result, write_result
+from palp_core.palpation.session.result_json import build
 from palp_core.palpation.world.model import LAB
 from tests.support.sessions import SMALL_STRAIN, without_times
 
@@ -34,7 +35,12 @@ TRIALS = [
 
 
 def built(out: Path, summary: RunSummary) -> dict[str, Any]:
-    return result.build(read_session(out), summary)
+    """Return a result as its file has it."""
+    return dict(msgspec.json.decode(msgspec.json.encode(build(read_session(out), summary))))
+
+
+def result_of(found: dict[str, Any]) -> SessionResult:
+    return msgspec.convert(found, SessionResult)
 
 
 def test_accuracy_is_counted_overall_and_per_depth(record: Writer, summary: Summariser) -> None:
@@ -101,7 +107,7 @@ def test_without_a_trial_there_is_no_accuracy_but_a_result(
     assert found["accuracy"]["overall"] == {"value": None, "ci": None, "right": 0, "of": 0}
     assert found["calibration"] is None
     assert found["probes_mean"] is None
-    assert strict_json(result.write_result(found, out)) == found
+    assert strict_json(write_result(result_of(found), out)) == found
 
 
 def test_a_single_depth_has_chance_one(record: Writer, summary: Summariser) -> None:
@@ -117,7 +123,7 @@ def test_two_runs_are_equal_but_for_the_keys_of_time(record: Writer, summary: Su
     other = built(second, summary(second, wall_s=3.0, composed=True))
     assert one != other
     assert without_times(one) == without_times(other)
-    assert set(result.TIME_KEYS) <= set(one)
+    assert set(TIME_KEYS) <= set(one)
 
 
 def test_speed_relates_sweeping_to_wall_time(record: Writer, summary: Summariser) -> None:
@@ -203,17 +209,17 @@ def test_a_rig_without_a_simulated_phantom_has_no_mechanics(record: Writer, summ
 
 
 def test_a_result_is_read_back(record: Writer, summary: Summariser) -> None:
-    found = built(out := record(trials=TRIALS), summary(out))
-    result.write_result(found, out)
-    assert result.read_result(out) == found
+    found = build(read_session(out := record(trials=TRIALS)), summary(out))
+    write_result(found, out)
+    assert read_result(out) == found
 
 
 def test_a_missing_or_broken_result_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(PalpError, match=r"result\.json is missing"):
-        result.read_result(tmp_path)
+        read_result(tmp_path)
     (tmp_path / "result.json").write_text("{")
     with pytest.raises(PalpError, match="is no result"):
-        result.read_result(tmp_path)
+        read_result(tmp_path)
 
 
 def test_a_run_that_recorded_nowhere_is_an_error(summary: Summariser, tmp_path: Path) -> None:
@@ -222,36 +228,42 @@ def test_a_run_that_recorded_nowhere_is_an_error(summary: Summariser, tmp_path: 
         run_note.out_of(nowhere)
 
 
-def test_a_label_names_the_policies_that_took_over() -> None:
-    swaps = {"value": "30=nodes.policy_markov:Markov, 60=mine.py:Mine"}
-    counts = {"trials_done": 58, "trials_dropped": [{}], "trials_unfinished": 1}
-    found = {"policy": "fixed", "protocol": {"experiment": {"swaps": swaps}}, **counts}
-    assert result.policy_label(found) == "fixed, from trial 30 on markov, from trial 60 on mine"
-    assert result.policy_label(found | {"trials_dropped": []}) == "fixed, from trial 30 on markov"
-    assert result.policy_label(found | {"trials_done": 12}) == "fixed"
-    last = {
-        "protocol": {"experiment": {"swaps": swaps}, "policy": {"ring_mm": {"value": 8.0}}}
-    }  # of the last
-    assert result.policy_label(found | last).endswith(", from trial 60 on mine, 8 mm")
+def test_a_label_names_the_policies_that_took_over(record: Writer, summary: Summariser) -> None:
+    swaps = {"value": "30=nodes.policy_markov:Markov, 60=mine.py:Mine", "basis": ""}
+    counts = {"trials_done": 58, "trials_dropped": [{"trial": 1, "reason": ""}], "trials_unfinished": 1}
+    found = built(out := record(), summary(out)) | counts
+    found |= {"policy": "fixed", "protocol": {"experiment": {"swaps": swaps}}}
+
+    def label(**other: Any) -> str:
+        return result_of(found | other).policy_label()
+
+    assert label() == "fixed, from trial 30 on markov, from trial 60 on mine"
+    assert label(trials_dropped=[]) == "fixed, from trial 30 on markov"
+    assert label(trials_done=12) == "fixed"
+    last = {"experiment": {"swaps": swaps}, "policy": {"ring_mm": {"value": 8.0, "basis": ""}}}
+    assert label(protocol=last).endswith(", from trial 60 on mine, 8 mm")
 
 
 def changed(before: str, run: str, at_s: float = 0.5) -> ChangeTold:
     return ChangeTold("policy", at_s, f"nodes.policies:{before}", f"nodes.policies:{run}")
 
 
-def test_a_policy_that_gave_way_in_training_is_not_the_one_that_is_named() -> None:
+def test_a_policy_that_gave_way_in_training_is_not_the_one_that_is_named(
+    record: Writer, summary: Summariser
+) -> None:
     first = {"policy": "fixed", "trial": 1, "palpation": 1, "at_s": 1.0}
     later = {"policy": "uniform", "trial": 2, "palpation": 3, "at_s": 2.0}
-    changes = [msgspec.to_builtins(changed("Markov", "Fixed"))]
-    protocol = {"experiment": {}, "policy": {"ring_mm": {"value": 12.0}}}
-    counts = {"trials_done": 0, "trials_unfinished": 0}
-    found = {"policy": "markov", "protocol": protocol, "changes": changes, **counts}
-    assert result.policy_label(found) == "markov, then fixed, 12 mm"  # nobody has chosen yet
-    begun = found | {"trials_done": 3}
-    assert result.policy_label(begun | {"swapped_by_hand": [first]}) == "fixed, 12 mm"
-    assert result.policy_label(begun) == "markov"  # the ring is of one that came after the last palpation
-    both = begun | {"swapped_by_hand": [first, later]}
-    assert result.policy_label(both) == "fixed, from trial 2 on uniform"
+    run = msgspec.structs.replace(summary(out := record()), changes=[changed("Markov", "Fixed")])
+    found = built(out, run)
+    found["protocol"]["policy"] = {"ring_mm": {"value": 12.0, "basis": ""}}
+
+    def label(**other: Any) -> str:
+        return result_of(found | other).policy_label()
+
+    assert label() == "markov, then fixed, 12 mm"  # none has chosen yet
+    assert label(trials_done=3, swapped_by_hand=[first]) == "fixed, 12 mm"
+    assert label(trials_done=3) == "markov"  # the ring is of one that came after the last palpation
+    assert label(trials_done=3, swapped_by_hand=[first, later]) == "fixed, from trial 2 on uniform"
 
 
 def test_what_was_changed_is_told_with_when_and_a_parameter_as_it_was_in_the_end(
@@ -276,7 +288,7 @@ def test_what_was_changed_is_told_with_when_and_a_parameter_as_it_was_in_the_end
         ("estimator", "", None, {"stop_value": 0.5}),
     ]
     assert found["protocol"]["policy"]["ring_mm"]["value"] == 12.0
-    page = write_report(out / "report.html", found, ()).read_text()
+    page = write_report(out / "report.html", result_of(found), ()).read_text()
     assert "nodes.policies:Markov → nodes.policies:Fixed" in page
     assert "ring_mm = 12.0" in page
     assert "after the last" in page
@@ -292,17 +304,17 @@ def test_the_page_says_whether_phantoms_alone_were_simulated(
     run = summary(out := record(trials=TRIALS))
     run.params["stage"] = {"device": device}
     found = built(out, run)
-    assert words in write_report(out / "report.html", found, ()).read_text()
+    assert words in write_report(out / "report.html", result_of(found), ()).read_text()
 
 
 def test_a_session_whose_trials_were_all_dropped_says_why(record: Writer, summary: Summariser) -> None:
     found = built(out := record(), summary(out))
-    assert headline(found).endswith("no trial of estimation came to an end.")
+    assert headline(result_of(found)).endswith("no trial of estimation came to an end.")
     dropped = [{"trial": number, "reason": "ring position 16 mm was not trained"} for number in (7, 8)]
     words = (
         "came to an end: 2 trials were dropped (ring position 16 mm was not trained); train it by rings_mm"
     )
-    assert words in headline(found | {"trials_dropped": dropped})
+    assert words in headline(result_of(found | {"trials_dropped": dropped}))
 
 
 def test_the_world_stands_in_result_and_page_unless_it_is_the_papers(
@@ -317,8 +329,8 @@ def test_the_world_stands_in_result_and_page_unless_it_is_the_papers(
     texture = found["world"]["parameters"]["texture_sd_n_m"]
     assert (texture["value"], texture["unit"]) == (LAB.texture_sd_n_m, "N m")
     assert texture["basis"].startswith("assumed")
-    assert headline(found).endswith("Simulated in the world “lab”, not in the paper's own design.")
-    page = write_report(out / "page.html", found, []).read_text("utf-8")
+    assert headline(result_of(found)).endswith("Simulated in the world “lab”, not in the paper's own design.")
+    page = write_report(out / "page.html", result_of(found), []).read_text("utf-8")
     assert ">World: lab</h2>" in page
     assert "texture_sd_n_m" in page
-    assert "world" not in headline(plain)
+    assert "world" not in headline(result_of(plain))

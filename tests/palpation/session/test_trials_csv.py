@@ -21,7 +21,7 @@ FACTS: dict[str, Any] = {
 }  # fmt: skip
 NOTHING: dict[str, Any] = {
     "row": 1, "posterior": [], "gain": [], "gamma": None, "estimate_m": None, "true_ring_m": None,
-    "true_height_m": None, "outlier": False, "landed": None, "guards": [],
+    "true_height_m": None, "outlier": False, "landed": False, "guards": [],
     "enter_ns": None, "leave_ns": None,
 }  # fmt: skip
 

@@ -74,7 +74,7 @@ def table_removed(folder: Path) -> None:
     [
         (renamed, "was removed or renamed while the session ran.*2 palpations"),
         (shutil.rmtree, "was removed or renamed while the session ran"),
-        (table_removed, "trials.csv was removed while the session ran.*sweeps"),
+        (table_removed, "trials.csv was removed while the session ran.*next to it"),
     ],
 )
 def test_a_folder_that_is_taken_away_ends_the_session_in_words(

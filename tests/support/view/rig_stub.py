@@ -285,12 +285,10 @@ class Safety(Node):
 LAUNCH = """
 graph: NAME
 clock: wall
-args: {blind: {default: false}}
 nodes:
   safety: {run: "nodes.rig_stub:Safety"}
   rig: {run: "nodes.rig_stub:Rig"}
 view: palp_core.palpation.live_page.page:rig
-blind: $(var blind)
 """
 
 

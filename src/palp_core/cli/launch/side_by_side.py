@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 from palp_core.cli.output import print_text
 from palp_core.graph.process.parent_death import die_with_parent
-from palp_core.graph.supervision.fork_start import SHARES_CORES
 from palp_core.graph.supervision.interrupt import Interrupt
 
 if TYPE_CHECKING:
@@ -42,7 +41,7 @@ class Launched:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            env={**os.environ, "PYTHONHASHSEED": "0", SHARES_CORES: "1"},
+            env={**os.environ, "PYTHONHASHSEED": "0"},
             start_new_session=True,  # Ctrl-C reaches it by the launcher of all, once
             preexec_fn=partial(die_with_parent, os.getpid()),  # it only calls prctl
         )

@@ -33,8 +33,7 @@ def why(
 ) -> None:
     """All of it is what the run itself has recorded; nothing is computed again."""
     from palp_core.methods import left_out
-    from palp_core.palpation.session.methods.record import methods_of, unsaid
-    from palp_core.palpation.session.methods.text import paragraphs
+    from palp_core.palpation.session.methods.record import methods_of, paragraphs, unsaid
 
     summary, rows = _recorded(run)
     record = methods_of(summary, rows)
@@ -73,7 +72,8 @@ def _recorded(run: str) -> tuple[RunSummary, list[Row]]:
     if not run or not path.exists():
         return _running(run)
     if is_bag(path):
-        return read_record(path)
+        found = read_record(path)
+        return found.summary, found.rows
     if not (path / RUN).is_file():
         raise PalpError(f"'{path}' is neither a session's folder ({RUN} is missing) nor a bag, so no run")
     summary = read_note(path)

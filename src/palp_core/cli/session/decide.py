@@ -12,7 +12,7 @@ from palp_core.cli.output import note, print_json, print_text
 from palp_core.errors import PalpError
 
 if TYPE_CHECKING:
-    from palp_core.palpation.session.decided.audit import Deed, TrialKey
+    from palp_core.palpation.session.audit import Deed, TrialKey
 
 TrialArgument = Annotated[
     int, typer.Argument(metavar="TRIAL", min=1, help="Its number in its phase.", show_default=False)
@@ -50,7 +50,7 @@ def exclude(
 
 
 def _decide(deed: Deed, key: TrialKey, folder: Path, reason: str, *, as_json: bool) -> None:
-    from palp_core.palpation.session.decided.audit import AUDIT, decide
+    from palp_core.palpation.session.audit import AUDIT, decide
     from palp_core.palpation.session.human.record import is_by_hand, read_human
     from palp_core.palpation.session.trials_csv import read_rows
 

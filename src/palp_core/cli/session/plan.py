@@ -10,7 +10,6 @@ import typer
 from palp_core.cli.options import JsonOption
 from palp_core.cli.output import print_json, print_table, print_text
 from palp_core.counted import counted
-from palp_core.errors import PalpError
 
 
 def plan(
@@ -28,19 +27,13 @@ def plan(
 ) -> None:
     """No rig is needed."""
     from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
-    from palp_core.palpation.mechanics.scene.sealed import sealed_mistake
     from palp_core.palpation.session.human.plan import PHASES, HumanDesign, outline
     from palp_core.palpation.session.plan import PlannedPhantom
 
-    if phantoms and (why := sealed_mistake(phantoms)):
-        raise PalpError(why)
+    depths_m = {code: one.bead.depth_m for code, one in load_phantoms(phantoms).items() if one.bead}
     found = outline(
         HumanDesign(
-            phantoms=tuple(
-                PlannedPhantom(code, one.bead.depth_m)
-                for code, one in load_phantoms(phantoms).items()
-                if one.bead
-            ),
+            phantoms=tuple(PlannedPhantom(code, depth_m) for code, depth_m in depths_m.items()),
             order=order,
             subject_number=subject_number,
             seed=seed,
@@ -61,7 +54,7 @@ def plan(
             [
                 ["trial", *(str(trial.number) for trial in trials)],
                 ["phantom", *(trial.phantom for trial in trials)],
-                ["depth, mm", *(f"{trial.depth_m * 1e3:g}" for trial in trials)],
+                ["depth, mm", *(f"{depths_m[trial.phantom] * 1e3:g}" for trial in trials)],
             ]
         )
     print_text(

@@ -1,4 +1,4 @@
-"""``palp session seal`` and ``unseal``: the beginning and the end of a blinded session."""
+"""``palp session seal`` and ``unseal``: the beginning and the end of a blinded session with a person."""
 
 from __future__ import annotations
 
@@ -35,23 +35,16 @@ def unseal(
     as_json: JsonOption = False,
 ) -> None:
     """The report is made, and the audit says when, why and by whom it was opened."""
-    from palp_core.palpation.session import run_note
-    from palp_core.palpation.session.human.record import is_by_hand
+    from palp_core.palpation.session.human.blinding import unseal as open_session
     from palp_core.palpation.session.human.report import write_human
-    from palp_core.palpation.session.operating.unsealing import unseal as open_session
-    from palp_core.palpation.session.operating.unsealing import unseal_by_hand
-    from palp_core.palpation.session.report import write
+    from palp_core.palpation.session.run_note import read_note
     from palp_core.palpation.session.sheet.of_run import sheet_of
 
-    if is_by_hand(folder):
-        opened = unseal_by_hand(folder, reason, key)
-        said = write_human([folder], folder, sheet_of(run_note.read_note(folder)))
-    else:
-        opened = open_session(folder, reason, key)
-        said = write(folder, run_note.read_note(folder))
+    opened = open_session(folder, reason, key)
+    said = write_human([folder], folder, sheet_of(read_note(folder)))
     if as_json:
-        print_json(opened)
+        print_json([{"code": code, "phantom": own, "depth_m": depth_m} for code, own, depth_m in opened])
         return
-    rows = [[code, opened.own[code], f"{d * 1e3:g}"] for code, d in sorted(opened.depths_m.items())]
+    rows = [[code, own, f"{depth_m * 1e3:g}"] for code, own, depth_m in opened]
     print_table([["code", "phantom", "depth, mm"], *rows])
     print_text(said)

@@ -130,7 +130,7 @@ DICTIONARY: dict[str, tuple[ExportColumn, ...]] = {
         ("seed", "integer", "1", "of every random number of the session"),
         ("start_s", "number", "s", "time of the first torque sample, on the run's clock"),
         ("end_s", "number", "s", "time of the last torque sample, on the run's clock"),
-        ("landed", "flag", "", "whether the ring was moved or re-homed before; missing where nobody told"),
+        ("landed", "flag", "", "whether the ring was moved or re-homed before"),
         ("guards", "text", "", "what the simulated sweep met in which its contact model may be wrong"),
         ("enter_s", "number", "s", "when the stage was to come over the path; missing where nobody told"),
         ("leave_s", "number", "s", "when the stage was to leave the path; missing where nobody told"),

@@ -11,7 +11,7 @@ import numpy as np
 
 from palp_core.errors import PalpError
 from palp_core.palpation.export.tables import ExportTable, Values, joined, table_of
-from palp_core.palpation.session.decided.audit import TrialKey
+from palp_core.palpation.session.audit import TrialKey
 from palp_core.palpation.session.human.record import EMG, HumanRow
 from palp_core.units import Float64Array
 

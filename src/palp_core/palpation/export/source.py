@@ -24,9 +24,8 @@ from palp_core.palpation.export.tables import (
 )
 from palp_core.palpation.identification.emg.files import EmgFile
 from palp_core.palpation.identification.emg.files_bag import read_bag
+from palp_core.palpation.session.audit import left_out
 from palp_core.palpation.session.bag_record import is_bag, write_record
-from palp_core.palpation.session.decided.audit import left_out
-from palp_core.palpation.session.decided.blind import refuse_blinded
 from palp_core.palpation.session.human.record import is_by_hand, read_human
 from palp_core.palpation.session.recorded_session import believed_depths
 from palp_core.palpation.session.run_note import read_note
@@ -64,7 +63,7 @@ def read_source(path: Path) -> ExportSource:
     """Read all tables of a session.
 
     Raises:
-        PalpError: It is neither a session's folder nor a bag of a run, or is blinded or damaged.
+        PalpError: It is neither a session's folder nor a bag of a run, or is damaged.
         BagError: The bag cannot be read.
     """
     if is_by_hand(path):
@@ -87,7 +86,6 @@ def read_source(path: Path) -> ExportSource:
         sheet = sheet_of(summary)
         subject = sheet.subject if sheet is not None else NONE
         rows = read_rows(folder)
-        refuse_blinded(rows, path)
         depths_m = believed_depths(folder)
         tables = (
             trials_table(rows, depths_m, subject, left_out(folder)),

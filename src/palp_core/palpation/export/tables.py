@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from palp_core.palpation.export.dictionary import FLAG_MISSING, ExportColumn, Kind, class_name, columns_of
 from palp_core.palpation.identification.emg.files import EmgFile
-from palp_core.palpation.session.decided.audit import TrialKey
+from palp_core.palpation.session.audit import TrialKey
 from palp_core.palpation.session.trials_csv import Row, read_sweep
 from palp_core.units import Float64Array
 

@@ -1,4 +1,4 @@
-"""All that the page of the rig shows, kept from messages: of a running graph, of a bag, of a blinded session.
+"""All that the page of the rig shows, kept from messages: of a running graph or of a bag.
 
 It reads what comes between two looks, so it costs the same however fast the graph goes; what was before the
 first look it asks for once, on a thread.
@@ -26,7 +26,7 @@ from palp_core.palpation.live_page.trials import TrialBoard
 from palp_core.view.source.protocol import Heard, ViewSource, Watch
 
 RARE = (
-    "Mount", "PhantomTruth", "PrimitivesLearnt", "Trial", "TrialResult", "Belief", "ContactGuard",
+    "PhantomTruth", "PrimitivesLearnt", "Trial", "TrialResult", "Belief", "ContactGuard",
     "RingState", "SweepStatus", "SweepGoal", "PolicyChange",
 )  # fmt: skip
 """Every one counts; those of one time in this order."""
@@ -172,9 +172,6 @@ class RigMonitor:
     def _take(self, name: str, heard: Heard) -> None:
         message = heard.message
         match name:
-            case "Mount" if not self.has("PhantomTruth"):
-                self.mounted = message
-                self.board.mounted(heard.stamp_ns, message)
             case "PhantomTruth":
                 self.mounted = message
                 self.board.mounted(heard.stamp_ns, message)
@@ -252,7 +249,7 @@ class RigMonitor:
     @property
     def depth_mm(self) -> float:
         """How deep the bead of the mounted phantom is; 0 where it has none, or nobody told."""
-        return round(1e3 * self.mounted.get("depth_m", 0.0), 6) if self.mounted is not None else 0.0
+        return round(1e3 * self.mounted["depth_m"], 6) if self.mounted is not None else 0.0
 
     @property
     def sweeping(self) -> bool:

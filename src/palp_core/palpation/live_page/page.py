@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from palp_core.palpation.live_page.harmless import HARMLESS
 from palp_core.palpation.live_page.safety import heading
 
 if TYPE_CHECKING:
@@ -38,7 +37,6 @@ def human(viewer: Viewer) -> None:
 rig.strip = strip  # type: ignore[attr-defined]
 rig.heading = heading  # type: ignore[attr-defined]
 rig.title = "Rig"  # type: ignore[attr-defined]
-rig.harmless = HARMLESS  # type: ignore[attr-defined]
 rig.over_bags = True  # type: ignore[attr-defined]
 human.heading = heading  # type: ignore[attr-defined]
 human.title = "Operator"  # type: ignore[attr-defined]

@@ -11,19 +11,19 @@ from palp_core.palpation.perception.statistics.statistics import Proportion, wil
 
 
 class TrialRow(msgspec.Struct, frozen=True, kw_only=True):
-    """A trial of estimation that is over; lengths in mm, None where nobody told.
+    """A trial of estimation that is over; lengths in mm.
 
     ``right``: whether the true depth is, of the known ones, the nearest to the estimate; None of a trial that
-    was dropped, and where the truth is not told.
+    was dropped. Before the first ``PhantomTruth`` it is None, as the depth is.
     """
 
     number: int
     code: str
     verdict: str
     probe_count: int
-    estimate_mm: float | None
+    estimate_mm: float
     depth_mm: float | None
-    confidence: float | None
+    confidence: float
     right: bool | None
 
 
@@ -43,11 +43,10 @@ class TrialBoard:
         self._rows = None
 
     def mounted(self, stamp_ns: int, mounted: dict[str, Any]) -> None:
-        """Take a ``PhantomTruth``, or of a blinded session what may be seen of a ``Mount``."""
+        """Take a ``PhantomTruth``."""
         self._mounts.append((stamp_ns, mounted))
         self._mounts.sort(key=lambda one: one[0])
-        if "depth_m" in mounted:
-            self._depths_mm.add(_mm(mounted["depth_m"]))
+        self._depths_mm.add(_mm(mounted["depth_m"]))
         self._rows = None
 
     def learnt(self, depths_m: Iterable[float]) -> None:
@@ -81,10 +80,10 @@ class TrialBoard:
         mounted: dict[str, Any] = {}
         for at_ns, one in self._mounts:
             mounted = one if at_ns < stamp_ns else mounted  # at a trial's end the next phantom is asked for
-        depth_mm = _mm(mounted["depth_m"]) if "depth_m" in mounted else None
-        estimate_mm = _mm(result["estimate_m"]) if "estimate_m" in result else None
+        depth_mm = _mm(mounted["depth_m"]) if mounted else None
+        estimate_mm = _mm(result["estimate_m"])
         right = None
-        if result["verdict"] != "dropped" and depth_mm is not None and estimate_mm is not None:
+        if result["verdict"] != "dropped" and depth_mm is not None:
             right = min(self._depths_mm, key=lambda one: abs(one - estimate_mm)) == depth_mm
         return TrialRow(
             number=number,
@@ -93,7 +92,7 @@ class TrialBoard:
             probe_count=result["probe_count"],
             estimate_mm=estimate_mm,
             depth_mm=depth_mm,
-            confidence=result.get("confidence"),
+            confidence=result["confidence"],
             right=right,
         )
 

@@ -1,4 +1,4 @@
-"""What every chart shares: its look, and its way to a PNG with its numbers beside it.
+"""What every chart shares: its look, and its way to a picture and to a table of its numbers.
 
 Charts are drawn without pyplot, so nothing is global and no display is needed. Matplotlib loads on first use.
 """
@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from palp_core.errors import PalpError
 from palp_core.foreign import catch_foreign
@@ -97,41 +97,47 @@ def _span(name: str, cells: Sequence[Any]) -> str:
     return f"{words} {min(numbers):.3g} to {max(numbers):.3g}" if numbers else words
 
 
-def save(chart: Chart, folder: Path) -> bytes:
-    """Draw a chart, write ``NAME.png``, ``NAME.svg`` and ``NAME.csv``, and return the PNG."""
-    image, vector = images(chart)
+def save(chart: Chart, folder: Path) -> None:
+    """Draw a chart, and write ``NAME.png``, ``NAME.svg`` and ``NAME.csv``."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / f"{chart.name}.png").write_bytes(image)
-    (folder / f"{chart.name}.svg").write_bytes(vector)
+    (folder / f"{chart.name}.png").write_bytes(image(chart, "png"))
+    (folder / f"{chart.name}.svg").write_bytes(image(chart, "svg"))
     write_csv(folder / f"{chart.name}.csv", chart.columns, chart.rows)
-    return image
 
 
-def images(chart: Chart) -> tuple[bytes, bytes]:
-    """Draw a chart; return it as PNG and as SVG.
+def image(chart: Chart, form: Literal["png", "svg"]) -> bytes:
+    """Draw a chart; return the picture.
 
     Raises:
         PalpError: It cannot be drawn, as with a formula that is none between two ``$`` of a name.
     """
     from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
-    image = io.BytesIO()
-    vector = io.BytesIO()
+    data, canvas_class = io.BytesIO(), _canvas_class(form)
     with (
         catch_foreign(f"chart '{chart.name}' cannot be drawn", PalpError),
         rc_context(_STYLE | {"svg.hashsalt": chart.name}),  # the same file for the same numbers
     ):
         figure = Figure(figsize=(chart.width, chart.height), dpi=_DPI, layout="constrained")
-        canvas: Any = FigureCanvasAgg(figure)
+        canvas = canvas_class(figure)
         chart.draw(figure)
-        canvas.print_png(image, metadata={"Software": "palp"})  # savefig would lay everything out twice
-        figure.set_layout_engine("none")  # what lies where is found once, for both
-        vectors: Any = FigureCanvasSVG(figure)
-        vectors.print_svg(vector, metadata={"Creator": "palp", "Date": None})
-    return image.getvalue(), vector.getvalue()
+        if form == "png":  # savefig would lay everything out twice
+            canvas.print_png(data, metadata={"Software": "palp"})
+        else:
+            canvas.print_svg(data, metadata={"Creator": "palp", "Date": None})
+    return data.getvalue()
+
+
+def _canvas_class(form: Literal["png", "svg"]) -> Any:
+    """Load one of the two: each takes a quarter of a second."""
+    if form == "png":
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+        return FigureCanvasAgg
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    return FigureCanvasSVG
 
 
 def depth_style(index: int) -> dict[str, Any]:

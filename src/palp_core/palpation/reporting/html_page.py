@@ -13,7 +13,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from palp_core.palpation.reporting.charts import Chart, save
+from palp_core.palpation.reporting import charts
+from palp_core.palpation.reporting.charts import Chart
 from palp_core.palpation.reporting.glossary import words_of
 from palp_core.palpation.reporting.outline import outlined
 from palp_core.whole_file import write_whole
@@ -27,40 +28,35 @@ class Picture:
     """A chart as it was drawn.
 
     Attributes:
-        name: Stem of its files.
+        name: Its name.
         title: What it shows.
         caption: How to read it.
         alt: What it shows, for whoever does not see it.
-        png: The picture.
+        svg: The picture.
+        files: Names of its files, where it has any.
     """
 
     name: str
     title: str
     caption: str
     alt: str
-    png: bytes
-
-    @property
-    def files(self) -> tuple[str, ...]:
-        """Names of its files."""
-        return tuple(f"{self.name}.{kind}" for kind in ("png", "svg", "csv"))
+    svg: bytes
+    files: tuple[str, ...] = ()
 
     @property
     def base64(self) -> str:
         """The picture as part of a page."""
-        return base64.b64encode(self.png).decode("ascii")
+        return base64.b64encode(self.svg).decode("ascii")
 
 
-def picture(chart: Chart, folder: Path) -> Picture:
-    """Save a chart as PNG, SVG and CSV; return it for a page."""
-    return Picture(chart.name, chart.title, chart.caption, chart.alt, save(chart, folder))
-
-
-def drawn(chart: Chart, folder: Path) -> Picture:
-    """Return a chart for a page that another process has saved."""
-    return Picture(
-        chart.name, chart.title, chart.caption, chart.alt, (folder / f"{chart.name}.png").read_bytes()
-    )
+def picture(chart: Chart, folder: Path | None = None) -> Picture:
+    """Return a chart for a page; with a folder, save it there as PNG, SVG and CSV, too."""
+    if folder is None:
+        return Picture(chart.name, chart.title, chart.caption, chart.alt, charts.image(chart, "svg"))
+    charts.save(chart, folder)
+    files = tuple(f"{chart.name}.{form}" for form in ("png", "svg", "csv"))
+    svg = (folder / f"{chart.name}.svg").read_bytes()
+    return Picture(chart.name, chart.title, chart.caption, chart.alt, svg, files)
 
 
 def write_page(path: Path, template: str, **values: Any) -> Path:

@@ -23,18 +23,16 @@ from palp_core.graph.launch.methods_told import MethodsTold, MethodTold
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.graph.messages.builtin import DiagnosticStatus, MethodsUsed
 from palp_core.graph.node.event_publisher import EVENTS_PORT
-from palp_core.graph.node.spec import LAUNCHER, topic
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.perception.belief.trial_filter import classes_of
 from palp_core.palpation.session.plan import policy_name
+from palp_core.palpation.session.policy_changes import apply_policy_changes
 from palp_core.palpation.session.roles import GUARD, NoSession, Roles, roles_of
 from palp_core.palpation.session.session_folder import RUN, cannot_write, refuse_input, refuse_occupied
 from palp_core.palpation.session.trials_csv import Row, SessionWriter, primitives_json, row_of
-from palp_core.palpation.session.who_chose import take_up_changes
 from palp_core.whole_file import write_json
 
-HEALTH = topic(LAUNCHER, "health")
 _NAMED_BY = "--out"
 _HEARD = (
     *("Belief", "Palpation", "PrimitivesLearnt", "RingState", "RingTruth", "PhantomTruth", "SweepStatus"),
@@ -68,31 +66,55 @@ def write_record(path: Path, folder: Path, *, overwrite: bool = False) -> RunSum
         ways_on = "name another folder, --out NAME, or let this replace it, --overwrite"
         refuse_occupied(folder, ways_on, _NAMED_BY)
     refuse_input(folder, path, f"the bag '{path}'")
-    with Bag(path) as bag:
-        found = _Contents(bag)
-    rows = found.rows()
-    writer = SessionWriter(str(folder), found.believed_m(), _NAMED_BY)
+    found = read_record(path)
+    writer = SessionWriter(str(folder), found.believed_m, _NAMED_BY)
     writer.start(overwrite=overwrite)
     try:
-        for row, palpation in rows:
+        for row, palpation in zip(found.rows, found.palpations, strict=True):
             writer.append(row, palpation.torque_n_m, palpation.rate_hz)
-        for learnt in found.values("PrimitivesLearnt"):
+        for learnt in found.learnt:
             writer.primitives(primitives_json(learnt))
-        summary = found.summary([row for row, _ in rows])
-        write_json(folder / RUN, summary)
+        write_json(folder / RUN, found.summary)
     except OSError as error:
         raise cannot_write(folder, error, _NAMED_BY) from error
     finally:
         writer.close()
-    return summary
+    return found.summary
 
 
-def read_record(path: Path) -> tuple[RunSummary, list[Row]]:
-    """Return how the run went that a bag holds, and its rows; errors as of :func:`write_record`."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class BagRecord:
+    """The record of the session that a bag holds.
+
+    Attributes:
+        summary: How the run went, as far as the bag has it.
+        rows: Its palpations as the experiment recorded them.
+        palpations: The message of each, with its torque.
+        believed_m: Depths that the beliefs are about.
+        learnt: Messages of memory primitives.
+    """
+
+    summary: RunSummary
+    rows: list[Row]
+    palpations: list[Any]
+    believed_m: Sequence[float]
+    learnt: list[Any]
+
+
+def read_record(path: Path) -> BagRecord:
+    """Return the record of the session that a bag holds.
+
+    Raises:
+        PalpError: The bag lacks what a session needs.
+        BagError: The bag cannot be read.
+    """
     with Bag(path) as bag:
         found = _Contents(bag)
-    rows = [row for row, _ in found.rows()]
-    return found.summary(rows), rows
+    made = found.rows()
+    rows = [row for row, _ in made]
+    palpations = [palpation for _, palpation in made]
+    learnt = found.values("PrimitivesLearnt")
+    return BagRecord(found.summary(rows), rows, palpations, found.believed_m(), learnt)
 
 
 class _Contents:
@@ -112,7 +134,6 @@ class _Contents:
             self._damage = str(error)
         self._messages.sort(key=lambda message: message.publish_ns)
         self._topics = bag.topics()
-        self._cpu_s = _cpu_s(bag) if HEALTH in self._topics else {}
         self._changes = _changes(bag)
 
     def values(self, kind: str) -> list[Any]:
@@ -125,9 +146,9 @@ class _Contents:
         Raises:
             PalpError: There is none, or the bag lacks what rows are made of.
         """
-        retold, found = _Retold(self._roles.params("experiment")), []
+        builder, found = _RecordBuilder(self._roles.params("experiment")), []
         for message in self._messages:
-            made = retold.tell(self._kind_of[message.topic], message.value)
+            made = builder.feed(self._kind_of[message.topic], message.value)
             if made is not None:
                 found.append(made)
         estimated = any(trial.phase == "estimation" for trial in self.values("Trial"))
@@ -176,7 +197,6 @@ class _Contents:
             activation_count=None,
             incidents=self._incidents(),
             methods=self._methods(),
-            cpu_s=self._cpu_s,
             changes=self._changes,
         )
 
@@ -269,7 +289,7 @@ class _Facts:
     leave_ns: int | None = None
 
 
-class _Retold:
+class _RecordBuilder:
     """Makes the rows again: follows what the experiment heard and said, and keeps what it kept."""
 
     def __init__(self, params: Mapping[str, Any]) -> None:
@@ -279,7 +299,7 @@ class _Retold:
         self._belief: Any = None
         self._written: set[tuple[int, int]] = set()
 
-    def tell(self, kind: str, value: Any) -> tuple[Row, Any] | None:
+    def feed(self, kind: str, value: Any) -> tuple[Row, Any] | None:
         """Take a message; return the row that it completes, and its palpation."""
         facts = self._facts
         match kind:
@@ -324,7 +344,7 @@ class _Retold:
             return None
         if of in self._written:  # a message that is in the bag twice
             return None
-        take_up_changes(facts, palpation)
+        apply_policy_changes(facts, palpation)
         row = row_of(facts, palpation, belief, policy=self._policy, seed=self._seed)
         self._written.add(of)
         facts.row += 1
@@ -332,15 +352,6 @@ class _Retold:
         facts.policy, facts.next_policy = facts.next_policy or facts.policy, ""
         self._palpation = self._belief = None
         return row, palpation
-
-
-def _cpu_s(bag: Bag) -> dict[str, float]:
-    """Return the CPU time of each node's process, as the launcher said last before any damage."""
-    found: dict[str, float] = {}
-    with contextlib.suppress(BagDamaged):
-        for message in bag.messages([HEALTH]):
-            found |= {node.node: node.cpu_s for node in message.value.nodes}
-    return found
 
 
 def _changes(bag: Bag) -> list[ChangeTold]:

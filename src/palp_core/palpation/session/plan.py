@@ -12,7 +12,7 @@ import itertools
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -107,6 +107,9 @@ class StepReply:
 
 
 Plan = Generator[Step, StepReply, None]
+
+StepT = TypeVar("StepT")
+ReplyT = TypeVar("ReplyT")
 
 
 @dataclass(frozen=True)
@@ -310,7 +313,7 @@ def _shares(total: int, parts: int) -> list[int]:
     return [share for share in (whole + (part < rest) for part in range(parts)) if share]
 
 
-def resume(plan: Plan, replies: Iterable[StepReply]) -> Step | None:
+def resume(plan: Generator[StepT, ReplyT, None], replies: Iterable[ReplyT]) -> StepT | None:
     """Send recorded replies to a fresh plan and return the first step that has none, or None at its end.
 
     Raises:

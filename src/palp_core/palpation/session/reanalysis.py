@@ -163,7 +163,6 @@ def reanalyse(
         noise=noise,
         scene=scene,
     )
-    each = bool(session.ring_moves_each_time)
     trials = []
     left_out = []
     for number, group in groupby(estimation, key=lambda sweep: sweep.trial):
@@ -171,7 +170,7 @@ def reanalyse(
         if untrained([sweep.ring_m for sweep in sweeps], primitives.rings_m.tolist()):
             left_out.append(number)  # the session dropped it, too
             continue
-        trials.append(_decide(number, sweeps, [values[id(s)] for s in sweeps], belief, each, methods))
+        trials.append(_decide(number, sweeps, [values[id(s)] for s in sweeps], belief, methods))
     return ReanalysedSession(session, primitives, tuple(trials), tuple(left_out))
 
 
@@ -185,8 +184,8 @@ def _by_traces(
     """Decide the trials by their whole traces, along the path and with the spreads that it states."""
     if not session.read_by:
         raise PalpError(
-            f"{session.path}: does not say over which path it swept (result.json is missing, or another tool "
-            "wrote the bag); palp session report makes it again"
+            f"{session.path}: does not say over which path it swept (run.json is missing): nothing lays its "
+            "traces along one"
         )
     settings = replace(
         TraceSettings.of(session.read_by), depths=methods.depth_count, trace_filter=methods.trace_filter
@@ -222,7 +221,6 @@ def _decide(
     sweeps: Sequence[RecordedSweep],
     values: Sequence[float],
     belief: TrialFilter,
-    lands_each_time: bool,
     methods: Methods,
 ) -> ReanalysedTrial:
     rings_m, depths_m = belief.primitives.rings_m, belief.primitives.depths_m
@@ -233,8 +231,7 @@ def _decide(
     word = "ran_out"
     for sweep, value in zip(sweeps, values, strict=True):
         ring = int(np.flatnonzero(np.isclose(rings_m, sweep.ring_m, atol=1e-9))[0])
-        landed = sweep.landed if sweep.landed is not None else lands_each_time
-        probes.append(TrialReading(value, ring, landed or not probes or ring != probes[-1].setting))
+        probes.append(TrialReading(value, ring, sweep.landed or not probes or ring != probes[-1].setting))
         posteriors.append(belief.posterior(probes))
         gains.append(gain_vector(posteriors[-1], flat))
         verdict = decide(rule, posteriors, gains, max_probes=methods.max_probes)

@@ -13,8 +13,7 @@ import numpy as np
 from palp_core.errors import PalpError, PerceptionError, in_words
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
-from palp_core.palpation.session.decided.audit import TrialKey, left_out
-from palp_core.palpation.session.decided.blind import refuse_blinded, still_blinded
+from palp_core.palpation.session.audit import TrialKey, left_out
 from palp_core.palpation.session.trials_csv import Row, read_rows
 from palp_core.units import Float64Array
 from palp_core.whole_file import read_whole
@@ -128,11 +127,10 @@ def read_session(out: str | Path, rows: Sequence[Row] | None = None) -> Recorded
         rows: Of its table, if they have been read already.
 
     Raises:
-        PalpError: There is no record there, it is blinded, or a row's posterior has not one entry per depth.
+        PalpError: There is no record there, or a row's posterior has not one entry per depth.
     """
     folder = Path(out)
     rows = read_rows(folder) if rows is None else rows
-    refuse_blinded(rows, folder)
     believed_m = believed_depths(folder) or tuple(sorted({row.depth_m for row in rows}))
     for row in rows:
         if row.phase == "estimation" and len(row.posterior) != len(believed_m):
@@ -178,8 +176,6 @@ def believed_depths(folder: Path) -> tuple[float, ...]:
     with (folder / "trials.csv").open(encoding="utf-8", newline="") as file:
         columns = next(csv.reader(file), [])
     labels = [c.removeprefix("posterior_") for c in columns if c.startswith("posterior_")]
-    if any(not label.endswith("mm") for label in labels):
-        raise still_blinded(folder)
     return tuple(float(label.removesuffix("mm")) / 1e3 for label in labels)
 
 

@@ -1,4 +1,4 @@
-"""The report of a session: ``result.json``, ``report.html`` and ``charts/``, however its run ended.
+"""The report of a session: ``result.json`` and ``report.html``, however its run ended.
 
 A launch file names it: ``report: palp_core.palpation.session.report:session``. What draws is imported when it
 is needed: the launcher asks for this module before the run begins.
@@ -6,14 +6,12 @@ is needed: the launcher asks for this module before the run begins.
 
 from __future__ import annotations
 
-import itertools
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.palpation.session import run_note
-from palp_core.palpation.session.charts.beside import ChartsBeside, worth_it
 from palp_core.palpation.session.roles import roles_of
 from palp_core.palpation.session.session_folder import RESULT, SWEEPS, TABLE
 from palp_core.palpation.session.sheet.of_run import (
@@ -26,15 +24,11 @@ from palp_core.palpation.session.sheet.of_run import (
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
-    from palp_core.palpation.reporting.html_page import Picture
     from palp_core.palpation.session.recorded_session import RecordedSession
 
 
 class SessionReport:
     """What a launch file's ``report`` does before, at the beginning and after the end of a run."""
-
-    def __init__(self) -> None:
-        self._beside: dict[str, ChartsBeside] = {}
 
     def prepare(self, summary: RunSummary) -> None:
         """Refuse a run whose session would go where one is already.
@@ -56,17 +50,13 @@ class SessionReport:
 
         return advice(summary)
 
-    def begin(self, summary: RunSummary) -> ChartsBeside | None:
-        """Note which run the session is of; return the process that is to draw beside, if one is worth it.
+    def begin(self, summary: RunSummary) -> None:
+        """Note which run the session is of.
 
         Raises:
             PalpError: The folder cannot be written.
         """
         run_note.note_begin(summary)
-        if not worth_it(summary):
-            return None
-        beside = self._beside[summary.run] = ChartsBeside()
-        return beside
 
     def complete(self, folder: Path) -> bool:
         """Tell whether a folder holds a session that came to its end; one that lacks its report gets it."""
@@ -94,7 +84,7 @@ class SessionReport:
         return "\n".join([*pooled_words(record), f"Written: {page}"])
 
     def __call__(self, summary: RunSummary) -> str:
-        """Write the result, the charts and the page beside the record that a run has just left.
+        """Write the result and the page next to the record that a run has just left.
 
         Returns:
             The result in words, what is kept, and where.
@@ -108,19 +98,19 @@ class SessionReport:
                 return f"Nothing is kept: the session in '{folder}' had not begun."
         except OSError as error:
             raise _cannot_report(folder, error) from error
-        return write(folder, summary, self._beside.pop(summary.run, None))
+        return write(folder, summary)
 
 
 session = SessionReport()
 
 
-def write(folder: Path, summary: RunSummary, beside: ChartsBeside | None = None) -> str:
-    """Write the result, the charts and the page of the session in a folder.
+def write(folder: Path, summary: RunSummary, *, charts: bool = False) -> str:
+    """Write the result and the page of the session in a folder.
 
     Args:
         folder: Where the record is now.
         summary: How its run went.
-        beside: Draws some of the charts.
+        charts: Each chart is kept as PNG, SVG and CSV, too, in ``charts/``.
 
     Returns:
         The result in words, what is kept, and where.
@@ -128,23 +118,12 @@ def write(folder: Path, summary: RunSummary, beside: ChartsBeside | None = None)
     Raises:
         PalpError: There is no record, or the report cannot be written.
     """
-    from palp_core.palpation.session.decided.blind import is_blinded, opened_run
     from palp_core.palpation.session.recorded_session import read_session
     from palp_core.palpation.session.trials_csv import read_rows
 
     rows = read_rows(folder) if (folder / TABLE).exists() else None
-    if rows is not None and is_blinded(rows):
-        try:
-            write_copy(summary, folder)
-        except OSError as error:
-            raise _cannot_report(folder, error) from error
-        return (
-            f"A blinded session: no report before `palp session unseal {folder}`.\n"
-            f"Kept: {counted(len(rows), 'palpation')} (trials.csv with codes for depths, sweeps/) in {folder}"
-        )
     if rows == [] and summary.exit_code != 0 and not any(folder.glob(f"{SWEEPS}/*.npz")):
         return f"Nothing is kept: '{folder}' holds no palpation."
-    summary = opened_run(summary, folder)
     found = read_session(folder, rows)
     if not found.rows and (orphans := sum(1 for _ in folder.glob(f"{SWEEPS}/*.npz"))):
         raise PalpError(
@@ -154,7 +133,7 @@ def write(folder: Path, summary: RunSummary, beside: ChartsBeside | None = None)
         )
     try:
         write_copy(summary, folder)
-        said = _write(found, summary, beside)
+        said = _write(found, summary, charts=charts)
     except OSError as error:
         raise _cannot_report(folder, error) from error
     page = f". Report: {folder / 'report.html'}" if (folder / "report.html").exists() else ""
@@ -171,16 +150,20 @@ def _cannot_report(folder: Path, error: OSError) -> PalpError:
     )
 
 
-def _write(found: RecordedSession, summary: RunSummary, beside: ChartsBeside | None) -> str:
+def _write(found: RecordedSession, summary: RunSummary, *, charts: bool) -> str:
+    from palp_core.palpation.reporting.html_page import picture
+    from palp_core.palpation.session.charts.of_session import charts_of
     from palp_core.palpation.session.plan_repeatability import is_repeatability
     from palp_core.palpation.session.report_page import headline, write_report
-    from palp_core.palpation.session.result_json import build, unfinished_words, write_result
+    from palp_core.palpation.session.result import write_result
+    from palp_core.palpation.session.result_json import build
 
     result = build(found, summary)
     write_result(result, found.folder)
     if is_repeatability([row.phase for row in found.rows]):
-        return _repeatability(found, summary, unfinished_words(result))
-    pictures = _pictures(found, summary, result, beside)
+        return _repeatability(found, summary, result.unfinished_words())
+    folder = found.folder / "charts" if charts else None
+    pictures = [picture(chart, folder) for chart in charts_of(found, summary, result)]
     page = found.folder / "report.html"
     sheet = sheet_of(summary)
     write_report(page, result, pictures, trials=found.trials, given=summary.given, sheet=sheet)
@@ -207,22 +190,3 @@ def _repeatability(found: RecordedSession, summary: RunSummary, unfinished: str)
     write_repeatability(measured, found.folder, unfinished)
     said = repeatability_headline(measured)
     return f"{unfinished.capitalize()}. {said}" if unfinished else said
-
-
-def _pictures(
-    found: RecordedSession, summary: RunSummary, result: dict[str, Any], beside: ChartsBeside | None
-) -> list[Picture]:
-    """Return the charts as drawn: here, and every other one beside, if that has come to its end."""
-    from palp_core.palpation.reporting.html_page import drawn, picture
-    from palp_core.palpation.session.charts.of_session import charts
-
-    folder = found.folder / "charts"
-    if beside is not None:
-        beside.begin(found.folder)
-    all_charts = charts(found, summary, result)
-    own = [picture(chart, folder) for chart in (all_charts if beside is None else all_charts[::2])]
-    if beside is None:
-        return own
-    done = beside.finished()
-    others = [drawn(chart, folder) if done else picture(chart, folder) for chart in all_charts[1::2]]
-    return [picture for pair in itertools.zip_longest(own, others) for picture in pair if picture is not None]

@@ -1,7 +1,4 @@
-"""The result of a session as numbers: ``result.json``.
-
-Two runs of one launch file and seed give the same file but for :data:`TIME_KEYS`.
-"""
+"""Builds the result of a session from its record and its run."""
 
 from __future__ import annotations
 
@@ -12,14 +9,14 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
+from msgspec import UNSET, UnsetType
 
 import palp_core
-from palp_core.errors import MechanicsError, PalpError
+from palp_core.errors import MechanicsError
 from palp_core.graph.launch.changes_told import last_set
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
@@ -27,41 +24,45 @@ from palp_core.palpation.perception.belief.stopping import stop_rule
 from palp_core.palpation.perception.statistics import statistics
 from palp_core.palpation.perception.strategy.trained_rings import PUBLISHED, rings_of
 from palp_core.palpation.session.method_choices import AUTO
-from palp_core.palpation.session.methods.record import methods_of, unsaid
-from palp_core.palpation.session.methods.text import reason
+from palp_core.palpation.session.methods.record import methods_of, reason, unsaid
 from palp_core.palpation.session.methods.used import rig_of, rig_uses
 from palp_core.palpation.session.parameter_basis import SCENE, basis_of
-from palp_core.palpation.session.plan import planned, policy_name
+from palp_core.palpation.session.plan import policy_name
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, sweep_count
+from palp_core.palpation.session.policy_changes import manual_swaps, node_changes
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, mm
+from palp_core.palpation.session.result import (
+    Accuracy,
+    Based,
+    CalibrationBin,
+    CalibrationResult,
+    Confusion,
+    DroppedTrial,
+    HowFar,
+    MechanicsResult,
+    MountCounts,
+    PhantomModel,
+    RigTime,
+    SessionResult,
+    Share,
+    StopRuleUsed,
+    Verdicts,
+    WorldParameter,
+    WorldResult,
+)
 from palp_core.palpation.session.roles import Roles, roles_of
 from palp_core.palpation.session.sheet.of_run import sheet_of
 from palp_core.palpation.session.sheet.sheet import SessionSheet
-from palp_core.palpation.session.who_chose import changes_of, swapped_by_hand
 from palp_core.palpation.world.model import basis as world_basis
 from palp_core.palpation.world.model import units as world_units
-from palp_core.whole_file import read_whole, write_json
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
-
-TIME_KEYS = (
-    "began",
-    "composed",
-    "launch_file",
-    "out",
-    "palpations_per_wall_s",
-    "sweep_s_per_wall_s",
-    "wall_time_s",
-)
-"""Top-level keys that depend on wall time, or on where and how the graph was run."""
 
 _WHERE = {
     ("experiment", "out"),
     ("experiment", "overwrite"),
     ("experiment", "session"),
-    ("experiment", "key"),
-    ("phantom", "key"),
 }
 
 INTERVAL = "95 % Wilson, this session only"
@@ -74,74 +75,67 @@ _PACKAGES = {
 }
 
 
-def build(session: RecordedSession, summary: RunSummary) -> dict[str, Any]:
-    """Return the result of a session and its run, in the order in which a person reads it."""
+def build(session: RecordedSession, summary: RunSummary) -> SessionResult:
+    """Return the result of a session and its run."""
     roles, sheet = roles_of(summary), sheet_of(summary)
     experiment = {**roles.params("experiment"), **summary.args}
     sweep_s = sum(row.end_ns - row.start_ns for row in session.rows) / 1e9
-    trials = session.trials
-    by_hand = swapped_by_hand(session.rows, experiment.get("swaps") or "")
-    return {
-        **_policy(experiment.get("policy", "")),
-        **({"swapped_by_hand": by_hand} if by_hand else {}),
-        **({"changes": changes_of(summary.changes, session.rows)} if summary.changes else {}),
-        "seed": summary.seed,
-        "trials": experiment.get("trials"),
-        "training": experiment.get("training"),
-        "trials_done": len(trials),
-        "trials_unfinished": session.unfinished_count,
-        "unfinished": how_far(session, summary, roles),
-        "trials_dropped": [_dropped(trial) for trial in session.dropped],
-        **(
-            {"left_out": {f"{phase} {trial}": why for (phase, trial), why in session.left_out.items()}}
-            if session.left_out
-            else {}
+    trials, verdicts = session.trials, Counter(trial.verdict for trial in session.trials)
+    by_hand = manual_swaps(session.rows, experiment.get("swaps") or "")
+    asked = experiment.get("policy", "")
+    return SessionResult(
+        policy=policy_name(asked),
+        policy_class=asked if ":" in asked else UNSET,
+        swapped_by_hand=by_hand or UNSET,
+        changes=node_changes(summary.changes, session.rows) or UNSET,
+        seed=summary.seed,
+        trials=experiment.get("trials"),
+        training=experiment.get("training"),
+        trials_done=len(trials),
+        trials_unfinished=session.unfinished_count,
+        unfinished=how_far(session, summary, roles),
+        trials_dropped=[_dropped(trial) for trial in session.dropped],
+        left_out={f"{phase} {trial}": why for (phase, trial), why in session.left_out.items()} or UNSET,
+        mounts=MountCounts(training=_mounts(session, "training"), estimation=_mounts(session, "estimation")),
+        accuracy=Accuracy(
+            overall=_accuracy(trials),
+            per_depth_mm={mm(d): _accuracy(session.at_depth(d)) for d in session.tried_m},
+            interval=INTERVAL,
         ),
-        "mounts": {phase: _mounts(session, phase) for phase in ("training", "estimation")},
-        "accuracy": {
-            "overall": _accuracy(trials),
-            "per_depth_mm": {mm(d): _accuracy(session.at_depth(d)) for d in session.tried_m},
-            "interval": INTERVAL,
-        },
-        "chance": 1.0 / len(session.depths_m) if session.depths_m else None,
-        "reading": roles.params("estimator").get("reading", "feature"),
-        "rig_s_per_decision": _rig_s(session),
-        "probes_mean": _probes(trials),
-        "probes_mean_per_depth_mm": {mm(d): _probes(session.at_depth(d)) for d in session.tried_m},
-        "verdicts": {word: _verdicts(trials)[word] for word in ("decided", "undecided")},
-        "calibration": _calibration(trials),
-        "confusion": _confusion(session),
-        "grid_depths": session.grid_count,
-        "rmse_mm": _rmse_mm(trials),
-        "stop_rule": _stop_rule(roles.params("estimator")),
-        "mechanics": _mechanics(summary, roles, session) if roles.touch_simulated else None,
-        **_world(summary),
-        "methods": methods_of(summary, session.rows),
-        "methods_unsaid": unsaid(summary, session.rows),
-        "roles": dict(roles.node),
-        "protocol": _protocol(summary, roles, by_hand=bool(by_hand)),
-        "clock": summary.clock,
-        "sim_time_s": summary.clock_s,
-        "palpations": len(session.rows),
-        "incidents": msgspec.to_builtins(summary.incidents),
-        "sweep_s": sweep_s,
-        "activations": summary.activation_count,
-        "wall_time_s": summary.wall_s or None,
-        "sweep_s_per_wall_s": sweep_s / summary.wall_s if summary.wall_s > 0.0 else None,
-        "palpations_per_wall_s": len(session.rows) / summary.wall_s if summary.wall_s > 0.0 else None,
-        "composed": summary.composed,
-        "session": _session(sheet),
-        "began": sheet.began if sheet is not None else "",
-        "graph": summary.graph,
-        "launch_file": summary.file,
-        "out": str(session.folder),
-        "versions": _versions(),
-    }
-
-
-def _policy(asked: str) -> dict[str, str]:
-    """Return what the first policy is called in the record, and its class if that was asked for."""
-    return {"policy": policy_name(asked), **({"policy_class": asked} if ":" in asked else {})}
+        chance=1.0 / len(session.depths_m) if session.depths_m else None,
+        reading=roles.params("estimator").get("reading", "feature"),
+        rig_s_per_decision=_rig_s(session),
+        probes_mean=_probes(trials),
+        probes_mean_per_depth_mm={mm(d): _probes(session.at_depth(d)) for d in session.tried_m},
+        verdicts=Verdicts(decided=verdicts["decided"], undecided=verdicts["undecided"]),
+        calibration=_calibration(trials),
+        confusion=_confusion(session),
+        grid_depths=session.grid_count,
+        rmse_mm=_rmse_mm(trials),
+        stop_rule=_stop_rule(roles.params("estimator")),
+        mechanics=_mechanics(summary, roles, session) if roles.touch_simulated else None,
+        world=_world(summary),
+        methods=methods_of(summary, session.rows),
+        methods_unsaid=unsaid(summary, session.rows),
+        roles=dict(roles.node),
+        protocol=_protocol(summary, roles, by_hand=bool(by_hand)),
+        clock=summary.clock,
+        sim_time_s=summary.clock_s,
+        palpations=len(session.rows),
+        incidents=summary.incidents,
+        sweep_s=sweep_s,
+        activations=summary.activation_count,
+        wall_time_s=summary.wall_s or None,
+        sweep_s_per_wall_s=sweep_s / summary.wall_s if summary.wall_s > 0.0 else None,
+        palpations_per_wall_s=len(session.rows) / summary.wall_s if summary.wall_s > 0.0 else None,
+        composed=summary.composed,
+        session=_session(sheet),
+        began=sheet.began if sheet is not None else "",
+        graph=summary.graph,
+        launch_file=summary.file,
+        out=str(session.folder),
+        versions=_versions(),
+    )
 
 
 def _session(sheet: SessionSheet | None) -> dict[str, Any] | None:
@@ -153,91 +147,7 @@ def _session(sheet: SessionSheet | None) -> dict[str, Any] | None:
     return found
 
 
-def write_result(result: dict[str, Any], folder: Path) -> Path:
-    """Write ``result.json``; it appears under its name only when complete. NaN becomes null."""
-    target = folder / "result.json"
-    write_json(target, result)
-    return target
-
-
-def read_result(out: str | Path) -> dict[str, Any]:
-    """Return the result of the session recorded in a folder.
-
-    Raises:
-        PalpError: There is none, or it is not JSON.
-    """
-    path = Path(out) / "result.json"
-    try:
-        result: dict[str, Any] = msgspec.json.decode(read_whole(path), type=dict[str, Any])
-    except FileNotFoundError as error:
-        raise PalpError(f"no result in '{out}': {path} is missing; run a session with out:={out}") from error
-    except OSError as error:
-        raise PalpError(f"{path} cannot be read: {error.strerror}") from error
-    except msgspec.DecodeError as error:
-        raise PalpError(f"{path} is no result: {error}; run the session again") from error
-    return result
-
-
-def unfinished_words(result: dict[str, Any]) -> str:
-    """Return ``unfinished: 124 of 300 trials``; empty where the run came to its end."""
-    found = result["unfinished"]
-    if not found:
-        return ""
-    of = f" of {found['of']}" if found["of"] else ""
-    return f"unfinished: {found['done']}{of} {found['what']}"
-
-
-def policy_label(result: dict[str, Any]) -> str:
-    """Return the policy that chose first and those that took over from it; the last with its ring, if any.
-
-    One that was to take over in a trial that was never begun did not, and one that went before any trial
-    chose nothing. Where no trial was begun, the policies that were there are told in their order.
-    """
-    begun = result["trials_done"] + len(result.get("trials_dropped", ())) + result["trials_unfinished"]
-    took_over = [
-        (trial, 2, policy_name(run)) for trial, run in planned_swaps(result).items() if 1 <= trial <= begun
-    ]
-    took_over += [
-        (one["trial"], one["palpation"], one["policy"]) for one in result.get("swapped_by_hand", ())
-    ]
-    first = str(result["policy"] or "unnamed")
-    chose = [(1, 1, first), *sorted(took_over, key=lambda one: one[:2])]
-    chose = [one for one, later in itertools.pairwise([*chose, (0, 0, "")]) if later[:2] != (1, 1)]
-    label = chose[0][2]
-    if "policy_class" in result and label == first:
-        label += f" ({result['policy_class']})"
-    label += "".join(f", from trial {trial} on {policy}" for trial, _, policy in chose[1:])
-    there = _policies_there(result)
-    if not begun:
-        label += "".join(f", then {policy}" for policy in there)
-    ring = _of_role(result, "policy").get("ring_mm")
-    last_chose = not begun or not there or there[-1] == chose[-1][2]
-    return label + (f", {ring['value']:g} mm" if ring and last_chose else "")  # parameters are the last one's
-
-
-def _policies_there(result: dict[str, Any]) -> list[str]:
-    """Return the policies that took over, in time's order, whether they chose anything or not."""
-    node = result.get("roles", {}).get("policy", "policy")
-    return [
-        policy_name(one["run"])
-        for one in result.get("changes", ())
-        if one["node"] == node and one["run"] != one["before"]
-    ]
-
-
-def planned_swaps(result: dict[str, Any]) -> dict[int, str]:
-    """Return the class by the number of the trial in which it was to take over."""
-    return planned(_of_role(result, "experiment").get("swaps", {}).get("value", ""))
-
-
-def _of_role(result: dict[str, Any], role: str) -> dict[str, dict[str, Any]]:
-    """Return the protocol of the node of a role; results without roles are of graphs that called it so."""
-    node = result.get("roles", {}).get(role, role)
-    found: dict[str, dict[str, Any]] = result["protocol"].get(node, {})
-    return found
-
-
-def how_far(session: RecordedSession, summary: RunSummary, roles: Roles) -> dict[str, Any] | None:
+def how_far(session: RecordedSession, summary: RunSummary, roles: Roles) -> HowFar | None:
     """Return how far a run came that did not come to its end, and why it did not; else None."""
     if summary.exit_code == 0:
         return None
@@ -251,7 +161,7 @@ def how_far(session: RecordedSession, summary: RunSummary, roles: Roles) -> dict
     elif "estimation" in phases or done >= of > 0:
         ended = len(session.trials) + len(session.dropped) + session.left_out_count
         done, of, what = ended, trials * count, "trials"
-    return {"done": done, "of": of, "what": what, "why": summary.ended}
+    return HowFar(done=done, of=of, what=what, why=summary.ended)
 
 
 def _phantom_count(summary: RunSummary, roles: Roles) -> int:
@@ -266,18 +176,18 @@ def _phantom_count(summary: RunSummary, roles: Roles) -> int:
     return sum(phantom.bead is not None for phantom in phantoms)
 
 
-def _share(proportion: statistics.Proportion) -> dict[str, Any]:
-    return {
-        "value": proportion.value,
-        "ci": [proportion.low, proportion.high],
-        "right": proportion.success_count,
-        "of": proportion.trial_count,
-    }
+def _share(proportion: statistics.Proportion) -> Share:
+    return Share(
+        value=proportion.value,
+        ci=(proportion.low, proportion.high),
+        right=proportion.success_count,
+        of=proportion.trial_count,
+    )
 
 
-def _accuracy(trials: Sequence[RecordedTrial]) -> dict[str, Any]:
+def _accuracy(trials: Sequence[RecordedTrial]) -> Share:
     if not trials:
-        return {"value": None, "ci": None, "right": 0, "of": 0}
+        return Share(value=None, ci=None, right=0, of=0)
     return _share(statistics.wilson(sum(trial.right for trial in trials), len(trials)))
 
 
@@ -290,7 +200,7 @@ def _probes(trials: Sequence[RecordedTrial]) -> float | None:
     return float(np.mean([len(trial.probes) for trial in trials])) if trials else None
 
 
-def _rig_s(session: RecordedSession) -> dict[str, Any]:
+def _rig_s(session: RecordedSession) -> RigTime:
     """Return how long stage and ring took for a decision: from one trial's last torque to the next one's.
 
     So lifting, going back, moving and re-homing the ring count; putting a phantom on does not: of each
@@ -298,52 +208,48 @@ def _rig_s(session: RecordedSession) -> dict[str, Any]:
     """
     ends = [(trial.probes[-1].remount, trial.probes[-1].end_ns) for trial in _in_order(session)]
     took = [(b - a) / 1e9 for (one, a), (other, b) in itertools.pairwise(ends) if one == other]
-    return {"mean": float(np.mean(took)) if took else None, "trials": len(took)}
+    return RigTime(mean=float(np.mean(took)) if took else None, trials=len(took))
 
 
 def _in_order(session: RecordedSession) -> list[RecordedTrial]:
     return sorted((*session.trials, *session.dropped), key=lambda trial: trial.probes[-1].row)
 
 
-def _dropped(trial: RecordedTrial) -> dict[str, Any]:
+def _dropped(trial: RecordedTrial) -> DroppedTrial:
     last = trial.probes[-1]
-    return {"trial": last.trial, "reason": f"ring position {last.ring_m * 1e3:g} mm was not trained"}
+    return DroppedTrial(trial=last.trial, reason=f"ring position {last.ring_m * 1e3:g} mm was not trained")
 
 
-def _verdicts(trials: Sequence[RecordedTrial]) -> Counter[str]:
-    return Counter(trial.verdict for trial in trials)
-
-
-def _calibration(trials: Sequence[RecordedTrial]) -> dict[str, Any] | None:
+def _calibration(trials: Sequence[RecordedTrial]) -> CalibrationResult | None:
     if not trials:
         return None
     found = statistics.calibration(
         np.array([trial.confidence for trial in trials]), [trial.right for trial in trials]
     )
-    return {
-        "expected_error": found.expected_error,
-        "overconfidence": found.overconfidence,
-        "bins": [
-            {
-                "low": b.low,
-                "high": b.high,
-                "mean_confidence": b.mean_confidence,
-                "accuracy": _share(b.accuracy),
-            }
-            for b in found.bins
+    return CalibrationResult(
+        expected_error=found.expected_error,
+        overconfidence=found.overconfidence,
+        bins=[
+            CalibrationBin(
+                low=one.low,
+                high=one.high,
+                mean_confidence=one.mean_confidence,
+                accuracy=_share(one.accuracy),
+            )
+            for one in found.bins
         ],
-    }
+    )
 
 
-def _confusion(session: RecordedSession) -> dict[str, Any]:
-    """Return counts, a row per actual depth, a column per estimate."""
+def _confusion(session: RecordedSession) -> Confusion:
     estimates = [(trial, trial.probes[-1].estimate_m) for trial in session.trials]
     table = statistics.confusion(
         [session.class_of(trial.depth_m) for trial, estimate_m in estimates if estimate_m is not None],
         [session.class_of(estimate_m) for _, estimate_m in estimates if estimate_m is not None],
         len(session.depths_m),
     )
-    return {"depths_mm": [round(d * 1e3, 6) for d in session.depths_m], "actual_by_estimated": table.tolist()}
+    depths_mm = [round(depth_m * 1e3, 6) for depth_m in session.depths_m]
+    return Confusion(depths_mm=depths_mm, actual_by_estimated=table.tolist())
 
 
 def _rmse_mm(trials: Sequence[RecordedTrial]) -> float | None:
@@ -353,7 +259,7 @@ def _rmse_mm(trials: Sequence[RecordedTrial]) -> float | None:
     return 1e3 * float(np.sqrt(np.mean([(trial.mean_m - trial.depth_m) ** 2 for trial in trials])))
 
 
-def _stop_rule(estimator: dict[str, Any]) -> dict[str, Any] | None:
+def _stop_rule(estimator: dict[str, Any]) -> StopRuleUsed | None:
     if "stop" not in estimator:
         return None
     settings: dict[str, Any] = {}
@@ -361,7 +267,7 @@ def _stop_rule(estimator: dict[str, Any]) -> dict[str, Any] | None:
         rule: Any = stop_rule(estimator["stop"], estimator.get("stop_value", 0.0))
         settings = asdict(rule)
     limit = {"max_probes": estimator["max_probes"]} if "max_probes" in estimator else {}
-    return {"name": estimator["stop"], "settings": settings | limit}
+    return StopRuleUsed(name=estimator["stop"], settings=settings | limit)
 
 
 def _touched(summary: RunSummary, roles: Roles) -> dict[str, MethodUse]:
@@ -376,7 +282,7 @@ def _touched(summary: RunSummary, roles: Roles) -> dict[str, MethodUse]:
     return {use.of: use for use in uses if use.task == "contact"}
 
 
-def _mechanics(summary: RunSummary, roles: Roles, session: RecordedSession) -> dict[str, Any]:
+def _mechanics(summary: RunSummary, roles: Roles, session: RecordedSession) -> MechanicsResult:
     """Return every phantom's rung, its stated bound, its guards, and the scene.
 
     Guards are what the run's sweeps met, as the phantom told; None where the experiment did not hear it.
@@ -385,40 +291,40 @@ def _mechanics(summary: RunSummary, roles: Roles, session: RecordedSession) -> d
     file = phantom.get("scene") or phantom.get("phantoms", "")
     scenes = {code: json.loads(use.scene) for code, use in uses.items()}
     first = next(iter(uses))
-    return {
-        "rung": ", ".join(sorted({use.name for use in uses.values()})),
-        "bound": max(use.bound for use in uses.values()),
-        "output": uses[first].output,
-        "tolerance": uses[first].tolerance,
-        "per_phantom": {
-            code: {
-                "rung": use.name,
-                "bound": use.bound if use.bounded else None,
-                "reason": reason(use),
-                "guards": _guards(session, code) if roles.guards_heard else None,
-            }
+    return MechanicsResult(
+        rung=", ".join(sorted({use.name for use in uses.values()})),
+        bound=max(use.bound for use in uses.values()),
+        output=uses[first].output,
+        tolerance=uses[first].tolerance,
+        per_phantom={
+            code: PhantomModel(
+                rung=use.name,
+                bound=use.bound if use.bounded else None,
+                reason=reason(use),
+                guards=_guards(session, code) if roles.guards_heard else None,
+            )
             for code, use in uses.items()
         },
-        "scene": {
+        scene={
             "probe": _based(scenes[first]["probe"], phantom.get("scene", "")),
             **{code: _based(_flat(scene["phantom"]), file) for code, scene in scenes.items()},
         },
-    }
+    )
 
 
-def _world(summary: RunSummary) -> dict[str, Any]:
+def _world(summary: RunSummary) -> WorldResult | UnsetType:
     """Return the world in which the run was simulated, as the phantom told; nothing in the paper's own."""
     scenes = (json.loads(one.use.scene) for one in summary.methods if one.use.task == "contact")
     told = next((scene["world"] for scene in scenes if "world" in scene), None)
     if told is None:
-        return {}
+        return UNSET
     rests, unit = world_basis(), world_units()
     parameters = {
-        name: {"value": value, "unit": unit.get(name, ""), "basis": rests.get(name, "")}
+        name: WorldParameter(value=value, unit=unit.get(name, ""), basis=rests.get(name, ""))
         for name, value in told.items()
         if name != "name"
     }
-    return {"world": {"name": told["name"], "parameters": parameters}}
+    return WorldResult(name=told["name"], parameters=parameters)
 
 
 def _guards(session: RecordedSession, code: str) -> list[str]:
@@ -432,37 +338,34 @@ def _flat(phantom: dict[str, Any]) -> dict[str, float]:
     return {name: value for name, value in phantom.items() if name != "bead"} | (phantom["bead"] or {})
 
 
-def _based(values: dict[str, float], file: str = "") -> dict[str, dict[str, Any]]:
+def _based(values: dict[str, float], file: str = "") -> dict[str, Based]:
     basis = dict.fromkeys(values, f"given by {file}") if file else SCENE
-    return {name: {"value": value, "basis": basis[name]} for name, value in values.items()}
+    return {name: Based(value=value, basis=basis[name]) for name, value in values.items()}
 
 
-def _protocol(summary: RunSummary, roles: Roles, *, by_hand: bool) -> dict[str, dict[str, Any]]:
+def _protocol(summary: RunSummary, roles: Roles, *, by_hand: bool) -> dict[str, dict[str, Based]]:
     """Return every node's parameters, each with what it rests on; where to record is no part of it."""
     found = {
         node: {
-            name: {"value": value, "basis": basis_of(roles.of.get(node, ""), name)}
+            name: Based(value=value, basis=basis_of(roles.of.get(node, ""), name))
             for name, value in values.items()
             if (roles.of.get(node), name) not in _WHERE
         }
         for node, values in summary.params.items()
     }
-    for node in found:
-        _tell_set(found[node], last_set(summary.changes, node))
+    for node, parameters in found.items():
+        given = last_set(summary.changes, node)
+        for name in given.keys() & parameters.keys():
+            parameters[name].value = given[name]
+            _add_basis(parameters[name], "set while the session ran (changes)")
     if by_hand:
-        entry = found[roles.node["experiment"]].setdefault("swaps", {"value": "", "basis": ""})
-        entry["basis"] = "; ".join(
-            filter(None, [entry["basis"], "others took over by hand (swapped_by_hand)"])
-        )
+        swaps = found[roles.node["experiment"]].setdefault("swaps", Based(value="", basis=""))
+        _add_basis(swaps, "others took over by hand (swapped_by_hand)")
     return found
 
 
-def _tell_set(protocol: dict[str, dict[str, Any]], given: dict[str, Any]) -> None:
-    """Have a node's protocol tell what its parameters were set to while it ran."""
-    for name in given.keys() & protocol.keys():
-        basis = protocol[name]["basis"]
-        words = "; ".join(filter(None, [basis, "set while the session ran (changes)"]))
-        protocol[name] = {"value": given[name], "basis": words}
+def _add_basis(parameter: Based, words: str) -> None:
+    parameter.basis = "; ".join(filter(None, [parameter.basis, words]))
 
 
 def _versions() -> dict[str, str]:

@@ -7,15 +7,14 @@ folder the note waits under another name: a session that is there already keeps 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from palp_core.counted import counted
 from palp_core.errors import PalpError
-from palp_core.palpation.mechanics.scene.sealed import is_sealed
 from palp_core.palpation.session.roles import roles_of
 from palp_core.palpation.session.session_folder import (
     CHECKPOINT,
@@ -64,7 +63,6 @@ def refuse_run(summary: RunSummary) -> None:
     folder = out_of(summary)
     if summary.resumed_count:
         refuse_resuming(folder)
-        refuse_without_key(roles_of(summary).params("experiment"))
     elif not roles_of(summary).params("experiment").get("overwrite"):
         refuse_occupied(folder, _ways_on(folder))
     for name, value in summary.args.items():
@@ -117,22 +115,6 @@ def refuse_resuming(folder: Path, table: str = TABLE) -> None:
         raise PalpError(f"'{folder}' has a checkpoint but no {table}: restore it, or begin in another folder")
     if (folder / OPENED).exists():
         raise PalpError(f"'{folder}' was unsealed, so nobody is blind any more; begin in another folder")
-
-
-def refuse_without_key(asked: Mapping[str, Any]) -> None:
-    """Refuse to go on with a blinded session whose key is gone: another would name other phantoms.
-
-    Args:
-        asked: Parameters of who leads it.
-
-    Raises:
-        PalpError: It is gone.
-    """
-    if asked.get("blind") and not is_sealed(asked.get("phantoms") or "") and not is_sealed(asked["key"]):
-        raise PalpError(
-            f"{asked['key']} is gone, and nothing else says which phantom is which: restore it, or begin in "
-            "another folder"
-        )
 
 
 def note_begin(summary: RunSummary) -> None:

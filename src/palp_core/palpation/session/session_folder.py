@@ -16,7 +16,7 @@ SHEET = "session.yaml"
 RESULT = "result.json"
 NEXT_RUN = ".next_run.json"
 OPENED = "key.json"
-"""Which code was which phantom, of a session that was unsealed."""
+"""Which code was which phantom, of a session with a person that was unsealed."""
 
 CHECKPOINT = "checkpoint"
 """Where an unfinished session can go on, as the launch file says."""
@@ -29,9 +29,6 @@ OWN_FILES = (
     SWEEPS,
     "primitives.json",
     "audit.csv",
-    OPENED,
-    "trials.sealed.csv",
-    "primitives.sealed.json",
     RUN,
     SHEET,
     RESULT,

@@ -11,14 +11,10 @@ complete. What cannot be written ends the session and is said with what is kept.
 """
 
 import contextlib
-import csv
-import io
 import json
-import logging
-import os
 import shutil
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from types import NoneType
 from typing import Any, BinaryIO, Protocol, get_args, get_type_hints
@@ -26,24 +22,18 @@ from typing import Any, BinaryIO, Protocol, get_args, get_type_hints
 import msgspec
 import numpy as np
 
-from palp_core.counted import counted
 from palp_core.errors import PalpError, in_words
 from palp_core.palpation.session.plan import policy_name
 from palp_core.palpation.session.session_folder import (
     SWEEPS,
     TABLE,
-    FolderLock,
-    cannot_write,
     forget_replaced,
-    link_latest,
     refuse_occupied,
-    set_aside,
     take_over,
 )
+from palp_core.palpation.session.session_table import SessionTable, read_table
 from palp_core.units import Float64Array
-from palp_core.whole_file import LARGEST_BYTES, check_regular, read_whole, whole_file, write_whole
-
-_log = logging.getLogger("palp")
+from palp_core.whole_file import LARGEST_BYTES, check_regular, whole_file, write_whole
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
@@ -82,7 +72,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     seed: int
     start_ns: int
     end_ns: int
-    landed: bool | None = None
+    landed: bool = False
     guards: list[str] = []
     enter_ns: int | None = None
     leave_ns: int | None = None
@@ -156,30 +146,19 @@ _BY_CLASS = tuple(name for name, kind in _TYPES.items() if kind == list[float])
 _BETWEEN = " | "  # entries of a list of words
 
 
-class SessionWriter:
+class SessionWriter(SessionTable):
     """Writes a session's record.
 
     Args:
         out: The folder; made if missing.
         depths_m: Classes, in the order of posterior and gain.
         named_by: What the folder is given with.
-        labels: What the columns of the classes are called; None: their depths.
     """
 
-    def __init__(
-        self,
-        out: str,
-        depths_m: Sequence[float],
-        named_by: str = "out:=",
-        *,
-        labels: Sequence[str] | None = None,
-    ) -> None:
-        self.folder = Path(out)
-        self._named_by = named_by
-        labels = [f"{depth_m * 1e3:g}mm" for depth_m in depths_m] if labels is None else labels
-        self._columns = _columns(labels)
-        self._class_count = len(labels)
-        self._lock = FolderLock()
+    def __init__(self, out: str, depths_m: Sequence[float], named_by: str = "out:=") -> None:
+        super().__init__(out, TABLE, "palpation", named_by)
+        self._columns = _columns([f"{depth_m * 1e3:g}mm" for depth_m in depths_m])
+        self._class_count = len(depths_m)
 
     def start(self, *, overwrite: bool = False) -> None:
         """Make the folder and begin a new table; other files in the folder stay.
@@ -190,15 +169,12 @@ class SessionWriter:
         Raises:
             PalpError: The folder holds a session, another one is writing into it, or it cannot be written.
         """
-        with self._closed_if_refused():
-            self.folder.mkdir(parents=True, exist_ok=True)
-            self._lock.take(self.folder, self._named_by)
+        with self._taken(made=True):
             if not overwrite:
                 refuse_occupied(self.folder)
             take_over(self.folder)
             (self.folder / SWEEPS).mkdir()
-            self._append(self._columns, os.O_CREAT)
-            link_latest(self.folder)
+            self._begin(self._columns)
 
     def go_on(self, row_count: int) -> None:
         """Go on with a table that an interrupted session has left, as it was after so many palpations.
@@ -210,49 +186,19 @@ class SessionWriter:
         Raises:
             PalpError: The table lacks palpations, another session writes into it, or it cannot be written.
         """
-        with self._closed_if_refused():
-            self._lock.take(self.folder, self._named_by)
+        with self._taken():
             rows = read_rows(self.folder)
-            if len(rows) < row_count or any(row.row != place for place, row in enumerate(rows[:row_count])):
-                raise PalpError(
-                    f"{self.folder / TABLE} cannot be gone on with: "
-                    f"it has {counted(len(rows), 'palpation')}, and the session had come to {row_count}; "
-                    "restore the table, or begin anew in another folder"
-                )
-            self._cut(row_count, len(rows))
-            link_latest(self.folder)
-
-    @contextlib.contextmanager
-    def _closed_if_refused(self) -> Iterator[None]:
-        """Let go of the folder if it cannot be begun or gone on with, and say why."""
-        try:
-            yield
-        except OSError as error:
-            self.close()
-            raise cannot_write(self.folder, error, self._named_by) from error
-        except PalpError:
-            self.close()
-            raise
-
-    def _cut(self, row_count: int, found: int) -> None:
-        """Leave so many rows in the table, which is there whole all the while, and their sweeps."""
-        table, sweeps = self.folder / TABLE, self.folder / SWEEPS
-        lines = table.read_bytes().splitlines(keepends=True)
-        later = sorted(path for path in sweeps.glob("*.npz") if int(path.stem) >= row_count)
-        if found > row_count:
-            kept = set_aside(self.folder)
-            (kept / SWEEPS).mkdir()
-            write_whole(kept / TABLE, b"".join([lines[0], *lines[row_count + 1 : found + 1]]))
-            for path in later[: found - row_count]:
-                shutil.copy2(path, kept / SWEEPS / path.name)
-        if len(lines) > row_count + 1:
-            write_whole(table, b"".join(lines[: row_count + 1]))
-        for path in later:
-            path.unlink()
-
-    def close(self) -> None:
-        """Let others have the folder; what is written stays."""
-        self._lock.release()
+            self._require(rows, row_count)
+            sweeps = self.folder / SWEEPS
+            later = sorted(path for path in sweeps.glob("*.npz") if int(path.stem) >= row_count)
+            if len(rows) > row_count:
+                kept = self._set_aside(row_count, len(rows)) / SWEEPS
+                kept.mkdir()
+                for path in later[: len(rows) - row_count]:
+                    shutil.copy2(path, kept / path.name)
+            self._cut(row_count)
+            for path in later:
+                path.unlink()
 
     def append(self, row: Row, torque_n_m: Float64Array, rate_hz: float) -> None:
         """Add a palpation: its sweep first, then its row, so that every row has its sweep.
@@ -270,37 +216,8 @@ class SessionWriter:
         except OSError as error:
             with contextlib.suppress(OSError):
                 target.unlink(missing_ok=True)  # a sweep without its row
-            raise self._ended(
-                error, f"palpation {row.row + 1}", f"the {row.row} palpations before"
-            ) from error
-
-    def _append(self, cells: Sequence[Any], flags: int = 0) -> None:
-        """Write a row to the table whole, or leave the table as it was; it is made anew by nobody unasked."""
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerow(cells)
-        descriptor = os.open(self.folder / TABLE, os.O_WRONLY | os.O_APPEND | flags, 0o644)
-        try:
-            _write_all(descriptor, text.getvalue().encode())
-        finally:
-            os.close(descriptor)
-
-    def _ended(self, error: OSError, what: str, kept: str) -> PalpError:
-        """Return what to say when the session cannot go on: why, and what of it is safe."""
-        where = self.folder.absolute()
-        if not where.is_dir():
-            return PalpError(
-                f"{what} cannot be written: the record's folder '{where}' was removed or renamed while the "
-                f"session ran; where it is now, it has {kept}"
-            )
-        if not (where / TABLE).exists():
-            return PalpError(
-                f"{what} cannot be written: {where / TABLE} was removed while the session ran; "
-                "the sweeps of the palpations before are kept beside it"
-            )
-        return PalpError(
-            f"{what} cannot be written to '{where}': {error.strerror or error}; {kept} are kept there, each "
-            "with its sweep"
-        )
+            kept = f"the {row.row} palpations before"
+            raise self._failure(error, f"palpation {row.row + 1}", kept) from error
 
     def primitives(self, content: dict[str, Any]) -> None:
         """Write the memory primitives.
@@ -311,22 +228,7 @@ class SessionWriter:
         try:
             write_whole(self.folder / "primitives.json", json.dumps(content, indent=1) + "\n")
         except OSError as error:
-            raise self._ended(error, "what training taught", "its palpations") from error
-
-
-def table_text(rows: Sequence[Row], depths_m: Sequence[float]) -> str:
-    """Return a whole table as text.
-
-    Args:
-        rows: In their order.
-        depths_m: Classes, in the order of posterior and gain.
-    """
-    labels = [f"{depth_m * 1e3:g}mm" for depth_m in depths_m]
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(_columns(labels))
-    table.writerows(_cells(row, len(labels)) for row in rows)
-    return text.getvalue()
+            raise self._failure(error, "what training taught", "its palpations") from error
 
 
 def _columns(labels: Sequence[str]) -> list[str]:
@@ -347,22 +249,6 @@ def _cells(row: Row, class_count: int) -> list[Any]:
     return cells
 
 
-def _write_all(descriptor: int, data: bytes) -> None:
-    """Append to a file, or leave it as long as it was: a full disk takes a part of what it is given.
-
-    Raises:
-        OSError: Not all of it could be written.
-    """
-    before = os.fstat(descriptor).st_size
-    try:
-        rest = memoryview(data)
-        while rest:
-            rest = rest[os.write(descriptor, rest) :]
-    except OSError:
-        os.ftruncate(descriptor, before)
-        raise
-
-
 def primitives_json(learnt: Any) -> dict[str, Any]:
     """Return a message of memory primitives as the record keeps it, a row per depth and a column per ring."""
     shape = (len(learnt.depths_m), len(learnt.rings_m))
@@ -376,50 +262,13 @@ def primitives_json(learnt: Any) -> dict[str, Any]:
     }
 
 
-def read_table(path: Path, missing: str) -> str:
-    """Return the text of a session's table.
-
-    Args:
-        path: The table.
-        missing: What it means if it is not there.
-
-    Raises:
-        PalpError: It is missing or cannot be read.
-    """
-    try:
-        return read_whole(path).decode()
-    except FileNotFoundError:
-        raise PalpError(f"{missing}: {path} is missing") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise PalpError(f"{path} cannot be read: {in_words(error)}") from error
-
-
 def read_rows(out: str | Path) -> list[Row]:
-    """Return every row of a record. A last row that was cut short, by a power cut say, is left out, and said.
+    """Return every row of a record. A last row that was cut short, by a power cut say, is left out.
 
     Raises:
         PalpError: There is no record there, it cannot be read, or a row is damaged.
     """
-    path = Path(out) / TABLE
-    text = read_table(path, f"no record in '{out}'")
-    whole, newline, cut = text.rpartition("\n")
-    if cut:
-        _log.warning("%s: the last row was cut short and is left out: '%.60s...'", path, cut)
-    lines = csv.reader(io.StringIO(whole + newline, newline=""))
-    try:
-        columns = next(lines, [])
-        rows: list[Row] = []
-        for cells in lines:
-            row = _row(path, lines.line_num, columns, cells)
-            if rows and row.row <= rows[-1].row:
-                raise PalpError(
-                    f"{path}:{lines.line_num}: row {row.row} follows row {rows[-1].row}: a part of the table "
-                    "is there twice or out of its order; remove it, and every other row can be read"
-                )
-            rows.append(row)
-    except csv.Error as error:
-        raise PalpError(f"{path}:{lines.line_num}: not a table: {error}") from error
-    return rows
+    return read_table(Path(out) / TABLE, f"no record in '{out}'", _row)
 
 
 def _save_quickly(file: BinaryIO, **arrays: Any) -> None:
@@ -436,21 +285,13 @@ def _cell(value: Any) -> Any:
     return int(value) if isinstance(value, bool) else "" if value is None else value
 
 
-def _row(path: Path, line: int, columns: Sequence[str], cells: Sequence[str]) -> Row:
-    try:
-        named = dict(zip(columns, cells, strict=True))
-        plain: dict[str, Any] = {
-            name: _value(_TYPES[name], text) for name, text in named.items() if name in _TYPES
-        }
-        for name in _BY_CLASS:
-            plain[name] = [float(text) for key, text in named.items() if key.startswith(f"{name}_") and text]
-        return msgspec.convert(plain, Row, strict=False)
-    except (ValueError, msgspec.ValidationError) as error:
-        counts = f" ({len(cells)} cells under {len(columns)} columns)" if len(cells) != len(columns) else ""
-        raise PalpError(
-            f"{path}:{line}: the row is damaged{counts}: {error}; "
-            "mend or remove this line, and every other row can be read"
-        ) from error
+def _row(named: dict[str, str]) -> Row:
+    plain: dict[str, Any] = {
+        name: _value(_TYPES[name], text) for name, text in named.items() if name in _TYPES
+    }
+    for name in _BY_CLASS:
+        plain[name] = [float(text) for key, text in named.items() if key.startswith(f"{name}_") and text]
+    return msgspec.convert(plain, Row, strict=False)
 
 
 def _value(kind: Any, text: str) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 
 from palp_core.errors import PalpError
 from palp_core.foreign import catch_foreign, import_foreign
-from palp_core.palpation.session.operating.orders import GROUPED
+from palp_core.palpation.session.orders import GROUPED
 from palp_core.palpation.studies.toolkit.checkpoint import read_lines
 from palp_core.published import STUDIES as PUBLISHED
 from palp_core.published import published

@@ -1,21 +1,16 @@
 """Which folders keep what nobody is to know yet: of a blinded run, until it is unsealed.
 
-Told by three things, each enough: a key that lies there unopened; the run's own note of a node that was
-blinded, for the key may lie elsewhere; a table with numbers that stand for depths, for it may have been
-copied alone, and whoever compares them with the estimates beside them knows what was right.
+Either is enough: a key that lies there unopened, or the run's own note of a node that was blinded, for the
+key may lie elsewhere.
 """
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 from functools import lru_cache
-from itertools import islice
 from pathlib import Path
-from stat import S_ISREG
 
-from palp_core.sealing import stands_for_a_depth
 from palp_core.whole_file import read_whole
 
 SEALED = ".sealed"
@@ -24,9 +19,6 @@ OPENED = "key.json"
 """Lies in the folder of a blinded run once it is unsealed, wherever the key was."""
 NOTES = ("run.json", ".next_run.json")
 """What a run says of itself: among it the parameters of its nodes."""
-
-DEPTH, FIRST_ROWS, FIRST_BYTES = "depth_m", 20, 64 << 10
-"""The column of a table in which a number may stand for a depth, and how much of it is looked at."""
 
 
 def sealed_within(folder: Path) -> Path | None:
@@ -44,10 +36,7 @@ def sealed_within(folder: Path) -> Path | None:
         opened = {name for name in files if name.endswith(".json")}
         if any(f"{name.removesuffix(SEALED)}.json" not in opened for name in keys):
             return Path(place)
-        if OPENED not in opened and (
-            any(_tells_blind(Path(place, name)) for name in NOTES if name in files)
-            or any(_has_codes(Path(place, name)) for name in files if name.endswith(".csv"))
-        ):
+        if OPENED not in opened and any(_tells_blind(Path(place, name)) for name in NOTES if name in files):
             return Path(place)
     return None
 
@@ -64,32 +53,6 @@ def _tells_blind(note: Path) -> bool:
     except PermissionError:
         return True
     except OSError:
-        return False
-
-
-def _has_codes(table: Path) -> bool:
-    """Tell whether numbers stand for depths in a table; one that may not be read is not served either."""
-    try:
-        entry = table.stat()
-        return S_ISREG(entry.st_mode) and _tells_codes(table, entry.st_mtime_ns, entry.st_size)
-    except OSError:
-        return False
-
-
-@lru_cache(maxsize=4096)
-def _tells_codes(table: Path, _changed_ns: int, _size: int) -> bool:
-    with table.open("rb") as file:
-        lines = file.read(FIRST_BYTES).decode(errors="replace").splitlines()
-    try:
-        return any(_is_code(row.get(DEPTH)) for row in islice(csv.DictReader(lines), FIRST_ROWS))
-    except csv.Error:  # no table of a session
-        return False
-
-
-def _is_code(cell: object) -> bool:
-    try:
-        return isinstance(cell, str) and stands_for_a_depth(float(cell))
-    except ValueError:
         return False
 
 

@@ -1,4 +1,4 @@
-"""Sealed phantoms: codes that nobody can draw again, and a key that reads as a file of phantoms does."""
+"""Sealed phantoms: codes that nobody can draw again, and a key that nothing opens by accident."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.mechanics.scene.sealed import (
+    digest_of,
     is_sealed,
     own_codes,
     seal,
-    standing,
+    sealed_phantoms,
 )
-from palp_core.sealing import stands_for_a_depth
 
 PHANTOMS = {
     code: Phantom(bead=Bead(depth_m=d), modulus_pa=21e3) for code, d in (("A", 0.002137), ("B", 0.00419))
@@ -29,7 +29,7 @@ PHANTOMS = {
 def test_a_key_reads_as_the_phantoms_under_their_new_codes(tmp_path: Path) -> None:
     key = tmp_path / "key"
     given = seal(key, PHANTOMS)
-    found = load_phantoms(str(key))
+    found = sealed_phantoms(key)
     assert list(found) == sorted(given)
     assert {given[code]: phantom for code, phantom in found.items()} == PHANTOMS
     assert own_codes(key) == given
@@ -37,12 +37,11 @@ def test_a_key_reads_as_the_phantoms_under_their_new_codes(tmp_path: Path) -> No
     assert key.stat().st_mode & 0o077 == 0
 
 
-def test_what_stands_for_a_depth_is_no_depth_and_says_no_more_than_the_code(tmp_path: Path) -> None:
-    key = tmp_path / "key"
-    given = seal(key, PHANTOMS)
-    assert standing(key) == {code: 100.0 + place for place, code in enumerate(sorted(given))}
-    assert all(stands_for_a_depth(one) for one in standing(key).values())
-    assert not any(stands_for_a_depth(one.bead.depth_m) for one in PHANTOMS.values() if one.bead)
+def test_two_keys_of_the_same_phantoms_have_digests_of_their_own(tmp_path: Path) -> None:
+    for name in ("one", "other"):
+        seal(tmp_path / name, PHANTOMS)
+    assert digest_of(tmp_path / "one") != digest_of(tmp_path / "other")
+    assert len(digest_of(tmp_path / "one")) == 64
 
 
 def test_nothing_in_the_key_can_be_read_by_eye(tmp_path: Path) -> None:
@@ -83,4 +82,4 @@ def test_what_cannot_be_blinded_and_what_is_damaged_is_refused(tmp_path: Path) -
     seal(tmp_path / "key", PHANTOMS)
     (tmp_path / "key").write_bytes((tmp_path / "key").read_bytes()[:-20])
     with pytest.raises(MechanicsError, match="the key is damaged"):
-        load_phantoms(str(tmp_path / "key"))
+        sealed_phantoms(tmp_path / "key")

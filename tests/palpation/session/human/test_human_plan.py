@@ -11,12 +11,12 @@ from palp_core.errors import PerceptionError
 from palp_core.palpation.session.human import plan
 from palp_core.palpation.session.human.orders import counterbalanced, williams
 from palp_core.palpation.session.human.plan import HumanDesign, HumanReply, HumanTrial, outline
-from palp_core.palpation.session.plan import PlannedPhantom
+from palp_core.palpation.session.plan import PlannedPhantom, resume
 
 
 def test_the_orders_are_those_of_tables_3_and_4() -> None:
     found = outline(HumanDesign())
-    depths = [round(trial.depth_m * 1e3) for trial in found.trials]
+    depths = [round(1e3 * trial.depth_m) for trial in found.trials if trial.depth_m is not None]
     assert depths[:15] == [2, 4, 8, 2, 4, 8, 2, 4, 8, 2, 4, 8, 2, 4, 8]
     assert depths[15:] == [2, 8, 2, 4, 4, 8, 4, 2, 8, 4, 8, 4, 2, 8, 2]
     assert [trial.told for trial in found.trials] == [True] * 15 + [False] * 15
@@ -68,18 +68,17 @@ def test_a_spoilt_trial_is_done_again_and_an_unusable_contraction_too() -> None:
 
 def test_without_a_usable_contraction_there_is_no_session() -> None:
     steps = plan.human(HumanDesign(rest_s=0.0, mvc_tries=2))
-    words = ["done", "done", "repeat", "done", "repeat"]  # identity, rest, MVC, rest, MVC
+    done, again = HumanReply(), HumanReply("repeat")
     with pytest.raises(PerceptionError, match="none of 2 contractions"):
-        plan.resume(steps, [*words, "done"])
+        resume(steps, [done, done, again, done, again, done])  # identity, rest, MVC, rest, MVC
 
 
-def test_a_replacement_goes_on_where_the_words_lead() -> None:
-    steps, words = plan.human(HumanDesign()), []
+def test_a_replacement_goes_on_where_the_replies_lead() -> None:
+    steps = plan.human(HumanDesign())
     step = next(steps)
     for _ in range(9):
-        words.append("done")
         step = steps.send(HumanReply())
-    assert plan.resume(plan.human(HumanDesign()), words) == step
+    assert resume(plan.human(HumanDesign()), [HumanReply()] * 9) == step
 
 
 @pytest.mark.parametrize(

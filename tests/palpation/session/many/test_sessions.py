@@ -21,11 +21,9 @@ from palp_core.palpation.export.export import write_export
 from palp_core.palpation.export.source import read_source
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
 from palp_core.palpation.session.many.overview import SessionEntry, find_sessions
-from palp_core.palpation.session.many.page import remarks, write_pooled
+from palp_core.palpation.session.many.page import remarks
 from palp_core.palpation.session.many.pooled import pool
-from palp_core.palpation.session.run_note import read_note
 from palp_core.palpation.session.session_folder import SHEET
-from palp_core.palpation.session.sheet.redact import redact
 from palp_core.palpation.session.sheet.sheet import SessionSheet
 from palp_core.palpation.session.sheet.sheet_file import sheet_text
 from palp_core.whole_file import write_json
@@ -182,37 +180,6 @@ def test_sessions_with_other_filters_are_groups_of_their_own_and_compared_within
     assert designs == ["markov; feature", "markov; feature, filter latent"]
     (difference,) = record["differences"]
     assert abs(difference["difference"]["value"]) == pytest.approx(0.5)
-
-
-def test_a_blinded_session_that_has_no_palpation_yet_is_no_damaged_one(tmp_path: Path) -> None:
-    out = session(tmp_path, "one", [True], exit_code=1)
-    table = out / "trials.csv"
-    table.write_text(table.read_text(encoding="utf-8").partition("\n")[0] + "\n", encoding="utf-8")
-    note = json.loads((out / "run.json").read_text())
-    note["params"]["experiment"] |= {"blind": True}
-    write_json(out / "run.json", note)
-    (entry,) = find_sessions(tmp_path)
-    assert (entry.state, entry.words.partition(";")[0]) == ("blinded", "blinded: 0 palpations")
-    page = write_pooled(pool([entry]), [entry], tmp_path, tmp_path)  # nothing counts: it is a list alone
-    assert "blinded: 0 palpations" in page.read_text(encoding="utf-8")
-    assert not (tmp_path / "accuracy.png").exists()
-
-
-def test_a_blinded_session_is_listed_and_neither_pooled_nor_exported_nor_redacted(tmp_path: Path) -> None:
-    out = session(tmp_path, "one", [True, False])
-    table = (out / "trials.csv").read_text(encoding="utf-8").splitlines()
-    head, *rows = (line.split(",") for line in table)
-    place = head.index("depth_m")
-    sealed = [",".join([*cells[:place], "1001.0", *cells[place + 1 :]]) for cells in rows]
-    (out / "trials.csv").write_text("\n".join([",".join(head), *sealed, ""]), encoding="utf-8")
-    (entry,) = find_sessions(tmp_path)
-    assert (entry.state, entry.trials) == ("blinded", ())
-    assert entry.words == "blinded: 2 palpations; when all is done: palp session unseal"
-    assert pool([entry])["groups"] == []
-    with pytest.raises(PalpError, match="is a blinded session"):
-        read_source(out)
-    with pytest.raises(PalpError, match="is a blinded session"):
-        redact(out, read_note(out), tmp_path / "copy")
 
 
 def test_exported_tables_are_no_session(tmp_path: Path) -> None:

@@ -16,8 +16,8 @@ from palp_core.errors import PalpError
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.launch.graph import check_start
 from palp_core.graph.launch.summary import RunSummary
+from palp_core.palpation.session.audit import left_out
 from palp_core.palpation.session.bag_record import launch_of
-from palp_core.palpation.session.decided.audit import left_out
 from palp_core.palpation.session.report import session
 from palp_core.palpation.session.run_note import read_note
 from palp_core.palpation.session.sheet.of_run import asked_sheet, sheet_of, texts_to_keep

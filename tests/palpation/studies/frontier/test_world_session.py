@@ -14,7 +14,7 @@ from palp_core.methods import find
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.session import plan
-from palp_core.palpation.session.operating.orders import MOUNTINGS
+from palp_core.palpation.session.orders import MOUNTINGS
 from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, SWIFT
 from palp_core.palpation.studies.frontier.trace_features import feature_of
 from palp_core.palpation.studies.frontier.world_session import WorldPlan, begin, worlds

@@ -30,23 +30,19 @@ class ShareBars(Element, component="bars.js"):  # type: ignore[misc, call-arg]
 
 
 class BeliefPanel:
-    """Of a blinded session only how many palpations there were.
+    """The belief of the present trial, and how its palpations changed it.
 
     Args:
         source: Knows which policy is at work.
         monitor: What is shown.
-        blind: Nothing of the belief is.
     """
 
-    def __init__(self, source: ViewSource, monitor: RigMonitor, *, blind: bool) -> None:
+    def __init__(self, source: ViewSource, monitor: RigMonitor) -> None:
         self._source, self._monitor = source, monitor
         self._shown = [JudgedProbe(-1, 0.0, 0.0)]
         said("h2", "The present trial")
         self._words = said("div", "").props('data-what="trial" role="status"')
         self._policy = said("div", "", "quiet").props('data-what="policy"')
-        self._bars: ShareBars | None = None
-        if blind:
-            return
         self._bars = ShareBars("how probable each depth is")
         said("h2", "Gain and entropy over its palpations")
         self._box = ui.element("div").props('data-what="probes"')
@@ -57,8 +53,6 @@ class BeliefPanel:
         self._words.text = trial_words(belief, self._monitor.latest("Progress"))
         policy = policy_at_work(self._source, self._monitor.topics)
         self._policy.text = f"policy: {policy}" if policy else ""
-        if self._bars is None:
-            return
         self._bars.show(bars(belief))
         if belief.probes == self._shown:
             return

@@ -28,24 +28,22 @@ class OutcomePanel:
     Args:
         source: What the launch file said.
         monitor: What is shown.
-        blind: Neither estimates nor accuracy nor guards are.
     """
 
-    def __init__(self, source: ViewSource, monitor: RigMonitor, *, blind: bool) -> None:
-        self._source, self._monitor, self._blind = source, monitor, blind
+    def __init__(self, source: ViewSource, monitor: RigMonitor) -> None:
+        self._source, self._monitor = source, monitor
         self._shown: list[TrialRow] | None = None
         self._guards: list[str] | None = []
         self._told_where = False
         with ui.element("div").classes("rig-grid"):
             with ui.element("section"), folding("Trials so far, the latest first"):
                 self._trials = ui.element("div").classes("rig-scroll").props('data-what="trials"')
-            if not blind:
-                with ui.element("section"):
-                    said("h2", "Right so far")
-                    self._right = ui.element("div").props('data-what="right"')
-                    if monitor.has("ContactGuard"):
-                        said("h2", "Guards met")
-                        self._met = ui.element("div").props('data-what="guards"')
+            with ui.element("section"):
+                said("h2", "Right so far")
+                self._right = ui.element("div").props('data-what="right"')
+                if monitor.has("ContactGuard"):
+                    said("h2", "Guards met")
+                    self._met = ui.element("div").props('data-what="guards"')
         self._where = ui.element("p").classes("quiet").props('data-what="results"')
 
     def show(self) -> None:
@@ -53,10 +51,9 @@ class OutcomePanel:
         rows = self._monitor.board.rows
         if rows != self._shown:
             self._shown = list(rows)
-            _fill(self._trials, partial(_trials, rows, blind=self._blind))
-            if not self._blind:
-                _fill(self._right, self._accuracy)
-        if not self._blind and self._monitor.has("ContactGuard") and self._guards != self._monitor.guards:
+            _fill(self._trials, partial(_trials, rows))
+            _fill(self._right, self._accuracy)
+        if self._monitor.has("ContactGuard") and self._guards != self._monitor.guards:
             self._guards = self._monitor.guards
             _fill(self._met, partial(_guards, self._guards))
         if not self._told_where:
@@ -113,18 +110,13 @@ def _share(one: Proportion) -> tuple[str, str, str]:
     return str(one.success_count), str(one.trial_count), share
 
 
-def _trials(rows: list[TrialRow], *, blind: bool) -> None:
+def _trials(rows: list[TrialRow]) -> None:
     if not rows:
         said("div", "no trial is over yet", "quiet")
         return
     last = rows[: -MOST_ROWS - 1 : -1]
-    if blind:
-        titles: tuple[str, ...] = ("Trial", "Phantom's code", "Palpations", "Verdict")
-        told = [(str(row.number), row.code or "not told", str(row.probe_count), row.verdict) for row in last]
-        table(titles, told)
-    else:
-        titles = ("Trial", "Phantom", "True depth", "Found", "Sure", "Palpations", "Verdict", "")
-        table(titles, [_cells(row) for row in last])
+    titles = ("Trial", "Phantom", "True depth", "Found", "Sure", "Palpations", "Verdict", "")
+    table(titles, [_cells(row) for row in last])
     if len(rows) > MOST_ROWS:
         said("div", f"and {len(rows) - MOST_ROWS} before", "quiet")
 
@@ -138,8 +130,8 @@ def _cells(row: TrialRow) -> tuple[Cell, ...]:
         str(row.number),
         row.code,
         "" if row.depth_mm is None else f"{row.depth_mm:g} mm",
-        f"{row.estimate_mm:g} mm" if found and row.estimate_mm is not None else "",
-        f"{row.confidence:.0%}".replace("%", " %") if found and row.confidence is not None else "",
+        f"{row.estimate_mm:g} mm" if found else "",
+        f"{row.confidence:.0%}".replace("%", " %") if found else "",
         str(row.probe_count),
         row.verdict,
         right,

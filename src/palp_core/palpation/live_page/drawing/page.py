@@ -13,7 +13,6 @@ from palp_core.palpation.live_page.drawing.muscles import MusclePanel
 from palp_core.palpation.live_page.drawing.outcome import OutcomePanel
 from palp_core.palpation.live_page.drawing.touch import TouchPanel
 from palp_core.palpation.live_page.monitor import RigMonitor
-from palp_core.view.pages.parts import said
 from palp_core.view.pages.viewer import Viewer
 
 CSS = (Path(__file__).parent / "look.css").read_text(encoding="utf-8")
@@ -28,17 +27,15 @@ def put_up(viewer: Viewer) -> None:
     lockstep = viewer.time is None and viewer.source.overview().clock == "sim"
     monitor = RigMonitor(viewer.source, at_once=lockstep, recorded=viewer.time is not None)
     ui.context.client.on_delete(monitor.close)
-    if viewer.blind:
-        said("p", "The session is blinded: torque, belief, depth and accuracy are neither shown nor sent.")
     desk = DeskMonitor(viewer.source, recorded=viewer.time is not None)
     ui.context.client.on_delete(desk.close)
     asked = DeskPanel(viewer, desk) if desk.asks else None
     with ui.element("div").classes("rig-grid"):
-        touch = TouchPanel(monitor, blind=viewer.blind)
+        touch = TouchPanel(monitor)
         with ui.element("section"):
-            belief = BeliefPanel(viewer.source, monitor, blind=viewer.blind)
+            belief = BeliefPanel(viewer.source, monitor)
             muscles = MusclePanel(viewer.source, monitor)
-    outcome = OutcomePanel(viewer.source, monitor, blind=viewer.blind)
+    outcome = OutcomePanel(viewer.source, monitor)
 
     def look() -> None:
         touch.show(monitor.look())

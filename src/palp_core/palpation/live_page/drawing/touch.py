@@ -90,19 +90,16 @@ class TouchPanel:
 
     Args:
         monitor: What is shown.
-        blind: Neither torque nor bead is; there is nothing of them then to show.
     """
 
-    def __init__(self, monitor: RigMonitor, *, blind: bool) -> None:
-        self._monitor, self._blind = monitor, blind
+    def __init__(self, monitor: RigMonitor) -> None:
+        self._monitor = monitor
         self._number, self._lean, self._behind = -1, 0.0, False
         self._swept_m: float | None = None
         with ui.element("section"):
-            self._chart = None
-            if not blind:
-                said("h2", "Torque of the present sweep, and what training taught")
-                self._chart = SweepChart(monitor.path_m)
-                self._taught = said("div", "", "quiet").props('data-what="taught"')
+            said("h2", "Torque of the present sweep, and what training taught")
+            self._chart = SweepChart(monitor.path_m)
+            self._taught = said("div", "", "quiet").props('data-what="taught"')
             said("h2", "The rig, to scale")
             self._facts = said("div", "", "rig-facts").props('data-what="rig"')
             self._size = lengths_mm(*monitor.path_m)
@@ -113,13 +110,13 @@ class TouchPanel:
         sweep, chart = self._monitor.sweep, self._chart
         self._behind = self._behind or sweep.number != self._number
         self._number = sweep.number
-        if chart is not None and chart.busy:
+        if chart.busy:
             self._behind = self._behind or bool(new)
-        elif chart is not None and self._behind:
+        elif self._behind:
             chart.begin(sweep.points)
             self._behind, self._swept_m = False, self._monitor.ring_m
             self._show_bands(chart)
-        elif chart is not None and new:
+        elif new:
             chart.add(new)
         self._scene.go(self._pose(new))
 
@@ -127,7 +124,7 @@ class TouchPanel:
         monitor = self._monitor
         ring, lift_mm = monitor.ring, lift_of(monitor)
         touches = lift_mm < self._size["indentation"]
-        if new and not self._blind and monitor.ring_m is not None:
+        if new and monitor.ring_m is not None:
             self._lean = lean_rad(new[-1][1] * 1e-3, monitor.ring_m)
         goal = {"lift": lift_mm, "lean": round(math.degrees(self._lean) if touches else 0.0, 2)}
         if monitor.position_m is not None:
@@ -138,9 +135,8 @@ class TouchPanel:
 
     def show_words(self) -> None:
         """Show bands and figures."""
-        if self._chart is not None:
-            self._show_bands(self._chart)
-            self._scene.bead(self._monitor.depth_mm)
+        self._show_bands(self._chart)
+        self._scene.bead(self._monitor.depth_mm)
         self._facts.text = rig_words(self._monitor)
 
     def _show_bands(self, chart: SweepChart) -> None:
@@ -182,7 +178,7 @@ def rig_words(monitor: RigMonitor) -> str:
         parts.append(f"ring: {1e3 * ring['measured_m']:.1f} mm, {does}")
     if monitor.mounted is None:
         parts.append("phantom: nobody has told yet")
-    elif monitor.mounted.get("code"):
+    else:
         parts.append(f"phantom {monitor.mounted['code']}")
     return "; ".join(parts)
 

@@ -11,7 +11,7 @@ import dataclasses
 from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.scene.file import phantom_of, read_mapping, read_scene
-from palp_core.palpation.mechanics.scene.sealed import is_sealed, sealed_mistake, sealed_phantoms
+from palp_core.palpation.mechanics.scene.sealed import is_sealed
 
 PAPER_PHANTOMS = {
     code: Phantom(bead=Bead(depth_m=d)) for code, d in (("A", 0.002), ("B", 0.004), ("C", 0.008))
@@ -23,17 +23,21 @@ CASTINGS, CAST_COUNT = "castings", 6
 
 
 def load_phantoms(path: str, gel: Phantom | None = None) -> dict[str, Phantom]:
-    """Return the phantoms of a file, plain or sealed, by code.
+    """Return the phantoms of a file by code.
 
     Args:
         path: The file; empty: the paper's three; ``castings``: six of each of these.
         gel: Gel and bead that the paper's three depths are given where there is no file.
 
     Raises:
-        MechanicsError: No such file, no YAML, an unknown key or a value out of range; the message says where.
+        MechanicsError: No such file, no YAML, a sealed key, an unknown key or a value out of range; the
+            message says where.
     """
     if path and is_sealed(path):
-        return sealed_phantoms(path)
+        raise MechanicsError(
+            f"{path} is sealed: read in the open it would tell which phantom is which; run a blinded session "
+            "with a person with it (launch/human.yaml blind:=true), or give the file that it was made from"
+        )
     if path not in ("", CASTINGS):
         root = read_mapping(path, "phantoms")
         entries = root.items("the file of phantoms")
@@ -67,7 +71,4 @@ def file_mistakes(params: object) -> dict[str, str]:
                 read(path)
             except MechanicsError as error:
                 found[name] = str(error)
-    path = getattr(params, "phantoms", "")
-    if path and not getattr(params, "blind", False) and (why := sealed_mistake(path)):
-        found["phantoms"] = why
     return found

@@ -1,11 +1,12 @@
-"""Which phantom is which, sealed: new codes that say nothing, and a file that nobody reads by accident.
+"""Which phantom is which, sealed: new codes that say nothing, and a key that nobody reads by accident.
 
-A sealed file stands wherever a file of phantoms does: who simulates a phantom reads from it what it touches.
+Who simulates a person reads from the key what is palpated.
 Codes and their order come from the machine's entropy, never from a run's seed: whoever knows the seed, the
 program and the phantoms can draw neither again. The file is no safe: it keeps from seeing, not from prying.
 """
 
 import dataclasses
+import hashlib
 import json
 import os
 import secrets
@@ -15,7 +16,7 @@ from typing import Any
 
 from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
-from palp_core.sealing import STANDS_FROM_M, opened, sealed
+from palp_core.sealing import opened, sealed
 from palp_core.whole_file import begins_with, read_whole, whole_file
 
 SEAL = b"sealed by palp: which phantom is which; `palp session unseal` opens it\n"
@@ -28,14 +29,18 @@ def is_sealed(path: str | Path) -> bool:
     return begins_with(path, SEAL)
 
 
-def sealed_mistake(path: str | Path) -> str | None:
-    """Return why a file of phantoms is nothing for who says depths; None if it is not sealed."""
-    if not is_sealed(path):
-        return None
-    return (
-        f"{path} is sealed: read in the open it would tell which phantom is which; run a blinded session "
-        "with it (blind:=true), or give the file that the phantoms were sealed from"
-    )
+def require_sealable(phantoms: Mapping[str, Phantom]) -> None:
+    """Refuse phantoms among which a code would say too much.
+
+    Raises:
+        MechanicsError: One has no bead, there are fewer than two, or two are of one depth.
+    """
+    beads = [one.bead.depth_m for one in phantoms.values() if one.bead is not None]
+    if len(set(beads)) < len(phantoms) or len(beads) < 2:
+        raise MechanicsError(
+            "a blinded session needs phantoms with a bead, two at least, and no two of one depth: every code "
+            "is a class of its own"
+        )
 
 
 def seal(path: Path, phantoms: Mapping[str, Phantom]) -> dict[str, str]:
@@ -47,12 +52,7 @@ def seal(path: Path, phantoms: Mapping[str, Phantom]) -> dict[str, str]:
     Raises:
         MechanicsError: It cannot be written, or two phantoms are of one depth, so that codes tell too much.
     """
-    beads = [one.bead.depth_m for one in phantoms.values() if one.bead is not None]
-    if len(set(beads)) < len(phantoms) or len(beads) < 2:
-        raise MechanicsError(
-            "a blinded session needs phantoms with a bead, two at least, and no two of one depth: every code "
-            "is a class of its own"
-        )
+    require_sealable(phantoms)
     codes: set[str] = set()
     while len(codes) < len(phantoms):
         codes.add(secrets.choice(_LETTERS) + secrets.choice(_DIGITS))
@@ -107,9 +107,13 @@ def own_codes(path: str | Path) -> dict[str, str]:
     return dict(_content(path)["was"])
 
 
-def standing(path: str | Path) -> dict[str, float]:
-    """Return by code what stands for a depth while it is sealed: 100 m, 101 m ..., in the order of the codes.
+def digest_of(path: str | Path) -> str:
+    """Return the SHA-256 of a key, in hexadecimal; it tells nothing of what is in it, which is salted.
 
-    No phantom is that deep: such a number is told from a depth wherever it is met.
+    Raises:
+        MechanicsError: It cannot be read.
     """
-    return {code: STANDS_FROM_M + place for place, code in enumerate(sorted(_content(path)["phantoms"]))}
+    try:
+        return hashlib.sha256(read_whole(path, _LARGEST_BYTES)).hexdigest()
+    except OSError as error:
+        raise MechanicsError(f"{path}: the key cannot be read: {error.strerror or error}") from error

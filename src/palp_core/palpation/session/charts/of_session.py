@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 from palp_core.graph.launch.summary import RunSummary
@@ -17,24 +16,12 @@ from palp_core.palpation.session.charts.estimation import (
 from palp_core.palpation.session.charts.rig import rig_chart
 from palp_core.palpation.session.charts.steps import steps_chart
 from palp_core.palpation.session.charts.training import primitives_chart, sweeps_chart
-from palp_core.palpation.session.recorded_session import RecordedSession, read_session
+from palp_core.palpation.session.recorded_session import RecordedSession
+from palp_core.palpation.session.result import SessionResult
 from palp_core.palpation.session.roles import roles_of
-from palp_core.palpation.session.run_note import read_note
-from palp_core.palpation.session.session_folder import RESULT
-from palp_core.palpation.session.trials_csv import read_rows
 
 
-def charts_of(folder: Path) -> list[Chart]:
-    """Return the charts of a session whose result has been written, not yet drawn, in the order of the page.
-
-    Raises:
-        PalpError: The record or its note cannot be read.
-    """
-    result = json.loads((folder / RESULT).read_text())
-    return charts(read_session(folder, read_rows(folder)), read_note(folder), result)
-
-
-def charts(found: RecordedSession, summary: RunSummary, result: dict[str, Any]) -> list[Chart]:
+def charts_of(found: RecordedSession, summary: RunSummary, result: SessionResult) -> list[Chart]:
     """Return the charts that the record has numbers for, in the order of the page."""
     roles = roles_of(summary)
     sweeps = {
@@ -55,12 +42,12 @@ def charts(found: RecordedSession, summary: RunSummary, result: dict[str, Any]) 
     return [chart for chart in found_charts if chart is not None]
 
 
-def _drawing(found: RecordedSession, summary: RunSummary, result: dict[str, Any]) -> Chart | None:
+def _drawing(found: RecordedSession, summary: RunSummary, result: SessionResult) -> Chart | None:
     """Return the drawing of what was simulated; None of a rig with devices, whose sizes nobody told."""
-    if result["mechanics"] is None or not found.rows:
+    if result.mechanics is None or not found.rows:
         return None
     return rig_chart(
-        result["mechanics"]["scene"],
+        result.mechanics.scene,
         rings_m=sorted({row.ring_m for row in found.rows}),
         indentation_m=_indentation_m(summary),
     )

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from palp_core.palpation.reporting.charts import BLUE, GREEN, GREY, INK, PALE_BLUE, VERMILION, Chart, tidy
+from palp_core.palpation.session.result import Based
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -15,7 +16,7 @@ _PROBE_AT_MM, _SLAB_MM = -28.0, 60.0
 
 
 def rig_chart(
-    scene: Mapping[str, Mapping[str, Mapping[str, Any]]], *, rings_m: Sequence[float], indentation_m: float
+    scene: Mapping[str, Mapping[str, Based]], *, rings_m: Sequence[float], indentation_m: float
 ) -> Chart:
     """Return the drawing.
 
@@ -25,7 +26,7 @@ def rig_chart(
         indentation_m: Nominal depth to which the ball's lowest point is pressed.
     """
     mm = {
-        thing: {name: 1e3 * one["value"] for name, one in numbers.items() if name.endswith("_m")}
+        thing: {name: 1e3 * one.value for name, one in numbers.items() if name.endswith("_m")}
         for thing, numbers in scene.items()
     }
     probe = mm["probe"]

@@ -130,6 +130,7 @@ def sweeps_chart(
     peaks = {ring_m: peak(mean, edge=edge) for ring_m, mean in means.items()}
     shown_m = max(raw)
     one = peak(clean[shown_m][0], edge=edge)
+    step = max(length // 800, 1)  # more points than a page has pixels would only make it large
 
     def draw(figure: Figure) -> None:
         near, whole = figure.subplots(1, 2, width_ratios=(2, 3))
@@ -145,14 +146,14 @@ def sweeps_chart(
             near, f"One palpation near its peak, $r_a$ = {mm(shown_m)} mm", along_label, "torque, N mm"
         )
         for colour, ring_m in zip(charts.ring_colours(len(means)), means, strict=True):
-            mean, sd = means[ring_m], deviations[ring_m]
-            whole.fill_between(along, mean - sd, mean + sd, color=colour, alpha=0.25, lw=0)
-            whole.plot(along, mean, color=colour, lw=1.6)
+            x, mean, sd = along[::step], means[ring_m][::step], deviations[ring_m][::step]
+            whole.fill_between(x, mean - sd, mean + sd, color=colour, alpha=0.25, lw=0)
+            whole.plot(x, mean, color=colour, lw=1.6)
             found = peaks[ring_m]
             whole.plot(along[found.index], found.value_n_m, "v", ms=7, color=colour, mec=charts.INK, mew=0.6)
             whole.annotate(
                 f"$r_a$ = {mm(ring_m)}",
-                (along[-1], mean[-1]),
+                (x[-1], mean[-1]),
                 xytext=(4, 0),
                 textcoords="offset points",
                 va="center",
@@ -161,7 +162,6 @@ def sweeps_chart(
         charts.legend(figure, handles=near.get_lines(), ncols=3)
         charts.tidy(whole, f"Mean ± sd per ring position, d = {mm(depth_m)} mm", along_label, "torque, N mm")
 
-    step = max(length // 800, 1)
     shown = [
         (mm(ring_m), float(along[i]), float(means[ring_m][i]), float(deviations[ring_m][i]))
         for ring_m in means

@@ -15,7 +15,7 @@ import numpy as np
 from palp_core.errors import PalpError
 from palp_core.palpation.perception.statistics.anova import Anova, NotTestable, permutation, two_way
 from palp_core.palpation.perception.statistics.statistics import confusion, wilson
-from palp_core.palpation.session.decided.audit import left_out
+from palp_core.palpation.session.audit import left_out
 from palp_core.palpation.session.human.power import Power, power_of
 from palp_core.palpation.session.human.record import HumanRow, is_of_a_person, read_human
 

@@ -8,13 +8,13 @@ and goes on from recorded replies::
 """
 
 import itertools
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.session.decided.audit import TrialKey
+from palp_core.palpation.session.audit import TrialKey
 from palp_core.palpation.session.human.orders import (
     TABLE_3_MM,
     TABLE_4_MM,
@@ -23,7 +23,6 @@ from palp_core.palpation.session.human.orders import (
     paper_order,
 )
 from palp_core.palpation.session.plan import ExperimentDesign, PlannedPhantom
-from palp_core.sealing import stands_for_a_depth
 
 Phase = Literal["training", "estimation"]
 PHASES: tuple[Phase, ...] = ("training", "estimation")
@@ -69,7 +68,7 @@ class HumanTrial:
         number: Of the trial in its phase, from 1.
         attempt: From 1; a trial that was spoilt is done again.
         phantom: Code.
-        depth_m: Of its nodule.
+        depth_m: Of its nodule; None where it is sealed.
         told: Whether the subject is told the depth.
         limit_s: Longest time.
     """
@@ -79,14 +78,9 @@ class HumanTrial:
     number: int
     attempt: int
     phantom: str
-    depth_m: float
+    depth_m: float | None
     told: bool
     limit_s: float
-
-    @property
-    def known_depth_m(self) -> float | None:
-        """The depth as it may be written; None where something stands for it."""
-        return None if stands_for_a_depth(self.depth_m) else self.depth_m
 
 
 @dataclass(frozen=True)
@@ -125,8 +119,8 @@ class HumanDesign:
         mvc_s: Of the MVC (assumed).
         mass_kg: That is held and moved in it; 5 kg as published.
         mvc_tries: After which the session ends without a usable one (assumed).
-        sealed: In a blinded session the phantoms of estimation, in the order of codes that say nothing, with
-            what stands for their depths; empty where depths are told.
+        sealed: In a blinded session the codes of estimation, in an order that says nothing; empty where
+            depths are known.
     """
 
     phantoms: tuple[PlannedPhantom, ...] = ExperimentDesign().phantoms
@@ -140,7 +134,7 @@ class HumanDesign:
     mvc_s: float = 5.0
     mass_kg: float = 5.0
     mvc_tries: int = 4
-    sealed: tuple[PlannedPhantom, ...] = ()
+    sealed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.order not in ("paper", "counterbalanced"):
@@ -221,10 +215,11 @@ def trials(design: HumanDesign) -> Iterator[HumanTrial]:
     index = 0
     for phase in PHASES:
         told = phase == "training"
-        phantoms = design.phantoms if told or not design.sealed else design.sealed
+        known = told or not design.sealed
         for number, place in enumerate(design.places(phase), start=1):
-            phantom = phantoms[place]
-            yield HumanTrial(index, phase, number, 1, phantom.code, phantom.depth_m, told, design.limit_s)
+            code = design.phantoms[place].code if known else design.sealed[place]
+            depth_m = design.phantoms[place].depth_m if known else None
+            yield HumanTrial(index, phase, number, 1, code, depth_m, told, design.limit_s)
             index += 1
 
 
@@ -232,19 +227,6 @@ def _done(step: HumanStep) -> HumanPlan:
     reply = yield step
     if reply.word != "done":
         raise PerceptionError(f"{step} was answered '{reply.word}', not 'done'")
-
-
-def resume(plan: HumanPlan, words: Iterable[str]) -> HumanStep | None:
-    """Send recorded words to a fresh plan; return the first step that has none, or None at its end."""
-    step = next(plan, None)
-    for word in words:
-        if step is None:
-            raise PerceptionError("the plan ended before its recorded replies; they are of another design")
-        try:
-            step = plan.send(HumanReply(word))  # type: ignore[arg-type]
-        except StopIteration:
-            step = None
-    return step
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,8 @@ def begin_words(trial: HumanTrial, of: int, *, same: bool) -> str:
         same: Whether its phantom is the one of the trial before.
     """
     give = f"{'Leave' if same else 'Give'} phantom {trial.phantom}"
-    tell = f"; tell the subject: {trial.depth_m * 1e3:g} mm" if trial.told else "; subject blindfolded"
+    depth_m = trial.depth_m if trial.told else None
+    tell = "; subject blindfolded" if depth_m is None else f"; tell the subject: {depth_m * 1e3:g} mm"
     attempt = "" if trial.attempt == 1 else f", attempt {trial.attempt}"
     return f"{trial.phase.capitalize()} trial {trial.number} of {of}{attempt}. {give}{tell}. Enter begins it."
 

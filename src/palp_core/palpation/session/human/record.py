@@ -13,24 +13,21 @@
 ``palp emg fit-policy OUT`` learns the subject's chains from what counts.
 """
 
-import contextlib
 import csv
 import io
-import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
 import numpy as np
 
-from palp_core.counted import counted
 from palp_core.errors import PalpError
-from palp_core.palpation.session.decided.audit import left_out
-from palp_core.palpation.session.session_folder import FolderLock, cannot_write, link_latest, set_aside
-from palp_core.palpation.session.trials_csv import read_table
+from palp_core.palpation.session.audit import left_out
+from palp_core.palpation.session.session_folder import cannot_write
+from palp_core.palpation.session.session_table import SessionTable, read_table
 from palp_core.units import Float64Array
-from palp_core.whole_file import whole_file, write_json, write_whole
+from palp_core.whole_file import whole_file, write_json
 
 HUMAN_TABLE = "human_trials.csv"
 IDENTITY = "identity.json"
@@ -117,7 +114,7 @@ def emg_name(phase: str, number: int, attempt: int, phantom: str, depth_m: float
     return f"{phase}/{number:02d}{again}_{what}.npz"
 
 
-class HumanWriter:
+class HumanWriter(SessionTable):
     """Writes a session's record.
 
     Args:
@@ -125,8 +122,7 @@ class HumanWriter:
     """
 
     def __init__(self, out: str) -> None:
-        self.folder = Path(out)
-        self._lock = FolderLock()
+        super().__init__(out, HUMAN_TABLE, "trial")
 
     def start(self) -> None:
         """Begin a new table.
@@ -136,11 +132,8 @@ class HumanWriter:
                 ever replaced.
         """
         refuse_human(self.folder)
-        with self._closed_if_refused():
-            self.folder.mkdir(parents=True, exist_ok=True)
-            self._lock.take(self.folder)
-            self._append(HumanRow.__struct_fields__, os.O_CREAT | os.O_EXCL)
-            link_latest(self.folder)
+        with self._taken(made=True):
+            self._begin(HumanRow.__struct_fields__)
 
     def go_on(self, row_count: int) -> None:
         """Go on with what an interrupted session has left, as it was after so many rows.
@@ -152,48 +145,23 @@ class HumanWriter:
         Raises:
             PalpError: The table lacks rows, another session writes into it, or it cannot be written.
         """
-        with self._closed_if_refused():
-            self._lock.take(self.folder)
+        with self._taken():
             rows = read_human(self.folder)
-            if [row.row for row in rows[:row_count]] != list(range(row_count)):
-                raise PalpError(
-                    f"{self.folder / HUMAN_TABLE} cannot be gone on with: "
-                    f"it has {counted(len(rows), 'trial')}, and the session had come to {row_count}; "
-                    "restore the table, or begin anew in another folder"
-                )
-            self._set_aside(rows[:row_count], rows[row_count:])
-            write_whole(self.folder / HUMAN_TABLE, human_table_text(rows[:row_count]))
-            link_latest(self.folder)
+            self._require(rows, row_count)
+            loose = self._emg_without_row(rows[:row_count])
+            if loose or len(rows) > row_count:
+                place = self._set_aside(row_count, len(rows))
+                for path in loose:
+                    target = place / path.relative_to(self.folder)
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    path.rename(target)
+            self._cut(row_count)
 
-    @contextlib.contextmanager
-    def _closed_if_refused(self) -> Iterator[None]:
-        """Let go of the folder if it cannot be begun or gone on with, and say why."""
-        try:
-            yield
-        except OSError as error:
-            self.close()
-            raise cannot_write(self.folder, error) from error
-        except PalpError:
-            self.close()
-            raise
-
-    def _set_aside(self, rows: Sequence[HumanRow], later: Sequence[HumanRow]) -> None:
-        """Move away what is of no row that stays: a row more, EMG whose trial was not over."""
+    def _emg_without_row(self, rows: Sequence[HumanRow]) -> list[Path]:
+        """Return what is of no row that stays: of a row more, or of a trial that was not over."""
         kept = {row.emg for row in rows}
         found = (path for name in (EMG, DISCARDED) for path in sorted(self.folder.glob(f"{name}/*/*/*.npz")))
-        loose = [path for path in found if str(path.relative_to(self.folder)) not in kept]
-        if not later and not loose:
-            return
-        place = set_aside(self.folder)
-        write_whole(place / HUMAN_TABLE, human_table_text(later))
-        for path in loose:
-            target = place / path.relative_to(self.folder)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            path.rename(target)
-
-    def close(self) -> None:
-        """Let others have the folder; what is written stays."""
-        self._lock.release()
+        return [path for path in found if str(path.relative_to(self.folder)) not in kept]
 
     def identity(self, subject: str, consent: str, **more: Any) -> None:
         """Write who it was, in codes.
@@ -215,7 +183,7 @@ class HumanWriter:
         try:
             self._append([_cell(value) for value in msgspec.structs.astuple(row)])
         except OSError as error:
-            raise self._ended(error, f"{row.phase} trial {row.trial}") from error
+            raise self._failure(error, f"{row.phase} trial {row.trial}", "all trials before") from error
 
     def emg(
         self, subject: str, name: str, samples_v: Float64Array, rate_hz: float, *, discarded: bool = False
@@ -231,27 +199,8 @@ class HumanWriter:
             with whole_file(path) as file:
                 np.savez_compressed(file, fds_v=samples_v[0], edc_v=samples_v[1], rate_hz=np.array(rate_hz))
         except OSError as error:
-            raise self._ended(error, str(path.name)) from error
+            raise self._failure(error, str(path.name), "all trials before") from error
         return str(path.relative_to(self.folder))
-
-    def _append(self, cells: Sequence[Any], flags: int = 0) -> None:
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerow(cells)
-        path, data = self.folder / HUMAN_TABLE, text.getvalue().encode()
-        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | flags, 0o644)
-        try:
-            before = os.fstat(descriptor).st_size
-            if os.write(descriptor, data) != len(data):
-                os.ftruncate(descriptor, before)  # a full disk takes a part: the row is whole or not there
-                raise OSError("no space left for a whole row")
-        finally:
-            os.close(descriptor)
-
-    def _ended(self, error: OSError, what: str) -> PalpError:
-        return PalpError(
-            f"{what} cannot be written to '{self.folder.absolute()}': {error.strerror or error}; "
-            "every trial before is kept there"
-        )
 
 
 def refuse_human(folder: Path, ways_on: str = "give this one another folder, out:=NAME") -> None:
@@ -287,18 +236,12 @@ def read_human(out: str | Path) -> list[HumanRow]:
     Raises:
         PalpError: There is none, or a row is damaged.
     """
-    path = Path(out) / HUMAN_TABLE
-    text = read_table(path, f"no session with a person in '{out}'")
-    whole = text[: text.rfind("\n") + 1]  # a last row that was cut short is none
-    lines = csv.DictReader(io.StringIO(whole, newline=""), strict=True)
-    rows = []
-    for cells in lines:
-        plain = {name: None if cell == "" and name in _OPTIONAL else cell for name, cell in cells.items()}
-        try:
-            rows.append(msgspec.convert(plain, HumanRow, strict=False))
-        except msgspec.ValidationError as error:
-            raise PalpError(f"{path}:{lines.line_num}: the row is damaged: {error}") from error
-    return rows
+    return read_table(Path(out) / HUMAN_TABLE, f"no session with a person in '{out}'", _row)
+
+
+def _row(named: dict[str, str]) -> HumanRow:
+    plain = {name: None if cell == "" and name in _OPTIONAL else cell for name, cell in named.items()}
+    return msgspec.convert(plain, HumanRow, strict=False)
 
 
 def emg_that_does_not_count(out: Path) -> set[Path]:

@@ -13,6 +13,7 @@ import msgspec
 from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.palpation.session import run_note
+from palp_core.palpation.session.human.blinding import draw_key, refuse_other_key
 from palp_core.palpation.session.human.record import HUMAN_TABLE, is_by_hand, read_human, refuse_human
 from palp_core.palpation.session.human.sheet import asked_sheet
 from palp_core.palpation.session.session_folder import CHECKPOINT, RUN, cannot_write
@@ -44,15 +45,20 @@ class HumanReport:
         """
         folder = run_note.out_of(summary)
         if summary.resumed_count:
-            _refuse_resuming(folder, summary)
+            run_note.refuse_resuming(folder, HUMAN_TABLE)
+            refuse_other_key(summary, folder)
             return
         refuse_own_sheet(folder)
         refuse_human(folder, _ways_on(folder))
         asked_sheet(summary)
 
     def attach(self, summary: RunSummary) -> dict[str, str]:
-        """Return what is kept with all that is recorded of the run, by name: the session's sheet."""
-        return texts_to_keep(asked_sheet(summary))
+        """Return what is kept with all that is recorded of the run, by name: sheet, and digest of a key.
+
+        Raises:
+            PalpError: The key of a blinded session cannot be drawn.
+        """
+        return texts_to_keep(asked_sheet(summary)) | draw_key(summary)
 
     def begin(self, summary: RunSummary) -> None:
         """Note which run the session is of.
@@ -100,24 +106,16 @@ def _ways_on(folder: Path) -> str:
         return others
 
 
-def _refuse_resuming(folder: Path, summary: RunSummary) -> None:
-    """Refuse to go on with a session that is not there, that goes on already, or whose key is gone.
-
-    Raises:
-        PalpError: It is so.
-    """
-    run_note.refuse_resuming(folder, HUMAN_TABLE)
-    for asked in summary.params.values():
-        run_note.refuse_without_key(asked)
-
-
-def write_human(folders: list[Path], out: Path, sheet: SessionSheet | None = None) -> str:
+def write_human(
+    folders: list[Path], out: Path, sheet: SessionSheet | None = None, *, charts: bool = False
+) -> str:
     """Write what one session or several tell into a folder; return it in words.
 
     Args:
         folders: Of the sessions.
         out: For result and page.
         sheet: Of a single session.
+        charts: Each chart is kept as PNG, SVG and CSV, too, in ``charts/``.
 
     Raises:
         PalpError: A session cannot be read.
@@ -131,7 +129,7 @@ def write_human(folders: list[Path], out: Path, sheet: SessionSheet | None = Non
     found = told | analyse(trials)
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / RESULT, found)
-    pictures = [picture(one, out / "charts") for one in human_charts(trials, found)]
+    pictures = [picture(one, out / "charts" if charts else None) for one in human_charts(trials, found)]
     lines = sheet_lines(sheet) if sheet is not None else []
     write_page(out / PAGE, "human.html", result=found, rows=trials.rows, pictures=pictures, sheet=lines)
     return (

@@ -14,9 +14,9 @@ from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.graph.launch.changes_told import last_set
 from palp_core.graph.launch.summary import RunSummary
-from palp_core.palpation.session.decided.audit import TrialKey, left_out
-from palp_core.palpation.session.decided.blind import is_blinded, ran_blinded
+from palp_core.palpation.session.audit import TrialKey, left_out
 from palp_core.palpation.session.human.record import is_by_hand, read_human
+from palp_core.palpation.session.policy_changes import manual_swaps
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, read_session
 from palp_core.palpation.session.result_json import how_far
 from palp_core.palpation.session.roles import Roles, roles_of
@@ -24,8 +24,6 @@ from palp_core.palpation.session.run_note import read_note
 from palp_core.palpation.session.session_folder import REPLACED, RUN, SWEEPS, TABLE
 from palp_core.palpation.session.sheet.of_run import sheet_of
 from palp_core.palpation.session.sheet.sheet import NONE, SessionSheet
-from palp_core.palpation.session.trials_csv import read_rows
-from palp_core.palpation.session.who_chose import swapped_by_hand
 
 PUBLISHED = "naive"
 """The filter that goes without saying."""
@@ -35,7 +33,7 @@ _OF_ONE = ("out", "key", "overwrite", "session", "seed", "host", "folder", "opti
 DICTIONARY_FILE = "dictionary.csv"
 """By which a folder of exported tables is told from a session's."""
 
-State = Literal["whole", "unfinished", "running", "empty", "damaged", "person", "blinded"]
+State = Literal["whole", "unfinished", "running", "empty", "damaged", "person"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,10 +113,6 @@ def _entry(folder: Path) -> SessionEntry:
         running = summary.exit_code < 0 and summary.ended == "it is still running"
         if not (folder / TABLE).exists() and not running and not (folder / SWEEPS).exists():
             return SessionEntry(folder, "empty", "nothing was recorded", began, sheet)
-        rows = read_rows(folder)
-        if is_blinded(rows) or (not rows and ran_blinded(summary)):
-            words = f"blinded: {counted(len(rows), 'palpation')}; when all is done: palp session unseal"
-            return SessionEntry(folder, "blinded", words, began, sheet)
         return _read(folder, summary, sheet, began, running=running)
     except PalpError as error:
         return SessionEntry(folder, "damaged", f"damaged: {error}", began)
@@ -147,9 +141,9 @@ def _read(
         )
     far = how_far(session, summary, roles)
     state: State = "running" if running else "unfinished" if far else "whole"
-    words = "whole" if far is None else f"{state}: {far['done']} of {far['of']} {far['what']}"
-    if far and not running and far["why"]:
-        words += f", because: {far['why']}"
+    words = "whole" if far is None else f"{state}: {far.done} of {far.of} {far.what}"
+    if far and not running and far.why:
+        words += f", because: {far.why}"
     return SessionEntry(
         folder, state, words, began, sheet, summary.seed, _design(session, summary, roles),
         _settings(summary, roles), session.trials,
@@ -164,8 +158,8 @@ def _design(session: RecordedSession, summary: RunSummary, roles: Roles) -> str:
     policy = str(experiment.get("policy") or "unnamed")
     ring = f" at {ring_mm:g} mm" if ring_mm is not None else ""  # of the policy that was there last
     swaps = f", then {experiment['swaps']}" if experiment.get("swaps") else ""
-    for one in swapped_by_hand(session.rows, experiment.get("swaps") or ""):
-        swaps += f", by hand {one['policy']} from trial {one['trial']}, palpation {one['palpation']}"
+    for one in manual_swaps(session.rows, experiment.get("swaps") or ""):
+        swaps += f", by hand {one.policy} from trial {one.trial}, palpation {one.palpation}"
     depths = ", ".join(f"{1e3 * one:g}" for one in session.depths_m)
     estimator = roles.params("estimator")
     reading = estimator.get("reading", "feature")

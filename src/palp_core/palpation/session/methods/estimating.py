@@ -58,23 +58,10 @@ def mistakes(params: Any) -> dict[str, str]:
     found = file_mistakes(params)
     if found:  # of files by which a method is chosen
         return found
-    if getattr(params, "blind", False) and (found := _too_blind(params)):
-        return found
     _note(checks(params), found)
     if not found:
         _note(together(params, names_of(asked(params), params)[0]), found)
     return found
-
-
-def _too_blind(params: Any) -> dict[str, str]:
-    """Return what a blinded session cannot have, by parameter: what needs a depth to be a length."""
-    why = "a blinded session has codes for depths, and this needs the depths themselves"
-    wrong = {
-        "filter": params.filter != NAIVE,
-        "reading": params.reading == TRACE,
-        "depths": params.depths != 0,
-    }
-    return {name: why for name, is_so in wrong.items() if is_so}
 
 
 def _note(those: dict[str, Callable[[], object]], found: dict[str, str]) -> None:

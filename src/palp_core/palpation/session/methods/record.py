@@ -1,17 +1,21 @@
-"""Which methods a run used and why, what they met and what they cost: from what the run has recorded.
+"""Which methods a run used and why, and what they met: from what the run has recorded.
 
 The same list is ``methods`` in ``result.json`` and ``palp methods why --json``. Nothing is solved or
-chosen again: the nodes have said what they use, and the phantom what its sweeps met.
+chosen again: the nodes reported what they use, and the phantom what its sweeps met.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections import Counter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
+import msgspec
+
+from palp_core.counted import counted
 from palp_core.graph.launch.methods_told import MethodTold
 from palp_core.graph.messages.builtin import MethodUse
+from palp_core.methods.choice import amount
 from palp_core.palpation.mechanics.scene.guard import task_of
 from palp_core.palpation.session.roles import Roles, roles_of
 from palp_core.palpation.session.trials_csv import Row
@@ -28,49 +32,57 @@ _ORDER = (*MECHANICS, "denoise", "feature", "likelihood", "filter", "trace_filte
 _TASK_OF_ROLE = {"policy": "policy", "estimator": "stop", "phantom": "contact"}
 
 
-def methods_of(summary: RunSummary, rows: Sequence[Row]) -> list[dict[str, Any]]:
+class MethodRecord(msgspec.Struct, kw_only=True):
+    """The method that a node used for a task, from a time of the graph's clock on; 0: from the first.
+
+    ``of`` is the code of the phantom, if it is of one. ``bound`` is its stated error of ``output``; None: it
+    states none. ``cheaper`` has why each cheaper method was not used. ``guards`` counts the palpations that
+    met each guard, by its words; None: that was not recorded.
+    """
+
+    task: str
+    of: str
+    method: str
+    node: str
+    how: str
+    output: str
+    tolerance: float
+    bound: float | None
+    evidence: str
+    cheaper: dict[str, str]
+    from_s: float
+    until_s: float | None
+    guards: dict[str, int] | None
+
+
+def methods_of(summary: RunSummary, rows: Sequence[Row]) -> list[MethodRecord]:
     """Return every method that what came out of a run depends on, by task, and of a task in time's order.
 
     Args:
-        summary: How the run went; it holds what nodes said of their methods.
+        summary: How the run went; it has what nodes reported of their methods.
         rows: Its palpations.
     """
     roles = roles_of(summary)
-    return [_entry(one, rows, summary, roles) for one in sorted(summary.methods, key=_place)]
+    return [_record(one, rows, roles) for one in sorted(summary.methods, key=_place)]
 
 
 def unsaid(summary: RunSummary, rows: Sequence[Row]) -> list[str]:
-    """Return which nodes that go by exchangeable methods did not say by which, in words.
+    """Return which nodes that go by exchangeable methods did not report by which, in words.
 
-    A run that is older than this record, and nodes of one's own: then parameters tell what can be known. A
-    policy has something to say from the first trial of estimation on.
+    A policy has something to report from the first trial of estimation on.
     """
     roles = roles_of(summary)
-    said = {(one.node, one.use.task) for one in summary.methods}
-    found = []
-    for role, task in _TASK_OF_ROLE.items():
-        node = roles.node.get(role, "")
-        if role == "policy" and not _decided(rows):
-            continue
-        if node and (node, task) not in said and (role != "phantom" or roles.touch_simulated):
-            known = _by_parameters(roles, role)
-            more = f"; its parameters say: {known}" if known else ""
-            why = f"the {role} did not say which methods it uses: nothing is recorded of them"
-            if summary.exit_code < 0:
-                why = f"which methods the {role} used is not recorded: the run left no note of how it went"
-            found.append(f"{why}{more}")
-    return found
-
-
-def _by_parameters(roles: Roles, role: str) -> str:
-    names = {
-        "estimator": ("reading", "denoise", "feature", "filter", "likelihood", "trace_filter", "stop"),
-        "phantom": ("scene", "phantoms", "reading", "feature", "tolerance"),
-    }.get(role, ())
-    params = roles.params(role)
-    if role == "policy":
-        params, names = roles.params("experiment"), ("policy", "swaps")
-    return ", ".join(f"{name} = {params[name]}" for name in names if params.get(name) not in (None, ""))
+    reported = {(one.node, one.use.task) for one in summary.methods}
+    due = {
+        "policy": any(row.phase == "estimation" for row in rows),
+        "estimator": True,
+        "phantom": roles.touch_simulated,
+    }
+    return [
+        f"which methods the {role} used is not recorded"
+        for role, task in _TASK_OF_ROLE.items()
+        if due[role] and (node := roles.node.get(role, "")) and (node, task) not in reported
+    ]
 
 
 def _place(one: MethodTold) -> tuple[int, str, str, float, str]:
@@ -78,96 +90,95 @@ def _place(one: MethodTold) -> tuple[int, str, str, float, str]:
     return (_ORDER.index(task) if task in _ORDER else len(_ORDER), task, one.use.of, one.at_s, one.node)
 
 
-def _in_time(one: MethodTold, row: Row) -> bool:
-    """Tell whether a palpation ended while a method was in use; what it is used on is looked at, too."""
-    end_s = row.end_ns / 1e9
-    in_time = one.at_s < end_s and (one.until_s is None or end_s <= one.until_s)
-    return in_time and (not one.use.of or one.use.of == row.phantom)
+def _record(one: MethodTold, rows: Sequence[Row], roles: Roles) -> MethodRecord:
+    use = one.use
+    guards: dict[str, int] | None = {}
+    if use.task in MECHANICS:
+        guards = _guards(one, rows) if roles.guards_heard else None
+    how = "chosen"
+    if use.asked:
+        how = "the only one that a launched run has" if use.task == "motion" else "asked for by name"
+    return MethodRecord(
+        task=use.task,
+        of=use.of,
+        method=use.name,
+        node=one.node,
+        how=how,
+        output=use.output,
+        tolerance=use.tolerance,
+        bound=use.bound if use.bounded else None,
+        evidence=use.evidence,
+        cheaper={each.name: each.why for each in use.cheaper},
+        from_s=one.at_s if any(row.end_ns / 1e9 <= one.at_s for row in rows) else 0.0,
+        until_s=one.until_s,
+        guards=guards,
+    )
 
 
-def _entry(one: MethodTold, every: Sequence[Row], summary: RunSummary, roles: Roles) -> dict[str, Any]:
-    use, rows = one.use, [row for row in every if _in_time(one, row)]
-    known = roles.guards_heard if use.task in MECHANICS else True
-    first = rows[0] if one.at_s > 0.0 and rows and rows[0] is not every[0] else None
-    return {
-        "task": use.task,
-        "of": use.of,
-        "method": use.name,
-        "node": one.node,
-        "asked": use.asked,
-        "how": _how(use),
-        "output": use.output,
-        "tolerance": use.tolerance,
-        "bound": use.bound if use.bounded else None,
-        "evidence": use.evidence,
-        "cheaper": [{"name": one.name, "why": one.why} for one in use.cheaper],
-        "from_s": one.at_s,
-        "until_s": one.until_s,
-        "from_phase": first.phase if first else None,
-        "from_trial": first.trial if first else None,
-        "from_iteration": first.iteration if first else None,
-        "guards": _guards(use.task, rows) if known else None,
-        "cost": _cost(one, rows, summary.cpu_s),
-        "scene": json.loads(use.scene),
-    }
-
-
-def _how(use: MethodUse) -> str:
-    """Return how a run came to a method."""
-    if not use.asked:
-        return "chosen"
-    return "the only one that a launched run has" if use.task == "motion" else "asked for by name"
-
-
-def _guards(task: str, rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Return what the palpations met that is about a task's method, each with the palpations that did."""
-    met: dict[str, list[dict[str, Any]]] = {}
+def _guards(one: MethodTold, rows: Sequence[Row]) -> dict[str, int]:
+    """Return how many palpations with a method met each guard that is about its task."""
+    met: Counter[str] = Counter()
     for row in rows:
-        for words in row.guards:
-            if task in MECHANICS and task_of(words) == task:
-                met.setdefault(words, []).append(
-                    {
-                        "phase": row.phase,
-                        "trial": row.trial,
-                        "iteration": row.iteration,
-                        "phantom": row.phantom,
-                        "ring_m": row.ring_m,
-                    }
-                )
-    return [{"words": words, "met_by": sweeps} for words, sweeps in met.items()]
+        end_s = row.end_ns / 1e9
+        in_use = one.at_s < end_s and (one.until_s is None or end_s <= one.until_s)
+        if in_use and one.use.of in ("", row.phantom):
+            met.update(words for words in row.guards if task_of(words) == one.use.task)
+    return dict(met.most_common())
 
 
-def _touches(rows: Sequence[Row]) -> int:
-    """Return how many sweeps were solved: one for each place of the ring on each mounting."""
-    return len({(row.remount, row.true_ring_m, row.ring_m) for row in rows})
+# in words
+
+_SHOWN = 4
+_OWN = ("of", "guards")
 
 
-def _decided(rows: Sequence[Row]) -> int:
-    return sum(row.phase == "estimation" for row in rows)
+def paragraphs(record: Sequence[MethodRecord]) -> list[tuple[str, list[str]]]:
+    """Return a heading and sentences for each method, alike ones of several phantoms together."""
+    alike: dict[str, list[MethodRecord]] = {}
+    for one in record:
+        shared = [value for name, value in msgspec.structs.asdict(one).items() if name not in _OWN]
+        alike.setdefault(repr(shared), []).append(one)
+    return [(_heading(group), _sentences(group)) for group in alike.values()]
 
 
-_USES: Mapping[str, Callable[[Sequence[Row]], int]] = {
-    "contact": _touches,
-    "motion": _touches,
-    "denoise": len,
-    "feature": len,
-    "likelihood": _decided,
-    "filter": _decided,
-    "trace_filter": _decided,
-    "stop": _decided,
-    "policy": _decided,
-}
-"""How often a task was done; tasks whose uses a record does not tell are left out."""
+def _heading(group: Sequence[MethodRecord]) -> str:
+    one = group[0]
+    of = ", ".join(each.of for each in group if each.of)
+    begun = f", from {one.from_s:.1f} s on" if one.from_s > 0.0 else ""
+    ended = f", until {one.until_s:.1f} s" if one.until_s is not None else ""
+    return f"{one.task}{f' of {of}' if of else ''}: {one.method} (/{one.node}{begun}{ended})"
 
 
-def _cost(one: MethodTold, rows: Sequence[Row], cpu_s: Mapping[str, float]) -> dict[str, Any]:
-    """Return what a use costs as declared, how many there were, and what was measured: the node's process."""
-    count = _USES.get(one.use.task)
-    uses = None if count is None else count(rows)
-    return {
-        "declared_s": one.use.cost_s,
-        "per": one.use.per,
-        "uses": uses,
-        "declared_in_all_s": None if uses is None else uses * one.use.cost_s,
-        "node_cpu_s": cpu_s.get(one.node),
-    }
+def _sentences(group: Sequence[MethodRecord]) -> list[str]:
+    one = group[0]
+    wanted = f"'{one.output}' within {amount(one.tolerance, one.output)}"
+    why = f"{one.how}: the cheapest that gives" if one.how == "chosen" else f"{one.how}; wanted:"
+    stated = "no bound on it is stated here"
+    if one.bound is not None:
+        stated = f"stated error {amount(one.bound, one.output)}"
+    evidence = f"evidence {one.evidence}" if one.evidence else "it is not in the register"
+    found = [f"{why} {wanted}; {stated}, {evidence}"]
+    if one.cheaper:
+        found.append("cheaper: " + "; ".join(f"{name} ({why})" for name, why in one.cheaper.items()))
+    if any(each.guards is None for each in group):
+        found.append("what its sweeps met is not recorded: the experiment's input 'guard' is not wired")
+    met: Counter[str] = Counter()
+    for each in group:
+        met.update(each.guards or {})
+    found += [f"met: {words} ({counted(count, 'palpation')})" for words, count in met.most_common(_SHOWN)]
+    if rest := sum(count for _, count in met.most_common()[_SHOWN:]):
+        found.append(f"met: the like in {counted(rest, 'more palpation')}; --json lists all")
+    return found
+
+
+def reason(use: MethodUse) -> str:
+    """Return in a sentence why a method was used, as the register words it."""
+    stated = (
+        f"'{use.output}' within {amount(use.bound, use.output)}"
+        if use.bounded
+        else f"no bound on '{use.output}'"
+    )
+    how = "asked for by name; " if use.asked else ""
+    why = f"{use.name}: {how}{stated} (asked: {amount(use.tolerance, use.output)}), evidence {use.evidence}"
+    cheaper = "; ".join(f"{each.name} ({each.why})" for each in use.cheaper)
+    return f"{why}; cheaper: {cheaper}" if cheaper else why

@@ -64,13 +64,16 @@ def sheet_of(summary: RunSummary) -> SessionSheet | None:
 
 
 def phantom_codes(path: str) -> Sequence[str]:
-    """Return the codes of a file of phantoms; of the paper's three for an empty path.
+    """Return the codes of a file of phantoms, plain or sealed; of the paper's three for an empty path.
 
     Raises:
         PalpError: The file is wrong.
     """
     from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
+    from palp_core.palpation.mechanics.scene.sealed import is_sealed, own_codes
 
+    if path and is_sealed(path):
+        return sorted(own_codes(path))
     return [code for code, one in load_phantoms(path).items() if one.bead is not None]
 
 

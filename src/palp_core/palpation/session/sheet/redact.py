@@ -12,8 +12,7 @@ import msgspec
 from palp_core.errors import PalpError
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.reporting.table import write_csv
-from palp_core.palpation.session.decided.audit import AUDIT, Decision, decisions
-from palp_core.palpation.session.decided.blind import refuse_blinded
+from palp_core.palpation.session.audit import AUDIT, Decision, decisions
 from palp_core.palpation.session.roles import roles_of
 from palp_core.palpation.session.session_folder import (
     OWN_FILES,
@@ -27,7 +26,6 @@ from palp_core.palpation.session.session_folder import (
 from palp_core.palpation.session.sheet.of_run import sheet_of
 from palp_core.palpation.session.sheet.sheet import NONE, SessionSheet
 from palp_core.palpation.session.sheet.sheet_file import sheet_text
-from palp_core.palpation.session.trials_csv import read_rows
 from palp_core.whole_file import write_json
 
 REDACTED = "redacted"
@@ -51,13 +49,12 @@ def redact(folder: Path, summary: RunSummary, out: Path, fields: Sequence[str] =
         How the run went, as the copy's ``run.json`` says it: its report is still to be made.
 
     Raises:
-        PalpError: The session has no sheet or is blinded, a field is unknown, or the folder holds a session.
+        PalpError: The session has no sheet, a field is unknown, or the folder holds a session.
     """
     sheet = sheet_of(summary)
     if sheet is None:
         raise PalpError(f"{folder}: has no sheet: nothing tells who it was")
     told = redacted_sheet(sheet, fields)
-    refuse_blinded(read_rows(folder), folder)
     refuse_occupied(out, "name another folder, --out NAME", "--out")
     found = _without_places(summary, out, sheet_text(told))
     try:

@@ -92,9 +92,8 @@ def _decide(
 ) -> tuple[tuple[Float64Array, ...], str]:
     memory, posteriors = TraceMemory(), list[Float64Array]()
     for sweep in sweeps:
-        lands = sweep.landed if sweep.landed is not None else bool(session.ring_moves_each_time)
         felt = felt_of(session, sweep, settings)
-        whole = felt.felt(sweep.ring_m, landed=memory.lands(sweep.ring_m) or lands)
+        whole = felt.felt(sweep.ring_m, landed=memory.lands(sweep.ring_m) or sweep.landed)
         seen = reader.look(memory.felt, whole, 0, rule, posteriors)
         memory.felt.append(structs.replace(whole, torque_n_m=whole.torque_n_m[: seen.bins]))
         posteriors.append(seen.posterior)

@@ -15,7 +15,7 @@ from palp_core.palpation.mechanics.scene.choice import choose_rung
 from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.reporting.table import write_records
-from palp_core.palpation.session.operating.orders import GROUPED
+from palp_core.palpation.session.orders import GROUPED
 from palp_core.palpation.session.plan import Specimens
 from palp_core.palpation.studies.frontier.depth_error import depth_errors
 from palp_core.palpation.studies.frontier.frontier_charts import frontier_chart, threshold_chart

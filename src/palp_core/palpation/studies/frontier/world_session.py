@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from palp_core.errors import PalpError
 from palp_core.palpation.mechanics.scene.phantom_file import CAST_COUNT
 from palp_core.palpation.nano17 import RESOLUTION_N_M
-from palp_core.palpation.session.operating.orders import GROUPED
+from palp_core.palpation.session.orders import GROUPED
 from palp_core.palpation.session.plan import Specimens
 from palp_core.palpation.studies.frontier.trace_features import FEATURES, feature_of
 from palp_core.palpation.studies.simulation.conditions import Conditions

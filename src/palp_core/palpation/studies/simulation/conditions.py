@@ -15,7 +15,7 @@ from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.latent import OffsetModel
 from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
 from palp_core.palpation.perception.belief.ring_curve import LEAST_RINGS, ring_curve
-from palp_core.palpation.session.operating.orders import BLOCKS, GROUPED, MOUNTINGS
+from palp_core.palpation.session.orders import BLOCKS, GROUPED, MOUNTINGS
 from palp_core.palpation.session.plan import Specimens
 from palp_core.palpation.studies.simulation.reading_table import ReadingTable
 from palp_core.units import Float64Array

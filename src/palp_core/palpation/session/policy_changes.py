@@ -3,9 +3,38 @@
 from collections.abc import Sequence
 from typing import Any, Protocol
 
+import msgspec
+
 from palp_core.graph.launch.changes_told import ChangeTold
 from palp_core.palpation.session.plan import planned, policy_name
 from palp_core.palpation.session.trials_csv import Row
+
+
+class PolicySwap(msgspec.Struct, kw_only=True):
+    """A policy that took over: the first trial and palpation of estimation that it chose, and their begin.
+
+    ``trial`` and ``palpation`` count from 1; ``at_s`` is when that sweep began, on the graph's clock.
+    """
+
+    policy: str
+    trial: int
+    palpation: int
+    at_s: float
+
+
+class NodeChange(msgspec.Struct, kw_only=True):
+    """A change of a node, ``at_s`` on the graph's clock: class ``run`` for ``before``, or ``params``.
+
+    ``phase`` and ``palpation``, from 1, are of the next palpation whose sweep began; "" and None: of none.
+    """
+
+    node: str
+    at_s: float
+    phase: str
+    palpation: int | None
+    before: str
+    run: str
+    params: dict[str, Any]
 
 
 class ChangingFacts(Protocol):
@@ -15,7 +44,7 @@ class ChangingFacts(Protocol):
     policy_changes: list[Any]
 
 
-def take_up_changes(facts: ChangingFacts, palpation: Any) -> None:
+def apply_policy_changes(facts: ChangingFacts, palpation: Any) -> None:
     """Let ``policy`` be the one that chose a palpation, before its row is made."""
     of = (palpation.trial, palpation.iteration)
     while facts.policy_changes:
@@ -26,56 +55,42 @@ def take_up_changes(facts: ChangingFacts, palpation: Any) -> None:
         del facts.policy_changes[0]
 
 
-def swapped_by_hand(rows: Sequence[Row], swaps: str) -> list[dict[str, Any]]:
-    """Return the policies that took over and chose palpations though no plan said so, in time's order.
+def manual_swaps(rows: Sequence[Row], swaps: str) -> list[PolicySwap]:
+    """Return the policies that took over and chose palpations though no plan had them, in time's order.
 
     Args:
         rows: Every palpation of the session.
         swaps: What was planned: the experiment's parameter.
-
-    Returns:
-        Of each ``policy``, the number of its first ``trial`` among those of estimation, from 1, the number of
-        its first ``palpation`` there, and when that one's sweep began, ``at_s``, on the graph's clock.
     """
-    found: list[dict[str, Any]] = []
+    found: list[PolicySwap] = []
     by_plan, due = planned(swaps), ""
     before = rows[0].session.rpartition("-")[0] if rows else ""  # the policy with which the session began
     for row in sorted((row for row in rows if row.phase == "estimation"), key=lambda row: row.row):
         if row.policy not in (before, due):
             at_s = round(row.start_ns / 1e9, 3)
-            found.append({"policy": row.policy, "trial": row.trial, "palpation": row.iteration, "at_s": at_s})
+            found.append(PolicySwap(policy=row.policy, trial=row.trial, palpation=row.iteration, at_s=at_s))
         before, due = row.policy, ""
         if row.iteration == 1 and row.trial in by_plan:  # it goes on with the trial that the other one began
             due = policy_name(by_plan[row.trial])
     return found
 
 
-def changes_of(changes: Sequence[ChangeTold], rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Return what was changed of nodes while a session ran, by plan or by hand, in time's order.
-
-    Args:
-        changes: What the run has told.
-        rows: Every palpation of the session.
-
-    Returns:
-        Of each the ``node``; when, ``at_s``, on the graph's clock; ``phase`` and number, from 1, of the next
-        ``palpation`` whose sweep began (None and "": there was none); the class until then, ``before``, and
-        the one that took its place, ``run``; and ``params`` that were set.
-    """
+def node_changes(changes: Sequence[ChangeTold], rows: Sequence[Row]) -> list[NodeChange]:
+    """Return what was changed of nodes while a session ran, by plan or by hand, in time's order."""
     ordered = sorted(rows, key=lambda row: row.row)
     found = []
     for change in changes:
         later = ((n, row.phase) for n, row in enumerate(ordered, 1) if row.start_ns / 1e9 >= change.at_s)
         number, phase = next(later, (None, ""))
         found.append(
-            {
-                "node": change.node,
-                "at_s": round(change.at_s, 3),
-                "phase": phase,
-                "palpation": number,
-                "before": change.before,
-                "run": change.run,
-                "params": dict(change.params),
-            }
+            NodeChange(
+                node=change.node,
+                at_s=round(change.at_s, 3),
+                phase=phase,
+                palpation=number,
+                before=change.before,
+                run=change.run,
+                params=dict(change.params),
+            )
         )
     return found

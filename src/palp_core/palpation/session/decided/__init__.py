@@ -1,1 +1,0 @@
-"""What was decided about a session: whose trials count, and what nobody is told yet."""

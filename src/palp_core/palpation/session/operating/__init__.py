@@ -1,1 +1,0 @@
-"""What an operator does with a session: in which order phantoms come, and opening a sealed one."""

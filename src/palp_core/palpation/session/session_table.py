@@ -1,0 +1,193 @@
+"""A session's table on disk, of the robot and of people: written row by row, a crash loses one at most.
+
+A row is there whole or not at all. One session at a time writes into a folder.
+"""
+
+import contextlib
+import csv
+import io
+import logging
+import os
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+import msgspec
+
+from palp_core.counted import counted
+from palp_core.errors import PalpError, in_words
+from palp_core.palpation.session.session_folder import FolderLock, cannot_write, link_latest, set_aside
+from palp_core.whole_file import read_whole, write_whole
+
+_log = logging.getLogger("palp")
+
+
+class NumberedRow(Protocol):
+    """A row that has its number."""
+
+    @property
+    def row(self) -> int:
+        """Its number, from 0."""
+
+
+R = TypeVar("R", bound=NumberedRow)
+
+
+class SessionTable:
+    """A table that a session writes.
+
+    Args:
+        out: The session's folder.
+        name: Of the table.
+        of: What a row is about, as ``palpation``.
+        named_by: What the folder is given with.
+    """
+
+    def __init__(self, out: str, name: str, of: str, named_by: str = "out:=") -> None:
+        self.folder = Path(out)
+        self._table, self._of, self._named_by = self.folder / name, of, named_by
+        self._lock = FolderLock()
+
+    @contextlib.contextmanager
+    def _taken(self, *, made: bool = False) -> Iterator[None]:
+        """Take the folder to begin or resume the table; let go of it if that fails, and say why."""
+        try:
+            if made:
+                self.folder.mkdir(parents=True, exist_ok=True)
+            self._lock.take(self.folder, self._named_by)
+            yield
+            link_latest(self.folder)
+        except OSError as error:
+            self.close()
+            raise cannot_write(self.folder, error, self._named_by) from error
+        except PalpError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Let others have the folder; what is written stays."""
+        self._lock.release()
+
+    def _begin(self, columns: Sequence[str]) -> None:
+        """Make the table, which is not there."""
+        self._append(columns, os.O_CREAT | os.O_EXCL)
+
+    def _append(self, cells: Sequence[Any], flags: int = 0) -> None:
+        """Write a row to the table whole, or leave the table as it was; a table that is gone is not made."""
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerow(cells)
+        descriptor = os.open(self._table, os.O_WRONLY | os.O_APPEND | flags, 0o644)
+        try:
+            _write_all(descriptor, text.getvalue().encode())
+        finally:
+            os.close(descriptor)
+
+    def _require(self, rows: Sequence[NumberedRow], row_count: int) -> None:
+        """Refuse to resume a table that lacks one of its first rows.
+
+        Raises:
+            PalpError: It does.
+        """
+        if [row.row for row in rows[:row_count]] != list(range(row_count)):
+            raise PalpError(
+                f"{self._table} cannot be gone on with: "
+                f"it has {counted(len(rows), self._of)}, and the session had come to {row_count}; "
+                "restore the table, or begin anew in another folder"
+            )
+
+    def _set_aside(self, row_count: int, found: int) -> Path:
+        """Copy the rows after the first so many into a new folder for what an interruption cut off."""
+        lines = self._table.read_bytes().splitlines(keepends=True)
+        place = set_aside(self.folder)
+        write_whole(place / self._table.name, b"".join([lines[0], *lines[row_count + 1 : found + 1]]))
+        return place
+
+    def _cut(self, row_count: int) -> None:
+        """Leave so many rows in the table, which is there whole all the while."""
+        lines = self._table.read_bytes().splitlines(keepends=True)
+        if len(lines) > row_count + 1:
+            write_whole(self._table, b"".join(lines[: row_count + 1]))
+
+    def _failure(self, error: OSError, what: str, kept: str) -> PalpError:
+        """Return what to say when the session cannot go on: why, and what of it is safe."""
+        where = self.folder.absolute()
+        if not where.is_dir():
+            return PalpError(
+                f"{what} cannot be written: the record's folder '{where}' was removed or renamed while the "
+                f"session ran; where it is now, it has {kept}"
+            )
+        if not self._table.exists():
+            return PalpError(
+                f"{what} cannot be written: {self._table.absolute()} was removed while the session ran; "
+                "what was measured before is kept next to it"
+            )
+        return PalpError(
+            f"{what} cannot be written to '{where}': {error.strerror or error}; {kept} are kept there"
+        )
+
+
+def _write_all(descriptor: int, data: bytes) -> None:
+    """Append to a file, or leave it as long as it was: a full disk takes a part of what it is given.
+
+    Raises:
+        OSError: Not all of it could be written.
+    """
+    before = os.fstat(descriptor).st_size
+    try:
+        rest = memoryview(data)
+        while rest:
+            rest = rest[os.write(descriptor, rest) :]
+    except OSError:
+        os.ftruncate(descriptor, before)
+        raise
+
+
+def read_table(path: Path, missing: str, row_of: Callable[[dict[str, str]], R]) -> list[R]:
+    """Return every row of a session's table. A last row that was cut short is left out, with a warning.
+
+    Args:
+        path: The table.
+        missing: What it means if it is not there.
+        row_of: Makes a row of its cells by column.
+
+    Raises:
+        PalpError: It is missing, cannot be read, or a row is damaged.
+    """
+    try:
+        text = read_whole(path).decode()
+    except FileNotFoundError:
+        raise PalpError(f"{missing}: {path} is missing") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise PalpError(f"{path} cannot be read: {in_words(error)}") from error
+    whole, newline, cut = text.rpartition("\n")
+    if cut:
+        _log.warning("%s: the last row was cut short and is left out: '%.60s...'", path, cut)
+    lines = csv.reader(io.StringIO(whole + newline, newline=""))
+    rows: list[R] = []
+    try:
+        columns = next(lines, [])
+        for cells in lines:
+            where = f"{path}:{lines.line_num}"
+            row = _row(where, columns, cells, row_of)
+            if rows and row.row <= rows[-1].row:
+                raise PalpError(
+                    f"{where}: row {row.row} follows row {rows[-1].row}: a part of the table "
+                    "is there twice or out of its order; remove it, and every other row can be read"
+                )
+            rows.append(row)
+    except csv.Error as error:
+        raise PalpError(f"{path}:{lines.line_num}: not a table: {error}") from error
+    return rows
+
+
+def _row(
+    where: str, columns: Sequence[str], cells: Sequence[str], row_of: Callable[[dict[str, str]], R]
+) -> R:
+    try:
+        return row_of(dict(zip(columns, cells, strict=True)))
+    except (ValueError, msgspec.ValidationError) as error:
+        counts = f" ({len(cells)} cells under {len(columns)} columns)" if len(cells) != len(columns) else ""
+        raise PalpError(
+            f"{where}: the row is damaged{counts}: {error}; "
+            "mend or remove this line, and every other row can be read"
+        ) from error
