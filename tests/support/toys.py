@@ -97,6 +97,12 @@ class Bad(Node):
             process = subprocess.Popen(command, start_new_session=True, stdout=subprocess.PIPE)
         process.stdout.readline()
 
+    def leave(self):
+        os._exit(0)
+
+    def replace(self):
+        os.execvp("true", ["true"])
+
     def interrupt(self):
         raise KeyboardInterrupt
 

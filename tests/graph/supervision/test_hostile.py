@@ -6,6 +6,7 @@ import concurrent.futures
 import contextlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -43,6 +44,18 @@ def test_a_child_that_holds_a_dead_nodes_line_does_not_hold_the_supervisor(hosti
     assert done.returncode == 1
     assert "bad: its process was killed by SIGKILL" in done.stderr
     assert hostile.palp.all_gone()
+
+
+@pytest.mark.parametrize("deed", ["leave", "replace"])
+@pytest.mark.parametrize(
+    ("composed", "words"), [("", "its process ended with status 0"), ("--compose", "failed: os.")]
+)
+def test_a_node_that_ends_its_process_ends_no_run_as_if_all_were_well(
+    hostile: Hostile, deed: str, composed: str, words: str
+) -> None:
+    done = hostile.run(f"deed:={deed}", *composed.split())
+    assert done.returncode == 1
+    assert re.search(f"^bad: .*{words}", done.stderr, re.MULTILINE)
 
 
 def test_a_keyboard_interrupt_out_of_a_handler_still_reaches_the_safe_state(hostile: Hostile) -> None:

@@ -11,7 +11,7 @@ from palp_core.graph.log_format import MergedFormatter
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.node.loading import endpoints, load_class
+from palp_core.graph.node.loading import endpoints, load_class, shared_process
 from palp_core.graph.node.spec import COMPOSITION, MERGED_LOG, NodeSpec
 from palp_core.graph.process.control_messages import Done, Round
 from palp_core.graph.process.lockstep_loop import follow_round
@@ -195,7 +195,8 @@ def composed(
     logger.setLevel(log_level.upper())
     sockets = NodeSockets(*endpoints(str(directory.path), COMPOSITION))
     try:
-        yield Composition(checked.nodes, checked.workspace, sockets)
+        with shared_process():
+            yield Composition(checked.nodes, checked.workspace, sockets)
     finally:
         sockets.close()
         logger.removeHandler(handler)
