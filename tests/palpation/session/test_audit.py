@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import fcntl
 import shutil
-import threading
 from pathlib import Path
-from typing import TextIO
 
 import pytest
 from typer.testing import CliRunner
 
 from palp_core.cli.session.session import app
 from palp_core.errors import PalpError
-from palp_core.palpation.session.decided.audit import AUDIT, decide, decisions, left_out
+from palp_core.palpation.session.decided.audit import AUDIT, decisions, left_out
 from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.recorded_sweeps import read_sweeps
 from palp_core.palpation.session.report import write
@@ -61,29 +58,6 @@ def test_what_is_excluded_or_to_be_done_again_counts_nowhere_and_is_still_there(
         "training 1": "redo: the gel was touched",
     }
     assert "the phantom slipped" in (session / "report.html").read_text()
-
-
-def test_of_two_first_decisions_one_writes_the_heading(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    waits, flock = threading.Event(), fcntl.flock
-
-    def lock(file: TextIO, how: int) -> None:
-        waits.set()
-        flock(file, how)
-
-    monkeypatch.setattr("palp_core.palpation.session.decided.audit.fcntl.flock", lock)
-    other = threading.Thread(target=decide, args=(tmp_path, ("training", 2), "redo", "noise"))
-    with (tmp_path / AUDIT).open("a") as file:
-        flock(file, fcntl.LOCK_EX)
-        other.start()
-        while other.is_alive() and not waits.wait(0.1):
-            pass
-        file.write(
-            "phase,trial,deed,reason,time,user\ntraining,1,redo,slipped,2026-01-01T00:00:00+00:00,me\n"
-        )
-    other.join()
-    assert [one.trial for one in decisions(tmp_path)] == [1, 2]
 
 
 def test_a_session_without_decisions_says_nothing_of_them(session: Path, summary: Summariser) -> None:

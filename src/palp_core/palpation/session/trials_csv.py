@@ -28,6 +28,7 @@ import numpy as np
 
 from palp_core.counted import counted
 from palp_core.errors import PalpError, in_words
+from palp_core.palpation.reporting.table import csv_text
 from palp_core.palpation.session.plan import policy_name
 from palp_core.palpation.session.session_folder import (
     SWEEPS,
@@ -41,7 +42,14 @@ from palp_core.palpation.session.session_folder import (
     take_over,
 )
 from palp_core.units import Float64Array
-from palp_core.whole_file import LARGEST_BYTES, check_regular, read_whole, whole_file, write_whole
+from palp_core.whole_file import (
+    LARGEST_BYTES,
+    append_whole,
+    check_regular,
+    read_whole,
+    whole_file,
+    write_whole,
+)
 
 _log = logging.getLogger("palp")
 
@@ -276,13 +284,7 @@ class SessionWriter:
 
     def _append(self, cells: Sequence[Any], flags: int = 0) -> None:
         """Write a row to the table whole, or leave the table as it was; it is made anew by nobody unasked."""
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerow(cells)
-        descriptor = os.open(self.folder / TABLE, os.O_WRONLY | os.O_APPEND | flags, 0o644)
-        try:
-            _write_all(descriptor, text.getvalue().encode())
-        finally:
-            os.close(descriptor)
+        append_whole(self.folder / TABLE, csv_text(cells), flags)
 
     def _ended(self, error: OSError, what: str, kept: str) -> PalpError:
         """Return what to say when the session cannot go on: why, and what of it is safe."""
@@ -322,11 +324,7 @@ def table_text(rows: Sequence[Row], depths_m: Sequence[float]) -> str:
         depths_m: Classes, in the order of posterior and gain.
     """
     labels = [f"{depth_m * 1e3:g}mm" for depth_m in depths_m]
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(_columns(labels))
-    table.writerows(_cells(row, len(labels)) for row in rows)
-    return text.getvalue()
+    return csv_text(_columns(labels), *(_cells(row, len(labels)) for row in rows))
 
 
 def _columns(labels: Sequence[str]) -> list[str]:
@@ -345,22 +343,6 @@ def _cells(row: Row, class_count: int) -> list[Any]:
         else:
             cells.append(_cell(value))
     return cells
-
-
-def _write_all(descriptor: int, data: bytes) -> None:
-    """Append to a file, or leave it as long as it was: a full disk takes a part of what it is given.
-
-    Raises:
-        OSError: Not all of it could be written.
-    """
-    before = os.fstat(descriptor).st_size
-    try:
-        rest = memoryview(data)
-        while rest:
-            rest = rest[os.write(descriptor, rest) :]
-    except OSError:
-        os.ftruncate(descriptor, before)
-        raise
 
 
 def primitives_json(learnt: Any) -> dict[str, Any]:

@@ -11,10 +11,8 @@ on does what is marked ``redo`` again at its end, as another trial, and says so 
 
 import csv
 import datetime
-import fcntl
 import getpass
 import io
-import os
 from collections.abc import Collection
 from pathlib import Path
 from typing import Literal
@@ -22,7 +20,8 @@ from typing import Literal
 import msgspec
 
 from palp_core.errors import PalpError
-from palp_core.whole_file import read_whole
+from palp_core.palpation.reporting.table import csv_text
+from palp_core.whole_file import append_whole, read_whole
 
 AUDIT = "audit.csv"
 
@@ -59,17 +58,10 @@ def decide(folder: Path, key: TrialKey, deed: Deed, reason: str) -> Decision:
     made = Decision(
         phase=phase, trial=trial, deed=deed, reason=" ".join(reason.split()), time=now, user=getpass.getuser()
     )
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
     path = folder / AUDIT
     try:
-        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
-        with os.fdopen(descriptor, "a", encoding="utf-8") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)  # two commands at once: one of them writes the heading
-            if os.fstat(descriptor).st_size == 0:
-                writer.writerow(Decision.__struct_fields__)
-            writer.writerow(msgspec.structs.astuple(made))
-            file.write(text.getvalue())
+        line = csv_text(msgspec.structs.astuple(made))
+        append_whole(path, line, heading=csv_text(Decision.__struct_fields__))
     except OSError as error:
         raise PalpError(f"{path} cannot be written: {error.strerror or error}") from error
     return made

@@ -26,11 +26,12 @@ import numpy as np
 
 from palp_core.counted import counted
 from palp_core.errors import PalpError
+from palp_core.palpation.reporting.table import csv_text
 from palp_core.palpation.session.decided.audit import left_out
 from palp_core.palpation.session.session_folder import FolderLock, cannot_write, link_latest, set_aside
 from palp_core.palpation.session.trials_csv import read_table
 from palp_core.units import Float64Array
-from palp_core.whole_file import whole_file, write_json, write_whole
+from palp_core.whole_file import append_whole, whole_file, write_json, write_whole
 
 HUMAN_TABLE = "human_trials.csv"
 IDENTITY = "identity.json"
@@ -235,17 +236,7 @@ class HumanWriter:
         return str(path.relative_to(self.folder))
 
     def _append(self, cells: Sequence[Any], flags: int = 0) -> None:
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerow(cells)
-        path, data = self.folder / HUMAN_TABLE, text.getvalue().encode()
-        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | flags, 0o644)
-        try:
-            before = os.fstat(descriptor).st_size
-            if os.write(descriptor, data) != len(data):
-                os.ftruncate(descriptor, before)  # a full disk takes a part: the row is whole or not there
-                raise OSError("no space left for a whole row")
-        finally:
-            os.close(descriptor)
+        append_whole(self.folder / HUMAN_TABLE, csv_text(cells), flags)
 
     def _ended(self, error: OSError, what: str) -> PalpError:
         return PalpError(
@@ -274,11 +265,8 @@ def refuse_human(folder: Path, ways_on: str = "give this one another folder, out
 
 def human_table_text(rows: Sequence[HumanRow]) -> str:
     """Return a whole table, as :class:`HumanWriter` writes it row by row."""
-    text = io.StringIO()
-    lines = csv.writer(text, lineterminator="\n")
-    lines.writerow(HumanRow.__struct_fields__)
-    lines.writerows([_cell(value) for value in msgspec.structs.astuple(row)] for row in rows)
-    return text.getvalue()
+    found = ([_cell(value) for value in msgspec.structs.astuple(row)] for row in rows)
+    return csv_text(HumanRow.__struct_fields__, *found)
 
 
 def read_human(out: str | Path) -> list[HumanRow]:

@@ -17,7 +17,8 @@ import numpy as np
 from palp_core.palpation.reporting.charts import BLUE, GREEN, GREY, SKY, Chart, legend, tidy
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies.contact.judged import NEAR, Judged, judge
-from palp_core.palpation.studies.toolkit.checkpoint import append_line, read_lines
+from palp_core.palpation.studies.toolkit.checkpoint import read_lines
+from palp_core.whole_file import append_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,6 +50,7 @@ def scenes(
         timed: Also time the rungs.
         tell: Told of each scene that had to be judged; the error stream by default.
     """
+    out.mkdir(parents=True, exist_ok=True)
     done, answered = kept(out), 0
     for index in itertools.count(first):
         if answered == count:
@@ -56,7 +58,7 @@ def scenes(
         one = done.get(index)
         if one is None:
             one = judge(index, timed=timed)
-            append_line(out / LINES, one.line())
+            append_whole(out / LINES, f"{one.line()}\n")
             (tell or sys.stderr.write)(f"{answered + 1}/{count} scene {index}: {_said(one)}\n")
         answered += not one.skipped
         yield one
