@@ -222,7 +222,7 @@ class Graph:
             self.launcher_node = LauncherNode(str(self.directory.path), self._now_ns)
             stack.callback(self.launcher_node.close)
             if (gateway := self.gateway) is not None:
-                self.launcher_node.joined = lambda: gateway.health.values()
+                self.launcher_node.joined = lambda: gateway.health
             self.launcher_node.record_event = lambda frame: self._keep_frame(self._now_ns(), frame)
             self.launcher_node.on_health = lambda nodes: self._cpu_s.update((n.node, n.cpu_s) for n in nodes)
             self.launcher_node.answer("stop", lambda _: self._interrupt.asked(self.checked.graph))
@@ -447,7 +447,9 @@ class Graph:
         self.swaps.plan(round(at_s * 1e9), SwapRequest(node=node, run=run, params=params))
 
     def _serve(self) -> None:
-        """Do what tools have asked for and what is planned."""
+        """Do what tools have asked for and what is planned; look for nodes of other hosts that are silent."""
+        if self.gateway is not None:
+            self.gateway.report_silence()
         self.launcher_node.run_deferred()
         self.swaps.run_due()
 
