@@ -10,7 +10,7 @@ from pathlib import Path
 from tests.support.palp import PATIENCE_S, Palp, wait_for_line
 
 TOYS = '''
-import os, select, signal, subprocess, sys
+import asyncio, os, select, signal, subprocess, sys
 from palp_core import Message, Node, Params, Progress, Pub, State, Sub, every, on
 
 
@@ -69,6 +69,8 @@ class Bad(Node):
 
     def on_deactivate(self):
         self.note("deactivate")
+        if self.params.deed == "unsafe":
+            raise OSError("the device does not answer")
 
     @on(blob)
     def take(self, blob):
@@ -102,6 +104,9 @@ class Bad(Node):
 
     def replace(self):
         os.execvp("true", ["true"])
+
+    def cancel(self):
+        raise asyncio.CancelledError
 
     def interrupt(self):
         raise KeyboardInterrupt

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -81,6 +83,9 @@ def test_a_trial_that_is_not_there_or_has_no_reason_is_refused(session: Path) ->
         palp("exclude", 7000, session, "--reason", "never")
     with pytest.raises(PalpError, match="needs its reason"):
         palp("exclude", 1000, session, "--reason", " ")
+    for reason in ("\x1b[31mred", "\udcff", "\u202eback", "x" * 2000):
+        with pytest.raises(PalpError, match="cannot be printed, or more than 1000"):
+            palp("exclude", 1000, session, "--reason", reason)
     assert not (session / AUDIT).exists()
 
 
@@ -91,3 +96,21 @@ def test_another_session_in_the_folder_does_not_inherit_them(session: Path, tmp_
     writer.start(overwrite=True)
     writer.close()
     assert left_out(copied) == {}
+
+
+DAMAGED: dict[str, Callable[[Path], object]] = {
+    "a pipe": os.mkfifo,
+    "a folder": Path.mkdir,
+    "half a line": lambda path: path.write_text("phase,trial,deed,reason,time,user\nestimation,1,excl"),
+    "another heading": lambda path: path.write_text("trial,deed\n1,exclude\n"),
+    "a cell too long": lambda path: path.write_text(
+        f"phase,trial,deed,reason,time,user\nestimation,1,redo,{'x' * 200_000},t,u\n"
+    ),
+}
+
+
+@pytest.mark.parametrize("how", DAMAGED)
+def test_to_a_damaged_audit_nothing_is_appended(session: Path, how: str) -> None:
+    DAMAGED[how](session / AUDIT)
+    with pytest.raises(PalpError, match=r"audit.csv( cannot be read: it is a|:\d: the line is damaged)"):
+        palp("exclude", 1000, session, "--reason", "slipped")

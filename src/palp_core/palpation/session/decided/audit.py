@@ -24,6 +24,7 @@ from palp_core.palpation.reporting.table import csv_text
 from palp_core.whole_file import append_whole, read_whole
 
 AUDIT = "audit.csv"
+LONGEST_REASON = 1000
 
 Deed = Literal["redo", "redone", "exclude", "unseal"]
 
@@ -49,15 +50,20 @@ def decide(folder: Path, key: TrialKey, deed: Deed, reason: str) -> Decision:
     """Append a decision.
 
     Raises:
-        PalpError: There is no reason, or it cannot be written.
+        PalpError: There is no reason, the audit is damaged or cannot be written.
     """
-    if not reason.strip():
+    words = " ".join(reason.split())
+    if not words:
         raise PalpError("a decision about a trial needs its reason: --reason '...'")
+    if not words.isprintable() or len(words) > LONGEST_REASON:
+        raise PalpError(
+            f"the reason has characters that cannot be printed, or more than {LONGEST_REASON}; write it in "
+            "a sentence"
+        )
+    decisions(folder)  # what is appended to a damaged audit does not count
     now = datetime.datetime.now(tz=datetime.UTC).isoformat(timespec="seconds")
     phase, trial = key
-    made = Decision(
-        phase=phase, trial=trial, deed=deed, reason=" ".join(reason.split()), time=now, user=getpass.getuser()
-    )
+    made = Decision(phase=phase, trial=trial, deed=deed, reason=words, time=now, user=getpass.getuser())
     path = folder / AUDIT
     try:
         line = csv_text(msgspec.structs.astuple(made))
@@ -79,7 +85,7 @@ def decisions(folder: Path) -> list[Decision]:
     except FileNotFoundError:
         return []
     except (OSError, UnicodeDecodeError) as error:
-        raise PalpError(f"{path} cannot be read: {error}") from error
+        raise PalpError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
     lines = csv.DictReader(io.StringIO(text, newline=""))
     try:
         return [msgspec.convert(dict(cells), Decision, strict=False) for cells in lines]
