@@ -2,8 +2,10 @@
 
 import contextlib
 import errno
+import fcntl
 import os
 import stat
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -30,7 +32,9 @@ def why_not(error: OSError, path: str | Path) -> str:
 
 
 @contextlib.contextmanager
-def whole_file(path: Path, *, mode: int = 0o666, durable: bool = False) -> Iterator[BinaryIO]:
+def whole_file(
+    path: Path, *, mode: int = 0o666, durable: bool = False, new: bool = False
+) -> Iterator[BinaryIO]:
     """Open a file for writing; it takes its name, from an older file if there is one, at the block's end.
 
     Of a link, what it leads to is replaced. A pipe or a device, as ``/dev/stdout``, is written as it is.
@@ -39,17 +43,18 @@ def whole_file(path: Path, *, mode: int = 0o666, durable: bool = False) -> Itera
         path: Where, in a folder that exists. After an error what was there before is there still.
         mode: Who may read and write it, less the umask, from its first byte on.
         durable: It is on the disk at the end, and so is its name: a power cut takes neither.
+        new: It takes the name from no other file: of several processes, one writes it.
 
     Raises:
-        OSError: It cannot be written.
+        OSError: It cannot be written, or is there and is to be new.
     """
     if path.exists() and not path.is_file():
         with path.open("wb") as file:
             yield file
         return
     path = path.resolve()
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    part.unlink(missing_ok=True)  # of a process of this number, long ago
+    part = path.with_name(f".{path.name}.{threading.get_native_id()}.part")
+    part.unlink(missing_ok=True)  # of a thread of this number, long ago
     descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
     try:
         with os.fdopen(descriptor, "wb") as file:
@@ -57,21 +62,25 @@ def whole_file(path: Path, *, mode: int = 0o666, durable: bool = False) -> Itera
             if durable:
                 file.flush()
                 os.fsync(file.fileno())
-        part.replace(path)
-    except BaseException:
+        if new:
+            path.hardlink_to(part)
+        else:
+            part.replace(path)
+    finally:
         part.unlink(missing_ok=True)
-        raise
     if durable:
         _sync_folder(path.parent)
 
 
-def write_whole(path: Path, content: str | bytes, *, mode: int = 0o666, durable: bool = False) -> None:
+def write_whole(
+    path: Path, content: str | bytes, *, mode: int = 0o666, durable: bool = False, new: bool = False
+) -> None:
     """Write a file; text becomes UTF-8. The arguments are those of :func:`whole_file`.
 
     Raises:
         OSError: It cannot be written.
     """
-    with whole_file(path, mode=mode, durable=durable) as file:
+    with whole_file(path, mode=mode, durable=durable, new=new) as file:
         file.write(content.encode() if isinstance(content, str) else content)
 
 
@@ -82,6 +91,49 @@ def write_json(path: Path, value: Any, *, mode: int = 0o666) -> None:
         OSError: It cannot be written.
     """
     write_whole(path, msgspec.json.format(msgspec.json.encode(value), indent=1) + b"\n", mode=mode)
+
+
+@contextlib.contextmanager
+def locked_path(path: Path, flags: int = os.O_RDONLY) -> Iterator[int]:
+    """Let one process at a time look at a file or folder and write what follows from it.
+
+    Args:
+        path: What is locked until the block ends.
+        flags: By which it is opened; the block has its descriptor.
+
+    Raises:
+        OSError: It cannot be opened.
+    """
+    descriptor = os.open(path, flags, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+def append_whole(path: Path, text: str, flags: int = os.O_CREAT, heading: str = "") -> None:
+    """Append lines whole, or leave the file as it was: a full disk takes a part of what it is given.
+
+    Args:
+        path: The file; a line that a process did not finish stays one of its own.
+        text: The lines.
+        flags: 0 refuses to make the file, ``os.O_EXCL`` with ``os.O_CREAT`` one that is there.
+        heading: Goes before them in a file that is empty.
+
+    Raises:
+        OSError: They cannot be written.
+    """
+    with locked_path(path, os.O_RDWR | os.O_APPEND | flags) as descriptor:
+        size = os.fstat(descriptor).st_size
+        cut_short = size > 0 and os.pread(descriptor, 1, size - 1) != b"\n"
+        rest = memoryview(("\n" * cut_short + heading * (size == 0) + text).encode())
+        try:
+            while rest:
+                rest = rest[os.write(descriptor, rest) :]
+        except OSError:
+            os.ftruncate(descriptor, size)
+            raise
 
 
 def check_regular(path: str | Path, largest: int | None = None) -> None:

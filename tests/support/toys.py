@@ -10,7 +10,7 @@ from pathlib import Path
 from tests.support.palp import PATIENCE_S, Palp, wait_for_line
 
 TOYS = '''
-import os, select, signal, subprocess, sys
+import asyncio, os, select, signal, subprocess, sys
 from palp_core import Message, Node, Params, Progress, Pub, State, Sub, every, on
 
 
@@ -69,6 +69,8 @@ class Bad(Node):
 
     def on_deactivate(self):
         self.note("deactivate")
+        if self.params.deed == "unsafe":
+            raise OSError("the device does not answer")
 
     @on(blob)
     def take(self, blob):
@@ -96,6 +98,15 @@ class Bad(Node):
         for command in (["sleep", "1000"], ["sh", "-c", text, self.params.notes]):
             process = subprocess.Popen(command, start_new_session=True, stdout=subprocess.PIPE)
         process.stdout.readline()
+
+    def leave(self):
+        os._exit(0)
+
+    def replace(self):
+        os.execvp("true", ["true"])
+
+    def cancel(self):
+        raise asyncio.CancelledError
 
     def interrupt(self):
         raise KeyboardInterrupt

@@ -359,6 +359,13 @@ def a_hundred_sockets(target: Target) -> None:
         one.close()
 
 
+def a_viewer_without_a_socket(target: Target) -> None:
+    """None that polls: the gate counts sockets."""
+    polling = f"{target.page('/_nicegui_ws/socket.io/')}?EIO=4&transport=polling"
+    assert target.open.ask(polling, Origin=target.open.origin).status == 400
+    assert target.open.ask(polling, "POST", b"40", Origin=target.open.origin).status == 400
+
+
 def half_a_request(target: Target) -> None:
     halves = [target.open.connect() for _ in range(20)]
     for one in halves:
@@ -403,6 +410,7 @@ CHEAP: list[Callable[[Target], None]] = [
     values_out_of_their_bounds,
     events_of_nobody,
     too_long_a_word,
+    a_viewer_without_a_socket,
     half_a_request,
     an_endless_head,
 ]

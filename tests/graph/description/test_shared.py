@@ -82,6 +82,9 @@ def test_the_command_line_goes_before_the_file(
             "no shared parameter 'rate' on the command line; did you mean",
         ),
         ("", "", ["torque.rate_hz:=[1"], "'torque.rate_hz:=[1' on the command line: not valid YAML"),
+        ("", "", ["torque.rate_hz:=&a [*a]"], "'torque.rate_hz:=&a [*a]' on the command line: "),
+        ("", "", [f"torque.rate_hz:={10**30}"], "on the command line: "),
+        ("", "", [f"torque.rate_hz:=[{10**30}]"], "on the command line: "),
         ("", "", ["torque.:=1"], "'torque.:=1' on the command line is no parameter; write node.parameter:=v"),
     ],
 )

@@ -16,6 +16,7 @@ from palp_core.graph.lockstep.conductor import Conductor, LockstepNodes
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.control_messages import Done, Round
+from palp_core.graph.supervision.interrupt import ended_after
 
 TOYS = '''
 from palp_core import Alarm, Client, Message, Node, Params, Pub, Srv, State, Sub, every, on, serve
@@ -193,8 +194,8 @@ def conduct(
 def whole_run(workspace: str, nodes: LockstepNodes | None = None) -> Seen:
     conductor, seen = conduct(GRAPH, workspace, [2], nodes)
     conductor.activate()
-    assert conductor.run() == 7
-    conductor.shutdown(range(len(GRAPH)))
+    with ended_after(conductor.shutdown, range(len(GRAPH))):
+        assert conductor.run() == 7
     return seen
 
 
@@ -292,8 +293,8 @@ def test_the_last_words_of_a_node_are_seen_at_the_time_of_the_end(workspace: str
     specs = [node("last", "Last"), node("fast", "Source")]
     conductor, seen = conduct(specs, workspace)
     conductor.activate()
-    conductor.run(10**9)
-    conductor.shutdown([0, 1])
+    with ended_after(conductor.shutdown, [0, 1]):
+        conductor.run(10**9)
     frames = [(now_ns, parse(frame)) for now_ns, frame in seen]
     assert [(now_ns, f.stamp_ns) for now_ns, f in frames if f.topic == "/last/out"] == [(10**9, 10**9)]
 
@@ -302,8 +303,11 @@ def test_a_node_that_fails_at_its_end_keeps_no_other_from_its_safe_state(workspa
     specs = [node("a", "Stubborn"), node("b", "Stubborn"), node("last", "Last")]
     conductor, seen = conduct(specs, workspace)
     conductor.activate()
-    with pytest.raises(NodeError, match="a: on_deactivate failed: ValueError: stuck brake"):
-        conductor.shutdown([0, 1, 2])
+    with (
+        pytest.raises(NodeError, match="a: on_deactivate failed: ValueError: stuck brake"),
+        ended_after(conductor.shutdown, [0, 1, 2]),
+    ):
+        pass
     assert "/last/out" in [parse(frame).topic for _, frame in seen]
 
 

@@ -224,18 +224,73 @@ def test_when_the_gateway_dies_the_guest_is_safe_the_graph_goes_on_and_can_be_jo
         assert again.until("joined")["epoch"] == 2
 
 
+def lasting(home: Host, seconds: int) -> None:
+    """Wait for as many ticks as the graph makes in that time."""
+    assert home.run("topic", "echo", "/ticker/tick", "--times", str(100 * seconds)).returncode == 0
+
+
+def end_of_join(graph: Launched, away: Host, end: str) -> psutil.Process:
+    if end == "gateway":
+        return graph.gateway()
+    return away.running("network.bridge")[0] if end == "bridge" else node_process(away, "fork_server")
+
+
+@pytest.mark.parametrize("end", ["node", "bridge", "gateway"])
+def test_an_end_of_a_join_that_stops_for_a_second_loses_nothing(
+    home: Host, graph: Launched, away: Host, end: str
+) -> None:
+    book = away.book()
+    guest = away.start(*keeper(home, graph, "nodding", book))
+    first = int(book.until("tick")[1])
+    stopped = end_of_join(graph, away, end)
+    stopped.suspend()
+    lasting(home, 1)
+    stopped.resume()
+    assert [int(book.until("tick")[1]) for _ in range(200)] == list(range(first + 1, first + 201))
+    guest.send_signal(signal.SIGINT)
+    assert finished(guest)[0] == 130
+    graph.said("/nodding has left")
+
+
 @pytest.mark.nightly
-def test_a_gateway_that_hangs_counts_as_dead(home: Host, graph: Launched, away: Host) -> None:
+@pytest.mark.parametrize("seconds", [4, 30])
+@pytest.mark.parametrize("end", ["bridge", "gateway"])
+def test_both_ends_of_a_join_know_of_one_that_stopped_for_longer(
+    home: Host, graph: Launched, away: Host, end: str, seconds: int
+) -> None:
     book = away.book()
     guest = away.start(*keeper(home, graph, "deserted", book))
     book.until("tick")
-    hanging = graph.gateway()
-    hanging.suspend()
+    stopped = end_of_join(graph, away, end)
+    stopped.suspend()
+    lasting(home, seconds)
+    stopped.resume()
     status, said = finished(guest)
-    hanging.resume()
     assert status == 1
-    assert "not heard any more" in said
+    assert "not heard any more" in said or "this graph has dropped the connection" in said
     book.until("safe")
+    graph.said("/deserted has left")
+
+
+@pytest.mark.parametrize("seconds", [4, pytest.param(30, marks=pytest.mark.nightly)])
+def test_both_ends_of_a_join_know_of_a_node_that_is_silent_and_it_goes_on(
+    home: Host, graph: Launched, away: Host, seconds: int
+) -> None:
+    book = away.book()
+    guest = away.start(*keeper(home, graph, "asleep", book))
+    first = int(book.until("tick")[1])
+    stopped = end_of_join(graph, away, "node")
+    stopped.suspend()
+    lasting(home, seconds)
+    graph.said("/asleep has not been heard for 3 s")
+    stopped.resume()
+    graph.said("/asleep: answers again")
+    count = 100 * seconds
+    assert [int(book.until("tick")[1]) for _ in range(count)] == list(range(first + 1, first + 1 + count))
+    guest.send_signal(signal.SIGINT)
+    status, said = finished(guest)
+    assert status == 130
+    assert "asleep has not been heard for 3 s" in said
 
 
 @pytest.mark.parametrize("what", ["bridge", pytest.param("all", marks=pytest.mark.nightly)])

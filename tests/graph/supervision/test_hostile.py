@@ -6,6 +6,7 @@ import concurrent.futures
 import contextlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -43,6 +44,38 @@ def test_a_child_that_holds_a_dead_nodes_line_does_not_hold_the_supervisor(hosti
     assert done.returncode == 1
     assert "bad: its process was killed by SIGKILL" in done.stderr
     assert hostile.palp.all_gone()
+
+
+@pytest.mark.parametrize("deed", ["leave", "replace"])
+@pytest.mark.parametrize(
+    ("composed", "words"), [("", "its process ended with status 0"), ("--compose", "failed: os.")]
+)
+def test_a_node_that_ends_its_process_ends_no_run_as_if_all_were_well(
+    hostile: Hostile, deed: str, composed: str, words: str
+) -> None:
+    done = hostile.run(f"deed:={deed}", *composed.split())
+    assert done.returncode == 1
+    assert re.search(f"^bad: .*{words}", done.stderr, re.MULTILINE)
+
+
+@pytest.mark.parametrize("clock", ["sim", "wall"])
+def test_a_node_that_does_not_reach_its_safe_state_ends_no_run_as_if_all_were_well(
+    hostile: Hostile, clock: str
+) -> None:
+    done = hostile.run("deed:=unsafe", f"clock:={clock}")
+    assert done.returncode == 1
+    assert "bad: did not report that it reached its safe state: its process ended" in done.stderr
+    assert "the device does not answer" in done.stderr
+
+
+@pytest.mark.parametrize("composed", ["", "--compose"])
+def test_what_is_no_exception_out_of_a_handler_still_reaches_the_safe_state(
+    hostile: Hostile, composed: str
+) -> None:
+    done = hostile.run("deed:=cancel", *composed.split())
+    assert done.returncode == 1
+    assert "bad: take (handler of 'blob') failed: CancelledError" in done.stderr
+    assert hostile.notes.read_text().splitlines() == ["configure", "deed", "deactivate"]
 
 
 def test_a_keyboard_interrupt_out_of_a_handler_still_reaches_the_safe_state(hostile: Hostile) -> None:

@@ -31,7 +31,7 @@ def health(name: str = "a") -> NodeHealth:
     )  # fmt: skip
 
 
-def look_each_second(liveness: Liveness, until_ns: int, start_ns: int = 0) -> list[tuple[int, int]]:
+def look_each_second(liveness: Liveness[int], until_ns: int, start_ns: int = 0) -> list[tuple[int, int]]:
     found = []
     for now_ns in range(start_ns, until_ns + 1, S // 2):
         found += list(liveness.unresponsive(now_ns))
@@ -100,7 +100,7 @@ def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Stage:
 
 
 def test_silence_begins_when_a_node_was_last_heard() -> None:
-    liveness = Liveness()
+    liveness = Liveness[int]()
     liveness.expect(0, 0)
     liveness.heard(0, health(), 0)
     assert look_each_second(liveness, HANG_NS - 1) == []
@@ -109,7 +109,7 @@ def test_silence_begins_when_a_node_was_last_heard() -> None:
 
 
 def test_nobody_is_blamed_for_time_in_which_the_supervisor_itself_stood_still() -> None:
-    liveness = Liveness()
+    liveness = Liveness[int]()
     liveness.expect(0, 0)
     liveness.heard(0, health(), 0)
     look_each_second(liveness, S)
@@ -119,7 +119,7 @@ def test_nobody_is_blamed_for_time_in_which_the_supervisor_itself_stood_still() 
 
 
 def test_a_node_that_has_never_been_heard_or_has_ended_is_not_missed() -> None:
-    liveness = Liveness()
+    liveness = Liveness[int]()
     liveness.expect(0, 0)
     liveness.expect(1, 0)
     liveness.heard(1, health(), 0)
@@ -260,7 +260,7 @@ def test_turns_in_which_nothing_is_due_ask_no_process_whatever_their_number(
     stage.restarts.run_due(stage.now_ns)
     looks: list[int] = []
 
-    def look(_: Liveness, now_ns: int) -> Iterator[tuple[int, int]]:
+    def look(_: Liveness[int], now_ns: int) -> Iterator[tuple[int, int]]:
         looks.append(now_ns)
         yield from ()
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import fcntl
+import os
 import shutil
-import threading
+from collections.abc import Callable
 from pathlib import Path
-from typing import TextIO
 
 import pytest
 from typer.testing import CliRunner
 
 from palp_core.cli.session.session import app
 from palp_core.errors import PalpError
-from palp_core.palpation.session.audit import AUDIT, decide, decisions, left_out
+from palp_core.palpation.session.audit import AUDIT, decisions, left_out
 from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.recorded_sweeps import read_sweeps
 from palp_core.palpation.session.report import write
@@ -63,29 +62,6 @@ def test_what_is_excluded_or_to_be_done_again_counts_nowhere_and_is_still_there(
     assert "the phantom slipped" in (session / "report.html").read_text()
 
 
-def test_of_two_first_decisions_one_writes_the_heading(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    waits, flock = threading.Event(), fcntl.flock
-
-    def lock(file: TextIO, how: int) -> None:
-        waits.set()
-        flock(file, how)
-
-    monkeypatch.setattr("palp_core.palpation.session.audit.fcntl.flock", lock)
-    other = threading.Thread(target=decide, args=(tmp_path, ("training", 2), "redo", "noise"))
-    with (tmp_path / AUDIT).open("a") as file:
-        flock(file, fcntl.LOCK_EX)
-        other.start()
-        while other.is_alive() and not waits.wait(0.1):
-            pass
-        file.write(
-            "phase,trial,deed,reason,time,user\ntraining,1,redo,slipped,2026-01-01T00:00:00+00:00,me\n"
-        )
-    other.join()
-    assert [one.trial for one in decisions(tmp_path)] == [1, 2]
-
-
 def test_a_session_without_decisions_says_nothing_of_them(session: Path, summary: Summariser) -> None:
     write(session, summary(session))
     assert not read_result(session).left_out
@@ -108,6 +84,9 @@ def test_a_trial_that_is_not_there_or_has_no_reason_is_refused(session: Path) ->
         palp("exclude", 7000, session, "--reason", "never")
     with pytest.raises(PalpError, match="needs its reason"):
         palp("exclude", 1000, session, "--reason", " ")
+    for reason in ("\x1b[31mred", "\udcff", "\u202eback", "x" * 2000):
+        with pytest.raises(PalpError, match="cannot be printed, or more than 1000"):
+            palp("exclude", 1000, session, "--reason", reason)
     assert not (session / AUDIT).exists()
 
 
@@ -118,3 +97,21 @@ def test_another_session_in_the_folder_does_not_inherit_them(session: Path, tmp_
     writer.start(overwrite=True)
     writer.close()
     assert left_out(copied) == {}
+
+
+DAMAGED: dict[str, Callable[[Path], object]] = {
+    "a pipe": os.mkfifo,
+    "a folder": Path.mkdir,
+    "half a line": lambda path: path.write_text("phase,trial,deed,reason,time,user\nestimation,1,excl"),
+    "another heading": lambda path: path.write_text("trial,deed\n1,exclude\n"),
+    "a cell too long": lambda path: path.write_text(
+        f"phase,trial,deed,reason,time,user\nestimation,1,redo,{'x' * 200_000},t,u\n"
+    ),
+}
+
+
+@pytest.mark.parametrize("how", DAMAGED)
+def test_to_a_damaged_audit_nothing_is_appended(session: Path, how: str) -> None:
+    DAMAGED[how](session / AUDIT)
+    with pytest.raises(PalpError, match=r"audit.csv( cannot be read: it is a|:\d: the line is damaged)"):
+        palp("exclude", 1000, session, "--reason", "slipped")

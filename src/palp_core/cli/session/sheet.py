@@ -33,11 +33,12 @@ def new(
     from palp_core.palpation.session.sheet.template import template
     from palp_core.whole_file import write_whole
 
-    if file.exists() and not overwrite:
+    try:
+        write_whole(file, template(phantom_codes(phantoms), by_hand=by_hand), new=not overwrite)
+    except FileExistsError as error:
         raise PalpError(
             f"{file} is there already, and nothing is overwritten unasked: --overwrite, or another name"
-        )
-    write_whole(file, template(phantom_codes(phantoms), by_hand=by_hand))
+        ) from error
     look = f"palp session show {file}{' --by-hand' if by_hand else ''}"
     print_text(f"{file}: fill it in, look at it ({look}), and name it: session:={file}")
 

@@ -42,6 +42,7 @@ from palp_core.graph.description.yaml_tree import (
     parse_tree,
     plain_tree,
     read_tree,
+    shortened,
 )
 from palp_core.graph.description.yaml_tree import Sequence as TreeSequence
 from palp_core.graph.node.spec import name_mistake, topic
@@ -238,15 +239,15 @@ class _Reader:
         """Return ``node.parameter:=value`` of the command line, or None after reporting what is wrong."""
         name, separator, value = text.partition(":=")
         node, _, parameter = name.partition(".")
+        word, problems = f"'{shortened(text)}' on the command line", Problems()
         if not separator or not parameter.isidentifier():
-            self.problems.add(
-                caller, f"'{text}' on the command line is no parameter; write node.parameter:=value"
-            )
+            self.problems.add(caller, f"{word} is no parameter; write node.parameter:=value")
             return None
         try:
-            tree = parse_tree(value, text, self.problems)
+            tree = parse_tree(value, text, problems)
+            problems.raise_any()
         except GraphProblems as error:
-            self.problems.add(caller, f"'{text}' on the command line: {error.problems[0].message}")
+            self.problems.add(caller, f"{word}: {error.problems[0].message}")
             return None
         return _Word(node, parameter, "" if tree is None else plain_tree(tree))
 

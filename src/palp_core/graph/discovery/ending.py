@@ -11,6 +11,7 @@ from typing import Self
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.run_directory import END_ASKED
 from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.whole_file import write_whole
 
 
 class EndingGraph:
@@ -63,7 +64,7 @@ def ask_to_end(graph: RunningGraph, asked_by: str) -> EndingGraph:
         if not graph.alive:  # asked once the process is held: its number cannot be another's from here on
             raise GraphError(ended)
         with suppress(OSError):  # a full disk: then it only knows of the signal
-            (graph.folder / END_ASKED).write_text(asked_by, encoding="utf-8")
+            write_whole(graph.folder / END_ASKED, asked_by)
         signal.pidfd_send_signal(process, signal.SIGINT)
     except BaseException as error:
         os.close(process)

@@ -39,7 +39,7 @@ from palp_core.graph.recording.provenance import launch_provenance
 from palp_core.graph.recording.recorders import Recorders
 from palp_core.graph.supervision.fork_server import ForkServer, ToRun
 from palp_core.graph.supervision.fork_start import ServerProcess
-from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
+from palp_core.graph.supervision.interrupt import Interrupt, Interrupted, ended_after
 from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.supervision.log_levels import LogLevels, levels_of
 from palp_core.graph.supervision.open_files import make_room
@@ -228,7 +228,7 @@ class Graph:
             self.launcher_node = LauncherNode(str(self.directory.path), self._now_ns)
             stack.callback(self.launcher_node.close)
             if (gateway := self.gateway) is not None:
-                self.launcher_node.joined = lambda: gateway.health.values()
+                self.launcher_node.joined = lambda: gateway.health
             self.launcher_node.record_event = lambda frame: self._keep_frame(self._now_ns(), frame)
             self.launcher_node.on_health = lambda nodes: self._cpu_s.update((n.node, n.cpu_s) for n in nodes)
             self.launcher_node.answer("stop", lambda _: self._interrupt.asked(self.checked.graph))
@@ -393,12 +393,9 @@ class Graph:
         ends_run = [i for i, spec in enumerate(checked.nodes) if spec.shutdown_on_exit]
         conductor = Conductor(self._nodes, checked.readers, ends_run, self._show, self._between_instants)
         self._conductor = self._time.conductor = conductor
-        try:
-            with self._announcing():
-                conductor.activate()
-                exit_code = conductor.run(until_ns)
-        finally:
-            conductor.shutdown(self._end_order())
+        with ended_after(conductor.shutdown, self._end_order()), self._announcing():
+            conductor.activate()
+            exit_code = conductor.run(until_ns)
         return exit_code, conductor.now_ns / 1e9, conductor.activation_count
 
     def _announcing(self) -> contextlib.AbstractContextManager[None]:
@@ -415,21 +412,19 @@ class Graph:
         self.recorders.observe(now_ns, frame)
 
     def _run_wall(self, until_ns: int | None) -> int:
-        assert self._supervisor is not None
-        try:
-            keeping = WallCheckpoints(self.checkpoints, lambda: self.checked, self._supervisor, *self._told)
+        supervisor = self._supervisor
+        assert supervisor is not None
+        with ended_after(lambda index: supervisor.shutdown(index, 0), self._end_order()):
+            keeping = WallCheckpoints(self.checkpoints, lambda: self.checked, supervisor, *self._told)
             self._gone_ns = keeping.go_on()
             with self._announcing():
                 start_ns = monotonic_ns() - self._gone_ns
                 if self.gateway is not None:
                     self.gateway.activate(start_ns)
-                exit_code = self._supervisor.run_wall(until_ns, start_ns)
+                exit_code = supervisor.run_wall(until_ns, start_ns)
                 if self.gateway is not None:
                     self.gateway.close("the graph has come to its end", finished=exit_code == 0)
                 return exit_code
-        finally:
-            for index in self._end_order():
-                self._supervisor.shutdown(index, 0)
 
     def _swapped(self, checked: CheckedGraph, index: int, done: Done | None) -> None:
         """Go on with another node in the place of one."""
@@ -450,7 +445,9 @@ class Graph:
         self.swaps.plan(round(at_s * 1e9), SwapRequest(node=node, run=run, params=params))
 
     def _serve(self) -> None:
-        """Do what tools have asked for and what is planned."""
+        """Do what tools have asked for and what is planned; look for nodes of other hosts that are silent."""
+        if self.gateway is not None:
+            self.gateway.report_silence()
         self.launcher_node.run_deferred()
         self.swaps.run_due()
 

@@ -1,6 +1,7 @@
 """All nodes of a lockstep graph in this process; messages are encoded and decoded all the same."""
 
 import contextlib
+import faulthandler
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
@@ -11,7 +12,7 @@ from palp_core.graph.log_format import MergedFormatter
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.node.loading import endpoints, load_class
+from palp_core.graph.node.loading import endpoints, load_class, shared_process
 from palp_core.graph.node.spec import COMPOSITION, MERGED_LOG, NodeSpec
 from palp_core.graph.process.control_messages import Done, Round
 from palp_core.graph.process.lockstep_loop import follow_round
@@ -187,6 +188,7 @@ def composed(
     checked: CheckedGraph, directory: RunDirectory, log_level: str = "info"
 ) -> Iterator[Composition]:
     """Compose a graph; tools find it in its run directory, and there is the log of all its nodes."""
+    faulthandler.enable()  # a crash in C names its Python lines
     handler = logging.FileHandler(directory.log(MERGED_LOG))
     handler.setFormatter(MergedFormatter())
     logger = logging.getLogger("palp")
@@ -195,7 +197,8 @@ def composed(
     logger.setLevel(log_level.upper())
     sockets = NodeSockets(*endpoints(str(directory.path), COMPOSITION))
     try:
-        yield Composition(checked.nodes, checked.workspace, sockets)
+        with shared_process():
+            yield Composition(checked.nodes, checked.workspace, sockets)
     finally:
         sockets.close()
         logger.removeHandler(handler)

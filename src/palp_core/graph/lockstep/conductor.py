@@ -10,7 +10,7 @@ machine is.
 from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
-from palp_core.errors import GraphError, PalpError
+from palp_core.errors import GraphError
 from palp_core.graph.messages.frame import sequence_of, topic_of
 from palp_core.graph.process.control_messages import Done, Round
 
@@ -122,20 +122,9 @@ class Conductor:
             self._run_rounds([])
         return self.exit_code
 
-    def shutdown(self, order: Sequence[int]) -> None:
-        """End every node, in the given order; one that fails at it keeps no other from its safe state.
-
-        Raises:
-            PalpError: The first failure, after every node was asked.
-        """
-        failures = []
-        for index in order:
-            try:
-                self._account(index, self._nodes.shutdown(index, self.now_ns))
-            except PalpError as error:
-                failures.append(error)
-        if failures:
-            raise failures[0]
+    def shutdown(self, index: int) -> None:
+        """Bring a node to its safe state and end it."""
+        self._account(index, self._nodes.shutdown(index, self.now_ns))
 
     def _run_rounds(self, published: list[bytes]) -> None:
         now_ns = self.now_ns

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 import msgspec
 
 from palp_core.errors import GraphError
+from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.messages.builtin import NodeHealth
@@ -21,6 +22,7 @@ from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.listen_address import ListenPlan, plan_listening
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.process.channel import ChannelClosed
+from palp_core.graph.supervision.liveness import Liveness
 from palp_core.graph.supervision.sidecar import Sidecar
 
 if TYPE_CHECKING:
@@ -98,7 +100,6 @@ class GatewayHandle:
         endpoint: Where other hosts call, with the port that was chosen.
         warnings: What the user should know.
         joined: Who has joined, by name.
-        health: How they do, as they report it.
 
     Raises:
         SecurityError: Others could reach the address and there are no keys, or they are exposed.
@@ -111,7 +112,7 @@ class GatewayHandle:
         self.joined: dict[str, JoinRequest] = {}
         self.changed: Callable[[], None] = lambda: None
         self._plan, self._folder, self._publish_event = planned, folder, report
-        self.health: dict[str, NodeHealth] = {}
+        self._liveness = Liveness[str]()
         self._epochs: dict[str, int] = {}
         self._view: GraphView | None = None
         self._start_ns: int | None = None
@@ -188,6 +189,17 @@ class GatewayHandle:
             record, nodes=nodes, topics=list(topics.values()), listen=self.endpoint
         )
 
+    @property
+    def health(self) -> list[NodeHealth]:
+        """How those do that have joined, as they report it."""
+        return self._liveness.health
+
+    def report_silence(self) -> None:
+        """Say of each that has joined and is silent that it is, once."""
+        for name, silent_ns in self._liveness.unresponsive(monotonic_ns()):
+            if text := self._liveness.newly_silent(name, silent_ns):
+                self._report("unresponsive", name, f"/{name} {text}", silent_s=silent_ns / 1e9)
+
     def activate(self, start_ns: int) -> None:
         """Let joined nodes begin: the graph runs since then on the host's monotonic clock."""
         self._start_ns = start_ns
@@ -217,13 +229,14 @@ class GatewayHandle:
             request = said.request
             self.joined[request.name] = request
             self._epochs[request.name] = said.epoch
+            self._liveness.expect(request.name, monotonic_ns())
             text = f"/{request.name} has joined from {request.host}"
             where = {"run": request.run, "host": request.host, "address": said.address}
             self._report("joined", request.name, text, **where, epoch=said.epoch)
             self.changed()
         elif isinstance(said, gateway_messages.NodeLeft):
             self.joined.pop(said.name, None)
-            self.health.pop(said.name, None)
+            self._liveness.forget(said.name)
             self._report("left", said.name, f"/{said.name} has left: {said.text}", exit_code=said.exit_code)
             self.changed()
             expected = self._view.expected.get(said.name) if self._view is not None else None
@@ -231,16 +244,17 @@ class GatewayHandle:
             if ends and self._supervisor is not None:
                 self._supervisor.exit_code = said.exit_code
         elif isinstance(said, gateway_messages.NodeReported):
-            self.health[said.name] = decode(NodeHealth, said.health)
+            if self._liveness.heard(said.name, decode(NodeHealth, said.health), monotonic_ns()):
+                self._report("responsive", said.name, f"/{said.name}: answers again")
         elif isinstance(said, gateway_messages.PeerRejected):
             self._report("refused", "", said.text, address=said.address, key=said.key, count=said.count)
 
     def _report_death(self, status: int) -> None:
         text = f"the gateway has died (status {status}); joined nodes are lost, the others go on"
         self._report("failed", "gateway", text, status=status)
-        self.health.clear()
         for name in list(self.joined):
             del self.joined[name]
+            self._liveness.forget(name)
             self._report("left", name, f"/{name} has left: the gateway has died", exit_code=-1)
         self.changed()
 

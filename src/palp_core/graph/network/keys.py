@@ -24,7 +24,7 @@ from zmq.auth import load_certificate
 
 from palp_core.errors import SecurityError
 from palp_core.user_folders import keys_folder
-from palp_core.whole_file import check_regular, write_whole
+from palp_core.whole_file import check_regular, locked_path, write_whole
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,62}")
 _KEY = re.compile(r"[0-9a-zA-Z.\-:+=^!/*?&<>()\[\]{}@%$#]{40}")
@@ -87,19 +87,20 @@ class KeyFolder:
             SecurityError: There is one already and it is not to be replaced, or the name cannot be a file's.
         """
         _check_name(name)
-        found = sorted(self.path.glob("*.secret")) if self.path.is_dir() else []
-        if found and not force:
-            raise SecurityError(
-                f"{found[0]} is there already; hosts that allow its public key would have to be told of "
-                "another. Replace it: palp keys generate --force"
-            )
         self._make_folder(self.path)
-        public, secret = _new_pair()
-        for old in found:
-            old.unlink()
-            old.with_suffix(".public").unlink(missing_ok=True)
-        write_whole(self.path / f"{name}.secret", _certificate(name, public, secret), mode=0o600)
-        write_whole(self.path / f"{name}.public", _certificate(name, public), mode=0o644)
+        with locked_path(self.path):
+            found = sorted(self.path.glob("*.secret"))
+            if found and not force:
+                raise SecurityError(
+                    f"{found[0]} is there already, and other hosts may allow its public key; replace it: "
+                    "palp keys generate --force"
+                )
+            public, secret = _new_pair()
+            for old in found:
+                old.unlink()
+                old.with_suffix(".public").unlink(missing_ok=True)
+            write_whole(self.path / f"{name}.secret", _certificate(name, public, secret), mode=0o600)
+            write_whole(self.path / f"{name}.public", _certificate(name, public), mode=0o644)
         return OwnKeys(name, public, secret)
 
     def public_file(self, own: OwnKeys) -> Path:
@@ -144,16 +145,18 @@ class KeyFolder:
         if not name:
             raise SecurityError("say whose key this is: palp keys allow KEY --name NAME")
         _check_name(name)
-        allowed = self.allowed()
-        if allowed.get(name, key) != key:
-            raise SecurityError(
-                f"another key is allowed as '{name}'; choose another --name, or first: palp keys deny {name}"
-            )
-        if (other := self.name_of(key)) not in ("", name):
-            raise SecurityError(f"this key is allowed already, as '{other}'")
+        folder = self.path / "allowed"
         self._make_folder(self.path)
-        self._make_folder(self.path / "allowed")
-        write_whole(self.path / "allowed" / f"{name}.public", _certificate(name, key), mode=0o644)
+        self._make_folder(folder)
+        with locked_path(folder):
+            if self.allowed().get(name, key) != key:
+                raise SecurityError(
+                    f"another key is allowed as '{name}'; choose another --name, or first: "
+                    f"palp keys deny {name}"
+                )
+            if (other := self.name_of(key)) not in ("", name):
+                raise SecurityError(f"this key is allowed already, as '{other}'")
+            write_whole(folder / f"{name}.public", _certificate(name, key), mode=0o644)
         return name, key
 
     def deny(self, what: str) -> tuple[str, str]:
@@ -172,7 +175,7 @@ class KeyFolder:
         if not name:
             known = ", ".join(allowed) or "nobody"
             raise SecurityError(f"'{what}' is not allowed anyway; allowed: {known}")
-        (self.path / "allowed" / f"{name}.public").unlink()
+        (self.path / "allowed" / f"{name}.public").unlink(missing_ok=True)
         return name, allowed[name]
 
     def find(self, what: str) -> str:
@@ -207,7 +210,7 @@ class KeyFolder:
     def _make_folder(folder: Path) -> None:
         try:
             if not folder.is_dir():
-                folder.mkdir(mode=0o700, parents=True)
+                folder.mkdir(mode=0o700, parents=True, exist_ok=True)
                 folder.chmod(0o700)
         except OSError as error:
             raise SecurityError(

@@ -23,7 +23,7 @@ from palp_core.graph.network.listen_address import host_and_port, resolve
 from palp_core.graph.node.spec import NodeSpec, name_mistake
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage
 from palp_core.graph.supervision.fork_server import ForkServer
-from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
+from palp_core.graph.supervision.interrupt import Interrupt, Interrupted, ended_after
 from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.supervision.run_record import run_record_of_node
 from palp_core.graph.supervision.sidecar import Sidecar
@@ -198,7 +198,7 @@ def run_node(
         announce()
         supervisor.on_new_process = announce
         stack.callback(supervisor.close)
-        stack.callback(supervisor.shutdown, 0, 0)
+        stack.enter_context(ended_after(lambda index: supervisor.shutdown(index, 0), [0]))
         code = _supervise(supervisor) if remote is None else _supervise_joined(supervisor, remote, say)
     if code == 0:
         folder.remove()

@@ -228,7 +228,7 @@ class Executor:
             subscription.last = (now_ns, message)
             try:
                 subscription.handler(self.node, message)
-            except (Exception, SystemExit) as error:
+            except BaseException as error:
                 raise self.failing.failed(subscription.port, subscription.handler.__name__, error) from error
         return True
 
@@ -255,7 +255,7 @@ class Failing:
         def guarded(*arguments: Any) -> Any:
             try:
                 return handler(node, *arguments)
-            except (Exception, SystemExit) as error:
+            except BaseException as error:
                 raise self.failed(port, handler.__name__, error) from error
 
         return guarded
@@ -269,7 +269,7 @@ class Failing:
         hooks: LifecycleHooks = self._executor.node
         try:
             getattr(hooks, name)()
-        except (Exception, SystemExit) as error:
+        except BaseException as error:
             text = f"{name} failed: {in_words(error)}"
             self.fail(error, text)
             raise NodeError(self._executor.name, text) from error
@@ -282,6 +282,8 @@ class Failing:
 
     def fail(self, error: BaseException, text: str) -> None:
         """Finalize the node, its safe state reached; its log says what has failed, with the trace."""
+        if isinstance(error, KeyboardInterrupt):  # it is the user's
+            raise error
         executor = self._executor
         executor.log.critical("%s", text, exc_info=error, extra=ENDING)
         reason = error if isinstance(error, Exception) else NodeError(executor.name, in_words(error))
@@ -294,7 +296,9 @@ class Failing:
         for hook in hooks:
             try:
                 hook()
-            except (Exception, SystemExit):
+            except KeyboardInterrupt:
+                raise
+            except BaseException:
                 executor.log.exception("a hook failed while the node was failing")
         executor.journal.flush(executor.now_ns())
         executor.publishing = False

@@ -4,9 +4,12 @@ import contextlib
 import hashlib
 import importlib
 import importlib.util
+import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from palp_core.errors import GraphError
 from palp_core.graph.node.node import Node
@@ -31,6 +34,30 @@ def enter_workspace(workspace: str | Path) -> None:
     if sys.path[:1] != [workspace]:
         sys.path[:] = [workspace, *(entry for entry in sys.path if entry != workspace)]
         importlib.invalidate_caches()
+
+
+@contextlib.contextmanager
+def shared_process() -> Iterator[None]:
+    """Refuse a node the end of the process that it shares: the run would have the status of its choice."""
+    process, real = os.getpid(), {name: getattr(os, name) for name in ("_exit", "execv", "execve")}
+
+    def refusing(name: str) -> Any:
+        def refuse(*arguments: Any) -> None:
+            if os.getpid() != process:
+                real[name](*arguments)
+            raise GraphError(
+                f"os.{name} would end every node of this process; raise an error, or call finish()"
+            )
+
+        return refuse
+
+    try:
+        for name in real:
+            setattr(os, name, refusing(name))
+        yield
+    finally:
+        for name, function in real.items():
+            setattr(os, name, function)
 
 
 def load_module(name: str, workspace: str) -> ModuleType:

@@ -7,7 +7,7 @@ import os
 import signal
 import socket
 
-from palp_core.errors import NodeError, PalpError, in_words
+from palp_core.errors import NodeError, in_words
 from palp_core.graph.log_format import ENDING, begin_log
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.process.channel import ChannelClosed
@@ -32,7 +32,7 @@ def run_node(order: Spawn) -> int:
     except ChannelClosed:
         _safe_end(loop)
         return 1
-    except (Exception, SystemExit, KeyboardInterrupt) as error:
+    except BaseException as error:
         text = in_words(error)
         if not (isinstance(error, NodeError) and error.__cause__):  # that one is in the log already
             logging.getLogger("palp").critical("%s", text, exc_info=error, extra=ENDING)
@@ -45,6 +45,6 @@ def run_node(order: Spawn) -> int:
 
 def _safe_end(loop: LockstepLoop | WallLoop | None) -> None:
     if loop is not None:
-        with contextlib.suppress(PalpError, SystemExit, KeyboardInterrupt):
+        with contextlib.suppress(BaseException):
             loop.executor.transition(Transition.SHUTDOWN)
         loop.close()

@@ -29,7 +29,7 @@ from palp_core.graph.node.external_calls import read_request, serve_outside, set
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.journal import ORDER_PORT, OUTSIDE, PARAMETERS, TRANSITIONS
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.node.loading import load_class
+from palp_core.graph.node.loading import load_class, shared_process
 from palp_core.graph.node.node import class_name
 from palp_core.graph.node.spec import NodeSpec, topic
 from palp_core.graph.replay.streams import OrderedMessages, RecordedInputs, key_of
@@ -88,7 +88,7 @@ def replay(
             consumed, or the node writes files or moves a device.
         NodeError: The node fails where it did not.
     """
-    with Bag(path) as bag:
+    with Bag(path) as bag, shared_process():
         attached = bag.attachments().get(NODES_ATTACHMENT)
         if attached is None:
             raise BagError(

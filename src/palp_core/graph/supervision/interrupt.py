@@ -7,17 +7,18 @@ breaks into whatever has not looked at the first.
 import contextlib
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from types import FrameType, TracebackType
 from typing import Any, Self
 
+from palp_core.errors import PalpError
 from palp_core.graph.clock import monotonic_ns
 
 INSIST_NS = 500_000_000
 
 
-class Interrupted(BaseException):
-    """The user asked for the end; like :class:`KeyboardInterrupt`, no failure of whatever was at work.
+class Interrupted(KeyboardInterrupt):
+    """The user asked for the end: no failure of what runs.
 
     Args:
         number: What was received.
@@ -139,3 +140,23 @@ class GracePeriod:
     def expired(self) -> bool:
         """True when the step has had its time."""
         return monotonic_ns() - self._start_ns >= (HURRY_NS if self._interrupt.insisted else KILL_NS)
+
+
+@contextlib.contextmanager
+def ended_after(shutdown: Callable[[int], object], order: Sequence[int]) -> Iterator[None]:
+    """End every node after the block, in that order; one that fails keeps no other from its safe state.
+
+    Raises:
+        PalpError: The first failure, after every node was asked; what the block raises goes before it.
+    """
+    failures = []
+    try:
+        yield
+    finally:
+        for index in order:
+            try:
+                shutdown(index)
+            except PalpError as error:
+                failures.append(error)
+    if failures:
+        raise failures[0]

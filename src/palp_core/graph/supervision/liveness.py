@@ -1,6 +1,7 @@
 """Who is alive: nodes on the wall clock say twice a second that their loop turns."""
 
 from collections.abc import Iterator
+from typing import Generic, TypeVar
 
 from palp_core.graph.messages.builtin import NodeHealth
 
@@ -14,33 +15,36 @@ GIVE_UP_NS = 10_000_000_000
 _BLIND_NS = 1_000_000_000
 
 
-class Liveness:
+Key = TypeVar("Key", int, str)
+
+
+class Liveness(Generic[Key]):
     """Remembers when each node was last heard, and how it was.
 
     Only time in which the supervisor itself was at work counts as silence: after it was stopped or the host
     was too busy for it, nobody is blamed.
 
     Attributes:
-        silent: Numbers of the nodes that are unresponsive.
+        silent: Numbers or names of the nodes that are unresponsive.
     """
 
     def __init__(self) -> None:
-        self.silent: set[int] = set()
-        self._heard_ns: dict[int, int] = {}
-        self._health: dict[int, NodeHealth] = {}
+        self.silent: set[Key] = set()
+        self._heard_ns: dict[Key, int] = {}
+        self._health: dict[Key, NodeHealth] = {}
         self._checked_ns = 0
 
-    def expect(self, index: int, now_ns: int) -> None:
+    def expect(self, index: Key, now_ns: int) -> None:
         """Expect a node to be heard from now on; its loop's first turn, before it is active, has been."""
         self._heard_ns[index] = now_ns
 
-    def forget(self, index: int) -> None:
+    def forget(self, index: Key) -> None:
         """Expect nothing more: the process is gone, or about to go."""
         self._heard_ns.pop(index, None)
         self._health.pop(index, None)
         self.silent.discard(index)
 
-    def heard(self, index: int, health: NodeHealth, now_ns: int) -> bool:
+    def heard(self, index: Key, health: NodeHealth, now_ns: int) -> bool:
         """Take a pulse; return True if the node was unresponsive until now."""
         self._health[index] = health
         if index in self._heard_ns:
@@ -49,8 +53,8 @@ class Liveness:
         self.silent.discard(index)
         return was_silent
 
-    def unresponsive(self, now_ns: int) -> Iterator[tuple[int, int]]:
-        """Yield the number and the silence, in ns, of every node that is unresponsive."""
+    def unresponsive(self, now_ns: int) -> Iterator[tuple[Key, int]]:
+        """Yield each node that is unresponsive, and its silence in ns."""
         if now_ns - self._checked_ns > _BLIND_NS:
             blind_ns = now_ns - self._checked_ns
             self._heard_ns = {i: min(heard + blind_ns, now_ns) for i, heard in self._heard_ns.items()}
@@ -58,6 +62,13 @@ class Liveness:
         for index, heard_ns in list(self._heard_ns.items()):
             if now_ns - heard_ns >= HANG_NS and index in self._health:
                 yield index, now_ns - heard_ns
+
+    def newly_silent(self, index: Key, silent_ns: int) -> str:
+        """Return in words that a node is unresponsive, once until it is heard again; else ""."""
+        if index in self.silent:
+            return ""
+        self.silent.add(index)
+        return f"has not been heard for {silent_ns / 1e9:.0f} s: stopped, or busy in one handler"
 
     @property
     def health(self) -> list[NodeHealth]:

@@ -49,7 +49,7 @@ class Restarts:
         self._launcher, self._activate = launcher, activate
         self._launcher_node = launcher_node
         self._restarts = restarts
-        self._liveness = Liveness()
+        self._liveness = Liveness[int]()
         self._health_ns = self._look_ns = 0
         self._warned_late: set[int] = set()
 
@@ -161,10 +161,8 @@ class Restarts:
     def _on_silence(self, index: int, silent_ns: int, now_ns: int) -> None:
         process = self._processes[index]
         name, silent_s = process.spec.name, silent_ns / 1e9
-        if index not in self._liveness.silent:
-            self._liveness.silent.add(index)
+        if text := self._liveness.newly_silent(index, silent_ns):
             process.is_silent = True
-            text = f"has not been heard for {silent_s:.0f} s: stopped, or busy in one handler"
             self._launcher_node.report("unresponsive", name, text, silent_s=silent_s)
             _LOG.warning("%s %s%s", name, text, process.log_tail())
         if silent_ns >= GIVE_UP_NS and process.spec.restart == "on_failure":

@@ -355,7 +355,11 @@ class Supervisor:
     # End
 
     def shutdown(self, index: int, now_ns: int) -> control_messages.Done:
-        """Bring one node to its safe state and let it end; :meth:`close` is for one that does not answer."""
+        """Bring one node to its safe state and let it end; :meth:`close` is for one that does not answer.
+
+        Raises:
+            NodeError: It has not reported that it reached its safe state.
+        """
         process = self.processes[index]
         self._grace.start()
         if not self._channels.connected(index) or process.ended:
@@ -365,6 +369,10 @@ class Supervisor:
             self._channels.send(index, control_messages.Shutdown(now_ns))
             while not (process.done or process.ended) and not self._grace.expired:
                 self._pump(0.2)
+        if not process.done:
+            why = "its process ended" if process.ended else "it takes too long"
+            text = f"did not report that it reached its safe state: {why}{process.log_tail()}"
+            raise NodeError(process.spec.name, text)
         return self._replies.pop(index, control_messages.Done([], -1, None))
 
     def close(self) -> None:

@@ -47,7 +47,7 @@ def write_export(source: ExportSource, form: Form, out: Path, *, overwrite: bool
     _refuse_existing(out, form, overwrite=overwrite)
     write = importlib.import_module(f"palp_core.palpation.export.forms.{form}").write
     out.parent.mkdir(parents=True, exist_ok=True)
-    with _whole(out) as part:
+    with _whole(out, form, overwrite=overwrite) as part:
         if form not in _FILES:
             part.mkdir()
         write(source, part)
@@ -80,13 +80,14 @@ def _write_beside(source: ExportSource, folder: Path) -> None:
 
 
 @contextlib.contextmanager
-def _whole(out: Path) -> Iterator[Path]:
+def _whole(out: Path, form: Form, *, overwrite: bool) -> Iterator[Path]:
     """Give a path for a folder or a file, which takes its name at the end, in place of an earlier one."""
     part = out.with_name(f".{out.name}.{os.getpid()}.part")
     _remove(part)
     try:
         yield part
-        if out.is_dir():
+        _refuse_existing(out, form, overwrite=overwrite)  # another may have been first
+        if overwrite and out.is_dir():
             shutil.rmtree(out)
         part.replace(out)
     finally:

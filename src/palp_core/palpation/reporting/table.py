@@ -9,17 +9,20 @@ from typing import Any
 from palp_core.whole_file import write_whole
 
 
+def csv_text(*rows: Iterable[Any]) -> str:
+    """Return rows as lines of a table; None is an empty cell."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
+
+
 def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
     """Write a table, its columns' names first; None is an empty cell.
 
     Raises:
         OSError: It cannot be written.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(["" if cell is None else cell for cell in row] for row in rows)
-    write_whole(path, text.getvalue())
+    write_whole(path, csv_text(columns, *rows))
 
 
 def write_records(path: Path, records: Sequence[Mapping[str, Any]]) -> None:

@@ -11,10 +11,8 @@ on does what is marked ``redo`` again at its end, as another trial, and says so 
 
 import csv
 import datetime
-import fcntl
 import getpass
 import io
-import os
 from collections.abc import Collection
 from pathlib import Path
 from typing import Literal
@@ -22,9 +20,11 @@ from typing import Literal
 import msgspec
 
 from palp_core.errors import PalpError
-from palp_core.whole_file import read_whole
+from palp_core.palpation.reporting.table import csv_text
+from palp_core.whole_file import append_whole, read_whole
 
 AUDIT = "audit.csv"
+LONGEST_REASON = 1000
 
 Deed = Literal["redo", "redone", "exclude", "unseal"]
 
@@ -50,26 +50,24 @@ def decide(folder: Path, key: TrialKey, deed: Deed, reason: str) -> Decision:
     """Append a decision.
 
     Raises:
-        PalpError: There is no reason, or it cannot be written.
+        PalpError: There is no reason, the audit is damaged or cannot be written.
     """
-    if not reason.strip():
+    words = " ".join(reason.split())
+    if not words:
         raise PalpError("a decision about a trial needs its reason: --reason '...'")
+    if not words.isprintable() or len(words) > LONGEST_REASON:
+        raise PalpError(
+            f"the reason has characters that cannot be printed, or more than {LONGEST_REASON}; write it in "
+            "a sentence"
+        )
+    decisions(folder)  # what is appended to a damaged audit does not count
     now = datetime.datetime.now(tz=datetime.UTC).isoformat(timespec="seconds")
     phase, trial = key
-    made = Decision(
-        phase=phase, trial=trial, deed=deed, reason=" ".join(reason.split()), time=now, user=getpass.getuser()
-    )
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
+    made = Decision(phase=phase, trial=trial, deed=deed, reason=words, time=now, user=getpass.getuser())
     path = folder / AUDIT
     try:
-        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
-        with os.fdopen(descriptor, "a", encoding="utf-8") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)  # two commands at once: one of them writes the heading
-            if os.fstat(descriptor).st_size == 0:
-                writer.writerow(Decision.__struct_fields__)
-            writer.writerow(msgspec.structs.astuple(made))
-            file.write(text.getvalue())
+        line = csv_text(msgspec.structs.astuple(made))
+        append_whole(path, line, heading=csv_text(Decision.__struct_fields__))
     except OSError as error:
         raise PalpError(f"{path} cannot be written: {error.strerror or error}") from error
     return made
@@ -87,7 +85,7 @@ def decisions(folder: Path) -> list[Decision]:
     except FileNotFoundError:
         return []
     except (OSError, UnicodeDecodeError) as error:
-        raise PalpError(f"{path} cannot be read: {error}") from error
+        raise PalpError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
     lines = csv.DictReader(io.StringIO(text, newline=""))
     try:
         return [msgspec.convert(dict(cells), Decision, strict=False) for cells in lines]

@@ -16,8 +16,9 @@ import msgspec
 
 from palp_core.counted import counted
 from palp_core.errors import PalpError, in_words
+from palp_core.palpation.reporting.table import csv_text
 from palp_core.palpation.session.session_folder import FolderLock, cannot_write, link_latest, set_aside
-from palp_core.whole_file import read_whole, write_whole
+from palp_core.whole_file import append_whole, read_whole, write_whole
 
 _log = logging.getLogger("palp")
 
@@ -74,13 +75,7 @@ class SessionTable:
 
     def _append(self, cells: Sequence[Any], flags: int = 0) -> None:
         """Write a row to the table whole, or leave the table as it was; a table that is gone is not made."""
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerow(cells)
-        descriptor = os.open(self._table, os.O_WRONLY | os.O_APPEND | flags, 0o644)
-        try:
-            _write_all(descriptor, text.getvalue().encode())
-        finally:
-            os.close(descriptor)
+        append_whole(self._table, csv_text(cells), flags)
 
     def _require(self, rows: Sequence[NumberedRow], row_count: int) -> None:
         """Refuse to resume a table that lacks one of its first rows.
@@ -124,22 +119,6 @@ class SessionTable:
         return PalpError(
             f"{what} cannot be written to '{where}': {error.strerror or error}; {kept} are kept there"
         )
-
-
-def _write_all(descriptor: int, data: bytes) -> None:
-    """Append to a file, or leave it as long as it was: a full disk takes a part of what it is given.
-
-    Raises:
-        OSError: Not all of it could be written.
-    """
-    before = os.fstat(descriptor).st_size
-    try:
-        rest = memoryview(data)
-        while rest:
-            rest = rest[os.write(descriptor, rest) :]
-    except OSError:
-        os.ftruncate(descriptor, before)
-        raise
 
 
 def read_table(path: Path, missing: str, row_of: Callable[[dict[str, str]], R]) -> list[R]:

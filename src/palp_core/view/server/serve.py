@@ -96,8 +96,9 @@ def server(token: str, put_up: Callable[[], None], *, gives_way: bool) -> uvicor
     """Return a server of pages that is not running yet; see :func:`serve`."""
     import uvicorn
     from fastapi import FastAPI
-    from nicegui import ui
+    from nicegui import core, ui
 
+    core.sio.eio.transports = ["websocket"]  # every page has a socket, by which the gate counts it
     app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
     put_up()
     ui.run_with(

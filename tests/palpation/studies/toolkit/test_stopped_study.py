@@ -18,8 +18,9 @@ from palp_core import palpation
 from palp_core.cli.rig.study import app
 from palp_core.graph.clock import monotonic_ns
 from palp_core.palpation.studies.catalogue import STUDIES, Study
-from palp_core.palpation.studies.toolkit.checkpoint import Checkpoint, append_line, read_lines, source_digest
+from palp_core.palpation.studies.toolkit.checkpoint import Checkpoint, read_lines, source_digest
 from palp_core.palpation.studies.toolkit.progress import progress
+from palp_core.whole_file import append_whole
 
 PATIENCE_S = 240.0
 
@@ -212,7 +213,7 @@ def test_a_line_cut_short_and_a_line_of_other_source_are_not_read(
     assert kept.add("a", {"x": (1.5, 2)}) == {"x": [1.5, 2]}
     with file.open("a", encoding="utf-8") as opened:
         opened.write('{"code": "cut sh')
-    append_line(file, "[]")
+    append_whole(file, "[]\n")
     kept = Checkpoint(file)
     assert len(kept) == 1
     assert "a" in kept

@@ -13,8 +13,7 @@ from typing import ClassVar
 
 import msgspec
 import numpy as np
-from scipy.signal import butter, sosfilt
-from scipy.special import ndtr
+import scipy
 
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.health import HEALTHY, DeviceHealth
@@ -214,7 +213,7 @@ class SimEmg:
         """Return noise of unit variance within the band, shape (n, 2)."""
         sections, scale = _band_pass(self.rate_hz, *self.band_hz)
         before = np.reshape(state.band_filter, (_ORDER, 2, _MUSCLES))
-        noise, after = sosfilt(sections, draws, axis=0, zi=before)
+        noise, after = scipy.signal.sosfilt(sections, draws, axis=0, zi=before)
         state.band_filter = after.ravel().tolist()
         return np.asarray(noise * scale, dtype=np.float64)
 
@@ -223,7 +222,7 @@ class SimEmg:
         target = self._target(first, draws, state)
         pole = math.exp(-1.0 / (self.smooth_s * self.rate_hz)) if self.smooth_s > 0.0 else 0.0
         lag = np.array([[(1.0 - pole) ** 2, 0.0, 0.0, 1.0, -2.0 * pole, pole**2]])
-        envelope, after = sosfilt(lag, target, zi=np.array([state.envelope_filter]))
+        envelope, after = scipy.signal.sosfilt(lag, target, zi=np.array([state.envelope_filter]))
         state.envelope_filter = after.ravel().tolist()
         return np.asarray(envelope, dtype=np.float64)
 
@@ -256,7 +255,7 @@ class SimEmg:
         """Draw the next level and its duration from two normal numbers; the first level is uniform."""
         k = len(self.levels)
         law = np.full(k, 1.0 / k) if state.level < 0 else self._chain(state)[:, state.level]
-        share, survival = ndtr(draws[0]), ndtr(draws[1])
+        share, survival = scipy.special.ndtr(draws[0]), scipy.special.ndtr(draws[1])
         possible = np.flatnonzero(law)
         place = int(np.searchsorted(np.cumsum(law[possible]), share, side="right"))
         state.level = int(possible[min(place, len(possible) - 1)])
@@ -270,7 +269,9 @@ def _band_pass(rate_hz: float, low_hz: float, high_hz: float) -> tuple[Float64Ar
 
     The variance of filtered white noise is the sum of the squared impulse response (Parseval).
     """
-    sections = np.asarray(butter(_ORDER, (low_hz, high_hz), btype="bandpass", fs=rate_hz, output="sos"))
+    sections = np.asarray(
+        scipy.signal.butter(_ORDER, (low_hz, high_hz), btype="bandpass", fs=rate_hz, output="sos")
+    )
     impulse = np.zeros(math.ceil(20.0 * rate_hz / low_hz))
     impulse[0] = 1.0
-    return sections, float(1.0 / np.sqrt(np.sum(sosfilt(sections, impulse) ** 2)))
+    return sections, float(1.0 / np.sqrt(np.sum(scipy.signal.sosfilt(sections, impulse) ** 2)))

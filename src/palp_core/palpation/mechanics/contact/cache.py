@@ -22,7 +22,7 @@ import numpy as np
 
 from palp_core.errors import MechanicsError
 from palp_core.user_folders import cache_folder
-from palp_core.whole_file import whole_file
+from palp_core.whole_file import locked_path, whole_file
 
 Arrays = dict[str, np.ndarray[Any, np.dtype[Any]]]
 
@@ -132,17 +132,11 @@ def _store(path: Path, arrays: Arrays) -> None:
 @contextlib.contextmanager
 def _locked(path: Path) -> Iterator[None]:
     """Hold the lock of an entry; without one where nothing can be written."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
-    except OSError:
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(locked_path(path, os.O_RDWR | os.O_CREAT))
         yield
-        return
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(handle)
 
 
 def _remove_idle(path: Path) -> None:

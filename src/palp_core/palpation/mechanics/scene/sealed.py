@@ -8,7 +8,6 @@ program and the phantoms can draw neither again. The file is no safe: it keeps f
 import dataclasses
 import hashlib
 import json
-import os
 import secrets
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import Any
 from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.sealing import opened, sealed
-from palp_core.whole_file import begins_with, read_whole, whole_file
+from palp_core.whole_file import begins_with, read_whole, write_whole
 
 SEAL = b"sealed by palp: which phantom is which; `palp session unseal` opens it\n"
 _LETTERS, _DIGITS = "CDFGHJKLMNPRTVWXY", "234679"
@@ -67,15 +66,9 @@ def seal(path: Path, phantoms: Mapping[str, Phantom]) -> dict[str, str]:
     data = sealed(SEAL, json.dumps(content).encode())
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        draft = path.with_name(f".{path.name}.{os.getpid()}.{secrets.token_hex(4)}")
-        with whole_file(draft, mode=0o600) as file:
-            file.write(data)
-        try:
-            path.hardlink_to(draft)  # fails where another node was first
-        except FileExistsError:
-            return dict(_content(path)["was"])
-        finally:
-            draft.unlink()
+        write_whole(path, data, mode=0o600, new=True)
+    except FileExistsError:  # another node was first
+        return dict(_content(path)["was"])
     except OSError as error:
         raise MechanicsError(f"{path}: the key cannot be written: {error.strerror or error}") from error
     return given

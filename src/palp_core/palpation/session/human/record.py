@@ -13,8 +13,6 @@
 ``palp emg fit-policy OUT`` learns the subject's chains from what counts.
 """
 
-import csv
-import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -23,6 +21,7 @@ import msgspec
 import numpy as np
 
 from palp_core.errors import PalpError
+from palp_core.palpation.reporting.table import csv_text
 from palp_core.palpation.session.audit import left_out
 from palp_core.palpation.session.session_folder import cannot_write
 from palp_core.palpation.session.session_table import SessionTable, read_table
@@ -223,11 +222,8 @@ def refuse_human(folder: Path, ways_on: str = "give this one another folder, out
 
 def human_table_text(rows: Sequence[HumanRow]) -> str:
     """Return a whole table, as :class:`HumanWriter` writes it row by row."""
-    text = io.StringIO()
-    lines = csv.writer(text, lineterminator="\n")
-    lines.writerow(HumanRow.__struct_fields__)
-    lines.writerows([_cell(value) for value in msgspec.structs.astuple(row)] for row in rows)
-    return text.getvalue()
+    found = ([_cell(value) for value in msgspec.structs.astuple(row)] for row in rows)
+    return csv_text(HumanRow.__struct_fields__, *found)
 
 
 def read_human(out: str | Path) -> list[HumanRow]:

@@ -8,18 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from palp_core import palpation
+from palp_core.whole_file import append_whole
 
 _SOURCES = ("mechanics/**/*.py", "nano17.py", "perception/**/*.py", "studies/**/*.py")
-
-
-def append_line(file: Path, text: str) -> None:
-    """Write a line; one before it that was cut short when its run was stopped stays a line of its own."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with file.open("ab+") as opened:
-        size = opened.seek(0, 2)
-        opened.seek(max(0, size - 1))
-        cut_short = size > 0 and opened.read() != b"\n"
-        opened.write(b"\n" * cut_short + text.encode() + b"\n")
 
 
 def read_lines(file: Path) -> list[str]:
@@ -66,7 +57,8 @@ class Checkpoint:
             result: What JSON can hold; NaN too.
         """
         line = json.dumps({"code": source_digest(), "job": _key(job), "result": result})
-        append_line(self.file, line)
+        self.file.parent.mkdir(parents=True, exist_ok=True)
+        append_whole(self.file, f"{line}\n")
         self._found[_key(job)] = json.loads(line)["result"]
         return self[job]
 
