@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -67,8 +68,13 @@ def test_a_person_reads_the_gel_line_by_line(rig_session: RigSession) -> None:
     assert [line.split(":")[0] for line in result.output.splitlines()] == ["modulus", "friction", "misfit"]
 
 
-def test_sweeps_of_unknown_phantoms_are_refused() -> None:
+def test_sweeps_that_cannot_be_fitted_are_refused() -> None:
     session = made((0.0,), 6, repeats=1)
-    unknown = tuple(replace(sweep, depth_m=None) for sweep in session.sweeps)
-    with pytest.raises(PalpError, match="known phantom"):
-        fit_gel([RecordedSweeps(session.path, unknown)], Scene())
+    changes: list[tuple[dict[str, Any], str]] = [
+        ({"depth_m": None}, "made: no sweep is of a known phantom"),
+        ({"torque_n_m": np.ones(300)}, "differ in length or are short"),
+    ]
+    for change, words in changes:
+        sweeps = tuple(replace(sweep, **change) for sweep in session.sweeps)
+        with pytest.raises(PalpError, match=words):
+            fit_gel([RecordedSweeps(session.path, sweeps)], Scene())

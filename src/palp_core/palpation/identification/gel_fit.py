@@ -23,7 +23,7 @@ _NOISE_GAIN = 0.15  # the root sum of its squared weights there
 _POINT_STEP_M = 0.002
 _LEAST_RING_M = 1e-3  # with next to no spring torque, its sign is that of the ring's error
 _NUMERICS_N_M = 2e-6  # error of the tables' interpolation (assumed)
-_LOW, _HIGH = np.array([np.log(1e3), 0.0]), np.array([np.log(2e5), 1.5])  # ln(modulus in Pa), friction
+_LOW, _HIGH = np.array([np.log(1e3), 0.01]), np.array([np.log(2e5), 1.5])  # ln(modulus in Pa), friction
 
 
 class Interval(NamedTuple):
@@ -56,12 +56,12 @@ def fit_gel(
 
     Args:
         sessions: Recorded sweeps.
-        scene: All that is not fitted, and where the search starts.
+        scene: What is not fitted, the stage's path as it ran included; and where the search starts.
         ring_sd_m: Of a ring's position about its target (by default the data sheet's +-0.3 mm, all alike).
         height_sd_m: Of a phantom's height over mountings (assumed).
 
     Raises:
-        PalpError: No sweep is of a known phantom, or sweeps of a cell differ in length.
+        PalpError: No sweep is of a known phantom, or sweeps of a cell differ in length or are short.
         MethodError: No contact model is good enough over one of the depths.
     """
     cells = _mean_sweeps(sessions, scene)
@@ -95,7 +95,7 @@ def fit_gel(
     for _ in range(2):  # the first round's covariance is of the scene as given
         given = torque(x)
         ring = torque(x, ring_sd_m) - given
-        model = model_bounds / 3.0**0.5 * given  # a bound ends a flat law
+        model = model_bounds / 3.0**0.5 * given  # half a flat law's width
         covariance = np.diag(each([cell.sd_n_m for cell in cells]) ** 2)
         covariance += np.equal.outer(number, number) * np.outer(ring, ring)
         covariance += np.equal.outer(depth_m, depth_m) * np.outer(model, model)
@@ -130,7 +130,8 @@ def _mean_sweeps(sessions: Sequence[RecordedSweeps], scene: Scene) -> list[_Cell
                 grouped.setdefault(key, []).append(sweep)
     sweeps = [sweep for group in grouped.values() for sweep in group]
     if not sweeps:
-        raise PalpError("no sweep is of a known phantom; give a session with training or bare-gel sweeps")
+        places = ", ".join(str(session.path) for session in sessions)
+        raise PalpError(f"{places}: no sweep is of a known phantom; give a session with training")
     noise_n_m = float(np.hypot(sample_noise(sweeps).value, RESOLUTION_N_M / 12.0**0.5))
     mountings = sorted({key[:2] for key in grouped})
     return [_mean(mountings.index(key[:2]), group, scene, noise_n_m) for key, group in grouped.items()]
@@ -138,13 +139,12 @@ def _mean_sweeps(sessions: Sequence[RecordedSweeps], scene: Scene) -> list[_Cell
 
 def _mean(mounting: int, sweeps: Sequence[RecordedSweep], scene: Scene, noise_n_m: float) -> _Cell:
     first = sweeps[0]
-    if len({(sweep.torque_n_m.size, sweep.rate_hz) for sweep in sweeps}) != 1:
-        raise PalpError(f"ring {first.ring_m:g} m: sweeps differ in length; give sessions of one design")
-    count, edge = first.torque_n_m.size, _EDGE
-    mean = savgol_filter(np.mean([sweep.torque_n_m for sweep in sweeps], axis=0), 2 * edge + 1, 3)
-    last = edge + int(np.argmax(mean[edge : count - edge])) if first.depth_m else count - edge
+    if len({(s.torque_n_m.size, s.rate_hz) for s in sweeps}) > 1 or first.torque_n_m.size < 8 * _EDGE:
+        raise PalpError(f"ring {first.ring_m:g} m: sweeps differ in length or are short; leave them out")
+    mean = savgol_filter(np.mean([sweep.torque_n_m for sweep in sweeps], axis=0), 2 * _EDGE + 1, 3)
+    last = _EDGE + int(np.argmax(mean[_EDGE:-_EDGE])) if first.depth_m else mean.size - _EDGE
     advance_m = np.copysign(scene.path.speed_m_s, scene.path.to_m - scene.path.from_m) / first.rate_hz
-    points = np.arange(edge, last, max(1, round(_POINT_STEP_M / abs(advance_m))))
+    points = np.arange(_EDGE, last, max(1, round(_POINT_STEP_M / abs(advance_m))))
     sd_n_m = float(np.hypot(_NOISE_GAIN * noise_n_m / len(sweeps) ** 0.5, _NUMERICS_N_M))
     stage_m = scene.path.from_m + points * advance_m
     return _Cell(mounting, first.depth_m or 0.0, first.ring_m, stage_m, mean[points], sd_n_m)

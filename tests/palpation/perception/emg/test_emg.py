@@ -10,7 +10,6 @@ from palp_core.palpation.perception.emg.emg import (
     EnvelopeState,
     cocontraction,
     find_offset,
-    flag,
     normalise,
     reference,
 )
@@ -94,14 +93,6 @@ def test_a_silent_or_missing_mvc_is_refused() -> None:
         normalise(np.ones(3), 0.0)
     with pytest.raises(PerceptionError, match="at rest"):
         find_offset(np.array([]))
-
-
-def test_clipping_values_above_one_and_a_small_mvc_are_flagged() -> None:
-    samples, normalised = np.array([0.0, 10.0, 4095.0, 4095.0]), np.array([0.5, 1.2, 0.9])
-    bad = flag(samples, normalised, rails=(0.0, 4095.0), mvc_reference=2.0, rest_envelope=1.0)
-    assert (bad.clipped_count, bad.above_mvc_count, bad.mvc_too_small) == (3, 1, True)
-    good = flag(samples[1:2], normalised[:1], rails=(0.0, 4095.0), mvc_reference=20.0, rest_envelope=1.0)
-    assert (good.clipped_count, good.above_mvc_count, good.mvc_too_small) == (0, 0, False)
 
 
 def test_bad_parameters_samples_and_states_are_refused() -> None:

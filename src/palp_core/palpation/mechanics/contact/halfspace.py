@@ -7,35 +7,8 @@ import numpy as np
 from palp_core.units import Float64Array
 
 
-def _potential(x: Float64Array, y: Float64Array) -> Float64Array:
-    """Return the mixed second antiderivative of 1 / sqrt(x^2 + y^2)."""
-    r = np.hypot(x, y)
-    # asinh(x/|y|) is odd in x and finite off the axis; times y it vanishes on it.
-    safe_x, safe_y = np.where(x == 0.0, 1.0, np.abs(x)), np.where(y == 0.0, 1.0, np.abs(y))
-    first = np.where(y == 0.0, 0.0, y * np.arcsinh(x / safe_y))
-    second = np.where(x == 0.0, 0.0, x * np.arcsinh(y / safe_x))
-    return np.asarray(np.where(r == 0.0, 0.0, first + second))
-
-
-def love_centre(x_m: Float64Array, y_m: Float64Array, cell_m: float, poisson: float) -> Float64Array:
-    """Return the sinking at (x, y) under a unit force spread over a square cell at the origin, E = 1.
-
-    Love, Philosophical Transactions A 228 (1929) 377; Johnson, Contact Mechanics, 1985, equation (3.25).
-
-    Args:
-        x_m: Distance along, any shape.
-        y_m: Distance across, same shape.
-        cell_m: Side of the cell.
-        poisson: Poisson's ratio.
-    """
-    h = 0.5 * cell_m
-    total = _potential(x_m + h, y_m + h) - _potential(x_m - h, y_m + h)
-    total += _potential(x_m - h, y_m - h) - _potential(x_m + h, y_m - h)
-    return np.asarray(total * (1.0 - poisson**2) / (math.pi * cell_m**2))
-
-
 def _fourth(x: Float64Array, y: Float64Array) -> Float64Array:
-    """Return the antiderivative of :func:`_potential`, once more in x and once more in y."""
+    """Return the antiderivative of 1 / sqrt(x^2 + y^2), twice in x and twice in y."""
     r = np.hypot(x, y)
     ax, ay = np.abs(x), np.abs(y)
     safe_x, safe_y = np.where(ax == 0.0, 1.0, ax), np.where(ay == 0.0, 1.0, ay)
@@ -45,7 +18,17 @@ def _fourth(x: Float64Array, y: Float64Array) -> Float64Array:
 
 
 def love_mean(x_m: Float64Array, y_m: Float64Array, cell_m: float, poisson: float) -> Float64Array:
-    """Return the mean sinking over a cell centred at (x, y); else as :func:`love_centre`."""
+    """Return the mean sinking over a cell centred at (x, y), under a unit force on one at the origin, E = 1.
+
+    Love, Philosophical Transactions A 228 (1929) 377; Johnson, Contact Mechanics, 1985, equation (3.25). The
+    mean is its antiderivative, once more in x and once more in y.
+
+    Args:
+        x_m: Distance along, any shape.
+        y_m: Distance across, same shape.
+        cell_m: Side of the square cells.
+        poisson: Poisson's ratio.
+    """
     total = np.zeros(np.broadcast(x_m, y_m).shape)
     for i, along in ((-1, 1.0), (0, -2.0), (1, 1.0)):
         for j, across in ((-1, 1.0), (0, -2.0), (1, 1.0)):
