@@ -30,18 +30,18 @@ from palp_core.palpation.perception.belief.rig_noise import noise_of
 from palp_core.palpation.perception.belief.trial_filter import NAIVE
 
 PUBLISHED: Mapping[str, float] = {
-    "class_count": 3.0,
-    "training_count": 25.0,
-    "probe_count": 15.0,
-    "ring_sd_m": 0.0003 / 3.0**0.5,
-    "height_sd_m": 0.0001,
-    "noise_n_m": RESOLUTION_N_M,
-    "sample_hz": 1000.0,
-    "class_ratio": 2.0,
-    "class_gap_sd": 5.3,
-    "stiffest_m": 0.016,
-    "outlier_share": 0.0,
-    "trace_height_sd_m": 0.0002,
+    "class_count": 3.0,  # published: depths
+    "class_ratio": 2.0,  # published: a depth over the next shallower one
+    "training_count": 25.0,  # published: palpations a cell
+    "stiffest_m": 0.016,  # published: the largest ring position
+    "sample_hz": 1000.0,  # published
+    "ring_sd_m": 0.0003 / 3.0**0.5,  # published: +-0.3 mm of a landing, read as uniform
+    "class_gap_sd": 5.3,  # simulated: the least distance of depths at that ring over a reading's spread
+    "probe_count": 15.0,  # assumed: palpations a trial at most
+    "height_sd_m": 0.0001,  # assumed: of a mounting
+    "noise_n_m": RESOLUTION_N_M,  # assumed: of a torque sample, a step of the sensor's resolution
+    "outlier_share": 0.0,  # assumed: of readings
+    "trace_height_sd_m": 0.0002,  # assumed, as all below: what a filter of whole traces allows for
     "friction_sd": 0.1,
     "modulus_sd": 0.1,
     "place_sd_m": 0.001,
@@ -50,15 +50,7 @@ PUBLISHED: Mapping[str, float] = {
     "texture_sd_n_m": 0.0002,
     "bin_m": 0.002,
 }
-"""What methods that are not of the mechanics may know of a session, beside its scene, SI.
-
-Published: ``class_count`` depths told apart, each ``class_ratio`` times the next; ``training_count``
-palpations a cell; ``ring_sd_m`` of a landing (+-0.3 mm, read as uniform); ``stiffest_m``, the largest ring
-position; ``sample_hz``. Simulated: ``class_gap_sd``, the least distance of depths at that ring over a
-reading's spread. Assumed: ``height_sd_m`` of a mounting; ``noise_n_m`` of a torque sample, a step of the
-sensor's resolution; ``probe_count`` palpations a trial at most; ``outlier_share`` of readings; from
-``trace_height_sd_m`` to ``texture_sd_n_m`` what a filter of whole traces allows for.
-"""
+"""What methods that are not of the mechanics may know of a session, in addition to its scene, SI."""
 
 AUTO = "auto"
 """In place of a method's name: let the register choose."""
