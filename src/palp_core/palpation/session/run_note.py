@@ -6,8 +6,9 @@ folder the note waits under another name: a session that is there already keeps 
 
 from __future__ import annotations
 
+import contextlib
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,7 +33,6 @@ from palp_core.whole_file import read_whole, write_json
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
-    from palp_core.palpation.session.trials_csv import Row
 
 
 def out_of(summary: RunSummary) -> Path:
@@ -64,23 +64,25 @@ def refuse_run(summary: RunSummary) -> None:
     if summary.resumed_count:
         refuse_resuming(folder)
     elif not roles_of(summary).params("experiment").get("overwrite"):
-        refuse_occupied(folder, _ways_on(folder))
+        others = "give this one another folder, out:=NAME, or let it replace that one, overwrite:=true"
+        refuse_occupied(folder, ways_on(folder, others, _progress_words))
     for name, value in summary.args.items():
         if isinstance(value, str) and value and name != "out":
             refuse_input(folder, Path(value), f"'{name}:={value}'")
 
 
-def _ways_on(folder: Path) -> str:
-    """Return what to do about a folder that holds a session; one that is unfinished can go on."""
-    others = "give this one another folder, out:=NAME, or let it replace that one, overwrite:=true"
-    if not (folder / CHECKPOINT).exists():
-        return others
-    from palp_core.palpation.session.trials_csv import read_rows
+def ways_on(folder: Path, others: str, done: Callable[[Path], str]) -> str:
+    """Return what to do about a folder that holds a session; one that is unfinished can go on.
 
-    try:
-        return f"{unfinished_words(folder, progress_words(read_rows(folder)))}. Or {others}"
-    except PalpError:
-        return others
+    Args:
+        folder: The folder.
+        others: What else can be done.
+        done: Says how far the session has come.
+    """
+    if (folder / CHECKPOINT).exists():
+        with contextlib.suppress(PalpError):
+            return f"{unfinished_words(folder, done(folder))}. Or {others}"
+    return others
 
 
 def unfinished_words(folder: Path, done: str) -> str:
@@ -95,8 +97,15 @@ def unfinished_words(folder: Path, done: str) -> str:
     return f"it is unfinished, {done} done; `{command} --resume` goes on with it"
 
 
-def progress_words(rows: Sequence[Row]) -> str:
-    """Return how far a session has come, in words."""
+def _progress_words(folder: Path) -> str:
+    """Return how far a session has come, in words.
+
+    Raises:
+        PalpError: Its record cannot be read.
+    """
+    from palp_core.palpation.session.trials_csv import read_rows
+
+    rows = read_rows(folder)
     trials = sum(row.verdict not in ("", "continue") for row in rows)
     return f"{counted(len(rows), 'palpation')}" + (
         f" and {counted(trials, 'trial')} of estimation" if trials else ""

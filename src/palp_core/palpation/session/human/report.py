@@ -16,7 +16,7 @@ from palp_core.palpation.session import run_note
 from palp_core.palpation.session.human.blinding import draw_key, refuse_other_key
 from palp_core.palpation.session.human.record import HUMAN_TABLE, is_by_hand, read_human, refuse_human
 from palp_core.palpation.session.human.sheet import asked_sheet
-from palp_core.palpation.session.session_folder import CHECKPOINT, RUN, cannot_write
+from palp_core.palpation.session.session_folder import RUN, cannot_write
 from palp_core.palpation.session.sheet.of_run import (
     refuse_own_sheet,
     sheet_lines,
@@ -49,7 +49,8 @@ class HumanReport:
             refuse_other_key(summary, folder)
             return
         refuse_own_sheet(folder)
-        refuse_human(folder, _ways_on(folder))
+        others = "give this one another folder, out:=NAME"
+        refuse_human(folder, run_note.ways_on(folder, others, _progress_words))
         asked_sheet(summary)
 
     def attach(self, summary: RunSummary) -> dict[str, str]:
@@ -95,15 +96,8 @@ class HumanReport:
 session = HumanReport()
 
 
-def _ways_on(folder: Path) -> str:
-    """Return what to do about a folder that holds a session; one that is unfinished can go on."""
-    others = "give this one another folder, out:=NAME"
-    if not (folder / CHECKPOINT).exists():
-        return others
-    try:
-        return f"{run_note.unfinished_words(folder, counted(len(read_human(folder)), 'trial'))}. Or {others}"
-    except PalpError:
-        return others
+def _progress_words(folder: Path) -> str:
+    return counted(len(read_human(folder)), "trial")
 
 
 def write_human(
