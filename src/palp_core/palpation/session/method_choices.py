@@ -117,9 +117,6 @@ def choose_for(
         asked: Name of the method that the launch file gives, if it does.
         given: See :data:`PUBLISHED`.
         default: See :func:`launch_defaults`.
-
-    Raises:
-        MethodError: There is no method of the name asked for.
     """
     output, tolerance, uses = _needed(task, scene)
     quantities = session_quantities(scene, given)
@@ -151,9 +148,6 @@ def chosen_method(
         scene: As for :func:`choose_for`.
         asked: A method's name, or :data:`AUTO`.
         given: See :data:`PUBLISHED`.
-
-    Raises:
-        MethodError: There is no method of that name, or none is good enough; the message says why.
     """
     output, tolerance, uses = _needed(task_of(task), scene)
     name = "" if asked == AUTO else asked
@@ -228,11 +222,7 @@ def of_traces(params: Any) -> dict[str, float]:
 
 
 def given_by(params: Any) -> Mapping[str, float]:
-    """Return what a node's parameters say of the session; what they do not say is as published.
-
-    Raises:
-        PerceptionError: The noise file is none.
-    """
+    """Return what a node's parameters say of the session; what they do not say is as published."""
     noise = noise_of(params.noise, params.ring_sd_mm * 1e-3, params.height_sd_mm * 1e-3)
     return {
         **PUBLISHED,
@@ -254,10 +244,6 @@ def chosen_for(asked: Mapping[str, str], params: Any) -> dict[str, MethodChoice]
         asked: A name, or ``auto``, by task; a filter that knows what stays has one likelihood, its own.
         params: Parameters of the node: ``noise``, ``ring_sd_mm``, ``height_sd_mm``, ``training``, ``scene``,
             and where it has them ``depths``, ``max_probes`` and ``rate_hz``.
-
-    Raises:
-        MethodError: There is no method of a name, or none is good enough.
-        PalpError: The noise or scene file is none.
     """
     scene = read_scene(params.scene) if params.scene else Scene()
     given, found = given_by(params), dict[str, MethodChoice]()
@@ -275,11 +261,7 @@ def checks_of(asked: Mapping[str, str], params: Any) -> dict[str, Callable[[], o
 
 
 def names_of(asked: Mapping[str, str], params: Any) -> tuple[dict[str, str], list[str]]:
-    """Return the name of each task's method, and of those left to the register a line that says why.
-
-    Raises:
-        MethodError: As :func:`chosen_for`.
-    """
+    """Return the name of each task's method, and of those left to the register a line that says why."""
     found = chosen_for(asked, params)
     why = [f"{task}: {found[task].reason}" for task, name in asked.items() if name == AUTO]
     return {task: one.name for task, one in found.items()}, why

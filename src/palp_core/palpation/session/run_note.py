@@ -36,11 +36,7 @@ if TYPE_CHECKING:
 
 
 def out_of(summary: RunSummary) -> Path:
-    """Return the folder that a run records into.
-
-    Raises:
-        PalpError: The run names none, or one that a shell was to replace.
-    """
+    """Return the folder that a run records into."""
     out = summary.args.get("out") or roles_of(summary).params("experiment").get("out")
     if not out:
         raise PalpError(
@@ -55,11 +51,7 @@ def out_of(summary: RunSummary) -> Path:
 
 
 def refuse_run(summary: RunSummary) -> None:
-    """Refuse a run that would write into the folder of another session, unless it is to replace that one.
-
-    Raises:
-        PalpError: It would.
-    """
+    """Refuse a run that would write into the folder of another session, unless it is to replace that one."""
     folder = out_of(summary)
     if summary.resumed_count:
         refuse_resuming(folder)
@@ -86,11 +78,7 @@ def ways_on(folder: Path, others: str, done: Callable[[Path], str]) -> str:
 
 
 def unfinished_words(folder: Path, done: str) -> str:
-    """Return in words that a session is unfinished, how far it has come, and the command that goes on.
-
-    Raises:
-        PalpError: Nobody knows of which run it is.
-    """
+    """Return in words that a session is unfinished, how far it has come, and the command that goes on."""
     before = read_note(folder)
     given = [word for word in before.given if not word.startswith("out:=")]
     command = shlex.join(["palp", "launch", before.file, *given, f"out:={before.args.get('out', folder)}"])
@@ -98,11 +86,7 @@ def unfinished_words(folder: Path, done: str) -> str:
 
 
 def _progress_words(folder: Path) -> str:
-    """Return how far a session has come, in words.
-
-    Raises:
-        PalpError: Its record cannot be read.
-    """
+    """Return how far a session has come, in words."""
     from palp_core.palpation.session.trials_csv import read_rows
 
     rows = read_rows(folder)
@@ -113,11 +97,7 @@ def _progress_words(folder: Path) -> str:
 
 
 def refuse_resuming(folder: Path, table: str = TABLE) -> None:
-    """Refuse to go on with a session that is not there, or that goes on already.
-
-    Raises:
-        PalpError: It is so.
-    """
+    """Refuse to go on with a session that is not there, or that goes on already."""
     if is_being_written(folder):
         raise PalpError(f"the session in '{folder}' goes on already: another run writes its record there")
     if not (folder / table).exists():
@@ -127,11 +107,7 @@ def refuse_resuming(folder: Path, table: str = TABLE) -> None:
 
 
 def note_begin(summary: RunSummary) -> None:
-    """Write the note that waits for the session to take its folder.
-
-    Raises:
-        PalpError: The folder cannot be written.
-    """
+    """Write the note that waits for the session to take its folder."""
     folder = out_of(summary)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -141,12 +117,7 @@ def note_begin(summary: RunSummary) -> None:
 
 
 def note_end(summary: RunSummary) -> bool:
-    """Write how a run ended; return whether its session ever began: if not, nothing of the run stays.
-
-    Raises:
-        PalpError: The folder is gone.
-        OSError: It cannot be written.
-    """
+    """Write how a run ended; return whether its session ever began: if not, nothing of the run stays."""
     folder = out_of(summary)
     if not folder.is_dir():
         raise PalpError(
@@ -164,11 +135,7 @@ def note_end(summary: RunSummary) -> bool:
 
 
 def read_note(folder: Path) -> RunSummary:
-    """Return the run that a folder's session is of, as far as it is known how it went.
-
-    Raises:
-        PalpError: The note is missing or damaged.
-    """
+    """Return the run that a folder's session is of, as far as it is known how it went."""
     from palp_core.graph.launch.summary import RunSummary
 
     path = folder / RUN

@@ -83,11 +83,7 @@ class SessionTable:
             os.close(descriptor)
 
     def _require(self, rows: Sequence[NumberedRow], row_count: int) -> None:
-        """Refuse to resume a table that lacks one of its first rows.
-
-        Raises:
-            PalpError: It does.
-        """
+        """Refuse to resume a table that lacks one of its first rows."""
         if [row.row for row in rows[:row_count]] != list(range(row_count)):
             raise PalpError(
                 f"{self._table} cannot be gone on with: "
@@ -127,11 +123,7 @@ class SessionTable:
 
 
 def _write_all(descriptor: int, data: bytes) -> None:
-    """Append to a file, or leave it as long as it was: a full disk takes a part of what it is given.
-
-    Raises:
-        OSError: Not all of it could be written.
-    """
+    """Append to a file, or leave it as long as it was: a full disk takes a part of what it is given."""
     before = os.fstat(descriptor).st_size
     try:
         rest = memoryview(data)
@@ -149,9 +141,6 @@ def read_table(path: Path, missing: str, row_of: Callable[[dict[str, str]], R]) 
         path: The table.
         missing: What it means if it is not there.
         row_of: Makes a row of its cells by column.
-
-    Raises:
-        PalpError: It is missing, cannot be read, or a row is damaged.
     """
     try:
         text = read_whole(path).decode()

@@ -38,11 +38,7 @@ class HumanReport:
     """What ``launch/human.yaml`` does before, at the beginning and after the end of a run."""
 
     def prepare(self, summary: RunSummary) -> None:
-        """Refuse a run whose session would go where one is already.
-
-        Raises:
-            PalpError: It would, the run names no folder, or the session's sheet is missing or wrong.
-        """
+        """Refuse a run whose session would go where one is already."""
         folder = run_note.out_of(summary)
         if summary.resumed_count:
             run_note.refuse_resuming(folder, HUMAN_TABLE)
@@ -54,19 +50,11 @@ class HumanReport:
         asked_sheet(summary)
 
     def attach(self, summary: RunSummary) -> dict[str, str]:
-        """Return what is kept with all that is recorded of the run, by name: sheet, and digest of a key.
-
-        Raises:
-            PalpError: The key of a blinded session cannot be drawn.
-        """
+        """Return what is kept with all that is recorded of the run, by name: sheet, and digest of a key."""
         return texts_to_keep(asked_sheet(summary)) | draw_key(summary)
 
     def begin(self, summary: RunSummary) -> None:
-        """Note which run the session is of.
-
-        Raises:
-            PalpError: The folder cannot be written.
-        """
+        """Note which run the session is of."""
         folder = run_note.out_of(summary)
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -75,11 +63,7 @@ class HumanReport:
             raise cannot_write(folder, error) from error
 
     def __call__(self, summary: RunSummary) -> str:
-        """Write what the session tells beside its record; return it in words.
-
-        Raises:
-            PalpError: The folder is gone, or cannot be written.
-        """
+        """Write what the session tells beside its record; return it in words."""
         folder = run_note.out_of(summary)
         try:
             write_json(folder / RUN, summary)
@@ -110,9 +94,6 @@ def write_human(
         out: For result and page.
         sheet: Of a single session.
         charts: Each chart is kept as PNG, SVG and CSV, too, in ``charts/``.
-
-    Raises:
-        PalpError: A session cannot be read.
     """
     from palp_core.palpation.reporting.html_page import picture, write_page
     from palp_core.palpation.session.human.analysis import analyse, gather
