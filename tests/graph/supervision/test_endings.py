@@ -11,6 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from palp_core.counted import counted
 from palp_core.graph.supervision.supervisor import STILL_WAITING_S
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 from tests.support.palp import CHAIN, PATIENCE_S, SIM, Palp, wait_for_line
@@ -61,7 +62,7 @@ def test_the_record_of_a_rig_with_a_killed_node_is_kept_and_says_why(
     assert f"{name}: its process was killed by SIGKILL" in errors
     assert palp.all_gone()
     assert_readable(out)
-    assert said.splitlines()[-1].startswith(f"Kept: {len(read_rows(out))} palpations")
+    assert said.splitlines()[-1].startswith(f"Kept: {counted(len(read_rows(out)), 'palpation')}")
     unfinished = json.loads((out / "result.json").read_text())["unfinished"]
     assert f"{name}: its process was killed by SIGKILL" in unfinished["why"]
 
