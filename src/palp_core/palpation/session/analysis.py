@@ -44,9 +44,6 @@ def combinations(
     """Return every combination of names given with commas; ``all`` stands for every one.
 
     With a ``trace_filter`` whole traces are read, and only it and the stop rules are combined.
-
-    Raises:
-        MethodError: There is no method of a name.
     """
     more = {"stop_value": stop_value, "max_probes": max_probes, "depth_count": depth_count}
     if trace_filter:
@@ -81,9 +78,6 @@ def analyse(
         combos: Methods; the differences are against the first.
         noise: For the latent filter.
         scene: For the latent filter.
-
-    Raises:
-        PalpError: A session has no training or trial, or the latent filter has no noise.
     """
     if not sessions or not combos:
         raise PalpError("nothing to analyse: name sessions' folders or bags, and one method per task")

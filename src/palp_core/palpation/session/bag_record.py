@@ -57,10 +57,6 @@ def write_record(path: Path, folder: Path, *, overwrite: bool = False) -> RunSum
         path: The bag.
         folder: For the record; made if missing.
         overwrite: A session that is in the folder already is replaced.
-
-    Raises:
-        PalpError: The folder holds a session or cannot be written, or the bag lacks what a session needs.
-        BagError: The bag cannot be read.
     """
     if not overwrite:
         ways_on = "name another folder, --out NAME, or let this replace it, --overwrite"
@@ -102,12 +98,7 @@ class BagRecord:
 
 
 def read_record(path: Path) -> BagRecord:
-    """Return the record of the session that a bag holds.
-
-    Raises:
-        PalpError: The bag lacks what a session needs.
-        BagError: The bag cannot be read.
-    """
+    """Return the record of the session that a bag holds."""
     with Bag(path) as bag:
         found = _Contents(bag)
     made = found.rows()
@@ -141,11 +132,7 @@ class _Contents:
         return [message.value for message in self._messages if self._kind_of[message.topic] == kind]
 
     def rows(self) -> list[tuple[Row, Any]]:
-        """Return every row with its palpation.
-
-        Raises:
-            PalpError: There is none, or the bag lacks what rows are made of.
-        """
+        """Return every row with its palpation."""
         builder, found = _RecordBuilder(self._roles.params("experiment")), []
         for message in self._messages:
             made = builder.feed(self._kind_of[message.topic], message.value)
@@ -365,11 +352,7 @@ def _changes(bag: Bag) -> list[ChangeTold]:
 
 
 def launch_of(bag: Bag) -> RunSummary:
-    """Return what a bag says of the run that it holds, before it ended.
-
-    Raises:
-        PalpError: It says nothing of it.
-    """
+    """Return what a bag says of the run that it holds, before it ended."""
     attached = bag.attachments().get(LAUNCH_ATTACHMENT)
     if attached is None:
         raise PalpError(

@@ -52,10 +52,6 @@ def filter_of(
         feature: Task ``feature``: what the primitives are of.
         noise: What stays, and how much.
         scene: Gel, probe and indentation; None: the default scene, assumed.
-
-    Raises:
-        MethodError: No such filter, or no contact rung is good enough for the scene.
-        PerceptionError: The filter needs to know what stays and is not told.
     """
     slope = None
     if name != NAIVE:
@@ -77,9 +73,6 @@ def height_slope(
         rings_m: Ring positions, length k.
         feature: Task ``feature``.
         scene: Gel, probe and path.
-
-    Raises:
-        MethodError: No contact rung is good enough for the scene.
     """
     scene, probe, path = scene.read_by(feature), scene.probe, scene.path
     stage = np.arange(min(path.from_m, path.to_m), max(path.from_m, path.to_m), _STAGE_STEP_M)

@@ -30,18 +30,18 @@ from palp_core.palpation.perception.belief.rig_noise import noise_of
 from palp_core.palpation.perception.belief.trial_filter import NAIVE
 
 PUBLISHED: Mapping[str, float] = {
-    "class_count": 3.0,
-    "training_count": 25.0,
-    "probe_count": 15.0,
-    "ring_sd_m": 0.0003 / 3.0**0.5,
-    "height_sd_m": 0.0001,
-    "noise_n_m": RESOLUTION_N_M,
-    "sample_hz": 1000.0,
-    "class_ratio": 2.0,
-    "class_gap_sd": 5.3,
-    "stiffest_m": 0.016,
-    "outlier_share": 0.0,
-    "trace_height_sd_m": 0.0002,
+    "class_count": 3.0,  # published: depths
+    "class_ratio": 2.0,  # published: a depth over the next shallower one
+    "training_count": 25.0,  # published: palpations a cell
+    "stiffest_m": 0.016,  # published: the largest ring position
+    "sample_hz": 1000.0,  # published
+    "ring_sd_m": 0.0003 / 3.0**0.5,  # published: +-0.3 mm of a landing, read as uniform
+    "class_gap_sd": 5.3,  # simulated: the least distance of depths at that ring over a reading's spread
+    "probe_count": 15.0,  # assumed: palpations a trial at most
+    "height_sd_m": 0.0001,  # assumed: of a mounting
+    "noise_n_m": RESOLUTION_N_M,  # assumed: of a torque sample, a step of the sensor's resolution
+    "outlier_share": 0.0,  # assumed: of readings
+    "trace_height_sd_m": 0.0002,  # assumed, as all below: what a filter of whole traces allows for
     "friction_sd": 0.1,
     "modulus_sd": 0.1,
     "place_sd_m": 0.001,
@@ -50,15 +50,7 @@ PUBLISHED: Mapping[str, float] = {
     "texture_sd_n_m": 0.0002,
     "bin_m": 0.002,
 }
-"""What methods that are not of the mechanics may know of a session, beside its scene, SI.
-
-Published: ``class_count`` depths told apart, each ``class_ratio`` times the next; ``training_count``
-palpations a cell; ``ring_sd_m`` of a landing (+-0.3 mm, read as uniform); ``stiffest_m``, the largest ring
-position; ``sample_hz``. Simulated: ``class_gap_sd``, the least distance of depths at that ring over a
-reading's spread. Assumed: ``height_sd_m`` of a mounting; ``noise_n_m`` of a torque sample, a step of the
-sensor's resolution; ``probe_count`` palpations a trial at most; ``outlier_share`` of readings; from
-``trace_height_sd_m`` to ``texture_sd_n_m`` what a filter of whole traces allows for.
-"""
+"""What methods that are not of the mechanics may know of a session, in addition to its scene, SI."""
 
 AUTO = "auto"
 """In place of a method's name: let the register choose."""
@@ -125,9 +117,6 @@ def choose_for(
         asked: Name of the method that the launch file gives, if it does.
         given: See :data:`PUBLISHED`.
         default: See :func:`launch_defaults`.
-
-    Raises:
-        MethodError: There is no method of the name asked for.
     """
     output, tolerance, uses = _needed(task, scene)
     quantities = session_quantities(scene, given)
@@ -159,9 +148,6 @@ def chosen_method(
         scene: As for :func:`choose_for`.
         asked: A method's name, or :data:`AUTO`.
         given: See :data:`PUBLISHED`.
-
-    Raises:
-        MethodError: There is no method of that name, or none is good enough; the message says why.
     """
     output, tolerance, uses = _needed(task_of(task), scene)
     name = "" if asked == AUTO else asked
@@ -236,11 +222,7 @@ def of_traces(params: Any) -> dict[str, float]:
 
 
 def given_by(params: Any) -> Mapping[str, float]:
-    """Return what a node's parameters say of the session; what they do not say is as published.
-
-    Raises:
-        PerceptionError: The noise file is none.
-    """
+    """Return what a node's parameters say of the session; what they do not say is as published."""
     noise = noise_of(params.noise, params.ring_sd_mm * 1e-3, params.height_sd_mm * 1e-3)
     return {
         **PUBLISHED,
@@ -262,10 +244,6 @@ def chosen_for(asked: Mapping[str, str], params: Any) -> dict[str, MethodChoice]
         asked: A name, or ``auto``, by task; a filter that knows what stays has one likelihood, its own.
         params: Parameters of the node: ``noise``, ``ring_sd_mm``, ``height_sd_mm``, ``training``, ``scene``,
             and where it has them ``depths``, ``max_probes`` and ``rate_hz``.
-
-    Raises:
-        MethodError: There is no method of a name, or none is good enough.
-        PalpError: The noise or scene file is none.
     """
     scene = read_scene(params.scene) if params.scene else Scene()
     given, found = given_by(params), dict[str, MethodChoice]()
@@ -283,11 +261,7 @@ def checks_of(asked: Mapping[str, str], params: Any) -> dict[str, Callable[[], o
 
 
 def names_of(asked: Mapping[str, str], params: Any) -> tuple[dict[str, str], list[str]]:
-    """Return the name of each task's method, and of those left to the register a line that says why.
-
-    Raises:
-        MethodError: As :func:`chosen_for`.
-    """
+    """Return the name of each task's method, and of those left to the register a line that says why."""
     found = chosen_for(asked, params)
     why = [f"{task}: {found[task].reason}" for task, name in asked.items() if name == AUTO]
     return {task: one.name for task, one in found.items()}, why

@@ -29,9 +29,6 @@ def ordered(design: ExperimentDesign, order: str) -> ExperimentDesign:
             ``each_trial``: the same in training, and every trial of estimation on a mounting of its own;
             ``block_randomised``: in each block every phantom is put on once, for one trial of estimation, or
             in training once for every ring; or a file of a list.
-
-    Raises:
-        PerceptionError: No such file, or a line of it does not fit the design.
     """
     if order == GROUPED:
         return design
@@ -45,11 +42,7 @@ def ordered(design: ExperimentDesign, order: str) -> ExperimentDesign:
 
 
 def listed(path: Path, design: ExperimentDesign) -> tuple[ListedMounting, ...]:
-    """Return the mountings of a list.
-
-    Raises:
-        PerceptionError: No such file, or a line of it does not fit the design; the message says which.
-    """
+    """Return the mountings of a list."""
     try:
         lines = csv.DictReader(io.StringIO(read_whole(path).decode("utf-8-sig"), newline=""))
         rows = [(lines.line_num, row) for row in lines]

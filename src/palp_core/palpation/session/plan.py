@@ -220,9 +220,6 @@ def experiment(
         rng: Draws the order; the same state of it gives the same plan.
         again: Number and phantom of trials of estimation that are done once more at the end, each on a
             mounting of its own; it may grow until then.
-
-    Raises:
-        PerceptionError: A reply does not fit its step.
     """
     numbers: Counter[str] = Counter()
     homed: tuple[str, float] | None = None
@@ -314,11 +311,7 @@ def _shares(total: int, parts: int) -> list[int]:
 
 
 def resume(plan: Generator[StepT, ReplyT, None], replies: Iterable[ReplyT]) -> StepT | None:
-    """Send recorded replies to a fresh plan and return the first step that has none, or None at its end.
-
-    Raises:
-        PerceptionError: There are more replies than steps: they are of another design or seed.
-    """
+    """Send recorded replies to a fresh plan and return the first step that has none, or None at its end."""
     step = next(plan, None)
     for reply in replies:
         if step is None:
@@ -337,9 +330,6 @@ def planned(text: str) -> dict[int, str]:
 
     >>> planned("30=nodes.policy_markov:Markov, 60=nodes.policy_uniform:Uniform")
     {30: 'nodes.policy_markov:Markov', 60: 'nodes.policy_uniform:Uniform'}
-
-    Raises:
-        ValueError: Not of that form.
     """
     found = {}
     for entry in filter(None, map(str.strip, text.split(","))):

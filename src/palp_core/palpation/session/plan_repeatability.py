@@ -35,9 +35,6 @@ class RepeatDesign:
         wait_s: Length of a wait.
         group: Sweeps per positioning, mounting, and before and after a wait; at least two, so that what
             differs between groups is told from what differs within.
-
-    Raises:
-        PerceptionError: A number is too small to tell anything.
     """
 
     phantom: str
@@ -68,11 +65,7 @@ def sweep_count(design: RepeatDesign) -> int:
 
 
 def repeatability(design: RepeatDesign) -> Plan:
-    """Yield the steps; the order is fixed, as nothing is to be guessed.
-
-    Raises:
-        PerceptionError: A step is not answered ``done``, or ``failed`` where a sweep is to be repeated.
-    """
+    """Yield the steps; the order is fixed, as nothing is to be guessed."""
     numbers: Counter[str] = Counter()
     for index, (before, phase, ring_m, count) in enumerate(_groups(design)):
         numbers[phase] += 1

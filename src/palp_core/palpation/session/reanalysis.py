@@ -104,11 +104,7 @@ def readings(sweeps: Sequence[RecordedSweep], methods: Methods) -> Float64Array:
 
 
 def learn(sweeps: Sequence[RecordedSweep], values: Float64Array, where: object) -> Primitives:
-    """Return the memory primitives of training sweeps.
-
-    Raises:
-        PalpError: There is no training, or a cell of it is missing.
-    """
+    """Return the memory primitives of training sweeps."""
     known = [(s, v) for s, v in zip(sweeps, values.tolist(), strict=True) if s.depth_m is not None]
     if not known:
         raise PalpError(f"{where}: has no training sweeps with known depths; there is nothing to learn from")
@@ -138,9 +134,6 @@ def reanalyse(
         noise: What stays; the latent filter needs it.
         scene: Gel, probe and indentation, from which the latent filter takes how a reading answers to the
             phantom's height; None: the default scene, assumed.
-
-    Raises:
-        PalpError: There is no training or no trial, or the latent filter has no noise file.
     """
     training, estimation = session.phase("training"), session.phase("estimation")
     primitives = learn(training, readings(training, methods), session.path)

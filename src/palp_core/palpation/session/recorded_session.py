@@ -125,9 +125,6 @@ def read_session(out: str | Path, rows: Sequence[Row] | None = None) -> Recorded
     Args:
         out: Its folder.
         rows: Of its table, if they have been read already.
-
-    Raises:
-        PalpError: There is no record there, or a row's posterior has not one entry per depth.
     """
     folder = Path(out)
     rows = read_rows(folder) if rows is None else rows

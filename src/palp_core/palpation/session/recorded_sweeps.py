@@ -76,12 +76,7 @@ class RecordedSweeps:
 
 
 def read_sessions(paths: Sequence[Path]) -> list[RecordedSweeps]:
-    """Read sessions, each its own: one that counts twice makes intervals too narrow.
-
-    Raises:
-        PalpError: One is named twice, also as folder and bag, or cannot be read.
-        BagError: A bag cannot be read.
-    """
+    """Read sessions, each its own: one that counts twice makes intervals too narrow."""
     places = [path.resolve() for path in paths]
     for path, place in zip(paths, places, strict=True):
         if places.count(place) > 1:
@@ -104,12 +99,7 @@ def _fingerprint(session: RecordedSweeps) -> bytes:
 
 
 def read_sweeps(path: Path) -> RecordedSweeps:
-    """Read a session's folder (``trials.csv`` and ``sweeps/``) or a bag of a run.
-
-    Raises:
-        PalpError: It is neither, or holds no sweep.
-        BagError: The bag cannot be read.
-    """
+    """Read a session's folder (``trials.csv`` and ``sweeps/``) or a bag of a run."""
     if (path / TABLE).exists():
         decided = left_out(path)
         rows = [row for row in read_rows(path) if (row.phase, row.trial) not in decided]

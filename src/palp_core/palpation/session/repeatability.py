@@ -57,9 +57,6 @@ def measure_repeatability(session: RecordedSweeps, *, scene: Scene | None = None
     Args:
         session: Its sweeps.
         scene: Gel, probe and path; None: the default scene, assumed.
-
-    Raises:
-        PalpError: The session did not follow the plan, or ended before its components can be told apart.
     """
     sweeps = [sweep for sweep in session.sweeps if sweep.phase in CONDITIONS]
     if not sweeps:

@@ -31,11 +31,7 @@ class SessionReport:
     """What a launch file's ``report`` does before, at the beginning and after the end of a run."""
 
     def prepare(self, summary: RunSummary) -> None:
-        """Refuse a run whose session would go where one is already.
-
-        Raises:
-            PalpError: It would, the run names no folder, or the session's sheet is missing or wrong.
-        """
+        """Refuse a run whose session would go where one is already."""
         refuse_own_sheet(run_note.out_of(summary))
         run_note.refuse_run(summary)
         asked_sheet(summary)
@@ -51,11 +47,7 @@ class SessionReport:
         return advice(summary)
 
     def begin(self, summary: RunSummary) -> None:
-        """Note which run the session is of.
-
-        Raises:
-            PalpError: The folder cannot be written.
-        """
+        """Note which run the session is of."""
         run_note.note_begin(summary)
 
     def complete(self, folder: Path) -> bool:
@@ -69,11 +61,7 @@ class SessionReport:
         return summary.exit_code == 0
 
     def pool(self, folder: Path) -> str:
-        """Write what the sessions below a folder say together, as a page and tables; return it in words.
-
-        Raises:
-            PalpError: There is none, or it cannot be written.
-        """
+        """Write what the sessions below a folder say together, as a page and tables; return it in words."""
         from palp_core.palpation.session.many.overview import find_sessions
         from palp_core.palpation.session.many.page import pooled_words, write_pooled
         from palp_core.palpation.session.many.pooled import pool
@@ -88,9 +76,6 @@ class SessionReport:
 
         Returns:
             The result in words, what is kept, and where.
-
-        Raises:
-            PalpError: The run names no folder, there is no record in it, or it cannot be written.
         """
         folder = run_note.out_of(summary)
         try:
@@ -114,9 +99,6 @@ def write(folder: Path, summary: RunSummary, *, charts: bool = False) -> str:
 
     Returns:
         The result in words, what is kept, and where.
-
-    Raises:
-        PalpError: There is no record, or the report cannot be written.
     """
     from palp_core.palpation.session.recorded_session import read_session
     from palp_core.palpation.session.trials_csv import read_rows

@@ -282,11 +282,7 @@ def write_result(result: SessionResult, folder: Path) -> Path:
 
 
 def read_result(out: str | Path) -> SessionResult:
-    """Return the result of the session recorded in a folder.
-
-    Raises:
-        PalpError: There is none, or it is damaged.
-    """
+    """Return the result of the session recorded in a folder."""
     path = Path(out) / RESULT
     try:
         return msgspec.json.decode(read_whole(path), type=SessionResult)

@@ -70,11 +70,7 @@ class NoSession(PalpError):
 
 
 def roles_of(summary: RunSummary) -> Roles:
-    """Return the roles of a run's nodes.
-
-    Raises:
-        PalpError: A node that a session cannot do without is missing, or it is not clear which is meant.
-    """
+    """Return the roles of a run's nodes."""
     of = {node: role for node, types in summary.publishes.items() if (role := _role(types))}
     experiment = _only(summary, "experiment", [node for node, role in of.items() if role == "experiment"])
     away = _away(experiment, summary)

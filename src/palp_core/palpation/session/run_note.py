@@ -6,8 +6,9 @@ folder the note waits under another name: a session that is there already keeps 
 
 from __future__ import annotations
 
+import contextlib
 import shlex
-from collections.abc import Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,15 +33,10 @@ from palp_core.whole_file import read_whole, write_json
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
-    from palp_core.palpation.session.trials_csv import Row
 
 
 def out_of(summary: RunSummary) -> Path:
-    """Return the folder that a run records into.
-
-    Raises:
-        PalpError: The run names none, or one that a shell was to replace.
-    """
+    """Return the folder that a run records into."""
     out = summary.args.get("out") or roles_of(summary).params("experiment").get("out")
     if not out:
         raise PalpError(
@@ -55,48 +51,45 @@ def out_of(summary: RunSummary) -> Path:
 
 
 def refuse_run(summary: RunSummary) -> None:
-    """Refuse a run that would write into the folder of another session, unless it is to replace that one.
-
-    Raises:
-        PalpError: It would.
-    """
+    """Refuse a run that would write into the folder of another session, unless it is to replace that one."""
     folder = out_of(summary)
     if summary.resumed_count:
         refuse_resuming(folder)
     elif not roles_of(summary).params("experiment").get("overwrite"):
-        refuse_occupied(folder, _ways_on(folder))
+        others = "give this one another folder, out:=NAME, or let it replace that one, overwrite:=true"
+        refuse_occupied(folder, ways_on(folder, others, _progress_words))
     for name, value in summary.args.items():
         if isinstance(value, str) and value and name != "out":
             refuse_input(folder, Path(value), f"'{name}:={value}'")
 
 
-def _ways_on(folder: Path) -> str:
-    """Return what to do about a folder that holds a session; one that is unfinished can go on."""
-    others = "give this one another folder, out:=NAME, or let it replace that one, overwrite:=true"
-    if not (folder / CHECKPOINT).exists():
-        return others
-    from palp_core.palpation.session.trials_csv import read_rows
+def ways_on(folder: Path, others: str, done: Callable[[Path], str]) -> str:
+    """Return what to do about a folder that holds a session; one that is unfinished can go on.
 
-    try:
-        return f"{unfinished_words(folder, progress_words(read_rows(folder)))}. Or {others}"
-    except PalpError:
-        return others
+    Args:
+        folder: The folder.
+        others: What else can be done.
+        done: Says how far the session has come.
+    """
+    if (folder / CHECKPOINT).exists():
+        with contextlib.suppress(PalpError):
+            return f"{unfinished_words(folder, done(folder))}. Or {others}"
+    return others
 
 
 def unfinished_words(folder: Path, done: str) -> str:
-    """Return in words that a session is unfinished, how far it has come, and the command that goes on.
-
-    Raises:
-        PalpError: Nobody knows of which run it is.
-    """
+    """Return in words that a session is unfinished, how far it has come, and the command that goes on."""
     before = read_note(folder)
     given = [word for word in before.given if not word.startswith("out:=")]
     command = shlex.join(["palp", "launch", before.file, *given, f"out:={before.args.get('out', folder)}"])
     return f"it is unfinished, {done} done; `{command} --resume` goes on with it"
 
 
-def progress_words(rows: Sequence[Row]) -> str:
+def _progress_words(folder: Path) -> str:
     """Return how far a session has come, in words."""
+    from palp_core.palpation.session.trials_csv import read_rows
+
+    rows = read_rows(folder)
     trials = sum(row.verdict not in ("", "continue") for row in rows)
     return f"{counted(len(rows), 'palpation')}" + (
         f" and {counted(trials, 'trial')} of estimation" if trials else ""
@@ -104,11 +97,7 @@ def progress_words(rows: Sequence[Row]) -> str:
 
 
 def refuse_resuming(folder: Path, table: str = TABLE) -> None:
-    """Refuse to go on with a session that is not there, or that goes on already.
-
-    Raises:
-        PalpError: It is so.
-    """
+    """Refuse to go on with a session that is not there, or that goes on already."""
     if is_being_written(folder):
         raise PalpError(f"the session in '{folder}' goes on already: another run writes its record there")
     if not (folder / table).exists():
@@ -118,11 +107,7 @@ def refuse_resuming(folder: Path, table: str = TABLE) -> None:
 
 
 def note_begin(summary: RunSummary) -> None:
-    """Write the note that waits for the session to take its folder.
-
-    Raises:
-        PalpError: The folder cannot be written.
-    """
+    """Write the note that waits for the session to take its folder."""
     folder = out_of(summary)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -132,12 +117,7 @@ def note_begin(summary: RunSummary) -> None:
 
 
 def note_end(summary: RunSummary) -> bool:
-    """Write how a run ended; return whether its session ever began: if not, nothing of the run stays.
-
-    Raises:
-        PalpError: The folder is gone.
-        OSError: It cannot be written.
-    """
+    """Write how a run ended; return whether its session ever began: if not, nothing of the run stays."""
     folder = out_of(summary)
     if not folder.is_dir():
         raise PalpError(
@@ -155,11 +135,7 @@ def note_end(summary: RunSummary) -> bool:
 
 
 def read_note(folder: Path) -> RunSummary:
-    """Return the run that a folder's session is of, as far as it is known how it went.
-
-    Raises:
-        PalpError: The note is missing or damaged.
-    """
+    """Return the run that a folder's session is of, as far as it is known how it went."""
     from palp_core.graph.launch.summary import RunSummary
 
     path = folder / RUN

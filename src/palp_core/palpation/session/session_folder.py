@@ -59,9 +59,6 @@ def refuse_occupied(
         folder: Where a session is to go.
         ways_on: What to do about it.
         named_by: What the folder is given with.
-
-    Raises:
-        PalpError: It does, or what lies there cannot be looked at.
     """
     try:
         found = [name for name in (*OWN_FILES, REPLACED) if _tells(folder / name)]
@@ -103,12 +100,7 @@ class FolderLock:
         self._descriptor = -1
 
     def take(self, folder: Path, named_by: str = "out:=") -> None:
-        """Take the folder until :meth:`release`, or the end of the process.
-
-        Raises:
-            PalpError: Another session has it.
-            OSError: It cannot be opened.
-        """
+        """Take the folder until :meth:`release`, or the end of the process."""
         self._descriptor = os.open(folder, os.O_RDONLY)
         try:
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -154,9 +146,6 @@ def refuse_input(folder: Path, path: Path, what: str) -> None:
         folder: Of the session.
         path: What is to be read.
         what: It, in words.
-
-    Raises:
-        PalpError: It is one of the files that a session there has.
     """
     inside = [folder.resolve() / name for name in OWN_FILES]
     if any(path.resolve().is_relative_to(one) for one in inside):
@@ -167,12 +156,7 @@ def refuse_input(folder: Path, path: Path, what: str) -> None:
 
 
 def take_over(folder: Path) -> None:
-    """Put an earlier session aside, and let the note of the present run take its name. Other files stay.
-
-    Raises:
-        PalpError: Files of these names are there that are of no session.
-        OSError: Something cannot be moved.
-    """
+    """Put an earlier session aside, and let the note of the present run take its name. Other files stay."""
     found = [name for name in OWN_FILES if _tells(folder / name)]
     if found and not any((folder / name).exists() for name in (TABLE, RUN)):
         raise PalpError(
@@ -198,11 +182,7 @@ def forget_replaced(folder: Path) -> None:
 
 
 def restore_replaced(folder: Path) -> None:
-    """Let the session that was put aside have its folder again, if the other one has no palpation.
-
-    Raises:
-        OSError: Something cannot be moved.
-    """
+    """Let the session that was put aside have its folder again, if the other one has no palpation."""
     aside = folder / REPLACED
     if aside.is_dir() and not _tells(folder / TABLE):
         for name in OWN_FILES:

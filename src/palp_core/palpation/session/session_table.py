@@ -78,11 +78,7 @@ class SessionTable:
         append_whole(self._table, csv_text(cells), flags)
 
     def _require(self, rows: Sequence[NumberedRow], row_count: int) -> None:
-        """Refuse to resume a table that lacks one of its first rows.
-
-        Raises:
-            PalpError: It does.
-        """
+        """Refuse to resume a table that lacks one of its first rows."""
         if [row.row for row in rows[:row_count]] != list(range(row_count)):
             raise PalpError(
                 f"{self._table} cannot be gone on with: "
@@ -128,9 +124,6 @@ def read_table(path: Path, missing: str, row_of: Callable[[dict[str, str]], R]) 
         path: The table.
         missing: What it means if it is not there.
         row_of: Makes a row of its cells by column.
-
-    Raises:
-        PalpError: It is missing, cannot be read, or a row is damaged.
     """
     try:
         text = read_whole(path).decode()

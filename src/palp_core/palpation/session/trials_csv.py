@@ -165,9 +165,6 @@ class SessionWriter(SessionTable):
 
         Args:
             overwrite: A session that is in the folder already is replaced.
-
-        Raises:
-            PalpError: The folder holds a session, another one is writing into it, or it cannot be written.
         """
         with self._taken(made=True):
             if not overwrite:
@@ -182,9 +179,6 @@ class SessionWriter(SessionTable):
         Args:
             row_count: How many; what came later is of the trial that was under way, which is done again: it
                 is kept, in a table and sweeps of its own.
-
-        Raises:
-            PalpError: The table lacks palpations, another session writes into it, or it cannot be written.
         """
         with self._taken():
             rows = read_rows(self.folder)
@@ -201,11 +195,7 @@ class SessionWriter(SessionTable):
                 path.unlink()
 
     def append(self, row: Row, torque_n_m: Float64Array, rate_hz: float) -> None:
-        """Add a palpation: its sweep first, then its row, so that every row has its sweep.
-
-        Raises:
-            PalpError: It cannot be written: the disk is full, the folder gone. What was there is whole.
-        """
+        """Add a palpation: its sweep first, then its row, so that every row has its sweep."""
         target = self.folder / SWEEPS / f"{row.row:06d}.npz"
         try:
             with whole_file(target) as file:
@@ -220,11 +210,7 @@ class SessionWriter(SessionTable):
             raise self._failure(error, f"palpation {row.row + 1}", kept) from error
 
     def primitives(self, content: dict[str, Any]) -> None:
-        """Write the memory primitives.
-
-        Raises:
-            PalpError: They cannot be written.
-        """
+        """Write the memory primitives."""
         try:
             write_whole(self.folder / "primitives.json", json.dumps(content, indent=1) + "\n")
         except OSError as error:
@@ -263,11 +249,7 @@ def primitives_json(learnt: Any) -> dict[str, Any]:
 
 
 def read_rows(out: str | Path) -> list[Row]:
-    """Return every row of a record. A last row that was cut short, by a power cut say, is left out.
-
-    Raises:
-        PalpError: There is no record there, it cannot be read, or a row is damaged.
-    """
+    """Return every row of a record. A last row that was cut short, by a power cut say, is left out."""
     return read_table(Path(out) / TABLE, f"no record in '{out}'", _row)
 
 
@@ -304,11 +286,7 @@ def _value(kind: Any, text: str) -> Any:
 
 
 def read_sweep(out: str | Path, row: int) -> tuple[Float64Array, float]:
-    """Return torque in N m, shape (n,), and sampling rate in Hz of a row.
-
-    Raises:
-        PalpError: It is missing or damaged.
-    """
+    """Return torque in N m, shape (n,), and sampling rate in Hz of a row."""
     path = Path(out) / SWEEPS / f"{row:06d}.npz"
     try:
         check_regular(path, LARGEST_BYTES)

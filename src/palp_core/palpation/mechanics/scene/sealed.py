@@ -1,4 +1,4 @@
-"""Which phantom is which, sealed: new codes that say nothing, and a key that nobody reads by accident.
+"""Which phantom is which, sealed: new codes, and a key that is not read by accident.
 
 Who simulates a person reads from the key what is palpated.
 Codes and their order come from the machine's entropy, never from a run's seed: whoever knows the seed, the
@@ -101,7 +101,7 @@ def own_codes(path: str | Path) -> dict[str, str]:
 
 
 def digest_of(path: str | Path) -> str:
-    """Return the SHA-256 of a key, in hexadecimal; it tells nothing of what is in it, which is salted.
+    """Return the SHA-256 of a key, in hexadecimal; as the key is salted, it reveals nothing.
 
     Raises:
         MechanicsError: It cannot be read.

@@ -41,11 +41,7 @@ class HumanTrials:
 
 
 def gather(folders: Sequence[Path]) -> HumanTrials:
-    """Return the trials of sessions; each subject's sessions must be there once.
-
-    Raises:
-        PalpError: A session cannot be read, or is named twice.
-    """
+    """Return the trials of sessions; each subject's sessions must be there once."""
     if len({folder.resolve() for folder in folders}) < len(folders):
         raise PalpError("a session is named twice; a trial counts once")
     rows: list[HumanRow] = []

@@ -40,11 +40,7 @@ def key_of(phantoms: str, key: str) -> str:
 
 
 def draw_key(summary: RunSummary) -> dict[str, str]:
-    """Draw the key of a blinded run that is given none; return its digest as what the run is to keep.
-
-    Raises:
-        MechanicsError: The phantoms cannot be blinded, or the key cannot be written.
-    """
+    """Draw the key of a blinded run that is given none; return its digest as what the run is to keep."""
     asked = _blinded(summary)
     if asked is None:
         return {}
@@ -60,9 +56,6 @@ def refuse_other_key(summary: RunSummary, folder: Path) -> None:
     Args:
         summary: The run that is to go on.
         folder: Of the session, with the note of the run before.
-
-    Raises:
-        PalpError: It is so.
     """
     asked = _blinded(summary)
     if asked is None:
@@ -100,9 +93,6 @@ def unseal(folder: Path, reason: str, key: Path | None = None) -> list[tuple[str
 
     Returns:
         Code, the phantom's own code, and depth, m.
-
-    Raises:
-        PalpError: It is not blinded, still under way, or of another key; nothing was changed then.
     """
     _refuse_unfinished(folder)
     rows = read_human(folder)

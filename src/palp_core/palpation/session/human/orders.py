@@ -23,9 +23,6 @@ def paper_order(depths_m: Sequence[float], table_mm: Sequence[int]) -> list[int]
     Args:
         depths_m: Depth of each phantom.
         table_mm: Of the table.
-
-    Raises:
-        PerceptionError: The phantoms' depths are not the table's, each once.
     """
     place = {round(depth_m * 1e3, 6): i for i, depth_m in enumerate(depths_m)}
     if len(place) != len(depths_m) or place.keys() != set(table_mm):

@@ -173,9 +173,6 @@ def human(design: HumanDesign, again: Sequence[TrialKey] = ()) -> HumanPlan:
     Args:
         design: Its numbers.
         again: Trials that are done once more at the end; it may grow until then.
-
-    Raises:
-        PerceptionError: A reply does not fit its step, or no MVC could be used.
     """
     yield from _done(Identify())
     yield from _done(Quiet(design.quiet_s))

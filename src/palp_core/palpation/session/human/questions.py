@@ -30,11 +30,7 @@ PALPATING = f"Palpating. Enter when the subject is done; '{AGAIN}' if the trial 
 
 
 def refuse_names(question: str, answer: str) -> None:
-    """Refuse an answer that may be a name before it is sent: what is sent is recorded.
-
-    Raises:
-        PalpError: It may be.
-    """
+    """Refuse an answer that may be a name before it is sent: what is sent is recorded."""
     if question == IDENTITY["subject"]:
         subject_code(answer)
     elif question == IDENTITY["consent"]:
@@ -66,11 +62,7 @@ def begin_words(trial: HumanTrial, of: int, *, same: bool) -> str:
 
 
 def ending(text: str) -> str:
-    """Return how a trial was ended by what the operator typed.
-
-    Raises:
-        PalpError: Nothing of the kind was typed.
-    """
+    """Return how a trial was ended by what the operator typed."""
     if text not in ("", AGAIN):
         raise PalpError(f"Enter alone ends the trial; '{AGAIN}' says that it was spoilt")
     return "repeat" if text else "subject"
@@ -89,9 +81,6 @@ def depth_answer(text: str, phantoms: Sequence[PlannedPhantom], form: AnswerForm
     >>> from palp_core.palpation.session.human.plan import HumanDesign
     >>> depth_answer(" 4 mm", HumanDesign().phantoms, "choice")
     4.0
-
-    Raises:
-        PalpError: It names none, or none that there is to choose.
     """
     said = re.fullmatch(r"\s*(\d{1,3}(?:[.,]\d{1,6})?)\s*(?:mm)?\s*", text)
     if said is None:

@@ -124,12 +124,7 @@ class HumanWriter(SessionTable):
         super().__init__(out, HUMAN_TABLE, "trial")
 
     def start(self) -> None:
-        """Begin a new table.
-
-        Raises:
-            PalpError: There is a session in the folder, or it cannot be written. Nothing of a person is
-                ever replaced.
-        """
+        """Begin a new table."""
         refuse_human(self.folder)
         with self._taken(made=True):
             self._begin(HumanRow.__struct_fields__)
@@ -140,9 +135,6 @@ class HumanWriter(SessionTable):
         Args:
             row_count: How many; what came later is of the trial that was under way, which is done again: it
                 is kept, in a folder of its own.
-
-        Raises:
-            PalpError: The table lacks rows, another session writes into it, or it cannot be written.
         """
         with self._taken():
             rows = read_human(self.folder)
@@ -163,22 +155,14 @@ class HumanWriter(SessionTable):
         return [path for path in found if str(path.relative_to(self.folder)) not in kept]
 
     def identity(self, subject: str, consent: str, **more: Any) -> None:
-        """Write who it was, in codes.
-
-        Raises:
-            PalpError: It cannot be written.
-        """
+        """Write who it was, in codes."""
         try:
             write_json(self.folder / IDENTITY, {"subject": subject, "consent": consent, **more}, mode=0o600)
         except OSError as error:
             raise cannot_write(self.folder, error) from error
 
     def append(self, row: HumanRow) -> None:
-        """Add a trial; its EMG was written before.
-
-        Raises:
-            PalpError: It cannot be written. What was there is whole.
-        """
+        """Add a trial; its EMG was written before."""
         try:
             self._append([_cell(value) for value in msgspec.structs.astuple(row)])
         except OSError as error:
@@ -187,11 +171,7 @@ class HumanWriter(SessionTable):
     def emg(
         self, subject: str, name: str, samples_v: Float64Array, rate_hz: float, *, discarded: bool = False
     ) -> str:
-        """Write raw EMG, shape (2, n), flexor first; return its path in the folder.
-
-        Raises:
-            PalpError: It cannot be written.
-        """
+        """Write raw EMG, shape (2, n), flexor first; return its path in the folder."""
         path = self.folder / (DISCARDED if discarded else EMG) / subject / name
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -208,9 +188,6 @@ def refuse_human(folder: Path, ways_on: str = "give this one another folder, out
     Args:
         folder: The folder.
         ways_on: What to do about it.
-
-    Raises:
-        PalpError: It does.
     """
     for name in (HUMAN_TABLE, "trials.csv"):
         if (folder / name).exists():
@@ -227,11 +204,7 @@ def human_table_text(rows: Sequence[HumanRow]) -> str:
 
 
 def read_human(out: str | Path) -> list[HumanRow]:
-    """Return every row of a record.
-
-    Raises:
-        PalpError: There is none, or a row is damaged.
-    """
+    """Return every row of a record."""
     return read_table(Path(out) / HUMAN_TABLE, f"no session with a person in '{out}'", _row)
 
 
@@ -241,21 +214,13 @@ def _row(named: dict[str, str]) -> HumanRow:
 
 
 def emg_that_does_not_count(out: Path) -> set[Path]:
-    """Return the files of EMG whose trials were excluded, or are to be done again.
-
-    Raises:
-        PalpError: Record or audit cannot be read.
-    """
+    """Return the files of EMG whose trials were excluded, or are to be done again."""
     decided = left_out(out)
     return {out / row.emg for row in read_human(out) if row.emg and (row.phase, row.trial) in decided}
 
 
 def emg_depths(out: Path) -> dict[Path, float | None]:
-    """Return the depth of each trial's EMG by its file, m; None where it is sealed.
-
-    Raises:
-        PalpError: The record cannot be read.
-    """
+    """Return the depth of each trial's EMG by its file, m; None where it is sealed."""
     return {out / row.emg: row.depth_m for row in read_human(out) if row.emg}
 
 

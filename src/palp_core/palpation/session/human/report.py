@@ -16,7 +16,7 @@ from palp_core.palpation.session import run_note
 from palp_core.palpation.session.human.blinding import draw_key, refuse_other_key
 from palp_core.palpation.session.human.record import HUMAN_TABLE, is_by_hand, read_human, refuse_human
 from palp_core.palpation.session.human.sheet import asked_sheet
-from palp_core.palpation.session.session_folder import CHECKPOINT, RUN, cannot_write
+from palp_core.palpation.session.session_folder import RUN, cannot_write
 from palp_core.palpation.session.sheet.of_run import (
     refuse_own_sheet,
     sheet_lines,
@@ -38,34 +38,23 @@ class HumanReport:
     """What ``launch/human.yaml`` does before, at the beginning and after the end of a run."""
 
     def prepare(self, summary: RunSummary) -> None:
-        """Refuse a run whose session would go where one is already.
-
-        Raises:
-            PalpError: It would, the run names no folder, or the session's sheet is missing or wrong.
-        """
+        """Refuse a run whose session would go where one is already."""
         folder = run_note.out_of(summary)
         if summary.resumed_count:
             run_note.refuse_resuming(folder, HUMAN_TABLE)
             refuse_other_key(summary, folder)
             return
         refuse_own_sheet(folder)
-        refuse_human(folder, _ways_on(folder))
+        others = "give this one another folder, out:=NAME"
+        refuse_human(folder, run_note.ways_on(folder, others, _progress_words))
         asked_sheet(summary)
 
     def attach(self, summary: RunSummary) -> dict[str, str]:
-        """Return what is kept with all that is recorded of the run, by name: sheet, and digest of a key.
-
-        Raises:
-            PalpError: The key of a blinded session cannot be drawn.
-        """
+        """Return what is kept with all that is recorded of the run, by name: sheet, and digest of a key."""
         return texts_to_keep(asked_sheet(summary)) | draw_key(summary)
 
     def begin(self, summary: RunSummary) -> None:
-        """Note which run the session is of.
-
-        Raises:
-            PalpError: The folder cannot be written.
-        """
+        """Note which run the session is of."""
         folder = run_note.out_of(summary)
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -74,11 +63,7 @@ class HumanReport:
             raise cannot_write(folder, error) from error
 
     def __call__(self, summary: RunSummary) -> str:
-        """Write what the session tells beside its record; return it in words.
-
-        Raises:
-            PalpError: The folder is gone, or cannot be written.
-        """
+        """Write what the session tells beside its record; return it in words."""
         folder = run_note.out_of(summary)
         try:
             write_json(folder / RUN, summary)
@@ -95,15 +80,8 @@ class HumanReport:
 session = HumanReport()
 
 
-def _ways_on(folder: Path) -> str:
-    """Return what to do about a folder that holds a session; one that is unfinished can go on."""
-    others = "give this one another folder, out:=NAME"
-    if not (folder / CHECKPOINT).exists():
-        return others
-    try:
-        return f"{run_note.unfinished_words(folder, counted(len(read_human(folder)), 'trial'))}. Or {others}"
-    except PalpError:
-        return others
+def _progress_words(folder: Path) -> str:
+    return counted(len(read_human(folder)), "trial")
 
 
 def write_human(
@@ -116,9 +94,6 @@ def write_human(
         out: For result and page.
         sheet: Of a single session.
         charts: Each chart is kept as PNG, SVG and CSV, too, in ``charts/``.
-
-    Raises:
-        PalpError: A session cannot be read.
     """
     from palp_core.palpation.reporting.html_page import picture, write_page
     from palp_core.palpation.session.human.analysis import analyse, gather

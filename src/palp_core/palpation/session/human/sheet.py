@@ -20,13 +20,7 @@ LEADS = "HumanTrialDone"
 
 
 def asked_sheet(summary: RunSummary) -> SessionSheet:
-    """Return the sheet that a run is given, or one that says so where nobody is measured and none is given.
-
-    Raises:
-        GraphProblems: The file has mistakes: each with its line.
-        PalpError: A person is to be measured and there is no sheet, it names another subject than the launch
-            file does, or it cannot be read.
-    """
+    """Return the sheet that a run is given, or one of a simulated person where none is given."""
     asked = _leading(summary)
     source = source_of(asked.get("amplifier") or "", asked.get("host") or "")
     path, subject = asked.get("session") or "", asked.get("subject") or ""
@@ -47,12 +41,7 @@ def asked_sheet(summary: RunSummary) -> SessionSheet:
 
 
 def subject_of_sheet(path: str) -> str:
-    """Return the subject that a sheet names; "" of no sheet.
-
-    Raises:
-        GraphProblems: The file has mistakes: each with its line.
-        PalpError: It cannot be read.
-    """
+    """Return the subject that a sheet names; "" of no sheet."""
     return read_sheet(path, by_hand=True).subject if path else ""
 
 

@@ -77,11 +77,7 @@ class SessionEntry:
 
 
 def find_sessions(folder: Path) -> list[SessionEntry]:
-    """Return every session below a folder, unfinished and damaged ones among them, by time.
-
-    Raises:
-        PalpError: There is no such folder, or no session in it.
-    """
+    """Return every session below a folder, unfinished and damaged ones among them, by time."""
     if not folder.is_dir():
         raise PalpError(f"{folder}: no such folder")
     found = sorted(map(_entry, _folders(folder)), key=lambda one: (one.began.lstrip("~"), one.path))

@@ -57,9 +57,6 @@ def sessions_below(path: Path) -> tuple[list[Path], list[dict[str, str]]]:
     """Return the sessions that a folder of sessions stands for: those that count, and why others do not.
 
     A session's own folder, a bag or a file stands for itself.
-
-    Raises:
-        PalpError: The folder has no session.
     """
     if not path.is_dir() or (path / TABLE).exists() or any(path.glob("*.mcap")):
         return [path], []

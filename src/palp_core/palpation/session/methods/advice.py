@@ -23,9 +23,6 @@ def advice(summary: RunSummary) -> list[str]:
 
     Args:
         summary: The run, before it begins.
-
-    Raises:
-        PalpError: A node that a session needs is missing, or a file that one names is wrong.
     """
     roles, wall_clock = roles_of(summary), summary.clock == "wall"
     broken = [f"left out: {words}" for words in left_out()]

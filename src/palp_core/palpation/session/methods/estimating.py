@@ -73,11 +73,7 @@ def _note(those: dict[str, Callable[[], object]], found: dict[str, str]) -> None
 
 
 def peak_of(torque_n_m: Float64Array, params: Any, used: Mapping[str, str], *, whole: bool) -> Peak:
-    """Return the feature of a sweep; of one that was decided before its end just the largest torque so far.
-
-    Raises:
-        PerceptionError: A whole sweep is too short for the wavelet.
-    """
+    """Return the feature of a sweep; of one that was decided before its end the largest torque so far."""
     if not whole:
         index = int(np.argmax(torque_n_m))
         return Peak(float(torque_n_m[index]), index)

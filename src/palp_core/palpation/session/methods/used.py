@@ -31,9 +31,6 @@ def used(
         asked: The method, where it was named; empty: the register chooses.
         scene: Gel, probe, path and rings; default: the published ones.
         given: What else is known of the session, where it differs from what was published.
-
-    Raises:
-        MethodError: There is no such task or method, or none is good enough.
     """
     known = PUBLISHED if given is None else {**PUBLISHED, **given}
     found = chosen_method(task_name, scene or Scene(), asked=asked or AUTO, given=known)
@@ -67,12 +64,7 @@ def policy_use(policy: StiffnessPolicy) -> MethodUse:
 
 
 def rig_of(phantom: Mapping[str, Any]) -> Rig:
-    """Return what a simulated phantom touches, told by its node's parameters and their files as they are now.
-
-    Raises:
-        MechanicsError: A file is wrong.
-        MethodError: No rung is good enough.
-    """
+    """Return what a simulated phantom touches, by its node's parameters and their files as they are now."""
     names = ("phantoms", "scene", "tolerance", "friction", "tip_mass_kg")
     given = {name: phantom[name] for name in names if name in phantom}
     if "indentation_mm" in phantom:

@@ -26,9 +26,6 @@ def subject_code(text: str) -> str:
 
     >>> subject_code(" S01 ")
     'S01'
-
-    Raises:
-        PalpError: It is empty, or may be a name, an address or a date of birth.
     """
     code = _checked(text, "the subject's code")
     if _DATE.search(code):
@@ -41,9 +38,6 @@ def consent_id(text: str) -> str:
 
     >>> consent_id("LRS-14/15-0703")
     'LRS-14/15-0703'
-
-    Raises:
-        PalpError: It is empty or may be a name.
     """
     return _checked(text, "the consent's id")
 

@@ -23,12 +23,7 @@ if TYPE_CHECKING:
 
 
 def asked_sheet(summary: RunSummary) -> SessionSheet:
-    """Return the sheet that a run is given, or the one of a simulated session where it is given none.
-
-    Raises:
-        GraphProblems: The file has mistakes: each with its line.
-        PalpError: A run on the rig has no sheet, or the file cannot be read.
-    """
+    """Return the sheet that a run is given, or the one of a simulated session where it is given none."""
     roles = roles_of(summary)
     path = roles.params("experiment").get("session") or ""
     found = SIMULATED
@@ -54,21 +49,13 @@ def texts_to_keep(sheet: SessionSheet) -> dict[str, str]:
 
 
 def sheet_of(summary: RunSummary) -> SessionSheet | None:
-    """Return the sheet that a run took; None of a run that is older than sheets.
-
-    Raises:
-        PalpError: It is damaged.
-    """
+    """Return the sheet that a run took; None of a run that is older than sheets."""
     text = summary.attached.get(SHEET)
     return None if text is None else parse_copy(text, f"the sheet of run '{summary.run or summary.file}'")
 
 
 def phantom_codes(path: str) -> Sequence[str]:
-    """Return the codes of a file of phantoms, plain or sealed; of the paper's three for an empty path.
-
-    Raises:
-        PalpError: The file is wrong.
-    """
+    """Return the codes of a file of phantoms, plain or sealed; of the paper's three for an empty path."""
     from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
     from palp_core.palpation.mechanics.scene.sealed import is_sealed, own_codes
 
@@ -85,21 +72,13 @@ def _codes(roles: Roles) -> Sequence[str]:
 
 
 def write_copy(summary: RunSummary, folder: Path) -> None:
-    """Write the sheet of a run beside its session, for people; ``run.json`` has it for machines.
-
-    Raises:
-        OSError: It cannot be written.
-    """
+    """Write the sheet of a run beside its session, for people; ``run.json`` has it for machines."""
     if text := summary.attached.get(SHEET):
         write_whole(folder / SHEET, text)
 
 
 def refuse_own_sheet(folder: Path) -> None:
-    """Refuse a folder in which a person put a sheet to fill in: the session's copy would take its place.
-
-    Raises:
-        PalpError: There is one.
-    """
+    """Refuse a folder in which a person put a sheet to fill in: the session's copy would take its place."""
     path = folder / SHEET
     try:
         own = path.exists() and b"\nbegan:" not in read_whole(path)

@@ -47,9 +47,6 @@ def redact(folder: Path, summary: RunSummary, out: Path, fields: Sequence[str] =
 
     Returns:
         How the run went, as the copy's ``run.json`` says it: its report is still to be made.
-
-    Raises:
-        PalpError: The session has no sheet, a field is unknown, or the folder holds a session.
     """
     sheet = sheet_of(summary)
     if sheet is None:
@@ -72,11 +69,7 @@ def redact(folder: Path, summary: RunSummary, out: Path, fields: Sequence[str] =
 
 
 def redacted_sheet(sheet: SessionSheet, fields: Sequence[str]) -> SessionSheet:
-    """Return a sheet in which each of the fields is ``redacted``.
-
-    Raises:
-        PalpError: A field is unknown.
-    """
+    """Return a sheet in which each of the fields is ``redacted``."""
     texts = [name for name, value in msgspec.to_builtins(sheet).items() if isinstance(value, str)]
     if unknown := [name for name in fields if name not in texts]:
         raise PalpError(f"the sheet has no text '{unknown[0]}'; there are {', '.join(texts)}")

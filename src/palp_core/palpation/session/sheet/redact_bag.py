@@ -40,11 +40,6 @@ def redact_bag(path: Path, out: Path, fields: Sequence[str] = FIELDS) -> list[st
 
     Returns:
         What is still told, in words; short words are taken out of the sheet alone.
-
-    Raises:
-        PalpError: The bag has no sheet, the copy exists, a field is unknown, or a message that has such a
-            word cannot be read.
-        BagError: No such bag.
     """
     if out.exists():
         raise PalpError(f"{out} is there already, and nothing is overwritten: name another, --out NAME")
@@ -112,11 +107,7 @@ class _Words:
         return self.out_of(data.decode(errors="surrogateescape")).encode(errors="surrogateescape")
 
     def out_of_message(self, message: RecordedMessage) -> RecordedMessage:
-        """Return a message none of whose texts has them.
-
-        Raises:
-            PalpError: It has one and cannot be read.
-        """
+        """Return a message none of whose texts has them."""
         if not any(one in message.payload for one in self._bytes):
             return message
         try:

@@ -52,10 +52,6 @@ def read_sheet(path: str | Path, codes: Collection[str] = (), *, by_hand: bool =
         path: The file.
         codes: Of the phantoms that the session will use: each must be there, and no other.
         by_hand: A person palpates: there is somebody who is measured, and no torque sensor.
-
-    Raises:
-        GraphProblems: Every mistake of the file, with line and column.
-        PalpError: The file cannot be read.
     """
     file = str(path)
     try:
@@ -88,9 +84,6 @@ def parse_copy(text: str, where: str) -> SessionSheet:
     Args:
         text: Its YAML.
         where: What it was read from, for messages.
-
-    Raises:
-        PalpError: It is damaged.
     """
     try:
         return msgspec.convert(yaml.safe_load(text), SessionSheet)

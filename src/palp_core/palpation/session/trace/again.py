@@ -49,11 +49,7 @@ def trace_reader(
     noise: RigNoise | None,
     scene: Scene | None,
 ) -> TraceReader:
-    """Return what reads a session's trials, as its training taught it.
-
-    Raises:
-        PalpError: Training is missing, or does not go together with the settings.
-    """
+    """Return what reads a session's trials, as its training taught it."""
     return reader_of(_taught(session, settings), settings, noise=noise, scene=scene)
 
 
@@ -69,11 +65,7 @@ def _taught(session: RecordedSweeps, settings: TraceSettings) -> list[TaughtSwee
 def decide_again(
     session: RecordedSweeps, reader: TraceReader, settings: TraceSettings, rule: StopRule, max_probes: int
 ) -> Iterator[TracedTrial]:
-    """Yield the trials of a session, each decided with its stored sweeps in their order.
-
-    Raises:
-        PalpError: A sweep is not told of when it was over the path.
-    """
+    """Yield the trials of a session, each decided with its stored sweeps in their order."""
     for number, group in groupby(session.phase("estimation"), key=lambda sweep: sweep.trial):
         sweeps = tuple(sorted(group, key=lambda sweep: sweep.iteration))
         if any(reader.setting(sweep.ring_m) is None for sweep in sweeps):
@@ -105,11 +97,7 @@ def _decide(
 
 
 def felt_of(session: RecordedSweeps, sweep: RecordedSweep, settings: TraceSettings) -> SweepUnderWay:
-    """Return a stored sweep in bins, as far as it goes.
-
-    Raises:
-        PalpError: It is not told of when it was over the path.
-    """
+    """Return a stored sweep in bins, as far as it goes."""
     if sweep.enter_ns is None or sweep.leave_ns is None or sweep.start_ns is None:
         raise PalpError(
             f"{session.path}: does not tell when a sweep came over the path and left it, as earlier "

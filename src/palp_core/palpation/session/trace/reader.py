@@ -80,11 +80,7 @@ class SweepUnderWay(msgspec.Struct):
     whole: bool = False
 
     def add(self, settings: TraceSettings, times_ns: Int64Array, torque_n_m: Float64Array) -> None:
-        """Take samples in their order: the stage goes at constant speed between the two times.
-
-        Raises:
-            PerceptionError: A torque is not a number, or the sweep takes no time.
-        """
+        """Take samples in their order: the stage goes at constant speed between the two times."""
         if self.leave_ns <= self.enter_ns:
             raise PerceptionError("a sweep over the path takes no time; the stage must tell when it is there")
         done = (times_ns - self.enter_ns) / (self.leave_ns - self.enter_ns)
@@ -126,11 +122,7 @@ class TraceMemory(msgspec.Struct):
     sweep: SweepUnderWay | None = None
 
     def require(self, *, traces: bool) -> None:
-        """Refuse a reading that training, which there was, was not read with.
-
-        Raises:
-            PerceptionError: It is not the same.
-        """
+        """Refuse a reading that training, which there was, was not read with."""
         if traces != bool(self.training):
             raise PerceptionError("training was read otherwise (reading: feature or trace); keep its reading")
 
@@ -154,11 +146,7 @@ class TraceMemory(msgspec.Struct):
 
 
 def trained_traces(training: Sequence[TaughtSweep], settings: TraceSettings) -> TrainedTraces:
-    """Return what the sweeps of training teach.
-
-    Raises:
-        PerceptionError: There are none, or a cell has none.
-    """
+    """Return what the sweeps of training teach."""
     if not training:
         raise PerceptionError("no whole sweep of training is known by its trace; train with reading: trace")
     return learn(
@@ -184,10 +172,6 @@ def reader_of(
         settings: How they are read.
         noise: In place of the settings' spreads of landing and height.
         scene: In place of the settings' scene.
-
-    Raises:
-        PerceptionError: As of :func:`trained_traces` and :meth:`TraceSettings.model`.
-        MethodError: As of the latter.
     """
     trained = trained_traces(training, settings)
     depths_m = classes_of(trained.depths_m.tolist(), settings.depths)
@@ -238,11 +222,7 @@ class TraceReader:
         return int(found[0]) if len(found) else None
 
     def belief(self, felt: Sequence[FeltSweep]) -> trace_belief.TraceBelief:
-        """Return the belief of the bins of a trial's sweeps.
-
-        Raises:
-            PerceptionError: A sweep is none of the model's, has more bins than it, or a torque is not finite.
-        """
+        """Return the belief of the bins of a trial's sweeps."""
         found, done = self._resumed(felt)
         for number, sweep in enumerate(felt):
             known = done[number] if number < len(done) else -1
@@ -275,15 +255,15 @@ class TraceReader:
         return found, [len(one.torque_n_m) for one in before]
 
     def posterior(self, felt: Sequence[FeltSweep]) -> Float64Array:
-        """Return the probabilities of the classes, shape (m,); errors as of :meth:`belief`."""
+        """Return the probabilities of the classes, shape (m,)."""
         return np.asarray(trace_belief.classes(self.model, self.belief(felt).log_density)[0])
 
     def fits(self, felt: Sequence[FeltSweep]) -> bool:
-        """Tell whether the best class explains the torques; errors as of :meth:`belief`."""
+        """Tell whether the best class explains the torques."""
         return bool(trace_belief.fit_probability(self.model, self.belief(felt))[0] >= STRANGE)
 
     def against_training(self, felt: Sequence[FeltSweep]) -> Projected | None:
-        """Return a trial as its session is held against training by it; errors as of :meth:`belief`.
+        """Return a trial as its session is held against training by it.
 
         None where there is nothing to hold it against.
         """

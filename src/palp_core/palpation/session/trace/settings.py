@@ -90,11 +90,7 @@ class TraceSettings:
 
     @cached_property
     def bins(self) -> PositionBins:
-        """Stretches of the path.
-
-        Raises:
-            PerceptionError: The path has none, or too many.
-        """
+        """Stretches of the path."""
         return PositionBins.over(self.from_m, self.to_m, self.bin_mm * 1e-3)
 
     @property
@@ -111,10 +107,6 @@ class TraceSettings:
             trained: What training taught.
             noise: In place of the settings' spreads of landing and height.
             scene: In place of the settings' scene.
-
-        Raises:
-            PerceptionError: The filter needs an offset and there is none, or the noise file is none.
-            MethodError: There is no such filter, or no contact rung is good enough for the scene.
         """
         scene, noise = self.of_rig(noise, scene)
         taught_m, rings_m = trained.depths_m.tolist(), trained.rings_m.tolist()

@@ -32,12 +32,7 @@ class TraceWatch:
     _made: tuple[int, TraceReader] | None = field(default=None, init=False)
 
     def reader(self, memory: TraceMemory) -> TraceReader:
-        """Return what reads trials, made of the training that the memory keeps.
-
-        Raises:
-            PerceptionError: There is none, or the settings and it do not go together.
-            MethodError: There is no such filter, or no contact rung is good enough for the scene.
-        """
+        """Return what reads trials, made of the training that the memory keeps."""
         taught = len(memory.training)
         if self._made is None or self._made[0] != taught:
             self._made = (taught, reader_of(memory.training, self.settings))
