@@ -277,7 +277,7 @@ def test_filters_of_traces_keep_their_bounds(case: TraceCase) -> None:
     where = {**quantities(case.gel, case.conditions), **of_traces(settings), **grid}
     found = broken(traces.TASK, where, errors)
     if found and replace(case.conditions, height_sd_m=RIG.height_sd_m) == ONE_PHANTOM:
-        pytest.xfail(f"no quantity tells one phantom from several: {found}")
+        pytest.xfail(f"no quantity has the number of phantoms: {found}")
     assert found == []
 
 
