@@ -40,13 +40,8 @@ class _Page(HTMLParser):
         assert self.open.pop()[0] == tag, f"</{tag}> closes what it did not open"
 
 
-def flaws(text: str, *, alone: bool = True) -> list[str]:
-    """Return what is wrong with a page, in words.
-
-    Args:
-        text: The page.
-        alone: It may need no other file.
-    """
+def flaws(text: str) -> list[str]:
+    """Return what is wrong with a page, in words."""
     page = _Page()
     page.feed(text)
     attributes = [found for _, found in page.tags]
@@ -68,7 +63,7 @@ def flaws(text: str, *, alone: bool = True) -> list[str]:
         ],
         "has an id twice": sorted({one for one in ids if ids.count(one) > 1}),
         "leads to no id": [at for _, at in links if at.startswith("#") and at[1:] not in ids],
-        "needs another file": alone and [at for _, at in links if not at.startswith(("#", "data:"))],
+        "needs another file": [at for _, at in links if not at.startswith(("#", "data:"))],
         "has pictures without words": [one for one in pictures if not re.search(r"\w", one.get("alt", ""))],
         "is wider than a phone": page.unscrolled,
         "has its contents list within something else": page.buried,

@@ -51,7 +51,7 @@ def run(
     import palp_core
     from palp_core.graph.clock import local_time_name
     from palp_core.palpation.studies.catalogue import study
-    from palp_core.palpation.studies.index import StudyNote, write_note
+    from palp_core.whole_file import write_json
 
     chosen = study(name)
     options = {
@@ -75,18 +75,6 @@ def run(
     words = [[f"--{one}"] if value is True else [f"--{one}", str(value)] for one, value in options.items()]
     command = shlex.join(["palp", "study", "run", name, "--out", str(out), *itertools.chain(*words)])
     date = local_time_name().partition("_")[0]
-    write_note(
-        out,
-        StudyNote(name=name, date=date, command=command, version=palp_core.__version__, quick=quick),
-    )
+    made_by = {"name": name, "date": date, "command": command, "version": palp_core.__version__}
+    write_json(out / "study.json", made_by | {"quick": quick})
     print_text(str(page))
-
-
-@app.command("index")
-def index(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that holds the studies' folders.")],
-) -> None:
-    """Write DIR/index.html, an overview of all studies in DIR."""
-    from palp_core.palpation.studies.index import write_index
-
-    print_text(str(write_index(folder)))

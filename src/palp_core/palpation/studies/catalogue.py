@@ -26,14 +26,12 @@ class Study:
         name: As in ``palp study run NAME``.
         question: What it answers, in a line.
         target: ``module:function``, called with the options that it takes; returns its page.
-        picture: Stem of the chart that stands for it; empty: it draws none.
         checkpoint: File of its folder that gets a line for every part that is finished; empty: none.
     """
 
     name: str
     question: str
     target: str
-    picture: str = ""
     checkpoint: str = ""
 
     def run(self, out: Path, **options: Any) -> Path:
@@ -69,26 +67,22 @@ STUDIES = {
             "frontier",
             "What does a decision cost in seconds of the rig: peak, contrast, whole trace, in two worlds?",
             "palp_core.palpation.studies.frontier.study:run",
-            picture="frontier",
         ),
         Study(
             "paper",
             "Does a probe that varies its stiffness as humans do find nodules better? The paper, re-run.",
             "palp_core.palpation.studies.paper.study:run",
-            picture="policies",
         ),
         Study(
             "robustness",
             "Do the results hold for other gels, rigs, contact models, trainings and human chains?",
             "palp_core.palpation.studies.robustness.study:run",
-            picture="robustness_to_best_paper",
             checkpoint="cells.jsonl",
         ),
         Study(
             "stability",
             "Where does each method of touch, belief and signals fail, by which symptom, and what survives?",
             "palp_core.palpation.studies.stability.study:run",
-            picture="stability",
         ),
     )
 }

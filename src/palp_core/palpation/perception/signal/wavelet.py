@@ -51,16 +51,6 @@ def edge_cone(level: int = 5, wavelet: str = "db10") -> int:
     return int((_wavelet(wavelet).dec_len - 1) * (2**level - 1))
 
 
-def universal_threshold(noise_sd: float, count: int) -> float:
-    """Return sigma sqrt(2 ln n), the largest that n values of white noise are expected to reach.
-
-    Args:
-        noise_sd: sigma, the signal's unit.
-        count: n, the number of coefficients, which is about that of the samples.
-    """
-    return float(noise_sd * np.sqrt(2.0 * np.log(count)))
-
-
 declare_task(
     "denoise",
     "What becomes of wavelet coefficients?",
@@ -78,19 +68,16 @@ declare_task(
     evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="noise that is not white: the finest level's median no longer measures the coarser levels' noise",
 )
-def soft_universal(coefficients: list[Float64Array], threshold: float | None = None) -> list[Float64Array]:
+def soft_universal(coefficients: list[Float64Array]) -> list[Float64Array]:
     """Shrink every detail by sigma sqrt(2 ln n), n the number of coefficients (Donoho, 1995).
 
     sigma is the median absolute finest detail over that of a standard normal.
 
     Args:
         coefficients: Approximation, then details from coarse to fine, as of ``pywt.wavedec``.
-        threshold: What to shrink by instead, as of :func:`universal_threshold`: what a stream needs, which
-            cannot wait for the whole signal's median.
     """
-    if threshold is None:
-        sigma = float(np.median(np.abs(coefficients[-1]))) / _GAUSSIAN_MAD
-        threshold = universal_threshold(sigma, sum(c.size for c in coefficients))
+    sigma = float(np.median(np.abs(coefficients[-1]))) / _GAUSSIAN_MAD
+    threshold = float(sigma * np.sqrt(2.0 * np.log(sum(c.size for c in coefficients))))
     shrunk = [detail - np.clip(detail, -threshold, threshold) for detail in coefficients[1:]]
     return [coefficients[0], *shrunk]
 
@@ -116,7 +103,6 @@ def denoise(
     level: int = 5,
     rule: str = "soft_universal",
     mode: str = "symmetric",
-    threshold: float | None = None,
 ) -> Float64Array:
     """De-noise a uniformly sampled signal.
 
@@ -126,7 +112,6 @@ def denoise(
         level: Number of decomposition levels, at least 1.
         rule: A method of task ``denoise``.
         mode: Boundary extension; ``symmetric`` keeps artefacts inside :func:`edge_cone` smallest on ramps.
-        threshold: Of the rule ``soft_universal``, as there; None: from the signal.
 
     Returns:
         Shape (n,), the signal's unit.
@@ -155,7 +140,6 @@ def denoise(
     if mode not in pywt.Modes.modes:
         raise PerceptionError(f"no boundary mode '{mode}'; use one of {', '.join(pywt.Modes.modes)}")
     kept = find("denoise", rule).target
-    stated = {} if threshold is None else {"threshold": threshold}
     coefficients = pywt.wavedec(samples, _wavelet(wavelet), mode=mode, level=level)
-    restored = pywt.waverec(kept(coefficients, **stated), _wavelet(wavelet), mode=mode)
+    restored = pywt.waverec(kept(coefficients), _wavelet(wavelet), mode=mode)
     return np.asarray(restored[: samples.size], dtype=np.float64)

@@ -162,7 +162,7 @@ def linear(trained: TrainedTraces, known: TraceKnowledge) -> TraceModel:
     bounds=[
         Bound("decision", 0.0062, _USUAL),
         Bound("calibration", 0.053, _USUAL),
-        Bound("decision", 0.0186, {**_ABOUT, "training_count": (3.0, ENDLESS)}),
+        Bound("decision", 0.0186, _ABOUT),
         Bound("calibration", 0.1, _TRAINED),
         Bound("decision", 0.037, _MUCH),
         Bound("calibration", 0.15, _MUCH),

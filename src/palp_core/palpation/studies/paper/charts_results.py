@@ -181,64 +181,6 @@ def calibration_chart(table: Mapping[str, dict[str, Any]]) -> Chart:
     )
 
 
-def scenes_chart(scenes: Mapping[str, dict[str, Any]]) -> Chart:
-    """Information gain with the latent filter against the best fixed ring at equal seconds."""
-    rows = [
-        [
-            name,
-            *(
-                x
-                for key in ("information_gain_latent", "best_fixed")
-                for x in (s[key]["accuracy"], *s[key]["ci"])
-            ),
-            *s["difference_ci"],
-        ]
-        for name, s in scenes.items()
-    ]
-
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        at = np.arange(len(rows))
-        for first, shift, colour, label in (
-            (1, -0.2, BLUE, "information gain,\nlatent filter"),
-            (4, 0.2, GREY, "best fixed ring\nat equal seconds"),
-        ):
-            axes.bar(at + shift, [r[first] for r in rows], width=0.38, color=colour, label=label)
-            axes.vlines(
-                at + shift,
-                [r[first + 1] for r in rows],
-                [r[first + 2] for r in rows],
-                color=INK,
-                linewidth=1.4,
-            )
-        axes.set_xticks(at, [str(r[0]).replace("_", " ") for r in rows])
-        axes.set_ylim(0, 1.02)
-        in_percent(axes.yaxis)
-        legend(axes)
-        tidy(axes, "", "", "right, %")
-
-    return Chart(
-        "scenes",
-        "Three scenes fixed in advance, and a control",
-        "Fixed rings are given at least the seconds that information gain took, with the better of the two "
-        "filters and the best ring chosen in hindsight. 95 % intervals over sessions; the paired difference "
-        "is in the table.",
-        3.4,
-        [
-            "scene",
-            *(
-                f"{name}{end}"
-                for name in ("information_gain_latent", "best_fixed")
-                for end in ("", "_low", "_high")
-            ),
-            "difference_low",
-            "difference_high",
-        ],
-        rows,
-        draw,
-    )
-
-
 def grid_chart(curves: Mapping[str, Mapping[str, Sequence[float]]]) -> Chart:
     """Root mean square error of the depth against probes, on 31 depths."""
 

@@ -98,7 +98,7 @@ def count_sessions(first: Float64Array, second: Float64Array, trials: int, wante
 
 
 def least_share(base: float, correlation: float, wanted: float = 0.8) -> float | None:
-    """Return the least share that 300 trials of each of two ways tell from ``base``; None: not even 1."""
+    """Return the least share that 300 trials of each way resolve from ``base``; None: not even 1."""
     effect = 1.0 + (_PUBLISHED_TRIALS - 1) * correlation
     for share in np.arange(base, 1.0 + 1e-9, 0.001):
         variance = (base * (1.0 - base) + share * (1.0 - share)) * effect / _PUBLISHED_TRIALS

@@ -12,7 +12,6 @@ from palp_core.palpation.perception.strategy import figure5, markov
 from palp_core.palpation.reporting.charts import Chart
 from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies.paper import charts_human, charts_probe, charts_results, words
-from palp_core.palpation.studies.paper.charts_readings import readings_chart
 from palp_core.palpation.studies.paper.jobs import (
     GRID_M,
     READINGS,
@@ -114,11 +113,8 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         charts_results.policies_chart(report["policies"]),
         charts_results.calibration_chart(report["policies"]),
     ]
-    if report["scenes"]:
-        charts.append(charts_results.scenes_chart(report["scenes"]))
+    if report["grid_31_depths_rmse_mm"]:
         charts.append(charts_results.grid_chart(report["grid_31_depths_rmse_mm"]))
-    if report["readings"]:
-        charts.append(readings_chart(report["readings"]["places"]))
     pictures = [picture(chart, out) for chart in charts]
     return write_page(out / "index.html", "studies/paper.html", report=report, pictures=pictures)
 

@@ -71,7 +71,7 @@ def factors_chart(name: str, title: str, cells: Sequence[Mapping[str, Any]], des
 
     caption = (
         "Mean over sessions with 95 % intervals; the other factors are at the paper's design. Chance is "
-        "33.3 %. Positions are shifted a little so that intervals can be told apart."
+        "33.3 %. Positions are shifted a little so that intervals do not overlap."
     )
     columns = ["factor", "value", "policy", "accuracy", "low", "high"]
     return Chart(name, title, caption, 9.0, columns, rows, draw)

@@ -25,14 +25,14 @@ def naive_gain(posterior: Float64Array, prior: Float64Array) -> Float64Array:
 
 
 def naive_stop(posteriors: Sequence[Float64Array]) -> bool:
-    """Tell whether the loop of Algorithm 1 ends, as printed: it goes on while gamma > T, from G_0 = 0."""
+    """Return whether the loop of Algorithm 1 ends, as printed: it goes on while gamma > T, from G_0 = 0."""
     prior = np.full(posteriors[0].size, 1.0 / posteriors[0].size)
     before = naive_gain(posteriors[-2], prior) if len(posteriors) > 1 else np.zeros(posteriors[0].size)
     return not correlation(before, naive_gain(posteriors[-1], prior)) > LIMIT
 
 
 def our_stop(rule: StopRule, posteriors: Sequence[Float64Array]) -> bool:
-    """Tell whether a rule stops."""
+    """Return whether a rule stops."""
     prior = np.full(posteriors[0].size, 1.0 / posteriors[0].size)
     gains = [gain_vector(p, prior) for p in posteriors]
     return bool(rule.check(BeliefStep.last(posteriors, gains)).converged)
@@ -133,7 +133,7 @@ def belief_cases() -> list[Case]:
         ),
         compare_once(
             "T1c",
-            "probes that tell nothing",
+            "probes without information",
             "P_1 = P_2 = P_0",
             "correlation of two zero vectors",
             "no stop on a gain without variance",

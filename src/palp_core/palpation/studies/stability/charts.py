@@ -44,7 +44,7 @@ def overview(cases: Sequence[Case]) -> Chart:
     return Chart(
         "stability",
         "All cases with a parameter",
-        "One bar per failing method, on the scale of its parameter; beside its name, from which of the "
+        "One bar per failing method, on the scale of its parameter; right of its name, from which of the "
         "values tried it fails. Triangles: the values that the published rig has, an arrow where they lie "
         "beyond what was tried. Without a mark the parameter is none of the rig's.",
         0.6 + 0.95 * len(cases),

@@ -54,7 +54,7 @@ class Runner:
             cases: What to run it on; they must pickle.
             count: Sessions of each case.
             stream: First number of the seeds; sessions of another stream share no luck.
-            label: What the sessions are, for whoever waits.
+            label: What the sessions are: how many are done is shown on standard error.
         """
         jobs = [(case, seed) for case in cases for seed in seeds(stream, self.seed, count)]
         found = self.run_jobs(partial(_run_session, session), jobs, label=label)
