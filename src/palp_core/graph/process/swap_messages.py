@@ -236,29 +236,9 @@ class AnnouncePredecessorDead(ChannelMessage, frozen=True):
     """To the successor that works: send the readers on in the place of its predecessor, which has died."""
 
 
-ToSwapped = (
-    AnnounceSuccessor
-    | AwaitReaders
-    | RequestHandover
-    | DryRun
-    | TakeOver
-    | RequestReport
-    | WorkReport
-    | EndShadow
-    | Commit
-    | Resume
-    | CancelMove
-    | Leave
-    | AnnouncePredecessorDead
-)
-FromSwapped = (
-    SuccessorAnnounced
-    | ReadersReady
-    | Handover
-    | DryRunResult
-    | TookOver
-    | WorkReport
-    | Published
-    | Shadowed
-    | Working
-)
+ToPredecessor = AnnounceSuccessor | RequestHandover | DryRun | WorkReport | Resume | CancelMove | Leave
+ToSuccessor = AwaitReaders | DryRun | TakeOver | RequestReport | EndShadow | Commit | AnnouncePredecessorDead
+FromPredecessor = SuccessorAnnounced | Handover | DryRunResult | Published
+FromSuccessor = ReadersReady | DryRunResult | TookOver | WorkReport | Shadowed | Working
+ToSwapped = ToPredecessor | ToSuccessor
+FromSwapped = FromPredecessor | FromSuccessor
