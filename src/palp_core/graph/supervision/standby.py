@@ -29,7 +29,6 @@ class Standby:
     Attributes:
         number: Of its channel.
         process: The process.
-        replies: What it has said and nobody has taken yet.
         failure: Why it cannot go on; "" while it can.
         on_end: Called when its process has ended.
         has_left: It has said that its work is done, and died of nothing.
@@ -37,7 +36,6 @@ class Standby:
 
     def __init__(self, number: int, process: ManagedProcess) -> None:
         self.number, self.process = number, process
-        self.replies: list[FromNode] = []
         self.failure = ""
         self.on_end: Callable[[], None] = lambda: None
         self.has_left = False
@@ -50,7 +48,7 @@ class Standby:
         self.process.configured |= isinstance(message, Configured)
         self.process.matched |= isinstance(message, Matched)
         self.has_left = isinstance(message, Done)
-        self.replies.append(message)
+        self.process.replies.append(message)
 
 
 class Standbys:
