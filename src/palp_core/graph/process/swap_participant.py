@@ -227,7 +227,7 @@ class SwapParticipant:
             self._executor.succession.take_over(hand_over, message.params)
             if message.shadow is None:
                 self._sockets.requests.remember(message.handover.remembered)
-            held = self._merge(hand_over, message.handover.heard)
+            held = self._merge(hand_over, message.handover.received)
         except PalpError as error:
             return swap_messages.TookOver(in_words(error))
         self._paused_ns = message.handover.at_ns if message.start_ns else 0

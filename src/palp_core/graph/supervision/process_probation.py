@@ -1,4 +1,4 @@
-"""A node's process in lockstep on probation, while its predecessor's stands by."""
+"""A node's process in lockstep on probation, while its predecessor's is on standby."""
 
 from collections.abc import Collection
 from typing import TYPE_CHECKING

@@ -344,7 +344,7 @@ class ProcessSwap(StepEngine):
         self._answers[step.awaits] = msgspec.structs.replace(reports[-1], frames=frames)
 
     def _wait_for_report(self, new: Standby) -> bool:
-        """Tell whether there is one, or a failure."""
+        """Return whether there is one, or a failure."""
         supervisor, request = self._supervisor, self._report_request
 
         def has_report() -> bool:
