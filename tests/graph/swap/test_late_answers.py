@@ -19,19 +19,17 @@ from tests.support.palp import ROOT
 
 def supervisor_of(said: deque[FromSwapped]) -> Any:
     """A supervisor whose first node says this, one after the other."""
-    replies: dict[int, FromSwapped] = {}
+    old = SimpleNamespace(ended=False, handed_over=False, respawn_at_ns=None, replies=[])
 
     def wait_until(condition: Callable[[], bool], _: int) -> bool:
         while not condition():
             if not said:
                 return False
-            replies[0] = said.popleft()
+            old.replies.append(said.popleft())
         return True
 
-    old = SimpleNamespace(ended=False, handed_over=False, respawn_at_ns=None)
     return SimpleNamespace(
         processes=[old],
-        swap_replies=replies,
         wait_until=wait_until,
         send_if_connected=lambda *_: None,
         start_ns=0,

@@ -1,4 +1,4 @@
-"""A composed node on probation, while its predecessor stands by in the same process."""
+"""A composed node on probation, while its predecessor is on standby in the same process."""
 
 from collections.abc import Callable, Collection
 

@@ -36,7 +36,7 @@ class WorkReporter:
         self._begun_at = self._reported = self._executor.ends.run_count()
 
     def has_news(self, handler_count: int = 0) -> bool:
-        """Tell whether there is something to report, and so many handlers have run."""
+        """Return whether there is something to report, and so many handlers have run."""
         run_count = self._executor.ends.run_count()
         is_new = bool(self.frames) or run_count != self._reported
         return is_new and run_count - self._begun_at >= handler_count
@@ -73,7 +73,7 @@ class WorkReporter:
 
 
 class LockstepProbation(ABC):
-    """The rounds of a successor while its predecessor stands by: each is published as a whole or not at all.
+    """The rounds of a successor while its predecessor is on standby: each is published whole or not at all.
 
     Args:
         index: Number of the node.

@@ -58,14 +58,14 @@ class Handover(ChannelMessage, frozen=True):
         hand_over: An encoded :class:`~palp_core.graph.node.handover.HandOver`.
         at_ns: When, on the host's monotonic clock.
         remembered: Replies to requests from outside that may be asked again.
-        heard: Up to where it has received its inputs, rejected messages included.
+        received: Up to where it has received its inputs, rejected messages included.
         frames: In lockstep, what it has published on this occasion.
     """
 
     hand_over: bytes
     at_ns: int
     remembered: dict[str, bytes]
-    heard: dict[str, tuple[int, int]]
+    received: dict[str, tuple[int, int]]
     frames: list[bytes] = []
 
 
@@ -236,29 +236,9 @@ class AnnouncePredecessorDead(ChannelMessage, frozen=True):
     """To the successor that works: send the readers on in the place of its predecessor, which has died."""
 
 
-ToSwapped = (
-    AnnounceSuccessor
-    | AwaitReaders
-    | RequestHandover
-    | DryRun
-    | TakeOver
-    | RequestReport
-    | WorkReport
-    | EndShadow
-    | Commit
-    | Resume
-    | CancelMove
-    | Leave
-    | AnnouncePredecessorDead
-)
-FromSwapped = (
-    SuccessorAnnounced
-    | ReadersReady
-    | Handover
-    | DryRunResult
-    | TookOver
-    | WorkReport
-    | Published
-    | Shadowed
-    | Working
-)
+ToPredecessor = AnnounceSuccessor | RequestHandover | DryRun | WorkReport | Resume | CancelMove | Leave
+ToSuccessor = AwaitReaders | DryRun | TakeOver | RequestReport | EndShadow | Commit | AnnouncePredecessorDead
+FromPredecessor = SuccessorAnnounced | Handover | DryRunResult | Published
+FromSuccessor = ReadersReady | DryRunResult | TookOver | WorkReport | Shadowed | Working
+ToSwapped = ToPredecessor | ToSuccessor
+FromSwapped = FromPredecessor | FromSuccessor

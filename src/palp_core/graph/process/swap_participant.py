@@ -61,10 +61,9 @@ class SwapParticipant:
         self._executor, self._sockets, self._answer, self._supervisor = executor, sockets, answer, supervisor
         self._received, self._merge = received, merge
         self._set_start, self._close_inputs = set_start, close_inputs
-        self._successor: swap_messages.AnnounceSuccessor | None = None
-        self._handover_request: swap_messages.RequestHandover | None = None
-        self._readers_request: tuple[swap_messages.AwaitReaders, int] | None = None
-        self._report_request: swap_messages.RequestReport | None = None
+        self._successor = "", ""
+        self._pending: dict[type[ChannelMessage], swap_messages.ToSwapped] = {}
+        self._readers_until_ns = 0
         self._reporter: WorkReporter | None = None
         self._last_report: swap_messages.WorkReport | None = None
         self._paused_ns, self._gap_s = 0, 0.0
@@ -79,79 +78,75 @@ class SwapParticipant:
     @property
     def waiting(self) -> bool:
         """True while :meth:`turn` has to look."""
-        waiting = (self._handover_request, self._readers_request, self._report_request, self._eavesdropper)
-        return any(one is not None for one in waiting)
+        return bool(self._pending) or self._eavesdropper is not None
 
     def handle(self, message: swap_messages.ToSwapped) -> None:
         """Do what the supervisor asks for."""
         match message:
             case swap_messages.AnnounceSuccessor():
                 self._announce(message)
-            case swap_messages.RequestHandover():
-                self._handover_request = message
+            case swap_messages.RequestHandover() | swap_messages.RequestReport():
+                self._pending[type(message)] = message
             case swap_messages.WorkReport():
                 self._publish_report(message)
             case swap_messages.Resume():
                 self._resume()
             case swap_messages.CancelMove():
-                self._cancel_move()
+                self._send_move("stay", self._successor)
+                self._sockets.publisher.greeting = lambda end: [end.heartbeat()]
             case swap_messages.Leave(patience_ns=patience_ns):
                 self._leave(patience_ns)
             case swap_messages.AwaitReaders():
-                self._readers_request = message, monotonic_ns() + READERS_NS
+                self._pending[type(message)] = message
+                self._readers_until_ns = monotonic_ns() + READERS_NS
             case swap_messages.DryRun():
                 self._answer(self._try(message))
             case swap_messages.EndShadow():
                 self._answer(self._end_shadow())
             case swap_messages.TakeOver():
                 self._answer(self._take_over(message))
-            case swap_messages.RequestReport():
-                self._report_request = message
             case swap_messages.Commit():
                 self._commit(message)
             case swap_messages.AnnouncePredecessorDead():
-                self._announce_self("gone")
+                self._send_move("gone", self._sockets.endpoints)
         self.turn()
 
     def turn(self) -> None:
         """Answer what could not be answered at once, if it can be now."""
-        if self._handover_request is not None and _covers(self._received(), self._handover_request.after):
-            request, self._handover_request = self._handover_request, None
-            self._answer(self._hand_over(request))
-        if self._readers_request is not None:
-            self._look_for_readers(*self._readers_request)
-        if self._report_request is not None and self._report_is_due(self._report_request):
-            last, self._report_request = self._report_request.last, None
-            self._report(last=last)
+        for message in list(self._pending.values()):
+            if (answer := self._answer_to(message)) is not None:
+                del self._pending[type(message)]
+                self._answer(answer)
         if self._eavesdropper is not None and self._comparison is not None:
             for raw in self._eavesdropper.receive():
                 self._comparison.old(raw)
 
+    def _answer_to(self, message: swap_messages.ToSwapped) -> ChannelMessage | None:
+        match message:
+            case swap_messages.RequestHandover(after=after):
+                return self._hand_over(message) if _covers(self._received(), after) else None
+            case swap_messages.AwaitReaders():
+                return swap_messages.ReadersReady() if self._has_readers(message) else None
+            case swap_messages.RequestReport(last=last):
+                return self._report(last=last) if self._report_is_due(message) else None
+        return None
+
+    def _send_move(self, phase: str, endpoints: tuple[str, str]) -> Callable[[PublisherEnd[Any]], bytes]:
+        """Send every reader where a topic goes on; return what makes the same frame for others."""
+        payload = encode_any(Move(phase, *endpoints))
+        publisher, ends = self._sockets.publisher, self._executor.ends.publishers
+        read = [ends[name] for name in publisher.readers if name in ends]
+        publisher.send_past_hold(end.moved(payload) for end in read)
+        return lambda end: end.moved(payload)
+
     # Predecessor
 
     def _announce(self, successor: swap_messages.AnnounceSuccessor) -> None:
-        self._successor = successor
         publisher = self._sockets.publisher
-        publisher.greeting = lambda end: [end.heartbeat(), self._moved(end, "prepare")]
-        self._send_moved("prepare")
+        self._successor = successor.publish, successor.serve
+        prepared = self._send_move("prepare", self._successor)
+        publisher.greeting = lambda end: [end.heartbeat(), prepared(end)]
         self._answer(swap_messages.SuccessorAnnounced(publisher.readers))
-
-    def _cancel_move(self) -> None:
-        self._send_moved("stay")
-        self._sockets.publisher.greeting = lambda end: [end.heartbeat()]
-        self._successor = None
-
-    def _moved(self, end: PublisherEnd[Any], phase: str) -> bytes:
-        assert self._successor is not None
-        return end.moved(encode_any(Move(phase, self._successor.publish, self._successor.serve)))
-
-    def _send_moved(self, phase: str) -> None:
-        if self._successor is not None:
-            self._sockets.publisher.send_past_hold(self._moved(end, phase) for end in self._read_outputs())
-
-    def _read_outputs(self) -> list[PublisherEnd[Any]]:
-        readers = self._sockets.publisher.readers
-        return [end for name, end in self._executor.ends.publishers.items() if name in readers]
 
     def _hand_over(self, request: swap_messages.RequestHandover) -> swap_messages.Handover:
         succession = self._executor.succession
@@ -178,7 +173,7 @@ class SwapParticipant:
         self._answer(swap_messages.Published(error))
 
     def _resume(self) -> None:
-        self._handover_request = None
+        self._pending.pop(swap_messages.RequestHandover, None)
         succession, report = self._executor.succession, self._last_report
         self._last_report = None
         if report is None or not succession.paused:
@@ -190,8 +185,8 @@ class SwapParticipant:
 
     def _leave(self, patience_ns: int) -> None:
         """Send the readers away, and wait for those that are slow to go."""
-        self._sockets.publisher.greeting = lambda end: [self._moved(end, "gone")]
-        self._send_moved("gone")
+        gone = self._send_move("gone", self._successor)
+        self._sockets.publisher.greeting = lambda end: [gone(end)]
         self._close_inputs()
         self._sockets.wait_until_unread(patience_ns, self._supervisor)
         self._executor.succession.leave()
@@ -199,14 +194,13 @@ class SwapParticipant:
 
     # Successor
 
-    def _look_for_readers(self, request: swap_messages.AwaitReaders, until_ns: int) -> None:
+    def _has_readers(self, request: swap_messages.AwaitReaders) -> bool:
         self._sockets.poll()
         publisher = self._sockets.publisher
-        missing = _missing(request.readers, publisher.readers)
+        counts = publisher.readers
+        complete = all(counts.get(name, 0) >= count for name, count in request.readers.items())
         has_nodes = publisher.named_readers >= set(request.nodes)
-        if has_nodes and (not missing or monotonic_ns() >= until_ns):
-            self._readers_request = None
-            self._answer(swap_messages.ReadersReady())
+        return has_nodes and (complete or monotonic_ns() >= self._readers_until_ns)
 
     def _try(self, message: swap_messages.DryRun) -> swap_messages.DryRunResult:
         error, tried, succession = "", b"", self._executor.succession
@@ -233,7 +227,7 @@ class SwapParticipant:
             self._executor.succession.take_over(hand_over, message.params)
             if message.shadow is None:
                 self._sockets.requests.remember(message.handover.remembered)
-            held = self._merge(hand_over, message.handover.heard)
+            held = self._merge(hand_over, message.handover.received)
         except PalpError as error:
             return swap_messages.TookOver(in_words(error))
         self._paused_ns = message.handover.at_ns if message.start_ns else 0
@@ -250,15 +244,16 @@ class SwapParticipant:
         is_late = monotonic_ns() >= request.until_ns
         return is_late or (self._reporter is not None and self._reporter.has_news(request.handler_count))
 
-    def _report(self, *, last: bool) -> None:
+    def _report(self, *, last: bool) -> swap_messages.WorkReport | None:
         """Report what has been done, at a handler boundary; the last time, keep back what follows."""
         if self._reporter is None:
-            return  # the last report has crossed a second request
-        self._answer(self._reporter.report(last=last))
+            return None
+        report = self._reporter.report(last=last)
         if last and self._reporter.reports:
             self._sockets.publisher.hold()
         if last:
             self._reporter = None
+        return report
 
     @property
     def shadowing(self) -> bool:
@@ -294,25 +289,16 @@ class SwapParticipant:
 
     def _commit(self, message: swap_messages.Commit) -> None:
         self.silent = False
+        self._pending.clear()  # the last report may have been asked for twice
         publisher, executor = self._sockets.publisher, self._executor
         publisher.greeting = lambda end: [end.heartbeat()]
-        self._announce_self("here")
+        self._send_move("here", self._sockets.endpoints)
         publisher.send_past_hold(message.frames)
         publisher.release()
         working = swap_messages.Working(self._gap_s or self._since_pause_s(), len(executor.inbox))
         executor.swaps.append({**message.record, "gap_s": working.gap_s, "held": working.held})
         self._answer(working)
 
-    def _announce_self(self, phase: str) -> None:
-        """Announce to all readers that everything goes on here."""
-        move = encode_any(Move(phase, *self._sockets.endpoints))
-        self._sockets.publisher.send_past_hold(end.moved(move) for end in self._read_outputs())
-
 
 def _covers(received: ReceivedOffsets, after: ReceivedOffsets) -> bool:
     return all(received.get(topic, (-1, 0)) >= point for topic, point in after.items())
-
-
-def _missing(expected: dict[str, int], present: dict[str, int]) -> dict[str, int]:
-    counts = {name: count - present.get(name, 0) for name, count in expected.items()}
-    return {name: count for name, count in counts.items() if count > 0}

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from palp_core.graph.node.spec import LONGEST_BACKOFF_S, NodeSpec
-from palp_core.graph.process.control_messages import Spawn
+from palp_core.graph.process.control_messages import FromNode, Spawn
 from palp_core.graph.supervision.fork_server import ForkServer
 from palp_core.graph.supervision.log_levels import LogLevels
 from palp_core.graph.supervision.logs import note, tail
@@ -29,6 +29,7 @@ class ManagedProcess:
         missing: Readers of its last process that do not listen to this one, which has waited for them.
         handed_over: It has handed over everything to a successor, which can go on without it.
         is_silent: It has not been heard for longer than a node at work is silent.
+        replies: What it has sent in a swap and nothing has taken yet.
         begun_ns: When its process was asked for, and when it was activated.
     """
 
@@ -45,6 +46,7 @@ class ManagedProcess:
         self.configured = self.matched = self.active = self.done = self.ended = False
         self.handed_over = self.is_silent = False
         self.missing: list[str] = []
+        self.replies: list[FromNode] = []
         self.begun_ns = self.active_ns = now_ns
         self.respawn_at_ns: int | None = None
 

@@ -1,4 +1,4 @@
-"""A node's process in lockstep on probation, while its predecessor's stands by."""
+"""A node's process in lockstep on probation, while its predecessor's is on standby."""
 
 from collections.abc import Collection
 from typing import TYPE_CHECKING
@@ -51,16 +51,16 @@ class ProcessProbation(LockstepProbation):
 
     def _report(self) -> WorkReport | None:
         supervisor, index = self._supervisor, self.index
-        supervisor.swap_replies.pop(index, None)
+        replies = supervisor.processes[index].replies
+        replies.clear()
         supervisor.send_if_connected(index, RequestReport())
-        replies = supervisor.swap_replies
-        supervisor.wait_until(
-            lambda: isinstance(replies.get(index), WorkReport) or bool(self.failure), self._latest_ns()
-        )
-        answer = replies.pop(index, None)
-        report = answer if isinstance(answer, WorkReport) else None  # another kind is late, of a step before
-        self._note_hang(answered=report is not None)
-        return report
+
+        def report() -> WorkReport | None:
+            return next((reply for reply in replies if isinstance(reply, WorkReport)), None)
+
+        supervisor.wait_until(lambda: report() is not None or bool(self.failure), self._latest_ns())
+        self._note_hang(answered=report() is not None)
+        return report()
 
     @staticmethod
     def _latest_ns() -> int:

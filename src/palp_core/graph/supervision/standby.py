@@ -29,28 +29,26 @@ class Standby:
     Attributes:
         number: Of its channel.
         process: The process.
-        replies: What it has said and nobody has taken yet.
         failure: Why it cannot go on; "" while it can.
         on_end: Called when its process has ended.
-        has_left: It has said that its work is done, and died of nothing.
+        has_left: It has reported that its work is done, and died of nothing.
     """
 
     def __init__(self, number: int, process: ManagedProcess) -> None:
         self.number, self.process = number, process
-        self.replies: list[FromNode] = []
         self.failure = ""
         self.on_end: Callable[[], None] = lambda: None
         self.has_left = False
 
     def receive(self, message: FromNode) -> None:
-        """Take what it says."""
+        """Take a message from it."""
         if isinstance(message, Failed):
             self.failure = message.text.removeprefix(f"{self.process.spec.name}: ")
             return
         self.process.configured |= isinstance(message, Configured)
         self.process.matched |= isinstance(message, Matched)
         self.has_left = isinstance(message, Done)
-        self.replies.append(message)
+        self.process.replies.append(message)
 
 
 class Standbys:
@@ -114,7 +112,7 @@ class Standbys:
         return new
 
     def send(self, standby: Standby, message: ToNode) -> None:
-        """Say something to one; of one that is gone the fork server tells."""
+        """Send one a message; the end of one that is gone comes from the fork server."""
         with contextlib.suppress(ChannelClosed):
             self._channels.send(standby.number, message)
 
@@ -123,7 +121,7 @@ class Standbys:
         return self._channels.incoming_bytes(standby.number)
 
     def receive(self, number: int, message: FromNode) -> bool:
-        """Take what a process says; return False if it is none of these."""
+        """Take a message from a process; return False if it is none of these."""
         standby = self._all.get(number)
         if standby is not None:
             standby.receive(message)
@@ -159,7 +157,7 @@ class Standbys:
             self._server.signal(standby.process.pid, signal.SIGKILL)
 
     def end(self, standby: Standby) -> None:
-        """End one whose end may have been told of already, while it had a node's part."""
+        """End one whose end may have been handled already, while it had a node's part."""
         self.kill(standby)
         if standby.process.ended:
             self._all.pop(standby.number, None)

@@ -51,7 +51,6 @@ class Supervisor:
         on_turn: Called in every turn of :meth:`run_wall`.
         on_new_process: Called when a node has a new process.
         on_health: Takes each encoded :class:`NodeHealth`.
-        swap_replies: What nodes have last said in a swap.
         standbys: Processes beside those that have the nodes' parts.
         shadow: In lockstep, the number of a node, who works beside it unheard, and how they compare.
         probation: In lockstep, the rounds of a node whose predecessor stands by.
@@ -82,7 +81,6 @@ class Supervisor:
         self.on_health: Callable[[bytes], None] = lambda _: None
         self.on_kept: Callable[[str, int, bytes], None] = lambda *_: None
         self.restores: dict[str, bytes] = {}
-        self.swap_replies: dict[int, FromSwapped] = {}
         self.shadow: tuple[int, Standby, ShadowComparison] | None = None
         self.probation: LockstepProbation | None = None
         self._server, self._interrupt, self._observe = server, interrupt, observe
@@ -219,10 +217,11 @@ class Supervisor:
         """Let the standby of a node do the same as the node, and compare."""
         assert self.shadow is not None
         _, standby, comparison = self.shadow
-        standby.replies.clear()
+        replies = standby.process.replies
+        replies.clear()
         self.standbys.send(standby, message)
-        self.wait_until(lambda: bool(standby.replies) or bool(standby.failure))
-        for done in standby.replies:
+        self.wait_until(lambda: bool(replies) or bool(standby.failure))
+        for done in replies:
             if isinstance(done, control_messages.Done):
                 for frame in done.frames:
                     comparison.new(frame)
@@ -278,7 +277,7 @@ class Supervisor:
         elif isinstance(message, control_messages.Kept):
             self.on_kept(process.spec.name, message.sequence, message.node)
         elif isinstance(message, FromSwapped):
-            self.swap_replies[index] = message
+            process.replies.append(message)
         elif isinstance(message, control_messages.Configured):
             process.configured = True
             self._restarts.stir()
@@ -345,8 +344,7 @@ class Supervisor:
         """Let a standby have a node's part, and the other way round."""
         new = self.standbys.exchange(index, self.processes[index], standby)
         self.processes[index] = new
-        said, standby.replies = standby.replies, []
-        for message in said:
+        for message in new.replies:
             if isinstance(message, control_messages.Relay):
                 self._on_message(index, message)
         new.activate(monotonic_ns())

@@ -208,6 +208,7 @@ class ProcessSwap(StepEngine):
     def start_process(self) -> None:
         spec = self._old.successor_spec(self._swap.new)
         self._standby = self._supervisor.standbys.start(spec, self._old.log, fresh=True)
+        self._successor = self._standby.process
 
     def send_nothing(self) -> None: ...
 
@@ -332,7 +333,8 @@ class ProcessSwap(StepEngine):
             self._report_request = RequestReport(last=True)
             self._send(NEW, self._report_request)
             self._wait_for_report(new)
-        replies, new.replies = new.replies, []
+        replies = list(self._successor.replies)
+        self._successor.replies.clear()
         for event in replies:
             if isinstance(event, Raised):
                 self._supervisor.hear(self._index, event)
@@ -342,11 +344,11 @@ class ProcessSwap(StepEngine):
         self._answers[step.awaits] = msgspec.structs.replace(reports[-1], frames=frames)
 
     def _wait_for_report(self, new: Standby) -> bool:
-        """Tell whether there is one, or a failure."""
+        """Return whether there is one, or a failure."""
         supervisor, request = self._supervisor, self._report_request
 
         def has_report() -> bool:
-            reports = (reply for reply in new.replies if isinstance(reply, WorkReport))
+            reports = (reply for reply in self._successor.replies if isinstance(reply, WorkReport))
             return bool(new.failure) or any(report.last == request.last for report in reports)
 
         def is_over() -> bool:
@@ -364,22 +366,21 @@ class ProcessSwap(StepEngine):
         self._latest = self._answer(WorkReport)
         return self._latest
 
-    def judge_publication(self, _: Step) -> None:
+    def judge_publication(self, step: Step) -> None:
         """Wait until the old node has published the report; if it has died, the new one does in the end."""
-        replies = self._supervisor.swap_replies
 
         def is_over() -> bool:
-            return isinstance(replies.get(self._index), Published) or self._old.ended
+            return self._found(step) is not None or self._old.ended
 
         self._extend_deadline()
         if self._can_roll_back:
             self._wait_for(is_over, "the old node did not publish a report")
         else:
             self._supervisor.wait_until(is_over, self._deadline_ns)
-        answer = replies.get(self._index)
+        answer = self._found(step)
         if answer is None and self._old.ended:
             self._unpublished += self._latest.frames
-        self._can_roll_back &= isinstance(answer, Published) and not answer.error
+        self._can_roll_back &= answer is not None and not answer.error
         self._must_commit = self._latest.last and not self._can_roll_back
 
     def prove_in_rounds(self, _: Step) -> None:
@@ -413,13 +414,10 @@ class ProcessSwap(StepEngine):
         supervisor, index, new = self._supervisor, self._index, self._new
         self._committed = True
         supervisor.promote(index, new)
-        process, replies = supervisor.processes[index], supervisor.swap_replies
         supervisor.wait_until(
-            lambda: isinstance(replies.get(index), Working) or process.ended, monotonic_ns() + FAREWELL_NS
+            lambda: self._found(step) is not None or self._successor.ended, monotonic_ns() + FAREWELL_NS
         )
-        answer = replies.pop(index, None)
-        held = self._answer(TookOver).held
-        self._answers[Working] = answer if isinstance(answer, Working) else Working(0.0, held)
+        self._answers[Working] = self._found(step) or Working(0.0, self._answer(TookOver).held)
 
     def send_away(self) -> Leave:
         return Leave(LINGER_NS)

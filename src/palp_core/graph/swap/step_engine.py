@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, NoReturn, TypeVar
 from palp_core.errors import GraphError, NodeError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.process.swap_messages import Handover, ToSwapped
+from palp_core.graph.supervision.managed_process import ManagedProcess
 from palp_core.graph.supervision.standby import Standby
 from palp_core.graph.supervision.supervisor import Supervisor
 from palp_core.graph.swap.swap import STEPS, CheckedSwap, SwapFailed
@@ -60,6 +61,7 @@ class StepEngine:
         self._supervisor, self._folder, self._swap = supervisor, folder, swap
         self._index, self._request = swap.index, swap.request
         self._old = supervisor.processes[swap.index]
+        self._successor = self._old  # before there is one
         self._standby: Standby | None = None  # the new process; from the commit on the old one
         self._undos: list[ToSwapped] = []
         self._answers: dict[type[Any], Any] = {}
@@ -121,10 +123,11 @@ class StepEngine:
         raise SwapFailed(self._request.node, self.step, text)
 
     def _send(self, to: str, message: ToSwapped) -> None:
+        if to == OLD:
+            self._old.replies.clear()
         if (to == NEW) is not self._committed:
             self._supervisor.standbys.send(self._new, message)
         else:
-            self._supervisor.swap_replies.pop(self._index, None)
             self._supervisor.send_if_connected(self._index, message)
 
     def wait_for_answer(self, step: Step, *, missing: str = "", may_refuse: bool = False) -> Any:
@@ -133,21 +136,22 @@ class StepEngine:
         Raises:
             SwapFailed: There is none, or it has an error.
         """
-
-        def answers() -> list[Any]:
-            old = self._supervisor.swap_replies.get(self._index)
-            replies = self._new.replies if step.to == NEW else [old]
-            return [reply for reply in replies if isinstance(reply, step.awaits)]
-
         missing = missing or f"the {step.to} node did not answer ({step.awaits.__name__})"
-        self._wait_for(lambda: bool(answers()), missing)
-        answer = answers()[0]
-        if step.to == NEW:
-            self._new.replies.remove(answer)
+        self._wait_for(lambda: self._found(step) is not None, missing)
+        answer = self._found(step)
+        self._process(step.to).replies.remove(answer)
         self._answers[step.awaits] = answer
         if not may_refuse and (error := getattr(answer, "error", "")):
             self._fail(error)
         return answer
+
+    def _process(self, node: str) -> ManagedProcess:
+        return self._old if node == OLD else self._successor
+
+    def _found(self, step: Step) -> Any:
+        """Return a step's answer; None before it has come."""
+        replies = self._process(step.to).replies
+        return next((reply for reply in replies if isinstance(reply, step.awaits)), None)
 
     def _wait_for(self, condition: Callable[[], bool], missing: str) -> None:
         """Wait for something.

@@ -1,6 +1,6 @@
 """Hot swap: let another class take a running node's place, at one handler boundary, or leave all as it was.
 
-What is asked for, what came of it, and who may ask: a tool, Python, or an experiment whose plan says so.
+What is asked for, what came of it, and who may ask: a tool, Python, or an experiment by its plan.
 The steps themselves are in :mod:`.process_swap` and :mod:`.composed_swap`.
 """
 
@@ -40,7 +40,7 @@ class Probation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How long the old node is on standby, and goes on if the new one fails: what is over first.
 
     Attributes:
-        run_count: Handlers that have to run well, or whatever else the class says that it is proven by; 0:
+        run_count: Handlers that have to run well, or what else proves it by its class; 0:
             there is no probation.
         longest_s: The longest it lasts, on the graph's clock; None: however long the handlers take there, but
             no longer than the swap's ``timeout_s`` of the machine's time.
@@ -91,9 +91,9 @@ class SwapReport(msgspec.Struct, frozen=True, kw_only=True):
         duration_s: From the request to the end of the old node.
         shadow: How the outputs of both compare, if they worked side by side.
         switched: False after a dry run.
-        proven: Handlers of the new node that ran well while the old one stood by; -1: it did not stand by.
+        proven: Handlers of the new node that ran well while the old one was on standby; -1: it was not.
         unpublished: Topics that the new class does not publish, with the optional inputs wired to them.
-        proven_by: What was counted, if its class says that something else proves it: choice.
+        proven_by: What was counted, if something else proves it by its class: choice.
     """
 
     node: str
@@ -191,7 +191,7 @@ class SwapBackend(Protocol):
         """The step that the swap which is under way has come to; "" if there is none."""
 
     def inspect_class(self, request: NodeClassRequest, timeout_s: float) -> NodeClass:
-        """Import a class where that does no harm, and say what it declares."""
+        """Import a class where that does no harm, and return what it declares."""
 
     def swap(self, swap: CheckedSwap, now_ns: int) -> tuple[SwapReport, Done | None]:
         """Do it; return what came of it and, in lockstep, what the two nodes have published.
@@ -229,7 +229,7 @@ class Swapper:
 
     def plan(self, at_ns: int, request: SwapRequest) -> None:
         """Swap when it is that time on the graph's clock."""
-        if request.probation is None:  # one that fails ends the run: there is nothing to stand by for
+        if request.probation is None:  # one that fails ends the run: standby would serve nothing
             request = msgspec.structs.replace(request, probation=NO_PROBATION)
         self._planned.append((at_ns, request))
 
@@ -248,7 +248,7 @@ class Swapper:
         """Do what is planned and due.
 
         Raises:
-            SwapFailed: The run would not be what its plan says.
+            SwapFailed: The run would not follow its plan.
         """
         if self._busy or not self._planned:  # simulated time goes by in a swap, too
             return
@@ -266,7 +266,7 @@ class Swapper:
         return f"a swap of /{self._busy.removeprefix('/')} is under way; ask again when it is done"
 
     def progress(self) -> dict[str, Any]:
-        """Say which node is being swapped, if any, and which step that has come to."""
+        """Return which node is being swapped, if any, and its step."""
         step = self._backend.step or (STEPS[0] if self._busy else "")
         return {"node": self._busy.removeprefix("/"), "step": step, "steps": STEPS}
 

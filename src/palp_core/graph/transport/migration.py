@@ -190,7 +190,7 @@ class PublisherEndpoints:
             known.pop(publish, None)
 
     def is_lost(self) -> bool:
-        """Tell whether the only place is gone: its publisher moved on before this reader listened there."""
+        """Return whether the only place is gone: its publisher moved on before this reader listened there."""
         (*others, place) = self.places
         return not others and place != self.home and not Path(place.removeprefix("ipc://")).exists()
 
@@ -248,7 +248,7 @@ class Migration:
         """Follow a topic to where the run directory has it now, if no frame has announced that."""
         if publish not in self._routes[name].places:
             self._socket.connect(publish)
-            self._routes[name].replace(publish)  # the place before may have more to say: it is not left
+            self._routes[name].replace(publish)  # the place before may publish more: it is not left
 
     def follow(self, frame: Frame, now_ns: int) -> None:
         """Take a frame of kind MOVED.
