@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
 
 from palp_core.cli.launch.launch import log_levels
+from palp_core.cli.main import main
 from palp_core.errors import GraphError
 from tests.support.palp import CHAIN, SIM, Palp
 
@@ -26,6 +28,17 @@ def test_mistakes_are_said_with_place_and_hint_and_status_2(palp: Palp, tmp_path
     assert "no argument 'cuont'" in done.stderr
     assert "did you mean 'count'?" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_word_that_is_no_text_is_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], palp: Palp
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(palp.runtime_dir))
+    monkeypatch.setattr(sys, "argv", ["palp", "launch", str(CHAIN), "--check", "out:=\udcff"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert capsys.readouterr().err == "'\\udcff' is not UTF-8 text; write it as such\n"
 
 
 def test_the_printed_graph_is_a_launch_file_of_its_own(palp: Palp, tmp_path: Path) -> None:

@@ -90,6 +90,9 @@ def main() -> None:
             raise
         note(words)
         sys.exit(2)
+    except UnicodeEncodeError as error:
+        note(f"{error.object!r} is not UTF-8 text; write it as such")
+        sys.exit(2)
     except OSError as error:  # a disk that is full, a folder that is gone: no fault of the program
         where = f"{error.filename}: " if error.filename else ""
         note(f"{where}{error.strerror or error}")

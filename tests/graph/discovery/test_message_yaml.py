@@ -85,7 +85,8 @@ def test_every_kind_of_field_can_be_typed() -> None:
     [
         ("{index: 1.5}", "index: expected an integer, got 1.5"),
         ("{index: true}", "index: expected an integer, got True"),
-        ("{index: 99999999999999999999}", "index: 99999999999999999999 does not fit into 64 bits"),
+        ("{index: 99999999999999999999}", "message:1:9: '9*' cannot be read: .* at most 64 bits"),
+        (f"{{index: {2**63}}}", f"index: {2**63} does not fit into 64 bits"),
         ("{settled: 1}", "settled: expected true or false, got 1"),
         ("{name: 5}", "name: expected a text, got 5"),
         ("{blob: xyz}", "blob: expected bytes as hexadecimal text"),
@@ -99,7 +100,7 @@ def test_every_kind_of_field_can_be_typed() -> None:
         ("[1]", "the message: expected a mapping"),
         ("{index: 1, index: 2}", "key 'index' is given twice"),
         ("{index: ", "not valid YAML"),
-        ("{torque_n_m: [1" + "0" * 400 + "]}", r"torque_n_m\[0\]: .* is too large"),
+        ("{torque_n_m: [1" + "0" * 400 + "]}", "at most 64 bits"),
     ],
 )
 def test_a_mistake_is_said_with_its_field(text: str, said: str) -> None:

@@ -14,7 +14,7 @@ import msgpack
 import pytest
 
 from palp_core.graph.messages.frame import Kind, pack
-from palp_core.graph.network.join_protocol import PROTOCOL
+from palp_core.graph.network.join_protocol import LONGEST_TEXT, PROTOCOL
 from palp_core.graph.network.keys import KeyFolder
 from tests.support.hosts import Host, Launched, Raw, joining, own_host
 from tests.support.palp import finished
@@ -221,6 +221,7 @@ def test_a_guest_speaks_for_itself_only(graph: Launched, raw: Raw) -> None:
     request = {"name": "raw", "run": "x:Y", "host": "away", "pid": 1}
     raw.say("join", request={**request, "outputs": {"/ticker/tick": view["topics"]["/ticker/tick"]}})
     assert "under its own name only" in raw.until("refused")["text"]
+    raw.say("join", request={**request, "host": "h" * 1_000_000})
     raw.say("join", request=request)
     assert raw.until("joined")["epoch"] == 1
     for topic, kind in ((b"/ticker/tick", Kind.DATA), (b"/raw/x", Kind.MOVED), (b"/graph/events", Kind.DATA)):
@@ -232,8 +233,10 @@ def test_a_guest_speaks_for_itself_only(graph: Launched, raw: Raw) -> None:
     raw.say("clock", sent_ns=5)
     assert raw.until("clock")["sent_ns"] == 5
     (entry,) = graph.ask("gateway", op="guests")["guests"]
-    assert entry["rejected"] == 10
+    assert entry["rejected"] == 11
     assert graph.ask("ticker", op="info")["lifecycle"] == "active"
+    raw.say("leave", text="x" * 1_000_000, exit_code=-1)
+    assert len(graph.said("/raw has left")) < 2 * LONGEST_TEXT
 
 
 def test_a_guest_may_look_at_the_launcher_but_not_stop_the_graph(graph: Launched, raw: Raw) -> None:

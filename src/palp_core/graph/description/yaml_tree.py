@@ -178,10 +178,9 @@ def _in_bounds(value: Plain) -> Plain:
 
 
 class _Converter:
-    def __init__(self, file: str, problems: Problems, *, wide: bool) -> None:
+    def __init__(self, file: str, problems: Problems) -> None:
         self.file = file
         self.problems = problems
-        self.wide = wide
         self._open: set[int] = set()
 
     def mark(self, node: yaml.Node) -> Mark:
@@ -206,7 +205,7 @@ class _Converter:
         quoted = bool(getattr(node, "style", ""))
         try:
             value = _plain(node.tag, node.value)
-            return Scalar(mark, value if self.wide else _in_bounds(value), node.value, quoted)
+            return Scalar(mark, _in_bounds(value), node.value, quoted)
         except ValueError as error:
             self.problems.add(mark, f"'{shortened(node.value)}' cannot be read: {error}")
             return Scalar(mark, UNKNOWN, node.value, quoted)
@@ -257,11 +256,11 @@ def read_tree(path: Path, problems: Problems) -> Tree:
     return tree
 
 
-def parse_tree(text: str, file: str, problems: Problems, *, wide: bool = False) -> Tree | None:
+def parse_tree(text: str, file: str, problems: Problems) -> Tree | None:
     """Read YAML from a text that came from ``file``; None if there is nothing in it.
 
     Duplicate keys are added to ``problems``; the first of them counts. So are whole numbers of more than
-    64 bits, unless they are wanted (``wide``).
+    64 bits.
 
     Raises:
         GraphProblems: It is not YAML.
@@ -285,7 +284,7 @@ def parse_tree(text: str, file: str, problems: Problems, *, wide: bool = False) 
         raise GraphProblems(
             [Problem(file, line, column, message + "; check indentation, quotes, colons")]
         ) from error
-    return None if root is None else _Converter(file, problems, wide=wide).convert(root)
+    return None if root is None else _Converter(file, problems).convert(root)
 
 
 def plain_tree(tree: Tree) -> Plain | list[Any] | dict[str, Any]:

@@ -19,6 +19,7 @@ PROTOCOL = 4
 BEAT_NS = 500_000_000
 SILENCE_NS = 3_000_000_000  # six beats
 LARGEST_MESSAGE_BYTES = 16 << 20
+LONGEST_TEXT = 4096  # characters that another host may let a person here read
 WINDOW_BYTES = 32 << 20  # what may be on its way to one host; more is dropped, and the reader counts it
 
 
@@ -54,8 +55,8 @@ class JoinRequest(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     name: str
-    run: str
-    host: str
+    run: Annotated[str, msgspec.Meta(max_length=LONGEST_TEXT)]
+    host: Annotated[str, msgspec.Meta(max_length=LONGEST_TEXT)]
     pid: int
     outputs: dict[str, TopicInfo] = {}
     inputs: dict[str, TopicInfo] = {}

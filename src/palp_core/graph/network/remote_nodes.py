@@ -182,7 +182,7 @@ class RemoteNodes:
             case join_protocol.HealthReport(health=health):
                 self._on_health(peer, health)
             case join_protocol.LeaveGraph(text=text, exit_code=exit_code):
-                self._drop_peer(peer, text, exit_code)
+                self._drop_peer(peer, text[: join_protocol.LONGEST_TEXT], exit_code)
             case other:
                 peer.reject(f"a message that only a gateway sends: {type(other).__name__}")
 

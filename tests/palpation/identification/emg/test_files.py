@@ -480,6 +480,15 @@ def test_stamps_that_rounding_does_not_explain_are_faults(stamps: list[float], w
         time_samples(np.array(stamps, dtype=float))
 
 
+def packed_zeros(path: Path) -> None:
+    """Write an archive that states more than it has."""
+    np.savez(path, fds=FDS, edc=EDC, fs=1000.0)
+    data = bytearray(path.read_bytes())
+    place = data.index(b"PK\x01\x02") + 24  # in the directory at its end: the size of the first when unpacked
+    data[place : place + 4] = (0xF0000000).to_bytes(4, "little")
+    path.write_bytes(data)
+
+
 def npz(**arrays: Any) -> Callable[[Path], None]:
     return lambda path: np.savez(path, **arrays)
 
@@ -527,6 +536,7 @@ def test_an_archive_of_arrays(
         (npz(emg=np.zeros((9, 9)), fs=1000.0), "'emg' is square"),
         (npz(fds=FDS, edc=EDC[:-1], fs=1000.0), "have 400 and 399 samples"),
         (npz(fds=np.array([{}] * 9, dtype=object)), "not a readable NPZ file"),
+        (packed_zeros, "unpacks to more than 2 GiB"),
         (lambda path: path.write_bytes(b"\x93NUMPY rubbish"), "not a readable NPZ file"),
     ],
 )

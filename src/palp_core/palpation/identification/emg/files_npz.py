@@ -7,7 +7,7 @@ import numpy as np
 
 from palp_core.errors import PalpError
 from palp_core.foreign import catch_foreign
-from palp_core.palpation.identification.emg.files import Column, EmgFile, split_unit
+from palp_core.palpation.identification.emg.files import LARGEST_BYTES, Column, EmgFile, split_unit
 
 _RATE = re.compile(
     r"fs|sr|srate|sfreq|(sampl(e|es|ing)[_ ]?)(rate|freq|frequency)|rate", re.IGNORECASE
@@ -26,6 +26,8 @@ def read_npz(path: Path) -> EmgFile:
         archive = np.load(path, allow_pickle=False)
         if isinstance(archive, np.ndarray):
             raise PalpError(f"{path}: a single array, not an archive; write it with numpy.savez")
+        if sum(entry.file_size for entry in archive.zip.infolist()) > LARGEST_BYTES:
+            raise PalpError(f"{path}: unpacks to more than {LARGEST_BYTES >> 30} GiB")
         arrays = {name: np.asarray(archive[name]) for name in archive.files}
     rates = {}
     for name, array in arrays.items():
