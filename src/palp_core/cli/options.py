@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from palp_core.cli import completion
-from palp_core.cli.output import note, print_json, print_text
+from palp_core.cli.output import note, print_text, show
 from palp_core.cli.running import find_graph
 
 if TYPE_CHECKING:
@@ -114,11 +114,10 @@ class Call:
 
     def show(self, value: Any, lines: Iterable[str], *, count: bool = False) -> None:
         """Print a value as JSON, or else lines of text; or only how many there are in the value."""
-        if self.as_json and not count:
-            print_json(value)
-            return
-        for line in [str(len(value))] if count else lines:
-            print_text(line)
+        if count:
+            print_text(str(len(value)))
+        else:
+            show(value, lines, as_json=self.as_json)
 
     def show_of_type(self, wanted: str, types: Mapping[str, Iterable[str]], what: str) -> None:
         """Print the names that have a type.

@@ -59,6 +59,15 @@ def print_json(value: Any) -> None:
     print_text(text)
 
 
+def show(value: Any, lines: Iterable[str], *, as_json: bool) -> None:
+    """Print a value as JSON, or else lines of text."""
+    if as_json:
+        print_json(value)
+        return
+    for line in lines:
+        print_text(line)
+
+
 def print_wrapped(text: str, indent: int = 0) -> None:
     """Write a paragraph in lines as wide as the terminal, 100 characters at most; all but the first hang."""
     width = min(shutil.get_terminal_size().columns, LONGEST_LINE)

@@ -14,7 +14,7 @@ from palp_core.cli.bag.record import CompressionName, record, snapshot
 from palp_core.cli.bag.replay import replay
 from palp_core.cli.bag.topics import check_topics
 from palp_core.cli.options import ExcludeRegexOption, JsonOption, RegexOption
-from palp_core.cli.output import print_json, print_text
+from palp_core.cli.output import print_json, print_text, show
 from palp_core.counted import counted
 
 if TYPE_CHECKING:
@@ -42,10 +42,7 @@ def info(bag: BagArgument, *, as_json: JsonOption = False) -> None:
     from palp_core.graph.bag.info import bag_info
 
     found = bag_info(bag)
-    if as_json:
-        print_json(found)
-    else:
-        print_text(_info_text(found))
+    show(found, [_info_text(found)], as_json=as_json)
     if not (found.complete and found.healthy):
         raise typer.Exit(1)
 
@@ -60,11 +57,11 @@ def list_bags(
         for path in sorted(folder.iterdir() if folder.is_dir() else [])
         if (files := sorted(path.glob("*.mcap")) if path.is_dir() else [path] * (path.suffix == ".mcap"))
     }
-    if as_json:
-        print_json([{"name": name, "files": len(of), "size_bytes": sum(of)} for name, of in sizes.items()])
-    else:
-        for name, of in sizes.items():
-            print_text(f"{name}  {counted(len(of), 'file')}  {_size(sum(of))}")
+    show(
+        [{"name": name, "files": len(of), "size_bytes": sum(of)} for name, of in sizes.items()],
+        (f"{name}  {counted(len(of), 'file')}  {_size(sum(of))}" for name, of in sizes.items()),
+        as_json=as_json,
+    )
 
 
 @app.command("recover")
@@ -79,10 +76,7 @@ def recover(
     from palp_core.graph.bag.recover import recover as save
 
     report = save(bag, out, compression.value)
-    if as_json:
-        print_json(report)
-    else:
-        print_text(report.text())
+    show(report, [report.text()], as_json=as_json)
 
 
 @app.command("filter")
@@ -201,16 +195,12 @@ def diff(
 
     check_topics(topics or (), a, b)
     found = diff_bags(a, b, topics or None, tolerance=tolerance, relative=relative, ignore=ignore or ())
-    if as_json:
-        print_json(found)
-    else:
-        for topic, result in found.items():
-            within = f", {result.close_count} within the tolerance" if result.close_count else ""
-            print_text(
-                f"{topic}: {result.first.text()}"
-                if result.first
-                else f"{topic}: {result.equal_count} equal{within}"
-            )
+    lines = []
+    for topic, result in found.items():
+        within = f", {result.close_count} within the tolerance" if result.close_count else ""
+        equal = f"{result.equal_count} equal{within}"
+        lines.append(f"{topic}: {result.first.text() if result.first else equal}")
+    show(found, lines, as_json=as_json)
     if any(result.first for result in found.values()):
         raise typer.Exit(1)
 
