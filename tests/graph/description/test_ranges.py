@@ -97,7 +97,7 @@ def test_an_argument_out_of_its_range_is_one_mistake_that_names_each_node_that_t
         ),
         (["rings_mm:=0,x"], "trained_mm: $(var", "'x' is no ring position in mm; write 0, 4, 8, 12, 16"),
         (
-            ["shared.filter:=latent", "shared.likelihood:=robust"],
+            ["shared.filter:=latent", "shared.likelihood:=student_t"],
             "likelihood: normal",
             "'latent' needs 'normal'",
         ),

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from msgs.estimation import Palpation
-from msgs.experiment import Mount, PhantomTruth, Trial
 from nodes.actuator import Actuator
 from nodes.experiment_params import ExperimentParams
 from nodes.experiment_plan import design_of
@@ -18,17 +15,11 @@ from nodes.phantom import Phantom
 from nodes.torque import Torque
 from palp_core import Bench
 from palp_core.errors import PalpError, PerceptionError
-from palp_core.graph.bag.recorder import BagRecorder
-from palp_core.graph.bag.writer import BagWriter
-from palp_core.graph.messages.frame import Kind, pack
-from palp_core.graph.messages.message import Message, encode
-from palp_core.graph.messages.schema import json_schema, schema_of
-from palp_core.graph.messages.topic import Topic
 from palp_core.palpation.perception.belief.rig_noise import Component, RigNoise, read_noise, write_noise
 from palp_core.palpation.perception.statistics.variance_components import Block, estimate
 from palp_core.palpation.session.plan import BeginTrial, MountPhantom, Palpate, Rehome, StepReply, Wait
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, repeatability, sweep_count
-from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps, read_sweeps
+from palp_core.palpation.session.recorded_sweeps import RecordedSweeps, read_sweeps
 from palp_core.palpation.session.repeatability import measure_repeatability
 from tests.support.rig_session import ComposedGraph
 
@@ -200,69 +191,3 @@ def test_components_scale_with_the_readings() -> None:
 def test_readings_that_tell_nothing_are_refused(bad: list[Block], match: str) -> None:
     with pytest.raises(PerceptionError, match=match):
         estimate(bad)
-
-
-def bag_of(folder: Path, sweeps: Sequence[RecordedSweep], *, truth: bool) -> Path:
-    """A bag as a run of the plan ``repeatability`` leaves it: its trials tell no depth."""
-    sent: list[tuple[str, Message]] = []
-    for trial, sweep in enumerate(sweeps):
-        code, remount, depth_m = sweep.phantom, sweep.remount, sweep.depth_m or 0.0
-        sent.append(("/experiment/mount", Mount(stamp_ns=trial, code=code, remount=remount)))
-        true = PhantomTruth(
-            stamp_ns=trial,
-            code=code,
-            remount=remount,
-            depth_m=depth_m,
-            height_offset_m=0.0,
-            rung="l4",
-            bound=0.005,
-        )
-        told = Trial(
-            stamp_ns=trial, trial=trial, number=1, phase="stay", code="", label_known=False, depth_m=0.0
-        )
-        felt = Palpation(
-            stamp_ns=trial,
-            trial=trial,
-            iteration=1,
-            ring_m=sweep.ring_m,
-            start_ns=trial,
-            end_ns=trial,
-            rate_hz=sweep.rate_hz,
-            peak_n_m=0.0,
-            peak_index=0,
-            torque_n_m=sweep.torque_n_m,
-        )
-        sent += [("/phantom/truth", true)] if truth else []
-        sent += [("/experiment/trial", told), ("/estimator/palpation", felt)]
-    recorder = BagRecorder(BagWriter(folder))
-    types = {topic: schema_of(type(message)) for topic, message in sent}
-    for topic, schema in types.items():
-        type_hash = f"{schema.type_hash:016x}"
-        recorder.describe(
-            Topic(
-                name=topic,
-                type=schema.name,
-                type_hash=type_hash,
-                json_schema=json_schema(schema),
-                latched_depth=0,
-            )
-        )
-    counts = dict.fromkeys(types, 0)
-    for at, (topic, message) in enumerate(sent, start=1):
-        counts[topic] += 1
-        head = (topic.encode(), Kind.DATA, 0, counts[topic], at)
-        recorder(at, pack(*head, types[topic].type_hash, encode(message)))
-    recorder.close()
-    return folder
-
-
-def test_a_bag_whose_trials_tell_no_depth_has_it_from_what_was_mounted(tmp_path: Path) -> None:
-    depths_m = (0.0, 0.004, 0.0)
-    sweeps = [
-        RecordedSweep("stay", "AB"[depth_m > 0.0], n, 1, n, depth_m, 0.016, np.full(9, 1e-3), 1000.0)
-        for n, depth_m in enumerate(depths_m)
-    ]
-    stored = read_sweeps(bag_of(tmp_path / "told", sweeps, truth=True))
-    assert tuple(sweep.depth_m for sweep in stored.sweeps) == depths_m
-    untold = read_sweeps(bag_of(tmp_path / "untold", sweeps, truth=False))
-    assert {sweep.depth_m for sweep in untold.sweeps} == {None}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import faulthandler
 import json
 import os
 import signal
@@ -112,6 +113,8 @@ def launch(
     if compose and os.environ.get("PYTHONHASHSEED") != "0":  # sets in the order they have in nodes' processes
         os.environ["PYTHONHASHSEED"] = "0"
         os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
+    if compose:
+        faulthandler.enable()  # a crash in C names its Python lines, as in nodes' processes
     sys.exit(
         _run(
             file, overrides, name=name, log_level=levels, compose=compose, digest=digest, record=record,

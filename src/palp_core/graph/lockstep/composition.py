@@ -1,7 +1,6 @@
 """All nodes of a lockstep graph in this process; messages are encoded and decoded all the same."""
 
 import contextlib
-import faulthandler
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
@@ -188,7 +187,6 @@ def composed(
     checked: CheckedGraph, directory: RunDirectory, log_level: str = "info"
 ) -> Iterator[Composition]:
     """Compose a graph; tools find it in its run directory, and there is the log of all its nodes."""
-    faulthandler.enable()  # a crash in C names its Python lines
     handler = logging.FileHandler(directory.log(MERGED_LOG))
     handler.setFormatter(MergedFormatter())
     logger = logging.getLogger("palp")
