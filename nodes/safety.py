@@ -358,6 +358,7 @@ class Safety(Node):
         try:
             axes = self.link.reports() if self.link is not None else []
         except DeviceError as error:
+            self.check.forget()
             self._judge([LimitViolation(Cause.LINK_LOST, f"the link of its own: {error}")], self.now_ns())
         for axis in axes:
             self.looked_ns = max(self.looked_ns, axis.answered_ns)
@@ -420,6 +421,7 @@ class Safety(Node):
                 disabled_ns = self.link.finish_stop(written_ns).disabled_ns
             self.complaint = ""
         except DeviceError as error:
+            self.check.forget()
             self._publish_beat()
             if str(error) != self.complaint:  # log once: this runs at tick_hz
                 self.log.warning("the stage cannot be stopped on the own link: %s", error)
