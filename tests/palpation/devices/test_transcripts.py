@@ -21,7 +21,7 @@ from palp_core.palpation.devices.emulator.http import Http
 from palp_core.palpation.devices.emulator.maestro import Maestro, MaestroSettings
 from palp_core.palpation.devices.emulator.netcanoem import Netcanoem, SocketCand
 from palp_core.palpation.devices.emulator.ports import DeviceSide, TcpPort
-from palp_core.palpation.devices.emulator.rod import Rod
+from palp_core.palpation.devices.emulator.rod import EmulatedRod
 from palp_core.palpation.devices.ring.maestro_link import MaestroLink
 from palp_core.palpation.devices.sim.ring import SimRing
 from palp_core.palpation.devices.stage.aerotech_link import AerotechLink, CommandRefused
@@ -74,8 +74,8 @@ def axes() -> Axes:
 
 
 @pytest.fixture
-def rod() -> Rod:
-    return Rod(SimRing(repeatability_m=0.0), seed=1)
+def rod() -> EmulatedRod:
+    return EmulatedRod(SimRing(repeatability_m=0.0), seed=1)
 
 
 def listen(loop: EmulatorLoop, make: Callable[[], DeviceSide]) -> TcpPort:
@@ -218,7 +218,7 @@ def sent_bytes(message: str, check: str, crc: bool) -> bytes:
 
 
 @pytest.mark.parametrize("crc", [True, False])
-def test_the_rings_emulator_answers_the_transcript(rod: Rod, crc: bool) -> None:
+def test_the_rings_emulator_answers_the_transcript(rod: EmulatedRod, crc: bool) -> None:
     controller = Maestro(rod, MaestroSettings(crc=crc))
     for at_s, message, check, answer, _, _ in RING:
         reply = controller.receive(sent_bytes(message, check, crc), round(at_s * S))
@@ -237,13 +237,13 @@ def test_the_rings_driver_says_and_understands_the_transcript(loop: EmulatorLoop
     assert (script.wrong, script.part) == ([], [])
 
 
-def test_the_pololu_form_means_the_same_as_the_compact_one(rod: Rod) -> None:
+def test_the_pololu_form_means_the_same_as_the_compact_one(rod: EmulatedRod) -> None:
     controller = Maestro(rod, MaestroSettings())
     assert controller.receive(bytes.fromhex("AA 0C 04 00 20 29 6F"), 0) == b""
     assert controller.receive(bytes.fromhex("90 00 65"), S) == bytes.fromhex("A0 14")
 
 
-def test_a_wrong_check_byte_moves_nothing_and_is_told_once(rod: Rod) -> None:
+def test_a_wrong_check_byte_moves_nothing_and_is_told_once(rod: EmulatedRod) -> None:
     controller = Maestro(rod, MaestroSettings())
     before = controller.receive(bytes.fromhex("90 00 65"), 0)
     controller.receive(bytes.fromhex("84 00 20 29 00"), 0)
@@ -252,7 +252,7 @@ def test_a_wrong_check_byte_moves_nothing_and_is_told_once(rod: Rod) -> None:
     assert controller.receive(bytes.fromhex("A1 1B"), 9 * S) == bytes.fromhex("00 00")
 
 
-def test_a_silent_host_stops_the_ring_and_is_told(rod: Rod) -> None:
+def test_a_silent_host_stops_the_ring_and_is_told(rod: EmulatedRod) -> None:
     controller = Maestro(rod, MaestroSettings(timeout_s=0.5))
     controller.receive(bytes.fromhex("87 00 01 00") + bytes([maestro.crc7(bytes.fromhex("87000100"))]), 0)
     controller.receive(bytes.fromhex("84 00 40 3E 35"), 0)

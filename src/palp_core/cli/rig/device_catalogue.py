@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.registry import back_end, drivers, kind_of
+from palp_core.published import DEVICES, published
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,8 @@ def _entry_or_error(kind: str, name: str) -> DeviceEntry:
     try:
         return _entry(kind, name)
     except DeviceError as error:
+        if published(DEVICES)[f"{kind}.{name}"].startswith("palp_core."):  # an extra is not installed
+            raise
         return DeviceEntry(kind, name, str(error), {})
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator.axis import Axes
-from palp_core.palpation.devices.emulator.rod import Rod
+from palp_core.palpation.devices.emulator.rod import EmulatedRod
 from palp_core.palpation.mechanics import ContactModel, solve
 from palp_core.palpation.mechanics.scene.guard import speed_guard
 from palp_core.palpation.mechanics.scene.rig import Rig, rig
@@ -77,7 +77,7 @@ class ProbeContact:
         guards: What was met, once per mounting and ring that touched; who publishes it takes it away.
     """
 
-    def __init__(self, settings: ContactSettings, axes: Axes, rod: Rod, seed: int) -> None:
+    def __init__(self, settings: ContactSettings, axes: Axes, rod: EmulatedRod, seed: int) -> None:
         self.settings, self._axes, self._rod = settings, axes, rod
         self.rig = rig(
             phantoms=settings.phantoms,

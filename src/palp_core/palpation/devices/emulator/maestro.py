@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from palp_core.palpation.devices.emulator.rod import Rod
+from palp_core.palpation.devices.emulator.rod import EmulatedRod
 from palp_core.palpation.devices.wire.maestro import SPEED_UNIT_US_PER_S, Error, crc7
 
 _LENGTHS = {0x84: 4, 0x87: 4, 0x89: 4, 0x90: 2, 0x93: 1, 0xA1: 1, 0xA2: 1}
@@ -35,7 +35,7 @@ class MaestroSettings:
 class Maestro:
     """The controller's side of its serial line."""
 
-    def __init__(self, rod: Rod, settings: MaestroSettings, now_ns: int = 0) -> None:
+    def __init__(self, rod: EmulatedRod, settings: MaestroSettings, now_ns: int = 0) -> None:
         self.greeting, self.ready_ns = b"", 0
         self._rod, self._settings = rod, settings
         self._rest = b""

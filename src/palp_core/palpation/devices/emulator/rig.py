@@ -21,7 +21,7 @@ from palp_core.palpation.devices.emulator.lsl import LslOutlet
 from palp_core.palpation.devices.emulator.maestro import Maestro, MaestroSettings
 from palp_core.palpation.devices.emulator.netcanoem import Netcanoem, SocketCand
 from palp_core.palpation.devices.emulator.ports import DeviceSide, PtyPort, TcpPort
-from palp_core.palpation.devices.emulator.rod import Rod
+from palp_core.palpation.devices.emulator.rod import EmulatedRod
 from palp_core.palpation.devices.emulator.sensor import LoadedSensor
 from palp_core.palpation.devices.emulator.settings import RigSettings
 from palp_core.palpation.devices.wire import aerotech as aerotech_wire
@@ -86,7 +86,7 @@ class EmulatedRig:
             )
         given = self.settings
         self.axes = Axes(Axis(given.y_axis), Axis(given.z_axis))
-        self.rod = Rod(given.ring, given.seed)
+        self.rod = EmulatedRod(given.ring, given.seed)
         self.contact = ProbeContact(given.contact, self.axes, self.rod, given.seed)
         self.sensor = LoadedSensor(given.torque, given.force_noise_sd_n, self.contact, self.axes, given.seed)
         self._netcanoem = Netcanoem(self.sensor.wrench)
@@ -100,12 +100,12 @@ class EmulatedRig:
     def start(self) -> Self:
         """Plug everything in; afterwards ``addresses`` and ``options`` (of the drivers) are known."""
         with ExitStack() as undo:
+            undo.callback(self.contact.close)
             if self.settings.folder:
                 self._folder = _own(Path(self.settings.folder))
             else:
                 self._folder = Path(tempfile.mkdtemp(prefix="palp-emulator-"))
                 undo.callback(shutil.rmtree, self._folder)
-            undo.callback(self.contact.close)
             self.loop = EmulatorLoop()
             undo.callback(self.loop.stop)
             undo.callback(self._unplug_all)

@@ -7,7 +7,7 @@ import numpy as np
 from palp_core.palpation.devices.sim.ring import SimRing, SimRingState
 
 
-class Rod:
+class EmulatedRod:
     """A simulated ring that counts from the retracted stop, as its controller does.
 
     Args:
