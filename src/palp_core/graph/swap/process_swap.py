@@ -44,7 +44,7 @@ from palp_core.graph.process.swap_messages import (
 from palp_core.graph.supervision.process_probation import ProcessProbation
 from palp_core.graph.supervision.standby import Standby
 from palp_core.graph.supervision.supervisor import Supervisor
-from palp_core.graph.swap.step_engine import FAREWELL_NS, NEW, OLD, Step, StepEngine
+from palp_core.graph.swap.step_engine import FAREWELL_NS, LARGE_BYTES, NEW, OLD, Step, StepEngine
 from palp_core.graph.swap.swap import CheckedSwap, SwapReport, why_not_swappable
 from palp_core.graph.transport.offsets import ReceivedOffsets
 
@@ -354,10 +354,13 @@ class ProcessSwap(StepEngine):
         def is_over() -> bool:
             return has_report() or (request.until_ns > 0 and self._must_end())
 
-        hung_ns = max(request.until_ns, monotonic_ns()) + round(HUNG_S["wall"] * 1e9)
+        limit_s = HUNG_S["wall"]
+        if self._state_bytes() > LARGE_BYTES:  # to write it down takes time, too
+            limit_s = max(limit_s, self._request.timeout_s)
+        hung_ns = max(request.until_ns, monotonic_ns()) + round(limit_s * 1e9)
         incoming_bytes = supervisor.standbys.incoming_bytes
         if not supervisor.wait_until(lambda: is_over() or incoming_bytes(new) > 0, hung_ns):
-            self._fail(f"a handler of it did not return within {HUNG_S['wall']:g} s")
+            self._fail_in_time("a handler of it did not return", limit_s)
         self._extend_deadline()
         self._wait_for(is_over, "it did not report its state")
         return has_report()

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, NoReturn, TypeVar
 
 from palp_core.errors import GraphError, NodeError
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.process.swap_messages import Handover, ToSwapped
+from palp_core.graph.process.swap_messages import ToSwapped
 from palp_core.graph.supervision.managed_process import ManagedProcess
 from palp_core.graph.supervision.standby import Standby
 from palp_core.graph.supervision.supervisor import Supervisor
@@ -122,6 +122,17 @@ class StepEngine:
     def _fail(self, text: str) -> NoReturn:
         raise SwapFailed(self._request.node, self.step, text)
 
+    def _fail_in_time(self, missing: str, limit_s: float) -> NoReturn:
+        size = self._state_bytes()
+        state = f", with a state of {size / 1e6:.0f} MB" if size > LARGE_BYTES else ""
+        self._fail(f"{missing} within {limit_s:g} s{state}")
+
+    def _state_bytes(self) -> int:
+        """Return how large the node's state was at the most."""
+        answers = self._answers.values()
+        found = [getattr(answer, "hand_over", getattr(answer, "tried", b"")) for answer in answers]
+        return max(map(len, found), default=0)
+
     def _send(self, to: str, message: ToSwapped) -> None:
         if to == OLD:
             self._old.replies.clear()
@@ -171,8 +182,5 @@ class StepEngine:
         if new is not None and new.failure:
             self._fail(new.failure)
         if not in_time:
-            handover = self._answers.get(Handover)
-            size = len(handover.hand_over) if handover is not None else 0
-            state = f", with a state of {size / 1e6:.0f} MB" if size > LARGE_BYTES else ""
-            self._fail(f"{missing} within {self._request.timeout_s:g} s{state}")
+            self._fail_in_time(missing, self._request.timeout_s)
         self._fail("the old node has ended")
