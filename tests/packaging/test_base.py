@@ -56,7 +56,7 @@ print(json.dumps(done))
 """
 NEEDS = {
     "methods list": "rig",
-    "devices probe aerotech": "rig",
+    "devices list": "rig",
     "session report x": "rig",
     "emg analyse x.csv": "rig",
     "launch rig:sim.yaml --check": "rig",
