@@ -7,6 +7,7 @@ from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.session_check import SessionTrials
 from palp_core.palpation.perception.belief.trial_filter import DepthCount
 from palp_core.palpation.perception.signal.sweep_cut import SweepCut
+from palp_core.palpation.perception.strategy.trained_rings import PUBLISHED
 from palp_core.palpation.session.method_choices import (
     AUTO,
     DenoiseName,
@@ -58,6 +59,7 @@ class EstimatorParams(Params):
     feature: FeatureName = "peak"
     likelihood: LikelihoodName = "normal"
     filter: FilterName = "naive"
+    trained_mm: str = PUBLISHED
     depths: DepthCount = 0
     noise: str = ""
     ring_sd_mm: MillimetresNonNegative = 0.17

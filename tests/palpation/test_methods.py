@@ -105,8 +105,8 @@ def test_the_register_chooses_for_a_rig_or_refuses_before_anything_starts() -> N
 def test_the_registers_choice_decides_a_session(tmp_path: Path) -> None:
     with ComposedGraph(
         str(ROOT / "launch" / "sim.yaml"), out=str(tmp_path / "out"), trials=1, training=25,
-        rings_mm="16", protocol="auto",
+        rings_mm="8, 16", protocol="auto",
     ) as graph:  # fmt: skip
         graph.run()
     rows = (tmp_path / "out" / "trials.csv").read_text(encoding="utf-8").splitlines()
-    assert len(rows) > 1 + 3 * 25
+    assert len(rows) > 1 + 3 * 2 * 25

@@ -101,6 +101,11 @@ def test_an_argument_out_of_its_range_is_one_mistake_that_names_each_node_that_t
             "likelihood: normal",
             "'latent' needs 'normal'",
         ),
+        (
+            ["shared.filter:=latent", "rings_mm:=16"],
+            "filter: naive",
+            "'latent' needs two trained ring positions",
+        ),
         (["shared.stop:=fixed_number", "shared.stop_value:=20.0"], "stop: paper_guarded", "max_probes is 15"),
         (["noise:=nowhere.yaml"], "noise: $(var", "cannot read the noise file"),
         (["shared.chain:=nowhere.yaml"], "chain: ", "cannot read the chain"),

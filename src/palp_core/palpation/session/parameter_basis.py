@@ -22,6 +22,7 @@ BASIS = {
     "experiment.from_m": "assumed",
     "experiment.to_m": "assumed",
     "policy.ring_mm": "published: one of 0, 4, 8, 12, 16 mm; 16 was the best",
+    "estimator.trained_mm": "published: 0, 4, 8, 12, 16 mm; as of the experiment",
     "policy.trained_mm": "published: 0, 4, 8, 12, 16 mm; as of the experiment",
     "policy.rings_mm": "published: 0, 4, 8, 12, 16 mm",
     "policy.matrices": (

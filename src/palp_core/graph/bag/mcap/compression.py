@@ -59,7 +59,10 @@ def decompress(name: str, data: bytes | memoryview, size: int) -> bytes:
                 raise ValueError("two sizes in it contradict each other")
             records = _OWN.zstd.decompress(data, max_output_size=size)
         elif name == "lz4":
-            records = lz4.frame.decompress(data)
+            lz4_frame = lz4.frame.LZ4FrameDecompressor()
+            records = lz4_frame.decompress(data, max_length=size)
+            if not lz4_frame.eof:
+                raise ValueError(f"it decompresses to more than {size} bytes, or ends early")
         elif name == "":
             records = bytes(data)
         else:

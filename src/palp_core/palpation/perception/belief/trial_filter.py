@@ -110,6 +110,18 @@ def require_likelihood(name: str, likelihood: str) -> None:
         raise PerceptionError(f"likelihood '{likelihood}' is of the filter 'naive'; '{name}' needs 'normal'")
 
 
+def require_rings(name: str, ring_count: int) -> None:
+    """Refuse a filter whose slope over ring positions training would not give.
+
+    Raises:
+        PerceptionError: It needs two positions.
+    """
+    if name != NAIVE and ring_count < 2:
+        raise PerceptionError(
+            f"filter '{name}' needs two trained ring positions; train more, or take '{NAIVE}'"
+        )
+
+
 def trial_filter(
     name: str,
     primitives: Primitives,

@@ -10,7 +10,7 @@ from palp_core.graph.messages.builtin import MethodUse
 from palp_core.methods import find
 from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.perception.belief.stopping import stop_rule
-from palp_core.palpation.perception.belief.trial_filter import NAIVE, require_likelihood
+from palp_core.palpation.perception.belief.trial_filter import NAIVE, require_likelihood, require_rings
 from palp_core.palpation.perception.signal.features import Peak
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.session.method_choices import AUTO, TRACE, checks_of, given_by, names_of
@@ -49,6 +49,7 @@ def together(params: Any, used: dict[str, str]) -> dict[str, Callable[[], object
         return {**found, "bin_mm": lambda: TraceSettings.of(params).bins}
     return {
         "likelihood": lambda: require_likelihood(used["filter"], used["likelihood"]),
+        "filter": lambda: require_rings(used["filter"], len(params.trained_mm.split(","))),
         **found,
     }
 
