@@ -10,10 +10,11 @@ from typing import Any, NamedTuple
 
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.choice import choose
-from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord, locked
+from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.messages.topic import Topic, topic_of
 from palp_core.graph.node.spec import COMPOSITION, HUNG_S, LAUNCHER, MERGED_LOG
 from palp_core.graph.problems import hint
+from palp_core.whole_file import is_locked
 
 REPLY_TIMEOUT_S = 5.0
 SWAP_MARGIN_S = 10.0
@@ -103,7 +104,7 @@ class RunningGraph:
     @property
     def alive(self) -> bool:
         """Whether the graph still runs."""
-        return locked(self.folder)
+        return is_locked(self.folder)
 
     @property
     def node_names(self) -> list[str]:

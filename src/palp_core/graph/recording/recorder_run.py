@@ -15,12 +15,11 @@ import msgspec
 from palp_core.errors import BagError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.choice import addressed
-from palp_core.graph.discovery.run_directory import locked
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.recording.live_recorder import LiveRecorder
 from palp_core.graph.recording.recorder_messages import RecordOptions
 from palp_core.user_folders import no_room
-from palp_core.whole_file import open_private
+from palp_core.whole_file import is_locked, open_private
 
 FOLDER = "recorders"
 ANSWER_NS = 30_000_000_000
@@ -144,7 +143,7 @@ def save_snapshots(graph: RunningGraph, number: signal.Signals = signal.SIGUSR1)
     Raises:
         BagError: There is none, or one does not answer.
     """
-    files = [path for path in sorted((graph.folder / FOLDER).glob("*.json")) if locked(path)]
+    files = [path for path in sorted((graph.folder / FOLDER).glob("*.json")) if is_locked(path)]
     if not files:
         start_one = addressed("palp bag record -a --snapshot S", graph.record.id)
         raise BagError(f"no recorder keeps this graph's last seconds; start one: {start_one}")
@@ -155,7 +154,7 @@ def save_snapshots(graph: RunningGraph, number: signal.Signals = signal.SIGUSR1)
     lines = []
     for path, kept in before.items():
         while len((now := _read(path)).saved) == len(kept.saved):
-            if monotonic_ns() > end_ns or not locked(path):
+            if monotonic_ns() > end_ns or not is_locked(path):
                 raise BagError(f"recorder {kept.pid} did not write its snapshot")
             signal.sigtimedwait((), 0.02)
         lines += now.saved[len(kept.saved) :]

@@ -5,9 +5,11 @@ import fcntl
 import os
 import re
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 from palp_core.errors import PalpError
+from palp_core.whole_file import is_locked
 
 TABLE = "trials.csv"
 SWEEPS = "sweeps"
@@ -120,6 +122,18 @@ class FolderLock:
                 f"another session is writing its record into '{folder}'; choose another {named_by}"
             ) from None
 
+    @contextlib.contextmanager
+    def released_if_refused(self, folder: Path, named_by: str = "out:=") -> Iterator[None]:
+        """Let go of the folder if it cannot be begun or gone on with, and say why."""
+        try:
+            yield
+        except OSError as error:
+            self.release()
+            raise cannot_write(folder, error, named_by) from error
+        except PalpError:
+            self.release()
+            raise
+
     def release(self) -> None:
         """Let others have it."""
         if self._descriptor >= 0:
@@ -129,17 +143,7 @@ class FolderLock:
 
 def is_being_written(folder: Path) -> bool:
     """Tell whether a session has the folder right now."""
-    try:
-        descriptor = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return False
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    finally:
-        os.close(descriptor)
-    return False
+    return is_locked(folder.resolve())
 
 
 def set_aside(folder: Path) -> Path:

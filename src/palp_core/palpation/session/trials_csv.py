@@ -18,7 +18,7 @@ import logging
 import os
 import shutil
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from types import NoneType
 from typing import Any, BinaryIO, Protocol, get_args, get_type_hints
@@ -34,7 +34,6 @@ from palp_core.palpation.session.session_folder import (
     SWEEPS,
     TABLE,
     FolderLock,
-    cannot_write,
     forget_replaced,
     link_latest,
     refuse_occupied,
@@ -198,7 +197,7 @@ class SessionWriter:
         Raises:
             PalpError: The folder holds a session, another one is writing into it, or it cannot be written.
         """
-        with self._closed_if_refused():
+        with self._lock.released_if_refused(self.folder, self._named_by):
             self.folder.mkdir(parents=True, exist_ok=True)
             self._lock.take(self.folder, self._named_by)
             if not overwrite:
@@ -218,7 +217,7 @@ class SessionWriter:
         Raises:
             PalpError: The table lacks palpations, another session writes into it, or it cannot be written.
         """
-        with self._closed_if_refused():
+        with self._lock.released_if_refused(self.folder, self._named_by):
             self._lock.take(self.folder, self._named_by)
             rows = read_rows(self.folder)
             if len(rows) < row_count or any(row.row != place for place, row in enumerate(rows[:row_count])):
@@ -229,18 +228,6 @@ class SessionWriter:
                 )
             self._cut(row_count, len(rows))
             link_latest(self.folder)
-
-    @contextlib.contextmanager
-    def _closed_if_refused(self) -> Iterator[None]:
-        """Let go of the folder if it cannot be begun or gone on with, and say why."""
-        try:
-            yield
-        except OSError as error:
-            self.close()
-            raise cannot_write(self.folder, error, self._named_by) from error
-        except PalpError:
-            self.close()
-            raise
 
     def _cut(self, row_count: int, found: int) -> None:
         """Leave so many rows in the table, which is there whole all the while, and their sweeps."""

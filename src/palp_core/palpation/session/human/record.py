@@ -13,11 +13,10 @@
 ``palp emg fit-policy OUT`` learns the subject's chains from what counts.
 """
 
-import contextlib
 import csv
 import io
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -137,7 +136,7 @@ class HumanWriter:
                 ever replaced.
         """
         refuse_human(self.folder)
-        with self._closed_if_refused():
+        with self._lock.released_if_refused(self.folder):
             self.folder.mkdir(parents=True, exist_ok=True)
             self._lock.take(self.folder)
             self._append(HumanRow.__struct_fields__, os.O_CREAT | os.O_EXCL)
@@ -153,7 +152,7 @@ class HumanWriter:
         Raises:
             PalpError: The table lacks rows, another session writes into it, or it cannot be written.
         """
-        with self._closed_if_refused():
+        with self._lock.released_if_refused(self.folder):
             self._lock.take(self.folder)
             rows = read_human(self.folder)
             if [row.row for row in rows[:row_count]] != list(range(row_count)):
@@ -165,18 +164,6 @@ class HumanWriter:
             self._set_aside(rows[:row_count], rows[row_count:])
             write_whole(self.folder / HUMAN_TABLE, human_table_text(rows[:row_count]))
             link_latest(self.folder)
-
-    @contextlib.contextmanager
-    def _closed_if_refused(self) -> Iterator[None]:
-        """Let go of the folder if it cannot be begun or gone on with, and say why."""
-        try:
-            yield
-        except OSError as error:
-            self.close()
-            raise cannot_write(self.folder, error) from error
-        except PalpError:
-            self.close()
-            raise
 
     def _set_aside(self, rows: Sequence[HumanRow], later: Sequence[HumanRow]) -> None:
         """Move away what is of no row that stays: a row more, EMG whose trial was not over."""
