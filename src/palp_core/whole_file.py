@@ -112,6 +112,21 @@ def locked_path(path: Path, flags: int = os.O_RDONLY) -> Iterator[int]:
         os.close(descriptor)
 
 
+def is_locked(path: Path) -> bool:
+    """Tell whether a process has locked a file or folder; its lock ends with it."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)  # shared: two who ask do not see each other
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
 def append_whole(path: Path, text: str, flags: int = os.O_CREAT, heading: str = "") -> None:
     """Append lines whole, or leave the file as it was: a full disk takes a part of what it is given.
 

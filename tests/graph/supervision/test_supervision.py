@@ -13,9 +13,10 @@ from pathlib import Path
 import psutil
 import pytest
 
-from palp_core.graph.discovery.run_directory import RunDirectory, locked
+from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.supervision import interrupt
 from palp_core.graph.supervision.launcher_node import EVENTS, HEALTH
+from palp_core.whole_file import is_locked
 from tests.support.palp import CHAIN, FOREVER_NS, PATIENCE_S, Palp, wait_for_line
 from tests.support.supervised import LAUNCH, TALK, Running
 from tests.support.toys import Hostile, Pipe
@@ -219,9 +220,9 @@ def test_what_is_heavy_is_imported_where_nodes_run_that_need_it_and_by_the_serve
 
 def test_a_run_lives_as_long_as_it_holds_its_folder() -> None:
     run = RunDirectory("a")
-    assert locked(run.path)
-    assert locked(run.path)  # asking leaves no trace
+    assert is_locked(run.path)
+    assert is_locked(run.path)  # asking leaves no trace
     run.release()
-    assert not locked(run.path)
+    assert not is_locked(run.path)
     run.remove()
-    assert not locked(run.path)
+    assert not is_locked(run.path)

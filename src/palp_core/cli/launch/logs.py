@@ -43,16 +43,16 @@ def logs(
     from palp_core.cli.text.since import since as time_of
     from palp_core.graph.discovery.log_lines import LineFilter, all_lines
     from palp_core.graph.discovery.log_reader import follow as following
-    from palp_core.graph.discovery.run_directory import locked
     from palp_core.graph.node.spec import MERGED_LOG
     from palp_core.graph.supervision.logs import tail
+    from palp_core.whole_file import is_locked
 
     folder, record, log = _find(node, graph)
     merged, name = log.with_name(f"{MERGED_LOG}.log"), "" if node is None else node.removeprefix("/")
     sought = LineFilter(name, level or "", time_of(since) if since is not None else None)
     as_it_is = level is None and since is None and log.exists()
     source = log if as_it_is else merged
-    note(_header(record, source, lives=locked(folder)))
+    note(_header(record, source, lives=is_locked(folder)))
     shown = tail(log, lines) if as_it_is else deque(filter(sought.passes, all_lines(merged)), maxlen=lines)
     for line in shown:
         print_text(line)
@@ -60,7 +60,7 @@ def logs(
         note("nothing like that was printed" if level or since else "nothing was printed yet")
     if follow:
         with until_ctrl_c():
-            for line in following(source, lambda: locked(folder)):
+            for line in following(source, lambda: is_locked(folder)):
                 if as_it_is or sought.passes(line):
                     print_text(line)
 

@@ -17,7 +17,7 @@ from palp_core.graph.clock import unix_ns
 from palp_core.graph.description.launch_file import find_workspace
 from palp_core.graph.messages.topic import Topic
 from palp_core.user_folders import folder_mistake, no_room, own_folder, room_mistake, runtime_folder
-from palp_core.whole_file import PRIVATE, open_private, write_json
+from palp_core.whole_file import PRIVATE, is_locked, open_private, write_json
 
 _log = logging.getLogger("palp.supervisor")
 KEEP_ENDED = 20
@@ -122,34 +122,12 @@ class RunDirectory:
             return ""
 
     def record(
-        self,
-        graph: str,
-        file: str,
-        clock: str,
-        serve: str,
-        nodes: list[NodeEntry],
-        topics: list[Topic],
-        workspace: str = "",
-        view: str = "",
-        *,
-        blind: bool = False,
+        self, graph: str, file: str, clock: str, serve: str, nodes: list[NodeEntry], topics: list[Topic]
     ) -> RunRecord:
         """Return the record of a graph that this process supervises."""
         start_ns, launched_from = self._start_unix_ns, self._launched_from
         return RunRecord(
-            graph,
-            file,
-            clock,
-            os.getpid(),
-            start_ns,
-            serve,
-            nodes,
-            topics,
-            "",
-            workspace,
-            launched_from,
-            view,
-            blind,
+            graph, file, clock, os.getpid(), start_ns, serve, nodes, topics, launched_from=launched_from
         )
 
     def write(self, record: RunRecord) -> None:
@@ -206,7 +184,7 @@ def read_record(folder: Path) -> RunRecord | None:
 
 def runs() -> list[tuple[Path, RunRecord, bool]]:
     """Return every run of this user with a record: folder, record, whether it lives; the latest first."""
-    found = [(folder, record, locked(folder)) for folder in _folders() if (record := read_record(folder))]
+    found = [(folder, record, is_locked(folder)) for folder in _folders() if (record := read_record(folder))]
     return sorted(found, key=lambda run: -run[1].start_unix_ns)
 
 
@@ -245,7 +223,7 @@ def _prune() -> None:
     ended = []
     for folder in _folders():
         with contextlib.suppress(OSError):  # another launch may be removing it just now
-            if not locked(folder):
+            if not is_locked(folder):
                 ended.append((folder.stat().st_mtime, folder))
     total_bytes = 0
     for place, (_, folder) in enumerate(sorted(ended, reverse=True)):
@@ -262,18 +240,3 @@ def _size(folder: Path) -> int:
             entry = path.lstat()
             found += entry.st_size if stat.S_ISREG(entry.st_mode) else 0
     return found
-
-
-def locked(held: Path) -> bool:
-    """Tell whether a run holds its folder, or a recorder its note: a lock ends with its process."""
-    try:
-        descriptor = os.open(held, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-    except OSError:
-        return False
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)  # shared: two who ask do not see each other
-    except BlockingIOError:
-        return True
-    finally:
-        os.close(descriptor)
-    return False

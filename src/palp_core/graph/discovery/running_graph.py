@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.discovery.choice import choose
-from palp_core.graph.discovery.run_directory import RECORD, NodeEntry, RunRecord, locked, read_record
+from palp_core.graph.discovery.run_directory import RECORD, NodeEntry, RunRecord, read_record
 from palp_core.graph.messages.topic import Topic, topic_of
 from palp_core.graph.node.spec import COMPOSITION, HUNG_S, LAUNCHER, MERGED_LOG, topic
 from palp_core.graph.problems import hint
+from palp_core.whole_file import is_locked
 
 if TYPE_CHECKING:
     from palp_core.graph.messages.frame import Frame
@@ -123,7 +124,7 @@ class RunningGraph:
 
     @property
     def alive(self) -> bool:
-        return locked(self.folder)
+        return is_locked(self.folder)
 
     @property
     def node_names(self) -> list[str]:

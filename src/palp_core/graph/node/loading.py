@@ -7,6 +7,7 @@ import importlib.util
 import os
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -41,19 +42,14 @@ def shared_process() -> Iterator[None]:
     """Refuse a node the end of the process that it shares: the run would have the status of its choice."""
     process, real = os.getpid(), {name: getattr(os, name) for name in ("_exit", "execv", "execve")}
 
-    def refusing(name: str) -> Any:
-        def refuse(*arguments: Any) -> None:
-            if os.getpid() != process:
-                real[name](*arguments)
-            raise GraphError(
-                f"os.{name} would end every node of this process; raise an error, or call finish()"
-            )
-
-        return refuse
+    def refuse(name: str, *arguments: Any) -> None:
+        if os.getpid() != process:  # a child of its own
+            real[name](*arguments)
+        raise GraphError(f"os.{name} would end every node of this process; raise an error, or call finish()")
 
     try:
         for name in real:
-            setattr(os, name, refusing(name))
+            setattr(os, name, partial(refuse, name))
         yield
     finally:
         for name, function in real.items():

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+import msgspec
+
 from palp_core.graph.description.checked import CheckedGraph, TopicInfo
 from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory, RunRecord
 from palp_core.graph.node.loading import endpoints
@@ -38,17 +40,8 @@ def run_record(
     topics = [info.as_topic(name, at(info.node)[0]) for name, info in checked.topics.items()]
     topics += LauncherNode.topics(folder)
     serve = endpoints(folder, LAUNCHER)[1]
-    return directory.record(
-        checked.graph,
-        str(file),
-        checked.clock,
-        serve,
-        nodes,
-        topics,
-        checked.workspace,
-        checked.view,
-        blind=checked.blind,
-    )
+    found = directory.record(checked.graph, str(file), checked.clock, serve, nodes, topics)
+    return msgspec.structs.replace(found, workspace=checked.workspace, view=checked.view, blind=checked.blind)
 
 
 def run_record_of_node(

@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 
 from palp_core.errors import PalpError
+from palp_core.whole_file import is_locked
 
 TABLE = "trials.csv"
 SWEEPS = "sweeps"
@@ -118,17 +119,7 @@ class FolderLock:
 
 def is_being_written(folder: Path) -> bool:
     """Tell whether a session has the folder right now."""
-    try:
-        descriptor = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return False
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    finally:
-        os.close(descriptor)
-    return False
+    return is_locked(folder.resolve())
 
 
 def set_aside(folder: Path) -> Path:

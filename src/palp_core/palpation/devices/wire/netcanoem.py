@@ -5,7 +5,6 @@ from enum import IntEnum
 
 from palp_core.palpation.devices.wire.bits import Bits
 
-AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 _POUND_N, _INCH_M = 4.4482216152605, 0.0254
 FORCE_UNIT_N = {1: _POUND_N, 2: 1.0, 3: 1e3 * _POUND_N, 4: 1e3, 5: 9.80665, 6: 9.80665e-3}
 TORQUE_UNIT_N_M = {

@@ -7,7 +7,6 @@ damaged entry is computed again; a place that cannot be written to is done witho
 """
 
 import contextlib
-import fcntl
 import hashlib
 import json
 import os
@@ -22,7 +21,7 @@ import numpy as np
 
 from palp_core.errors import MechanicsError
 from palp_core.user_folders import cache_folder
-from palp_core.whole_file import locked_path, whole_file
+from palp_core.whole_file import is_locked, locked_path, whole_file
 
 Arrays = dict[str, np.ndarray[Any, np.dtype[Any]]]
 
@@ -141,10 +140,6 @@ def _locked(path: Path) -> Iterator[None]:
 
 def _remove_idle(path: Path) -> None:
     """Remove a lock or an unfinished file that nobody holds."""
-    with contextlib.suppress(OSError):
-        handle = os.open(path, os.O_RDWR | os.O_CLOEXEC)
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    if not is_locked(path):
+        with contextlib.suppress(OSError):
             path.unlink()
-        finally:
-            os.close(handle)
