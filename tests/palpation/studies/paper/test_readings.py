@@ -72,5 +72,5 @@ def test_the_scenes_and_31_depths_are_run_by_every_reading() -> None:
     }
     assert by_contrast["unknown_height"] == 1.0  # the height cancels
     error = {(one["world"], one["reading"], one["sweeps"]): one["rmse_m"] for one in found["depths"]}
-    for world in ("paper", "lab"):
-        assert max(error[world, "contrast", 1], error[world, "trace", 1]) < error[world, "peak", 1]
+    assert {world for world, _, _ in error} == {"paper", "lab"}
+    assert max(error["paper", "contrast", 1], error["paper", "trace", 1]) < 0.6 * error["paper", "peak", 1]
