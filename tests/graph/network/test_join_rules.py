@@ -49,7 +49,7 @@ from tests.support.hosts import LAUNCH, TOYS
 from tests.support.rig_session import check_here
 
 NS = st.integers(0, 10**9)
-MESSAGES = (4, "3c95834c87d73767")
+MESSAGES = (4, "8edfe54b08476532")
 
 
 def without_prose(schema: Any) -> Any:
