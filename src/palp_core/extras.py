@@ -24,7 +24,6 @@ _EXTRA_OF = {
     "pyarrow": "parquet",
     "pylsl": "lsl",
     "edfio": "emg",
-    "h5py": "emg",
     "pyxdf": "emg",
     "distributed": "dask",
     "foxglove": "foxglove",

@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import h5py
 import msgspec
 import numpy as np
 import pandas as pd
@@ -43,7 +42,7 @@ from tests.support.sessions import writer
 DEPTHS_M = (0.002, 0.0025, 0.008)
 ODD = 'ångström µ ≥ 3 %, "x"; naïve 漢字 😀'
 TRIALS = [(0, [[0.6, 0.3, 0.1], [0.9, 0.1, 0.0]]), (1, [[0.8, 0.1, 0.1]]), (2, [[1 / 3, 1 / 3, 1 / 3]])]
-TABULAR: tuple[Form, ...] = ("csv", "parquet", "mat", "h5")
+TABULAR: tuple[Form, ...] = ("csv", "parquet", "mat")
 
 Cells = dict[str, list[Any]]
 
@@ -145,28 +144,10 @@ def of_mat(path: Path, table: ExportTable) -> Cells:
     return found
 
 
-def of_h5(path: Path, table: ExportTable) -> Cells:
-    dtypes = {"integer": np.int64, "number": np.float64, "flag": np.int8}
-    with h5py.File(path) as file:
-        group = file[table.name]
-        assert list(group.attrs["columns"]) == [one.name for one in table.columns]
-        found: Cells = {}
-        for one in table.columns:
-            dataset = group[one.name]
-            assert (dataset.attrs["unit"], dataset.attrs["meaning"]) == (one.unit, one.meaning)
-            if one.kind == "text":
-                found[one.name] = dataset.asstr()[()].tolist()
-            else:
-                assert dataset.dtype == dtypes[one.kind]
-                found[one.name] = [_plain(one, cell) for cell in dataset[()].tolist()]
-        return found
-
-
 READERS: dict[Form, Callable[[Path, ExportTable], Cells]] = {
     "csv": of_csv,
     "parquet": of_parquet,
     "mat": of_mat,
-    "h5": of_h5,
 }
 
 
@@ -312,7 +293,7 @@ def test_a_bag_has_what_the_folder_has_and_emg(rig_session: RigSession, tmp_path
     assert len(bag.tables["emg"]) > 1000
     assert set(muscles["phase"]) >= {"rest", "mvc", "palpation"}
     result = CliRunner().invoke(
-        app, ["session", "export", str(rig_session.bag), "--to", "h5", "--out", str(tmp_path / "x.h5")]
+        app, ["session", "export", str(rig_session.bag), "--to", "csv", "--out", str(tmp_path / "x")]
     )
     assert result.exit_code == 0, result.output
     assert f"{len(bag.tables['emg'])} emg" in result.stdout
@@ -325,7 +306,7 @@ def test_what_is_no_session_is_refused_in_words(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("form", "name"), [("csv", "S01_csv"), ("parquet", "S01_parquet"), ("mat", "S01.mat"), ("h5", "S01.h5")]
+    ("form", "name"), [("csv", "S01_csv"), ("parquet", "S01_parquet"), ("mat", "S01.mat")]
 )
 def test_an_export_goes_beside_what_is_exported(form: Form, name: str, tmp_path: Path) -> None:
     assert default_out(tmp_path / "S01", form) == tmp_path / name

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import msgspec
@@ -13,16 +12,18 @@ from palp_core.errors import PalpError
 from palp_core.palpation.export.dictionary import DICTIONARY
 from palp_core.palpation.export.export import Form, write_export
 from palp_core.palpation.export.source import ExportSource, read_source
-from palp_core.palpation.identification.emg.files import read_emg
 from palp_core.palpation.session.audit import decide
 from palp_core.palpation.session.human.record import HumanRow, HumanWriter
 from palp_core.palpation.session.session_folder import RUN, SHEET
+from palp_core.palpation.session.sheet.sheet import SessionSheet
 from palp_core.palpation.session.sheet.sheet_file import sheet_text
 from palp_core.whole_file import write_json
-from tests.palpation.export.test_bids import SHEET as OF_PERSON
-from tests.palpation.export.test_bids import issues, needs_validator, tsv
 from tests.palpation.export.test_export import READERS, TABULAR, expected
 from tests.support.sessions import describe
+
+OF_PERSON = SessionSheet(
+    lab="Motor Lab", operator="AB", subject="S-01", ethics="17-204", began="2026-11-22_21-05-09"
+)
 
 ROW = HumanRow(
     row=0, subject="S-01", phase="training", trial=1, attempt=1, phantom="A", depth_m=0.002,
@@ -100,36 +101,6 @@ def test_every_field_of_a_row_is_a_column() -> None:
     names = {one.name for one in DICTIONARY["human_trials"]}
     renamed = {"answer_mm": "answer_m", "end_ns": "end_s", "emg": "recording", "row": "trial"}
     assert {renamed.get(name, name) for name in HumanRow.__struct_fields__} <= names
-
-
-def test_in_bids_each_stretch_is_a_recording_of_its_task(source: ExportSource, tmp_path: Path) -> None:
-    write_export(source, "bids", out := tmp_path / "bids")
-    files = sorted(file.name.partition("_task-")[2] for file in out.rglob("*_emg.bdf"))
-    assert files == [
-        "estimation_run-01_emg.bdf",
-        "mvc_emg.bdf",
-        "rest_emg.bdf",
-        "training_run-01_emg.bdf",
-        "training_run-02_emg.bdf",
-    ]
-    (file,) = out.rglob("*task-mvc_emg.bdf")
-    with np.load(source.path / "emg/S-01/mvc.npz") as kept:
-        wanted = 1e6 * kept["fds_v"]
-    found, step = read_emg(file).columns[0].samples, 2.0 * np.ceil(np.nanmax(np.abs(wanted))) / 2**23
-    assert np.nanmax(np.abs(found[: wanted.size] - wanted)) <= step
-    events = tsv(next(out.rglob("*estimation_run-01_events.tsv")))
-    assert list(events["trial_type"]) == ["estimation", "lost"]
-    assert (events["trial"][0], events["phantom"][0]) == (1, "A")
-    assert json.loads(next(out.rglob("*mvc_emg.json")).read_text())["TaskName"] == "mvc"
-
-
-@needs_validator
-@pytest.mark.nightly
-def test_the_validator_of_bids_finds_no_error(source: ExportSource, tmp_path: Path) -> None:
-    write_export(source, "bids", out := tmp_path / "bids")
-    errors, summary = issues(out)
-    assert errors == []
-    assert {"emg", "beh"} <= {*summary["dataTypes"]}
 
 
 def test_emg_that_is_gone_is_told(folder: Path, tmp_path: Path) -> None:

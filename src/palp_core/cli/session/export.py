@@ -10,11 +10,11 @@ from palp_core.cli.output import note, print_text
 
 def export(
     path: Annotated[Path, typer.Argument(metavar="DIR|BAG", help="A session's folder, or a bag of its run.")],
-    to: Annotated[Literal["csv", "parquet", "mat", "h5", "bids"], typer.Option("--to", help="The format.")],
+    to: Annotated[Literal["csv", "parquet", "mat"], typer.Option("--to", help="The format.")],
     *,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="Folder; of mat and h5 the file. Default: beside DIR or BAG."),
+        typer.Option("--out", "-o", help="Folder; of mat the file. Default: beside DIR or BAG."),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="An earlier export is replaced.")] = False,
 ) -> None:

@@ -17,12 +17,10 @@ from palp_core.palpation.session.many.overview import DICTIONARY_FILE
 from palp_core.palpation.session.session_folder import SHEET
 from palp_core.palpation.session.sheet.sheet_file import sheet_text
 
-Form = Literal["csv", "parquet", "mat", "h5", "bids"]
+Form = Literal["csv", "parquet", "mat"]
 FORMS: tuple[Form, ...] = get_args(Form)
 
-_FILES: dict[Form, str] = {"mat": ".mat", "h5": ".h5"}  # the others are folders
-_MARKS = (DICTIONARY_FILE, "dataset_description.json")
-"""By which a folder is known for an export, which may be replaced."""
+_FILES: dict[Form, str] = {"mat": ".mat"}  # the others are folders
 
 
 def default_out(path: Path, form: Form) -> Path:
@@ -51,7 +49,7 @@ def write_export(source: ExportSource, form: Form, out: Path, *, overwrite: bool
         if form not in _FILES:
             part.mkdir()
         write(source, part)
-        if form in ("csv", "parquet"):
+        if form not in _FILES:
             _write_beside(source, part)
 
 
@@ -62,7 +60,7 @@ def _refuse_existing(out: Path, form: Form, *, overwrite: bool) -> None:
         raise PalpError(
             f"{out} is there already, and nothing is overwritten unasked: --overwrite, or --out NAME"
         )
-    earlier = out.is_file() if form in _FILES else any((out / name).exists() for name in _MARKS)
+    earlier = out.is_file() if form in _FILES else (out / DICTIONARY_FILE).exists()
     if not earlier:
         raise PalpError(f"{out} is no earlier export, and is not replaced; name another, --out NAME")
 

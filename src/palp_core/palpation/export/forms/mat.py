@@ -26,9 +26,7 @@ def write(source: ExportSource, path: Path) -> None:
     content: dict[str, Any] = {name: _struct(table) for name, table in source.tables.items()}
     for name, struct in content.items():
         if sum(column.nbytes for column in struct.values()) > _MOST_BYTES:
-            raise PalpError(
-                f"table '{name}' is larger than the 2 GB that a .mat file takes: --to h5 or parquet"
-            )
+            raise PalpError(f"table '{name}' is larger than the 2 GB that a .mat file takes: --to parquet")
     content["facts_json"] = json.dumps(source.facts, ensure_ascii=False)
     content["dictionary"] = {
         table.name: {one.name: f"{one.meaning} [{one.unit or one.kind}]" for one in table.columns}
