@@ -145,7 +145,7 @@ ENDLESS = {"/dev/zero": "a device", "pipe": "a pipe", "folder": "a folder", "spa
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("argument", ["noise", "chain", "scene", "phantoms", ""])
+@pytest.mark.parametrize("argument", ["noise", "shared.chain", "scene", "phantoms", ""])
 @pytest.mark.parametrize("name", ENDLESS)
 def test_a_file_without_end_is_refused_soon_and_within_200_mib(
     tmp_path: Path, usual_s: float, name: str, argument: str
