@@ -97,10 +97,8 @@ def counted(graph: Running, life: int) -> int:
         reader.close()
 
 
-@pytest.mark.parametrize(
-    "in_time",
-    [pytest.param(True, id="in time"), pytest.param(False, id="too late", marks=pytest.mark.slow)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("in_time", [True, False], ids=["in time", "too late"])
 def test_the_first_messages_after_a_restart_reach_a_reader_that_is_back_in_time(
     palp: Palp, tmp_path: Path, in_time: bool
 ) -> None:
