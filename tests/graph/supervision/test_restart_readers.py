@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import signal
+import subprocess
 from pathlib import Path
 
 import msgpack
@@ -97,8 +98,10 @@ def counted(graph: Running, life: int) -> int:
         reader.close()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("in_time", [True, False], ids=["in time", "too late"])
+@pytest.mark.parametrize(
+    "in_time",
+    [pytest.param(True, id="in time"), pytest.param(False, id="too late", marks=pytest.mark.slow)],
+)
 def test_the_first_messages_after_a_restart_reach_a_reader_that_is_back_in_time(
     palp: Palp, tmp_path: Path, in_time: bool
 ) -> None:
@@ -108,6 +111,10 @@ def test_the_first_messages_after_a_restart_reach_a_reader_that_is_back_in_time(
     wait_for_line(process, "words: 1/")
     graph = Running(palp)
     assert counted(graph, graph.process("source").pid) == BURST
+    noted = graph.folder / "source.readers"
+    while not (noted.exists() and "sink" in noted.read_text()):  # with its next heartbeat
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(0.01)
     sink = graph.process("sink")
     sink.suspend()
     reader = SubscriberSocket({"/source/word": f"ipc://{graph.folder}/source.pub"})
