@@ -8,9 +8,6 @@ from typing import NamedTuple
 
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
-SHARES_CORES = "PALP_SHARES_CORES"
-"""Set in the environment of a run beside which others use all cores: it starts no process for speed."""
-
 
 class ServerProcess(NamedTuple):
     """A fork server that has been started, and the launcher's end of its channel."""
