@@ -256,13 +256,15 @@ NOISE = b"\xff\xfe\x80caf\xe9\r\n\0<?xml < hi >" * 100
 
 
 @contextmanager
-def speaking(answer: bytes) -> Iterator[int]:
-    """A server that gives each visitor this answer, whatever is asked, and hangs up; its port."""
+def speaking(answer: bytes, endless: bytes = b"") -> Iterator[int]:
+    """A server that gives each visitor this answer, whatever is asked, and ends or never does; its port."""
 
     class Visitor(socketserver.BaseRequestHandler):
         def handle(self) -> None:
             with suppress(OSError):
                 self.request.sendall(answer)
+                while endless:
+                    self.request.sendall(endless * 1000)
                 self.request.shutdown(socket.SHUT_WR)
                 while self.request.recv(4096):
                     pass
@@ -348,6 +350,37 @@ def test_a_device_that_does_not_open_is_one_line_of_palp_and_a_status(
     assert given[0] in line
     assert said in line
     assert line.isascii()
+
+
+AEROTECH = ("aerotech", "url:=socket://127.0.0.1:{port}")
+CHUNKED = b"HTTP/1.1 200 OK\r\nTransfer-Encoding: chunked\r\n\r\n"
+
+
+@pytest.mark.parametrize(
+    ("answer", "endless", "words"),
+    [
+        (b"", b"%12\n", AEROTECH),
+        (b"HTTP/1.1 200 OK\r\n\r\n", b"{", NORAXON),
+        *(
+            pytest.param(answer, endless, words, marks=pytest.mark.nightly)
+            for answer, endless, words in (
+                *((b"", endless, AEROTECH) for endless in (b"A", b"\n", b"%", b"!")),
+                (b"", b"\0", ("maestro", "url:=socket://127.0.0.1:{port}")),
+                (CHUNKED, b"1\r\n{\r\n", NORAXON),
+                (b"", b"HTTP/1.1 200 OK\r\n", NORAXON),
+                (b"< hi >", b"< ok >", SOCKETCAND),
+            )
+        ),
+    ],
+)
+def test_a_device_that_never_stops_talking_does_not_open(
+    palp: Palp, answer: bytes, endless: bytes, words: tuple[str, ...]
+) -> None:
+    with speaking(answer, endless) as port:
+        process = palp.start("devices", "probe", *(word.format(port=port) for word in words))
+        output, errors = process.communicate(timeout=PATIENCE_S)
+    assert (process.returncode, output) == (1, "")
+    assert words[0] in errors
 
 
 def test_what_matplotlib_makes_of_names_is_a_chart_or_an_error_of_palp(

@@ -16,11 +16,14 @@ from palp_core.palpation.devices.emg.emg_source import EmgDriver, EmgSourceState
 from palp_core.palpation.devices.health import Condition, HealthMonitor
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.link.host_time import HostTime
+from palp_core.palpation.devices.link.reply_timeout import ReplyTimeout
 from palp_core.palpation.devices.link.sample_line import SampleLine
 from palp_core.palpation.devices.unverified import warn_unverified
 
 _VOLT = {"uV": 1e-6, "µV": 1e-6, "mV": 1e-3, "V": 1.0}
 _TRIES = 3
+_CHUNK = 1 << 16
+_LARGEST = 16 << 20  # of an answer: some minutes of every channel
 
 
 @dataclass
@@ -145,7 +148,11 @@ class _NoraxonSession:
         try:
             self._connection.request("GET", path)
             reply = self._connection.getresponse()
-            body = reply.read()
+            body, timeout = b"", ReplyTimeout(self._source.timeout_s)
+            while part := reply.read(_CHUNK):
+                body += part
+                if timeout.expired() or len(body) > _LARGEST:
+                    raise http.client.HTTPException(f"the answer does not end: {len(body)} bytes so far")
         except (OSError, http.client.HTTPException) as error:
             self._connection.close()
             raise DeviceError(

@@ -28,4 +28,9 @@ class ReplyTimeout:
         now_s = self._clock()
         self._left_s -= min(now_s - self._seen_s, self._step_s)
         self._seen_s = now_s
+        return self.over
+
+    @property
+    def over(self) -> bool:
+        """Whether the time was used up at the last look."""
         return self._left_s < 0.0

@@ -162,11 +162,12 @@ class AerotechLink:
         timeout, strange = ReplyTimeout(self._timeout_s), b""
         try:
             while (byte := self._byte(timeout)) != b"!":
-                strange += byte if byte not in _ALPHABET else b""
+                if byte not in _ALPHABET and len(strange) < 8:
+                    strange += byte
         except DeviceTimeout as error:
             self._in_step = False
             if strange:
-                raise self._out_of_step(f"answered {strange[:8]!r} to NONE") from error
+                raise self._out_of_step(f"answered {strange!r} to NONE") from error
             raise
         except DeviceError:
             self._in_step = False
@@ -174,9 +175,9 @@ class AerotechLink:
 
     def _byte(self, timeout: ReplyTimeout) -> bytes:
         while not self._rest:
-            over = timeout.expired()
+            long_over, over = timeout.over, timeout.expired()
             self._rest = self._link.read_some()
-            if not self._rest and over:
+            if long_over or (over and not self._rest):  # what still comes then is no answer
                 raise DeviceTimeout(
                     f"aerotech: no answer within {self._timeout_s:g} s on {self._link.url};"
                     " check power, baud rate and the controller's ASCII interface"

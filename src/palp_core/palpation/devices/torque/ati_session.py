@@ -27,6 +27,7 @@ SET_UP_S = 0.5
 LOST_S = 0.25  # after the second reply in a row; longer than any bus holds a frame back
 _QUIET_S = 0.008  # after a reply that did not come in time
 _LOOK_S = 0.002
+_MOST_LATE = 1_000  # frames that wait after an outage
 
 
 class SensorCalibration:
@@ -210,8 +211,9 @@ class AtiSession:
         self._monitor.note_data(now_ns)
 
     def _drop_late(self) -> None:
-        while self._receive(0.0) is not None:
-            pass
+        for _ in range(_MOST_LATE):  # a bus that never falls silent has another talker
+            if self._receive(0.0) is None:
+                return
 
     def _ask(self, operation: wire.Operation, data: bytes, lengths: list[int]) -> bytes:
         """Return the data of the replies to a set-up question, whose identifiers go up by one."""
