@@ -1,4 +1,4 @@
-"""The page of the rig in a real browser: stop by click and by space bar, twice asked, blinded."""
+"""The page of the rig in a real browser: stop by click and by space bar, twice asked."""
 
 from __future__ import annotations
 

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.view.pages.viewer import OwnPage
-    from palp_core.view.source.protocol import ViewSource
     from palp_core.view.source.recorded import RecordedSource
 
 OF_PALP = "palp_core."
@@ -101,22 +100,16 @@ def _over(what: Path) -> RecordedSource:
 def _show_over(listening: socket.socket, token: str, bag: RecordedSource) -> None:
     from palp_core.view.server.imports import serving_alone
     from palp_core.view.server.serve import serve
-    from palp_core.view.source.blind import BlindSource, Harmless
-    from palp_core.view.source.sealed import sealed_within
 
     with serving_alone():
         from palp_core.view.pages.routes import register_pages
         from palp_core.view.pages.viewer import Viewer
 
-    source: ViewSource = bag
-    launch = bag.launch()
-    own = _page_over_bag(str(launch.get("view", "")))
-    if launch.get("blind") or sealed_within(bag.path.resolve()) is not None:
-        source = BlindSource(bag, own.harmless if own is not None else Harmless())
+    own = _page_over_bag(str(bag.launch().get("view", "")))
     try:
-        serve(listening, token, lambda: register_pages(Viewer(source=source, own_page=own, time=bag)))
+        serve(listening, token, lambda: register_pages(Viewer(source=bag, own_page=own, time=bag)))
     finally:
-        source.close()
+        bag.close()
 
 
 def _page_over_bag(named: str) -> OwnPage | None:
@@ -144,7 +137,6 @@ def _show_live(
 ) -> None:
     from palp_core.view.server.imports import serving_alone
     from palp_core.view.server.serve import serve
-    from palp_core.view.source.blind import BlindSource, Harmless
     from palp_core.view.source.live import LiveSource
     from palp_core.view.source.operator import GraphOperator
 
@@ -154,11 +146,8 @@ def _show_live(
 
     own = _loaded(running.record.view, running.record.workspace)
     source = LiveSource(running)
-    harmless = (own.harmless if own is not None else Harmless()) if running.record.blind else None
-    only = None if harmless is None else harmless.calls
-    operator = GraphOperator(source, read_only=read_only, operate=operate, only=only)
-    shown = source if harmless is None else BlindSource(source, harmless)
-    viewer = Viewer(source=shown, operator=operator, own_page=own)
+    operator = GraphOperator(source, read_only=read_only, operate=operate)
+    viewer = Viewer(source=source, operator=operator, own_page=own)
     try:
         pages = lambda: register_pages(viewer)  # noqa: E731
         simulated = running.record.clock == "sim"

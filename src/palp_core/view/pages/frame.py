@@ -14,7 +14,6 @@ from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.overview import Overview
 
 REFRESH_S = 0.5
-BLINDED = "what would tell the outcome is not shown, and not sent"
 STATES = {"ok": "all is well", "warn": "something is wrong", "error": "something is badly wrong"}
 
 
@@ -27,8 +26,6 @@ def frame(viewer: Viewer, title: str = "") -> Iterator[None]:
     with ui.element("header").classes("strip"):
         said("span", first.title, "title").props('data-what="graph"')
         state = said("span", "", "pill").props('data-what="state"')
-        if viewer.blind:
-            said("span", "blinded", "pill unknown").tooltip(BLINDED)
         whats = ("run", "clock", "now", "elapsed", "may")
         labels = {what: said("span", "", "quiet").props(f'data-what="{what}"') for what in whats}
         with ui.element("nav").classes("row-of"):

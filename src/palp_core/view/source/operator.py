@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from typing import Any
 
 from palp_core.errors import GraphError
@@ -19,7 +18,6 @@ NOT_OPERATED = (
     " start palp view with --operate"
 )
 ENDED = "the graph has ended"
-BLINDED = "the session is blinded, so its nodes cannot be asked or changed from here"
 
 
 class Refused(GraphError):
@@ -33,45 +31,33 @@ class GraphOperator:
         source: The graph.
         read_only: Nothing may be pressed.
         operate: Everything may be, on a real rig too.
-        only: Of a blinded session the services that may be called; nothing else may be pressed.
     """
 
-    def __init__(
-        self,
-        source: LiveSource,
-        *,
-        read_only: bool = False,
-        operate: bool = False,
-        only: Collection[str] | None = None,
-    ) -> None:
+    def __init__(self, source: LiveSource, *, read_only: bool = False, operate: bool = False) -> None:
         self._source = source
         self._read_only, self._operate = read_only, operate
-        self._only = only
 
-    def refusal(self, *, stops: bool = False, service: str = "") -> str:
+    def refusal(self, *, stops: bool = False) -> str:
         """Return why nothing may be pressed just now, in words; "" if it may.
 
         Args:
             stops: What is to be pressed only brings something to rest: a real rig allows it always.
-            service: What is to be called, if it is a service.
         """
         if self._read_only:
             return READ_ONLY
-        if self._only is not None and service not in self._only:
-            return BLINDED
         overview = self._source.overview()
         if not self._source.graph.alive:
             return ENDED
         real = overview.moves_something_real or (overview.clock == "wall" and not self._source.known)
         return NOT_OPERATED if real and not (self._operate or stops) else ""
 
-    def allow(self, *, stops: bool = False, service: str = "") -> RunningGraph:
+    def allow(self, *, stops: bool = False) -> RunningGraph:
         """Return the graph, if something may be done to it; see :meth:`refusal`.
 
         Raises:
             Refused: It may not.
         """
-        if why := self.refusal(stops=stops, service=service):
+        if why := self.refusal(stops=stops):
             raise Refused(why)
         return self._source.graph
 
@@ -126,7 +112,7 @@ class GraphOperator:
         Raises:
             GraphError: It may not be pressed, or the node refuses.
         """
-        graph = self.allow(stops=stops, service=service)
+        graph = self.allow(stops=stops)
         reply: dict[str, Any] = graph.ask(node, "call", service=service, request=request)["reply"]
         return reply
 

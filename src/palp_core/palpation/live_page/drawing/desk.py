@@ -42,7 +42,7 @@ class DeskPanel:
 
     def show(self) -> None:
         """Show what is asked just now, and what goes on."""
-        question, why = self._monitor.question, self._viewer.refusal(service=ANSWER)
+        question, why = self._monitor.question, self._viewer.refusal()
         if (question, why) != self._shown:
             self._shown = question, why
             self._ask(question, why)

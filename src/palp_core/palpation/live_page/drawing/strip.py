@@ -56,7 +56,7 @@ def put_up(viewer: Viewer) -> None:
         state.text, why.text = now.word, "; ".join(part for part in (now.why, now.advice) if part)
         state.classes(replace=f"pill {now.level}")
         if button is not None:
-            button.allow(viewer.refusal(stops=True, service="stop"))
+            button.allow(viewer.refusal(stops=True))
             if was[0] and not now.tripped:
                 button.forget()
             was[0] = now.tripped
@@ -124,7 +124,7 @@ class _Acknowledge:
         if self._told_ns is not None and monotonic_ns() - self._told_ns > told_for_ns:
             self._outcome.tell("")
             self._told_ns = None
-        why = self._viewer.refusal(service="acknowledge") if now.tripped else ""
+        why = self._viewer.refusal() if now.tripped else ""
         self._press.allow(why)
         self._why.text = why
 
