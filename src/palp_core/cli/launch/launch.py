@@ -75,12 +75,6 @@ def launch(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on where this run was interrupted (or resume:=true).")
     ] = False,
-    repeat: Annotated[
-        int | None,
-        typer.Option(
-            "--repeat", metavar="N", help="N runs on all cores, seed by seed, each in a folder of its own."
-        ),
-    ] = None,
 ) -> None:
     """The exit status is the run's: 0 if it came to its end, 1 if a node failed or the report did, 2 if the
     launch file has mistakes, 130 on Ctrl-C.
@@ -102,14 +96,6 @@ def launch(
             f"{counted(len(checked.topics), 'topic')}"
         )
         return
-    if repeat is not None:
-        from palp_core.cli.launch.repeat import refuse_options
-        from palp_core.cli.launch.repeat import repeat as run_repeatedly
-
-        refuse_options(
-            {"--record": record, "--digest": digest, "--listen": listen, "--name": name, "--view": view}
-        )
-        sys.exit(run_repeatedly(file, overrides, repeat, compose=compose, resume=resume))
     if compose and os.environ.get("PYTHONHASHSEED") != "0":  # sets in the order they have in nodes' processes
         os.environ["PYTHONHASHSEED"] = "0"
         os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
