@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palp_core.cli.host import examine_host, examine_runs
-from palp_core.cli.options import Call, GraphOption, JsonOption, graph_verb
+from palp_core.cli.options import Call, GraphOption, JsonOption, graph_verb, option
 from palp_core.cli.output import print_json, print_text, table_lines
 from palp_core.cli.running import note_ended
 from palp_core.counted import counted
@@ -65,11 +65,9 @@ Sample = tuple[list[NodeRow], list[EdgeRow], list[ActiveDiagnostic]]
 
 def doctor(
     *,
-    report: Annotated[
-        bool, typer.Option("--report", "-r", help="Also what was looked at and found in order.")
-    ] = False,
+    report: Annotated[bool, option("Also what was looked at and found in order.", "--report", "-r")] = False,
     include_warnings: Annotated[
-        bool, typer.Option("--include-warnings", "-iw", help="Status 1 for warnings, too.")
+        bool, option("Status 1 for warnings, too.", "--include-warnings", "-iw")
     ] = False,
     graph: GraphOption = None,
     as_json: JsonOption = False,
@@ -130,10 +128,8 @@ def _print(troubles: list[Trouble], counts: dict[str, int], graphs: int, *, repo
 def top(
     call: Call,
     *,
-    once: Annotated[bool, typer.Option("--once", help="One sample, then end.")] = False,
-    period: Annotated[
-        float, typer.Option("--period", "-d", min=0.1, metavar="S", help="Between samples.")
-    ] = 1.0,
+    once: Annotated[bool, option("One sample, then end.", "--once")] = False,
+    period: Annotated[float, option("Between samples.", "--period", "-d", min=0.1, metavar="S")] = 1.0,
 ) -> None:
     """RATE counts a node's timer ticks and the messages that it handled; READERS LOST is what the readers of
     its topics say that they have lost for good. Below, each edge with its reader's own

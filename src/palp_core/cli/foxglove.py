@@ -2,9 +2,7 @@
 
 from typing import Annotated
 
-import typer
-
-from palp_core.cli.options import GraphOption, until_ctrl_c
+from palp_core.cli.options import GraphOption, option, until_ctrl_c
 from palp_core.cli.output import note, print_text
 from palp_core.cli.running import find_graph, note_ended
 from palp_core.errors import GraphError
@@ -14,22 +12,19 @@ from palp_core.extras import install_line
 def foxglove(
     *,
     port: Annotated[
-        int, typer.Option("--port", "-p", min=0, max=65535, help="Where it listens; 0: any free port.")
+        int, option("Where it listens; 0: any free port.", "--port", "-p", min=0, max=65535)
     ] = 8765,
-    host: Annotated[
-        str, typer.Option("--host", metavar="ADDRESS", help="An address of this host.")
-    ] = "127.0.0.1",
-    read_only: Annotated[bool, typer.Option("--read-only", help="Viewers change nothing.")] = False,
+    host: Annotated[str, option("An address of this host.", "--host", metavar="ADDRESS")] = "127.0.0.1",
+    read_only: Annotated[bool, option("Viewers change nothing.", "--read-only")] = False,
     operate: Annotated[
-        bool,
-        typer.Option("--operate", help="Viewers may change a graph that moves something real."),
+        bool, option("Viewers may change a graph that moves something real.", "--operate")
     ] = False,
     rate: Annotated[
-        float, typer.Option("--rate", "-r", min=0.0, help="Most messages per second of a topic; 0: all.")
+        float, option("Most messages per second of a topic; 0: all.", "--rate", "-r", min=0.0)
     ] = 60.0,
     origin: Annotated[
         list[str] | None,
-        typer.Option("--origin", metavar="URL", help="Let a page of another host connect, too; repeatable."),
+        option("Let a page of another host connect, too; repeatable.", "--origin", metavar="URL"),
     ] = None,
     graph: GraphOption = None,
 ) -> None:

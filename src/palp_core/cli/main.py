@@ -8,6 +8,7 @@ import typer
 
 from palp_core import __version__
 from palp_core.cli.lazy import Verb, lazy_app
+from palp_core.cli.options import option
 from palp_core.cli.output import escape_foreign_characters, note
 from palp_core.errors import PalpError
 
@@ -23,7 +24,7 @@ def _version(wanted: bool) -> None:
 def _root(
     *,
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+        bool, option("Show the version.", "--version", callback=_version, is_eager=True)
     ] = False,
 ) -> None:
     """What belongs to no verb."""

@@ -82,12 +82,7 @@ def print_wrapped(text: str, indent: int = 0) -> None:
 
 
 def note(text: str, colour: str = "") -> None:
-    """Write a line to standard error: what a reader of the output itself is not to see.
-
-    Args:
-        text: The line.
-        colour: Of it on a terminal.
-    """
+    """Write a line to standard error: what a reader of the output itself is not to see."""
     line = escape_controls(text)
     if colour and sys.stderr.isatty():
         import typer
@@ -98,11 +93,7 @@ def note(text: str, colour: str = "") -> None:
 
 
 def make_folder(out: Path) -> None:
-    """Make the folder that ``--out`` names, and those above it, before hours of work rather than after.
-
-    Raises:
-        PalpError: It cannot be made, or nothing can be written there.
-    """
+    """Make the folder that ``--out`` names, and those above it, before hours of work rather than after."""
     import tempfile
 
     try:

@@ -13,7 +13,7 @@ from palp_core.cli.bag.play import play
 from palp_core.cli.bag.record import CompressionName, record, snapshot
 from palp_core.cli.bag.replay import replay
 from palp_core.cli.bag.topics import check_topics
-from palp_core.cli.options import ExcludeRegexOption, JsonOption, RegexOption
+from palp_core.cli.options import ExcludeRegexOption, JsonOption, RegexOption, argument, option
 from palp_core.cli.output import print_json, print_text, show
 from palp_core.counted import counted
 
@@ -27,10 +27,10 @@ app.command("play")(play)
 app.command("replay")(replay)
 
 
-BagArgument = Annotated[Path, typer.Argument(help="A bag's folder or one of its files.", show_default=False)]
-OutOption = Annotated[Path, typer.Option("-o", "--output", help="The new bag.", show_default=False)]
-TopicsOption = Annotated[list[str] | None, typer.Option("--topics", "-t", help="Only this one; repeatable.")]
-CompressionOption = Annotated[CompressionName, typer.Option(help="Of the new bag's chunks.")]
+BagArgument = Annotated[Path, argument("A bag's folder or one of its files.")]
+OutOption = Annotated[Path, option("The new bag.", "-o", "--output", show_default=False)]
+TopicsOption = Annotated[list[str] | None, option("Only this one; repeatable.", "--topics", "-t")]
+CompressionOption = Annotated[CompressionName, option("Of the new bag's chunks.")]
 
 
 @app.command("info")
@@ -49,7 +49,7 @@ def info(bag: BagArgument, *, as_json: JsonOption = False) -> None:
 
 @app.command("list")
 def list_bags(
-    folder: Annotated[Path, typer.Argument(help="Where to look.")] = Path(), *, as_json: JsonOption = False
+    folder: Annotated[Path, argument("Where to look.")] = Path(), *, as_json: JsonOption = False
 ) -> None:
     """List the bags in a folder."""
     sizes = {
@@ -87,8 +87,8 @@ def filter_(
     topics: TopicsOption = None,
     regex: RegexOption = None,
     exclude_regex: ExcludeRegexOption = None,
-    start: Annotated[float | None, typer.Option(help="Seconds on the graph's clock.")] = None,
-    end: Annotated[float | None, typer.Option(help="Seconds on the graph's clock; not included.")] = None,
+    start: Annotated[float | None, option("Seconds on the graph's clock.")] = None,
+    end: Annotated[float | None, option("Seconds on the graph's clock; not included.")] = None,
     compression: CompressionOption = CompressionName.ZSTD,
 ) -> None:
     """Write some topics or some time of a bag into a new one."""
@@ -105,7 +105,7 @@ def filter_(
 
 @app.command("merge")
 def merge(
-    bags: Annotated[list[Path], typer.Argument(help="Bags.", show_default=False)],
+    bags: Annotated[list[Path], argument("Bags.")],
     out: OutOption,
     *,
     compression: CompressionOption = CompressionName.ZSTD,
@@ -121,10 +121,8 @@ def split(
     bag: BagArgument,
     out: OutOption,
     *,
-    max_bag_size: Annotated[int, typer.Option("-b", "--max-bag-size", help="Bytes per file.")] = 0,
-    max_bag_duration: Annotated[
-        float, typer.Option("-d", "--max-bag-duration", help="Seconds per file.")
-    ] = 0.0,
+    max_bag_size: Annotated[int, option("Bytes per file.", "-b", "--max-bag-size")] = 0,
+    max_bag_duration: Annotated[float, option("Seconds per file.", "-d", "--max-bag-duration")] = 0.0,
     compression: CompressionOption = CompressionName.ZSTD,
 ) -> None:
     """Write a bag again with files of limited size or duration."""
@@ -146,11 +144,11 @@ app.command("convert")(convert_bag)
 @app.command("echo")
 def echo(
     bag: BagArgument,
-    topics: Annotated[list[str] | None, typer.Argument(help="Topics; default: all.")] = None,
+    topics: Annotated[list[str] | None, argument("Topics; default: all.")] = None,
     *,
-    times: Annotated[int, typer.Option("--times", "-n", help="This many messages; 0: all.")] = 0,
-    start: Annotated[float | None, typer.Option(help="Seconds on the graph's clock.")] = None,
-    end: Annotated[float | None, typer.Option(help="Seconds on the graph's clock; not included.")] = None,
+    times: Annotated[int, option("This many messages; 0: all.", "--times", "-n")] = 0,
+    start: Annotated[float | None, option("Seconds on the graph's clock.")] = None,
+    end: Annotated[float | None, option("Seconds on the graph's clock; not included.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Print a bag's messages."""
@@ -182,9 +180,9 @@ def diff(
     b: BagArgument,
     *,
     topics: TopicsOption = None,
-    tolerance: Annotated[float, typer.Option(help="Largest difference of numbers that passes.")] = 0.0,
-    relative: Annotated[float, typer.Option(help="The same, as a part of the number.")] = 0.0,
-    ignore: Annotated[list[str] | None, typer.Option(help="A field that does not count; repeatable.")] = None,
+    tolerance: Annotated[float, option("Largest difference of numbers that passes.")] = 0.0,
+    relative: Annotated[float, option("The same, as a part of the number.")] = 0.0,
+    ignore: Annotated[list[str] | None, option("A field that does not count; repeatable.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Compare two bags topic by topic.

@@ -4,9 +4,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from palp_core.cli.options import ExcludeRegexOption, RegexOption
+from palp_core.cli.options import ExcludeRegexOption, RegexOption, argument, option
 from palp_core.cli.output import print_text
 from palp_core.counted import counted
 from palp_core.errors import BagError
@@ -20,26 +18,16 @@ class ForeignForm(StrEnum):
 
 
 def convert_bag(
-    bag: Annotated[
-        Path,
-        typer.Argument(
-            help="A bag's folder or one of its files; with --from: of another's recording.",
-            show_default=False,
-        ),
-    ],
-    out: Annotated[Path, typer.Option("-o", "--output", help="The new bag.", show_default=False)],
+    bag: Annotated[Path, argument("A bag's folder or file; with --from: a rosbag2.")],
+    out: Annotated[Path, option("The new bag.", "-o", "--output", show_default=False)],
     *,
-    to: Annotated[BagForm | None, typer.Option(help="What it becomes.", show_default=False)] = None,
+    to: Annotated[BagForm | None, option("What it becomes.", show_default=False)] = None,
     from_: Annotated[
         ForeignForm | None,
-        typer.Option("--from", help="Make a palp bag of a rosbag2 (MCAP or SQLite).", show_default=False),
+        option("Make a palp bag of a rosbag2 (MCAP or SQLite).", "--from", show_default=False),
     ] = None,
     types: Annotated[
-        str | None,
-        typer.Option(
-            metavar="MAP",
-            help="With --to ros2: types and topics of a map (nodes.ros2_map: the rig's).",
-        ),
+        str | None, option("With --to ros2: a map (nodes.ros2_map: the rig's).", metavar="MAP")
     ] = None,
     regex: RegexOption = None,
     exclude_regex: ExcludeRegexOption = None,

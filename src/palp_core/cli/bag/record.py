@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from palp_core.cli.options import ExcludeRegexOption, GraphOption, RegexOption
+from palp_core.cli.options import ExcludeRegexOption, GraphOption, RegexOption, argument, option
 from palp_core.cli.output import note, print_text
 from palp_core.cli.running import find_graph
 from palp_core.errors import BagError
@@ -21,28 +21,23 @@ class CompressionName(StrEnum):
 
 
 def record(
-    topics: Annotated[list[str] | None, typer.Argument(help="Topics.", show_default=False)] = None,
+    topics: Annotated[list[str] | None, argument("Topics.")] = None,
     *,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="The bag; default: graph and time.")
+        Path | None, option("The bag; default: graph and time.", "--output", "-o", metavar="DIR")
     ] = None,
-    every: Annotated[bool, typer.Option("--all", "-a", help="Every topic, the hidden ones too.")] = False,
+    every: Annotated[bool, option("Every topic, the hidden ones too.", "--all", "-a")] = False,
     regex: RegexOption = None,
     exclude_regex: ExcludeRegexOption = None,
-    max_bag_size: Annotated[int, typer.Option("--max-bag-size", "-b", min=0, help="Bytes per file.")] = 0,
+    max_bag_size: Annotated[int, option("Bytes per file.", "--max-bag-size", "-b", min=0)] = 0,
     max_bag_duration: Annotated[
-        float, typer.Option("--max-bag-duration", "-d", min=0.0, help="Seconds per file.")
+        float, option("Seconds per file.", "--max-bag-duration", "-d", min=0.0)
     ] = 0.0,
     snapshot: Annotated[
         float,
-        typer.Option(
-            "--snapshot",
-            metavar="S",
-            min=0.0,
-            help="Keep the last S seconds; palp bag snapshot or SIGUSR1 writes them.",
-        ),
+        option("Keep S seconds until palp bag snapshot or SIGUSR1.", "--snapshot", metavar="S", min=0.0),
     ] = 0.0,
-    compression: Annotated[CompressionName, typer.Option(help="Of the chunks.")] = CompressionName.ZSTD,
+    compression: Annotated[CompressionName, option("Of the chunks.")] = CompressionName.ZSTD,
     graph: GraphOption = None,
 ) -> None:
     """Record topics of a running graph until Ctrl-C or its end.

@@ -5,20 +5,19 @@ from typing import Annotated
 
 import typer
 
-from palp_core.cli.options import JsonOption
+from palp_core.cli.options import JsonOption, argument, option
 from palp_core.cli.output import print_json, print_text
 
 
 def replay(
-    bag: Annotated[Path, typer.Argument(help="A bag's folder or one of its files.", show_default=False)],
+    bag: Annotated[Path, argument("A bag's folder or one of its files.")],
     *,
-    nodes: Annotated[str, typer.Option(help="Running names, as in estimator,policy.", show_default=False)],
+    nodes: Annotated[str, option("Running names, as in estimator,policy.", show_default=False)],
     launch: Annotated[
-        Path | None, typer.Option(help="A launch file in the workspace of the nodes; default: from here up.")
+        Path | None, option("Launch file in the nodes' workspace; default: from here up.")
     ] = None,
     compare: Annotated[
-        bool,
-        typer.Option("--compare/--no-compare", help="With the recorded outputs; status 1 if they differ."),
+        bool, option("With the recorded outputs; status 1 if they differ.", "--compare/--no-compare")
     ] = True,
     as_json: JsonOption = False,
 ) -> None:

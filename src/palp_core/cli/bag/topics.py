@@ -7,11 +7,7 @@ from palp_core.errors import BagError
 
 
 def check_topics(topics: Collection[str], *bags: Path) -> None:
-    """Look whether every topic is in one of the bags; of a bag that was not finished nobody knows before.
-
-    Raises:
-        BagError: No such bag, or one that has no such topic; the nearest name is in the message.
-    """
+    """Look whether every topic is in one of the bags; of a bag that was not finished nobody knows before."""
     from palp_core.graph.bag.reader import Bag
     from palp_core.graph.problems import hint
 

@@ -12,11 +12,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, get_args
 
-import typer
-
 from palp_core.cli import completion
 from palp_core.cli.launch.remarks import note_remarks, note_without_effect
-from palp_core.cli.options import Level
+from palp_core.cli.options import Level, argument, option
 from palp_core.cli.output import note, print_text
 from palp_core.counted import counted
 from palp_core.errors import GraphError, NodeError, PalpError
@@ -35,45 +33,38 @@ RESUMES = "resume:=true"
 
 LogLevelOption = Annotated[
     list[str] | None,
-    typer.Option(
-        "--log-level",
-        metavar="[NODE:=]LEVEL",
-        help="The least of what nodes, or one node, log that is shown here. Repeatable; default: warning.",
-    ),
+    option("Least level shown, of a node or all; default: warning.", "--log-level", metavar="[NODE:=]LEVEL"),
 ]
 
 
 def launch(
-    file: Annotated[Path, typer.Argument(help="Launch file.")],
+    file: Annotated[Path, argument("Launch file.")],
     arguments: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="[name:=value]...",
-            help="Its arguments; NODE.PARAM:=VALUE and shared.PARAM:=VALUE too.",
-            autocompletion=completion.launch_arguments,
+        argument(
+            "Its arguments, and NODE.PARAM:=VALUE, shared.PARAM:=VALUE.",
+            "[name:=value]...",
+            complete=completion.launch_arguments,
         ),
     ] = None,
     *,
-    check: Annotated[bool, typer.Option("--check", help="Check everything, start nothing.")] = False,
+    check: Annotated[bool, option("Check everything, start nothing.", "--check")] = False,
     name: Annotated[
-        str | None,
-        typer.Option("--name", metavar="NAME", help="What the running graph is called; default: as in FILE."),
+        str | None, option("What the running graph is called; default: as in FILE.", "--name", metavar="NAME")
     ] = None,
     log_level: LogLevelOption = None,
-    compose: Annotated[bool, typer.Option("--compose", help="All nodes in this process.")] = False,
-    record: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Record every topic into this bag.")
-    ] = None,
-    digest: Annotated[Path | None, typer.Option(help="Write a SHA-256 per topic to this JSON file.")] = None,
+    compose: Annotated[bool, option("All nodes in this process.", "--compose")] = False,
+    record: Annotated[Path | None, option("Record every topic into this bag.", metavar="DIR")] = None,
+    digest: Annotated[Path | None, option("Write a SHA-256 per topic to this JSON file.")] = None,
     listen: Annotated[
-        str | None, typer.Option(metavar="tcp://HOST:PORT", help="Let nodes of other hosts join there.")
+        str | None, option("Let nodes of other hosts join there.", metavar="tcp://HOST:PORT")
     ] = None,
-    view: Annotated[bool, typer.Option("--view", help="Show it in the browser: palp view.")] = False,
+    view: Annotated[bool, option("Show it in the browser: palp view.", "--view")] = False,
     operate: Annotated[
-        bool, typer.Option("--operate", help="With --view: let more be pressed than stop, on a rig too.")
+        bool, option("With --view: let more be pressed than stop, on a rig too.", "--operate")
     ] = False,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on where this run was interrupted (or resume:=true).")
+        bool, option("Go on where this run was interrupted (or resume:=true).", "--resume")
     ] = False,
 ) -> None:
     """The exit status is the run's: 0 if it came to its end, 1 if a node failed or the report did, 2 if the
@@ -200,9 +191,6 @@ def _run(
 def log_levels(words: Sequence[str] | None) -> LogLevels:
     """Return the level of all nodes, and of those that have their own.
 
-    Raises:
-        GraphError: A level that there is not.
-
     >>> log_levels(["error", "policy:=debug"])
     LogLevels(default='error', nodes={'policy': 'debug'})
     """
@@ -219,11 +207,7 @@ def log_levels(words: Sequence[str] | None) -> LogLevels:
 
 
 def _check_levels(levels: LogLevels, known: Sequence[str]) -> None:
-    """See that the nodes that have a level of their own are there.
-
-    Raises:
-        GraphError: One is not.
-    """
+    """See that the nodes that have a level of their own are there."""
     for node in levels.nodes:
         if node not in known:
             raise GraphError(f"--log-level {node}:=...: no node '{node}'{hint(node, known)}")

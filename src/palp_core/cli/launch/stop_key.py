@@ -23,11 +23,7 @@ SAFETY_NAME = "safety"
 
 
 def stop_motion(running: RunningGraph, reason: str, timeout_s: float) -> dict[str, Any]:
-    """Trip the safety node of a graph; return its state and cause.
-
-    Raises:
-        GraphError: The graph has none, or it does not answer.
-    """
+    """Trip the safety node of a graph; return its state and cause."""
     return call_safety(running, "stop", {"reason": reason}, timeout_s)
 
 
@@ -41,11 +37,7 @@ def stopped_words(reply: dict[str, Any], run: str) -> str:
 def call_safety(
     running: RunningGraph, service: str, request: dict[str, Any], timeout_s: float
 ) -> dict[str, Any]:
-    """Call a service of the safety node, which is the one that stops and acknowledges.
-
-    Raises:
-        GraphError: The graph has none, or it does not answer.
-    """
+    """Call a service of the safety node, which is the one that stops and acknowledges."""
     beating = [topic.node for topic in running.record.topics if topic.type == SAFETY_TYPE]
     node = safety_node(running.node_names, beating)
     if node is None:
@@ -63,10 +55,6 @@ def safety_node(names: Collection[str], beating: Sequence[str]) -> str | None:
 
     It is known by what it publishes, whatever its name; the name decides where several publish that, or none
     does: a safety node of one's own may have messages of its own.
-
-    Args:
-        names: Of all nodes.
-        beating: Of those that publish the safety node's beat.
     """
     if SAFETY_NAME in names and (not beating or SAFETY_NAME in beating):
         return SAFETY_NAME
@@ -97,12 +85,7 @@ def stop_key(graph: Graph) -> StopKey:
 
 
 class StopKey:
-    """Call back at each press of the space bar; the terminal is as before at the end.
-
-    Args:
-        descriptor: Of the terminal, if there is one.
-        press: What to do; it is run on the key's own thread.
-    """
+    """Call back at each press of the space bar; the terminal is as before at the end."""
 
     def __init__(self, descriptor: int | None, press: Callable[[], None]) -> None:
         self._keyboard, self._press = Keyboard(descriptor), press

@@ -20,11 +20,7 @@ class DeviceEntry:
 
 
 def device_entries(names: Sequence[str] = ()) -> list[DeviceEntry]:
-    """Return every device that has a driver, by kind and name, or those named.
-
-    Raises:
-        DeviceError: There is no such device.
-    """
+    """Return every device that has a driver, by kind and name, or those named."""
     if names:
         return [_entry(kind_of(name), name) for name in names]
     return [_entry_or_error(kind, name) for kind, name in drivers()]

@@ -23,16 +23,7 @@ _LISTEN_S = 0.5
 
 
 def discover(device: str, options: Mapping[str, Any], patience_s: float) -> dict[str, Any]:
-    """Ask a device whether it is there and how it does; nothing moves and nothing is enabled.
-
-    Args:
-        device: Its name.
-        options: Of its driver.
-        patience_s: Longest wait for a sensor's first data.
-
-    Raises:
-        DeviceError: No such device or option, or it does not answer.
-    """
+    """Ask a device whether it is there and how it does; nothing moves and nothing is enabled."""
     kind = kind_of(device)
     if kind in ("stage", "ring"):
         return _discover_mover(kind, device, options)
@@ -49,11 +40,7 @@ def discover(device: str, options: Mapping[str, Any], patience_s: float) -> dict
 
 
 def unverified(device: str, options: Mapping[str, Any]) -> dict[str, str]:
-    """Return which parameters nobody has checked on the device, and what is to be checked of each.
-
-    Raises:
-        DeviceError: No such device or option, or ``verified`` names what needs no verification.
-    """
+    """Return which parameters nobody has checked on the device, and what is to be checked of each."""
     driver: Any = open_device(kind_of(device), device, **options)  # type: ignore[call-overload]
     return not_verified(device, getattr(driver, "UNVERIFIED", {}), getattr(driver, "verified", ()))
 
@@ -79,18 +66,7 @@ def watch(
     every_s: float,
     patience_s: float,
 ) -> Iterator[dict[str, Any]]:
-    """Yield what a sensor delivered in each stretch of time.
-
-    Args:
-        device: Its name.
-        options: Of its driver.
-        seconds: How long; 0 for ever.
-        every_s: Length of a stretch.
-        patience_s: Longest wait for its first data.
-
-    Raises:
-        DeviceError: It is no sensor, does not answer, or a time is no length of time.
-    """
+    """Yield what a sensor delivered in each stretch of time."""
     kind = kind_of(device)
     if kind in ("stage", "ring"):
         raise DeviceError(f"{device} moves and delivers no stream; try: palp devices probe {device}")

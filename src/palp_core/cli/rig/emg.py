@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from palp_core.cli.lazy import Verb, lazy_app
-from palp_core.cli.options import JsonOption
+from palp_core.cli.options import JsonOption, argument, option
 from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
 from palp_core.palpation.perception.emg.settings import WINDOW_S, BurstSettings, Crosstalk, LevelRule, MvcRule
 
@@ -23,57 +23,32 @@ app = lazy_app(
 
 FsOption = Annotated[
     float | None,
-    typer.Option(
-        "--fs", metavar="HZ", min=1.0, help="Sampling rate; default: by the time column or the format."
-    ),
+    option("Sampling rate; default: by the time column or the format.", "--fs", metavar="HZ", min=1.0),
 ]
-FdsOption = Annotated[
-    str | None, typer.Option("--fds", metavar="COL", help="Flexor's column: index from 0, or name.")
-]
+FdsOption = Annotated[str | None, option("Flexor's column: index from 0, or name.", "--fds", metavar="COL")]
 EdcOption = Annotated[
-    str | None,
-    typer.Option("--edc", metavar="COL", help="Extensor's column: index or name; none: one muscle only."),
+    str | None, option("Extensor's column: index or name; none: one muscle only.", "--edc", metavar="COL")
 ]
 UnitOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="UNIT",
-        help="V, mV, uV, nV or counts, of every file; default: each file's.",
-    ),
+    str | None, option("V, mV, uV, nV or counts; default: each file's own.", metavar="UNIT")
 ]
-WindowOption = Annotated[float, typer.Option("--window-ms", help="RMS window, 20 to 200 ms.")]
-MvcRuleOption = Annotated[
-    MvcRule,
-    typer.Option(
-        help="What levels are held against: of each muscle the median of its best half second, less what "
-        "choosing it gains; the largest sum; the sum of each muscle's largest, as eq. (3) is printed.",
-    ),
-]
-LevelRuleOption = Annotated[
-    LevelRule,
-    typer.Option(help="Level of a peak: its top as a whole without the power of rest, or its largest."),
-]
-CrosstalkOption = Annotated[
-    Crosstalk,
-    typer.Option(help="Take off two muscles what their recordings have in common: a third muscle's."),
-]
+WindowOption = Annotated[float, option("RMS window, 20 to 200 ms.", "--window-ms")]
+MvcRuleOption = Annotated[MvcRule, option("How the MVC is read: plateau, largest sum, sum of largest.")]
+LevelRuleOption = Annotated[LevelRule, option("Level of a peak: by its plateau or by its largest value.")]
+CrosstalkOption = Annotated[Crosstalk, option("Remove what both muscles have in common, or keep it.")]
 BurstOption = Annotated[
     list[str] | None,
-    typer.Option(
+    option(
+        "A setting of the burst rule, as in gap_s:=0.1; repeatable.",
         "--burst",
         metavar="NAME:=VALUE",
-        help="A setting of the burst rule, as in gap_s:=0.1; repeatable.",
         show_default=False,
     ),
 ]
 
 
 def burst_settings(words: list[str] | None) -> BurstSettings:
-    """Return the burst rule with the settings given as ``name:=value``.
-
-    Raises:
-        PalpError: There is no such setting, its value is not a number, or out of range.
-    """
+    """Return the burst rule with the settings given as ``name:=value``."""
     from palp_core.cli.text.words import assignments
     from palp_core.errors import PalpError
     from palp_core.graph.problems import hint
@@ -95,33 +70,25 @@ _SHOWN_APART = ("file", "format", "columns", "notes", "problem")
 
 
 def analyse(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="A recording, or a folder subject/phase/trial.")
-    ],
+    file: Annotated[Path, argument("A recording, or a folder subject/phase/trial.", "FILE")],
     *,
     fs: FsOption = None,
     fds: FdsOption = None,
     edc: EdcOption = None,
     unit: UnitOption = None,
-    mvc: Annotated[
-        Path | None, typer.Option(help="Recording of the MVC; a bag or a folder may hold its own.")
-    ] = None,
-    rest: Annotated[
-        Path | None, typer.Option(help="Recording at rest; default: the quietest twentieth.")
-    ] = None,
+    mvc: Annotated[Path | None, option("Recording of the MVC; a bag or a folder may hold its own.")] = None,
+    rest: Annotated[Path | None, option("Recording at rest; default: the quietest twentieth.")] = None,
     window_ms: WindowOption = 1e3 * WINDOW_S,
     mvc_rule: MvcRuleOption = "plateau",
     level_rule: LevelRuleOption = "plateau",
     crosstalk: CrosstalkOption = "keep",
     burst: BurstOption = None,
-    band_hz: Annotated[tuple[float, float], typer.Option(help="Band-pass.")] = (20.0, 450.0),
+    band_hz: Annotated[tuple[float, float], option("Band-pass.")] = (20.0, 450.0),
     rails: Annotated[
-        tuple[float, float] | None, typer.Option(help="The converter's ends, in volts or the file's counts.")
+        tuple[float, float] | None, option("The converter's ends, in volts or the file's counts.")
     ] = None,
-    swept: Annotated[
-        bool, typer.Option("--sweep", help="Bursts, peaks and lambda_2 over windows, thresholds and valleys.")
-    ] = False,
-    out: Annotated[Path | None, typer.Option(help="Folder for page (HTML), tables (CSV) and JSON.")] = None,
+    swept: Annotated[bool, option("Show results over windows, thresholds and valleys.", "--sweep")] = False,
+    out: Annotated[Path | None, option("Folder for page (HTML), tables (CSV) and JSON.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Status 1: a trial of the folder failed."""
@@ -195,10 +162,10 @@ def analyse(
 
 
 def import_file(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording.")],
+    file: Annotated[Path, argument("A recording.", "FILE")],
     *,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would be used.")] = False,
-    out: Annotated[Path | None, typer.Option(help="Write time_s, fds, edc there as CSV.")] = None,
+    dry_run: Annotated[bool, option("Only show what would be used.", "--dry-run")] = False,
+    out: Annotated[Path | None, option("Write time_s, fds, edc there as CSV.")] = None,
     fs: FsOption = None,
     fds: FdsOption = None,
     edc: EdcOption = None,

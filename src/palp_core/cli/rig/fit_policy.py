@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from palp_core.cli.options import JsonOption
+from palp_core.cli.options import JsonOption, argument, option
 from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
 from palp_core.cli.rig.emg import (
     BurstOption,
@@ -25,16 +25,10 @@ from palp_core.palpation.perception.emg.settings import WINDOW_S
 
 def fit_policy(
     files: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="FILE...",
-            help="Recordings or bags of EMG, folders subject/phase/trial, or those of sessions with people; "
-            "MM=FILE states the depth.",
-            show_default=False,
-        ),
+        list[str], argument("Recordings, bags or session folders; MM=FILE states a depth.", "FILE...")
     ],
     *,
-    mvc: Annotated[Path | None, typer.Option(help="Recording of the MVC; default: each file's own.")] = None,
+    mvc: Annotated[Path | None, option("Recording of the MVC; default: each file's own.")] = None,
     fs: FsOption = None,
     fds: FdsOption = None,
     edc: EdcOption = None,
@@ -44,12 +38,10 @@ def fit_policy(
     level_rule: LevelRuleOption = "plateau",
     crosstalk: CrosstalkOption = "keep",
     burst: BurstOption = None,
-    prior: Annotated[float, typer.Option(help="Dirichlet pseudo-count of each transition.")] = 0.5,
-    mass: Annotated[float, typer.Option(help="Probability inside the intervals.")] = 0.95,
-    seed: Annotated[int, typer.Option(help="Of the draws behind the intervals.")] = 1,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for chain.json, chart (PNG), tables (CSV, JSON) and page.")
-    ] = None,
+    prior: Annotated[float, option("Dirichlet pseudo-count of each transition.")] = 0.5,
+    mass: Annotated[float, option("Probability inside the intervals.")] = 0.95,
+    seed: Annotated[int, option("Of the draws behind the intervals.")] = 1,
+    out: Annotated[Path | None, option("Folder for chain.json, chart, tables and page.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Status 1: a trial failed."""

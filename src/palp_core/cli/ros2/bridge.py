@@ -6,9 +6,7 @@ import signal
 import sys
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from palp_core.cli.options import GraphOption, until_ctrl_c
+from palp_core.cli.options import GraphOption, argument, option, until_ctrl_c
 from palp_core.cli.output import note, print_text
 from palp_core.cli.running import find_graph, note_ended
 from palp_core.counted import counted
@@ -24,14 +22,11 @@ TERMINATED = 143
 
 
 def bridge(
-    map_: Annotated[
-        str,
-        typer.Argument(metavar="MAP", help="A module (nodes.ros2_map) or a file (map.py); see docs/ros2.md."),
-    ],
+    map_: Annotated[str, argument("Module (nodes.ros2_map) or file (map.py): docs/ros2.md.", "MAP")],
     *,
-    check: Annotated[bool, typer.Option("--check", help="Check the map, let nothing cross.")] = False,
+    check: Annotated[bool, option("Check the map, let nothing cross.", "--check")] = False,
     operate: Annotated[
-        bool, typer.Option("--operate", help="ROS 2 may change a graph that moves something real.")
+        bool, option("ROS 2 may change a graph that moves something real.", "--operate")
     ] = False,
     graph: GraphOption = None,
 ) -> None:

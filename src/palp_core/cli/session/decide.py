@@ -5,23 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from palp_core.cli.options import JsonOption
+from palp_core.cli.options import JsonOption, argument, option
 from palp_core.cli.output import note, print_json, print_text
 from palp_core.errors import PalpError
 
 if TYPE_CHECKING:
     from palp_core.palpation.session.audit import Deed, TrialKey
 
-TrialArgument = Annotated[
-    int, typer.Argument(metavar="TRIAL", min=1, help="Its number in its phase.", show_default=False)
-]
-FolderArgument = Annotated[
-    Path, typer.Argument(metavar="DIR", help="The session's folder.", show_default="results/latest")
-]
-TrainingOption = Annotated[bool, typer.Option("--training", help="A trial of training, not of estimation.")]
-ReasonOption = Annotated[str, typer.Option("--reason", help="Why, in words.", show_default=False)]
+TrialArgument = Annotated[int, argument("Its number in its phase.", "TRIAL", min=1)]
+FolderArgument = Annotated[Path, argument("The session's folder.", "DIR", show_default="results/latest")]
+TrainingOption = Annotated[bool, option("A trial of training, not of estimation.", "--training")]
+ReasonOption = Annotated[str, option("Why, in words.", "--reason", show_default=False)]
 LATEST = Path("results/latest")
 
 

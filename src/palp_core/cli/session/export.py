@@ -3,20 +3,18 @@
 from pathlib import Path
 from typing import Annotated, Literal
 
-import typer
-
+from palp_core.cli.options import argument, option
 from palp_core.cli.output import note, print_text
 
 
 def export(
-    path: Annotated[Path, typer.Argument(metavar="DIR|BAG", help="A session's folder, or a bag of its run.")],
-    to: Annotated[Literal["csv", "parquet", "mat"], typer.Option("--to", help="The format.")],
+    path: Annotated[Path, argument("A session's folder, or a bag of its run.", "DIR|BAG")],
+    to: Annotated[Literal["csv", "parquet", "mat"], option("The format.", "--to")],
     *,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Folder; of mat the file. Default: beside DIR or BAG."),
+        Path | None, option("Folder; of mat the file. Default: beside DIR or BAG.", "--out", "-o")
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="An earlier export is replaced.")] = False,
+    overwrite: Annotated[bool, option("An earlier export is replaced.", "--overwrite")] = False,
 ) -> None:
     from palp_core.palpation.export.export import default_out, write_export
     from palp_core.palpation.export.source import read_source

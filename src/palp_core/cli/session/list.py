@@ -5,17 +5,17 @@ from typing import Annotated
 
 import typer
 
-from palp_core.cli.options import JsonOption
+from palp_core.cli.options import JsonOption, argument, option
 from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
 
 
 def list_sessions(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder with sessions at any depth.")],
+    folder: Annotated[Path, argument("A folder with sessions at any depth.", "DIR")],
     *,
     unfinished: Annotated[
-        bool, typer.Option("--unfinished", help="Sessions that did not come to their end count, too.")
+        bool, option("Sessions that did not come to their end count, too.", "--unfinished")
     ] = False,
-    out: Annotated[Path | None, typer.Option(help="Folder for page (HTML), tables (CSV) and JSON.")] = None,
+    out: Annotated[Path | None, option("Folder for page (HTML), tables (CSV) and JSON.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Unfinished, running, damaged and empty sessions are listed in words; whole ones are pooled, without

@@ -5,21 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from palp_core.cli.options import JsonOption
+from palp_core.cli.options import JsonOption, argument, option
 from palp_core.cli.output import make_folder, note, print_json, print_text
 
 
 def people(
-    folders: Annotated[
-        list[Path], typer.Argument(metavar="DIR...", help="Folders of sessions.", show_default=False)
-    ],
+    folders: Annotated[list[Path], argument("Folders of sessions.", "DIR...")],
     *,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Folder for human.html, human.json and charts; default: none is written."),
-    ] = None,
+    out: Annotated[Path | None, option("Folder for human.html, human.json and charts.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """With the power that such sessions have. Trials that were excluded or are to be done again do

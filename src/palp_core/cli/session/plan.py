@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Annotated, Literal
 
-import typer
-
-from palp_core.cli.options import JsonOption
+from palp_core.cli.options import JsonOption, option
 from palp_core.cli.output import print_json, print_table, print_text
 from palp_core.counted import counted
 
@@ -15,14 +13,14 @@ from palp_core.counted import counted
 def plan(
     *,
     order: Annotated[
-        Literal["paper", "counterbalanced"], typer.Option(help="Tables 3 and 4, or balanced over subjects.")
+        Literal["paper", "counterbalanced"], option("Tables 3 and 4, or balanced over subjects.")
     ] = "paper",
-    subject_number: Annotated[int, typer.Option(min=1, help="Of the subject in the study.")] = 1,
-    seed: Annotated[int, typer.Option(min=0, help="Of the study.")] = 1,
-    repeats: Annotated[int, typer.Option(min=1, help="Trials per phantom and phase.")] = 5,
-    limit_s: Annotated[float, typer.Option(help="Longest time of a trial.")] = 60.0,
-    rest_s: Annotated[float, typer.Option(min=0.0, help="Rest between trials.")] = 20.0,
-    phantoms: Annotated[str, typer.Option(help="YAML file of phantoms; empty: the paper's three.")] = "",
+    subject_number: Annotated[int, option("Of the subject in the study.", min=1)] = 1,
+    seed: Annotated[int, option("Of the study.", min=0)] = 1,
+    repeats: Annotated[int, option("Trials per phantom and phase.", min=1)] = 5,
+    limit_s: Annotated[float, option("Longest time of a trial.")] = 60.0,
+    rest_s: Annotated[float, option("Rest between trials.", min=0.0)] = 20.0,
+    phantoms: Annotated[str, option("YAML file of phantoms; empty: the paper's three.")] = "",
     as_json: JsonOption = False,
 ) -> None:
     """No rig is needed."""

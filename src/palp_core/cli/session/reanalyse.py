@@ -3,53 +3,28 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from palp_core.cli.options import JsonOption
+from palp_core.cli.options import JsonOption, argument, option
 from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
 from palp_core.counted import counted
 
 
 def reanalyse(
-    outs: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="OUT...",
-            help="Sessions' folders, folders of sessions, or bags.",
-            show_default=False,
-        ),
-    ],
+    outs: Annotated[list[Path], argument("Sessions' folders, folders of sessions, or bags.", "OUT...")],
     *,
-    denoise: Annotated[
-        str, typer.Option(help="How noise is taken off; names with commas, or all.")
-    ] = "soft_universal",
-    feature: Annotated[str, typer.Option(help="What is read off a sweep; as above.")] = "peak",
-    filter: Annotated[str, typer.Option(help="What is known to stay; as above.")] = "naive",
-    likelihood: Annotated[str, typer.Option(help="Of the naive filter; as above.")] = "normal",
-    trace_filter: Annotated[
-        str,
-        typer.Option(
-            help="Read whole traces by this filter (linear, second_order, grid), in place of the four above."
-        ),
-    ] = "",
-    stop: Annotated[
-        str | None,
-        typer.Option(
-            help="Stop rule; as above. Default: paper_guarded; of traces posterior_threshold with 0.99."
-        ),
-    ] = None,
-    stop_value: Annotated[
-        float, typer.Option(help="The stop rule's own number: T, probability or count; 0: its default.")
-    ] = 0.0,
-    depths: Annotated[
-        int, typer.Option(min=0, help="Decide on a grid of so many depths; 0: among the trained ones.")
-    ] = 0,
-    max_probes: Annotated[int, typer.Option(min=1, help="Probes after which a trial is undecided.")] = 15,
-    noise: Annotated[Path | None, typer.Option(help="Noise file: what stays; for latent filters.")] = None,
+    denoise: Annotated[str, option("How noise is taken off; names with commas, or all.")] = "soft_universal",
+    feature: Annotated[str, option("What is read off a sweep; as above.")] = "peak",
+    filter: Annotated[str, option("What is known to stay; as above.")] = "naive",
+    likelihood: Annotated[str, option("Of the naive filter; as above.")] = "normal",
+    trace_filter: Annotated[str, option("Filter of whole traces instead: linear, second_order, grid.")] = "",
+    stop: Annotated[str | None, option("Stop rule; default: paper_guarded; of traces .99 posterior.")] = None,
+    stop_value: Annotated[float, option("The stop rule's number; 0: its default.")] = 0.0,
+    depths: Annotated[int, option("Size of the grid of depths; 0: the trained ones.", min=0)] = 0,
+    max_probes: Annotated[int, option("Probes after which a trial is undecided.", min=1)] = 15,
+    noise: Annotated[Path | None, option("Noise file: what stays; for latent filters.")] = None,
     scene: Annotated[
-        Path | None, typer.Option(help="Scene file; for the latent filter. Default: the assumed scene.")
+        Path | None, option("Scene file of the latent filter; default: the assumed one.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for page (HTML), table (CSV) and JSON.")] = None,
+    out: Annotated[Path | None, option("Folder for page (HTML), table (CSV) and JSON.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """A row per combination of methods."""

@@ -3,34 +3,20 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
+from palp_core.cli.options import argument, option
 from palp_core.cli.output import print_text
 from palp_core.errors import PalpError
 
 
 def report(
-    path: Annotated[
-        Path,
-        typer.Argument(
-            metavar="DIR|BAG", help="A session's folder, or a bag of its run (also one file of it)."
-        ),
-    ],
+    path: Annotated[Path, argument("A session's folder, or a bag of its run.", "DIR|BAG")],
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            metavar="DIR",
-            help="Of a bag: for record and report; default: BAG_report beside it.",
-        ),
+        option("Of a bag: for record and report; default: BAG_report.", "--out", "-o", metavar="DIR"),
     ] = None,
-    overwrite: Annotated[
-        bool,
-        typer.Option("--overwrite", help="Of a bag: a session that the folder holds already is replaced."),
-    ] = False,
+    overwrite: Annotated[bool, option("Of a bag: replace the session in the folder.", "--overwrite")] = False,
     charts: Annotated[
-        bool, typer.Option("--charts", help="Keep each chart as PNG, SVG and CSV, too, in charts/.")
+        bool, option("Keep each chart as PNG, SVG and CSV, too, in charts/.", "--charts")
     ] = False,
 ) -> None:
     """That is result.json and report.html, from the session's rows and sweeps (human.json and

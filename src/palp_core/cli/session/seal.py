@@ -5,16 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from palp_core.cli.options import JsonOption
+from palp_core.cli.options import JsonOption, argument, option
 from palp_core.cli.output import note, print_json, print_table, print_text
 from palp_core.errors import PalpError
 
 
 def seal(
-    key: Annotated[Path, typer.Argument(metavar="KEY", help="The file that is written.", show_default=False)],
-    phantoms: Annotated[str, typer.Option(help="YAML file of phantoms; empty: the paper's three.")] = "",
+    key: Annotated[Path, argument("The file that is written.", "KEY")],
+    phantoms: Annotated[str, option("YAML file of phantoms; empty: the paper's three.")] = "",
 ) -> None:
     """Tells what to write on which sticker: once, here, and nowhere else. Then: blind:=true phantoms:=KEY"""
     from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
@@ -28,10 +26,10 @@ def seal(
 
 
 def unseal(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The session's folder.", show_default=False)],
+    folder: Annotated[Path, argument("The session's folder.", "DIR")],
     *,
-    reason: Annotated[str, typer.Option("--reason", help="Why now, in words.", show_default=False)],
-    key: Annotated[Path | None, typer.Option(help="The key; default: DIR/key.sealed.")] = None,
+    reason: Annotated[str, option("Why now, in words.", "--reason", show_default=False)],
+    key: Annotated[Path | None, option("The key; default: DIR/key.sealed.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """The report is made, and the audit says when, why and by whom it was opened."""

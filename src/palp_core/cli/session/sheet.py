@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palp_core.cli.options import JsonOption
+from palp_core.cli.options import JsonOption, argument, option
 from palp_core.cli.output import note, print_json, print_table, print_text
 from palp_core.errors import PalpError
 
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 
 ByHandOption = Annotated[
-    bool, typer.Option("--by-hand", help="A person palpates: a subject is named, and no torque sensor.")
+    bool, option("A person palpates: a subject is named, and no torque sensor.", "--by-hand")
 ]
 
 
 def new(
-    file: Annotated[Path, typer.Argument(metavar="[FILE]", help="The sheet.")] = Path("session.yaml"),
+    file: Annotated[Path, argument("The sheet.", "[FILE]")] = Path("session.yaml"),
     phantoms: Annotated[
-        str, typer.Option(metavar="FILE", help="Phantoms of the session; default: the paper's three.")
+        str, option("Phantoms of the session; default: the paper's three.", metavar="FILE")
     ] = "",
     by_hand: ByHandOption = False,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="A file that is there is replaced.")] = False,
+    overwrite: Annotated[bool, option("A file that is there is replaced.", "--overwrite")] = False,
 ) -> None:
     from palp_core.palpation.session.sheet.of_run import phantom_codes
     from palp_core.palpation.session.sheet.template import template
@@ -44,7 +44,7 @@ def new(
 
 
 def show(
-    path: Annotated[Path, typer.Argument(metavar="DIR|BAG|FILE", help="A session's folder, a bag, a sheet.")],
+    path: Annotated[Path, argument("A session's folder, a bag, a sheet.", "DIR|BAG|FILE")],
     *,
     by_hand: ByHandOption = False,
     as_json: JsonOption = False,
@@ -60,12 +60,10 @@ def show(
 
 
 def redact(
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR|BAG", help="A session's folder, or a bag of its run.")
-    ],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="For the copy.")],
+    folder: Annotated[Path, argument("A session's folder, or a bag of its run.", "DIR|BAG")],
+    out: Annotated[Path, option("For the copy.", "--out", "-o", metavar="DIR")],
     also: Annotated[
-        str, typer.Option(metavar="FIELD,...", help="Beside operator, subject, ethics and note: lab, began.")
+        str, option("Beside operator, subject, ethics and note: lab, began.", metavar="FIELD,...")
     ] = "",
 ) -> None:
     """Files that are no part of the session stay behind. Status 1: the copy still has a word of them."""
@@ -107,11 +105,7 @@ def _tell(out: Path, told: Sequence[str]) -> None:
 
 
 def _sheet_at(path: Path, *, by_hand: bool) -> SessionSheet:
-    """Return the sheet of what a path leads to.
-
-    Raises:
-        PalpError: There is none, or it has mistakes.
-    """
+    """Return the sheet of what a path leads to."""
     from palp_core.graph.bag.reader import Bag
     from palp_core.palpation.session.bag_record import is_bag, launch_of
     from palp_core.palpation.session.run_note import read_note

@@ -17,9 +17,6 @@ def since(text: str) -> datetime:
 
     >>> since("2026-11-22T12:00:00+00:00").isoformat()
     '2026-11-22T12:00:00+00:00'
-
-    Raises:
-        PalpError: It is none of these.
     """
     now = datetime.fromtimestamp(unix_ns() / 1e9, UTC).astimezone()
     try:

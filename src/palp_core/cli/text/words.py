@@ -19,9 +19,6 @@ def type_and_message(words: list[str], example: str) -> tuple[str | None, str | 
 
     >>> type_and_message(["Sample", "{index: 1}"], "")
     ('Sample', '{index: 1}')
-
-    Raises:
-        GraphError: Two of one kind.
     """
     kinds = [word for word in words if type_name(word).isidentifier()]
     texts = [word for word in words if word not in kinds]
@@ -31,11 +28,7 @@ def type_and_message(words: list[str], example: str) -> tuple[str | None, str | 
 
 
 def assignments(option: str, given: list[str] | None) -> dict[str, str]:
-    """Return names and values of words ``name:=value``.
-
-    Raises:
-        GraphError: It is not of that form, or a name is given twice.
-    """
+    """Return names and values of words ``name:=value``."""
     found: dict[str, str] = {}
     for text in given or []:
         name, sign, value = text.partition(":=")

@@ -16,22 +16,13 @@ END_S = 5.0
 
 
 def check_can_show() -> None:
-    """Check, before anything starts, that there is something to show it with.
-
-    Raises:
-        PalpError: The extra is not installed; what to type is in the message.
-    """
+    """Check, before anything starts, that there is something to show it with."""
     check_installed()
 
 
 @contextlib.contextmanager
 def shown_beside(run: str, *, operate: bool) -> Iterator[None]:
-    """Show a running graph in the browser; the viewer ends with it.
-
-    Args:
-        run: Its id.
-        operate: As of ``palp view``.
-    """
+    """Show a running graph in the browser; the viewer ends with it."""
     process = subprocess.Popen(
         [sys.executable, "-m", "palp_core", "view", "--graph", run, *(["--operate"] if operate else [])],
         stdin=subprocess.DEVNULL,

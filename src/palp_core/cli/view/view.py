@@ -7,9 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from palp_core.cli.options import GraphOption
+from palp_core.cli.options import GraphOption, argument, option
 from palp_core.cli.output import note
 from palp_core.cli.running import find_graph
 from palp_core.errors import BagError, GraphError
@@ -27,23 +25,14 @@ TRY = "palp launch rig:sim.yaml trials:=100000 --view"
 
 
 def view(
-    what: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[BAG]",
-            help="A bag; default: the running graph.",
-            show_default=False,
-        ),
-    ] = None,
+    what: Annotated[Path | None, argument("A bag; default: the running graph.", "[BAG]")] = None,
     *,
     port: Annotated[
-        int, typer.Option("--port", min=0, max=65535, help="Where, on this host only; 0: any that is free.")
+        int, option("Where, on this host only; 0: any that is free.", "--port", min=0, max=65535)
     ] = 0,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
-    read_only: Annotated[bool, typer.Option("--read-only", help="Nothing can be pressed.")] = False,
-    operate: Annotated[
-        bool, typer.Option("--operate", help="On a real rig let more be pressed than stop.")
-    ] = False,
+    no_browser: Annotated[bool, option("Only print the address.", "--no-browser")] = False,
+    read_only: Annotated[bool, option("Nothing can be pressed.", "--read-only")] = False,
+    operate: Annotated[bool, option("On a real rig let more be pressed than stop.", "--operate")] = False,
     graph: GraphOption = None,
 ) -> None:
     """To those who have the address that this prints, on this host. From another one:
@@ -84,11 +73,7 @@ def _running(name: str | None) -> RunningGraph:
 
 
 def _over(what: Path) -> RecordedSource:
-    """Return a bag as a source.
-
-    Raises:
-        BagError: It is none.
-    """
+    """Return a bag as a source."""
     from palp_core.graph.bag.metadata import in_order
     from palp_core.view.source.recorded import RecordedSource
 
