@@ -1,15 +1,19 @@
 """``palp emg``: recorded EMG to co-contraction, bursts and levels, with what is wrong with it."""
 
+from __future__ import annotations
+
 from dataclasses import fields
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from palp_core.cli.lazy import Verb, lazy_app
 from palp_core.cli.options import JsonOption, argument, option
 from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
-from palp_core.palpation.perception.emg.settings import WINDOW_S, BurstSettings, Crosstalk, LevelRule, MvcRule
+
+if TYPE_CHECKING:
+    from palp_core.palpation.perception.emg.analysis import EmgSettings
 
 _HERE = "palp_core.cli.rig"
 
@@ -32,38 +36,36 @@ EdcOption = Annotated[
 UnitOption = Annotated[
     str | None, option("V, mV, uV, nV or counts; default: each file's own.", metavar="UNIT")
 ]
-WindowOption = Annotated[float, option("RMS window, 20 to 200 ms.", "--window-ms")]
-MvcRuleOption = Annotated[MvcRule, option("How the MVC is read: plateau, largest sum, sum of largest.")]
-LevelRuleOption = Annotated[LevelRule, option("Level of a peak: by its plateau or by its largest value.")]
-CrosstalkOption = Annotated[Crosstalk, option("Remove what both muscles have in common, or keep it.")]
-BurstOption = Annotated[
+SettingsOption = Annotated[
     list[str] | None,
-    option(
-        "A setting of the burst rule, as in gap_s:=0.1; repeatable.",
-        "--burst",
-        metavar="NAME:=VALUE",
-        show_default=False,
-    ),
+    option("Setting of the analysis: docs/perception.md; repeatable.", "--set", metavar="NAME:=VALUE"),
 ]
 
 
-def burst_settings(words: list[str] | None) -> BurstSettings:
-    """Return the burst rule with the settings given as ``name:=value``."""
+def emg_settings(words: list[str] | None) -> EmgSettings:
+    """Return the settings of the analysis, of its burst rule too, given as ``name:=value``."""
+    import msgspec
+
     from palp_core.cli.text.words import assignments
     from palp_core.errors import PalpError
+    from palp_core.graph.discovery.message_yaml import parse_yaml
     from palp_core.graph.problems import hint
+    from palp_core.palpation.perception.emg.analysis import EmgSettings
+    from palp_core.palpation.perception.emg.settings import BurstSettings
 
-    known = [field.name for field in fields(BurstSettings)]
-    numbers: dict[str, float] = {}
-    for name, text in assignments("--burst", words).items():
+    given = {name: parse_yaml(text, name) for name, text in assignments("--set", words).items()}
+    bursts = [field.name for field in fields(BurstSettings)]
+    known = [f.name for f in fields(EmgSettings) if f.name not in ("rate_hz", "bursts")] + bursts
+    for name in given:
         if name not in known:
             names = ", ".join(known)
-            raise PalpError(f"--burst {name}: no such setting{hint(name, known)}; there are {names}")
-        try:
-            numbers[name] = float(text)
-        except ValueError:
-            raise PalpError(f"--burst {name}:={text}: write a number") from None
-    return BurstSettings(**numbers)
+            raise PalpError(f"--set {name}: no such setting{hint(name, known)}; there are {names}")
+    own = {name: value for name, value in given.items() if name not in bursts}
+    own["bursts"] = {name: value for name, value in given.items() if name in bursts}
+    try:
+        return msgspec.convert(own, EmgSettings)
+    except msgspec.ValidationError as error:
+        raise PalpError(f"--set: {error}") from error
 
 
 _SHOWN_APART = ("file", "format", "columns", "notes", "problem")
@@ -78,15 +80,7 @@ def analyse(
     unit: UnitOption = None,
     mvc: Annotated[Path | None, option("Recording of the MVC; a bag or a folder may hold its own.")] = None,
     rest: Annotated[Path | None, option("Recording at rest; default: the quietest twentieth.")] = None,
-    window_ms: WindowOption = 1e3 * WINDOW_S,
-    mvc_rule: MvcRuleOption = "plateau",
-    level_rule: LevelRuleOption = "plateau",
-    crosstalk: CrosstalkOption = "keep",
-    burst: BurstOption = None,
-    band_hz: Annotated[tuple[float, float], option("Band-pass.")] = (20.0, 450.0),
-    rails: Annotated[
-        tuple[float, float] | None, option("The converter's ends, in volts or the file's counts.")
-    ] = None,
+    settings: SettingsOption = None,
     swept: Annotated[bool, option("Show results over windows, thresholds and valleys.", "--sweep")] = False,
     out: Annotated[Path | None, option("Folder for page (HTML), tables (CSV) and JSON.")] = None,
     as_json: JsonOption = False,
@@ -97,26 +91,16 @@ def analyse(
     from palp_core.palpation.identification.emg.files import is_recording
     from palp_core.palpation.identification.emg.muscles import ImportOptions
     from palp_core.palpation.identification.emg.trial import run_trial, trial_record
-    from palp_core.palpation.perception.emg.analysis import EmgSettings
     from palp_core.palpation.session.human.record import EMG, is_by_hand
 
-    settings = EmgSettings(
-        low_hz=band_hz[0],
-        high_hz=band_hz[1],
-        window_s=window_ms / 1e3,
-        bursts=burst_settings(burst),
-        mvc_rule=mvc_rule,
-        level_rule=level_rule,
-        crosstalk=crosstalk,
-        rails=rails,
-    )
+    chosen = emg_settings(settings)
     options = ImportOptions(fs, fds, edc, unit)
     if out is not None:
         make_folder(out)
     if file.is_dir() and not is_recording(file):
         if swept:
             raise PalpError("--sweep is for one recording; name a trial of the folder")
-        records = emg_batch.run_folder(file / EMG if is_by_hand(file) else file, mvc, options, settings, note)
+        records = emg_batch.run_folder(file / EMG if is_by_hand(file) else file, mvc, options, chosen, note)
         result = emg_batch.write_batch(records, out) if out else {"trials": records}
         if as_json:
             print_json(result)
@@ -127,7 +111,7 @@ def analyse(
         if any(one["error"] for one in records):
             raise typer.Exit(1)
         return
-    trial = run_trial(file, mvc, options, settings, rest)
+    trial = run_trial(file, mvc, options, chosen, rest)
     record = emg_batch.write_trial(trial, out) if out else trial_record(trial)
     if swept:
         record["sweep"] = emg_batch.sweep_trial(trial, out)
