@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from palp_core.cli.main import app as palp
 from palp_core.cli.rig import emg
-from palp_core.cli.session.session import app
+from palp_core.cli.session import app
 from palp_core.errors import PalpError
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.problems import GraphProblems

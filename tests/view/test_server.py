@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.cli.view.view import _opened
+from palp_core.cli.view import _opened
 from palp_core.extras import install_line
 from tests.support.bags import record, run_frames
 from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line

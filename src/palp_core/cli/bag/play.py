@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palp_core.cli.bag.topics import check_topics
 from palp_core.cli.keyboard import attended, standard_input
 from palp_core.cli.options import INTERRUPTED, ExcludeRegexOption, GraphOption, RegexOption, argument, option
 from palp_core.cli.output import note, print_json, print_text
@@ -18,7 +17,7 @@ from palp_core.counted import counted
 from palp_core.errors import BagError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
     from palp_core.graph.bag.reader import Bag
     from palp_core.graph.messages.topic import Topic
@@ -129,6 +128,22 @@ def play(
         )
     if interrupted:
         raise typer.Exit(INTERRUPTED)
+
+
+def check_topics(topics: Collection[str], *bags: Path) -> None:
+    """Look whether every topic is in one of the bags; of a bag that was not finished nobody knows before."""
+    from palp_core.graph.bag.reader import Bag
+    from palp_core.graph.problems import hint
+
+    known: set[str] = set()
+    for bag in bags if topics else ():
+        with Bag(bag) as opened:
+            if not all(file.closed for file in opened.files):
+                return
+            known |= opened.topics().keys()
+    for name in topics:
+        if name not in known:
+            raise BagError(f"{' and '.join(map(str, bags))}: no topic '{name}'{hint(name, known)}")
 
 
 def _end(number: int, _: object) -> None:

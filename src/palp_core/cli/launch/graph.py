@@ -1,17 +1,21 @@
 """``palp graph``: what a launch file describes, which graphs run, and their end."""
 
+from __future__ import annotations
+
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from palp_core.cli import completion
-from palp_core.cli.launch.remarks import note_remarks
 from palp_core.cli.options import GraphOption, JsonOption, argument, option
 from palp_core.cli.output import note, print_json, print_table, print_text
 from palp_core.cli.running import find_graph
+
+if TYPE_CHECKING:
+    from palp_core.graph.description.checked import CheckedGraph
 
 SILENT_S = 2.0
 """An end that takes longer is told to be under way."""
@@ -151,6 +155,21 @@ def end(
             note("palp graph list tells when it is gone, palp logs what its nodes say meanwhile")
             sys.exit(1)
     print_text(f"graph '{who}' (id {running.record.id}) has ended")
+
+
+def note_without_effect(file: Path, checked: CheckedGraph) -> None:
+    from palp_core.graph.description.checked import unpublished_words, without_effect
+
+    for text in filter(None, (without_effect(checked), unpublished_words(checked.unpublished))):
+        note(f"{file}: note: {text}")
+
+
+def note_remarks(file: Path, checked: CheckedGraph) -> None:
+    from palp_core.graph.workspaces.modules import hidden_modules
+
+    note_without_effect(file, checked)
+    for module, own, installed, name in hidden_modules(checked.workspace):
+        note(f"{file}: note: {module} is {own}, in place of that of '{name}', {installed}")
 
 
 def _duration(ns: int) -> str:

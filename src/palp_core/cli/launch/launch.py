@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, get_args
 
 from palp_core.cli import completion
-from palp_core.cli.launch.remarks import note_remarks, note_without_effect
+from palp_core.cli.launch.graph import note_remarks, note_without_effect
 from palp_core.cli.options import Level, argument, option
 from palp_core.cli.output import note, print_text
 from palp_core.counted import counted
@@ -118,7 +118,7 @@ def _run(
     from palp_core.graph.supervision.fork_start import start_fork_server
 
     if in_browser:
-        from palp_core.cli.view.beside import check_can_show
+        from palp_core.cli.view import check_can_show
 
         check_can_show()
     if digest is not None and resume:
@@ -251,7 +251,7 @@ def _shown(graph: Graph, *, wanted: bool, operate: bool) -> contextlib.AbstractC
     """Show a graph in the browser for as long as it runs, if that is wanted."""
     if not wanted:
         return contextlib.nullcontext()
-    from palp_core.cli.view.beside import shown_beside
+    from palp_core.cli.view import shown_beside
 
     return shown_beside(graph.directory.path.name, operate=operate)
 

@@ -40,7 +40,7 @@ def send_goal(
 
     Status 1 unless it succeeds. Ctrl-C cancels it.
     """
-    from palp_core.cli.text.words import type_and_message
+    from palp_core.cli.words import type_and_message
     from palp_core.graph.discovery.actions import ActionCaller, find_action
     from palp_core.graph.discovery.message_yaml import message_from_yaml
     from palp_core.graph.discovery.topic_reader import TopicReader

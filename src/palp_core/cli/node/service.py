@@ -45,7 +45,7 @@ def call_service(
 
     It waits at most timeout x (1 + retries).
     """
-    from palp_core.cli.text.words import type_and_message
+    from palp_core.cli.words import type_and_message
     from palp_core.graph.discovery.message_yaml import message_from_yaml
     from palp_core.graph.messages.message_text import readable
 

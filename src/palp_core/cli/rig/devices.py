@@ -40,7 +40,7 @@ def list_devices(
     as_json: JsonOption = False,
 ) -> None:
     """List the devices that have a driver, with its options."""
-    from palp_core.cli.rig.device_catalogue import device_entries
+    from palp_core.cli.rig.device_discovery import device_entries
 
     found = device_entries([_from_workspace(driver) for driver in drivers or ()])
     if as_json:
@@ -207,7 +207,7 @@ def _from_workspace(device: str) -> str:
 
 
 def _options(words: list[str] | None) -> dict[str, Any]:
-    from palp_core.cli.text.words import assignments
+    from palp_core.cli.words import assignments
     from palp_core.graph.discovery.message_yaml import parse_yaml
 
     return {name: parse_yaml(value, name) for name, value in assignments("option", words).items()}

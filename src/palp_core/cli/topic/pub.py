@@ -42,7 +42,7 @@ def pub(
     """The message is checked before anything is sent; fields that are not given get the type's defaults. The
     node confirms each message with its sequence on the topic. With --stdin the end of the input ends it.
     """
-    from palp_core.cli.text.words import type_and_message
+    from palp_core.cli.words import type_and_message
 
     kind, text = type_and_message(words or [], "palp topic pub /node/port TYPE '{index: 1}'")
     if stdin and text is not None:

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import os
+import subprocess
 import sys
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +15,8 @@ from palp_core.cli.options import GraphOption, argument, option
 from palp_core.cli.output import note
 from palp_core.cli.running import find_graph
 from palp_core.errors import BagError, GraphError
+from palp_core.graph.process.parent_death import die_with_parent
+from palp_core.view.server.serve import check_installed
 
 if TYPE_CHECKING:
     import socket
@@ -19,6 +25,7 @@ if TYPE_CHECKING:
     from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.view.pages.viewer import OwnPage
     from palp_core.view.source.recorded import RecordedSource
+
 
 OF_PALP = "palp_core."
 TRY = "palp launch rig:sim.yaml trials:=100000 --view"
@@ -174,3 +181,32 @@ def _opened(where: str) -> Iterator[None]:
         page.write_text(f'<meta http-equiv="refresh" content="0; url={where}">\n', encoding="utf-8")
         threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()
         yield
+
+
+END_S = 5.0
+
+
+def check_can_show() -> None:
+    """Check, before anything starts, that there is something to show it with."""
+    check_installed()
+
+
+@contextlib.contextmanager
+def shown_beside(run: str, *, operate: bool) -> Iterator[None]:
+    """Show a running graph in the browser; the viewer ends with it."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "palp_core", "view", "--graph", run, *(["--operate"] if operate else [])],
+        stdin=subprocess.DEVNULL,
+        env={**os.environ, "PYTHONHASHSEED": "random"},
+        start_new_session=True,  # Ctrl-C is the launcher's
+        preexec_fn=partial(die_with_parent, os.getpid()),  # and if that is killed, it goes, too
+    )
+    try:
+        yield
+    finally:
+        process.terminate()
+        try:
+            process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
