@@ -126,9 +126,9 @@ def a_rebound_name(target: Target) -> None:
 
 def a_post_of_another_site(target: Target) -> None:
     polling = f"{target.page('/_nicegui_ws/socket.io/')}?EIO=4&transport=polling"
-    said = b'42["event",{}]'
-    assert target.open.ask(polling, "POST", said, Origin=EVIL, Content_Type="text/plain").status == 403
-    assert target.open.ask(polling, "POST", said, Sec_Fetch_Site="cross-site").status == 403
+    text = b'42["event",{}]'
+    assert target.open.ask(polling, "POST", text, Origin=EVIL, Content_Type="text/plain").status == 403
+    assert target.open.ask(polling, "POST", text, Sec_Fetch_Site="cross-site").status == 403
     assert target.open.ask(polling, Sec_Fetch_Site="cross-site", Sec_Fetch_Mode="no-cors").status == 403
     for button in ("stop", "acknowledge", "x"):
         assert target.open.ask(target.page(f"/press/{button}"), "POST", b"", Origin=EVIL).status == 403
@@ -310,10 +310,23 @@ def events_of_nobody(target: Target) -> None:
 
 def words_that_are_no_words(target: Target) -> None:
     deep = "42" + json.dumps(["event"])[:-1] + "," + "[" * 100_000
-    for said in ("42[", "42{}", "9", "", "4", "451-[", "42" + "9" * 1000, deep, b"\0\xff", "1", "41", "5"):
+    for text in (
+        "42[",
+        "42{}",
+        "9",
+        "",
+        "4",
+        "451-[",
+        "42" + "9" * 1000,
+        deep,
+        b"\0\xff",
+        "1",
+        "41",
+        "5",
+    ):
         page = PageSocket(target.open)
         with contextlib.suppress(ConnectionClosed):
-            page.connection.send(said)
+            page.connection.send(text)
             page.connection.send('42["log",{}]')
         page.connection.close()
 

@@ -90,8 +90,7 @@ def _over(what: Path) -> RecordedSource:
 
 
 def _show_over(listening: socket.socket, token: str, bag: RecordedSource) -> None:
-    from palp_core.view.server.imports import serving_alone
-    from palp_core.view.server.serve import serve
+    from palp_core.view.server.serve import serve, serving_alone
 
     with serving_alone():
         from palp_core.view.pages.routes import register_pages
@@ -127,8 +126,7 @@ def _page_over_bag(named: str) -> OwnPage | None:
 def _show_live(
     listening: socket.socket, token: str, running: RunningGraph, *, read_only: bool, operate: bool
 ) -> None:
-    from palp_core.view.server.imports import serving_alone
-    from palp_core.view.server.serve import serve
+    from palp_core.view.server.serve import serve, serving_alone
     from palp_core.view.source.live import LiveSource
     from palp_core.view.source.operator import GraphOperator
 
@@ -143,7 +141,7 @@ def _show_live(
     try:
         pages = lambda: register_pages(viewer)  # noqa: E731
         simulated = running.record.clock == "sim"
-        serve(listening, token, pages, gives_way=simulated, over=lambda: not running.alive)
+        serve(listening, token, pages, low_priority=simulated, over=lambda: not running.alive)
         note(f"graph '{running.record.graph}' has ended, and nobody looks: the page is closed")
     finally:
         source.close()

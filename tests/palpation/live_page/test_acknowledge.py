@@ -11,7 +11,7 @@ pytest.importorskip("nicegui")
 pytest.importorskip("nicegui.testing.user_simulation")
 
 from palp_core.palpation.live_page.drawing.strip import _Acknowledge
-from palp_core.palpation.live_page.safety import standing
+from palp_core.palpation.live_page.safety import safety_status
 from palp_core.view.source.operator import NOT_OPERATED
 from tests.support.view.simulated_user import simulated
 
@@ -24,7 +24,7 @@ def test_an_acknowledgement_that_would_be_refused_is_dead_and_says_why(refusal: 
     shown: list[_Acknowledge] = []
 
     async def look(user: Any) -> None:
-        shown[-1].show(standing(STOPPED, 0.0))
+        shown[-1].show(safety_status(STOPPED, 0.0))
         assert shown[-1]._press.first.enabled is not bool(refusal)
         if refusal:
             await user.should_see(refusal)

@@ -13,7 +13,7 @@ from palp_core.palpation.live_page.desk import DeskMonitor
 from palp_core.palpation.live_page.page import human, rig
 from palp_core.palpation.session.human.questions import IDENTITY, QUESTION
 from palp_core.view.source.overview import NodeState, Overview
-from palp_core.view.source.protocol import Heard, Watch
+from palp_core.view.source.protocol import Sample, Watch
 
 pytest.importorskip("nicegui")
 pytest.importorskip("nicegui.testing.user_simulation")
@@ -28,12 +28,12 @@ class ToldSession:
     """A source whose session has said this so far."""
 
     def __init__(self) -> None:
-        self.said: dict[str, list[Heard]] = {kind: [] for kind in KINDS}
+        self.messages: dict[str, list[Sample]] = {kind: [] for kind in KINDS}
         self.now_s = 1.0
 
     def tell(self, kind: str, at_ns: int, /, **message: Any) -> None:
-        entries = self.said[kind]
-        entries.append(Heard(at_ns, len(entries) + 1, {"stamp_ns": at_ns, **message}))
+        entries = self.messages[kind]
+        entries.append(Sample(at_ns, len(entries) + 1, {"stamp_ns": at_ns, **message}))
 
     def ask(self, number: int, kind: str, text: str, *choices: str) -> None:
         self.tell("Prompt", number, number=number, kind=kind, text=text, choices=list(choices), ends_ns=0)
@@ -55,10 +55,10 @@ class ToldSession:
     def watch(self, topic: str) -> Watch:
         return ToldWatch(self, next(one for one in self.topics() if one.name == topic))
 
-    def remembered(self, topics: Sequence[str]) -> Iterator[tuple[str, Heard]]:
+    def history(self, topics: Sequence[str]) -> Iterator[tuple[str, Sample]]:
         for one in self.topics():
             if one.name in topics:
-                yield from ((one.name, heard) for heard in self.said[one.type])
+                yield from ((one.name, sample) for sample in self.messages[one.type])
 
     def launch(self) -> dict[str, Any]:
         return {}
@@ -73,13 +73,13 @@ class ToldWatch:
     def __init__(self, session: ToldSession, topic: Topic) -> None:
         self._session, self.topic, self._place = session, topic, 0
 
-    def latest(self) -> Heard | None:
-        said = self._session.said[self.topic.type]
-        return said[-1] if said else None
+    def latest(self) -> Sample | None:
+        messages = self._session.messages[self.topic.type]
+        return messages[-1] if messages else None
 
-    def drain(self) -> list[Heard]:
-        said = self._session.said[self.topic.type]
-        found, self._place = said[self._place :], len(said)
+    def read_new(self) -> list[Sample]:
+        messages = self._session.messages[self.topic.type]
+        found, self._place = messages[self._place :], len(messages)
         return found
 
     def close(self) -> None:
@@ -102,7 +102,7 @@ class Answered:
 
 
 def put(viewer: Viewer, page: Callable[[Viewer], None] = human) -> Callable[[], None]:
-    return lambda: OwnPage(page).put_up(viewer)
+    return lambda: OwnPage(page).fill(viewer)
 
 
 def page_of(session: ToldSession, answered: Answered | None) -> Viewer:

@@ -12,11 +12,11 @@ import pytest
 
 from palp_core.graph.messages.topic import Topic
 from palp_core.palpation.live_page.monitor import RigMonitor
-from palp_core.palpation.live_page.muscles import muscle_words
+from palp_core.palpation.live_page.muscles import muscle_text
 from palp_core.palpation.live_page.page import rig
 from palp_core.palpation.session.trials_csv import Row, SessionWriter
 from palp_core.view.source.overview import NodeState, Overview
-from palp_core.view.source.protocol import Heard, ViewSource, Watch
+from palp_core.view.source.protocol import Sample, ViewSource, Watch
 
 pytest.importorskip("nicegui")
 pytest.importorskip("nicegui.testing.user_simulation")
@@ -72,13 +72,13 @@ class ToldWatch:
         self._source, self.topic = source, topic
         self._place = 0
 
-    def latest(self) -> Heard | None:
-        said = self._source.heard(self.topic.type)
-        return said[-1] if said else None
+    def latest(self) -> Sample | None:
+        messages = self._source.sample(self.topic.type)
+        return messages[-1] if messages else None
 
-    def drain(self) -> list[Heard]:
-        said = self._source.heard(self.topic.type)
-        found, self._place = said[self._place :], len(said)
+    def read_new(self) -> list[Sample]:
+        messages = self._source.sample(self.topic.type)
+        found, self._place = messages[self._place :], len(messages)
         return found
 
     def close(self) -> None:
@@ -89,7 +89,7 @@ class ToldRig:
     """A source whose nodes have said this so far."""
 
     def __init__(self, clock: str = "wall") -> None:
-        self.said = {kind: list(entries) for kind, entries in SAID.items()}
+        self.messages = {kind: list(entries) for kind, entries in SAID.items()}
         self.clock, self.now_s, self.alive = clock, 1.0, True
         self.said_launch: dict[str, Any] = {"params": {"stage": {"from_m": -0.03, "to_m": 0.05}}}
         value = {"type": "array", "items": {"type": "number"}}
@@ -100,8 +100,10 @@ class ToldRig:
             for kind in SAID
         ]  # fmt: skip
 
-    def heard(self, kind: str) -> list[Heard]:
-        return [Heard(stamp, place + 1, message) for place, (stamp, message) in enumerate(self.said[kind])]
+    def sample(self, kind: str) -> list[Sample]:
+        return [
+            Sample(stamp, place + 1, message) for place, (stamp, message) in enumerate(self.messages[kind])
+        ]
 
     def overview(self) -> Overview:
         nodes = [NodeState(name="rig", run="nodes.policy_uniform:Uniform"), NodeState(name="safety")]
@@ -115,10 +117,10 @@ class ToldRig:
     def watch(self, topic: str) -> Watch:
         return ToldWatch(self, next(one for one in self._topics if one.name == topic))
 
-    def remembered(self, topics: Sequence[str]) -> Iterator[tuple[str, Heard]]:
+    def history(self, topics: Sequence[str]) -> Iterator[tuple[str, Sample]]:
         for one in self._topics:
             if one.name in topics:
-                yield from ((one.name, heard) for heard in self.heard(one.type))
+                yield from ((one.name, sample) for sample in self.sample(one.type))
 
     def launch(self) -> dict[str, Any]:
         return self.said_launch
@@ -147,8 +149,8 @@ def strip_and_page(viewer: Viewer) -> Callable[[], None]:
     own = OwnPage(rig)
 
     def put() -> None:
-        own.put_strip(viewer)
-        own.put_up(viewer)
+        own.fill_strip(viewer)
+        own.fill(viewer)
 
     return put
 
@@ -173,8 +175,8 @@ def test_it_shows_what_the_nodes_have_said() -> None:
 def test_a_ring_that_waits_is_told_and_once_the_graph_has_ended_nobody_calls_it_silent() -> None:
     told = ToldRig()
     homing = {"target_m": 0.016, "measured_m": 0.016, "settled": False, "rehome": True, "stamp_ns": 1}
-    told.said["RingState"].append((4, homing))
-    told.said["RingReport"].append((5, {"text": "its motor waits 63 s more"}))
+    told.messages["RingState"].append((4, homing))
+    told.messages["RingReport"].append((5, {"text": "its motor waits 63 s more"}))
 
     async def look(user: Any) -> None:
         await user.should_see("re-homing: its motor waits 63 s more")
@@ -200,8 +202,10 @@ def test_the_probe_is_drawn_as_high_as_the_stage_says_that_it_is(
 ) -> None:
     from palp_core.palpation.live_page.drawing.touch import lift_of
 
-    said: Any = SimpleNamespace(latest=lambda _: report, sweeping=status == "sweeping", path_m=(-0.03, 0.05))
-    assert lift_of(said) == lift_mm
+    messages: Any = SimpleNamespace(
+        latest=lambda _: report, sweeping=status == "sweeping", path_m=(-0.03, 0.05)
+    )
+    assert lift_of(messages) == lift_mm
 
 
 def test_a_depth_is_a_bar_of_its_share_and_the_most_probable_one_is_marked() -> None:
@@ -216,7 +220,9 @@ def test_a_depth_is_a_bar_of_its_share_and_the_most_probable_one_is_marked() -> 
 
 def test_a_trip_is_left_behind_only_when_asked_twice() -> None:
     told, pressed = ToldRig(), Pressed()
-    told.said["SafetyBeat"].append((91, {**BEAT, "state": "latched", "cause": "torque", "text": "105 N mm"}))
+    told.messages["SafetyBeat"].append(
+        (91, {**BEAT, "state": "latched", "cause": "torque", "text": "105 N mm"})
+    )
 
     async def look(user: Any) -> None:
         await user.should_see("torque: 105 N mm")
@@ -226,7 +232,7 @@ def test_a_trip_is_left_behind_only_when_asked_twice() -> None:
         user.find("yes, leave the stop behind").click()
         await user.should_see("acknowledged: it goes on by itself")
         assert pressed.calls == [("safety", "acknowledge", False)]
-        told.said["SafetyBeat"].append((92, {**BEAT, "state": "ready"}))
+        told.messages["SafetyBeat"].append((92, {**BEAT, "state": "ready"}))
         await user.should_see("ready")
         await user.should_see("it goes on by itself")  # and is not wiped away as the stop is left
 
@@ -243,7 +249,7 @@ def test_what_was_asked_for_and_what_came_meanwhile_counts_once() -> None:
     told = ToldRig()
     now = monitor(told)
     assert len(now.look()) == 2
-    told.said["TrialResult"].append((60, {**SAID["TrialResult"][0][1], "trial": 5, "estimate_m": 0.008}))
+    told.messages["TrialResult"].append((60, {**SAID["TrialResult"][0][1], "trial": 5, "estimate_m": 0.008}))
     assert now.look() == []
     assert [row.right for row in now.board.rows] == [True, False]
     assert len(now.belief.probes) == 1
@@ -257,7 +263,7 @@ def test_where_sweeps_are_shown_when_they_are_over_the_ring_is_shown_as_it_was_i
     now = monitor(told, at_once=True)
     assert now.ring_m == 0.016
     assert len(now.look()) == 2
-    told.said["RingState"].append((10, {**SAID["RingState"][0][1], "target_m": 0.008}))
+    told.messages["RingState"].append((10, {**SAID["RingState"][0][1], "target_m": 0.008}))
     now.look()
     assert now.ring is not None
     assert now.ring_m == now.ring["measured_m"] == 0.004
@@ -265,9 +271,9 @@ def test_where_sweeps_are_shown_when_they_are_over_the_ring_is_shown_as_it_was_i
 
 def test_muscles_that_have_fallen_silent_are_told_as_that() -> None:
     last = {**SAID["CoContraction"][0][1], "stamp_ns": 69_000_000_000}
-    assert "silent since 69 s" in muscle_words(last, None, 72.0)
-    assert "silent" not in muscle_words(last, None, 120.0, fast=True)
-    assert "silent since 69 s" in muscle_words(last, None, 5541.0, fast=True)
+    assert "silent since 69 s" in muscle_text(last, None, 72.0)
+    assert "silent" not in muscle_text(last, None, 120.0, fast=True)
+    assert "silent since 69 s" in muscle_text(last, None, 5541.0, fast=True)
 
 
 def test_over_a_bag_it_is_as_it_was_at_the_chosen_time() -> None:
@@ -312,9 +318,9 @@ def test_a_slow_browser_is_sent_no_more_than_it_takes_and_then_the_whole_sweep()
         panel.show([])
         assert sent[-1] == ("begin", 2)
         moves = {"target_m": 0.004, "measured_m": 0.01, "settled": False, "rehome": False}
-        told.said["RingState"].append((10, moves))
+        told.messages["RingState"].append((10, moves))
         now.look()
-        panel.show_words()
+        panel.show_text()
         assert "ring: 10.0 mm, moving" in panel._facts.text
         assert panel._taught.text.endswith("ring at 16 mm")  # those of the sweep that is shown
 

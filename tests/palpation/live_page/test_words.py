@@ -12,7 +12,7 @@ from palp_core.graph.messages.topic import Topic
 from palp_core.palpation.live_page.beside import BESIDE, POLICIES_COMMAND, other_protocol
 from palp_core.palpation.live_page.geometry import lean_rad, lengths_mm, path_of
 from palp_core.palpation.live_page.roles import safety_node, topics_by_type
-from palp_core.palpation.live_page.safety import heading, standing
+from palp_core.palpation.live_page.safety import heading, safety_status
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.view.source.overview import WireState
 
@@ -21,14 +21,14 @@ BEAT = {"state": "ready", "permits": True, "cause": "", "text": "", "warning": "
 
 
 def test_a_tripped_safety_node_says_why_and_what_to_do() -> None:
-    now = standing({**BEAT, "state": "latched", "cause": "torque", "text": "105 N mm"}, 0.0)
+    now = safety_status({**BEAT, "state": "latched", "cause": "torque", "text": "105 N mm"}, 0.0)
     assert (now.word, now.level, now.tripped) == ("STOPPED", "error", True)
     assert now.why == "torque: 105 N mm"
     assert "palp safety ack" in now.advice
 
 
 def test_a_stop_that_somebody_asked_for_is_told_once_and_not_as_something_wrong() -> None:
-    now = standing({**BEAT, "state": "latched", "cause": "operator", "text": "palp view"}, 0.0)
+    now = safety_status({**BEAT, "state": "latched", "cause": "operator", "text": "palp view"}, 0.0)
     assert now.why == "nothing moves, all nodes go on; somebody asked for it: palp view"
     assert "palp safety ack" in now.advice
     other = Trouble("/stage", "error", "it is broken")
@@ -49,7 +49,7 @@ def test_a_stop_that_somebody_asked_for_is_told_once_and_not_as_something_wrong(
     ],
 )
 def test_how_bad_it_is_shows(beat: dict[str, object] | None, silent_s: float, level: str) -> None:
-    assert standing(beat, silent_s).level == level
+    assert safety_status(beat, silent_s).level == level
 
 
 def test_figures_beside_are_those_of_the_page_of_results_and_say_their_command() -> None:

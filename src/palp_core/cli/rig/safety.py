@@ -93,10 +93,10 @@ def acknowledge(call: Call) -> None:
 
     Status 1: the cause is still there.
     """
-    from palp_core.palpation.live_page.safety import acknowledged_words
+    from palp_core.palpation.live_page.safety import acknowledge_text
 
     reply = call_safety(call.graph, "acknowledge", {}, call.timeout_s)
-    call.show(reply, [acknowledged_words(reply)])
+    call.show(reply, [acknowledge_text(reply)])
     if not reply["done"]:
         sys.exit(1)
 

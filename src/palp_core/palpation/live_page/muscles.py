@@ -16,7 +16,7 @@ SILENT_FAST_S = 60.0
 """Of a graph that goes faster than anybody looks."""
 
 
-def muscle_words(
+def muscle_text(
     cocontraction: dict[str, Any] | None,
     report: dict[str, Any] | None,
     now_s: float | None = None,
@@ -24,12 +24,6 @@ def muscle_words(
     fast: bool = False,
 ) -> str:
     """Return the level of the latest peak, how many bursts there were, and what is wrong with the source.
-
-    Args:
-        cocontraction: The last ``CoContraction``.
-        report: The last ``EmgReport``.
-        now_s: Time on the graph's clock, if it is known: silence is told.
-        fast: The graph goes faster than anybody looks.
 
     >>> muscle_words({"level": 2, "level_defined": True, "burst_count": 7, "value": [0.25]}, None)
     'co-contraction 0.25; level 0.3 at its latest peak (third of five); 7 bursts'

@@ -48,12 +48,7 @@ class _Cell:
 
 
 class TaughtSweeps:
-    """The sweeps of training, summed up as they come.
-
-    Args:
-        from_m: Where a sweep begins.
-        to_m: Where it ends.
-    """
+    """The sweeps of training, summed up as they come."""
 
     def __init__(self, from_m: float, to_m: float) -> None:
         self._places_mm = (1e3 * np.linspace(from_m, to_m, PLACES)).tolist()

@@ -58,7 +58,7 @@ class TrialBoard:
         """Take a ``PolicyChange``."""
         self._took_over.append(change)
 
-    def mixed_words(self) -> str:
+    def mixed_text(self) -> str:
         """Return in words which policies took over among these trials; "" where all are of one policy."""
         first = min(self._results, default=0)
         found = [

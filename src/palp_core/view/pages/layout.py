@@ -47,12 +47,7 @@ class Layout(msgspec.Struct, frozen=True):
 
 
 def layout(nodes: Iterable[str], wires: Iterable[Ends]) -> Layout:
-    """Return where nodes and wires stand.
-
-    Args:
-        nodes: In graph order.
-        wires: From publisher to reader; those to unknown nodes are left out.
-    """
+    """Return where nodes and wires stand."""
     names = list(nodes)
     rank = {name: place for place, name in enumerate(names)}
     known = sorted(

@@ -16,11 +16,7 @@ Cell = str | tuple[str, str]
 
 
 class LiveTable(Element, component="live_table.js"):  # type: ignore[misc, call-arg]
-    """A table whose cells are texts, and texts that lead somewhere.
-
-    Args:
-        titles: Of its columns.
-    """
+    """A table whose cells are texts, and texts that lead somewhere."""
 
     def __init__(self, titles: Sequence[str]) -> None:
         super().__init__()

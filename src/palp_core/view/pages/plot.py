@@ -13,7 +13,7 @@ from nicegui.element import Element
 from palp_core.counted import counted
 from palp_core.errors import GraphError
 from palp_core.units import Float64Array
-from palp_core.view.pages.parts import Outcome, said
+from palp_core.view.pages.parts import StatusLine, text_element
 from palp_core.view.source.protocol import Watch
 from palp_core.view.source.series import (
     KEPT_POINTS,
@@ -49,13 +49,7 @@ class LivePlot(Element, component="live_plot.js", esm={"palp-uplot": "uplot"}): 
         self.shape(names=[], span=SPAN_S, paused=False, file=f"{file}.png", title="", along="time in s")
 
     def shape(self, **props: Any) -> None:
-        """Change what is shown, and how.
-
-        Args:
-            props: ``names`` of the series, ``span`` in s, ``paused``; ``elements``: values by their number
-                instead of time; ``slim``: no slider; ``even``: between messages the time axis moves on, as
-                the machine's clock does; ``title``: of a saved picture; ``along``: the time axis in words.
-        """
+        """Change properties of ``live_plot.js``, as ``names``, ``span`` in s, ``paused``."""
         self._props.update(props)
         self.update()
 
@@ -90,20 +84,20 @@ class _Plotted:
 
     def choose(self, fields: list[str], schema: dict[str, Any]) -> None:
         self.series = [FieldSeries(field, schema) for field in fields]
-        self.let_go()
+        self.release()
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """Note that the browser has been given all that waited."""
         self.waiting = [NO_POINTS] * len(self.series)
 
     def take(self, watch: Watch, span_s: float) -> bool:
         """Take what has come; tell whether anything has."""
-        heard = watch.drain()
+        sample = watch.read_new()
         self.waiting = [
-            shown(np.concatenate([waiting, *(series.add(message) for message in heard)]), span_s)
+            shown(np.concatenate([waiting, *(series.add(message) for message in sample)]), span_s)
             for series, waiting in zip(self.series, self.waiting, strict=True)
         ]
-        return bool(heard)
+        return bool(sample)
 
 
 CHOOSE = "choose a field to plot"
@@ -112,16 +106,8 @@ CHOOSE = "choose a field to plot"
 def plot_panel(
     watch: Watch, *, fast: bool = False, clock: str = "", fields: Sequence[str] = (), window_s: int = SPAN_S
 ) -> None:
-    """Put up a plot of a topic's numbers.
-
-    Args:
-        watch: The topic.
-        fast: The graph goes faster than anybody looks.
-        clock: The graph's, ``sim`` or ``wall``.
-        fields: Plotted from the start; what holds no numbers is left out.
-        window_s: What is shown from the start, one of :data:`SPANS_S`.
-    """
-    schema, plotted, outcome = watch.topic.json_schema, _Plotted(), Outcome()
+    """Put up a plot of a topic's numbers."""
+    schema, plotted, outcome = watch.topic.json_schema, _Plotted(), StatusLine()
     known = list(number_fields(schema))
     first = [field for field in dict.fromkeys(fields[:MOST_FIELDS]) if _is_plottable(field, schema)]
     if not known:
@@ -142,7 +128,7 @@ def plot_panel(
         pause = ui.button("pause").props("outline dense no-caps")
         save = ui.button("PNG").props("outline dense no-caps")
         table = ui.button("CSV").props("outline dense no-caps")
-    nothing = said("div", CHOOSE, "quiet")
+    nothing = text_element("div", CHOOSE, "quiet")
     plot = LivePlot(watch.topic.name.strip("/").replace("/", "_"))
     plot.shape(
         even=not fast,
@@ -156,10 +142,10 @@ def plot_panel(
         try:
             plotted.choose(fields, schema)
         except GraphError as error:
-            outcome.tell(str(error), "error")
+            outcome.show(str(error), "error")
             chosen.value = [series.field for series in plotted.series]
             return
-        outcome.tell("")
+        outcome.show("")
         remember()
         nothing.set_visibility(not plotted.series)
         plot.shape(names=[series.label for series in plotted.series])
@@ -185,7 +171,7 @@ def plot_panel(
 
     def download() -> None:
         labelled = paused[0] if paused else kept()
-        outcome.tell(in_words(labelled))
+        outcome.show(in_words(labelled))
         ui.download.content(as_csv(labelled), name)
 
     def tick() -> None:
@@ -198,7 +184,7 @@ def plot_panel(
             plot.put([series.last for series in plotted.series])
         else:
             plot.add(plotted.waiting)
-        plotted.let_go()
+        plotted.release()
 
     chosen.on_value_change(choose)
     span.on_value_change(widen)

@@ -42,7 +42,7 @@ class OwnPage:
         """Whether it is to be shown over a recording."""
         return getattr(self._function, "over_bags", False) is True
 
-    def put_up(self, viewer: Viewer) -> None:
+    def fill(self, viewer: Viewer) -> None:
         _try(self._function, viewer)
 
     def heading(self, troubles: list[Trouble]) -> tuple[str, list[Trouble]] | None:
@@ -57,7 +57,7 @@ class OwnPage:
             return None
         return found
 
-    def put_strip(self, viewer: Viewer) -> None:
+    def fill_strip(self, viewer: Viewer) -> None:
         """Fill its part of the strip, if it has one."""
         strip: Callable[[Viewer], None] | None = getattr(self._function, "strip", None)
         if strip is not None:
@@ -65,12 +65,12 @@ class OwnPage:
 
 
 def _try(function: Callable[[Viewer], None], viewer: Viewer) -> None:
-    from palp_core.view.pages.parts import said
+    from palp_core.view.pages.parts import text_element
 
     try:
         function(viewer)
     except Exception as error:  # noqa: BLE001 - a page of somebody's own may raise anything
-        said("div", f"the launch file's own page failed: {in_words(error)}", "error")
+        text_element("div", f"the launch file's own page failed: {in_words(error)}", "error")
 
 
 class Viewer(msgspec.Struct, kw_only=True):

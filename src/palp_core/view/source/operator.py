@@ -52,21 +52,13 @@ class GraphOperator:
         return NOT_OPERATED if real and not (self._operate or stops) else ""
 
     def allow(self, *, stops: bool = False) -> RunningGraph:
-        """Return the graph, if something may be done to it; see :meth:`refusal`.
-
-        Raises:
-            Refused: It may not.
-        """
+        """Return the graph, if something may be done to it; see :meth:`refusal`."""
         if why := self.refusal(stops=stops):
             raise Refused(why)
         return self._source.graph
 
     def set_parameters(self, node: str, texts: dict[str, str]) -> dict[str, Any]:
-        """Set parameters, typed as in YAML, all of them or none; return all values as they are then.
-
-        Raises:
-            GraphError: It may not be pressed, or the node refuses; in words.
-        """
+        """Set parameters, typed as in YAML, all of them or none; return all values as they are then."""
         graph = self.allow()
         declared = graph.ask(node, "describe_parameters")["parameters"]
         wanted = typed_parameters(node, declared, texts)
@@ -74,11 +66,7 @@ class GraphOperator:
         return found
 
     def transition(self, node: str, transition: str) -> str:
-        """Ask a node for a transition of its lifecycle; return the state that it has reached.
-
-        Raises:
-            GraphError: It may not be pressed, or the node refuses.
-        """
+        """Ask a node for a transition of its lifecycle; return the state that it has reached."""
         reply = self.allow().ask(node, "transition", timeout_s=10.0, transition=transition)
         return str(reply["lifecycle"])
 
@@ -87,9 +75,6 @@ class GraphOperator:
 
         Returns:
             Its sequence on the topic.
-
-        Raises:
-            GraphError: It may not be pressed, does not fit, or the node refuses.
         """
         graph = self.allow()
         ports = graph.ask(node, "schemas")["ports"]
@@ -108,9 +93,6 @@ class GraphOperator:
             service: The port.
             request: Plain values, as they travel.
             stops: It only brings something to rest.
-
-        Raises:
-            GraphError: It may not be pressed, or the node refuses.
         """
         graph = self.allow(stops=stops)
         reply: dict[str, Any] = graph.ask(node, "call", service=service, request=request)["reply"]
@@ -123,17 +105,10 @@ class GraphOperator:
 
         Returns:
             ``report`` or ``failed``, as :meth:`RunningGraph.swap` has it.
-
-        Raises:
-            GraphError: It may not be pressed, or there is no such node.
         """
         graph = self.allow()
         return graph.swap(node, class_from_here(run, graph.record.workspace), **options)
 
     def end(self) -> None:
-        """Ask the graph to end as Ctrl-C at its launch does, and do not wait for it.
-
-        Raises:
-            GraphError: It may not be pressed, or it has ended.
-        """
+        """Ask the graph to end as Ctrl-C at its launch does, and do not wait for it."""
         ask_to_end(self.allow(), "its page in the browser").close()

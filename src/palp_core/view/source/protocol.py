@@ -11,7 +11,7 @@ from palp_core.graph.messages.topic import Topic
 from palp_core.view.source.overview import Overview
 
 
-class Heard(msgspec.Struct, frozen=True):
+class Sample(msgspec.Struct, frozen=True):
     """A message as plain values, arrays as lists; its time on the graph's clock, its place in its topic."""
 
     stamp_ns: int
@@ -24,10 +24,10 @@ class Watch(Protocol):
 
     topic: Topic
 
-    def latest(self) -> Heard | None:
+    def latest(self) -> Sample | None:
         """Return the last message; None before the first."""
 
-    def drain(self) -> list[Heard]:
+    def read_new(self) -> list[Sample]:
         """Return what has come since the last call, the oldest first; what is too much is left out."""
 
     @property
@@ -54,7 +54,7 @@ class ViewSource(Protocol):
             PalpError: There is none of that name.
         """
 
-    def remembered(self, topics: Sequence[str]) -> Iterator[tuple[str, Heard]]:
+    def history(self, topics: Sequence[str]) -> Iterator[tuple[str, Sample]]:
         """Yield what is remembered of some topics, the oldest first; it may wait: use it on a thread.
 
         Of a running graph that is what the publishers still have, of a bag all of it. What is of no topic of

@@ -5,19 +5,19 @@ from __future__ import annotations
 from nicegui import run, ui
 
 from palp_core.palpation.live_page.desk import DeskMonitor, HumanTrialRow
-from palp_core.palpation.live_page.drawing.belief import trial_words
+from palp_core.palpation.live_page.drawing.belief import trial_text
 from palp_core.palpation.live_page.drawing.desk import DeskPanel
 from palp_core.palpation.live_page.drawing.muscles import MusclePanel
 from palp_core.palpation.live_page.drawing.page import CSS
 from palp_core.palpation.live_page.monitor import RigMonitor
-from palp_core.view.pages.parts import said, table
+from palp_core.view.pages.parts import table, text_element
 from palp_core.view.pages.viewer import Viewer
 
 LOOK_S = 0.1
 MOST_ROWS = 30
 
 
-def put_up(viewer: Viewer) -> None:
+def fill(viewer: Viewer) -> None:
     """Put up the page."""
     ui.add_css(CSS)
     recorded = viewer.time is not None
@@ -31,8 +31,8 @@ def put_up(viewer: Viewer) -> None:
         with ui.element("section"):
             muscles = MusclePanel(viewer.source, rig)
         with ui.element("section"):
-            said("h2", "Trials so far, the latest first")
-            where = said("div", "", "quiet").props('data-what="progress"')
+            text_element("h2", "Trials so far, the latest first")
+            where = text_element("div", "", "quiet").props('data-what="progress"')
             trials = ui.element("div").classes("rig-scroll").props('data-what="trials" tabindex="0"')
     shown: list[list[HumanTrialRow]] = []
 
@@ -40,7 +40,7 @@ def put_up(viewer: Viewer) -> None:
         desk.look()
         panel.show()
         muscles.show()
-        where.text = trial_words(rig.belief, rig.latest("Progress"))
+        where.text = trial_text(rig.belief, rig.latest("Progress"))
         if shown != [desk.rows]:
             shown[:] = [desk.rows]
             trials.clear()
@@ -57,12 +57,12 @@ def put_up(viewer: Viewer) -> None:
 
 def _trials(rows: list[HumanTrialRow]) -> None:
     if not rows:
-        said("div", "no trial is over yet", "quiet")
+        text_element("div", "no trial is over yet", "quiet")
         return
     titles = ("Trial", "Phantom", "Palpated", "Ended by", "Answer")
     table(titles, [_cells(row) for row in rows[: -MOST_ROWS - 1 : -1]])
     if len(rows) > MOST_ROWS:
-        said("div", f"and {len(rows) - MOST_ROWS} before", "quiet")
+        text_element("div", f"and {len(rows) - MOST_ROWS} before", "quiet")
 
 
 def _cells(row: HumanTrialRow) -> tuple[str, ...]:

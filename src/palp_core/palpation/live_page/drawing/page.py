@@ -21,7 +21,7 @@ FAST = 4
 """A graph that goes faster than anybody looks is looked at so many times more rarely."""
 
 
-def put_up(viewer: Viewer) -> None:
+def fill(viewer: Viewer) -> None:
     """Put up the page."""
     ui.add_css(CSS)
     lockstep = viewer.time is None and viewer.source.overview().clock == "sim"
@@ -44,7 +44,7 @@ def put_up(viewer: Viewer) -> None:
         desk.look()
         if asked is not None:
             asked.show()
-        touch.show_words()
+        touch.show_text()
         belief.show()
         muscles.show()
         outcome.show()

@@ -16,7 +16,7 @@ from palp_core.palpation.live_page.monitor import RigMonitor
 from palp_core.palpation.live_page.sweep import Point
 from palp_core.palpation.live_page.taught import Band
 from palp_core.units import Float64Array
-from palp_core.view.pages.parts import said
+from palp_core.view.pages.parts import text_element
 from palp_core.view.source.series import thinned
 
 __all__ = ["EChart", "TouchPanel"]
@@ -86,22 +86,18 @@ class RigScene(Paced, component="rig_scene.js"):  # type: ignore[call-arg]
 
 
 class TouchPanel:
-    """Chart and drawing.
-
-    Args:
-        monitor: What is shown.
-    """
+    """Chart and drawing."""
 
     def __init__(self, monitor: RigMonitor) -> None:
         self._monitor = monitor
         self._number, self._lean, self._behind = -1, 0.0, False
         self._swept_m: float | None = None
         with ui.element("section"):
-            said("h2", "Torque of the present sweep, and what training taught")
+            text_element("h2", "Torque of the present sweep, and what training taught")
             self._chart = SweepChart(monitor.path_m)
-            self._taught = said("div", "", "quiet").props('data-what="taught"')
-            said("h2", "The rig, to scale")
-            self._facts = said("div", "", "rig-facts").props('data-what="rig"')
+            self._taught = text_element("div", "", "quiet").props('data-what="taught"')
+            text_element("h2", "The rig, to scale")
+            self._facts = text_element("div", "", "rig-facts").props('data-what="rig"')
             self._size = lengths_mm(*monitor.path_m)
             self._scene = RigScene(self._size)
 
@@ -133,18 +129,18 @@ class TouchPanel:
             goal["ring"] = round(1e3 * ring["measured_m"], 2)
         return goal
 
-    def show_words(self) -> None:
+    def show_text(self) -> None:
         """Show bands and figures."""
         self._show_bands(self._chart)
         self._scene.bead(self._monitor.depth_mm)
-        self._facts.text = rig_words(self._monitor)
+        self._facts.text = rig_text(self._monitor)
 
     def _show_bands(self, chart: SweepChart) -> None:
         """Show what training taught of the ring position of the sweep that is shown."""
         monitor = self._monitor
         ring_m = monitor.ring_m if self._swept_m is None else self._swept_m
         bands, of_peaks = monitor.bands(ring_m)
-        self._taught.text = words = taught_words(bands, of_peaks=of_peaks, ring_m=ring_m)
+        self._taught.text = words = bands_text(bands, of_peaks=of_peaks, ring_m=ring_m)
         chart.shape(bands, monitor.path_m, f"torque in N mm against stage position in mm. {words}")
 
 
@@ -156,7 +152,7 @@ def lift_of(monitor: RigMonitor) -> float:
     return 0.0 if monitor.sweeping else 1e3 * LIFT_M
 
 
-def taught_words(bands: list[Band], *, of_peaks: bool, ring_m: float | None) -> str:
+def bands_text(bands: list[Band], *, of_peaks: bool, ring_m: float | None) -> str:
     """Return what the bands are."""
     if not bands or ring_m is None:
         return "no bands: training goes on, or has taught nothing of this ring position"
@@ -167,7 +163,7 @@ def taught_words(bands: list[Band], *, of_peaks: bool, ring_m: float | None) -> 
     return f"bands: {spread} at each depth, ring at {1e3 * ring_m:g} mm"
 
 
-def rig_words(monitor: RigMonitor) -> str:
+def rig_text(monitor: RigMonitor) -> str:
     """Return what the rig does, in words."""
     status, ring = monitor.status, monitor.ring
     parts = [f"stage: {status['status']}" if status is not None else "stage: nothing heard yet"]
