@@ -19,7 +19,7 @@ from palp_core.view.pages.node import ports
 from palp_core.view.pages.parameters import parameters_panel
 from palp_core.view.pages.swap import swap_panel, swap_text
 from tests.support.view.simulated_user import simulated
-from tests.view.test_pages import SAMPLE, FakeSource
+from tests.view.test_pages import SAMPLE, ToySource
 
 LEVEL = {
     "name": "level", "description": "of full scale",
@@ -41,7 +41,7 @@ class Node:
     """Stands for a viewer of a node with parameters, which takes what is at most 1."""
 
     def __init__(self) -> None:
-        self.source = FakeSource()
+        self.source = ToySource()
         self.live = self.operator = self
         self.graph = SimpleNamespace(ask=lambda *_: {"parameters": self.declared, "about": ABOUT})
         self.declared: dict[str, Any] = {"level": LEVEL, "mode": MODE}
@@ -94,7 +94,7 @@ def test_the_parameters_are_those_of_the_class_at_work() -> None:
 
 
 def test_what_a_node_reads_and_publishes_is_told() -> None:
-    source = FakeSource()
+    source = ToySource()
     assert ports(source.now, [SAMPLE], "sink") == [("reads", "/source/sample", "")]
     assert ports(source.now, [SAMPLE], "source") == [("publishes", "/source/sample", "")]
 
@@ -108,7 +108,7 @@ def test_what_is_chosen_stays_so_when_the_list_of_classes_comes_or_changes(tmp_p
         return {"inputs": {}, "run": "nodes.a:A"}
 
     graph = SimpleNamespace(ask=ask, record=SimpleNamespace(workspace=str(tmp_path), nodes=[]))
-    live: Any = SimpleNamespace(graph=graph, overview=FakeSource().overview)
+    live: Any = SimpleNamespace(graph=graph, overview=ToySource().overview)
 
     async def look(user: Any) -> None:
         await user.should_see("asked again: it is busy")

@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from palp_core.palpation.live_page.probes import TrialBelief, entropy_bits
-from palp_core.palpation.live_page.trials import TrialBoard
+from palp_core.palpation.live_page.trials import TrialBelief, TrialBoard, entropy_bits
 from palp_core.palpation.perception.statistics.statistics import wilson
 
 DEPTHS_M = [0.002, 0.004, 0.008]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import select
 import threading
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Self
 
 from palp_core.cli.keyboard import Keyboard, standard_input
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 KEY = " "
 KEY_TIMEOUT_S = 5.0
-SAFETY_TYPE = "SafetyBeat"
-SAFETY_NAME = "safety"
 
 
 def stop_motion(running: RunningGraph, reason: str, timeout_s: float) -> dict[str, Any]:
@@ -38,8 +36,9 @@ def call_safety(
     running: RunningGraph, service: str, request: dict[str, Any], timeout_s: float
 ) -> dict[str, Any]:
     """Call a service of the safety node, which is the one that stops and acknowledges."""
-    beating = [topic.node for topic in running.record.topics if topic.type == SAFETY_TYPE]
-    node = safety_node(running.node_names, beating)
+    from palp_core.graph.discovery.moving import safety_node
+
+    node = safety_node(((topic.node, topic.type) for topic in running.record.topics), running.node_names)
     if node is None:
         raise GraphError(
             f"graph '{running.record.graph}' has no safety node, so nothing can be stopped alone;"
@@ -50,19 +49,9 @@ def call_safety(
     return reply
 
 
-def safety_node(names: Collection[str], beating: Sequence[str]) -> str | None:
-    """Return which node is the safety node.
-
-    It is known by what it publishes, whatever its name; the name decides where several publish that, or none
-    does: a safety node of one's own may have messages of its own.
-    """
-    if SAFETY_NAME in names and (not beating or SAFETY_NAME in beating):
-        return SAFETY_NAME
-    return beating[0] if beating else None
-
-
 def stop_key(graph: Graph) -> StopKey:
     """Return the key that stops a graph's motion; it listens if the graph has a safety node."""
+    from palp_core.graph.discovery.moving import safety_node
     from palp_core.graph.discovery.running_graph import RunningGraph
 
     def press() -> None:
@@ -78,8 +67,8 @@ def stop_key(graph: Graph) -> StopKey:
 
     key = StopKey(standard_input(), press)
     names = [spec.name for spec in graph.checked.nodes]
-    beating = [topic.node for topic in graph.checked.topics.values() if topic.type == SAFETY_TYPE]
-    if safety_node(names, beating) is not None and key.start():
+    types = [(topic.node, topic.type) for topic in graph.checked.topics.values()]
+    if safety_node(types, names) is not None and key.start():
         note("the space bar stops all motion")
     return key
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 from typing import Any
 
 import msgspec
 
-from palp_core.errors import PalpError
-from palp_core.view.source.protocol import Sample, ViewSource, Watch
+from palp_core.view.source.protocol import Sample, ViewSource, open_watches
 
 PROMPT, COUNTDOWN, BARS, DONE = "Prompt", "Countdown", "EffortBars", "HumanTrialDone"
 ANSWER = "answer"
@@ -46,10 +44,7 @@ class DeskMonitor:
         self._topics = {
             topic.name: topic for topic in source.topics() if topic.type in (PROMPT, COUNTDOWN, BARS, DONE)
         }
-        self._watches: dict[str, Watch] = {}
-        for name in self._topics:
-            with contextlib.suppress(PalpError):
-                self._watches[name] = source.watch(name)
+        self._watches = open_watches(source, self._topics)
         self._prompts: dict[str, Question] = {}
         self._done: dict[tuple[int, int], tuple[int, dict[str, Any]]] = {}
 

@@ -6,24 +6,20 @@ first look it asks for once, on a thread.
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterable
 from typing import Any
 
-from palp_core.errors import PalpError
 from palp_core.palpation.live_page.geometry import path_of
-from palp_core.palpation.live_page.probes import TrialBelief
 from palp_core.palpation.live_page.roles import session_folder, topics_by_type
 from palp_core.palpation.live_page.sweep import Point, SweepTrace, whole_sweep
 from palp_core.palpation.live_page.taught import (
     Band,
     TaughtSweeps,
-    peak_bands,
     taught_by_folder,
     taught_by_messages,
 )
-from palp_core.palpation.live_page.trials import TrialBoard
-from palp_core.view.source.protocol import Sample, ViewSource, Watch
+from palp_core.palpation.live_page.trials import TrialBelief, TrialBoard
+from palp_core.view.source.protocol import Sample, ViewSource, open_watches
 
 RARE = (
     "PhantomTruth", "PrimitivesLearnt", "Trial", "TrialResult", "Belief", "ContactGuard",
@@ -57,7 +53,8 @@ class RigMonitor:
         self._source, self.at_once, self._recorded = source, at_once, recorded
         self.topics = topics_by_type(source.topics(), source.overview().wires)
         streams = ("Palpation", "StagePose") if at_once else ("StagePose", "TorqueBlock", "Palpation")
-        self._watches = {name: watch for name in (*RARE, *LATEST, *streams) if (watch := self._watch(name))}
+        wanted = {self.topics[kind]: kind for kind in (*RARE, *LATEST, *streams) if kind in self.topics}
+        self._watches = {wanted[name]: watch for name, watch in open_watches(source, wanted).items()}
         self.path_m = path_of(source.launch())
         self.taught = TaughtSweeps(*self.path_m)
         self._of_bag: list[tuple[str, Sample]] = []
@@ -228,15 +225,9 @@ class RigMonitor:
         """Where the ring is asked to be; None before anybody said."""
         return self.ring["target_m"] if self.ring is not None else None
 
-    def bands(self, ring_m: float | None) -> tuple[list[Band], bool]:
-        """Return the bands that training taught at a ring position, and whether of the peak only."""
-        if ring_m is None:
-            return [], False
-        if whole := self.taught.bands(ring_m):
-            return whole, False
-        return (
-            (peak_bands(self.learnt, ring_m, *self.path_m), True) if self.learnt is not None else ([], False)
-        )
+    def bands(self, ring_m: float | None) -> list[Band]:
+        """Return the bands that training taught at a ring position."""
+        return [] if ring_m is None else self.taught.bands(ring_m)
 
     @property
     def position_m(self) -> float | None:
@@ -253,14 +244,6 @@ class RigMonitor:
     def sweeping(self) -> bool:
         """Whether the stage is over the phantom."""
         return self.status is not None and self.status["status"] == "sweeping"
-
-    def _watch(self, kind: str) -> Watch | None:
-        name = self.topics.get(kind)
-        if name is None:
-            return None
-        with contextlib.suppress(PalpError):
-            return self._source.watch(name)
-        return None
 
 
 def _whole(sample: Sample) -> bool:

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 def rig(viewer: Viewer) -> None:
     """Fill the page: sweep, drawing, belief, trials, muscles, guards."""
-    from palp_core.palpation.live_page.drawing.page import fill
+    from palp_core.palpation.live_page.drawing.page import fill_rig
 
-    fill(viewer)
+    fill_rig(viewer)
 
 
 def strip(viewer: Viewer) -> None:
@@ -29,9 +29,9 @@ def strip(viewer: Viewer) -> None:
 
 def human(viewer: Viewer) -> None:
     """Fill the page of an experiment with people: what is asked of the operator, trials, muscles."""
-    from palp_core.palpation.live_page.drawing.human import fill
+    from palp_core.palpation.live_page.drawing.page import fill_human
 
-    fill(viewer)
+    fill_human(viewer)
 
 
 rig.strip = strip  # type: ignore[attr-defined]

@@ -13,7 +13,6 @@ EXPERIMENT = "TrialResult"
 """What the experiment publishes, and nobody else."""
 POLICY = "PolicyChange"
 """What the policy publishes, whichever class it is."""
-SAFETY_TYPE, SAFETY_NAME = "SafetyBeat", "safety"
 
 
 def topics_by_type(topics: Sequence[Topic], wires: Sequence[WireState] = ()) -> dict[str, str]:
@@ -29,14 +28,6 @@ def topics_by_type(topics: Sequence[Topic], wires: Sequence[WireState] = ()) -> 
     for topic in sorted(topics, key=lambda one: (one.name not in by_experiment, one.name not in sample)):
         found.setdefault(topic.type, topic.name)
     return found
-
-
-def safety_node(topics: Sequence[Topic], nodes: Sequence[str]) -> str:
-    """Return the node that stops motion: the one of that name, else who sends the beat; "" for none."""
-    beating = [topic.node for topic in topics if topic.type == SAFETY_TYPE]
-    if SAFETY_NAME in nodes and (not beating or SAFETY_NAME in beating):
-        return SAFETY_NAME
-    return beating[0] if beating else ""
 
 
 def policy_at_work(source: ViewSource, topics: Mapping[str, str]) -> str:

@@ -88,22 +88,6 @@ class TaughtSweeps:
         return found
 
 
-def peak_bands(learnt: dict[str, Any], ring_m: float, from_m: float, to_m: float) -> list[Band]:
-    """Return the bands of the peak alone, level over the path: all that ``PrimitivesLearnt`` tells."""
-    rings = learnt["rings_m"]
-    if not rings:
-        return []
-    ring = min(range(len(rings)), key=lambda one: abs(rings[one] - ring_m))
-    found = []
-    for place, depth_m in enumerate(learnt["depths_m"]):
-        cell = place * len(rings) + ring
-        mean, sd = 1e3 * learnt["mean_n_m"][cell], 1e3 * learnt["sd_n_m"][cell]
-        ends, low, high = [1e3 * from_m, 1e3 * to_m], mean - SPREADS * sd, mean + SPREADS * sd
-        count = round(learnt["count"][cell])
-        found.append(Band(round(depth_m * 1e3, 6), count, ends, [low, low], [high, high]))
-    return found
-
-
 def taught_by_messages(
     trials: Iterable[dict[str, Any]], palpations: Iterable[dict[str, Any]], from_m: float, to_m: float
 ) -> TaughtSweeps:

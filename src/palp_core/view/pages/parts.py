@@ -8,6 +8,7 @@ from typing import Any
 from urllib.parse import quote
 
 from nicegui import run, ui
+from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 
 from palp_core.errors import PalpError
@@ -100,6 +101,34 @@ def table(titles: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
                         else:
                             with ui.element("td"):
                                 cell()
+
+
+MOST_UNDER_WAY = 2
+"""Calls that a browser has not taken yet: until it has, no more are sent, however slow it is."""
+
+
+class PacedElement(Element):  # type: ignore[misc]
+    """A component whose methods answer ``taken`` with the number that they were given last."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._sent = self._taken = 0
+        self.on("taken", self._take)
+
+    @property
+    def busy(self) -> bool:
+        """Whether the browser has yet to take what it was given before."""
+        return self._sent - self._taken >= MOST_UNDER_WAY
+
+    def send(self, method: str, *given: Any) -> None:
+        """Call a method in the browser."""
+        self._sent += 1
+        self.run_method(method, *given, self._sent)
+
+    def _take(self, event: Any) -> None:
+        """Note up to where the browser has come; whatever it says, it is at most what was sent."""
+        if isinstance(event.args, int):
+            self._taken = min(max(event.args, self._taken), self._sent)
 
 
 class TroubleBox:

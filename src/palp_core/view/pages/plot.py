@@ -8,12 +8,11 @@ from urllib.parse import urlencode
 
 import numpy as np
 from nicegui import ui
-from nicegui.element import Element
 
 from palp_core.counted import counted
 from palp_core.errors import GraphError
 from palp_core.units import Float64Array
-from palp_core.view.pages.parts import StatusLine, text_element
+from palp_core.view.pages.parts import PacedElement, StatusLine, text_element
 from palp_core.view.source.protocol import Watch
 from palp_core.view.source.series import (
     KEPT_POINTS,
@@ -28,8 +27,6 @@ FRAME_S = 1 / 40
 """Between two looks at what has come: with what they take themselves there are some 30 a second."""
 FAST_FRAME_S = 1 / 5
 """Of a graph that goes faster than anybody looks: each frame is another part of it."""
-MOST_UNDER_WAY = 2
-"""Frames that a browser has not drawn yet: until it has, more is kept for the next, however slow it is."""
 DIGITS = 9
 """Of what a browser is sent: times to 1 ns."""
 MOST_FIELDS = 12
@@ -38,13 +35,11 @@ SPAN_S = 10
 SPANS_S = {2: "2 s", 10: "10 s", 60: "1 min", 600: "10 min"}
 
 
-class LivePlot(Element, component="live_plot.js", esm={"palp-uplot": "uplot"}):  # type: ignore[misc, call-arg]
+class LivePlot(PacedElement, component="live_plot.js", esm={"palp-uplot": "uplot"}):  # type: ignore[call-arg]
     """A plot in the browser, drawn by uPlot, which is given points as they come."""
 
     def __init__(self, file: str) -> None:
         super().__init__()
-        self._sent = self._taken = 0
-        self.on("taken", self._take)
         self._props.update(elements=False, slim=False, even=False)
         self.shape(names=[], span=SPAN_S, paused=False, file=f"{file}.png", title="", along="time in s")
 
@@ -53,25 +48,13 @@ class LivePlot(Element, component="live_plot.js", esm={"palp-uplot": "uplot"}): 
         self._props.update(props)
         self.update()
 
-    @property
-    def busy(self) -> bool:
-        """Whether the browser has yet to take what it was given before."""
-        return self._sent - self._taken >= MOST_UNDER_WAY
-
     def add(self, batches: Sequence[Float64Array]) -> None:
         """Add points, for each series an array of shape (n, 2): time in s, value; nan is a gap."""
-        self._sent += 1
-        self.run_method("add", [points.round(DIGITS) for points in batches], self._sent)
+        self.send("add", [points.round(DIGITS) for points in batches])
 
     def put(self, lists: list[list[float]]) -> None:
         """Show these values by their number."""
-        self._sent += 1
-        self.run_method("put", lists, self._sent)
-
-    def _take(self, event: Any) -> None:
-        """Note up to which frame the browser has come; whatever it says, it is at most what was sent."""
-        if isinstance(event.args, int):
-            self._taken = min(max(event.args, self._taken), self._sent)
+        self.send("put", lists)
 
 
 class _Plotted:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import contextlib
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Protocol
 
 import msgspec
 
+from palp_core.errors import PalpError
 from palp_core.graph.messages.topic import Topic
 from palp_core.view.source.overview import Overview
 
@@ -66,3 +68,12 @@ class ViewSource(Protocol):
 
     def close(self) -> None:
         """Let go."""
+
+
+def open_watches(source: ViewSource, topics: Iterable[str]) -> dict[str, Watch]:
+    """Return a watch of each topic by its name; one that is not there has none."""
+    found = {}
+    for topic in topics:
+        with contextlib.suppress(PalpError):
+            found[topic] = source.watch(topic)
+    return found

@@ -9,8 +9,8 @@ from nicegui.element import Element
 
 from palp_core.counted import counted
 from palp_core.palpation.live_page.monitor import RigMonitor
-from palp_core.palpation.live_page.probes import JudgedProbe, TrialBelief
 from palp_core.palpation.live_page.roles import policy_at_work
+from palp_core.palpation.live_page.trials import JudgedProbe, TrialBelief
 from palp_core.view.pages.parts import table, text_element
 from palp_core.view.source.protocol import ViewSource
 

@@ -1,16 +1,13 @@
-"""What has come of the session: trials with their verdicts, accuracy beside other figures, guards met."""
+"""What has come of the session: trials with their verdicts, accuracy, guards met."""
 
 from __future__ import annotations
 
-import shlex
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from nicegui import ui
 
-from palp_core.palpation.live_page.beside import BESIDE, SOURCES, other_protocol
-from palp_core.palpation.live_page.geometry import parameters_of
 from palp_core.palpation.live_page.monitor import RigMonitor
 from palp_core.palpation.live_page.roles import session_folder
 from palp_core.palpation.live_page.trials import TrialRow
@@ -78,15 +75,6 @@ class OutcomePanel:
                 "Phantoms come in blocks: the share of all tells whose block it is; look at each depth.",
                 "quiet",
             )
-        text_element("h2", "Beside")
-        table(("What", "Right, %"), [(one.what, one.words) for one in BESIDE])
-        for what, source in SOURCES:
-            with ui.element("p").classes("quiet"):
-                text_element("span", f"{what}: ")
-                text_element("code", source)
-        launch = self._source.launch()
-        if other := other_protocol(parameters_of(launch) | launch.get("args", {})):
-            text_element("p", other, "quiet")
 
 
 def _fill(box: ui.element, put: Any) -> None:
@@ -96,8 +84,8 @@ def _fill(box: ui.element, put: Any) -> None:
 
 
 def _results(folder: Path) -> None:
-    text_element("span", "The record grows as the session goes on, and its report is there at the end: ")
-    text_element("code", f"palp view {shlex.quote(str(folder))}")
+    text_element("span", "The record grows as the session goes on; its report is there at the end: ")
+    text_element("code", str(folder / "report.html"))
 
 
 def _share(one: Proportion) -> tuple[str, str, str]:

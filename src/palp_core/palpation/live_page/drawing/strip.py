@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 from typing import Any
 
 from nicegui import ui
 
-from palp_core.errors import PalpError
 from palp_core.graph.clock import monotonic_ns
-from palp_core.palpation.live_page.roles import SAFETY_TYPE, safety_node
+from palp_core.graph.discovery.moving import SAFETY_TYPE, safety_node
 from palp_core.palpation.live_page.safety import (
     MOVING,
     OVER,
@@ -21,7 +19,7 @@ from palp_core.palpation.live_page.safety import (
 from palp_core.view.pages.parts import ConfirmButton, StatusLine, text_element
 from palp_core.view.pages.urgent import UrgentButton
 from palp_core.view.pages.viewer import Viewer
-from palp_core.view.source.protocol import Watch
+from palp_core.view.source.protocol import Watch, open_watches
 
 REFRESH_S, ENDED_S = 0.1, 1.0
 SHOWN_NS = 30_000_000_000
@@ -35,7 +33,10 @@ NOTHING_TO_STOP = "no safety node in this graph: nothing of it can be stopped al
 
 def fill(viewer: Viewer) -> None:
     """Put it into the strip."""
-    node = safety_node(viewer.source.topics(), [one.name for one in viewer.source.overview().nodes])
+    node = safety_node(
+        ((topic.node, topic.type) for topic in viewer.source.topics()),
+        [node.name for node in viewer.source.overview().nodes],
+    )
     with ui.element("div").classes("row-of").style("flex-basis: 100%; align-items: center"):
         if not node:
             if viewer.operator is not None:
@@ -46,7 +47,11 @@ def fill(viewer: Viewer) -> None:
         state = text_element("span", "", "pill").props('data-what="safety" role="status"')
         why = text_element("span", "").props('data-what="safety-why"')
         acknowledge = _Acknowledge(viewer, node) if viewer.operator is not None else None
-    watch, beats, was = _watch(viewer, SAFETY_TYPE), _Beats(), [False]
+    beats, was = _Beats(), [False]
+    name = next((topic.name for topic in viewer.source.topics() if topic.type == SAFETY_TYPE), "")
+    watch = open_watches(viewer.source, [name]).get(name)
+    if watch is not None:
+        ui.context.client.on_delete(watch.close)
 
     def refresh() -> None:
         live = viewer.operator is not None
@@ -75,17 +80,6 @@ def _stop(viewer: Viewer, node: str) -> UrgentButton:
         return stop_text(operator.call(node, "stop", {"reason": REASON}, stops=True))
 
     return UrgentButton("stop", "STOP", press, done="warn")
-
-
-def _watch(viewer: Viewer, kind: str) -> Watch | None:
-    name = next((topic.name for topic in viewer.source.topics() if topic.type == kind), None)
-    if name is None:
-        return None
-    with contextlib.suppress(PalpError):
-        watch = viewer.source.watch(name)
-        ui.context.client.on_delete(watch.close)
-        return watch
-    return None
 
 
 class _Beats:

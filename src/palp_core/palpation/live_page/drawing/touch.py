@@ -10,13 +10,12 @@ from nicegui import ui
 from nicegui.elements.echart import EChart  # its import is what makes ECharts known to the page
 
 from palp_core.palpation.devices.health import Condition
-from palp_core.palpation.live_page.drawing.paced import Paced
 from palp_core.palpation.live_page.geometry import LIFT_M, lean_rad, lengths_mm
 from palp_core.palpation.live_page.monitor import RigMonitor
 from palp_core.palpation.live_page.sweep import Point
 from palp_core.palpation.live_page.taught import Band
 from palp_core.units import Float64Array
-from palp_core.view.pages.parts import text_element
+from palp_core.view.pages.parts import PacedElement, text_element
 from palp_core.view.source.series import thinned
 
 __all__ = ["EChart", "TouchPanel"]
@@ -29,7 +28,7 @@ MOVE_MS = 60
 """Between two looks the drawing moves evenly."""
 
 
-class SweepChart(Paced, component="sweep_chart.js"):  # type: ignore[call-arg]
+class SweepChart(PacedElement, component="sweep_chart.js"):  # type: ignore[call-arg]
     """Torque against position, with bands."""
 
     def __init__(self, path_m: tuple[float, float]) -> None:
@@ -64,7 +63,7 @@ class SweepChart(Paced, component="sweep_chart.js"):  # type: ignore[call-arg]
         self.send("add", _drawn(points, FEW_POINTS))
 
 
-class RigScene(Paced, component="rig_scene.js"):  # type: ignore[call-arg]
+class RigScene(PacedElement, component="rig_scene.js"):  # type: ignore[call-arg]
     """The rig from the side."""
 
     def __init__(self, size: dict[str, float]) -> None:
@@ -139,8 +138,8 @@ class TouchPanel:
         """Show what training taught of the ring position of the sweep that is shown."""
         monitor = self._monitor
         ring_m = monitor.ring_m if self._swept_m is None else self._swept_m
-        bands, of_peaks = monitor.bands(ring_m)
-        self._taught.text = words = bands_text(bands, of_peaks=of_peaks, ring_m=ring_m)
+        bands = monitor.bands(ring_m)
+        self._taught.text = words = bands_text(bands, ring_m)
         chart.shape(bands, monitor.path_m, f"torque in N mm against stage position in mm. {words}")
 
 
@@ -152,14 +151,13 @@ def lift_of(monitor: RigMonitor) -> float:
     return 0.0 if monitor.sweeping else 1e3 * LIFT_M
 
 
-def bands_text(bands: list[Band], *, of_peaks: bool, ring_m: float | None) -> str:
+def bands_text(bands: list[Band], ring_m: float | None) -> str:
     """Return what the bands are."""
     if not bands or ring_m is None:
         return "no bands: training goes on, or has taught nothing of this ring position"
     counts = sorted({band.sweep_count for band in bands})
     of = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    what = "peak torques" if of_peaks else "sweeps"
-    spread = f"mean and two standard deviations of {of} {what} of training"
+    spread = f"mean and two standard deviations of {of} sweeps of training"
     return f"bands: {spread} at each depth, ring at {1e3 * ring_m:g} mm"
 
 
