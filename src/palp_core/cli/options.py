@@ -93,7 +93,6 @@ class Call:
 
     @functools.cached_property
     def graph(self) -> RunningGraph:
-        """The running graph; see :func:`find_graph`."""
         return find_graph(self.name, changes=self._changes)
 
     def show(self, value: Any, lines: Iterable[str], *, count: bool = False) -> None:

@@ -107,14 +107,12 @@ def make_folder(out: Path) -> None:
 
 
 def table_lines(rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return rows with their columns aligned."""
     cells = [list(row) for row in rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)] if cells else []
     return ["  ".join(f"{c:<{w}}" for c, w in zip(row, widths, strict=True)).rstrip() for row in cells]
 
 
 def print_table(rows: Iterable[Sequence[str]]) -> None:
-    """Write rows with their columns aligned."""
     for line in table_lines(rows):
         print_text(line)
 

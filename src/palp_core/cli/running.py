@@ -28,10 +28,8 @@ def find_graph(name: str | None, *, changes: bool = False) -> RunningGraph:
 
 
 def find_topics(graph: RunningGraph, names: Iterable[str]) -> list[Topic]:
-    """Return the topics of those names, each once."""
     return list({topic.name: topic for topic in map(graph.topic, names)}.values())
 
 
 def note_ended(graph: RunningGraph) -> None:
-    """Say that a graph has ended, which is why the verb does."""
     note(f"graph '{graph.record.graph}' has ended")

@@ -80,7 +80,6 @@ def _running(name: str | None) -> RunningGraph:
 
 
 def _over(what: Path) -> RecordedSource:
-    """Return a bag as a source."""
     from palp_core.graph.bag.metadata import in_order
     from palp_core.view.source.recorded import RecordedSource
 

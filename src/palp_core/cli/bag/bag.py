@@ -26,8 +26,6 @@ app.command("play")(play)
 
 
 class CompressionName(StrEnum):
-    """Of a bag's chunks."""
-
     ZSTD = "zstd"
     LZ4 = "lz4"
     NONE = "none"
@@ -145,8 +143,6 @@ def replay(
 
 
 class ForeignForm(StrEnum):
-    """Whose recording is read."""
-
     ROS2 = "ros2"
 
 

@@ -151,7 +151,6 @@ def _end(number: int, _: object) -> None:
 
 
 def _names(bag: Bag, chosen: Callable[[str], bool], remap: list[str]) -> dict[str, str]:
-    """Return the topics to play and the names that they get."""
     from palp_core.graph.replay.player import playable
 
     known = playable(bag)

@@ -43,7 +43,6 @@ class PlayLoop:
         self._shown = sys.stderr.isatty()
 
     def run(self, *, delay_s: float = 0.0, readers: int = 0) -> None:
-        """Play to the end."""
         with self._keyboard:
             begin_ns = monotonic_ns() + round(delay_s * 1e9)
             while not self._ended and (monotonic_ns() < begin_ns or self._sink.reader_count() < readers):

@@ -114,7 +114,6 @@ def _run(
     operate: bool,
     resume: bool,
 ) -> int:
-    """Run a graph and say how it went; return the exit status."""
     from palp_core.graph.supervision.fork_start import start_fork_server
 
     if in_browser:
@@ -207,7 +206,6 @@ def log_levels(words: Sequence[str] | None) -> LogLevels:
 
 
 def _check_levels(levels: LogLevels, known: Sequence[str]) -> None:
-    """See that the nodes that have a level of their own are there."""
     for node in levels.nodes:
         if node not in known:
             raise GraphError(f"--log-level {node}:=...: no node '{node}'{hint(node, known)}")

@@ -98,7 +98,6 @@ class StopKey:
         return True
 
     def stop(self) -> None:
-        """Leave the terminal as it was."""
         if self._thread is not None:
             os.write(self._end_in, b"!")
             self._thread.join(1.0)

@@ -56,7 +56,6 @@ def _entry_or_error(kind: str, name: str) -> DeviceEntry:
 
 
 def _options(kind: str, name: str) -> dict[str, str]:
-    """Return the options of a driver with their defaults as text."""
     parameters = inspect.signature(back_end(kind, name)).parameters
     return {
         option: "" if parameter.default is parameter.empty else str(parameter.default)
@@ -177,7 +176,6 @@ def _row(
 
 
 def _identity(sensor: Any) -> dict[str, Any]:
-    """Return what a sensor says of itself."""
     if not isinstance(sensor, AtiTorque):
         return {}
     told = sensor.sensor

@@ -107,7 +107,6 @@ def _tell(out: Path, told: Sequence[str]) -> None:
 
 
 def _sheet_at(path: Path, *, by_hand: bool) -> SessionSheet:
-    """Return the sheet of what a path leads to."""
     from palp_core.graph.bag.reader import Bag
     from palp_core.palpation.session.bag_record import is_bag, launch_of
     from palp_core.palpation.session.run_note import read_note

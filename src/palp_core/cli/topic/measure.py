@@ -63,12 +63,10 @@ class Window:
 
     @property
     def full(self) -> bool:
-        """As many as asked for."""
         return len(self._points) == self._points.maxlen
 
     @property
     def messages(self) -> int:
-        """Messages that the window spans, missed ones included."""
         return self._count + 1 if self._points else 0
 
     @property
@@ -103,7 +101,6 @@ class Window:
         }
 
     def sizes_bytes(self) -> list[int]:
-        """Return the size of each message on the wire."""
         return [point.size_bytes for point in self._points]
 
 

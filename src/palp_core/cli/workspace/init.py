@@ -50,7 +50,6 @@ def init(
 
 
 def _check_empty(folder: Path) -> None:
-    """Refuse a folder that has anything in it."""
     from palp_core.errors import GraphError
 
     if folder.exists() and not folder.is_dir():

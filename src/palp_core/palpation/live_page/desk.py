@@ -54,7 +54,6 @@ class DeskMonitor:
         return any(topic.type == PROMPT for topic in self._topics.values())
 
     def close(self) -> None:
-        """Look no longer."""
         for watch in self._watches.values():
             watch.close()
 
@@ -67,7 +66,6 @@ class DeskMonitor:
             self._take(name, sample)
 
     def look(self) -> None:
-        """Take what has come."""
         for name, watch in self._watches.items():
             kind = self._topics[name].type
             if kind == DONE and not self._recorded:
@@ -104,12 +102,10 @@ class DeskMonitor:
 
     @property
     def countdown(self) -> dict[str, Any] | None:
-        """The last ``Countdown``, if it is of what stands asked."""
         return self._since_asked(COUNTDOWN)
 
     @property
     def bars(self) -> dict[str, Any] | None:
-        """The last ``EffortBars``, if it is of what stands asked."""
         return self._since_asked(BARS)
 
     def _since_asked(self, kind: str) -> dict[str, Any] | None:

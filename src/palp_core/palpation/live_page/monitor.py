@@ -75,12 +75,10 @@ class RigMonitor:
         self._last_whole = -1
 
     def close(self) -> None:
-        """Look no longer."""
         for watch in self._watches.values():
             watch.close()
 
     def has(self, kind: str) -> bool:
-        """Tell whether there is a topic of a type of message."""
         return kind in self._watches
 
     def latest(self, kind: str) -> dict[str, Any] | None:
@@ -226,7 +224,6 @@ class RigMonitor:
         return self.ring["target_m"] if self.ring is not None else None
 
     def bands(self, ring_m: float | None) -> list[Band]:
-        """Return the bands that training taught at a ring position."""
         return [] if ring_m is None else self.taught.bands(ring_m)
 
     @property
@@ -242,7 +239,6 @@ class RigMonitor:
 
     @property
     def sweeping(self) -> bool:
-        """Whether the stage is over the phantom."""
         return self.status is not None and self.status["status"] == "sweeping"
 
 

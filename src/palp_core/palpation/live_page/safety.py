@@ -33,7 +33,6 @@ OVER = SafetyStatus("over", "unknown", "the graph has ended; no safety node watc
 
 
 def safety_status(beat: dict[str, Any] | None, silent_s: float) -> SafetyStatus:
-    """Return how safety stands."""
     if beat is None:
         return NO_BEAT
     if silent_s > SILENT_S:

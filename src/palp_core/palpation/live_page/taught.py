@@ -70,7 +70,6 @@ class TaughtSweeps:
 
     @property
     def sweep_count(self) -> int:
-        """How many sweeps it knows."""
         return sum(cell.count for cell in self._cells.values())
 
     def bands(self, ring_m: float) -> list[Band]:

@@ -102,8 +102,6 @@ class TrialRow(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TrialBoard:
-    """What has come of the trials."""
-
     def __init__(self) -> None:
         self._results: dict[int, tuple[int, dict[str, Any]]] = {}
         self._mounts: list[tuple[int, dict[str, Any]]] = []
@@ -144,7 +142,6 @@ class TrialBoard:
 
     @property
     def rows(self) -> list[TrialRow]:
-        """All trials that are over, the first one first."""
         if self._rows is None:
             ordered = sorted(self._results.values(), key=lambda one: one[1]["trial"])
             self._rows = [self._row(place + 1, *one) for place, one in enumerate(ordered)]
@@ -172,7 +169,6 @@ class TrialBoard:
 
     @property
     def judged(self) -> list[TrialRow]:
-        """Those of which it is known whether they were right."""
         return [row for row in self.rows if row.right is not None]
 
     def accuracy(self) -> Proportion | None:

@@ -57,7 +57,6 @@ def pairs_of(wires: list[WireState]) -> dict[tuple[str, str], list[WireState]]:
 
 
 def drawn(overview: Overview, where: Layout, pairs: dict[tuple[str, str], list[WireState]]) -> dict[str, Any]:
-    """Return what the picture is made of, as plain data."""
     nodes = [_node(node, where) for node in overview.nodes]
     known = [(ends, wires) for ends, wires in pairs.items() if ends in where.routes]
     return {

@@ -23,8 +23,6 @@ Spot = tuple[str, str, int]
 
 
 class Corner(msgspec.Struct, frozen=True):
-    """A node's upper left corner."""
-
     x: float
     y: float
 
@@ -38,8 +36,6 @@ class WirePath(msgspec.Struct, frozen=True):
 
 
 class Layout(msgspec.Struct, frozen=True):
-    """Where everything stands."""
-
     places: dict[str, Corner]
     routes: dict[Ends, WirePath]
     width: float

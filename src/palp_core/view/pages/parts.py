@@ -28,7 +28,6 @@ Cell = str | Callable[[], Any]
 
 
 def text_element(tag: str, text: str = "", classes: str = "") -> Any:
-    """Return an element that holds a text and nothing else."""
     return TextElement(tag=tag, text=text).classes(classes)
 
 
@@ -54,17 +53,14 @@ def node_address(name: str) -> tuple[str, str]:
 
 
 def topic_address(name: str) -> tuple[str, str]:
-    """Return what a topic is called, and where its page is."""
     return name, f"/topic{quote(name)}"
 
 
 def node_link(name: str) -> None:
-    """Show a node's name that leads to its page."""
     ui.link(*node_address(name))
 
 
 def topic_link(name: str) -> None:
-    """Show a topic's name that leads to its page."""
     ui.link(*topic_address(name))
 
 
@@ -117,11 +113,9 @@ class PacedElement(Element):  # type: ignore[misc]
 
     @property
     def busy(self) -> bool:
-        """Whether the browser has yet to take what it was given before."""
         return self._sent - self._taken >= MOST_UNDER_WAY
 
     def send(self, method: str, *given: Any) -> None:
-        """Call a method in the browser."""
         self._sent += 1
         self.run_method(method, *given, self._sent)
 

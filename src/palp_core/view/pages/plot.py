@@ -53,7 +53,6 @@ class LivePlot(PacedElement, component="live_plot.js", esm={"palp-uplot": "uplot
         self.send("add", [points.round(DIGITS) for points in batches])
 
     def put(self, lists: list[list[float]]) -> None:
-        """Show these values by their number."""
         self.send("put", lists)
 
 
@@ -74,7 +73,6 @@ class _Plotted:
         self.waiting = [NO_POINTS] * len(self.series)
 
     def take(self, watch: Watch, span_s: float) -> bool:
-        """Take what has come; tell whether anything has."""
         sample = watch.read_new()
         self.waiting = [
             shown(np.concatenate([waiting, *(series.add(message) for message in sample)]), span_s)
@@ -89,7 +87,6 @@ CHOOSE = "choose a field to plot"
 def plot_panel(
     watch: Watch, *, fast: bool = False, clock: str = "", fields: Sequence[str] = (), window_s: int = SPAN_S
 ) -> None:
-    """Put up a plot of a topic's numbers."""
     schema, plotted, outcome = watch.topic.json_schema, _Plotted(), StatusLine()
     known = list(number_fields(schema))
     first = [field for field in dict.fromkeys(fields[:MOST_FIELDS]) if _is_plottable(field, schema)]

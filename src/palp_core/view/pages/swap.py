@@ -104,8 +104,6 @@ class _ByName(ui.select):  # type: ignore[misc]
 
 
 class _Steps:
-    """The steps of a swap, each marked as it comes."""
-
     def __init__(self) -> None:
         self.done = True
         with ui.element("ol").classes("row-of").props('data-what="steps"'):

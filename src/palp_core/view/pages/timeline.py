@@ -17,7 +17,6 @@ LEVELS = {"warn": "warn", "error": "error"}
 
 
 def timeline_page(viewer: Viewer, ask: Callable[[], list[TimelineEvent]]) -> None:
-    """Put up the page."""
     with frame(viewer, "Timeline"):
         text_element("h2", "Faults and events")
         box = ui.element("div").props('data-what="timeline"')

@@ -51,7 +51,6 @@ def topics_page(viewer: Viewer) -> None:
 
 
 def topic_page(viewer: Viewer, name: str, fields: Sequence[str] = (), window_s: int = SPAN_S) -> None:
-    """Put up the page of a topic, with a plot of these fields."""
     with frame(viewer, name):
         try:
             watch = viewer.source.watch(name)

@@ -34,12 +34,10 @@ class OwnPage:
 
     @property
     def title(self) -> str:
-        """What leads there."""
         return str(getattr(self._function, "title", "Own page"))
 
     @property
     def over_bags(self) -> bool:
-        """Whether it is to be shown over a recording."""
         return getattr(self._function, "over_bags", False) is True
 
     def fill(self, viewer: Viewer) -> None:
@@ -58,7 +56,6 @@ class OwnPage:
         return found
 
     def fill_strip(self, viewer: Viewer) -> None:
-        """Fill its part of the strip, if it has one."""
         strip: Callable[[Viewer], None] | None = getattr(self._function, "strip", None)
         if strip is not None:
             _try(strip, viewer)

@@ -36,7 +36,6 @@ INSTALL = f"palp view needs NiceGUI, which is not installed; type: {install_line
 
 
 def check_installed() -> None:
-    """Check that the extra ``view`` is there."""
     if importlib.util.find_spec("nicegui") is None:
         raise PalpError(INSTALL)
 

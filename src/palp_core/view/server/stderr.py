@@ -36,7 +36,6 @@ class NonBlockingStderr(io.TextIOBase):
         return True
 
     def write(self, text: str) -> int:
-        """Write a text, or leave it out."""
         with self._lock:  # poll() is of one thread at a time
             self._write(text)
         return len(text)

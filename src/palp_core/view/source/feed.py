@@ -33,8 +33,6 @@ ASK_S = 1.0
 
 
 class _Feed:
-    """One topic that is looked at."""
-
     def __init__(self, topic: Topic) -> None:
         self.topic = topic
         self.watches: list[TopicWatch] = []
@@ -81,7 +79,6 @@ class TopicWatch:
             self._bytes -= len(self._waiting.popleft().payload)
 
     def latest(self) -> Sample | None:
-        """Return the last message; None before the first."""
         with self._feed.lock:
             frame = self._feed.last
         self._count(frame)

@@ -104,7 +104,6 @@ class LiveSource:
         return self.graph.topics()
 
     def watch(self, topic: str) -> Watch:
-        """Look at a topic, at best effort."""
         return self._feeds.watch(self.graph.topic(topic))
 
     def close(self) -> None:
@@ -236,7 +235,6 @@ def node_state(row: NodeRow, runs: dict[str, str], troubles: list[Trouble], movi
 
 
 def wire_state(row: EdgeRow, types: dict[str, tuple[str, str]]) -> WireState:
-    """Return how a topic comes to a reader."""
     source, kind = types.get(row.topic, (row.topic.split("/")[1], ""))
     return WireState(
         topic=row.topic,

@@ -63,7 +63,6 @@ class RecordedSource:
         return list(self._topics.values())
 
     def watch(self, topic: str) -> Watch:
-        """Look at a topic."""
         if topic not in self._topics:
             raise BagError(f"{self.path} has no topic '{topic}'{hint(topic, self._topics)}")
         return RecordedWatch(self, self._topics[topic])
@@ -124,7 +123,6 @@ class RecordedSource:
             self._open = None
 
     def _examine(self) -> None:
-        """Read the whole bag and say what is missing."""
         try:
             troubles = bag_troubles(bag_info(self.path))
         except PalpError as error:

@@ -70,7 +70,6 @@ class FieldSeries:
 
     @property
     def points(self) -> Float64Array:
-        """The latest of its points, without gaps."""
         return np.concatenate([NO_POINTS, *self._kept])[-KEPT_POINTS:]
 
     def add(self, sample: Sample) -> Float64Array:

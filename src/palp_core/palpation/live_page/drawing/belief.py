@@ -16,14 +16,11 @@ from palp_core.view.source.protocol import ViewSource
 
 
 class ShareBars(Element, component="bars.js"):  # type: ignore[misc, call-arg]
-    """Shares as bars."""
-
     def __init__(self, words: str) -> None:
         super().__init__()
         self._props.update(rows=[], words=words)
 
     def show(self, rows: list[dict[str, Any]]) -> None:
-        """Show these, if they are not shown already."""
         if rows != self._props["rows"]:
             self._props["rows"] = rows
             self.update()
@@ -43,7 +40,6 @@ class BeliefPanel:
         self._box = ui.element("div").props('data-what="probes"')
 
     def show(self) -> None:
-        """Show the belief as it is."""
         belief = self._monitor.belief
         self._words.text = trial_text(belief, self._monitor.latest("Progress"))
         policy = policy_at_work(self._source, self._monitor.topics)
@@ -77,7 +73,6 @@ def _part(bits: float, most: float) -> Any:
 
 
 def bars(belief: TrialBelief) -> list[dict[str, Any]]:
-    """Return a bar for each depth; before the first belief none."""
     most = max(belief.posterior, default=0.0)
     return [
         {
@@ -91,7 +86,6 @@ def bars(belief: TrialBelief) -> list[dict[str, Any]]:
 
 
 def trial_text(belief: TrialBelief, progress: dict[str, Any] | None) -> str:
-    """Return where the session stands, in words."""
     parts = []
     if progress is not None:
         what = "palpation" if progress["phase"] == "training" else "trial"

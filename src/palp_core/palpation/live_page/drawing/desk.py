@@ -36,7 +36,6 @@ class DeskPanel:
             self._clipped = text_element("div", "", "error").props('role="alert"')
 
     def show(self) -> None:
-        """Show what is asked just now, and what goes on."""
         question, why = self._monitor.question, self._viewer.refusal()
         if (question, why) != self._shown:
             self._shown = question, why

@@ -73,8 +73,6 @@ PLOTS = (
 
 
 class MusclePanel:
-    """Level in words, co-contraction and EMG as plots."""
-
     def __init__(self, source: ViewSource, monitor: RigMonitor) -> None:
         self._source, self._monitor = source, monitor
         self._words = None
@@ -87,7 +85,6 @@ class MusclePanel:
                 _plot(source, monitor.topics[name], fields, file, last_only=monitor.at_once)
 
     def show(self) -> None:
-        """Show the level as it is."""
         if self._words is not None:
             latest, fast = self._monitor.latest, self._monitor.at_once
             now_s = self._source.overview().now_s

@@ -39,7 +39,6 @@ class OutcomePanel:
         self._where = ui.element("p").classes("quiet").props('data-what="results"')
 
     def show(self) -> None:
-        """Show what has changed."""
         rows = self._monitor.board.rows
         if rows != self._shown:
             self._shown = list(rows)

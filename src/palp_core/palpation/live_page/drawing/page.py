@@ -23,7 +23,6 @@ FAST = 4
 
 
 def fill_rig(viewer: Viewer) -> None:
-    """Put up the page."""
     ui.add_css(CSS)
     lockstep = viewer.time is None and viewer.source.overview().clock == "sim"
     monitor = RigMonitor(viewer.source, at_once=lockstep, recorded=viewer.time is not None)
@@ -71,7 +70,6 @@ MOST_ROWS = 30
 
 
 def fill_human(viewer: Viewer) -> None:
-    """Put up the page."""
     ui.add_css(CSS)
     recorded = viewer.time is not None
     lockstep = not recorded and viewer.source.overview().clock == "sim"

@@ -32,7 +32,6 @@ NOTHING_TO_STOP = "no safety node in this graph: nothing of it can be stopped al
 
 
 def fill(viewer: Viewer) -> None:
-    """Put it into the strip."""
     node = safety_node(
         ((topic.node, topic.type) for topic in viewer.source.topics()),
         [node.name for node in viewer.source.overview().nodes],

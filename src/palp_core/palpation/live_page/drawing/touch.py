@@ -29,15 +29,12 @@ MOVE_MS = 60
 
 
 class SweepChart(PacedElement, component="sweep_chart.js"):  # type: ignore[call-arg]
-    """Torque against position, with bands."""
-
     def __init__(self, path_m: tuple[float, float]) -> None:
         super().__init__()
         self._shape: tuple[Any, ...] = ()
         self.shape([], path_m, "")
 
     def shape(self, bands: list[Band], path_m: tuple[float, float], words: str) -> None:
-        """Show other bands, or another path."""
         shape = ([(band.depth_mm, band.sweep_count, band.low_n_mm[:1]) for band in bands], path_m, words)
         if shape == self._shape:
             return
@@ -55,17 +52,13 @@ class SweepChart(PacedElement, component="sweep_chart.js"):  # type: ignore[call
         self.update()
 
     def begin(self, points: list[Point]) -> None:
-        """Begin another sweep with these points."""
         self.send("begin", _drawn(points, MOST_POINTS))
 
     def add(self, points: list[Point]) -> None:
-        """Go on with these."""
         self.send("add", _drawn(points, FEW_POINTS))
 
 
 class RigScene(PacedElement, component="rig_scene.js"):  # type: ignore[call-arg]
-    """The rig from the side."""
-
     def __init__(self, size: dict[str, float]) -> None:
         super().__init__()
         self._props.update(size=size, bead=0, words="stage, probe, ring and phantom from the side, to scale")
@@ -85,8 +78,6 @@ class RigScene(PacedElement, component="rig_scene.js"):  # type: ignore[call-arg
 
 
 class TouchPanel:
-    """Chart and drawing."""
-
     def __init__(self, monitor: RigMonitor) -> None:
         self._monitor = monitor
         self._number, self._lean, self._behind = -1, 0.0, False
@@ -101,7 +92,6 @@ class TouchPanel:
             self._scene = RigScene(self._size)
 
     def show(self, new: list[Point]) -> None:
-        """Show what has come of the sweep, and where everything is."""
         sweep, chart = self._monitor.sweep, self._chart
         self._behind = self._behind or sweep.number != self._number
         self._number = sweep.number
@@ -129,7 +119,6 @@ class TouchPanel:
         return goal
 
     def show_text(self) -> None:
-        """Show bands and figures."""
         self._show_bands(self._chart)
         self._scene.bead(self._monitor.depth_mm)
         self._facts.text = rig_text(self._monitor)
@@ -152,7 +141,6 @@ def lift_of(monitor: RigMonitor) -> float:
 
 
 def bands_text(bands: list[Band], ring_m: float | None) -> str:
-    """Return what the bands are."""
     if not bands or ring_m is None:
         return "no bands: training goes on, or has taught nothing of this ring position"
     counts = sorted({band.sweep_count for band in bands})
@@ -162,7 +150,6 @@ def bands_text(bands: list[Band], ring_m: float | None) -> str:
 
 
 def rig_text(monitor: RigMonitor) -> str:
-    """Return what the rig does, in words."""
     status, ring = monitor.status, monitor.ring
     parts = [f"stage: {status['status']}" if status is not None else "stage: nothing heard yet"]
     if ring is not None:
