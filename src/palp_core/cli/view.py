@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import os
 import subprocess
 import sys
@@ -16,18 +17,20 @@ from palp_core.cli.output import note
 from palp_core.cli.running import find_graph
 from palp_core.errors import BagError, GraphError
 from palp_core.graph.process.parent_death import die_with_parent
-from palp_core.view.server.serve import check_installed
 
 if TYPE_CHECKING:
     import socket
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
+    from types import ModuleType
 
     from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.view.pages.viewer import OwnPage
     from palp_core.view.source.recorded import RecordedSource
 
 
+END_S = 5.0
 OF_PALP = "palp_core."
+"""A bag may come from anybody: no page that it names is loaded but palp's own."""
 TRY = "palp launch rig:sim.yaml trials:=100000 --view"
 
 
@@ -95,36 +98,19 @@ def _show_over(listening: socket.socket, token: str, bag: RecordedSource) -> Non
         from palp_core.view.pages.routes import register_pages
         from palp_core.view.pages.viewer import Viewer
 
-    own = _page_over_bag(str(bag.launch().get("view", "")))
+    named = str(bag.launch().get("view", ""))
+    own = _own_page(named, importlib.import_module) if named.startswith(OF_PALP) else None
+    own = own if own is not None and own.over_bags else None
     try:
         serve(listening, token, lambda: register_pages(Viewer(source=bag, own_page=own, time=bag)))
     finally:
         bag.close()
 
 
-def _page_over_bag(named: str) -> OwnPage | None:
-    """Return the page that a bag's launch file named, if it is one of palp's own that bags are shown on.
-
-    A bag may come from anybody: nothing else that it names is loaded.
-    """
-    import importlib
-
-    from palp_core.view.pages.viewer import OwnPage
-
-    module, _, name = named.partition(":")
-    if not module.startswith(OF_PALP):
-        return None
-    try:
-        own = OwnPage(getattr(importlib.import_module(module), name))
-    except (ImportError, AttributeError) as error:  # of another version of palp
-        note(f"view: {named}: {error}; the other pages are there")
-        return None
-    return own if own.over_bags else None
-
-
 def _show_live(
     listening: socket.socket, token: str, running: RunningGraph, *, read_only: bool, operate: bool
 ) -> None:
+    from palp_core.graph.node.loading import load_module
     from palp_core.view.server.serve import serve, serving_alone
     from palp_core.view.source.live import LiveSource
     from palp_core.view.source.operator import GraphOperator
@@ -133,7 +119,7 @@ def _show_live(
         from palp_core.view.pages.routes import register_pages
         from palp_core.view.pages.viewer import Viewer
 
-    own = _loaded(running.record.view, running.record.workspace)
+    own = _own_page(running.record.view, lambda module: load_module(module, running.record.workspace))
     source = LiveSource(running)
     operator = GraphOperator(source, read_only=read_only, operate=operate)
     viewer = Viewer(source=source, operator=operator, own_page=own)
@@ -146,19 +132,18 @@ def _show_live(
         source.close()
 
 
-def _loaded(view: str, workspace: str) -> OwnPage | None:
-    """Return the launch file's own page; one that cannot be loaded any more is said, and left out."""
+def _own_page(named: str, load: Callable[[str], ModuleType]) -> OwnPage | None:
+    """Return the launch file's own page; one that cannot be loaded is noted, and left out."""
     from palp_core.errors import in_words
-    from palp_core.graph.node.loading import load_module
     from palp_core.view.pages.viewer import OwnPage
 
-    module, _, name = view.partition(":")
+    module, _, name = named.partition(":")
     if not name:
         return None
     try:
-        return OwnPage(getattr(load_module(module, workspace), name))
-    except Exception as error:  # noqa: BLE001 - a module of somebody's own may raise anything
-        note(f"view: {view}: {in_words(error)}; the other pages are there")
+        return OwnPage(getattr(load(module), name))
+    except Exception as error:  # noqa: BLE001 - a module of your own may raise anything
+        note(f"view: {named}: {in_words(error)}; the other pages are there")
         return None
 
 
@@ -180,16 +165,8 @@ def _opened(where: str) -> Iterator[None]:
         yield
 
 
-END_S = 5.0
-
-
-def check_can_show() -> None:
-    """Check, before anything starts, that there is something to show it with."""
-    check_installed()
-
-
 @contextlib.contextmanager
-def shown_beside(run: str, *, operate: bool) -> Iterator[None]:
+def shown_by_viewer(run: str, *, operate: bool) -> Iterator[None]:
     """Show a running graph in the browser; the viewer ends with it."""
     process = subprocess.Popen(
         [sys.executable, "-m", "palp_core", "view", "--graph", run, *(["--operate"] if operate else [])],

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import faulthandler
 import json
 import os
 import signal
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, get_args
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 from palp_core.cli import completion
 from palp_core.cli.launch.graph import note_remarks, note_without_effect
@@ -92,34 +92,27 @@ def launch(
         os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
     if compose:
         faulthandler.enable()  # a crash in C names its Python lines, as in nodes' processes
-    sys.exit(
-        _run(
-            file, overrides, name=name, log_level=levels, compose=compose, digest=digest, record=record,
-            listen=listen, in_browser=view, operate=operate, resume=resume,
-        )
-    )  # fmt: skip
+    options = {"name": name, "log_level": levels, "compose": compose, "record": record, "listen": listen}
+    sys.exit(_run(file, overrides, digest=digest, in_browser=view, operate=operate, resume=resume, **options))
 
 
 def _run(
     file: Path,
     overrides: list[str],
     *,
-    name: str | None,
-    log_level: LogLevels,
-    compose: bool,
     digest: Path | None,
-    record: Path | None,
-    listen: str | None,
     in_browser: bool,
     operate: bool,
     resume: bool,
+    **options: Any,
 ) -> int:
+    """Run a graph with options of :class:`Graph`; print how it went, and return the exit status."""
     from palp_core.graph.supervision.fork_start import start_fork_server
 
     if in_browser:
-        from palp_core.cli.view import check_can_show
+        from palp_core.view.server.serve import check_installed
 
-        check_can_show()
+        check_installed()
     if digest is not None and resume:
         raise GraphError(
             "--digest with --resume: a digest is of a whole run, and this one is the rest of one"
@@ -129,6 +122,7 @@ def _run(
     started = start_fork_server()  # it warms up while this process imports what it needs
     from palp_core.cli.launch.stop_key import stop_key
     from palp_core.cli.launch.view import LaunchView, show_log_line
+    from palp_core.cli.view import shown_by_viewer
     from palp_core.graph.launch.graph import Graph
     from palp_core.graph.lockstep.digest import TopicDigest
     from palp_core.graph.messages.builtin import Progress
@@ -138,31 +132,27 @@ def _run(
     of_topics = None if digest is None else TopicDigest()
     graph = Graph(
         file,
-        compose=compose,
         observe=of_topics,
         overrides=overrides,
         started=started,
-        listen=listen,
-        record=record,
-        name=name,
         resume=resume,
-        log_level=log_level,
         show_log=show_log_line,
+        **options,
     )
     graph.observers.add(Progress, view.show_progress)
     graph.diagnostics.on_change = lambda topic, incident: view.show_diagnostic(
         topic, _addressed(graph, incident)
     )
     try:
-        with _recorders_said(graph), graph:
-            _check_levels(log_level, [spec.name for spec in graph.checked.nodes])
-            _say_beside(graph)
+        with _recordings_printed(graph), graph:
+            _check_levels(options["log_level"], [spec.name for spec in graph.checked.nodes])
+            _note_other_runs(graph)
             note_without_effect(file, graph.checked)
             if graph.gateway is not None:
                 graph.gateway.announce_to(note)
             with (
-                _shown(graph, wanted=in_browser, operate=operate),
-                _written(digest, of_topics),
+                shown_by_viewer(graph.directory.path.name, operate=operate) if in_browser else nullcontext(),
+                _digest_written(digest, of_topics),
                 view.showing(graph.checked),
                 stop_key(graph),
             ):
@@ -170,18 +160,14 @@ def _run(
     except Interrupted as stop:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # who asks once more does not change how it ended
         note(f"{stop}; every node has ended")
-        _say_report(graph)
+        _print_report(graph)
         return 128 + int(stop.signal)
-    except NodeError as error:
-        note(str(error))
-        _say_report(graph)
-        return 1
     except PalpError as error:
         note(str(error))
-        _say_report(graph)
-        return 2
+        _print_report(graph)
+        return 1 if isinstance(error, NodeError) else 2
     _print_summary(summary)
-    _say_incidents(graph)
+    _note_incidents(graph)
     if not graph.recorders.complete:
         return 1
     return summary.exit_code if 0 <= summary.exit_code < 256 else 1
@@ -222,15 +208,15 @@ def _addressed(graph: Graph, incident: Incident | None) -> Incident | None:
     return msgspec.structs.replace(incident, advice=addressed(incident.advice, graph.directory.path.name))
 
 
-def _say_incidents(graph: Graph) -> None:
-    """Say at the very end what nodes said was wrong, a trip of a safety node above all."""
+def _note_incidents(graph: Graph) -> None:
+    """Note at the very end what nodes reported, a trip of a safety node above all."""
     sys.stdout.flush()
     for incident in graph.diagnostics.incidents:
         note(str(incident))
 
 
-def _say_beside(graph: Graph) -> None:
-    """Say which run this is if it is not the only one."""
+def _note_other_runs(graph: Graph) -> None:
+    """Note which run this is if it is not the only one."""
     from palp_core.graph.discovery.run_directory import running
 
     if len(running()) > 1:
@@ -245,17 +231,8 @@ def _check_writable(digest: Path) -> None:
         raise GraphError(f"--digest {digest}: cannot be written: {error.strerror}") from error
 
 
-def _shown(graph: Graph, *, wanted: bool, operate: bool) -> contextlib.AbstractContextManager[None]:
-    """Show a graph in the browser for as long as it runs, if that is wanted."""
-    if not wanted:
-        return contextlib.nullcontext()
-    from palp_core.cli.view import shown_beside
-
-    return shown_beside(graph.directory.path.name, operate=operate)
-
-
-@contextlib.contextmanager
-def _written(file: Path | None, digest: TopicDigest | None) -> Iterator[None]:
+@contextmanager
+def _digest_written(file: Path | None, digest: TopicDigest | None) -> Iterator[None]:
     """Write the digest, if there is one, however the run ends."""
     try:
         yield
@@ -264,9 +241,9 @@ def _written(file: Path | None, digest: TopicDigest | None) -> Iterator[None]:
             write_whole(file, json.dumps(digest.result(), indent=1) + "\n")
 
 
-@contextlib.contextmanager
-def _recorders_said(graph: Graph) -> Iterator[None]:
-    """Say what became of a graph's recordings, however it ends."""
+@contextmanager
+def _recordings_printed(graph: Graph) -> Iterator[None]:
+    """Print what became of a graph's recordings, however it ends."""
     try:
         yield
     finally:
@@ -274,10 +251,10 @@ def _recorders_said(graph: Graph) -> Iterator[None]:
             print_text(graph.recorders.text)
 
 
-def _say_report(graph: Graph) -> None:
+def _print_report(graph: Graph) -> None:
     if graph.summary is not None and graph.summary.report:
         print_text(graph.summary.report)
-    _say_incidents(graph)
+    _note_incidents(graph)
     if graph.summary is not None and (command := graph.checkpoints.command(graph.path)):
         note(f"to go on where it was: {command}")
 
