@@ -64,23 +64,6 @@ def topic_link(name: str) -> None:
     ui.link(*topic_address(name))
 
 
-def folding(title: str) -> Any:
-    """Return a box below a heading; on a narrow screen it is folded behind that."""
-    with ui.element("div").classes("row-of"):
-        text_element("h2", title)
-        press = ui.button("show").props("outline dense no-caps aria-expanded=false").classes("fold-press")
-    box = ui.element("div").classes("fold")
-
-    def turn() -> None:
-        unfolded = press.text == "show"
-        press.set_text("hide" if unfolded else "show")
-        press.props(f"aria-expanded={str(unfolded).lower()}")
-        box.classes(toggle="unfolded")
-
-    press.on_click(turn)
-    return box
-
-
 def table(titles: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
     """Show a table; a cell is a text, or what puts something into it."""
     box = ui.element("div").classes("table-box").props('tabindex="0"')

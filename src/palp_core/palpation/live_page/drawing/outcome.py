@@ -12,7 +12,7 @@ from palp_core.palpation.live_page.monitor import RigMonitor
 from palp_core.palpation.live_page.roles import session_folder
 from palp_core.palpation.live_page.trials import TrialRow
 from palp_core.palpation.perception.statistics.statistics import Proportion
-from palp_core.view.pages.parts import Cell, folding, table, text_element
+from palp_core.view.pages.parts import Cell, table, text_element
 from palp_core.view.source.protocol import ViewSource
 
 MOST_ROWS = 30
@@ -28,7 +28,8 @@ class OutcomePanel:
         self._guards: list[str] | None = []
         self._has_results = False
         with ui.element("div").classes("rig-grid"):
-            with ui.element("section"), folding("Trials so far, the latest first"):
+            with ui.element("section"):
+                text_element("h2", "Trials so far, the latest first")
                 self._trials = ui.element("div").classes("rig-scroll").props('data-what="trials"')
             with ui.element("section"):
                 text_element("h2", "Right so far")
