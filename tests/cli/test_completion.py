@@ -6,12 +6,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
 from palp_core.cli import completion
+from palp_core.cli.main import app
 from palp_core.cli.rig.study import _names as study_names
 from palp_core.graph.discovery import choice, run_directory
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
-from tests.support.palp import SIM
+from tests.support.palp import SIM, Palp
+from tests.support.talkative import Talk, talk
+
+__all__ = ["talk"]
 
 
 class Typed:
@@ -56,3 +61,38 @@ def test_nodes_of_a_run_that_is_over_are_offered_for_its_logs(monkeypatch: pytes
     monkeypatch.setattr(choice, "meant", lambda records, _: records)
     assert offered(completion.logged_nodes, "/s") == ["/stage", "/sink"]
     assert offered(completion.logged_nodes, "st") == ["stage"]
+
+
+def completed(palp: Palp, *words: str) -> list[str]:
+    """Return what bash is offered, as its script asks."""
+    line = {"COMP_WORDS": " ".join(["palp", *words]), "COMP_CWORD": str(len(words))}
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in {"XDG_RUNTIME_DIR": str(palp.runtime_dir), **line}.items():
+            patch.setenv(name, value)
+        done = CliRunner().invoke(app, prog_name="palp", env={"_PALP_COMPLETE": "complete_bash"})
+    assert done.stderr == ""
+    return done.stdout.split()
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        (("to",), ["topic", "top"]),
+        (("topic", "e"), ["echo"]),
+        (("topic", "echo", "/source/s"), ["/source/sample"]),
+        (("node", "info", "/"), ["/source", "/scale"]),
+        (("param", "get", "/source", "ra"), ["rate_hz", "rare_hz"]),
+        (("service", "call", "/scale/"), ["/scale/weigh"]),
+        (("interface", "show", "Se"), ["Seen"]),
+        (("node", "list", "--graph", "t"), ["talk"]),
+        (("lifecycle", "set", "/source", "de"), ["deactivate"]),
+    ],
+)
+def test_the_shell_completes_verbs_and_what_runs(
+    talk: Talk, words: tuple[str, ...], offered: list[str]
+) -> None:
+    assert sorted(completed(talk.palp, *words)) == sorted(offered)
+
+
+def test_without_a_graph_there_is_nothing_to_complete_and_no_noise(palp: Palp) -> None:
+    assert completed(palp, "topic", "echo", "/") == []

@@ -85,29 +85,13 @@ def test_probe_moves_and_enables_nothing(rig: EmulatedRig) -> None:
     assert lines <= {"NONE"}
 
 
-def test_probe_of_what_is_not_there_says_what_to_check() -> None:
-    done = runner.invoke(app, ["probe", "aerotech", "url:=socket://127.0.0.1:1"])
-    assert done.exit_code == 1
-    assert "127.0.0.1:1" in done.output
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
         (["probe", "nano"], "no device 'nano'; known: aerotech"),
         (["probe", "aerotech"], "where is it? give url:="),
         (["probe", "ati", "chanel:=can0"], "its options are channel"),
-    ],
-)
-def test_a_mistake_is_answered_with_what_there_is(arguments: list[str], said: str) -> None:
-    done = runner.invoke(app, arguments)
-    assert done.exit_code == 1
-    assert said in done.output
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
+        (["probe", "aerotech", "url:=socket://127.0.0.1:1"], "127.0.0.1:1"),
         (["probe", "aerotech", "url:=/dev/no-such-port"], "No such file or directory"),
         (["probe", "maestro", "url:=/dev/null"], "cannot open /dev/null"),
         (["probe", "aerotech", "url:=socket://127.0.0.1:1", "baud:=fast"], "baud = 'fast': Expected `int`"),
@@ -119,7 +103,7 @@ def test_a_mistake_is_answered_with_what_there_is(arguments: list[str], said: st
         (["probe", "noraxon", "host:=127.0.0.1", "port:=1"], "is MR3 measuring"),
     ],
 )
-def test_a_device_that_cannot_be_reached_is_one_clear_line_and_a_status(
+def test_a_mistake_or_a_device_out_of_reach_is_one_clear_line_and_a_status(
     arguments: list[str], said: str
 ) -> None:
     done = runner.invoke(app, arguments)
@@ -127,6 +111,7 @@ def test_a_device_that_cannot_be_reached_is_one_clear_line_and_a_status(
     assert isinstance(done.exception, SystemExit)  # not an error that would print a traceback
     assert said in done.output
     assert len(done.output.splitlines()) == 1
+    assert done.output.count(f"{arguments[1]}:") <= 1
 
 
 @pytest.mark.parametrize(
@@ -141,11 +126,6 @@ def test_a_length_of_time_that_is_none_is_refused_before_anything_is_opened(
     done = runner.invoke(app, arguments)
     assert isinstance(done.exception, DeviceError)
     assert said in str(done.exception)
-
-
-def test_what_a_driver_says_of_a_missing_device_is_said_once() -> None:
-    done = runner.invoke(app, ["probe", "noraxon", "host:=127.0.0.1", "port:=1"])
-    assert done.output.count("noraxon:") == 1
 
 
 def test_a_port_without_the_right_to_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -42,6 +42,8 @@ def test_every_verb_loads_and_its_line_is_short_and_whole() -> None:
         assert line == (command.help or "").partition("\n\n")[0], f"{path}: the line is folded or cut off"
         assert line.endswith("."), path
         assert len(line) <= LONGEST_LINE, f"{path}: {line}"
+        for parameter in command.params:
+            assert len(getattr(parameter, "help", None) or "") <= LONGEST_LINE, f"{path} {parameter.name}"
         listed = getattr(command, "commands", {})
         for name in listed:
             assert re.search(rf"^  {name} +\S.*[^.]\.$", text, flags=re.MULTILINE), f"{path} {name}"

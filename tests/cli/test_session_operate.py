@@ -8,8 +8,8 @@ import msgspec
 import pytest
 from typer.testing import CliRunner
 
+from palp_core.cli.session import app
 from palp_core.cli.session.operate import Desk, effort_line
-from palp_core.cli.session.session import app
 from palp_core.graph.messages.frame import Frame, Kind, pack, parse
 from palp_core.graph.messages.topic import Topic
 from palp_core.palpation.session.human.questions import IDENTITY

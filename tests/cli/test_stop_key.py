@@ -13,8 +13,9 @@ from typing import Any
 
 import pytest
 
-from palp_core.cli.launch.stop_key import StopKey, safety_node, stop_motion
+from palp_core.cli.launch.stop_key import StopKey, stop_motion
 from palp_core.errors import GraphError
+from palp_core.graph.discovery.moving import safety_node
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.topic import Topic
@@ -84,7 +85,7 @@ def test_the_safety_node_is_found_by_what_it_publishes() -> None:
 def test_of_several_nodes_or_none_that_beat_the_name_decides(
     names: list[str], beating: list[str], expected: str | None
 ) -> None:
-    assert safety_node(names, beating) == expected
+    assert safety_node([(name, "SafetyBeat") for name in beating], names) == expected
 
 
 def test_a_safety_node_with_messages_of_its_own_is_called() -> None:

@@ -14,8 +14,7 @@ from msgs.stage import SweepGoal
 from nodes.rig_stage import RigStage
 from nodes.safety import Safety, SafetyParams
 from palp_core import Bench
-from palp_core.cli.rig.device_catalogue import device_entries
-from palp_core.cli.rig.device_discovery import discover
+from palp_core.cli.rig.device_discovery import device_entries, discover
 from palp_core.errors import DeviceError, GraphError, NodeError
 from palp_core.palpation.devices import registry
 from palp_core.palpation.devices.protocols import restored

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.cli.rig.device_catalogue import device_entries
+from palp_core.cli.rig.device_discovery import device_entries
 from palp_core.errors import DeviceError, PalpError
 from palp_core.palpation.devices.registry import (
     back_end,

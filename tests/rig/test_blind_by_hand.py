@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from palp_core.cli.main import app as palp
 from palp_core.cli.rig import emg
-from palp_core.cli.session.session import app
+from palp_core.cli.session import app
 from palp_core.errors import PalpError
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.problems import GraphProblems
@@ -57,8 +57,15 @@ def test_estimation_has_codes_in_table_files_and_messages_and_training_depths(ou
     with Bag(out / "bag") as bag:
         begun = [one.value for one in bag.messages(["/session/begun"])]
         told = b"\0".join(one.payload for one in bag.recorded(["/session/begun", "/session/cue"]))
+        coded = [(one.stream.topic.name, bytes(one.payload)) for one in bag.recorded()]
+        launch = str(bag.attachments()).encode()
     assert [one.depth_m for one in begun[3:]] == [0.0] * 3
     assert told.count(struct.pack(">d", DEPTHS_M["A"])) == 1  # of training
+    assert not any(code.encode() in launch for code in codes)
+    for code, own in codes.items():  # what a page or palp topic echo gets; an answer may well be right
+        shown = [payload for name, payload in coded if code.encode() in payload and name != "/session/result"]
+        assert shown
+        assert not any(struct.pack(">d", DEPTHS_M[own]) in payload for payload in shown)
     assert json.loads((out / "human.json").read_text())["accuracy"] is None
 
 

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from palp_core.cli.rig import emg
-from palp_core.cli.session.session import app
+from palp_core.cli.session import app
 from palp_core.graph.bag.reader import Bag
 from palp_core.palpation.identification.emg.markov_fit import EmgRecordingPath, chain_file, fit
 from palp_core.palpation.identification.emg.muscles import ImportOptions

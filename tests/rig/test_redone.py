@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from nodes.experiment import Experiment
 from palp_core import Bench
-from palp_core.cli.session.session import app
+from palp_core.cli.session import app
 from palp_core.graph.process.keeping import Keeping
 from palp_core.palpation.session.audit import AUDIT, decide, decisions, left_out
 from palp_core.palpation.session.human.record import read_human

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palp_core.view.pages.graph import pairs_of, wire_words
+from palp_core.view.pages.graph import pairs_of, wire_text
 from palp_core.view.source.action_wires import ACTION, actions_as_one
 from palp_core.view.source.overview import WireState
 
@@ -52,12 +52,12 @@ def test_an_action_is_drawn_once_and_says_whose_it_is() -> None:
         ("carrier", "arm"): 1,
         ("other", "arm"): 1,
     }
-    said = wire_words(pairs["carrier", "arm"][0])
-    assert said == "/arm/move, an action for /carrier: 22 received, 0 lost, 0 late"
+    text = wire_text(pairs["carrier", "arm"][0])
+    assert text == "/arm/move, an action for /carrier: 22 received, 0 lost, 0 late"
 
 
 def test_of_an_action_in_a_bag_whose_readers_nobody_has_counted_nothing_is_counted() -> None:
     parts = [WireState(topic=one.topic, source=one.source, reader=one.reader) for one in HEARD]
     for one in actions_as_one(parts):
         assert (one.received, one.lost, one.late, one.rate_hz, one.latency_p99_s) == (None,) * 5
-        assert not any(letter.isdigit() for letter in wire_words(one))
+        assert not any(letter.isdigit() for letter in wire_text(one))

@@ -12,7 +12,7 @@ from palp_core.errors import GraphError
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import Frame
 from palp_core.view.source import feed as feeds
-from palp_core.view.source.feed import Feeds, TopicWatch, heard
+from palp_core.view.source.feed import Feeds, TopicWatch, decode_sample
 from tests.support.fake_graph import FakeGraph
 
 THREAD = "palp view: topics"
@@ -50,11 +50,11 @@ def test_what_comes_is_seen_and_nothing_is_kept_that_nobody_asks_for(
     listened(graph, so=True)
     graph.nodes[0].say(5)
     graph.until(lambda: last(watch) == 5)
-    assert watch.drain() == []  # what came before was for the last message only
+    assert watch.read_new() == []  # what came before was for the last message only
     graph.nodes[0].say(3)
     graph.until(lambda: last(watch) == 8)
-    assert [one.message["index"] for one in watch.drain()] == [5, 6, 7]
-    assert watch.drain() == []
+    assert [one.message["index"] for one in watch.read_new()] == [5, 6, 7]
+    assert watch.read_new() == []
     all_feeds.close()
     listened(graph, so=False)
 
@@ -73,12 +73,12 @@ def test_a_topic_that_comes_fast_is_taken_off_the_wire_many_messages_at_once(
     monkeypatch.setattr(threading.Event, "wait", noted)
     all_feeds = Feeds(known)
     watch = all_feeds.watch(known.topic("/source/sample"))
-    watch.drain()
+    watch.read_new()
     listened(graph, so=True)
     graph.until(lambda: bool(paused))
     graph.nodes[0].say(100)
     graph.until(lambda: last(watch) == 100)
-    assert [one.message["index"] for one in watch.drain()] == list(range(100))
+    assert [one.message["index"] for one in watch.read_new()] == list(range(100))
     assert max(paused) <= max(feeds.BATCH_S.values())
     all_feeds.close()
     listened(graph, so=False)
@@ -105,11 +105,11 @@ def test_a_page_that_does_not_ask_keeps_no_more_than_its_bound(
     monkeypatch.setattr(feeds, "MOST_BYTES", 100)
     all_feeds = Feeds(known)
     watch = all_feeds.watch(known.topic("/source/sample"))
-    watch.drain()
+    watch.read_new()
     listened(graph, so=True)
     graph.nodes[0].say(1000)
     graph.until(lambda: last(watch) == 1000)
-    kept = watch.drain()
+    kept = watch.read_new()
     assert 1 <= len(kept) <= 20
     assert kept[-1].sequence == 1000
     all_feeds.close()
@@ -120,7 +120,7 @@ def test_a_message_that_is_too_large_or_no_message_is_told_and_not_shown(known: 
     topic = known.topic("/source/sample")
     for payload, words in ((bytes(2 << 20), "2097152 bytes"), (b"\xc1", "not msgpack"), (b"\x01", "no map")):
         frame = Frame(topic.name, 0, 0, 1, 0, 0, memoryview(payload))
-        assert words in str(heard(frame, topic).message["(not shown)"])
+        assert words in str(decode_sample(frame, topic).message["(not shown)"])
 
 
 def test_a_topic_that_is_not_there_is_told_with_the_nearest(known: RunningGraph) -> None:

@@ -17,9 +17,9 @@ from nicegui import ui
 from palp_core.errors import GraphError
 from palp_core.view.pages.node import ports
 from palp_core.view.pages.parameters import parameters_panel
-from palp_core.view.pages.swap import swap_panel, swap_words
+from palp_core.view.pages.swap import swap_panel, swap_text
 from tests.support.view.simulated_user import simulated
-from tests.view.test_pages import SAMPLE, Told
+from tests.view.test_pages import SAMPLE, ToySource
 
 LEVEL = {
     "name": "level", "description": "of full scale",
@@ -41,7 +41,7 @@ class Node:
     """Stands for a viewer of a node with parameters, which takes what is at most 1."""
 
     def __init__(self) -> None:
-        self.source = Told()
+        self.source = ToySource()
         self.live = self.operator = self
         self.graph = SimpleNamespace(ask=lambda *_: {"parameters": self.declared, "about": ABOUT})
         self.declared: dict[str, Any] = {"level": LEVEL, "mode": MODE}
@@ -94,9 +94,9 @@ def test_the_parameters_are_those_of_the_class_at_work() -> None:
 
 
 def test_what_a_node_reads_and_publishes_is_told() -> None:
-    told = Told()
-    assert ports(told.now, [SAMPLE], "sink") == [("reads", "/source/sample", "")]
-    assert ports(told.now, [SAMPLE], "source") == [("publishes", "/source/sample", "")]
+    source = ToySource()
+    assert ports(source.now, [SAMPLE], "sink") == [("reads", "/source/sample", "")]
+    assert ports(source.now, [SAMPLE], "source") == [("publishes", "/source/sample", "")]
 
 
 def test_what_is_chosen_stays_so_when_the_list_of_classes_comes_or_changes(tmp_path: Path) -> None:
@@ -108,7 +108,7 @@ def test_what_is_chosen_stays_so_when_the_list_of_classes_comes_or_changes(tmp_p
         return {"inputs": {}, "run": "nodes.a:A"}
 
     graph = SimpleNamespace(ask=ask, record=SimpleNamespace(workspace=str(tmp_path), nodes=[]))
-    live: Any = SimpleNamespace(graph=graph, overview=Told().overview)
+    live: Any = SimpleNamespace(graph=graph, overview=ToySource().overview)
 
     async def look(user: Any) -> None:
         await user.should_see("asked again: it is busy")
@@ -134,11 +134,11 @@ def test_what_came_of_a_swap_begins_with_that_it_was_done() -> None:
         "held": 3,
         "shadow": None,
     }
-    words, level = swap_words({"report": report})
+    words, level = swap_text({"report": report})
     assert (words.partition(":")[0], level) == ("swapped", "ok")
     assert "b:B is at work in place of a:A" in words
-    assert swap_words({"report": {**report, "switched": False}})[0].endswith("nothing was changed")
+    assert swap_text({"report": {**report, "switched": False}})[0].endswith("nothing was changed")
     failed = {"failed": {"step": "check", "text": "it has no output 'out'"}}
-    assert swap_words(failed)[0] == "refused: it has no output 'out'; the old node goes on"
+    assert swap_text(failed)[0] == "refused: it has no output 'out'; the old node goes on"
     failed["failed"]["step"] = "configure"
-    assert swap_words(failed)[0].startswith("rolled back at step 'configure': ")
+    assert swap_text(failed)[0].startswith("rolled back at step 'configure': ")

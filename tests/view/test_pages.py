@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -16,14 +15,14 @@ from palp_core.graph.discovery.troubles import Trouble
 from palp_core.graph.messages.topic import Topic
 from palp_core.view.source.operator import READ_ONLY, Refused
 from palp_core.view.source.overview import NodeState, Overview, WireState, shared_processes
-from palp_core.view.source.protocol import Heard
 
 pytest.importorskip("nicegui")
 pytest.importorskip("nicegui.testing.user_simulation")
 
-from palp_core.view.pages.graph import GraphDrawing, graph_page, pairs_of, shared_words, wire_line, wire_words
+from palp_core.view.pages.graph import GraphDrawing, graph_page, pairs_of, shared_text, wire_line, wire_text
 from palp_core.view.pages.layout import HEIGHT, WIDTH, layout
 from palp_core.view.pages.viewer import OwnPage, Viewer
+from tests.support.view.fake_source import FakeOperator, FakeSource, FakeWatch
 from tests.support.view.simulated_user import simulated
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -33,8 +32,8 @@ SAMPLE = Topic(name="/source/sample", type="Sample", node="source", json_schema=
 NUMBER = {"type": "object", "properties": {"x": {"type": "number"}}}
 
 
-class Told:
-    """A source that says what a test tells it."""
+class ToySource(FakeSource):
+    """Two nodes and a wire."""
 
     def __init__(self) -> None:
         nodes = [
@@ -42,58 +41,15 @@ class Told:
             NodeState(name="sink", lifecycle="active"),
         ]
         wires = [WireState(topic="/source/sample", source="source", reader="sink", rate_hz=100.0)]
-        self.now = Overview(kind="graph", title="toy", clock="sim", nodes=nodes, wires=wires)
-        self.last: Heard | None = None
-        self.topic = SAMPLE
-        self.watched: list[str] = []
-        self.rate_hz = None
-
-    def overview(self) -> Overview:
-        return self.now
-
-    def topics(self) -> list[Topic]:
-        return [SAMPLE]
-
-    def watch(self, topic: str) -> Told:
-        self.watched.append(topic)
-        return self
-
-    def latest(self) -> Heard | None:
-        return self.last
-
-    def drain(self) -> list[Heard]:
-        return []
-
-    def remembered(self, topics: Sequence[str]) -> Iterator[tuple[str, Heard]]:
-        yield from ()
-
-    def launch(self) -> dict[str, Any]:
-        return {}
-
-    def close(self) -> None:
-        self.watched.clear()
-
-
-class Pressed:
-    """Notes what is called."""
-
-    def __init__(self) -> None:
-        self.calls: list[Any] = []
-
-    def refusal(self, *, stops: bool = False) -> str:
-        return ""
-
-    def call(self, *given: Any, **named: Any) -> dict[str, Any]:
-        self.calls.append((given, named))
-        return {"ok": True}
+        super().__init__(Overview(kind="graph", title="toy", clock="sim", nodes=nodes, wires=wires), [SAMPLE])
 
 
 def test_what_is_wrong_is_on_the_page_as_text() -> None:
     from palp_core.view.pages.graph import graph_page
 
-    told = Told()
+    source = ToySource()
     trouble = Trouble("/sink", "error", MARKUP, "palp logs sink")
-    told.now = msgspec.structs.replace(told.now, troubles=[trouble], title=MARKUP)
+    source.change(troubles=[trouble], title=MARKUP)
 
     async def look(user: Any) -> None:
         await user.should_see("something is badly wrong")
@@ -102,7 +58,7 @@ def test_what_is_wrong_is_on_the_page_as_text() -> None:
         await user.should_see("palp logs sink")
         await user.should_see("/source/sample")
 
-    simulated(lambda: graph_page(Viewer(source=told)), look)
+    simulated(lambda: graph_page(Viewer(source=source)), look)
 
 
 def test_a_page_of_ones_own_may_head_all_pages_with_its_own_word() -> None:
@@ -111,32 +67,32 @@ def test_a_page_of_ones_own_may_head_all_pages_with_its_own_word() -> None:
     def own(_: Viewer) -> None: ...
 
     own.heading = lambda wrong: ("at rest", [one for one in wrong if one.text != "resting"])  # type: ignore[attr-defined]
-    told = Told()
-    told.now = msgspec.structs.replace(told.now, troubles=[Trouble("/sink", "error", "resting")])
+    source = ToySource()
+    source.change(troubles=[Trouble("/sink", "error", "resting")])
 
     async def look(user: Any) -> None:
         await user.should_see("at rest")
         await user.should_not_see("something is badly wrong")
         await user.should_not_see("error: /sink")
 
-    simulated(lambda: graph_page(Viewer(source=told, own_page=OwnPage(own))), look)
+    simulated(lambda: graph_page(Viewer(source=source, own_page=OwnPage(own))), look)
 
 
 def test_a_node_that_joins_is_drawn_and_listed_as_it_happens() -> None:
     from palp_core.view.pages.graph import graph_page
 
-    told = Told()
+    source = ToySource()
 
     async def look(user: Any) -> None:
         await user.should_see("/sink")
         await user.should_not_see("/late")
         late = NodeState(name="late", lifecycle="active")
-        told.now = msgspec.structs.replace(told.now, nodes=[*told.now.nodes, late])
+        source.change(nodes=[*source.now.nodes, late])
         await user.should_see("/late")
         (drawing,) = user.find(GraphDrawing).elements
         assert [node["name"] for node in drawing.props["nodes"]] == ["source", "sink", "late"]
 
-    simulated(lambda: graph_page(Viewer(source=told)), look)
+    simulated(lambda: graph_page(Viewer(source=source)), look)
 
 
 def test_the_example_of_the_docs_is_a_page_of_ones_own() -> None:
@@ -146,21 +102,21 @@ def test_the_example_of_the_docs_is_a_page_of_ones_own() -> None:
     assert len(code.splitlines()) <= 36
     names: dict[str, Any] = {}
     exec(code, names)
-    told, pressed = Told(), Pressed()
+    source, pressed = ToySource(), FakeOperator(ok=True)
     own = OwnPage(names["gauge"])
-    viewer = Viewer(source=told, operator=pressed, own_page=own)  # type: ignore[arg-type]
+    viewer = Viewer(source=source, operator=pressed, own_page=own)  # type: ignore[arg-type]
 
     def put() -> None:
-        own.put_strip(viewer)
-        own.put_up(viewer)
+        own.fill_strip(viewer)
+        own.fill(viewer)
 
     async def look(user: Any) -> None:
         await user.should_see("no block yet")
-        told.last = Heard(1_500_000_000, 7, {"index": 6})
+        source.add("Sample", 1_500_000_000, {"index": 6})
         await user.should_see("block 6 at 1.5 s")
         user.find("stop").click()
         await user.should_see("stopped")
-        assert pressed.calls == [(("safety", "stop", {}), {"stops": True})]
+        assert pressed.calls == [("safety", "stop", {}, True)]
 
     simulated(put, look)
 
@@ -172,7 +128,7 @@ def test_a_page_of_ones_own_that_fails_says_so_and_harms_nothing() -> None:
     async def look(user: Any) -> None:
         await user.should_see("the launch file's own page failed: RuntimeError: no such thing")
 
-    simulated(lambda: OwnPage(broken).put_up(Viewer(source=Told())), look)
+    simulated(lambda: OwnPage(broken).fill(Viewer(source=ToySource())), look)
 
 
 def test_a_wire_says_rate_latency_and_loss() -> None:
@@ -181,24 +137,24 @@ def test_a_wire_says_rate_latency_and_loss() -> None:
         latency_p50_s=4e-4, latency_p99_s=1e-3,
     )  # fmt: skip
     assert wire_line(wire) == "sample 1000 Hz 0.40 ms 2 lost"
-    assert wire_words(wire) == "/source/sample -> /sink: 5 received, 2 lost, 1 late, p99 1.00 ms"
+    assert wire_text(wire) == "/source/sample -> /sink: 5 received, 2 lost, 1 late, p99 1.00 ms"
     assert list(pairs_of([wire, wire])) == [("source", "sink")]
 
 
 def test_what_nodes_in_one_process_take_is_said_once() -> None:
     composed = [NodeState(name=name, pid=7, cpu_percent=85.0, memory_bytes=120_000_000) for name in "abc"]
-    assert shared_words(composed, shared_processes(composed)) == "all in one process: 85.0 % CPU, 120 MB"
+    assert shared_text(composed, shared_processes(composed)) == "all in one process: 85.0 % CPU, 120 MB"
     alone = [*composed, NodeState(name="d", pid=8, cpu_percent=1.0)]
-    assert shared_words(alone, shared_processes(alone)) == "3 in one process: 85.0 % CPU, 120 MB"
-    assert shared_words(alone[2:], shared_processes(alone[2:])) == ""
-    told = Told()
-    told.now = msgspec.structs.replace(told.now, nodes=alone)
+    assert shared_text(alone, shared_processes(alone)) == "3 in one process: 85.0 % CPU, 120 MB"
+    assert shared_text(alone[2:], shared_processes(alone[2:])) == ""
+    source = ToySource()
+    source.change(nodes=alone)
 
     async def look(user: Any) -> None:
         await user.should_see("3 in one process: 85.0 % CPU, 120 MB")
         await user.should_see("rates here are on the machine's clock")
 
-    simulated(lambda: graph_page(Viewer(source=told)), look)
+    simulated(lambda: graph_page(Viewer(source=source)), look)
 
 
 def test_in_a_graph_of_any_size_each_node_has_a_place_of_its_own_and_each_wire_a_way() -> None:
@@ -215,7 +171,8 @@ def test_in_a_graph_of_any_size_each_node_has_a_place_of_its_own_and_each_wire_a
 
 
 def test_a_slow_browser_is_sent_no_more_than_it_takes() -> None:
-    from palp_core.view.pages.plot import MOST_UNDER_WAY, LivePlot
+    from palp_core.view.pages.parts import MOST_UNDER_WAY
+    from palp_core.view.pages.plot import LivePlot
 
     plots: list[LivePlot] = []
 
@@ -244,8 +201,7 @@ def test_the_time_axis_moves_on_between_messages_unless_the_graph_outruns_the_cl
 
     from palp_core.view.pages.plot import CHOOSE, LivePlot, plot_panel
 
-    told = Told()
-    told.topic = msgspec.structs.replace(SAMPLE, json_schema=NUMBER)
+    watch = FakeWatch([], msgspec.structs.replace(SAMPLE, json_schema=NUMBER))
 
     async def look(user: Any) -> None:
         (plot,) = user.find(LivePlot).elements
@@ -256,7 +212,7 @@ def test_the_time_axis_moves_on_between_messages_unless_the_graph_outruns_the_cl
         choice.value = ["x"]
         await user.should_not_see(CHOOSE)
 
-    simulated(lambda: plot_panel(told, fast=fast, clock="sim"), look)
+    simulated(lambda: plot_panel(watch, fast=fast, clock="sim"), look)
 
 
 def test_a_live_table_is_one_element_that_is_sent_only_what_is_new() -> None:
@@ -299,19 +255,18 @@ def test_the_end_of_the_graph_asks_twice_and_is_dead_where_it_may_not_be_pressed
 
     from palp_core.view.pages.ending import ASKED, EndPanel
 
-    pressed, refusals = Pressed(), [""]
-    pressed.refusal = lambda **_: refusals[0]  # type: ignore[method-assign]
-    pressed.end = lambda: pressed.calls.append("end")  # type: ignore[attr-defined]
+    pressed, ended = FakeOperator(), list[str]()
+    pressed.end = lambda: ended.append("end")  # type: ignore[attr-defined]
     panels: list[EndPanel] = []
-    viewer = Viewer(source=Told(), operator=pressed)  # type: ignore[arg-type]
+    viewer = Viewer(source=ToySource(), operator=pressed)  # type: ignore[arg-type]
 
     async def look(user: Any) -> None:
         user.find("End the graph ...").click()
-        assert pressed.calls == []
+        assert ended == []
         user.find("yes, end the graph").click()
         await user.should_see(ASKED)
-        assert pressed.calls == ["end"]
-        refusals[0] = READ_ONLY
+        assert ended == ["end"]
+        pressed.refused = READ_ONLY
         await user.should_see(READ_ONLY)
         (button,) = user.find(kind=ui.button, content="End the graph ...").elements
         assert not button.enabled
@@ -355,14 +310,14 @@ def test_the_time_bar_tells_where_the_bag_is_whoever_has_begun_to_play_it() -> N
 def test_a_refused_press_is_told_on_the_page() -> None:
     from nicegui import ui
 
-    from palp_core.view.pages.parts import Outcome
+    from palp_core.view.pages.parts import StatusLine
 
     def refuse() -> None:
         raise Refused(MARKUP)
 
     def put() -> None:
-        outcome = Outcome()
-        ui.button("press", on_click=lambda: outcome.of(refuse))
+        outcome = StatusLine()
+        ui.button("press", on_click=lambda: outcome.run(refuse))
 
     async def look(user: Any) -> None:
         user.find("press").click()

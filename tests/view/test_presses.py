@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from palp_core.errors import GraphError
-from palp_core.view.server.apart import NICE, Apart
+from palp_core.view.server.page_thread import NICE, PageThread
 from palp_core.view.server.presses import Presses, answer
 from tests.support.palp import PATIENCE_S
 
@@ -22,7 +22,7 @@ class Pages:
         self.stuck, self.let = threading.Event(), threading.Event()
         self.threads: set[str] = set()
         self.niceness: set[int] = set()
-        self.said: list[str] = []
+        self.lines: list[str] = []
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         self.threads.add(threading.current_thread().name)
@@ -42,9 +42,9 @@ class Pages:
 class Served:
     """Pages behind what a server calls, with the life that a server gives them."""
 
-    def __init__(self, *, gives_way: bool = False) -> None:
+    def __init__(self, *, low_priority: bool = False) -> None:
         self.pages = Pages()
-        self.app = Presses(Apart(self.pages, gives_way=gives_way))
+        self.app = Presses(PageThread(self.pages, low_priority=low_priority))
         self._life: asyncio.Queue[Any] = asyncio.Queue()
         self._up = asyncio.Event()
 
@@ -90,16 +90,16 @@ def test_a_press_is_answered_while_a_page_keeps_its_thread() -> None:
     asyncio.run(run())
 
 
-@pytest.mark.parametrize("gives_way", [False, True])
-def test_pages_have_one_thread_which_is_not_the_servers_and_may_give_way(gives_way: bool) -> None:
+@pytest.mark.parametrize("low_priority", [False, True])
+def test_pages_have_one_thread_which_is_not_the_servers_and_may_give_way(low_priority: bool) -> None:
     async def run() -> tuple[set[str], set[int]]:
-        async with Served(gives_way=gives_way) as served:
+        async with Served(low_priority=low_priority) as served:
             await asyncio.gather(*(served.ask(f"/token/{number}", "GET") for number in range(20)))
         return served.pages.threads, served.pages.niceness
 
     (name,), (niceness,) = asyncio.run(run())
     assert name != threading.current_thread().name
-    assert niceness == (max(NICE, os.nice(0)) if gives_way else os.nice(0))
+    assert niceness == (max(NICE, os.nice(0)) if low_priority else os.nice(0))
     assert os.getpriority(os.PRIO_PROCESS, threading.get_native_id()) == os.nice(0)  # presses never do
 
 
@@ -152,7 +152,7 @@ def test_a_client_that_leaves_takes_its_page_along() -> None:
     async def run() -> None:
         served = Served()
         served.pages = Waiting()
-        served.app = Presses(Apart(served.pages))
+        served.app = Presses(PageThread(served.pages))
         async with served:
             page = asyncio.create_task(served.ask("/token/wait", "GET"))
             await asyncio.to_thread(served.pages.stuck.wait)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from palp_core.errors import BagError
-from palp_core.view.pages.graph import wire_row, wire_words
+from palp_core.view.pages.graph import wire_row, wire_text
 from palp_core.view.source import recorded
 from palp_core.view.source.overview import Overview
 from palp_core.view.source.recorded import RecordedSource
@@ -43,7 +43,7 @@ def test_of_a_bags_wires_nothing_is_said_that_nobody_has_counted(bag: Path) -> N
     source._launch = {"listens": {"estimator": ["/torque/block"]}}
     (wire,) = examined(source).wires
     assert (wire.received, wire.lost, wire.late, wire.dropped) == (None,) * 4
-    assert wire_words(wire) == "/torque/block -> /estimator"
+    assert wire_text(wire) == "/torque/block -> /estimator"
     assert wire_row(wire)[2:] == ("",) * 6
     source.close()
 
@@ -52,21 +52,21 @@ def test_a_plot_of_a_bag_goes_on_from_where_it_was(bag: Path) -> None:
     source = RecordedSource(bag)
     watch = source.watch("/torque/block")
     source.seek(0.010)
-    assert [heard.sequence for heard in watch.drain()] == list(range(1, 12))
-    assert watch.drain() == []
+    assert [sample.sequence for sample in watch.read_new()] == list(range(1, 12))
+    assert watch.read_new() == []
     source.seek(0.012)
-    assert [heard.sequence for heard in watch.drain()] == [12, 13]
+    assert [sample.sequence for sample in watch.read_new()] == [12, 13]
     source.seek(0.005)
-    assert [heard.sequence for heard in watch.drain()] == list(range(1, 7))
+    assert [sample.sequence for sample in watch.read_new()] == list(range(1, 7))
     source.close()
 
 
 def test_all_of_some_topics_is_remembered_whatever_the_chosen_time(bag: Path) -> None:
     source = RecordedSource(bag)
-    found = list(source.remembered(["/policy/mode", "/torque/block", "/no/such"]))
-    stamps = [heard.stamp_ns for _, heard in found]
+    found = list(source.history(["/policy/mode", "/torque/block", "/no/such"]))
+    stamps = [sample.stamp_ns for _, sample in found]
     assert stamps == sorted(stamps)
-    assert [heard.sequence for name, heard in found if name == "/torque/block"] == list(range(1, 201))
+    assert [sample.sequence for name, sample in found if name == "/torque/block"] == list(range(1, 201))
     assert {name for name, _ in found} == {"/policy/mode", "/torque/block"}
 
 

@@ -14,8 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.cli.view.view import _opened
+from palp_core.cli.view import _opened
 from palp_core.extras import install_line
+from palp_core.view.server.serve import IdleTimer
 from tests.support.bags import record, run_frames
 from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
 
@@ -113,7 +114,7 @@ def test_without_the_extra_a_line_says_what_to_install(
 
 ALONE = """
 import sys
-from palp_core.view.server.imports import FOR_CLIENTS, serving_alone
+from palp_core.view.server.serve import FOR_CLIENTS, serving_alone
 with serving_alone():
     from nicegui import ui
 print([name for name in FOR_CLIENTS if name in sys.modules])
@@ -177,3 +178,24 @@ def test_the_browser_is_given_a_file_of_ones_own_and_no_token_in_its_words(
         assert where in page.read_text(encoding="utf-8")
         assert (page.stat().st_mode & 0o077, page.parent.stat().st_mode & 0o077) == (0, 0)
     assert not page.exists()
+
+
+def test_a_viewer_is_idle_when_it_was_out_of_use_for_long_enough() -> None:
+    timer = IdleTimer(60.0)
+    looks = [(0, True), (100, True), (400, False), (459, False), (459, True), (470, False), (529, False)]
+    assert not any(timer.expired(at_s * 10**9, in_use=in_use) for at_s, in_use in looks)
+    assert timer.expired(530 * 10**9, in_use=False)
+
+
+def test_a_viewer_ends_after_its_graph_when_nobody_looks(palp: Palp) -> None:
+    graph = palp.start("launch", CHAIN, "count:=1000000")
+    wait_for_line(graph, "blocks: 1/")
+    palp.constants["palp_core.view.server.serve:IDLE_S"] = 0.0
+    palp.constants["palp_core.view.server.serve:LOOK_S"] = 0.05
+    viewer = palp.start("view", "--no-browser")
+    wait_for_line(viewer, "http://")
+    assert palp.run("graph", "end").returncode == 0
+    _, errors = viewer.communicate(timeout=PATIENCE_S)
+    assert viewer.returncode == 0, errors
+    assert "has ended, and nobody looks: the page is closed" in errors
+    graph.communicate(timeout=PATIENCE_S)

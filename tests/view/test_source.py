@@ -12,14 +12,13 @@ import pytest
 
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.health import EdgeRow, NodeRow
-from palp_core.graph.discovery.log_lines import LineReader, LogLine
 from palp_core.graph.discovery.troubles import event_troubles, loss_troubles, node_troubles, worst
 from palp_core.graph.messages.builtin import GraphEvent
 from palp_core.view.source.live import node_state, swaps_named, wire_state
 from palp_core.view.source.message_lines import MOST_LINES, tree_text
-from palp_core.view.source.node_log import MOST_BYTES, MOST_LETTERS, FoldedLog, NodeLog
+from palp_core.view.source.node_log import MOST_BYTES, NodeLog
 from palp_core.view.source.overview import NodeState, Overview
-from palp_core.view.source.protocol import Heard
+from palp_core.view.source.protocol import Sample
 from palp_core.view.source.series import FieldSeries, as_csv, number_fields, thinned
 
 NUMBER = {"type": "number", "x-unit": "N m"}
@@ -38,8 +37,8 @@ BLOCK: dict[str, Any] = {
 }
 
 
-def heard(stamp_s: float, **message: Any) -> Heard:
-    return Heard(round(stamp_s * 1e9), 1, message)
+def sample(stamp_s: float, **message: Any) -> Sample:
+    return Sample(round(stamp_s * 1e9), 1, message)
 
 
 def test_the_numbers_of_a_message_can_be_plotted_and_nothing_else() -> None:
@@ -53,7 +52,7 @@ def test_the_numbers_of_a_message_can_be_plotted_and_nothing_else() -> None:
 def test_the_samples_of_a_block_stand_each_at_its_own_time() -> None:
     series = FieldSeries("torque_n_m", BLOCK)
     assert series.label == "torque_n_m [N m]"
-    points = series.add(heard(9.0, start_ns=1_000_000_000, rate_hz=1000.0, torque_n_m=[0.5, 0.25]))
+    points = series.add(sample(9.0, start_ns=1_000_000_000, rate_hz=1000.0, torque_n_m=[0.5, 0.25]))
     assert points.tolist() == [[1.0, 0.5], [1.001, 0.25]]
 
 
@@ -63,7 +62,7 @@ def test_a_block_that_does_not_go_on_from_the_one_before_begins_with_a_gap() -> 
     def times_s(start_ms: int, sequence: int) -> list[float]:
         start_ns = start_ms * 1_000_000
         message = {"start_ns": start_ns, "rate_hz": 1000.0, "torque_n_m": [0.5, 0.25]}
-        found = series.add(Heard(start_ns, sequence, message))
+        found = series.add(Sample(start_ns, sequence, message))
         return [time_s for time_s, value in found.tolist() if math.isnan(value)]
 
     assert times_s(1000, 1) == []
@@ -79,12 +78,12 @@ def test_a_block_that_has_come_a_little_late_goes_on_from_the_one_before() -> No
     series = FieldSeries("torque_n_m", BLOCK)
     for number, (start_ms, gaps) in enumerate([(1000, 0), (1029, 0), (1060, 1)], 1):
         message = {"start_ns": start_ms * 1_000_000, "rate_hz": 1000.0, "torque_n_m": [0.5] * 20}
-        assert np.isnan(series.add(Heard(0, number, message))).sum() == gaps
+        assert np.isnan(series.add(Sample(0, number, message))).sum() == gaps
 
 
 def test_a_number_goes_on_until_messages_are_missing() -> None:
     series = FieldSeries("inner.peak", BLOCK)
-    found = [series.add(Heard(round(at * 1e9), number, {"inner": {"peak": at}})) for at, number in RARE]
+    found = [series.add(Sample(round(at * 1e9), number, {"inner": {"peak": at}})) for at, number in RARE]
     assert [len(points) for points in found] == [1, 1, 2]
 
 
@@ -94,8 +93,8 @@ RARE = ((1.0, 1), (60.0, 2), (61.0, 4))
 
 def test_an_array_without_times_is_spread_since_the_message_before() -> None:
     series = FieldSeries("torque_n_m", BLOCK)
-    series.add(heard(1.0, torque_n_m=[0.0]))
-    assert series.add(heard(2.0, torque_n_m=[1.0, 2.0])).tolist() == [[1.5, 1.0], [2.0, 2.0]]
+    series.add(sample(1.0, torque_n_m=[0.0]))
+    assert series.add(sample(2.0, torque_n_m=[1.0, 2.0])).tolist() == [[1.5, 1.0], [2.0, 2.0]]
     assert series.last == [1.0, 2.0]
 
 
@@ -103,7 +102,7 @@ def test_an_array_without_times_is_spread_since_the_message_before() -> None:
     "message", [{}, {"inner": {}}, {"inner": {"peak": math.nan}}, {"(not shown)": "too large"}]
 )
 def test_a_message_without_the_number_adds_no_point(message: dict[str, Any]) -> None:
-    assert not len(FieldSeries("inner.peak", BLOCK).add(heard(1.0, **message)))
+    assert not len(FieldSeries("inner.peak", BLOCK).add(sample(1.0, **message)))
 
 
 def test_thinning_keeps_every_peak_and_the_order() -> None:
@@ -120,7 +119,7 @@ def test_thinning_keeps_every_peak_and_the_order() -> None:
 def test_a_plot_is_saved_with_all_its_points() -> None:
     series = FieldSeries("inner.peak", BLOCK)
     for i in range(3):
-        series.add(heard(i, inner={"peak": i / 8}))
+        series.add(sample(i, inner={"peak": i / 8}))
     assert as_csv([(series.label, series.points)]).splitlines() == [
         "time_s,field,value",
         "0.000000000,inner.peak [N m],0.0",
@@ -269,36 +268,3 @@ def test_only_what_moves_on_the_wall_clock_is_a_real_rig() -> None:
     assert not Overview(
         kind="graph", title="a", clock="wall", nodes=[NodeState(name="a")]
     ).moves_something_real
-
-
-def said(node: str, *texts: str) -> list[LogLine]:
-    reader = LineReader()
-    return [reader.read(f"12:00:00 {node}: {text}") for text in texts]
-
-
-def test_warnings_of_one_kind_are_one_record_with_their_number_and_the_latest() -> None:
-    log = FoldedLog(100)
-    log.add(said("emg", "[WARNING] [emg]: 1 gap in the EMG", "[INFO] [emg]: begun", "[INFO] [emg]: begun"))
-    log.add(said("emg", "[WARNING] [emg]: 3 gaps in the EMG", "[WARNING] [emg]: a gap of 5.1 ms is bridged"))
-    log.add(said("emg", "[WARNING] [emg]: 2 gaps in the EMG", "[WARNING] [emg]: a gap of 7 ms is bridged"))
-    assert [(one.text.partition("]: ")[2], one.count) for one in log.records] == [
-        ("begun", 1), ("begun", 1), ("2 gaps in the EMG", 3), ("a gap of 7 ms is bridged", 2),
-    ]  # fmt: skip
-
-
-def test_a_traceback_is_part_of_its_error_and_errors_that_differ_are_not_folded() -> None:
-    log, error = FoldedLog(100), "[ERROR] [a]: failed"
-    log.add(said("a", error, "  File x, line 3", "[INFO] [a]: on", error, "  File x, line 4"))
-    log.add(said("a", error, "  File y, line 4"))
-    assert [(one.text, one.count) for one in log.records] == [
-        ("[INFO] [a]: on", 1), (f"{error}\n  File x, line 4", 2), (f"{error}\n  File y, line 4", 1),
-    ]  # fmt: skip
-
-
-def test_of_a_node_that_prints_without_end_the_last_records_are_kept_each_of_bounded_length() -> None:
-    log = FoldedLog(10)
-    for number in range(50):
-        log.add(said("a", "[WARNING] [a]: hot", *(f"line {number} {k}" for k in range(8)), "x" * 10**5))
-    assert len(log.records) == 10
-    assert max(len(one.text) for one in log.records) == MOST_LETTERS
-    assert [one.count for one in log.records if one.level == "warning"] == [50]

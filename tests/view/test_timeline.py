@@ -8,7 +8,7 @@ from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.builtin import DiagnosticStatus, GraphEvent, NodeEvent
 from palp_core.graph.messages.message import Message
-from palp_core.view.source.protocol import Heard
+from palp_core.view.source.protocol import Sample
 from palp_core.view.source.recorded import RecordedSource
 from palp_core.view.source.timeline import TimelineEvent, latest_first, of_status, recorded
 from tests.support.bags import describe, frame
@@ -24,12 +24,12 @@ SAID: list[tuple[str, Message]] = [
 
 
 def test_a_bag_tells_what_happened_to_the_graph_to_its_nodes_and_how_they_stood(tmp_path: Path) -> None:
-    topics = [describe(type(said), name) for name, said in dict(SAID).items()]
+    topics = [describe(type(message), name) for name, message in dict(SAID).items()]
     recorder = BagRecorder(BagWriter(tmp_path / "run"), topics)
     count = dict.fromkeys(dict(SAID), 0)
-    for at_s, (name, said) in enumerate(SAID):
+    for at_s, (name, message) in enumerate(SAID):
         count[name] += 1
-        recorder(at_s, frame(name, said, count[name], at_s * 10**9))
+        recorder(at_s, frame(name, message, count[name], at_s * 10**9))
     recorder.close()
     source = RecordedSource(tmp_path / "run")
     assert [(one.kind, one.node, one.level, one.text) for one in recorded(source)] == [
@@ -48,6 +48,6 @@ def test_a_page_keeps_what_was_each_once_and_the_latest_first() -> None:
 
 
 def test_to_begin_well_is_no_news_and_a_level_that_nobody_knows_is_a_warning() -> None:
-    assert of_status("a", Heard(0, 1, {"level": "ok", "text": ""})) is None
-    odd = of_status("a", Heard(0, 1, {"level": "purple", "text": "odd"}))
+    assert of_status("a", Sample(0, 1, {"level": "ok", "text": ""})) is None
+    odd = of_status("a", Sample(0, 1, {"level": "purple", "text": "odd"}))
     assert odd == TimelineEvent(0.0, "warning", "a", "odd", "warn")

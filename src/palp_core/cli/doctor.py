@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from threading import Event
 from typing import TYPE_CHECKING, Annotated
 
+import msgspec
 import typer
 
 from palp_core.cli.host import examine_host, examine_runs
-from palp_core.cli.options import Call, GraphOption, JsonOption, graph_verb
+from palp_core.cli.options import Call, GraphOption, JsonOption, graph_verb, option
 from palp_core.cli.output import print_json, print_text, table_lines
 from palp_core.cli.running import note_ended
 from palp_core.counted import counted
@@ -43,33 +44,40 @@ ASK_S = 2.0
 _ORDER = (ERROR, WARN, NOTE, OK)
 TOP_ASK_S = 0.5
 HEALTH_TIMEOUT_S = 2.5
-NODE_TITLES = (
-    "NODE",
-    "STATE",
-    "CPU %",
-    "MEMORY",
-    "RATE Hz",
-    "P99 ms",
-    "LOST",
-    "READERS LOST",
-    "OVERRUNS",
-    "MISSED",
-    "PID",
-)
-EDGE_TITLES = (
-    "TOPIC", "READER", "RATE Hz", "RECEIVED", "LOST", "REPEATED", "LATE", "DROPPED",
-    "P50 ms", "P99 ms", "MAX ms",
-)  # fmt: skip
+NODE_COLUMNS: dict[str, Callable[[NodeRow], str]] = {
+    "NODE": lambda node: node.name,
+    "STATE": lambda node: node.state if node.responsive else "SILENT",
+    "CPU %": lambda node: _number(node.cpu_percent, 1),
+    "MEMORY": lambda node: f"{node.memory_bytes / 1e6:.1f} MB",
+    "RATE Hz": lambda node: _number(node.rate_hz, 1),
+    "P99 ms": lambda node: _number(node.latency_p99_s, 3, 1e3),
+    "LOST": lambda node: str(node.lost),
+    "READERS LOST": lambda node: str(node.lost_by_readers),
+    "OVERRUNS": lambda node: str(node.overruns),
+    "MISSED": lambda node: str(node.missed_deadlines),
+    "PID": lambda node: str(node.pid),
+}
+EDGE_COLUMNS: dict[str, Callable[[EdgeRow], str]] = {
+    "TOPIC": lambda edge: edge.topic,
+    "READER": lambda edge: edge.reader,
+    "RATE Hz": lambda edge: _number(edge.rate_hz, 1),
+    "RECEIVED": lambda edge: str(edge.received),
+    "LOST": lambda edge: str(edge.lost),
+    "REPEATED": lambda edge: str(edge.repeated),
+    "LATE": lambda edge: str(edge.late),
+    "DROPPED": lambda edge: str(edge.dropped),
+    "P50 ms": lambda edge: _number(edge.latency_p50_s, 3, 1e3),
+    "P99 ms": lambda edge: _number(edge.latency_p99_s, 3, 1e3),
+    "MAX ms": lambda edge: _number(edge.latency_max_s, 3, 1e3),
+}
 Sample = tuple[list[NodeRow], list[EdgeRow], list[ActiveDiagnostic]]
 
 
 def doctor(
     *,
-    report: Annotated[
-        bool, typer.Option("--report", "-r", help="Also what was looked at and found in order.")
-    ] = False,
+    report: Annotated[bool, option("Also what was looked at and found in order.", "--report", "-r")] = False,
     include_warnings: Annotated[
-        bool, typer.Option("--include-warnings", "-iw", help="Status 1 for warnings, too.")
+        bool, option("Status 1 for warnings, too.", "--include-warnings", "-iw")
     ] = False,
     graph: GraphOption = None,
     as_json: JsonOption = False,
@@ -130,10 +138,8 @@ def _print(troubles: list[Trouble], counts: dict[str, int], graphs: int, *, repo
 def top(
     call: Call,
     *,
-    once: Annotated[bool, typer.Option("--once", help="One sample, then end.")] = False,
-    period: Annotated[
-        float, typer.Option("--period", "-d", min=0.1, metavar="S", help="Between samples.")
-    ] = 1.0,
+    once: Annotated[bool, option("One sample, then end.", "--once")] = False,
+    period: Annotated[float, option("Between samples.", "--period", "-d", min=0.1, metavar="S")] = 1.0,
 ) -> None:
     """RATE counts a node's timer ticks and the messages that it handled; READERS LOST is what the readers of
     its topics say that they have lost for good. Below, each edge with its reader's own
@@ -176,64 +182,27 @@ def _samples(graph: RunningGraph, period_s: float) -> Iterator[Sample]:
         reader.close()
 
 
-def _cells(sample: Sample) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]]]:
-    nodes: list[tuple[str, ...]] = [
-        (
-            node.name,
-            _state(node, sample[2]),
-            _number(node.cpu_percent, 1),
-            f"{node.memory_bytes / 1e6:.1f} MB",
-            _number(node.rate_hz, 1),
-            _milliseconds(node.latency_p99_s),
-            str(node.lost),
-            str(node.lost_by_readers),
-            str(node.overruns),
-            str(node.missed_deadlines),
-            str(node.pid),
-        )
-        for node in sample[0]
-    ]
-    edges: list[tuple[str, ...]] = [
-        (
-            edge.topic,
-            edge.reader,
-            _number(edge.rate_hz, 1),
-            str(edge.received),
-            str(edge.lost),
-            str(edge.repeated),
-            str(edge.late),
-            str(edge.dropped),
-            _milliseconds(edge.latency_p50_s),
-            _milliseconds(edge.latency_p99_s),
-            _milliseconds(edge.latency_max_s),
-        )
-        for edge in sample[1]
-    ]
-    return nodes, edges
+def _tables(sample: Sample) -> tuple[list[list[str]], list[list[str]]]:
+    """Return nodes and edges as rows of cells; a node's worst diagnostic stands in place of its state."""
+    levels = {f"/{found.node}": found.level.upper() for found in reversed(sample[2])}
+    nodes = [msgspec.structs.replace(node, state=levels.get(node.name, node.state)) for node in sample[0]]
+    return (
+        [[column(node) for column in NODE_COLUMNS.values()] for node in nodes],
+        [[column(edge) for column in EDGE_COLUMNS.values()] for edge in sample[1]],
+    )
 
 
-def _state(node: NodeRow, found: list[ActiveDiagnostic]) -> str:
-    """Return the state of a node's lifecycle, or what is worse."""
-    if not node.responsive:
-        return "SILENT"
-    return next((one.level.upper() for one in found if f"/{one.node}" == node.name), node.state)
-
-
-def _number(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
-
-
-def _milliseconds(value_s: float | None) -> str:
-    return "-" if value_s is None else f"{value_s * 1e3:.3f}"
+def _number(value: float | None, digits: int, scale: float = 1.0) -> str:
+    return "-" if value is None else f"{value * scale:.{digits}f}"
 
 
 def _sample_lines(sample: Sample) -> Iterator[str]:
-    nodes, edges = _cells(sample)
+    nodes, edges = _tables(sample)
     yield from map(_diagnostic_line, sample[2])
-    yield from table_lines([NODE_TITLES, *nodes])
+    yield from table_lines([list(NODE_COLUMNS), *nodes])
     if edges:
         yield ""
-        yield from table_lines([EDGE_TITLES, *edges])
+        yield from table_lines([list(EDGE_COLUMNS), *edges])
 
 
 def _diagnostic_line(found: ActiveDiagnostic) -> str:
@@ -255,12 +224,10 @@ def _picture(graph: RunningGraph, sample: Sample) -> rich.console.RenderableType
 
     tables = []
     troubled = {f"/{found.node}" for found in sample[2] if found.level == "error"}
-    for titles, lines in zip((NODE_TITLES, EDGE_TITLES), _cells(sample), strict=True):
+    for titles, lines in zip((list(NODE_COLUMNS), list(EDGE_COLUMNS)), _tables(sample), strict=True):
         table = Table(box=None, header_style="bold", pad_edge=False)
-        for title in titles:
-            table.add_column(
-                title, justify="left" if title in ("NODE", "STATE", "TOPIC", "READER") else "right"
-            )
+        for place, title in enumerate(titles):
+            table.add_column(title, justify="left" if place < 2 else "right")
         for line in lines:
             bad = "SILENT" in line or line[0] in troubled or line[titles.index("LOST")] != "0"
             table.add_row(*line, style="red" if bad else "")

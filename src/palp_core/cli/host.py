@@ -16,49 +16,43 @@ from palp_core.graph.discovery.run_directory import KEEP_ENDED, KEEP_ENDED_BYTES
 from palp_core.graph.discovery.troubles import ERROR, NOTE, OK, WARN, Trouble
 from palp_core.user_folders import folder_mistake, runtime_folder
 
-FEWEST_FILES = 1024
+FEWEST_FILES, FEWEST_PROCESSES = 1024, 256
 LEAST_DISK_BYTES = 200e6
 LEAST_MEMORY_PART = 0.1
 COARSEST_CLOCK_S = 1e-6
 LARGEST_OFFSET_S = 0.1
 CAP_SYS_NICE = 23
 STA_UNSYNC, STA_NANO = 0x0040, 0x2000
+SLOW_CLOCKS = ("hpet", "acpi_pm", "jiffies", "refined-jiffies")
+
+
+def _found(where: str, text: str, *, bad: bool = False, level: str = WARN, advice: str = "") -> Trouble:
+    """Return what was looked at: ok, or if it is bad, of this level and with advice."""
+    return Trouble(where, level, text, advice) if bad else Trouble(where, OK, text)
 
 
 def examine_host() -> Iterator[Trouble]:
-    yield Trouble("host", OK, f"{platform.platform()}, Python {platform.python_version()}")
-    yield _monotonic()
-    yield _clock_source()
-    yield _synchronised()
+    yield _found("host", f"{platform.platform()}, Python {platform.python_version()}")
+    yield from _clocks()
     yield from _cores()
     yield from _limits()
-    yield _realtime()
     yield from _space()
 
 
-def _monotonic() -> Trouble:
-    resolution_s = time.get_clock_info("monotonic").resolution
-    if resolution_s > COARSEST_CLOCK_S:
-        return Trouble(
-            "clock",
-            WARN,
-            f"the monotonic clock counts in steps of {resolution_s * 1e6:g} us",
-            "boot the kernel with high-resolution timers",
-        )
-    return Trouble("clock", OK, f"the monotonic clock resolves {resolution_s * 1e9:g} ns")
-
-
-def _clock_source() -> Trouble:
-    path = Path("/sys/devices/system/clocksource/clocksource0/current_clocksource")
-    try:
+def _clocks() -> Iterator[Trouble]:
+    step_s = time.get_clock_info("monotonic").resolution
+    yield _found(
+        "clock",
+        f"the monotonic clock resolves {step_s * 1e9:g} ns",
+        bad=step_s > COARSEST_CLOCK_S,
+        advice="boot the kernel with high-resolution timers",
+    )
+    with contextlib.suppress(OSError):
+        path = Path("/sys/devices/system/clocksource/clocksource0/current_clocksource")
         source = path.read_text().strip()
-    except OSError:
-        return Trouble("clock", NOTE, "the kernel's clock source is not known here")
-    if source in ("hpet", "acpi_pm", "jiffies", "refined-jiffies"):
-        return Trouble(
-            "clock", WARN, f"clock source {source} is slow to read", "see why the kernel gave up tsc: dmesg"
-        )
-    return Trouble("clock", OK, f"clock source {source}")
+        advice = "slow to read; see why the kernel gave up tsc: dmesg"
+        yield _found("clock", f"clock source {source}", bad=source in SLOW_CLOCKS, advice=advice)
+    yield _synchronised()
 
 
 class _Timex(ctypes.Structure):
@@ -82,108 +76,81 @@ def _synchronised() -> Trouble:
         answer = ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.byref(state))
     except (OSError, AttributeError):
         answer = -1
-    if answer < 0:
-        return Trouble("clock", NOTE, "the kernel does not report whether the wall clock is synchronised")
-    if state.status & STA_UNSYNC:
-        return Trouble(
-            "clock",
-            NOTE,
-            "the wall clock is not synchronised by NTP; runs use the monotonic one, but records of several "
-            "hosts cannot be laid side by side",
-            "run chronyd or systemd-timesyncd",
+    if answer < 0 or state.status & STA_UNSYNC:
+        text = (
+            "the wall clock is not synchronised by NTP: records of several hosts cannot be compared in time"
         )
+        return Trouble("clock", NOTE, text, "run chronyd or systemd-timesyncd")
     offset_s = state.offset / (1e9 if state.status & STA_NANO else 1e6)
-    text = (
-        f"the wall clock is {offset_s * 1e3:.3f} ms from NTP, at most {state.maxerror / 1e3:.1f} ms in error"
+    return _found(
+        "clock",
+        f"the wall clock is {offset_s * 1e3:.3f} ms from NTP, at most {state.maxerror / 1e3:.1f} ms in error",
+        bad=abs(offset_s) > LARGEST_OFFSET_S,
+        advice="wait until it has settled before recording on several hosts",
     )
-    if abs(offset_s) > LARGEST_OFFSET_S:
-        return Trouble("clock", WARN, text, "wait until it has settled before recording on several hosts")
-    return Trouble("clock", OK, text)
 
 
 def _cores() -> Iterator[Trouble]:
-    total, usable = os.cpu_count() or 1, len(os.sched_getaffinity(0))
-    yield Trouble("cores", OK, f"{usable} of {total} usable")
-    load = os.getloadavg()[0]
-    if load > usable:
-        yield Trouble(
-            "cores",
-            WARN,
-            f"load {load:.1f} on {usable} cores: nodes wait for a core, latencies and overruns grow",
-            "end other work, or run in simulated time, which does not depend on load",
-        )
-    else:
-        yield Trouble("cores", OK, f"load {load:.1f}")
+    total, usable, load = os.cpu_count() or 1, len(os.sched_getaffinity(0)), os.getloadavg()[0]
+    yield _found("cores", f"{usable} of {total} usable")
+    yield _found(
+        "cores",
+        f"load {load:.1f} on {usable} cores",
+        bad=load > usable,
+        advice="end other work, or run in simulated time: nodes wait for a core, latencies and overruns grow",
+    )
     governors = set()
     for path in Path("/sys/devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor"):
         with contextlib.suppress(OSError):
             governors.add(path.read_text().strip())
-    if governors - {"performance"}:
-        yield Trouble(
+    if governors:
+        yield _found(
             "cores",
-            NOTE,
-            f"frequency governor {', '.join(sorted(governors))}: a core may be slow when a message wakes it",
-            "for a rig: cpupower frequency-set -g performance",
+            f"frequency governor {', '.join(sorted(governors))}",
+            bad=governors != {"performance"},
+            level=NOTE,
+            advice="a core may wake slowly; for a rig: cpupower frequency-set -g performance",
         )
-    elif governors:
-        yield Trouble("cores", OK, "frequency governor performance")
 
 
 def _limits() -> Iterator[Trouble]:
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if soft < FEWEST_FILES:
-        yield Trouble(
-            "limits", WARN, f"{soft} open files", f"ulimit -n {min(hard, 65536) if hard > 0 else 65536}"
-        )
-    else:
-        yield Trouble("limits", OK, f"{soft} open files")
-    processes = resource.getrlimit(resource.RLIMIT_NPROC)[0]
-    if 0 <= processes < 256:
-        yield Trouble("limits", WARN, f"{processes} processes and threads", "ulimit -u 4096")
-    else:
-        yield Trouble("limits", OK, "processes: " + ("unlimited" if processes < 0 else str(processes)))
-
-
-def _realtime() -> Trouble:
-    """Tell whether SCHED_FIFO would be granted, without asking for it."""
-    priority = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
-    capable = any(
-        line.startswith("CapEff:") and int(line.split()[1], 16) >> CAP_SYS_NICE & 1
-        for line in Path("/proc/self/status").read_text().splitlines()
+    advice = f"ulimit -n {min(hard, 65536) if hard > 0 else 65536}"
+    yield _found("limits", f"{soft} open files", bad=0 <= soft < FEWEST_FILES, advice=advice)
+    most = resource.getrlimit(resource.RLIMIT_NPROC)[0]
+    few = 0 <= most < FEWEST_PROCESSES
+    yield _found(
+        "limits", f"processes: {'unlimited' if most < 0 else most}", bad=few, advice="ulimit -u 4096"
     )
-    if capable or priority > 0 or priority == resource.RLIM_INFINITY:
-        return Trouble(
-            "limits", OK, "real-time priority is allowed" + ("" if capable else f" up to {priority}")
-        )
-    return Trouble(
+    priority = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
+    status = Path("/proc/self/status").read_text().partition("CapEff:")[2].split()
+    allowed = priority != 0 or bool(status and int(status[0], 16) >> CAP_SYS_NICE & 1)
+    yield _found(
         "limits",
-        NOTE,
-        "real-time priority is not allowed: realtime_priority in a launch file will have no effect",
-        "as root: a line '@palp - rtprio 80' in /etc/security/limits.conf, then log in again",
+        f"real-time priority is {'allowed' if allowed else 'not allowed: realtime_priority has no effect'}",
+        bad=not allowed,
+        level=NOTE,
+        advice="as root: a line '@palp - rtprio 80' in /etc/security/limits.conf, then log in again",
     )
 
 
 def _space() -> Iterator[Trouble]:
     memory = psutil.virtual_memory()
-    text = f"{memory.available / 1e9:.1f} of {memory.total / 1e9:.1f} GB free"
-    if memory.available < LEAST_MEMORY_PART * memory.total:
-        yield Trouble("memory", WARN, text, "end other work: a node that is swapped out misses its deadlines")
-    else:
-        yield Trouble("memory", OK, text)
+    yield _found(
+        "memory",
+        f"{memory.available / 1e9:.1f} of {memory.total / 1e9:.1f} GB free",
+        bad=memory.available < LEAST_MEMORY_PART * memory.total,
+        advice="end other work: a node that is swapped out misses its deadlines",
+    )
     base = runtime_folder()
     folder = next(path for path in [base, *base.parents] if path.exists())
-    free = psutil.disk_usage(str(folder)).free
     if not os.access(folder, os.W_OK | os.X_OK):
-        yield Trouble(
-            str(folder),
-            ERROR,
-            "run directories cannot be made here",
-            "set XDG_RUNTIME_DIR to a folder of yours",
-        )
-    elif free < LEAST_DISK_BYTES:
-        yield Trouble(str(folder), WARN, f"{free / 1e6:.0f} MB free for logs", "make room")
-    else:
-        yield Trouble(str(folder), OK, f"{free / 1e9:.1f} GB free for run directories")
+        text = "run directories cannot be made here"
+        yield Trouble(str(folder), ERROR, text, "set XDG_RUNTIME_DIR to a folder of yours")
+        return
+    free = psutil.disk_usage(str(folder)).free
+    text = f"{free / 1e9:.1f} GB free for run directories"
+    yield _found(str(folder), text, bad=free < LEAST_DISK_BYTES, advice="make room for logs")
 
 
 def examine_runs() -> Iterator[Trouble]:
@@ -192,16 +159,12 @@ def examine_runs() -> Iterator[Trouble]:
     yield from orphans
     yield from _foreign()
     if not orphans:
-        yield Trouble("processes", OK, "no orphans: every process of a run has its launcher")
+        yield _found("processes", "no orphans: every process of a run has its launcher")
     if over:
         names = ", ".join(sorted(Path(folder).name for folder in over))
-        yield Trouble(
-            str(runtime_folder()),
-            OK,
-            f"{counted(len(over), 'run directory', 'run directories')} of runs that are over; the "
-            f"latest {KEEP_ENDED} are kept: {names} "
-            f"({KEEP_ENDED_BYTES >> 20} MiB of logs at most)",
-        )
+        count = counted(len(over), "run directory", "run directories")
+        kept = f"the latest {KEEP_ENDED} are kept: {names} ({KEEP_ENDED_BYTES >> 20} MiB of logs at most)"
+        yield _found(str(runtime_folder()), f"{count} of runs that are over; {kept}")
 
 
 def _foreign() -> Iterator[Trouble]:
@@ -225,12 +188,9 @@ def _orphans(over: dict[str, str]) -> Iterator[Trouble]:
             name = " ".join(process.cmdline()[:4])
         except (psutil.Error, OSError, TypeError, AttributeError):
             continue
-        yield Trouble(
-            f"process {process.pid}",
-            ERROR,
-            f"an orphan of graph '{over[held]}' ({held}): its launcher is gone ({name})",
-            f"if it is still there in a few seconds: kill {process.pid}",
-        )
+        text = f"an orphan of graph '{over[held]}' ({held}): its launcher is gone ({name})"
+        advice = f"if it is still there in a few seconds: kill {process.pid}"
+        yield Trouble(f"process {process.pid}", ERROR, text, advice)
 
 
 def _held(pid: int) -> Iterator[str]:

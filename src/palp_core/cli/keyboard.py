@@ -13,9 +13,6 @@ _NAMES = {"A": "up", "B": "down", "C": "right", "D": "left"}
 class Keyboard:
     """A terminal key by key; Ctrl-C and Ctrl-Z keep their meaning.
 
-    Args:
-        descriptor: Of the terminal, as of :func:`standard_input`; None: there is none, or it is left alone.
-
     Attributes:
         file_descriptors: Become readable when a key was pressed; none where nobody can press one.
     """

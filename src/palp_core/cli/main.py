@@ -8,6 +8,7 @@ import typer
 
 from palp_core import __version__
 from palp_core.cli.lazy import Verb, lazy_app
+from palp_core.cli.options import option
 from palp_core.cli.output import escape_foreign_characters, note
 from palp_core.errors import PalpError
 
@@ -23,7 +24,7 @@ def _version(wanted: bool) -> None:
 def _root(
     *,
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+        bool, option("Show the version.", "--version", callback=_version, is_eager=True)
     ] = False,
 ) -> None:
     """What belongs to no verb."""
@@ -38,7 +39,7 @@ app = lazy_app(
         "swap": Verb(f"{_CLI}.launch.swap:swap", "Replace a running node's class; no message is lost."),
         "graph": Verb(f"{_CLI}.launch.graph:app", "Show launch files; list and end running graphs."),
         "topic": Verb(
-            f"{_CLI}.topic.topic:app", "List, print, measure and publish topics.", part="A running graph"
+            f"{_CLI}.topic:app", "List, print, measure and publish topics.", part="A running graph"
         ),
         "node": Verb(f"{_CLI}.node.node:app", "List and describe nodes."),
         "service": Verb(f"{_CLI}.node.service:app", "List, describe and call services."),
@@ -48,7 +49,7 @@ app = lazy_app(
         "interface": Verb(f"{_CLI}.node.interface:app", "Show the types of messages and services."),
         "logs": Verb(f"{_CLI}.launch.logs:logs", "Show node output."),
         "top": Verb(f"{_CLI}.doctor:top", "Show state, CPU, rate, latency and losses live."),
-        "view": Verb(f"{_CLI}.view.view:view", "Show a graph or a bag in the browser."),
+        "view": Verb(f"{_CLI}.view:view", "Show a graph or a bag in the browser."),
         "bridge": Verb(f"{_CLI}.bridge:app", "Connect a running graph to Foxglove or ROS 2."),
         "doctor": Verb(f"{_CLI}.doctor:doctor", "Look for faults of the host and of running graphs."),
         "keys": Verb(f"{_CLI}.launch.keys:app", "Manage keys for graphs on several hosts."),
@@ -57,7 +58,7 @@ app = lazy_app(
         "safety": Verb(f"{_CLI}.rig.safety:app", "Show the safety node's state; acknowledge a stop."),
         "stop": Verb(f"{_CLI}.rig.safety:stop", "Stop all motion now: ABORT, then DISABLE."),
         "session": Verb(
-            f"{_CLI}.session.session:app",
+            f"{_CLI}.session:app",
             "Plan, run, report, compare and export sessions.",
             part="Sessions and science",
         ),

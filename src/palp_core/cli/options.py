@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from inspect import Parameter
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -20,74 +20,58 @@ if TYPE_CHECKING:
 
 INTERRUPTED = 130
 
+
+def option(text: str, *names: str, **settings: Any) -> Any:
+    """Return an option; ``names`` as in ``--rate``, ``-r``, by default its parameter's."""
+    return typer.Option(*names, help=text, **settings)
+
+
+def argument(
+    text: str,
+    metavar: str | None = None,
+    *,
+    complete: Callable[..., list[str]] | None = None,
+    **settings: Any,
+) -> Any:
+    """Return an argument, whose default is shown only if ``show_default`` says so."""
+    shown = {"show_default": False, **settings}
+    return typer.Argument(metavar=metavar, help=text, autocompletion=complete, **shown)
+
+
 GraphOption = Annotated[
     str | None,
-    typer.Option(
+    option(
+        "Running graph's name, id or pid; default: this folder's.",
         "--graph",
         metavar="GRAPH",
-        help="Which running graph: its name, id or pid; default: the one of this folder.",
         autocompletion=completion.graphs,
     ),
 ]
 Level = Literal["debug", "info", "warning", "error", "critical"]
-LevelOption = Annotated[
-    Level | None, typer.Option("--level", help="At least so, with the lines that belong to it.")
-]
-JsonOption = Annotated[bool, typer.Option("--json", help="For machines.")]
+LevelOption = Annotated[Level | None, option("At least so, with the lines that belong to it.", "--level")]
+JsonOption = Annotated[bool, option("For machines.", "--json")]
 HiddenOption = Annotated[
-    bool,
-    typer.Option("-a", "--include-hidden-topics", "--include-hidden", help="Names that begin with _, too."),
+    bool, option("Names that begin with _, too.", "-a", "--include-hidden-topics", "--include-hidden")
 ]
 TimeoutOption = Annotated[
-    float, typer.Option("--timeout", metavar="S", min=0.0, help="Seconds to wait for a node's answer.")
+    float, option("Seconds to wait for a node's answer.", "--timeout", metavar="S", min=0.0)
 ]
-RegexOption = Annotated[
-    str | None, typer.Option("--regex", "-e", metavar="REGEX", help="Topics in which it is found.")
-]
+RegexOption = Annotated[str | None, option("Topics in which it is found.", "--regex", "-e", metavar="REGEX")]
 ExcludeRegexOption = Annotated[
-    str | None,
-    typer.Option("--exclude-regex", "-x", metavar="REGEX", help="Not topics in which it is found."),
+    str | None, option("Not topics in which it is found.", "--exclude-regex", "-x", metavar="REGEX")
 ]
-TopicArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="TOPIC", help="As in /estimator/belief.", autocompletion=completion.topics, show_default=False
-    ),
-]
+TopicArgument = Annotated[str, argument("As in /estimator/belief.", "TOPIC", complete=completion.topics)]
 TopicsArgument = Annotated[
-    list[str],
-    typer.Argument(
-        metavar="TOPIC",
-        help="As in /estimator/belief.",
-        autocompletion=completion.topics,
-        show_default=False,
-    ),
+    list[str], argument("As in /estimator/belief.", "TOPIC", complete=completion.topics)
 ]
-NodeArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="NODE", help="As in /estimator.", autocompletion=completion.nodes, show_default=False
-    ),
-]
-OptionalNodeArgument = Annotated[
-    str | None,
-    typer.Argument(metavar="NODE", help="Default: all.", autocompletion=completion.nodes, show_default=False),
-]
-ServiceArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="SERVICE", help="As in /torque/tare.", autocompletion=completion.services, show_default=False
-    ),
-]
+NodeArgument = Annotated[str, argument("As in /estimator.", "NODE", complete=completion.nodes)]
+OptionalNodeArgument = Annotated[str | None, argument("Default: all.", "NODE", complete=completion.nodes)]
+ServiceArgument = Annotated[str, argument("As in /torque/tare.", "SERVICE", complete=completion.services)]
 
 
 @contextlib.contextmanager
 def until_ctrl_c() -> Iterator[None]:
-    """Take Ctrl-C for the end that it is: no traceback, no "Aborted", status 130.
-
-    Raises:
-        typer.Exit: Ctrl-C.
-    """
+    """Take Ctrl-C for the end that it is: no traceback, no "Aborted", status 130."""
     try:
         yield
     except KeyboardInterrupt:
@@ -109,7 +93,6 @@ class Call:
 
     @functools.cached_property
     def graph(self) -> RunningGraph:
-        """The running graph; see :func:`find_graph`."""
         return find_graph(self.name, changes=self._changes)
 
     def show(self, value: Any, lines: Iterable[str], *, count: bool = False) -> None:
@@ -119,26 +102,6 @@ class Call:
         else:
             show(value, lines, as_json=self.as_json)
 
-    def show_of_type(self, wanted: str, types: Mapping[str, Iterable[str]], what: str) -> None:
-        """Print the names that have a type.
-
-        Args:
-            wanted: The type.
-            types: Types by name.
-            what: What takes or has the type, for the error.
-
-        Raises:
-            GraphError: None has it; the nearest type is in the message.
-        """
-        from palp_core.errors import GraphError
-        from palp_core.graph.problems import hint
-
-        known = {one for of_name in types.values() for one in of_name}
-        if wanted not in known:
-            raise GraphError(f"no {what} '{wanted}'{hint(wanted, known)}")
-        names = [name for name, of_name in types.items() if wanted in of_name]
-        self.show(names, names)
-
     def note_silent(self, silent: dict[str, Any]) -> None:
         for error in silent.values():
             note(str(error))
@@ -147,11 +110,9 @@ class Call:
 def graph_verb(
     *, timeout_s: float | None = None, changes: bool = False
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a verb, whose first parameter is a :class:`Call`, the options that all verbs about a graph have.
+    """Give a verb, whose first parameter is a :class:`Call`, the options of verbs about a running graph.
 
-    Args:
-        timeout_s: Default of ``--timeout``; None: the verb has no such option.
-        changes: The verb changes the graph: if several may be meant, none is taken.
+    ``timeout_s`` is the default of ``--timeout``; None: no such option. ``changes``: see :func:`find_graph`.
     """
 
     def decorate(verb: Callable[..., None]) -> Callable[..., None]:

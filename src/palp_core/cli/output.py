@@ -82,12 +82,7 @@ def print_wrapped(text: str, indent: int = 0) -> None:
 
 
 def note(text: str, colour: str = "") -> None:
-    """Write a line to standard error: what a reader of the output itself is not to see.
-
-    Args:
-        text: The line.
-        colour: Of it on a terminal.
-    """
+    """Write a line to standard error: what a reader of the output itself is not to see."""
     line = escape_controls(text)
     if colour and sys.stderr.isatty():
         import typer
@@ -98,11 +93,7 @@ def note(text: str, colour: str = "") -> None:
 
 
 def make_folder(out: Path) -> None:
-    """Make the folder that ``--out`` names, and those above it, before hours of work rather than after.
-
-    Raises:
-        PalpError: It cannot be made, or nothing can be written there.
-    """
+    """Make the folder that ``--out`` names, and those above it, before hours of work rather than after."""
     import tempfile
 
     try:
@@ -116,14 +107,12 @@ def make_folder(out: Path) -> None:
 
 
 def table_lines(rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return rows with their columns aligned."""
     cells = [list(row) for row in rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)] if cells else []
     return ["  ".join(f"{c:<{w}}" for c, w in zip(row, widths, strict=True)).rstrip() for row in cells]
 
 
 def print_table(rows: Iterable[Sequence[str]]) -> None:
-    """Write rows with their columns aligned."""
     for line in table_lines(rows):
         print_text(line)
 

@@ -13,14 +13,9 @@ if TYPE_CHECKING:
 
 
 def find_graph(name: str | None, *, changes: bool = False) -> RunningGraph:
-    """Return the running graph that ``--graph`` names, or that of this folder; say which if there are others.
+    """Return the running graph of this name, id or pid, or that of this folder; note it if others run.
 
-    Args:
-        name: Its name, id or pid.
-        changes: The verb changes something: if several may be meant, none is taken; otherwise the latest is.
-
-    Raises:
-        GraphError: None runs, none of that name, or several may be meant.
+    If several fit, a verb that ``changes`` something is refused; any other takes the latest.
     """
     from palp_core.graph.discovery.choice import choose, line_of
     from palp_core.graph.discovery.running_graph import RunningGraph
@@ -33,14 +28,8 @@ def find_graph(name: str | None, *, changes: bool = False) -> RunningGraph:
 
 
 def find_topics(graph: RunningGraph, names: Iterable[str]) -> list[Topic]:
-    """Return the topics of those names, each once.
-
-    Raises:
-        GraphError: There is none of a name; the nearest is in the message.
-    """
     return list({topic.name: topic for topic in map(graph.topic, names)}.values())
 
 
 def note_ended(graph: RunningGraph) -> None:
-    """Say that a graph has ended, which is why the verb does."""
     note(f"graph '{graph.record.graph}' has ended")

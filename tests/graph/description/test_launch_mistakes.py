@@ -41,7 +41,6 @@ VALID = textwrap.dedent(
         on_exit: shutdown
     report: nodes.policy_markov:report
     view: nodes.policy_markov:page
-    blind: false
     """
 ).lstrip("\n")
 
@@ -127,7 +126,6 @@ MISTAKES: dict[str, tuple[str, str, int, tuple[str, ...]]] = {
         ("view: ", "'pge'", "did you mean 'page'?"),
     ),
     "a page without function": ("policy_markov:page", "policy_markov", 27, ("view is", "module:function")),
-    "a word for blind": ("blind: false", "blind: perhaps", 28, ("blind is 'perhaps'", "true or false")),
     "a node given twice": ("  record:\n", "  policy:\n", 22, ("'policy' is given twice", "line 18")),
     "a parameter given twice": ("gain: 1.5", "gain: 1.5, gain: 2.0", 13, ("'gain' is given twice",)),
     "broken YAML": ("params: {gain: 1.5}", "params: {gain: 1.5", 14, ("not valid YAML", "line 13")),

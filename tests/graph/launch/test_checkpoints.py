@@ -241,24 +241,6 @@ def test_a_torn_checkpoint_is_refused(spoil: Callable[[bytes], bytes], words: st
         resume(file)
 
 
-def test_a_checkpoint_of_a_blinded_run_shows_nothing_of_it(file: Path) -> None:
-    write(file)
-    shown = kept_in(file).read_bytes()
-    kept_in(file).unlink()
-    reword(file, "graph: walk", "graph: walk\nblind: true")
-    write(file)
-    sealed = kept_in(file).read_bytes()
-    words = (b"walker", b"the echo", b"rate_hz", b"palp checkpoint")
-    assert all(word in shown and word not in sealed.partition(b"\n")[2] for word in words)
-    assert kept_in(file).stat().st_mode & 0o077 == 0
-    again = resume(file)
-    assert again.resumed is not None
-    again.close()
-    kept_in(file).write_bytes(sealed[:-9])
-    with pytest.raises(GraphError, match="is torn"):
-        resume(file)
-
-
 @pytest.mark.parametrize(
     ("given", "words"),
     [

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import typer
 
-from palp_core.cli.ros2 import bridge as command
+from palp_core.cli import bridge as command
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.bag.forms.ros2 import write
 from palp_core.graph.bag.ros2.values import reader, writer
@@ -272,7 +272,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
         types = {name: classes[name] for name in ("Block", "Tare", "Load")}
         graph = Running(types, moves=moves).graph
         monkeypatch.setattr(command, "find_graph", lambda *_, **__: graph)
-        command.bridge(str(written(tmp_path, text)), graph="lab", **options)
+        command.ros2(str(written(tmp_path, text)), graph="lab", **options)
 
     return running
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -13,109 +13,58 @@ from palp_core.palpation.live_page.desk import DeskMonitor
 from palp_core.palpation.live_page.page import human, rig
 from palp_core.palpation.session.human.questions import IDENTITY, QUESTION
 from palp_core.view.source.overview import NodeState, Overview
-from palp_core.view.source.protocol import Heard, Watch
 
 pytest.importorskip("nicegui")
 pytest.importorskip("nicegui.testing.user_simulation")
 
 from palp_core.view.pages.viewer import OwnPage, Viewer
+from tests.support.view.fake_source import FakeOperator, FakeSource
 from tests.support.view.simulated_user import simulated
 
 KINDS = ("Prompt", "Countdown", "EffortBars", "HumanTrialDone")
 
 
-class ToldSession:
-    """A source whose session has said this so far."""
+class SessionSource(FakeSource):
+    """A session with a person that has published this so far."""
 
     def __init__(self) -> None:
-        self.said: dict[str, list[Heard]] = {kind: [] for kind in KINDS}
-        self.now_s = 1.0
+        topics = [Topic(name=f"/session/{k.lower()}", type=k, node="session", json_schema={}) for k in KINDS]
+        nodes = [NodeState(name="session")]
+        super().__init__(Overview(kind="graph", title="human", clock="wall", now_s=1.0, nodes=nodes), topics)
 
-    def tell(self, kind: str, at_ns: int, /, **message: Any) -> None:
-        entries = self.said[kind]
-        entries.append(Heard(at_ns, len(entries) + 1, {"stamp_ns": at_ns, **message}))
+    def publish(self, kind: str, at_ns: int, /, **message: Any) -> None:
+        self.add(kind, at_ns, {"stamp_ns": at_ns, **message})
 
     def ask(self, number: int, kind: str, text: str, *choices: str) -> None:
-        self.tell("Prompt", number, number=number, kind=kind, text=text, choices=list(choices), ends_ns=0)
+        self.publish("Prompt", number, number=number, kind=kind, text=text, choices=list(choices), ends_ns=0)
 
     def done(self, at_ns: int, number: int, attempt: int = 1, *, estimate_m: float = 0.0) -> None:
-        self.tell(
+        self.publish(
             "HumanTrialDone", at_ns, trial=number, phase="estimation", number=number, attempt=attempt,
             phantom="B", palpation_s=12.3, ended_by="subject" if estimate_m else "repeat",
             answered=estimate_m > 0.0, answer_s=1.0, estimate_m=estimate_m,
         )  # fmt: skip
 
-    def overview(self) -> Overview:
-        nodes = [NodeState(name="session")]
-        return Overview(kind="graph", title="human", clock="wall", now_s=self.now_s, nodes=nodes)
 
-    def topics(self) -> list[Topic]:
-        return [Topic(name=f"/session/{k.lower()}", type=k, node="session", json_schema={}) for k in KINDS]
-
-    def watch(self, topic: str) -> Watch:
-        return ToldWatch(self, next(one for one in self.topics() if one.name == topic))
-
-    def remembered(self, topics: Sequence[str]) -> Iterator[tuple[str, Heard]]:
-        for one in self.topics():
-            if one.name in topics:
-                yield from ((one.name, heard) for heard in self.said[one.type])
-
-    def launch(self) -> dict[str, Any]:
-        return {}
-
-    def close(self) -> None:
-        pass
-
-
-class ToldWatch:
-    rate_hz = None
-
-    def __init__(self, session: ToldSession, topic: Topic) -> None:
-        self._session, self.topic, self._place = session, topic, 0
-
-    def latest(self) -> Heard | None:
-        said = self._session.said[self.topic.type]
-        return said[-1] if said else None
-
-    def drain(self) -> list[Heard]:
-        said = self._session.said[self.topic.type]
-        found, self._place = said[self._place :], len(said)
-        return found
-
-    def close(self) -> None:
-        pass
-
-
-class Answered:
-    """Notes what is answered, and replies as it is told to."""
-
-    def __init__(self, why_not: str = "") -> None:
-        self.calls: list[tuple[str, str, dict[str, Any]]] = []
-        self.why_not, self.refused = why_not, ""
-
-    def refusal(self, *, stops: bool = False, over: bool = False, service: str = "") -> str:
-        return self.refused
-
-    def call(self, node: str, service: str, request: dict[str, Any], **_: Any) -> dict[str, Any]:
-        self.calls.append((node, service, request))
-        return {"taken": not self.why_not, "text": self.why_not}
+def answered_by(why_not: str = "") -> FakeOperator:
+    return FakeOperator(taken=not why_not, text=why_not)
 
 
 def put(viewer: Viewer, page: Callable[[Viewer], None] = human) -> Callable[[], None]:
-    return lambda: OwnPage(page).put_up(viewer)
+    return lambda: OwnPage(page).fill(viewer)
 
 
-def page_of(session: ToldSession, answered: Answered | None) -> Viewer:
+def page_of(session: SessionSource, answered: FakeOperator | None) -> Viewer:
     return Viewer(source=session, operator=answered)  # type: ignore[arg-type]
 
 
-async def called(answered: Answered, count: int) -> None:
+async def called(answered: FakeOperator, count: int) -> None:
     while len(answered.calls) < count:
         await asyncio.sleep(0.01)
 
 
 def test_what_is_asked_is_answered_by_a_press_to_the_node_and_prompt_that_asked() -> None:
-    session, answered = ToldSession(), Answered()
+    session, answered = SessionSource(), answered_by()
     session.ask(7, "enter", "Palpating.", "", "again")
 
     async def look(user: Any) -> None:
@@ -133,13 +82,13 @@ def test_what_is_asked_is_answered_by_a_press_to_the_node_and_prompt_that_asked(
 
     simulated(put(page_of(session, answered)), look)
     assert answered.calls == [
-        ("session", "answer", {"number": 7, "text": "again", "by": "page"}),
-        ("session", "answer", {"number": 8, "text": "4", "by": "page"}),
+        ("session", "answer", {"number": 7, "text": "again", "by": "page"}, False),
+        ("session", "answer", {"number": 8, "text": "4", "by": "page"}, False),
     ]
 
 
 def test_on_the_page_of_the_rig_who_mounts_phantoms_is_asked() -> None:
-    session, answered = ToldSession(), Answered()
+    session, answered = SessionSource(), answered_by()
     session.ask(2, "enter", "Mount phantom K7, indent 4.0 mm.")
 
     async def look(user: Any) -> None:
@@ -153,7 +102,7 @@ def test_on_the_page_of_the_rig_who_mounts_phantoms_is_asked() -> None:
 def test_what_may_be_a_name_is_refused_before_it_is_sent_and_a_code_is() -> None:
     from nicegui import ui
 
-    session, answered = ToldSession(), Answered()
+    session, answered = SessionSource(), answered_by()
     session.ask(1, "text", IDENTITY["subject"])
 
     async def look(user: Any) -> None:
@@ -171,7 +120,7 @@ def test_what_may_be_a_name_is_refused_before_it_is_sent_and_a_code_is() -> None
 
 
 def test_an_answer_that_is_not_taken_is_said() -> None:
-    session, answered = ToldSession(), Answered("that is not asked any more")
+    session, answered = SessionSource(), answered_by("that is not asked any more")
     session.ask(3, "enter", "Enter begins it.")
 
     async def look(user: Any) -> None:
@@ -183,7 +132,7 @@ def test_an_answer_that_is_not_taken_is_said() -> None:
 
 
 def test_where_nothing_may_be_pressed_it_says_why_and_over_a_bag_nothing_can_be() -> None:
-    session, answered = ToldSession(), Answered()
+    session, answered = SessionSource(), answered_by()
     session.ask(3, "enter", "Enter begins it.")
     answered.refused = "start palp view with --operate"
 
@@ -200,10 +149,10 @@ def test_where_nothing_may_be_pressed_it_says_why_and_over_a_bag_nothing_can_be(
 
 
 def test_time_and_effort_are_shown_while_they_are_of_what_is_asked() -> None:
-    session = ToldSession()
+    session = SessionSource()
     session.ask(5, "none", "Contract as hard as you can.")
-    session.tell("Countdown", 5, what="mvc", left_s=3.0, of_s=5.0)
-    session.tell("EffortBars", 6, fds=0.5, edc=1.2, clipped=True)
+    session.publish("Countdown", 5, what="mvc", left_s=3.0, of_s=5.0)
+    session.publish("EffortBars", 6, fds=0.5, edc=1.2, clipped=True)
 
     async def look(user: Any) -> None:
         await user.should_see("mvc: 3 s left")
@@ -217,7 +166,7 @@ def test_time_and_effort_are_shown_while_they_are_of_what_is_asked() -> None:
 
 
 def test_a_trial_that_was_spoilt_is_told_from_one_that_was_answered() -> None:
-    session = ToldSession()
+    session = SessionSource()
     session.done(10, 1)
     session.done(20, 1, attempt=2, estimate_m=0.004)
     desk = DeskMonitor(session)
@@ -229,18 +178,18 @@ def test_a_trial_that_was_spoilt_is_told_from_one_that_was_answered() -> None:
 
 
 def test_of_a_bag_only_what_was_by_the_chosen_time_is_shown() -> None:
-    session = ToldSession()
+    session = SessionSource()
     session.done(500_000_000, 1, estimate_m=0.004)
     session.done(2_000_000_000, 2, estimate_m=0.008)
     desk = DeskMonitor(session, recorded=True)
     desk.load()
     assert [row.number for row in desk.rows] == [1]
-    session.now_s = 2.5
+    session.change(now_s=2.5)
     assert [row.number for row in desk.rows] == [1, 2]
 
 
 def test_who_asked_last_is_shown_and_an_older_prompt_that_comes_again_is_not() -> None:
-    session = ToldSession()
+    session = SessionSource()
     session.ask(4, "enter", "new")
     desk = DeskMonitor(session)
     desk.look()

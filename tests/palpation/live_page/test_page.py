@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,16 +12,20 @@ import pytest
 
 from palp_core.graph.messages.topic import Topic
 from palp_core.palpation.live_page.monitor import RigMonitor
-from palp_core.palpation.live_page.muscles import muscle_words
 from palp_core.palpation.live_page.page import rig
 from palp_core.palpation.session.trials_csv import Row, SessionWriter
 from palp_core.view.source.overview import NodeState, Overview
-from palp_core.view.source.protocol import Heard, ViewSource, Watch
+from palp_core.view.source.protocol import ViewSource
 
 pytest.importorskip("nicegui")
 pytest.importorskip("nicegui.testing.user_simulation")
 
+from palp_core.palpation.live_page.drawing.muscles import muscle_text
+from palp_core.palpation.live_page.drawing.strip import _Acknowledge
+from palp_core.palpation.live_page.safety import safety_status
 from palp_core.view.pages.viewer import OwnPage, Viewer
+from palp_core.view.source.operator import NOT_OPERATED
+from tests.support.view.fake_source import FakeOperator, FakeSource
 from tests.support.view.simulated_user import simulated
 
 DEPTHS_M = [0.002, 0.004, 0.008]
@@ -65,90 +69,37 @@ SAID: dict[str, list[tuple[int, dict[str, Any]]]] = {
 }  # fmt: skip
 
 
-class ToldWatch:
-    rate_hz = None
-
-    def __init__(self, source: ToldRig, topic: Topic) -> None:
-        self._source, self.topic = source, topic
-        self._place = 0
-
-    def latest(self) -> Heard | None:
-        said = self._source.heard(self.topic.type)
-        return said[-1] if said else None
-
-    def drain(self) -> list[Heard]:
-        said = self._source.heard(self.topic.type)
-        found, self._place = said[self._place :], len(said)
-        return found
-
-    def close(self) -> None:
-        pass
-
-
-class ToldRig:
-    """A source whose nodes have said this so far."""
+class RigSource(FakeSource):
+    """A rig whose nodes have published all of ``SAID``."""
 
     def __init__(self, clock: str = "wall") -> None:
-        self.said = {kind: list(entries) for kind, entries in SAID.items()}
-        self.clock, self.now_s, self.alive = clock, 1.0, True
-        self.said_launch: dict[str, Any] = {"params": {"stage": {"from_m": -0.03, "to_m": 0.05}}}
+        nodes = [NodeState(name="rig", run="nodes.policy_uniform:Uniform"), NodeState(name="safety")]
         value = {"type": "array", "items": {"type": "number"}}
         schema = {"type": "object", "properties": {"value": value}}
-        self._topics = [
-            Topic(name=f"/{'safety' if kind == 'SafetyBeat' else 'rig'}/{kind.lower()}", type=kind,
-                  node="safety" if kind == "SafetyBeat" else "rig", json_schema=schema)
-            for kind in SAID
-        ]  # fmt: skip
-
-    def heard(self, kind: str) -> list[Heard]:
-        return [Heard(stamp, place + 1, message) for place, (stamp, message) in enumerate(self.said[kind])]
-
-    def overview(self) -> Overview:
-        nodes = [NodeState(name="rig", run="nodes.policy_uniform:Uniform"), NodeState(name="safety")]
-        return Overview(
-            kind="graph", title="rig", clock=self.clock, now_s=self.now_s, nodes=nodes, alive=self.alive
+        owners = {kind: "safety" if kind == "SafetyBeat" else "rig" for kind in SAID}
+        super().__init__(
+            Overview(kind="graph", title="rig", clock=clock, now_s=1.0, nodes=nodes),
+            [
+                Topic(name=f"/{node}/{kind.lower()}", type=kind, node=node, json_schema=schema)
+                for kind, node in owners.items()
+            ],
         )
-
-    def topics(self) -> list[Topic]:
-        return self._topics
-
-    def watch(self, topic: str) -> Watch:
-        return ToldWatch(self, next(one for one in self._topics if one.name == topic))
-
-    def remembered(self, topics: Sequence[str]) -> Iterator[tuple[str, Heard]]:
-        for one in self._topics:
-            if one.name in topics:
-                yield from ((one.name, heard) for heard in self.heard(one.type))
-
-    def launch(self) -> dict[str, Any]:
-        return self.said_launch
-
-    def close(self) -> None:
-        pass
+        self.launched = {"params": {"stage": {"from_m": -0.03, "to_m": 0.05}}}
+        for kind, entries in SAID.items():
+            for stamp_ns, message in entries:
+                self.add(kind, stamp_ns, message)
 
 
-class Pressed:
-    """Notes what is called."""
-
-    def __init__(self) -> None:
-        self.calls: list[Any] = []
-
-    def refusal(self, *, stops: bool = False, over: bool = False, service: str = "") -> str:
-        return ""
-
-    def call(
-        self, node: str, service: str, request: dict[str, Any], *, stops: bool = False
-    ) -> dict[str, Any]:
-        self.calls.append((node, service, stops))
-        return {"done": True, "state": "starting", "text": "it goes on by itself"}
+def pressed() -> FakeOperator:
+    return FakeOperator(done=True, state="starting", text="it goes on by itself")
 
 
 def strip_and_page(viewer: Viewer) -> Callable[[], None]:
     own = OwnPage(rig)
 
     def put() -> None:
-        own.put_strip(viewer)
-        own.put_up(viewer)
+        own.fill_strip(viewer)
+        own.fill(viewer)
 
     return put
 
@@ -156,8 +107,7 @@ def strip_and_page(viewer: Viewer) -> Callable[[], None]:
 SEEN = (
     "4 mm", "97 %", "right", "level 0.5 at its latest peak (fifth of five)",
     "gel thinner than l2 vouches for: l4",
-    "ready", "ring: 16.2 mm, settled", "phantom B", "25 peak torques of training",
-    "benchmarks/policies.py", "1 of 300", "policy: nodes.policy_uniform:Uniform",
+    "ready", "ring: 16.2 mm, settled", "phantom B", "1 of 300", "policy: nodes.policy_uniform:Uniform",
     "Not all are of one policy: uniform from trial 1 on.",
 )  # fmt: skip
 
@@ -167,22 +117,22 @@ def test_it_shows_what_the_nodes_have_said() -> None:
         for words in SEEN:
             await user.should_see(words)
 
-    simulated(strip_and_page(Viewer(source=ToldRig(), operator=Pressed())), look)  # type: ignore[arg-type]
+    simulated(strip_and_page(Viewer(source=RigSource(), operator=pressed())), look)  # type: ignore[arg-type]
 
 
-def test_a_ring_that_waits_is_told_and_once_the_graph_has_ended_nobody_calls_it_silent() -> None:
-    told = ToldRig()
+def test_a_ring_that_waits_is_source_and_once_the_graph_has_ended_nobody_calls_it_silent() -> None:
+    source = RigSource()
     homing = {"target_m": 0.016, "measured_m": 0.016, "settled": False, "rehome": True, "stamp_ns": 1}
-    told.said["RingState"].append((4, homing))
-    told.said["RingReport"].append((5, {"text": "its motor waits 63 s more"}))
+    source.add("RingState", 4, homing)
+    source.add("RingReport", 5, {"text": "its motor waits 63 s more"})
 
     async def look(user: Any) -> None:
         await user.should_see("re-homing: its motor waits 63 s more")
-        told.alive = False
+        source.change(alive=False)
         await user.should_see("no safety node watches the rig any more")
         await user.should_not_see("is silent")
 
-    simulated(strip_and_page(Viewer(source=told, operator=Pressed())), look)  # type: ignore[arg-type]
+    simulated(strip_and_page(Viewer(source=source, operator=pressed())), look)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -200,14 +150,16 @@ def test_the_probe_is_drawn_as_high_as_the_stage_says_that_it_is(
 ) -> None:
     from palp_core.palpation.live_page.drawing.touch import lift_of
 
-    said: Any = SimpleNamespace(latest=lambda _: report, sweeping=status == "sweeping", path_m=(-0.03, 0.05))
-    assert lift_of(said) == lift_mm
+    rig_now: Any = SimpleNamespace(
+        latest=lambda _: report, sweeping=status == "sweeping", path_m=(-0.03, 0.05)
+    )
+    assert lift_of(rig_now) == lift_mm
 
 
 def test_a_depth_is_a_bar_of_its_share_and_the_most_probable_one_is_marked() -> None:
     from palp_core.palpation.live_page.drawing.belief import bars
 
-    now = monitor(ToldRig())
+    now = monitor(RigSource())
     assert bars(now.belief)[1:] == [
         {"label": "4 mm", "share": 0.7, "text": "70.0 %", "most": True},
         {"label": "8 mm", "share": 0.2, "text": "20.0 %", "most": False},
@@ -215,22 +167,22 @@ def test_a_depth_is_a_bar_of_its_share_and_the_most_probable_one_is_marked() -> 
 
 
 def test_a_trip_is_left_behind_only_when_asked_twice() -> None:
-    told, pressed = ToldRig(), Pressed()
-    told.said["SafetyBeat"].append((91, {**BEAT, "state": "latched", "cause": "torque", "text": "105 N mm"}))
+    source, operator = RigSource(), pressed()
+    source.add("SafetyBeat", 91, {**BEAT, "state": "latched", "cause": "torque", "text": "105 N mm"})
 
     async def look(user: Any) -> None:
         await user.should_see("torque: 105 N mm")
         user.find("acknowledge ...").click()
         await user.should_see("nobody's hand is at the rig?")
-        assert pressed.calls == []
+        assert operator.calls == []
         user.find("yes, leave the stop behind").click()
         await user.should_see("acknowledged: it goes on by itself")
-        assert pressed.calls == [("safety", "acknowledge", False)]
-        told.said["SafetyBeat"].append((92, {**BEAT, "state": "ready"}))
+        assert operator.calls == [("safety", "acknowledge", {}, False)]
+        source.add("SafetyBeat", 92, {**BEAT, "state": "ready"})
         await user.should_see("ready")
         await user.should_see("it goes on by itself")  # and is not wiped away as the stop is left
 
-    simulated(strip_and_page(Viewer(source=told, operator=pressed)), look)  # type: ignore[arg-type]
+    simulated(strip_and_page(Viewer(source=source, operator=operator)), look)  # type: ignore[arg-type]
 
 
 def monitor(source: ViewSource, **how: bool) -> RigMonitor:
@@ -240,10 +192,10 @@ def monitor(source: ViewSource, **how: bool) -> RigMonitor:
 
 
 def test_what_was_asked_for_and_what_came_meanwhile_counts_once() -> None:
-    told = ToldRig()
-    now = monitor(told)
+    source = RigSource()
+    now = monitor(source)
     assert len(now.look()) == 2
-    told.said["TrialResult"].append((60, {**SAID["TrialResult"][0][1], "trial": 5, "estimate_m": 0.008}))
+    source.add("TrialResult", 60, {**SAID["TrialResult"][0][1], "trial": 5, "estimate_m": 0.008})
     assert now.look() == []
     assert [row.right for row in now.board.rows] == [True, False]
     assert len(now.belief.probes) == 1
@@ -253,44 +205,46 @@ def test_where_sweeps_are_shown_when_they_are_over_the_ring_is_shown_as_it_was_i
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(SAID, "Palpation", [(9, {"torque_n_m": [0.01, 0.02], "ring_m": 0.004})])
-    told = ToldRig("sim")
-    now = monitor(told, at_once=True)
+    source = RigSource("sim")
+    now = monitor(source, at_once=True)
     assert now.ring_m == 0.016
     assert len(now.look()) == 2
-    told.said["RingState"].append((10, {**SAID["RingState"][0][1], "target_m": 0.008}))
+    source.add("RingState", 10, {**SAID["RingState"][0][1], "target_m": 0.008})
     now.look()
     assert now.ring is not None
     assert now.ring_m == now.ring["measured_m"] == 0.004
 
 
-def test_muscles_that_have_fallen_silent_are_told_as_that() -> None:
+def test_muscles_that_have_fallen_silent_are_source_as_that() -> None:
     last = {**SAID["CoContraction"][0][1], "stamp_ns": 69_000_000_000}
-    assert "silent since 69 s" in muscle_words(last, None, 72.0)
-    assert "silent" not in muscle_words(last, None, 120.0, fast=True)
-    assert "silent since 69 s" in muscle_words(last, None, 5541.0, fast=True)
+    assert "silent since 69 s" in muscle_text(last, None, 72.0)
+    assert "silent" not in muscle_text(last, None, 120.0, fast=True)
+    assert "silent since 69 s" in muscle_text(last, None, 5541.0, fast=True)
 
 
 def test_over_a_bag_it_is_as_it_was_at_the_chosen_time() -> None:
-    told = ToldRig()
-    told.now_s = 4e-9
-    now = monitor(told, recorded=True)
+    source = RigSource()
+    source.change(now_s=4e-9)
+    now = monitor(source, recorded=True)
     now.look()
     assert (now.belief.trial, now.belief.posterior, len(now.board.rows)) == (5, [], 1)
-    told.now_s = 5e-9
+    source.change(now_s=5e-9)
     now.look()
     assert now.belief.posterior == [0.1, 0.7, 0.2]
-    told.now_s = 2e-9
+    source.change(now_s=2e-9)
     now.look()
     assert (now.belief.posterior, now.board.rows, now.learnt) == ([], [], SAID["PrimitivesLearnt"][0][1])
 
 
 def test_a_slow_browser_is_sent_no_more_than_it_takes_and_then_the_whole_sweep() -> None:
-    from palp_core.palpation.live_page.drawing.paced import MOST_UNDER_WAY
     from palp_core.palpation.live_page.drawing.touch import TouchPanel
+    from palp_core.view.pages.parts import MOST_UNDER_WAY
 
-    told = ToldRig()
-    now = monitor(told)
+    source = RigSource()
+    now = monitor(source)
     now.look()
+    for peak_n_m in (0.01, 0.02):
+        now.taught.add(0.002, 0.016, [0.0, peak_n_m])
     made: list[TouchPanel] = []
 
     def put() -> None:
@@ -312,11 +266,11 @@ def test_a_slow_browser_is_sent_no_more_than_it_takes_and_then_the_whole_sweep()
         panel.show([])
         assert sent[-1] == ("begin", 2)
         moves = {"target_m": 0.004, "measured_m": 0.01, "settled": False, "rehome": False}
-        told.said["RingState"].append((10, moves))
+        source.add("RingState", 10, moves)
         now.look()
-        panel.show_words()
+        panel.show_text()
         assert "ring: 10.0 mm, moving" in panel._facts.text
-        assert panel._taught.text.endswith("ring at 16 mm")  # those of the sweep that is shown
+        assert panel._taught.text.endswith("ring at 16 mm")  # of the sweep that is shown
 
     simulated(put, look)
 
@@ -333,21 +287,38 @@ def test_once_training_is_over_its_sweeps_are_read_from_the_sessions_folder(tmp_
         )  # fmt: skip
         writer.append(row, np.array([0.01, 0.03, 0.01]) + 0.001 * number, 1000.0)
     writer.close()
-    told = ToldRig()
-    told.said_launch = {"folder": str(tmp_path), "params": {"rig": {"out": "out"}}}
-    now = monitor(told)
-    (band,), of_peaks = now.bands(now.ring_m)
-    assert (band.depth_mm, band.sweep_count, of_peaks) == (4.0, 4, False)
+    source = RigSource()
+    source.launched = {"folder": str(tmp_path), "params": {"rig": {"out": "out"}}}
+    now = monitor(source)
+    (band,) = now.bands(now.ring_m)
+    assert (band.depth_mm, band.sweep_count) == (4.0, 4)
     assert not now.wants_taught
     from palp_core.palpation.live_page.drawing.outcome import OutcomePanel
 
     async def look(user: Any) -> None:
-        await user.should_see(f"palp view {tmp_path / 'out'}")  # of a graph that has ended, too
+        await user.should_see(str(tmp_path / "out/report.html"))  # of a graph that has ended, too
 
     def put() -> None:
-        OutcomePanel(told, now).show()
+        OutcomePanel(source, now).show()
 
     simulated(put, look)
-    told.said_launch = {"params": {"rig": {"out": "out"}}}  # where that is nobody knows
-    now = monitor(told)
-    assert now.bands(now.ring_m)[1]
+    source.launched = {"params": {"rig": {"out": "out"}}}  # where that is nobody knows
+    now = monitor(source)
+    assert now.bands(now.ring_m) == []
+
+
+STOPPED = {**BEAT, "state": "latched", "permits": False, "cause": "operator", "text": "palp view"}
+
+
+@pytest.mark.parametrize("refusal", ["", NOT_OPERATED])
+def test_an_acknowledgement_that_would_be_refused_is_dead_and_says_why(refusal: str) -> None:
+    viewer: Any = SimpleNamespace(refusal=lambda **_: refusal, operator=None)
+    shown: list[_Acknowledge] = []
+
+    async def look(user: Any) -> None:
+        shown[-1].show(safety_status(STOPPED, 0.0))
+        assert shown[-1]._press.first.enabled is not bool(refusal)
+        if refusal:
+            await user.should_see(refusal)
+
+    simulated(lambda: shown.append(_Acknowledge(viewer, "safety")), look)

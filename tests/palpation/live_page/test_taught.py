@@ -1,4 +1,4 @@
-"""Bands of what training taught: of whole sweeps, and of peaks alone."""
+"""Bands of what training taught: mean and spread of its sweeps."""
 
 from __future__ import annotations
 
@@ -6,12 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 from palp_core.palpation.live_page.taught import (
     PLACES,
     TaughtSweeps,
-    peak_bands,
     taught_by_folder,
     taught_by_messages,
 )
@@ -39,18 +37,6 @@ def test_one_sweep_has_no_spread_and_is_no_band() -> None:
     taught.add(0.002, 0.016, [0.0, 1.0])
     assert taught.bands(0.016) == []
     assert TaughtSweeps(0.0, 1.0).bands(0.016) == []
-
-
-def test_of_peaks_alone_a_band_is_level() -> None:
-    learnt = {
-        "depths_m": [0.002, 0.004], "rings_m": [0.0, 0.016], "count": [5, 5, 5, 6],
-        "mean_n_m": [0.0, 0.04, 0.0, 0.03], "sd_n_m": [0.0, 0.001, 0.0, 0.002],
-    }  # fmt: skip
-    shallow, deep = peak_bands(learnt, 0.015, -0.03, 0.05)
-    assert (shallow.low_n_mm, shallow.high_n_mm) == ([38.0, 38.0], [42.0, 42.0])
-    assert deep.high_n_mm == pytest.approx([34.0, 34.0])
-    assert deep.sweep_count == 6
-    assert peak_bands({**learnt, "rings_m": []}, 0.0, 0.0, 1.0) == []
 
 
 def test_a_bag_tells_it_by_trials_whose_depth_may_be_told() -> None:

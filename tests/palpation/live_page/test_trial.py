@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from palp_core.palpation.live_page.probes import TrialBelief, entropy_bits
-from palp_core.palpation.live_page.trials import TrialBoard
+from palp_core.palpation.live_page.trials import TrialBelief, TrialBoard, entropy_bits
 from palp_core.palpation.perception.statistics.statistics import wilson
 
 DEPTHS_M = [0.002, 0.004, 0.008]
@@ -62,12 +61,10 @@ def test_a_share_of_trials_of_several_policies_says_so() -> None:
     board.took_over({"trial": 30, "iteration": 1, "policy": "fixed"})  # it came in training
     for trial in (30, 31, 32):
         board.result(trial, result(trial, 0.004))
-    assert board.mixed_words() == ""
+    assert board.mixed_text() == ""
     board.took_over({"trial": 31, "iteration": 3, "policy": "uniform"})
     board.took_over({"trial": 33, "iteration": 1, "policy": "markov"})
-    assert (
-        board.mixed_words() == "Not all are of one policy: uniform from trial 2 on, markov from trial 4 on."
-    )
+    assert board.mixed_text() == "Not all are of one policy: uniform from trial 2 on, markov from trial 4 on."
 
 
 def test_a_trial_is_held_against_the_phantom_that_was_mounted_then() -> None:

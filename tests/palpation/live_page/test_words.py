@@ -1,34 +1,31 @@
-"""What is said of safety, of the scene, and beside the accuracy."""
+"""What is said of safety and of the scene."""
 
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import pytest
 
 from palp_core.graph.discovery.troubles import Trouble
 from palp_core.graph.messages.topic import Topic
-from palp_core.palpation.live_page.beside import BESIDE, POLICIES_COMMAND, other_protocol
 from palp_core.palpation.live_page.geometry import lean_rad, lengths_mm, path_of
-from palp_core.palpation.live_page.roles import safety_node, topics_by_type
-from palp_core.palpation.live_page.safety import heading, standing
+from palp_core.palpation.live_page.roles import topics_by_type
+from palp_core.palpation.live_page.safety import heading, safety_status
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.view.source.overview import WireState
 
-RESULTS = Path(__file__).resolve().parents[3] / "docs/explanation/results.md"
 BEAT = {"state": "ready", "permits": True, "cause": "", "text": "", "warning": ""}
 
 
 def test_a_tripped_safety_node_says_why_and_what_to_do() -> None:
-    now = standing({**BEAT, "state": "latched", "cause": "torque", "text": "105 N mm"}, 0.0)
+    now = safety_status({**BEAT, "state": "latched", "cause": "torque", "text": "105 N mm"}, 0.0)
     assert (now.word, now.level, now.tripped) == ("STOPPED", "error", True)
     assert now.why == "torque: 105 N mm"
     assert "palp safety ack" in now.advice
 
 
 def test_a_stop_that_somebody_asked_for_is_told_once_and_not_as_something_wrong() -> None:
-    now = standing({**BEAT, "state": "latched", "cause": "operator", "text": "palp view"}, 0.0)
+    now = safety_status({**BEAT, "state": "latched", "cause": "operator", "text": "palp view"}, 0.0)
     assert now.why == "nothing moves, all nodes go on; somebody asked for it: palp view"
     assert "palp safety ack" in now.advice
     other = Trouble("/stage", "error", "it is broken")
@@ -49,22 +46,7 @@ def test_a_stop_that_somebody_asked_for_is_told_once_and_not_as_something_wrong(
     ],
 )
 def test_how_bad_it_is_shows(beat: dict[str, object] | None, silent_s: float, level: str) -> None:
-    assert standing(beat, silent_s).level == level
-
-
-def test_figures_beside_are_those_of_the_page_of_results_and_say_their_command() -> None:
-    text = RESULTS.read_text(encoding="utf-8")
-    assert f".venv/bin/{POLICIES_COMMAND}" in text
-    best, people = BESIDE[0].words, BESIDE[1].words
-    assert f"| **fixed, 16 mm (best)** | **{best}**" in text
-    assert f"| human (Markov) | {people} |" in text
-    assert BESIDE[3].words == "66.7"
-
-
-def test_another_protocol_is_told() -> None:
-    assert other_protocol({"reading": "feature", "stop": "paper_guarded", "world": "paper"}) == ""
-    assert "world:=lab" in other_protocol({"world": "lab"})
-    assert other_protocol({}) == ""
+    assert safety_status(beat, silent_s).level == level
 
 
 def test_the_drawing_is_the_probes_own_size() -> None:
@@ -102,14 +84,3 @@ def test_of_two_topics_of_a_type_the_one_that_the_experiment_hears_is_meant() ->
     ]
     assert topics_by_type(topics, wires)["Belief"] == "/estimator/belief"
     assert topics_by_type(topics)["Belief"] == "/shadow/belief"
-
-
-def test_the_safety_node_is_known_by_its_beat_whatever_its_name() -> None:
-    beat = Topic(name="/guard/beat", type="SafetyBeat", node="guard")
-    assert safety_node([beat], ["guard", "stage"]) == "guard"
-    assert (
-        safety_node([beat, Topic(name="/safety/beat", type="SafetyBeat", node="safety")], ["guard", "safety"])
-        == "safety"
-    )
-    assert safety_node([], ["safety"]) == "safety"
-    assert safety_node([], ["stage"]) == ""

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from palp_core.cli.session.session import app
+from palp_core.cli.session import app
 from palp_core.errors import PalpError
 from palp_core.palpation.session.audit import AUDIT, decisions, left_out
 from palp_core.palpation.session.recorded_session import read_session

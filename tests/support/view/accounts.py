@@ -51,7 +51,7 @@ class Accounts:
         """Check that messages go on to come, and that none was lost."""
         before = int(self.now["received"])
         with TopicReader(self.graph, [self.graph.topic(self._topic)]) as reader:
-            came = (heard for heard in reader.messages() if heard is not None and heard.is_message)
+            came = (sample for sample in reader.messages() if sample is not None and sample.is_message)
             for _ in range(MESSAGES):
                 next(came)
             while (now := self.now)["received"] < before + MESSAGES:

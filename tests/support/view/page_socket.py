@@ -105,12 +105,12 @@ class PageSocket:
 
     def read(self) -> None:
         """Take one message: elements as they change; a ping is answered."""
-        said = str(self.connection.recv(PATIENCE_S))
-        self.received.append(said)
-        if said == "2":
+        text = str(self.connection.recv(PATIENCE_S))
+        self.received.append(text)
+        if text == "2":
             self.connection.send("3")
-        if said.startswith("42"):
-            name, data, *_ = json.loads(said[2:])
+        if text.startswith("42"):
+            name, data, *_ = json.loads(text[2:])
             if name == "update":
                 self.elements |= {key: value for key, value in data.items() if key != "_id"}
 

@@ -1,12 +1,10 @@
 """A small running graph that speaks as a rig does, on the machine's clock: for pages that are looked at.
 
-One node is safety, the other one all the rest. What would tell depth or accuracy has digits that stand
-nowhere else, so that it can be searched for.
+One node is safety, the other one all the rest. Depth and accuracy have digits that stand nowhere else.
 """
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
 
 from tests.support.palp import Palp, wait_for_line
@@ -15,12 +13,6 @@ DEPTH_M = 0.00432179865
 """Of the phantom that is mounted."""
 POSTERIOR = (0.061415926, 0.871828182, 0.066755892)
 PEAK_N_M = 0.0316227766
-SECRETS = (
-    *(b"432179865", b"61415926", b"871828182", b"66755892", b"316227766"),
-    *(b"4.32 mm", b"4.321799", b"87.2 %", b"mm deep", b"bead is near"),
-    *(struct.pack(order, number) for order in (">d", "<d") for number in (DEPTH_M, *POSTERIOR, PEAK_N_M)),
-)
-"""What a blinded session must not tell, in whatever unit, as text or as numbers."""
 
 NODE = f'''
 import numpy as np

@@ -1,36 +1,203 @@
-"""``palp bag``: recordings, looked at, saved, cut and converted."""
+"""``palp bag``: recordings, made, looked at, saved, cut and converted."""
 
 from __future__ import annotations
 
 import itertools
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palp_core.cli.bag.convert import convert_bag
-from palp_core.cli.bag.play import play
-from palp_core.cli.bag.record import CompressionName, record, snapshot
-from palp_core.cli.bag.replay import replay
-from palp_core.cli.bag.topics import check_topics
-from palp_core.cli.options import ExcludeRegexOption, JsonOption, RegexOption
-from palp_core.cli.output import print_json, print_text, show
+from palp_core.cli.bag.play import check_topics, play
+from palp_core.cli.options import ExcludeRegexOption, GraphOption, JsonOption, RegexOption, argument, option
+from palp_core.cli.output import note, print_json, print_text, show
+from palp_core.cli.running import find_graph
 from palp_core.counted import counted
+from palp_core.errors import BagError
+from palp_core.graph.bag.convert import BagForm, convert, writing
 
 if TYPE_CHECKING:
     from palp_core.graph.bag.info import BagInfo
 
+
 app = typer.Typer()
-app.command("record")(record)
-app.command("snapshot")(snapshot)
 app.command("play")(play)
-app.command("replay")(replay)
 
 
-BagArgument = Annotated[Path, typer.Argument(help="A bag's folder or one of its files.", show_default=False)]
-OutOption = Annotated[Path, typer.Option("-o", "--output", help="The new bag.", show_default=False)]
-TopicsOption = Annotated[list[str] | None, typer.Option("--topics", "-t", help="Only this one; repeatable.")]
-CompressionOption = Annotated[CompressionName, typer.Option(help="Of the new bag's chunks.")]
+class CompressionName(StrEnum):
+    ZSTD = "zstd"
+    LZ4 = "lz4"
+    NONE = "none"
+
+
+@app.command("record")
+def record(
+    topics: Annotated[list[str] | None, argument("Topics.")] = None,
+    *,
+    output: Annotated[
+        Path | None, option("The bag; default: graph and time.", "--output", "-o", metavar="DIR")
+    ] = None,
+    every: Annotated[bool, option("Every topic, the hidden ones too.", "--all", "-a")] = False,
+    regex: RegexOption = None,
+    exclude_regex: ExcludeRegexOption = None,
+    max_bag_size: Annotated[int, option("Bytes per file.", "--max-bag-size", "-b", min=0)] = 0,
+    max_bag_duration: Annotated[
+        float, option("Seconds per file.", "--max-bag-duration", "-d", min=0.0)
+    ] = 0.0,
+    snapshot: Annotated[
+        float,
+        option("Keep S seconds until palp bag snapshot or SIGUSR1.", "--snapshot", metavar="S", min=0.0),
+    ] = 0.0,
+    compression: Annotated[CompressionName, option("Of the chunks.")] = CompressionName.ZSTD,
+    graph: GraphOption = None,
+) -> None:
+    """Record topics of a running graph until Ctrl-C or its end.
+
+    The exit status is 1 if anything is missing: it is said per topic.
+    """
+    from palp_core.graph.clock import unix_ns
+    from palp_core.graph.recording.recorder_messages import RecordOptions
+    from palp_core.graph.recording.recorder_run import record_until_asked
+
+    if not every and not topics and regex is None:
+        raise BagError(
+            "what to record? Name topics, give a regular expression with -e, or record all with -a"
+        )
+    if every and (topics or regex is not None):
+        raise BagError("-a records every topic: leave out topics and -e, or leave out -a")
+    running = find_graph(graph)
+    options = RecordOptions(
+        out=str((output or Path(f"{running.record.graph}-{unix_ns() // 10**9}")).absolute()),
+        topics=[name if name.startswith("/") else f"/{name}" for name in topics or []],
+        regex=regex,
+        exclude_regex=exclude_regex,
+        max_bytes=max_bag_size,
+        max_duration_s=max_bag_duration,
+        snapshot_s=snapshot,
+        compression=compression.value,
+    )
+    complete, text = record_until_asked(running, options, note)
+    print_text(text)
+    if not complete:
+        raise typer.Exit(1)
+
+
+@app.command("snapshot")
+def snapshot(graph: GraphOption = None) -> None:
+    """Write the last seconds that recorders keep into bags."""
+    from palp_core.graph.recording.recorder_run import save_snapshots
+
+    for line in save_snapshots(find_graph(graph, changes=True)):
+        print_text(line)
+
+
+@app.command("replay")
+def replay(
+    bag: Annotated[Path, argument("A bag's folder or one of its files.")],
+    *,
+    nodes: Annotated[str, option("Running names, as in estimator,policy.", show_default=False)],
+    launch: Annotated[
+        Path | None, option("Launch file in the nodes' workspace; default: from here up.")
+    ] = None,
+    compare: Annotated[
+        bool, option("With the recorded outputs; status 1 if they differ.", "--compare/--no-compare")
+    ] = True,
+    as_json: JsonOption = False,
+) -> None:
+    """Drive nodes from a bag in lockstep; compare outputs.
+
+    Status 1: an output differs from the recorded one.
+    """
+    from palp_core.errors import BagError
+    from palp_core.graph.description.launch_file import find_workspace
+    from palp_core.graph.replay.replay import replay as drive
+
+    workspace = find_workspace(launch or Path("launch.yaml"))
+    try:
+        done = drive(bag, nodes.split(","), workspace)
+    except ModuleNotFoundError as error:
+        raise BagError(
+            f"{error}: the nodes' classes are not in {workspace}; say where they are: --launch FILE"
+        ) from error
+    if as_json:
+        print_json(done)
+    for node in [] if as_json else done:
+        pace = node.clock_s / node.wall_s if node.wall_s else 0.0
+        if node.divergence is None:
+            beyond = f"; {node.uncovered} outputs are beyond what its order covers" if node.uncovered else ""
+            print_text(
+                f"{node.node}: {node.compared} outputs equal to the recorded ones, byte for byte, from "
+                f"{node.consumed} inputs and ticks; {node.clock_s:.1f} s in {node.wall_s:.2f} s "
+                f"({pace:.0f} times real time){beyond}"
+            )
+        else:
+            first = node.divergence
+            print_text(
+                f"{node.node}: differs first on {first.topic} {first.sequence} at {first.now_s:.6f} s, after "
+                f"{first.after}: {first.what} ({node.compared} outputs were equal before; it had consumed "
+                f"{', '.join(first.inputs)})"
+            )
+    if compare and any(node.divergence is not None for node in done):
+        raise typer.Exit(1)
+
+
+class ForeignForm(StrEnum):
+    ROS2 = "ros2"
+
+
+@app.command("convert")
+def convert_bag(
+    bag: Annotated[Path, argument("A bag's folder or file; with --from: a rosbag2.")],
+    out: Annotated[Path, option("The new bag.", "-o", "--output", show_default=False)],
+    *,
+    to: Annotated[BagForm | None, option("What it becomes.", show_default=False)] = None,
+    from_: Annotated[
+        ForeignForm | None,
+        option("Make a palp bag of a rosbag2 (MCAP or SQLite).", "--from", show_default=False),
+    ] = None,
+    types: Annotated[
+        str | None, option("With --to ros2: a map (nodes.ros2_map: the rig's).", metavar="MAP")
+    ] = None,
+    regex: RegexOption = None,
+    exclude_regex: ExcludeRegexOption = None,
+) -> None:
+    """Convert a bag to and from ROS 2, JSON or tables.
+
+    What came --from ros2 goes back --to ros2 as the same bytes.
+    """
+    if (to is None) == (from_ is None):
+        raise BagError("give either --to FORM or --from ros2")
+    if types is not None and to is not BagForm.ROS2:
+        raise BagError("--types is for --to ros2")
+    if from_ is not None:
+        from palp_core.graph.bag.ros2.import_bag import import_bag
+        from palp_core.graph.bag.selection import topic_selection
+
+        count = import_bag(bag, out, select=topic_selection((), regex, exclude_regex))
+    elif regex or exclude_regex:
+        raise BagError("--regex and --exclude-regex are for --from; `palp bag filter` makes the choice first")
+    elif types is not None:
+        count = _by_map(bag, out, types)
+    else:
+        assert to is not None
+        count = convert(bag, out, to)
+    print_text(counted(count, "message"))
+
+
+def _by_map(bag: Path, out: Path, types: str) -> int:
+    from palp_core.graph.bag.forms.ros2 import write
+    from palp_core.graph.ros2.bag_map import outlets_of
+    from palp_core.graph.ros2.message_types import known_types
+
+    with writing(bag, out):
+        return write(bag, out, outlets_of(types, bag), known_types())
+
+
+BagArgument = Annotated[Path, argument("A bag's folder or one of its files.")]
+OutOption = Annotated[Path, option("The new bag.", "-o", "--output", show_default=False)]
+TopicsOption = Annotated[list[str] | None, option("Only this one; repeatable.", "--topics", "-t")]
+CompressionOption = Annotated[CompressionName, option("Of the new bag's chunks.")]
 
 
 @app.command("info")
@@ -49,7 +216,7 @@ def info(bag: BagArgument, *, as_json: JsonOption = False) -> None:
 
 @app.command("list")
 def list_bags(
-    folder: Annotated[Path, typer.Argument(help="Where to look.")] = Path(), *, as_json: JsonOption = False
+    folder: Annotated[Path, argument("Where to look.")] = Path(), *, as_json: JsonOption = False
 ) -> None:
     """List the bags in a folder."""
     sizes = {
@@ -87,8 +254,8 @@ def filter_(
     topics: TopicsOption = None,
     regex: RegexOption = None,
     exclude_regex: ExcludeRegexOption = None,
-    start: Annotated[float | None, typer.Option(help="Seconds on the graph's clock.")] = None,
-    end: Annotated[float | None, typer.Option(help="Seconds on the graph's clock; not included.")] = None,
+    start: Annotated[float | None, option("Seconds on the graph's clock.")] = None,
+    end: Annotated[float | None, option("Seconds on the graph's clock; not included.")] = None,
     compression: CompressionOption = CompressionName.ZSTD,
 ) -> None:
     """Write some topics or some time of a bag into a new one."""
@@ -105,7 +272,7 @@ def filter_(
 
 @app.command("merge")
 def merge(
-    bags: Annotated[list[Path], typer.Argument(help="Bags.", show_default=False)],
+    bags: Annotated[list[Path], argument("Bags.")],
     out: OutOption,
     *,
     compression: CompressionOption = CompressionName.ZSTD,
@@ -121,10 +288,8 @@ def split(
     bag: BagArgument,
     out: OutOption,
     *,
-    max_bag_size: Annotated[int, typer.Option("-b", "--max-bag-size", help="Bytes per file.")] = 0,
-    max_bag_duration: Annotated[
-        float, typer.Option("-d", "--max-bag-duration", help="Seconds per file.")
-    ] = 0.0,
+    max_bag_size: Annotated[int, option("Bytes per file.", "-b", "--max-bag-size")] = 0,
+    max_bag_duration: Annotated[float, option("Seconds per file.", "-d", "--max-bag-duration")] = 0.0,
     compression: CompressionOption = CompressionName.ZSTD,
 ) -> None:
     """Write a bag again with files of limited size or duration."""
@@ -140,17 +305,14 @@ def split(
     print_text(f"{counted(count, 'message')} in {counted(len(list(out.glob('*.mcap'))), 'file')}")
 
 
-app.command("convert")(convert_bag)
-
-
 @app.command("echo")
 def echo(
     bag: BagArgument,
-    topics: Annotated[list[str] | None, typer.Argument(help="Topics; default: all.")] = None,
+    topics: Annotated[list[str] | None, argument("Topics; default: all.")] = None,
     *,
-    times: Annotated[int, typer.Option("--times", "-n", help="This many messages; 0: all.")] = 0,
-    start: Annotated[float | None, typer.Option(help="Seconds on the graph's clock.")] = None,
-    end: Annotated[float | None, typer.Option(help="Seconds on the graph's clock; not included.")] = None,
+    times: Annotated[int, option("This many messages; 0: all.", "--times", "-n")] = 0,
+    start: Annotated[float | None, option("Seconds on the graph's clock.")] = None,
+    end: Annotated[float | None, option("Seconds on the graph's clock; not included.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Print a bag's messages."""
@@ -182,9 +344,9 @@ def diff(
     b: BagArgument,
     *,
     topics: TopicsOption = None,
-    tolerance: Annotated[float, typer.Option(help="Largest difference of numbers that passes.")] = 0.0,
-    relative: Annotated[float, typer.Option(help="The same, as a part of the number.")] = 0.0,
-    ignore: Annotated[list[str] | None, typer.Option(help="A field that does not count; repeatable.")] = None,
+    tolerance: Annotated[float, option("Largest difference of numbers that passes.")] = 0.0,
+    relative: Annotated[float, option("The same, as a part of the number.")] = 0.0,
+    ignore: Annotated[list[str] | None, option("A field that does not count; repeatable.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Compare two bags topic by topic.

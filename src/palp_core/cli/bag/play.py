@@ -9,62 +9,51 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palp_core.cli.bag.topics import check_topics
 from palp_core.cli.keyboard import attended, standard_input
-from palp_core.cli.options import INTERRUPTED, ExcludeRegexOption, GraphOption, RegexOption
+from palp_core.cli.options import INTERRUPTED, ExcludeRegexOption, GraphOption, RegexOption, argument, option
 from palp_core.cli.output import note, print_json, print_text
 from palp_core.cli.running import find_graph
 from palp_core.counted import counted
 from palp_core.errors import BagError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
     from palp_core.graph.bag.reader import Bag
     from palp_core.graph.messages.topic import Topic
 
 
 def play(
-    bag: Annotated[Path, typer.Argument(help="A bag's folder or one of its files.", show_default=False)],
+    bag: Annotated[Path, argument("A bag's folder or one of its files.")],
     *,
-    rate: Annotated[
-        float, typer.Option("--rate", "-r", min=1e-2, max=1e3, help="Times the recorded speed.")
-    ] = 1.0,
-    loop: Annotated[bool, typer.Option("--loop", "-l", help="Begin again at the end.")] = False,
-    delay: Annotated[float, typer.Option("--delay", "-d", min=0.0, metavar="S", help="Wait first.")] = 0.0,
+    rate: Annotated[float, option("Times the recorded speed.", "--rate", "-r", min=0.01, max=1000.0)] = 1.0,
+    loop: Annotated[bool, option("Begin again at the end.", "--loop", "-l")] = False,
+    delay: Annotated[float, option("Wait first.", "--delay", "-d", min=0.0, metavar="S")] = 0.0,
     start_offset: Annotated[
-        float, typer.Option("--start-offset", min=0.0, metavar="S", help="Leave out from the beginning.")
+        float, option("Leave out from the beginning.", "--start-offset", min=0.0, metavar="S")
     ] = 0.0,
     playback_duration: Annotated[
-        float, typer.Option("--playback-duration", metavar="S", help="So much of the bag; below 0: all.")
+        float, option("So much of the bag; below 0: all.", "--playback-duration", metavar="S")
     ] = -1.0,
     playback_until_sec: Annotated[
-        float,
-        typer.Option("--playback-until-sec", metavar="S", help="To this time in the bag; below 0: end."),
+        float, option("To this time in the bag; below 0: end.", "--playback-until-sec", metavar="S")
     ] = -1.0,
-    start_paused: Annotated[
-        bool, typer.Option("--start-paused", "-p", help="Wait for the space bar.")
-    ] = False,
-    topics: Annotated[
-        list[str] | None, typer.Option("--topics", "-t", help="Only this one; repeatable.")
-    ] = None,
+    start_paused: Annotated[bool, option("Wait for the space bar.", "--start-paused", "-p")] = False,
+    topics: Annotated[list[str] | None, option("Only this one; repeatable.", "--topics", "-t")] = None,
     regex: RegexOption = None,
     exclude_regex: ExcludeRegexOption = None,
     remap: Annotated[
-        list[str] | None, typer.Option("--remap", "-m", metavar="OLD:=NEW", help="Another name; repeatable.")
+        list[str] | None, option("Another name; repeatable.", "--remap", "-m", metavar="OLD:=NEW")
     ] = None,
     clock: Annotated[
-        float, typer.Option("--clock", min=0.0, max=1e3, metavar="HZ", help="Publish the bag's time; 0: not.")
+        float, option("Publish the bag's time; 0: not.", "--clock", min=0.0, max=1000.0, metavar="HZ")
     ] = 0.0,
     wait_matching: Annotated[
-        int,
-        typer.Option(
-            "--wait-matching-subscriptions", "-w", min=0, help="Begin when so many topics are read."
-        ),
+        int, option("Begin when so many topics are read.", "--wait-matching-subscriptions", "-w", min=0)
     ] = 0,
-    disable_keyboard_controls: Annotated[bool, typer.Option(help="Leave the keyboard alone.")] = False,
+    disable_keyboard_controls: Annotated[bool, option("Leave the keyboard alone.")] = False,
     graph: GraphOption = None,
-    as_json: Annotated[bool, typer.Option("--json", help="The account at the end, for machines.")] = False,
+    as_json: Annotated[bool, option("The account at the end, for machines.", "--json")] = False,
 ) -> None:
     """Publish a bag's messages in their order and spacing.
 
@@ -141,16 +130,27 @@ def play(
         raise typer.Exit(INTERRUPTED)
 
 
+def check_topics(topics: Collection[str], *bags: Path) -> None:
+    """Look whether every topic is in one of the bags; of a bag that was not finished nobody knows before."""
+    from palp_core.graph.bag.reader import Bag
+    from palp_core.graph.problems import hint
+
+    known: set[str] = set()
+    for bag in bags if topics else ():
+        with Bag(bag) as opened:
+            if not all(file.closed for file in opened.files):
+                return
+            known |= opened.topics().keys()
+    for name in topics:
+        if name not in known:
+            raise BagError(f"{' and '.join(map(str, bags))}: no topic '{name}'{hint(name, known)}")
+
+
 def _end(number: int, _: object) -> None:
     sys.exit(128 + number)
 
 
 def _names(bag: Bag, chosen: Callable[[str], bool], remap: list[str]) -> dict[str, str]:
-    """Return the topics to play and the names that they get.
-
-    Raises:
-        BagError: Nothing is chosen, a remapping that fits nothing, or two topics of one name.
-    """
     from palp_core.graph.replay.player import playable
 
     known = playable(bag)

@@ -30,15 +30,7 @@ class BagClock(Message):
 
 
 class PlayLoop:
-    """Hands each message to the sink when it is due.
-
-    Args:
-        playback: What is due when.
-        sink: Where it goes.
-        names: Under which name each recorded topic is published.
-        clock_hz: How often to publish the bag's time; 0: not.
-        keys: Follow the keyboard, where there is one.
-    """
+    """Hands each message to the sink when it is due."""
 
     def __init__(
         self, playback: Playback, sink: PlaySink, names: Mapping[str, str], *, clock_hz: float, keys: bool
@@ -51,12 +43,6 @@ class PlayLoop:
         self._shown = sys.stderr.isatty()
 
     def run(self, *, delay_s: float = 0.0, readers: int = 0) -> None:
-        """Play to the end.
-
-        Args:
-            delay_s: How long to wait before.
-            readers: How many subscriptions to wait for before.
-        """
         with self._keyboard:
             begin_ns = monotonic_ns() + round(delay_s * 1e9)
             while not self._ended and (monotonic_ns() < begin_ns or self._sink.reader_count() < readers):

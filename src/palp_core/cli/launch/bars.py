@@ -22,7 +22,6 @@ class Bars(Progress):
         )
 
     def get_renderables(self) -> Iterable[RenderableType]:
-        """Return the bars, and below them the lines that stand."""
         yield from super().get_renderables()
         yield from list(self._lines.values())
 

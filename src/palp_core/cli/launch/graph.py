@@ -1,29 +1,30 @@
 """``palp graph``: what a launch file describes, which graphs run, and their end."""
 
+from __future__ import annotations
+
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from palp_core.cli import completion
-from palp_core.cli.launch.remarks import note_remarks
-from palp_core.cli.options import GraphOption, JsonOption
+from palp_core.cli.options import GraphOption, JsonOption, argument, option
 from palp_core.cli.output import note, print_json, print_table, print_text
 from palp_core.cli.running import find_graph
+
+if TYPE_CHECKING:
+    from palp_core.graph.description.checked import CheckedGraph
 
 SILENT_S = 2.0
 """An end that takes longer is told to be under way."""
 
 app = typer.Typer()
 
-FileArgument = Annotated[Path, typer.Argument(help="Launch file.")]
+FileArgument = Annotated[Path, argument("Launch file.")]
 ArgumentsArgument = Annotated[
-    list[str] | None,
-    typer.Argument(
-        metavar="[name:=value]...", help="Its arguments.", autocompletion=completion.launch_arguments
-    ),
+    list[str] | None, argument("Its arguments.", "[name:=value]...", complete=completion.launch_arguments)
 ]
 
 
@@ -32,9 +33,7 @@ def draw(
     file: FileArgument,
     arguments: ArgumentsArgument = None,
     *,
-    as_dot: Annotated[
-        bool, typer.Option("--dot", help="For Graphviz: palp graph draw FILE --dot | dot -Tpng")
-    ] = False,
+    as_dot: Annotated[bool, option("For Graphviz: palp graph draw FILE --dot | dot -Tpng", "--dot")] = False,
 ) -> None:
     """Print a launch file's graph as Mermaid or DOT text."""
     from palp_core.graph.description.diagram import dot, mermaid
@@ -125,17 +124,14 @@ def list_graphs(*, as_json: JsonOption = False) -> None:
 def end(
     name: Annotated[
         str | None,
-        typer.Argument(
-            metavar="[GRAPH]",
-            help="Its name, id or pid; default: the one of this folder.",
-            autocompletion=completion.graphs,
-            show_default=False,
+        argument(
+            "Its name, id or pid; default: the one of this folder.", "[GRAPH]", complete=completion.graphs
         ),
     ] = None,
     *,
     graph: GraphOption = None,
     timeout: Annotated[
-        float, typer.Option("--timeout", metavar="S", min=0.0, max=86400.0, help="Seconds to wait for it.")
+        float, option("Seconds to wait for it.", "--timeout", metavar="S", min=0.0, max=86400.0)
     ] = 60.0,
 ) -> None:
     """End a running graph as Ctrl-C does, and wait for its end.
@@ -159,6 +155,21 @@ def end(
             note("palp graph list tells when it is gone, palp logs what its nodes say meanwhile")
             sys.exit(1)
     print_text(f"graph '{who}' (id {running.record.id}) has ended")
+
+
+def note_without_effect(file: Path, checked: CheckedGraph) -> None:
+    from palp_core.graph.description.checked import unpublished_words, without_effect
+
+    for text in filter(None, (without_effect(checked), unpublished_words(checked.unpublished))):
+        note(f"{file}: note: {text}")
+
+
+def note_remarks(file: Path, checked: CheckedGraph) -> None:
+    from palp_core.graph.workspaces.modules import hidden_modules
+
+    note_without_effect(file, checked)
+    for module, own, installed, name in hidden_modules(checked.workspace):
+        note(f"{file}: note: {module} is {own}, in place of that of '{name}', {installed}")
 
 
 def _duration(ns: int) -> str:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from palp_core.cli.options import JsonOption
+from palp_core.cli.options import JsonOption, argument, option
 from palp_core.cli.output import note, print_json, print_table, print_text
 
 app = typer.Typer()
@@ -17,10 +17,9 @@ app = typer.Typer()
 def generate(
     *,
     name: Annotated[
-        str | None,
-        typer.Option("--name", metavar="NAME", help="What others call this host; default: its name."),
+        str | None, option("What others call this host; default: its name.", "--name", metavar="NAME")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the pair that is there.")] = False,
+    force: Annotated[bool, option("Replace the pair that is there.", "--force")] = False,
 ) -> None:
     """Create this host's key pair.
 
@@ -42,12 +41,10 @@ def generate(
 
 @app.command("allow")
 def allow(
-    what: Annotated[
-        str, typer.Argument(metavar="FILE_OR_KEY", help="Public key file of a host, or its key, quoted.")
-    ],
+    what: Annotated[str, argument("Public key file of a host, or its key, quoted.", "FILE_OR_KEY")],
     *,
     name: Annotated[
-        str | None, typer.Option("--name", metavar="NAME", help="To call the host; default: its own name.")
+        str | None, option("To call the host; default: its own name.", "--name", metavar="NAME")
     ] = None,
 ) -> None:
     """Admit the owner of a public key to running graphs."""
@@ -59,9 +56,7 @@ def allow(
 
 @app.command("deny")
 def deny(
-    what: Annotated[
-        str, typer.Argument(metavar="NAME_OR_KEY", help="Who was let in, as `palp keys list` shows it.")
-    ],
+    what: Annotated[str, argument("Who was let in, as `palp keys list` shows it.", "NAME_OR_KEY")],
 ) -> None:
     """Revoke a key; running graphs disconnect its nodes."""
     from palp_core.graph.network.keys import KeyFolder

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import contextlib
 import faulthandler
 import json
 import os
 import signal
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, get_args
-
-import typer
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 from palp_core.cli import completion
-from palp_core.cli.launch.remarks import note_remarks, note_without_effect
-from palp_core.cli.options import Level
+from palp_core.cli.launch.graph import note_remarks, note_without_effect
+from palp_core.cli.options import Level, argument, option
 from palp_core.cli.output import note, print_text
 from palp_core.counted import counted
 from palp_core.errors import GraphError, NodeError, PalpError
@@ -35,52 +33,39 @@ RESUMES = "resume:=true"
 
 LogLevelOption = Annotated[
     list[str] | None,
-    typer.Option(
-        "--log-level",
-        metavar="[NODE:=]LEVEL",
-        help="The least of what nodes, or one node, log that is shown here. Repeatable; default: warning.",
-    ),
+    option("Least level shown, of a node or all; default: warning.", "--log-level", metavar="[NODE:=]LEVEL"),
 ]
 
 
 def launch(
-    file: Annotated[Path, typer.Argument(help="Launch file.")],
+    file: Annotated[Path, argument("Launch file.")],
     arguments: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="[name:=value]...",
-            help="Its arguments; NODE.PARAM:=VALUE and shared.PARAM:=VALUE too.",
-            autocompletion=completion.launch_arguments,
+        argument(
+            "Its arguments, and NODE.PARAM:=VALUE, shared.PARAM:=VALUE.",
+            "[name:=value]...",
+            complete=completion.launch_arguments,
         ),
     ] = None,
     *,
-    check: Annotated[bool, typer.Option("--check", help="Check everything, start nothing.")] = False,
+    check: Annotated[bool, option("Check everything, start nothing.", "--check")] = False,
     name: Annotated[
-        str | None,
-        typer.Option("--name", metavar="NAME", help="What the running graph is called; default: as in FILE."),
+        str | None, option("What the running graph is called; default: as in FILE.", "--name", metavar="NAME")
     ] = None,
     log_level: LogLevelOption = None,
-    compose: Annotated[bool, typer.Option("--compose", help="All nodes in this process.")] = False,
-    record: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Record every topic into this bag.")
-    ] = None,
-    digest: Annotated[Path | None, typer.Option(help="Write a SHA-256 per topic to this JSON file.")] = None,
+    compose: Annotated[bool, option("All nodes in this process.", "--compose")] = False,
+    record: Annotated[Path | None, option("Record every topic into this bag.", metavar="DIR")] = None,
+    digest: Annotated[Path | None, option("Write a SHA-256 per topic to this JSON file.")] = None,
     listen: Annotated[
-        str | None, typer.Option(metavar="tcp://HOST:PORT", help="Let nodes of other hosts join there.")
+        str | None, option("Let nodes of other hosts join there.", metavar="tcp://HOST:PORT")
     ] = None,
-    view: Annotated[bool, typer.Option("--view", help="Show it in the browser: palp view.")] = False,
+    view: Annotated[bool, option("Show it in the browser: palp view.", "--view")] = False,
     operate: Annotated[
-        bool, typer.Option("--operate", help="With --view: let more be pressed than stop, on a rig too.")
+        bool, option("With --view: let more be pressed than stop, on a rig too.", "--operate")
     ] = False,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on where this run was interrupted (or resume:=true).")
+        bool, option("Go on where this run was interrupted (or resume:=true).", "--resume")
     ] = False,
-    repeat: Annotated[
-        int | None,
-        typer.Option(
-            "--repeat", metavar="N", help="N runs on all cores, seed by seed, each in a folder of its own."
-        ),
-    ] = None,
 ) -> None:
     """The exit status is the run's: 0 if it came to its end, 1 if a node failed or the report did, 2 if the
     launch file has mistakes, 130 on Ctrl-C.
@@ -102,48 +87,32 @@ def launch(
             f"{counted(len(checked.topics), 'topic')}"
         )
         return
-    if repeat is not None:
-        from palp_core.cli.launch.repeat import refuse_options
-        from palp_core.cli.launch.repeat import repeat as run_repeatedly
-
-        refuse_options(
-            {"--record": record, "--digest": digest, "--listen": listen, "--name": name, "--view": view}
-        )
-        sys.exit(run_repeatedly(file, overrides, repeat, compose=compose, resume=resume))
     if compose and os.environ.get("PYTHONHASHSEED") != "0":  # sets in the order they have in nodes' processes
         os.environ["PYTHONHASHSEED"] = "0"
         os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
     if compose:
         faulthandler.enable()  # a crash in C names its Python lines, as in nodes' processes
-    sys.exit(
-        _run(
-            file, overrides, name=name, log_level=levels, compose=compose, digest=digest, record=record,
-            listen=listen, in_browser=view, operate=operate, resume=resume,
-        )
-    )  # fmt: skip
+    options = {"name": name, "log_level": levels, "compose": compose, "record": record, "listen": listen}
+    sys.exit(_run(file, overrides, digest=digest, in_browser=view, operate=operate, resume=resume, **options))
 
 
 def _run(
     file: Path,
     overrides: list[str],
     *,
-    name: str | None,
-    log_level: LogLevels,
-    compose: bool,
     digest: Path | None,
-    record: Path | None,
-    listen: str | None,
     in_browser: bool,
     operate: bool,
     resume: bool,
+    **options: Any,
 ) -> int:
-    """Run a graph and say how it went; return the exit status."""
+    """Run a graph with options of :class:`Graph`; print how it went, and return the exit status."""
     from palp_core.graph.supervision.fork_start import start_fork_server
 
     if in_browser:
-        from palp_core.cli.view.beside import check_can_show
+        from palp_core.view.server.serve import check_installed
 
-        check_can_show()
+        check_installed()
     if digest is not None and resume:
         raise GraphError(
             "--digest with --resume: a digest is of a whole run, and this one is the rest of one"
@@ -153,6 +122,7 @@ def _run(
     started = start_fork_server()  # it warms up while this process imports what it needs
     from palp_core.cli.launch.stop_key import stop_key
     from palp_core.cli.launch.view import LaunchView, show_log_line
+    from palp_core.cli.view import shown_by_viewer
     from palp_core.graph.launch.graph import Graph
     from palp_core.graph.lockstep.digest import TopicDigest
     from palp_core.graph.messages.builtin import Progress
@@ -162,31 +132,27 @@ def _run(
     of_topics = None if digest is None else TopicDigest()
     graph = Graph(
         file,
-        compose=compose,
         observe=of_topics,
         overrides=overrides,
         started=started,
-        listen=listen,
-        record=record,
-        name=name,
         resume=resume,
-        log_level=log_level,
         show_log=show_log_line,
+        **options,
     )
     graph.observers.add(Progress, view.show_progress)
     graph.diagnostics.on_change = lambda topic, incident: view.show_diagnostic(
         topic, _addressed(graph, incident)
     )
     try:
-        with _recorders_said(graph), graph:
-            _check_levels(log_level, [spec.name for spec in graph.checked.nodes])
-            _say_beside(graph)
+        with _recordings_printed(graph), graph:
+            _check_levels(options["log_level"], [spec.name for spec in graph.checked.nodes])
+            _note_other_runs(graph)
             note_without_effect(file, graph.checked)
             if graph.gateway is not None:
                 graph.gateway.announce_to(note)
             with (
-                _shown(graph, wanted=in_browser, operate=operate),
-                _written(digest, of_topics),
+                shown_by_viewer(graph.directory.path.name, operate=operate) if in_browser else nullcontext(),
+                _digest_written(digest, of_topics),
                 view.showing(graph.checked),
                 stop_key(graph),
             ):
@@ -194,18 +160,14 @@ def _run(
     except Interrupted as stop:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # who asks once more does not change how it ended
         note(f"{stop}; every node has ended")
-        _say_report(graph)
+        _print_report(graph)
         return 128 + int(stop.signal)
-    except NodeError as error:
-        note(str(error))
-        _say_report(graph)
-        return 1
     except PalpError as error:
         note(str(error))
-        _say_report(graph)
-        return 2
+        _print_report(graph)
+        return 1 if isinstance(error, NodeError) else 2
     _print_summary(summary)
-    _say_incidents(graph)
+    _note_incidents(graph)
     if not graph.recorders.complete:
         return 1
     return summary.exit_code if 0 <= summary.exit_code < 256 else 1
@@ -213,9 +175,6 @@ def _run(
 
 def log_levels(words: Sequence[str] | None) -> LogLevels:
     """Return the level of all nodes, and of those that have their own.
-
-    Raises:
-        GraphError: A level that there is not.
 
     >>> log_levels(["error", "policy:=debug"])
     LogLevels(default='error', nodes={'policy': 'debug'})
@@ -233,11 +192,6 @@ def log_levels(words: Sequence[str] | None) -> LogLevels:
 
 
 def _check_levels(levels: LogLevels, known: Sequence[str]) -> None:
-    """See that the nodes that have a level of their own are there.
-
-    Raises:
-        GraphError: One is not.
-    """
     for node in levels.nodes:
         if node not in known:
             raise GraphError(f"--log-level {node}:=...: no node '{node}'{hint(node, known)}")
@@ -254,15 +208,15 @@ def _addressed(graph: Graph, incident: Incident | None) -> Incident | None:
     return msgspec.structs.replace(incident, advice=addressed(incident.advice, graph.directory.path.name))
 
 
-def _say_incidents(graph: Graph) -> None:
-    """Say at the very end what nodes said was wrong, a trip of a safety node above all."""
+def _note_incidents(graph: Graph) -> None:
+    """Note at the very end what nodes reported, a trip of a safety node above all."""
     sys.stdout.flush()
     for incident in graph.diagnostics.incidents:
         note(str(incident))
 
 
-def _say_beside(graph: Graph) -> None:
-    """Say which run this is if it is not the only one."""
+def _note_other_runs(graph: Graph) -> None:
+    """Note which run this is if it is not the only one."""
     from palp_core.graph.discovery.run_directory import running
 
     if len(running()) > 1:
@@ -277,17 +231,8 @@ def _check_writable(digest: Path) -> None:
         raise GraphError(f"--digest {digest}: cannot be written: {error.strerror}") from error
 
 
-def _shown(graph: Graph, *, wanted: bool, operate: bool) -> contextlib.AbstractContextManager[None]:
-    """Show a graph in the browser for as long as it runs, if that is wanted."""
-    if not wanted:
-        return contextlib.nullcontext()
-    from palp_core.cli.view.beside import shown_beside
-
-    return shown_beside(graph.directory.path.name, operate=operate)
-
-
-@contextlib.contextmanager
-def _written(file: Path | None, digest: TopicDigest | None) -> Iterator[None]:
+@contextmanager
+def _digest_written(file: Path | None, digest: TopicDigest | None) -> Iterator[None]:
     """Write the digest, if there is one, however the run ends."""
     try:
         yield
@@ -296,9 +241,9 @@ def _written(file: Path | None, digest: TopicDigest | None) -> Iterator[None]:
             write_whole(file, json.dumps(digest.result(), indent=1) + "\n")
 
 
-@contextlib.contextmanager
-def _recorders_said(graph: Graph) -> Iterator[None]:
-    """Say what became of a graph's recordings, however it ends."""
+@contextmanager
+def _recordings_printed(graph: Graph) -> Iterator[None]:
+    """Print what became of a graph's recordings, however it ends."""
     try:
         yield
     finally:
@@ -306,10 +251,10 @@ def _recorders_said(graph: Graph) -> Iterator[None]:
             print_text(graph.recorders.text)
 
 
-def _say_report(graph: Graph) -> None:
+def _print_report(graph: Graph) -> None:
     if graph.summary is not None and graph.summary.report:
         print_text(graph.summary.report)
-    _say_incidents(graph)
+    _note_incidents(graph)
     if graph.summary is not None and (command := graph.checkpoints.command(graph.path)):
         note(f"to go on where it was: {command}")
 

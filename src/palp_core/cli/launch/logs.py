@@ -7,10 +7,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from palp_core.cli import completion
-from palp_core.cli.options import GraphOption, LevelOption, until_ctrl_c
+from palp_core.cli.options import GraphOption, LevelOption, argument, option, until_ctrl_c
 from palp_core.cli.output import note, print_text
 from palp_core.errors import GraphError
 
@@ -19,28 +17,21 @@ if TYPE_CHECKING:
 
 
 def logs(
-    node: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="NODE", help="Default: all.", autocompletion=completion.logged_nodes, show_default=False
-        ),
-    ] = None,
+    node: Annotated[str | None, argument("Default: all.", "NODE", complete=completion.logged_nodes)] = None,
     *,
-    lines: Annotated[int, typer.Option("-n", "--lines", min=0, help="How many of the last lines.")] = 50,
-    follow: Annotated[bool, typer.Option("-f", "--follow", help="Go on until the run ends.")] = False,
+    lines: Annotated[int, option("How many of the last lines.", "-n", "--lines", min=0)] = 50,
+    follow: Annotated[bool, option("Go on until the run ends.", "-f", "--follow")] = False,
     level: LevelOption = None,
     since: Annotated[
         str | None,
-        typer.Option(
-            "--since", metavar="TIME", help="Not before: 5m ago, the last 14:30, or a date and time."
-        ),
+        option("Not before: 5m ago, the last 14:30, or a date and time.", "--since", metavar="TIME"),
     ] = None,
     graph: GraphOption = None,
 ) -> None:
     """Of the running graph, or of one that is over: the logs of the last 20 runs are kept. With --level and
     --since each line has time and name; what was printed without a level has none.
     """
-    from palp_core.cli.text.since import since as time_of
+    from palp_core.cli.words import since as time_of
     from palp_core.graph.discovery.log_lines import LineFilter, all_lines
     from palp_core.graph.discovery.log_reader import follow as following
     from palp_core.graph.node.spec import MERGED_LOG

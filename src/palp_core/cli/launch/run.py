@@ -3,51 +3,40 @@
 import sys
 from typing import Annotated
 
-import typer
-
+from palp_core.cli.options import argument, option
 from palp_core.cli.output import note
 from palp_core.errors import GraphError, NodeError
 
 
 def run(
-    target: Annotated[
-        str, typer.Argument(metavar="MODULE:CLASS", help="As in nodes.torque:Torque, or path.py:Class.")
-    ],
+    target: Annotated[str, argument("As in nodes.torque:Torque, or path.py:Class.", "MODULE:CLASS")],
     *,
     name: Annotated[
-        str | None,
-        typer.Option("--name", "-n", metavar="NAME", help="Running name; default: from the class."),
+        str | None, option("Running name; default: from the class.", "--name", "-n", metavar="NAME")
     ] = None,
     params: Annotated[
-        list[str] | None,
-        typer.Option("--param", "-p", metavar="NAME:=VALUE", help="A parameter; repeat for more."),
+        list[str] | None, option("A parameter; repeat for more.", "--param", "-p", metavar="NAME:=VALUE")
     ] = None,
     remap: Annotated[
         list[str] | None,
-        typer.Option(
+        option(
+            "Wire an input to a topic, or an output into an open port.",
             "--remap",
             "-r",
             metavar="PORT:=/NODE/PORT",
-            help="Wire an input to a topic of the graph, or an output into a port it declares external.",
         ),
     ] = None,
     join: Annotated[
         str | None,
-        typer.Option(
-            "--join", metavar="tcp://HOST:PORT", help="Join the graph launched with --listen there."
-        ),
+        option("Join the graph launched with --listen there.", "--join", metavar="tcp://HOST:PORT"),
     ] = None,
     server_key: Annotated[
         str | None,
-        typer.Option(
-            "--server-key",
-            metavar="KEY",
-            help="Public key of that host: the key, its file, or the name it is allowed by here.",
-        ),
+        option("That host's public key, its file, or its name here.", "--server-key", metavar="KEY"),
     ] = None,
 ) -> None:
     """The exit status is the node's; 1 if it failed or its graph was lost, 2 if it could not run or join."""
-    from palp_core.cli.text.words import assignments, value_of
+    from palp_core.cli.words import assignments, value_of
     from palp_core.graph.network.keys import KeyFolder
     from palp_core.graph.network.run_node import Address, run_node
     from palp_core.graph.supervision.interrupt import Interrupted

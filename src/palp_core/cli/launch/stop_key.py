@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import select
 import threading
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Self
 
 from palp_core.cli.keyboard import Keyboard, standard_input
@@ -18,16 +18,10 @@ if TYPE_CHECKING:
 
 KEY = " "
 KEY_TIMEOUT_S = 5.0
-SAFETY_TYPE = "SafetyBeat"
-SAFETY_NAME = "safety"
 
 
 def stop_motion(running: RunningGraph, reason: str, timeout_s: float) -> dict[str, Any]:
-    """Trip the safety node of a graph; return its state and cause.
-
-    Raises:
-        GraphError: The graph has none, or it does not answer.
-    """
+    """Trip the safety node of a graph; return its state and cause."""
     return call_safety(running, "stop", {"reason": reason}, timeout_s)
 
 
@@ -41,13 +35,10 @@ def stopped_words(reply: dict[str, Any], run: str) -> str:
 def call_safety(
     running: RunningGraph, service: str, request: dict[str, Any], timeout_s: float
 ) -> dict[str, Any]:
-    """Call a service of the safety node, which is the one that stops and acknowledges.
+    """Call a service of the safety node, which is the one that stops and acknowledges."""
+    from palp_core.graph.discovery.moving import safety_node
 
-    Raises:
-        GraphError: The graph has none, or it does not answer.
-    """
-    beating = [topic.node for topic in running.record.topics if topic.type == SAFETY_TYPE]
-    node = safety_node(running.node_names, beating)
+    node = safety_node(((topic.node, topic.type) for topic in running.record.topics), running.node_names)
     if node is None:
         raise GraphError(
             f"graph '{running.record.graph}' has no safety node, so nothing can be stopped alone;"
@@ -58,23 +49,9 @@ def call_safety(
     return reply
 
 
-def safety_node(names: Collection[str], beating: Sequence[str]) -> str | None:
-    """Return which node is the safety node.
-
-    It is known by what it publishes, whatever its name; the name decides where several publish that, or none
-    does: a safety node of one's own may have messages of its own.
-
-    Args:
-        names: Of all nodes.
-        beating: Of those that publish the safety node's beat.
-    """
-    if SAFETY_NAME in names and (not beating or SAFETY_NAME in beating):
-        return SAFETY_NAME
-    return beating[0] if beating else None
-
-
 def stop_key(graph: Graph) -> StopKey:
     """Return the key that stops a graph's motion; it listens if the graph has a safety node."""
+    from palp_core.graph.discovery.moving import safety_node
     from palp_core.graph.discovery.running_graph import RunningGraph
 
     def press() -> None:
@@ -90,19 +67,14 @@ def stop_key(graph: Graph) -> StopKey:
 
     key = StopKey(standard_input(), press)
     names = [spec.name for spec in graph.checked.nodes]
-    beating = [topic.node for topic in graph.checked.topics.values() if topic.type == SAFETY_TYPE]
-    if safety_node(names, beating) is not None and key.start():
+    types = [(topic.node, topic.type) for topic in graph.checked.topics.values()]
+    if safety_node(types, names) is not None and key.start():
         note("the space bar stops all motion")
     return key
 
 
 class StopKey:
-    """Call back at each press of the space bar; the terminal is as before at the end.
-
-    Args:
-        descriptor: Of the terminal, if there is one.
-        press: What to do; it is run on the key's own thread.
-    """
+    """Call back at each press of the space bar; the terminal is as before at the end."""
 
     def __init__(self, descriptor: int | None, press: Callable[[], None]) -> None:
         self._keyboard, self._press = Keyboard(descriptor), press
@@ -126,7 +98,6 @@ class StopKey:
         return True
 
     def stop(self) -> None:
-        """Leave the terminal as it was."""
         if self._thread is not None:
             os.write(self._end_in, b"!")
             self._thread.join(1.0)

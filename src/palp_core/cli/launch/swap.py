@@ -4,9 +4,7 @@ import re
 import sys
 from typing import Annotated, Any
 
-import typer
-
-from palp_core.cli.options import INTERRUPTED, GraphOption, JsonOption, NodeArgument
+from palp_core.cli.options import INTERRUPTED, GraphOption, JsonOption, NodeArgument, argument, option
 from palp_core.cli.output import note, print_json, print_text
 from palp_core.cli.running import find_graph
 from palp_core.counted import counted
@@ -18,52 +16,41 @@ FIRST_STEP = 10
 def swap(
     node: NodeArgument,
     target: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[MODULE:CLASS]",
-            help="The new node's class, or FILE.py:CLASS; without it, that which runs gets the parameters.",
-            show_default=False,
-        ),
+        str | None, argument("New class, or FILE.py:CLASS; default: the one that runs.", "[MODULE:CLASS]")
     ] = None,
-    params: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[NAME:=VALUE...]", help="Its parameters.", show_default=False),
-    ] = None,
+    params: Annotated[list[str] | None, argument("Its parameters.", "[NAME:=VALUE...]")] = None,
     *,
-    reload: Annotated[
-        bool, typer.Option("--reload", help="The same class, from its file as it is now.")
-    ] = False,
+    reload: Annotated[bool, option("The same class, from its file as it is now.", "--reload")] = False,
     shadow: Annotated[
         float,
-        typer.Option(
+        option(
+            "Run both nodes for S seconds first and compare outputs.",
             "--shadow",
             metavar="S",
             min=0.0,
             max=86400.0,
-            help="First let both work for so long on the graph's clock, hear only the old one, and compare.",
         ),
     ] = 0.0,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Try every step, or the shadow, and change nothing.")
+        bool, option("Try every step, or the shadow, and change nothing.", "--dry-run")
     ] = False,
     probation: Annotated[
         str | None,
-        typer.Option(
+        option(
+            "Keep the old node for N handlers or S seconds; 0: not.",
             "--probation",
             metavar="N|Ss",
-            help="Let the old node stand by until so many handlers of the new one, as in 5, or so many "
-            "seconds on the graph's clock, as in 2.5s, have gone well; 0: not at all. Policies: 3.",
             show_default=False,
         ),
     ] = None,
     timeout: Annotated[
         float,
-        typer.Option(
+        option(
+            "Seconds without the shadow; as many for a probation.",
             "--timeout",
             metavar="S",
             min=0.1,
             max=3600.0,
-            help="Seconds for all but the shadow, and as many for the handlers of a probation.",
         ),
     ] = 10.0,
     graph: GraphOption = None,
@@ -73,7 +60,7 @@ def swap(
     fails before, the old one goes on: the exit status tells the step (10 check, 11 start, 12 configure,
     13 connect, 14 state, 15 shadow, 16 hand over, 17 take over, 18 probation).
     """
-    from palp_core.cli.text.words import assignments, value_of
+    from palp_core.cli.words import assignments, value_of
     from palp_core.graph.description.checked import unpublished_words
     from palp_core.graph.discovery.choice import addressed
     from palp_core.graph.node.loading import class_from_here
@@ -123,11 +110,7 @@ def swap(
 
 
 def _probation(text: str) -> dict[str, Any]:
-    """Return how many handlers, or how long.
-
-    Raises:
-        GraphError: It is neither a number of handlers nor of seconds.
-    """
+    """Return how many handlers, or how long."""
     from palp_core.graph.swap.swap import LONGEST_S, MOST_RUNS
 
     given = re.fullmatch(r"([0-9]{1,7})|([0-9]{1,5}(?:\.[0-9]{1,9})?)s", text)

@@ -41,7 +41,6 @@ class LaunchView:
 
     @contextlib.contextmanager
     def showing(self, graph: CheckedGraph) -> Iterator[None]:
-        """Show a graph; afterwards the terminal is as it was."""
         self._start(graph)
         try:
             yield
@@ -59,7 +58,6 @@ class LaunchView:
             self._bars.start()
 
     def show_progress(self, now_ns: int, _: str, progress: Progress) -> None:
-        """Show how far the graph is, at this time on its clock."""
         wall_ns = monotonic_ns()
         last = progress.done_count >= progress.total_count
         if wall_ns < self._next_ns and progress.phase == self._phase and not last:

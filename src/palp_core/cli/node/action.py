@@ -6,18 +6,13 @@ import typer
 
 from palp_core.cli import completion
 from palp_core.cli.node.send_goal import send_goal
-from palp_core.cli.options import Call, graph_verb
+from palp_core.cli.options import Call, argument, graph_verb, option
 from palp_core.cli.output import note
 
 app = typer.Typer()
 app.command("send_goal")(send_goal)
 
-ActionArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="ACTION", help="As in /arm/move.", autocompletion=completion.actions, show_default=False
-    ),
-]
+ActionArgument = Annotated[str, argument("As in /arm/move.", "ACTION", complete=completion.actions)]
 
 
 @app.command("list")
@@ -25,10 +20,8 @@ ActionArgument = Annotated[
 def list_actions(
     call: Call,
     *,
-    show_types: Annotated[
-        bool, typer.Option("-t", "--show-types", help="With goal, feedback and result.")
-    ] = False,
-    count: Annotated[bool, typer.Option("-c", "--count-actions", help="Their number only.")] = False,
+    show_types: Annotated[bool, option("With goal, feedback and result.", "-t", "--show-types")] = False,
+    count: Annotated[bool, option("Their number only.", "-c", "--count-actions")] = False,
 ) -> None:
     """List the actions."""
     from palp_core.graph.discovery.actions import actions_of
@@ -43,47 +36,14 @@ def list_actions(
     call.note_silent(answers.silent)
 
 
-@app.command("type")
-@graph_verb(timeout_s=5.0)
-def type_(
-    call: Call,
-    action: ActionArgument,
-) -> None:
-    """Show the types of an action's goal, feedback and result."""
-    from palp_core.graph.discovery.actions import find_action
-
-    found = find_action(call.graph, action, call.timeout_s)
-    types = dict(zip(("goal", "feedback", "result"), found.types, strict=True))
-    call.show({"action": found.name, **types}, [", ".join(found.types)])
-
-
-@app.command("find")
-@graph_verb(timeout_s=5.0)
-def find(
-    call: Call,
-    action_type: Annotated[
-        str, typer.Argument(metavar="TYPE", help="Of goal, feedback or result.", show_default=False)
-    ],
-) -> None:
-    """List the actions with a goal, feedback or result of a type."""
-    from palp_core.graph.discovery.actions import actions_of
-
-    actions = actions_of(call.graph.ask_all("info", timeout_s=call.timeout_s))
-    call.show_of_type(action_type, {a.name: a.types for a in actions}, "action takes or gives")
-
-
 @app.command("info")
 @graph_verb(timeout_s=5.0)
 def info(
     call: Call,
     action: ActionArgument,
     *,
-    show_types: Annotated[
-        bool, typer.Option("-t", "--show-types", help="With goal, feedback and result.")
-    ] = False,
-    count: Annotated[
-        bool, typer.Option("-c", "--count", help="Numbers of clients and servers only.")
-    ] = False,
+    show_types: Annotated[bool, option("With goal, feedback and result.", "-t", "--show-types")] = False,
+    count: Annotated[bool, option("Numbers of clients and servers only.", "-c", "--count")] = False,
 ) -> None:
     """Show an action's server, clients and goals."""
     from palp_core.graph.discovery.actions import find_action
@@ -123,7 +83,7 @@ def cancel(
     call: Call,
     action: ActionArgument,
     *,
-    goal: Annotated[str, typer.Option("--goal", metavar="ID", help="Only this one; default: all.")] = "",
+    goal: Annotated[str, option("Only this one; default: all.", "--goal", metavar="ID")] = "",
 ) -> None:
     """Cancel an action's goals.
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import typer
 
 from palp_core.cli import completion
-from palp_core.cli.options import Call, graph_verb
+from palp_core.cli.options import Call, argument, graph_verb, option
 from palp_core.errors import GraphError
 from palp_core.graph.description.launch_file import find_workspace
 from palp_core.graph.discovery.choice import meant
@@ -44,8 +44,7 @@ _STRUCT = {
 app = typer.Typer()
 
 WorkspaceOption = Annotated[
-    Path | None,
-    typer.Option(metavar="DIR", help="A folder with msgs/; default: the running graph's, else here."),
+    Path | None, option("Folder with msgs/; default: the running graph's, else here.", metavar="DIR")
 ]
 
 
@@ -75,16 +74,10 @@ def list_interfaces(call: Call, *, workspace: WorkspaceOption = None) -> None:
 def show(
     call: Call,
     name: Annotated[
-        str,
-        typer.Argument(
-            metavar="NAME",
-            help="As in ContactSample or msgs.contact:ContactSample.",
-            autocompletion=completion.types,
-            show_default=False,
-        ),
+        str, argument("As in ContactSample or msgs.contact:ContactSample.", "NAME", complete=completion.types)
     ],
     *,
-    as_: Annotated[Literal["struct", "ros", "json-schema"], typer.Option("--as", help="Form.")] = "struct",
+    as_: Annotated[Literal["struct", "ros", "json-schema"], option("Form.", "--as")] = "struct",
     workspace: WorkspaceOption = None,
 ) -> None:
     """Print a type as a struct, .msg text or JSON Schema."""
@@ -110,12 +103,7 @@ def show(
 
 
 def _known_types(call: Call, workspace: Path | None) -> list[KnownType]:
-    """Return the types of the running graph, or those of a workspace if that is named or none runs.
-
-    Raises:
-        GraphError: The workspace has no ``msgs``, a module of it cannot be imported, or no graph of that name
-            runs.
-    """
+    """Return the types of the running graph, or those of a workspace if that is named or none runs."""
     if workspace is not None and not (workspace / "msgs").is_dir():
         raise GraphError(f"--workspace {workspace}: no folder msgs in it")
     if workspace is None and (call.name is not None or meant(running(), None)):

@@ -4,23 +4,11 @@ from typing import Annotated, Literal
 
 import typer
 
-from palp_core.cli.options import Call, NodeArgument, OptionalNodeArgument, graph_verb
+from palp_core.cli.options import Call, NodeArgument, OptionalNodeArgument, argument, graph_verb, option
 
 app = typer.Typer()
 
 TransitionName = Literal["configure", "activate", "deactivate", "cleanup", "shutdown"]
-
-
-@app.command("nodes")
-@graph_verb()
-def nodes(
-    call: Call,
-    *,
-    count: Annotated[bool, typer.Option("-c", "--count-nodes", help="Their number only.")] = False,
-) -> None:
-    """List the nodes that have a lifecycle: all."""
-    names = [f"/{name}" for name in call.graph.node_names]
-    call.show(names, names, count=count)
 
 
 @app.command("get")
@@ -47,7 +35,7 @@ def list_transitions(
     call: Call,
     node: NodeArgument,
     *,
-    show_all: Annotated[bool, typer.Option("-a", "--all", help="From every state, not only this.")] = False,
+    show_all: Annotated[bool, option("From every state, not only this.", "-a", "--all")] = False,
 ) -> None:
     """List the transitions that a node's state allows."""
     from palp_core.errors import LifecycleError
@@ -70,7 +58,7 @@ def list_transitions(
 def set_(
     call: Call,
     node: NodeArgument,
-    transition: Annotated[TransitionName, typer.Argument(help="What the node is to do.", show_default=False)],
+    transition: Annotated[TransitionName, argument("What the node is to do.")],
 ) -> None:
     """Request a transition, and show the state reached."""
     running = call.graph

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palp_core.cli.options import Call, HiddenOption, NodeArgument, graph_verb
+from palp_core.cli.options import Call, HiddenOption, NodeArgument, graph_verb, option
 from palp_core.counted import counted
 
 if TYPE_CHECKING:
@@ -21,8 +21,8 @@ app = typer.Typer()
 def list_nodes(
     call: Call,
     *,
-    count: Annotated[bool, typer.Option("-c", "--count-nodes", help="Their number only.")] = False,
-    show_all: Annotated[bool, typer.Option("-a", "--all", help="Names that begin with _, too.")] = False,
+    count: Annotated[bool, option("Their number only.", "-c", "--count-nodes")] = False,
+    show_all: Annotated[bool, option("Names that begin with _, too.", "-a", "--all")] = False,
 ) -> None:
     """List the nodes with class and process."""
     from palp_core.graph.discovery.running_graph import hidden

@@ -7,18 +7,13 @@ from typing import Annotated, Any
 import typer
 
 from palp_core.cli import completion
-from palp_core.cli.options import Call, NodeArgument, OptionalNodeArgument, graph_verb
+from palp_core.cli.options import Call, NodeArgument, OptionalNodeArgument, argument, graph_verb, option
 from palp_core.cli.output import yaml_text
 from palp_core.errors import GraphError
 
 app = typer.Typer()
 
-NameArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="NAME", help="Of the parameter.", autocompletion=completion.parameters, show_default=False
-    ),
-]
+NameArgument = Annotated[str, argument("Of the parameter.", "NAME", complete=completion.parameters)]
 
 
 @app.command("list")
@@ -27,7 +22,7 @@ def list_parameters(
     call: Call,
     node: OptionalNodeArgument = None,
     *,
-    filter_: Annotated[str, typer.Option("--filter", metavar="REGEX", help="Only names that match.")] = "",
+    filter_: Annotated[str, option("Only names that match.", "--filter", metavar="REGEX")] = "",
 ) -> None:
     """List the parameters of one node or of all."""
     from palp_core.graph.discovery.running_graph import Answers
@@ -57,7 +52,7 @@ def get(
     node: NodeArgument,
     name: NameArgument,
     *,
-    hide_type: Annotated[bool, typer.Option("--hide-type", help="The value only.")] = False,
+    hide_type: Annotated[bool, option("The value only.", "--hide-type")] = False,
 ) -> None:
     """Print a parameter's value."""
     reply = call.graph.ask(node, "describe_parameters", timeout_s=call.timeout_s)
@@ -75,12 +70,9 @@ def set_(
     call: Call,
     node: NodeArgument,
     name: NameArgument,
-    value: Annotated[str, typer.Argument(metavar="VALUE", help="As in YAML.", show_default=False)],
+    value: Annotated[str, argument("As in YAML.", "VALUE")],
     more: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="NAME VALUE", help="More of them, set together or not at all.", show_default=False
-        ),
+        list[str] | None, argument("More of them, set together or not at all.", "NAME VALUE")
     ] = None,
 ) -> None:
     """Set parameters of a running node, all or none."""
@@ -103,10 +95,7 @@ def describe(
     call: Call,
     node: NodeArgument,
     names: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="NAME", help="Default: all.", autocompletion=completion.parameters, show_default=False
-        ),
+        list[str] | None, argument("Default: all.", "NAME", complete=completion.parameters)
     ] = None,
 ) -> None:
     """Show type, unit, bounds, default and value."""
@@ -142,10 +131,10 @@ def dump(
 def load(
     call: Call,
     node: NodeArgument,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="As dump prints it.", show_default=False)],
+    file: Annotated[Path, argument("As dump prints it.", "FILE")],
     *,
     no_use_wildcard: Annotated[
-        bool, typer.Option("--no-use-wildcard", help="Refuse the name /**, which stands for every node.")
+        bool, option("Refuse the name /**, which stands for every node.", "--no-use-wildcard")
     ] = False,
 ) -> None:
     """Set parameters from a ROS 2 parameter file, all or none."""

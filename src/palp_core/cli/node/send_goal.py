@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palp_core.cli import completion
-from palp_core.cli.options import INTERRUPTED, Call, graph_verb
+from palp_core.cli.options import INTERRUPTED, Call, argument, graph_verb, option
 from palp_core.cli.output import note, yaml_text
 from palp_core.errors import GraphError
 
@@ -28,27 +28,19 @@ ASK_NS = 1_000_000_000
 @graph_verb(timeout_s=5.0, changes=True)
 def send_goal(
     call: Call,
-    action: Annotated[
-        str,
-        typer.Argument(
-            metavar="ACTION", help="As in /arm/move.", autocompletion=completion.actions, show_default=False
-        ),
-    ],
-    words: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="TYPE {YAML}", help="Type (optional) and goal.", show_default=False),
-    ] = None,
+    action: Annotated[str, argument("As in /arm/move.", "ACTION", complete=completion.actions)],
+    words: Annotated[list[str] | None, argument("Type (optional) and goal.", "TYPE {YAML}")] = None,
     *,
-    feedback: Annotated[bool, typer.Option("-f", "--feedback", help="Show how it goes.")] = False,
+    feedback: Annotated[bool, option("Show how it goes.", "-f", "--feedback")] = False,
     deadline: Annotated[
-        float, typer.Option("--deadline", metavar="S", min=0.0, help="The server cancels it after; 0: never.")
+        float, option("The server cancels it after; 0: never.", "--deadline", metavar="S", min=0.0)
     ] = 0.0,
 ) -> None:
     """Send a goal and wait for its result.
 
     Status 1 unless it succeeds. Ctrl-C cancels it.
     """
-    from palp_core.cli.text.words import type_and_message
+    from palp_core.cli.words import type_and_message
     from palp_core.graph.discovery.actions import ActionCaller, find_action
     from palp_core.graph.discovery.message_yaml import message_from_yaml
     from palp_core.graph.discovery.topic_reader import TopicReader

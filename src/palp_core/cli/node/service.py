@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from palp_core.cli.options import Call, HiddenOption, ServiceArgument, graph_verb
+from palp_core.cli.options import Call, HiddenOption, ServiceArgument, argument, graph_verb, option
 from palp_core.cli.output import yaml_text
 from palp_core.errors import GraphError
 
@@ -16,8 +16,8 @@ app = typer.Typer()
 def list_services(
     call: Call,
     *,
-    show_types: Annotated[bool, typer.Option("-t", "--show-types", help="With request and reply.")] = False,
-    count: Annotated[bool, typer.Option("-c", "--count-services", help="Their number only.")] = False,
+    show_types: Annotated[bool, option("With request and reply.", "-t", "--show-types")] = False,
+    count: Annotated[bool, option("Their number only.", "-c", "--count-services")] = False,
     include_hidden: HiddenOption = False,
 ) -> None:
     """List the services."""
@@ -32,51 +32,20 @@ def list_services(
     call.note_silent(answers.silent)
 
 
-@app.command("type")
-@graph_verb(timeout_s=5.0)
-def type_(
-    call: Call,
-    service: ServiceArgument,
-) -> None:
-    """Show the types of a service's request and reply."""
-    found = call.graph.service(service, call.timeout_s)
-    types = {"service": found.name, "request": found.request, "reply": found.reply}
-    call.show(types, [f"{found.request} -> {found.reply}"])
-
-
-@app.command("find")
-@graph_verb(timeout_s=5.0)
-def find(
-    call: Call,
-    service_type: Annotated[
-        str, typer.Argument(metavar="TYPE", help="Of request or reply.", show_default=False)
-    ],
-) -> None:
-    """List the services with a request or reply of a type."""
-    services = call.graph.ask_all("info", timeout_s=call.timeout_s).services(include_hidden=True)
-    types = {service.name: (service.request, service.reply) for service in services}
-    call.show_of_type(service_type, types, "service takes or gives")
-
-
 @app.command("call")
 @graph_verb(timeout_s=5.0, changes=True)
 def call_service(
     call: Call,
     service: ServiceArgument,
-    words: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="TYPE {YAML}", help="Type (optional) and request.", show_default=False),
-    ] = None,
+    words: Annotated[list[str] | None, argument("Type (optional) and request.", "TYPE {YAML}")] = None,
     *,
-    retries: Annotated[
-        int, typer.Option(min=0, max=100, help="Ask again so often; the node does it only once.")
-    ] = 0,
+    retries: Annotated[int, option("Ask again so often; the node does it only once.", min=0, max=100)] = 0,
 ) -> None:
     """Call a service and print its reply.
 
     It waits at most timeout x (1 + retries).
     """
-    from palp_core.cli.text.words import type_and_message
+    from palp_core.cli.words import type_and_message
     from palp_core.graph.discovery.message_yaml import message_from_yaml
     from palp_core.graph.messages.message_text import readable
 

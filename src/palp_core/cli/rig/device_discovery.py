@@ -1,9 +1,12 @@
-"""Try a device from the command line: is it there, and what does it deliver?"""
+"""Which devices have a driver; is one there, and what does it deliver?"""
+
+from __future__ import annotations
 
 import inspect
 import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from threading import Event
 from typing import Any
 
@@ -15,24 +18,56 @@ from palp_core.palpation.devices.contract import Promise, PromiseBroken, Subject
 from palp_core.palpation.devices.health import Condition
 from palp_core.palpation.devices.limits import check_range
 from palp_core.palpation.devices.protocols import EmgSamples, Mover, TorqueSamples
-from palp_core.palpation.devices.registry import back_end, kind_of, open_device
+from palp_core.palpation.devices.registry import back_end, drivers, kind_of, open_device
 from palp_core.palpation.devices.torque.ati import AtiTorque
 from palp_core.palpation.devices.unverified import UnverifiedWarning, not_verified
+from palp_core.published import DEVICES, published
+
+
+@dataclass(frozen=True)
+class DeviceEntry:
+    """A device: its kind, name, link in words, and the options of its driver with their defaults as text."""
+
+    kind: str
+    name: str
+    link: str
+    options: dict[str, str]
+
+
+def device_entries(names: Sequence[str] = ()) -> list[DeviceEntry]:
+    """Return every device that has a driver, by kind and name, or those named."""
+    if names:
+        return [_entry(kind_of(name), name) for name in names]
+    return [_entry_or_error(kind, name) for kind, name in drivers()]
+
+
+def _entry(kind: str, name: str) -> DeviceEntry:
+    return DeviceEntry(kind, name, getattr(back_end(kind, name), "LINK", "its own"), _options(kind, name))
+
+
+def _entry_or_error(kind: str, name: str) -> DeviceEntry:
+    """Return a device; of one whose package cannot be imported the error is in place of its link."""
+    try:
+        return _entry(kind, name)
+    except DeviceError as error:
+        if published(DEVICES)[f"{kind}.{name}"].startswith("palp_core."):  # an extra is not installed
+            raise
+        return DeviceEntry(kind, name, str(error), {})
+
+
+def _options(kind: str, name: str) -> dict[str, str]:
+    parameters = inspect.signature(back_end(kind, name)).parameters
+    return {
+        option: "" if parameter.default is parameter.empty else str(parameter.default)
+        for option, parameter in parameters.items()
+    }
+
 
 _LISTEN_S = 0.5
 
 
 def discover(device: str, options: Mapping[str, Any], patience_s: float) -> dict[str, Any]:
-    """Ask a device whether it is there and how it does; nothing moves and nothing is enabled.
-
-    Args:
-        device: Its name.
-        options: Of its driver.
-        patience_s: Longest wait for a sensor's first data.
-
-    Raises:
-        DeviceError: No such device or option, or it does not answer.
-    """
+    """Ask a device whether it is there and how it does; nothing moves and nothing is enabled."""
     kind = kind_of(device)
     if kind in ("stage", "ring"):
         return _discover_mover(kind, device, options)
@@ -49,11 +84,7 @@ def discover(device: str, options: Mapping[str, Any], patience_s: float) -> dict
 
 
 def unverified(device: str, options: Mapping[str, Any]) -> dict[str, str]:
-    """Return which parameters nobody has checked on the device, and what is to be checked of each.
-
-    Raises:
-        DeviceError: No such device or option, or ``verified`` names what needs no verification.
-    """
+    """Return which parameters nobody has checked on the device, and what is to be checked of each."""
     driver: Any = open_device(kind_of(device), device, **options)  # type: ignore[call-overload]
     return not_verified(device, getattr(driver, "UNVERIFIED", {}), getattr(driver, "verified", ()))
 
@@ -79,18 +110,7 @@ def watch(
     every_s: float,
     patience_s: float,
 ) -> Iterator[dict[str, Any]]:
-    """Yield what a sensor delivered in each stretch of time.
-
-    Args:
-        device: Its name.
-        options: Of its driver.
-        seconds: How long; 0 for ever.
-        every_s: Length of a stretch.
-        patience_s: Longest wait for its first data.
-
-    Raises:
-        DeviceError: It is no sensor, does not answer, or a time is no length of time.
-    """
+    """Yield what a sensor delivered in each stretch of time."""
     kind = kind_of(device)
     if kind in ("stage", "ring"):
         raise DeviceError(f"{device} moves and delivers no stream; try: palp devices probe {device}")
@@ -156,7 +176,6 @@ def _row(
 
 
 def _identity(sensor: Any) -> dict[str, Any]:
-    """Return what a sensor says of itself."""
     if not isinstance(sensor, AtiTorque):
         return {}
     told = sensor.sensor

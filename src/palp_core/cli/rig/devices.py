@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from palp_core.cli.options import JsonOption, until_ctrl_c
+from palp_core.cli.options import JsonOption, argument, option, until_ctrl_c
 from palp_core.cli.output import note, print_json, print_text
 from palp_core.errors import DeviceError
 
@@ -20,17 +20,13 @@ MOVES = {
     "ring": "the ring moves up to 10 mm",
 }
 """What the contract of a kind moves, in words."""
-DeviceArgument = Annotated[
-    str,
-    typer.Argument(metavar="DEVICE", help="Its name, as list prints it, or a driver: MODULE:CLASS."),
-]
+DeviceArgument = Annotated[str, argument("Its name, as list prints it, or a driver: MODULE:CLASS.", "DEVICE")]
 OptionsArgument = Annotated[
-    list[str] | None,
-    typer.Argument(metavar="[name:=value]...", help="Options of its driver, as in a launch file."),
+    list[str] | None, argument("Options of its driver, as in a launch file.", "[name:=value]...")
 ]
 
 FirstDataOption = Annotated[
-    float, typer.Option("--patience", metavar="S", help="Longest wait for a sensor's first data.")
+    float, option("Longest wait for a sensor's first data.", "--patience", metavar="S")
 ]
 FIRST_DATA_S = 5.0
 
@@ -38,14 +34,13 @@ FIRST_DATA_S = 5.0
 @app.command("list")
 def list_devices(
     drivers: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[MODULE:CLASS]...", help="Drivers of one's own; default: those palp knows."),
+        list[str] | None, argument("Drivers of one's own; default: those palp knows.", "[MODULE:CLASS]...")
     ] = None,
     *,
     as_json: JsonOption = False,
 ) -> None:
     """List the devices that have a driver, with its options."""
-    from palp_core.cli.rig.device_catalogue import device_entries
+    from palp_core.cli.rig.device_discovery import device_entries
 
     found = device_entries([_from_workspace(driver) for driver in drivers or ()])
     if as_json:
@@ -54,8 +49,8 @@ def list_devices(
     wide = max(len(device.name) for device in found)
     for device in found:
         print_text(f"{device.name:<{wide}}  {device.kind:<6}  {device.link}")
-        for option, default in device.options.items() if drivers else ():
-            print_text(f"  {option}" + (f" (default: {default})" if default else ""))
+        for name, default in device.options.items() if drivers else ():
+            print_text(f"  {name}" + (f" (default: {default})" if default else ""))
 
 
 @app.command("probe")
@@ -95,15 +90,13 @@ def probe(
 
 @app.command("emulate")
 def emulate(
-    devices: Annotated[
-        list[str] | None, typer.Argument(metavar="[DEVICE]...", help="Which; default: a whole rig.")
-    ] = None,
+    devices: Annotated[list[str] | None, argument("Which; default: a whole rig.", "[DEVICE]...")] = None,
     *,
-    host: Annotated[str, typer.Option(help="Address of their TCP ports.")] = "127.0.0.1",
-    phantoms: Annotated[Path | None, typer.Option(help="YAML file of phantoms by code.")] = None,
-    seed: Annotated[int, typer.Option(help="Of their random numbers.")] = 1,
+    host: Annotated[str, option("Address of their TCP ports.")] = "127.0.0.1",
+    phantoms: Annotated[Path | None, option("YAML file of phantoms by code.")] = None,
+    seed: Annotated[int, option("Of their random numbers.")] = 1,
     settings: Annotated[
-        str, typer.Option(metavar="JSON", help="All of RigSettings, in place of the options above.")
+        str, option("All of RigSettings, in place of the options above.", metavar="JSON")
     ] = "",
     as_json: JsonOption = False,
 ) -> None:
@@ -141,8 +134,8 @@ def monitor(
     device: DeviceArgument,
     options: OptionsArgument = None,
     *,
-    seconds: Annotated[float, typer.Option("--for", metavar="S", help="How long; 0: until Ctrl-C.")] = 0.0,
-    every: Annotated[float, typer.Option(metavar="S", min=0.05, help="How often a line.")] = 1.0,
+    seconds: Annotated[float, option("How long; 0: until Ctrl-C.", "--for", metavar="S")] = 0.0,
+    every: Annotated[float, option("How often a line.", metavar="S", min=0.05)] = 1.0,
     patience: FirstDataOption = FIRST_DATA_S,
     as_json: JsonOption = False,
 ) -> None:
@@ -168,15 +161,11 @@ def contract(
     device: DeviceArgument,
     options: OptionsArgument = None,
     *,
-    moves: Annotated[
-        bool, typer.Option("--moves", help="It may move, as far as is printed without this.")
-    ] = False,
+    moves: Annotated[bool, option("It may move, as far as is printed without this.", "--moves")] = False,
     simulated: Annotated[
-        bool, typer.Option("--sim", help="It goes by the time it is given, not by the machine's.")
+        bool, option("It goes by the time it is given, not by the machine's.", "--sim")
     ] = False,
-    patience: Annotated[
-        float, typer.Option(metavar="S", min=1.0, help="Longest wait for what it does.")
-    ] = 60.0,
+    patience: Annotated[float, option("Longest wait for what it does.", metavar="S", min=1.0)] = 60.0,
     as_json: JsonOption = False,
 ) -> None:
     """Check a driver against the contract of its kind.
@@ -218,7 +207,7 @@ def _from_workspace(device: str) -> str:
 
 
 def _options(words: list[str] | None) -> dict[str, Any]:
-    from palp_core.cli.text.words import assignments
+    from palp_core.cli.words import assignments
     from palp_core.graph.discovery.message_yaml import parse_yaml
 
     return {name: parse_yaml(value, name) for name, value in assignments("option", words).items()}

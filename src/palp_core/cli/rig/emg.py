@@ -1,15 +1,19 @@
 """``palp emg``: recorded EMG to co-contraction, bursts and levels, with what is wrong with it."""
 
+from __future__ import annotations
+
 from dataclasses import fields
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from palp_core.cli.lazy import Verb, lazy_app
-from palp_core.cli.options import JsonOption
+from palp_core.cli.options import JsonOption, argument, option
 from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
-from palp_core.palpation.perception.emg.settings import WINDOW_S, BurstSettings, Crosstalk, LevelRule, MvcRule
+
+if TYPE_CHECKING:
+    from palp_core.palpation.perception.emg.analysis import EmgSettings
 
 _HERE = "palp_core.cli.rig"
 
@@ -23,105 +27,62 @@ app = lazy_app(
 
 FsOption = Annotated[
     float | None,
-    typer.Option(
-        "--fs", metavar="HZ", min=1.0, help="Sampling rate; default: by the time column or the format."
-    ),
+    option("Sampling rate; default: by the time column or the format.", "--fs", metavar="HZ", min=1.0),
 ]
-FdsOption = Annotated[
-    str | None, typer.Option("--fds", metavar="COL", help="Flexor's column: index from 0, or name.")
-]
+FdsOption = Annotated[str | None, option("Flexor's column: index from 0, or name.", "--fds", metavar="COL")]
 EdcOption = Annotated[
-    str | None,
-    typer.Option("--edc", metavar="COL", help="Extensor's column: index or name; none: one muscle only."),
+    str | None, option("Extensor's column: index or name; none: one muscle only.", "--edc", metavar="COL")
 ]
 UnitOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="UNIT",
-        help="V, mV, uV, nV or counts, of every file; default: each file's.",
-    ),
+    str | None, option("V, mV, uV, nV or counts; default: each file's own.", metavar="UNIT")
 ]
-WindowOption = Annotated[float, typer.Option("--window-ms", help="RMS window, 20 to 200 ms.")]
-MvcRuleOption = Annotated[
-    MvcRule,
-    typer.Option(
-        help="What levels are held against: of each muscle the median of its best half second, less what "
-        "choosing it gains; the largest sum; the sum of each muscle's largest, as eq. (3) is printed.",
-    ),
-]
-LevelRuleOption = Annotated[
-    LevelRule,
-    typer.Option(help="Level of a peak: its top as a whole without the power of rest, or its largest."),
-]
-CrosstalkOption = Annotated[
-    Crosstalk,
-    typer.Option(help="Take off two muscles what their recordings have in common: a third muscle's."),
-]
-BurstOption = Annotated[
+SettingsOption = Annotated[
     list[str] | None,
-    typer.Option(
-        "--burst",
-        metavar="NAME:=VALUE",
-        help="A setting of the burst rule, as in gap_s:=0.1; repeatable.",
-        show_default=False,
-    ),
+    option("Setting of the analysis: docs/perception.md; repeatable.", "--set", metavar="NAME:=VALUE"),
 ]
 
 
-def burst_settings(words: list[str] | None) -> BurstSettings:
-    """Return the burst rule with the settings given as ``name:=value``.
+def emg_settings(words: list[str] | None) -> EmgSettings:
+    """Return the settings of the analysis, of its burst rule too, given as ``name:=value``."""
+    import msgspec
 
-    Raises:
-        PalpError: There is no such setting, its value is not a number, or out of range.
-    """
-    from palp_core.cli.text.words import assignments
+    from palp_core.cli.words import assignments
     from palp_core.errors import PalpError
+    from palp_core.graph.discovery.message_yaml import parse_yaml
     from palp_core.graph.problems import hint
+    from palp_core.palpation.perception.emg.analysis import EmgSettings
+    from palp_core.palpation.perception.emg.settings import BurstSettings
 
-    known = [field.name for field in fields(BurstSettings)]
-    numbers: dict[str, float] = {}
-    for name, text in assignments("--burst", words).items():
+    given = {name: parse_yaml(text, name) for name, text in assignments("--set", words).items()}
+    bursts = [field.name for field in fields(BurstSettings)]
+    known = [f.name for f in fields(EmgSettings) if f.name not in ("rate_hz", "bursts")] + bursts
+    for name in given:
         if name not in known:
             names = ", ".join(known)
-            raise PalpError(f"--burst {name}: no such setting{hint(name, known)}; there are {names}")
-        try:
-            numbers[name] = float(text)
-        except ValueError:
-            raise PalpError(f"--burst {name}:={text}: write a number") from None
-    return BurstSettings(**numbers)
+            raise PalpError(f"--set {name}: no such setting{hint(name, known)}; there are {names}")
+    own = {name: value for name, value in given.items() if name not in bursts}
+    own["bursts"] = {name: value for name, value in given.items() if name in bursts}
+    try:
+        return msgspec.convert(own, EmgSettings)
+    except msgspec.ValidationError as error:
+        raise PalpError(f"--set: {error}") from error
 
 
 _SHOWN_APART = ("file", "format", "columns", "notes", "problem")
 
 
 def analyse(
-    file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="A recording, or a folder subject/phase/trial.")
-    ],
+    file: Annotated[Path, argument("A recording, or a folder subject/phase/trial.", "FILE")],
     *,
     fs: FsOption = None,
     fds: FdsOption = None,
     edc: EdcOption = None,
     unit: UnitOption = None,
-    mvc: Annotated[
-        Path | None, typer.Option(help="Recording of the MVC; a bag or a folder may hold its own.")
-    ] = None,
-    rest: Annotated[
-        Path | None, typer.Option(help="Recording at rest; default: the quietest twentieth.")
-    ] = None,
-    window_ms: WindowOption = 1e3 * WINDOW_S,
-    mvc_rule: MvcRuleOption = "plateau",
-    level_rule: LevelRuleOption = "plateau",
-    crosstalk: CrosstalkOption = "keep",
-    burst: BurstOption = None,
-    band_hz: Annotated[tuple[float, float], typer.Option(help="Band-pass.")] = (20.0, 450.0),
-    rails: Annotated[
-        tuple[float, float] | None, typer.Option(help="The converter's ends, in volts or the file's counts.")
-    ] = None,
-    swept: Annotated[
-        bool, typer.Option("--sweep", help="Bursts, peaks and lambda_2 over windows, thresholds and valleys.")
-    ] = False,
-    out: Annotated[Path | None, typer.Option(help="Folder for page (HTML), tables (CSV) and JSON.")] = None,
+    mvc: Annotated[Path | None, option("Recording of the MVC; a bag or a folder may hold its own.")] = None,
+    rest: Annotated[Path | None, option("Recording at rest; default: the quietest twentieth.")] = None,
+    settings: SettingsOption = None,
+    swept: Annotated[bool, option("Show results over windows, thresholds and valleys.", "--sweep")] = False,
+    out: Annotated[Path | None, option("Folder for page (HTML), tables (CSV) and JSON.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Status 1: a trial of the folder failed."""
@@ -130,26 +91,16 @@ def analyse(
     from palp_core.palpation.identification.emg.files import is_recording
     from palp_core.palpation.identification.emg.muscles import ImportOptions
     from palp_core.palpation.identification.emg.trial import run_trial, trial_record
-    from palp_core.palpation.perception.emg.analysis import EmgSettings
     from palp_core.palpation.session.human.record import EMG, is_by_hand
 
-    settings = EmgSettings(
-        low_hz=band_hz[0],
-        high_hz=band_hz[1],
-        window_s=window_ms / 1e3,
-        bursts=burst_settings(burst),
-        mvc_rule=mvc_rule,
-        level_rule=level_rule,
-        crosstalk=crosstalk,
-        rails=rails,
-    )
+    chosen = emg_settings(settings)
     options = ImportOptions(fs, fds, edc, unit)
     if out is not None:
         make_folder(out)
     if file.is_dir() and not is_recording(file):
         if swept:
             raise PalpError("--sweep is for one recording; name a trial of the folder")
-        records = emg_batch.run_folder(file / EMG if is_by_hand(file) else file, mvc, options, settings, note)
+        records = emg_batch.run_folder(file / EMG if is_by_hand(file) else file, mvc, options, chosen, note)
         result = emg_batch.write_batch(records, out) if out else {"trials": records}
         if as_json:
             print_json(result)
@@ -160,7 +111,7 @@ def analyse(
         if any(one["error"] for one in records):
             raise typer.Exit(1)
         return
-    trial = run_trial(file, mvc, options, settings, rest)
+    trial = run_trial(file, mvc, options, chosen, rest)
     record = emg_batch.write_trial(trial, out) if out else trial_record(trial)
     if swept:
         record["sweep"] = emg_batch.sweep_trial(trial, out)
@@ -195,10 +146,10 @@ def analyse(
 
 
 def import_file(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording.")],
+    file: Annotated[Path, argument("A recording.", "FILE")],
     *,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only show what would be used.")] = False,
-    out: Annotated[Path | None, typer.Option(help="Write time_s, fds, edc there as CSV.")] = None,
+    dry_run: Annotated[bool, option("Only show what would be used.", "--dry-run")] = False,
+    out: Annotated[Path | None, option("Write time_s, fds, edc there as CSV.")] = None,
     fs: FsOption = None,
     fds: FdsOption = None,
     edc: EdcOption = None,

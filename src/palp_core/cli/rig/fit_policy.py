@@ -5,51 +5,27 @@ from typing import Annotated, Any
 
 import typer
 
-from palp_core.cli.options import JsonOption
+from palp_core.cli.options import JsonOption, argument, option
 from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
-from palp_core.cli.rig.emg import (
-    BurstOption,
-    CrosstalkOption,
-    EdcOption,
-    FdsOption,
-    FsOption,
-    LevelRuleOption,
-    MvcRuleOption,
-    UnitOption,
-    WindowOption,
-    burst_settings,
-)
+from palp_core.cli.rig.emg import EdcOption, FdsOption, FsOption, SettingsOption, UnitOption, emg_settings
 from palp_core.counted import counted
-from palp_core.palpation.perception.emg.settings import WINDOW_S
 
 
 def fit_policy(
     files: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="FILE...",
-            help="Recordings or bags of EMG, folders subject/phase/trial, or those of sessions with people; "
-            "MM=FILE states the depth.",
-            show_default=False,
-        ),
+        list[str], argument("Recordings, bags or session folders; MM=FILE states a depth.", "FILE...")
     ],
     *,
-    mvc: Annotated[Path | None, typer.Option(help="Recording of the MVC; default: each file's own.")] = None,
+    mvc: Annotated[Path | None, option("Recording of the MVC; default: each file's own.")] = None,
     fs: FsOption = None,
     fds: FdsOption = None,
     edc: EdcOption = None,
     unit: UnitOption = None,
-    window_ms: WindowOption = 1e3 * WINDOW_S,
-    mvc_rule: MvcRuleOption = "plateau",
-    level_rule: LevelRuleOption = "plateau",
-    crosstalk: CrosstalkOption = "keep",
-    burst: BurstOption = None,
-    prior: Annotated[float, typer.Option(help="Dirichlet pseudo-count of each transition.")] = 0.5,
-    mass: Annotated[float, typer.Option(help="Probability inside the intervals.")] = 0.95,
-    seed: Annotated[int, typer.Option(help="Of the draws behind the intervals.")] = 1,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for chain.json, chart (PNG), tables (CSV, JSON) and page.")
-    ] = None,
+    settings: SettingsOption = None,
+    prior: Annotated[float, option("Dirichlet pseudo-count of each transition.")] = 0.5,
+    mass: Annotated[float, option("Probability inside the intervals.")] = 0.95,
+    seed: Annotated[int, option("Of the draws behind the intervals.")] = 1,
+    out: Annotated[Path | None, option("Folder for chain.json, chart, tables and page.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Status 1: a trial failed."""
@@ -57,22 +33,15 @@ def fit_policy(
 
     from palp_core.palpation.identification.emg import markov_fit
     from palp_core.palpation.identification.emg.muscles import ImportOptions
-    from palp_core.palpation.perception.emg.analysis import EmgSettings
 
-    settings = EmgSettings(
-        window_s=window_ms / 1e3,
-        bursts=burst_settings(burst),
-        mvc_rule=mvc_rule,
-        level_rule=level_rule,
-        crosstalk=crosstalk,
-    )
+    chosen = emg_settings(settings)
     if out is not None:
         make_folder(out)
     found = markov_fit.fit(
         [markov_fit.source_of(word) for word in files],
         mvc,
         ImportOptions(fs, fds, edc, unit),
-        settings,
+        chosen,
         np.random.default_rng(seed),
         prior_count=prior,
         mass=mass,

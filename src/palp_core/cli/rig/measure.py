@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palp_core.cli.options import INTERRUPTED, JsonOption
+from palp_core.cli.options import INTERRUPTED, JsonOption, argument, option
 from palp_core.cli.output import note, print_json, print_table, print_text
 
 if TYPE_CHECKING:
@@ -26,9 +26,6 @@ def duration_s(text: str) -> float:
 
     >>> duration_s("60s"), duration_s("2min")
     (60.0, 120.0)
-
-    Raises:
-        typer.BadParameter: It is none.
     """
     found = _DURATION.fullmatch(text.strip())
     if found is None or float(found[1]) == 0.0:
@@ -37,16 +34,10 @@ def duration_s(text: str) -> float:
 
 
 def measure(
-    scene: Annotated[
-        Path | None, typer.Argument(help="Scene file; default: the published rig.", show_default=False)
-    ] = None,
+    scene: Annotated[Path | None, argument("Scene file; default: the published rig.")] = None,
     *,
-    task: Annotated[
-        list[str] | None, typer.Option(help="Only this task, as in contact; may be given again.")
-    ] = None,
-    budget: Annotated[
-        str, typer.Option(help="After how long no further point is begun: 60s, 2min, 1h.")
-    ] = "60s",
+    task: Annotated[list[str] | None, option("Only this task, as in contact; may be given again.")] = None,
+    budget: Annotated[str, option("After how long no further point is begun: 60s, 2min, 1h.")] = "60s",
     as_json: JsonOption = False,
 ) -> None:
     """All tasks in turns, a point of each. When time is up, or on Ctrl-C, the tables have what there is."""

@@ -5,10 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from palp_core.cli.lazy import Verb, lazy_app
-from palp_core.cli.options import JsonOption
+from palp_core.cli.options import JsonOption, argument, option
 from palp_core.cli.output import note, print_json, print_text, print_wrapped
 
 if TYPE_CHECKING:
@@ -28,11 +26,9 @@ app = lazy_app(
 
 
 def list_methods(
-    task: Annotated[str, typer.Argument(help="Only this task's, as in contact.")] = "",
+    task: Annotated[str, argument("Only this task's, as in contact.")] = "",
     *,
-    scene: Annotated[
-        Path | None, typer.Option(help="Scene file to mark them for; default: the published rig.")
-    ] = None,
+    scene: Annotated[Path | None, option("Scene file to mark them for; default: the published rig.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Costs are seconds of one core on the machine where they were measured; errors are relative. A method is

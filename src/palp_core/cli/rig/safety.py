@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from palp_core.cli.launch.stop_key import call_safety, stop_motion, stopped_words
-from palp_core.cli.options import Call, graph_verb
+from palp_core.cli.options import Call, graph_verb, option
 from palp_core.cli.output import note, print_json, print_text
 from palp_core.errors import GraphError
 
@@ -17,9 +17,7 @@ app = typer.Typer()
 def stop(
     call: Call,
     *,
-    every: Annotated[
-        bool, typer.Option("--all", help="Of every graph of this user, whatever its folder.")
-    ] = False,
+    every: Annotated[bool, option("Of every graph of this user, whatever its folder.", "--all")] = False,
 ) -> None:
     """It stays stopped until ``palp safety ack``."""
     from palp_core.graph.discovery.choice import WhichGraph
@@ -95,10 +93,10 @@ def acknowledge(call: Call) -> None:
 
     Status 1: the cause is still there.
     """
-    from palp_core.palpation.live_page.safety import acknowledged_words
+    from palp_core.palpation.live_page.safety import acknowledge_text
 
     reply = call_safety(call.graph, "acknowledge", {}, call.timeout_s)
-    call.show(reply, [acknowledged_words(reply)])
+    call.show(reply, [acknowledge_text(reply)])
     if not reply["done"]:
         sys.exit(1)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palp_core.cli.options import JsonOption
+from palp_core.cli.options import JsonOption, argument, option
 from palp_core.cli.output import note, print_json, print_table, print_text
 from palp_core.counted import counted
 
@@ -18,10 +18,8 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 
-FileArgument = Annotated[Path, typer.Argument(help="Scene file (YAML).", show_default=False)]
-RungOption = Annotated[
-    str | None, typer.Option(help="This rung of `palp methods list contact`, whatever the tolerance.")
-]
+FileArgument = Annotated[Path, argument("Scene file (YAML).")]
+RungOption = Annotated[str | None, option("Model to use, of `palp methods list contact`.")]
 
 
 @app.command("explain")
@@ -105,9 +103,9 @@ def run(file: FileArgument, *, rung: RungOption = None, as_json: JsonOption = Fa
 def table(
     file: FileArgument,
     *,
-    rung: Annotated[str, typer.Option(help="Which rung, of `palp methods list contact`.")],
-    offsets_mm: Annotated[str, typer.Option(metavar="A,B,...", help="Positions past the bead, in mm.")],
-    indentations_mm: Annotated[str, typer.Option(metavar="A,B,...", help="Depths under the surface, in mm.")],
+    rung: Annotated[str, option("Which rung, of `palp methods list contact`.")],
+    offsets_mm: Annotated[str, option("Positions past the bead, in mm.", metavar="A,B,...")],
+    indentations_mm: Annotated[str, option("Depths under the surface, in mm.", metavar="A,B,...")],
     as_json: JsonOption = False,
 ) -> None:
     """Print a rung's contact forces over offsets and indentations."""
@@ -133,13 +131,9 @@ def table(
 
 @app.command("fit")
 def fit(
-    outs: Annotated[
-        list[Path], typer.Argument(metavar="OUT...", help="Sessions' folders or bags.", show_default=False)
-    ],
+    outs: Annotated[list[Path], argument("Sessions' folders or bags.", "OUT...")],
     *,
-    scene: Annotated[
-        Path | None, typer.Option(help="What is not fitted, and where the search starts; a scene file.")
-    ] = None,
+    scene: Annotated[Path | None, option("Scene file: what is not fitted, and where to start.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Fit a gel's modulus and friction to recorded sweeps.
@@ -165,7 +159,7 @@ def fit(
 @app.command("cache")
 def cache(
     *,
-    clear: Annotated[bool, typer.Option("--clear", help="Remove every set-up.")] = False,
+    clear: Annotated[bool, option("Remove every set-up.", "--clear")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Show or clear the set-ups of contact models kept on disk."""

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from palp_core.cli.options import INTERRUPTED, JsonOption
+from palp_core.cli.options import INTERRUPTED, JsonOption, argument, option
 from palp_core.cli.output import make_folder, note, print_json, print_table, print_text
 
 app = typer.Typer()
@@ -33,16 +33,14 @@ def _names(incomplete: str) -> list[str]:
 
 @app.command("run")
 def run(
-    name: Annotated[
-        str, typer.Argument(help="Name of the study; see `palp study list`.", autocompletion=_names)
-    ],
+    name: Annotated[str, argument("Name of the study; see `palp study list`.", complete=_names)],
     *,
-    out: Annotated[Path, typer.Option(help="Folder for charts, tables and the page.")],
-    quick: Annotated[bool, typer.Option("--quick", help="Few values: minutes instead of an hour.")] = False,
-    workers: Annotated[int, typer.Option(help="Local processes, where the study can use them.")] = 1,
-    dask: Annotated[str, typer.Option(help="Dask scheduler instead, as tcp://host:8786.")] = "",
-    mounting: Annotated[str, typer.Option(help="As mounting:= of a launch file; not a CSV.")] = "",
-    specimens: Annotated[str, typer.Option(help="As specimens:= of a launch file.")] = "",
+    out: Annotated[Path, option("Folder for charts, tables and the page.")],
+    quick: Annotated[bool, option("Few values: minutes instead of an hour.", "--quick")] = False,
+    workers: Annotated[int, option("Local processes, where the study can use them.")] = 1,
+    dask: Annotated[str, option("Dask scheduler instead, as tcp://host:8786.")] = "",
+    mounting: Annotated[str, option("As mounting:= of a launch file; not a CSV.")] = "",
+    specimens: Annotated[str, option("As specimens:= of a launch file.")] = "",
 ) -> None:
     """Run a study: charts, tables and a page.
 

@@ -6,9 +6,7 @@ import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from palp_core.cli.options import JsonOption
+from palp_core.cli.options import JsonOption, argument
 from palp_core.cli.output import note, print_json, print_wrapped
 from palp_core.counted import counted
 from palp_core.errors import GraphError, PalpError
@@ -19,15 +17,7 @@ if TYPE_CHECKING:
 
 
 def why(
-    run: Annotated[
-        str,
-        typer.Argument(
-            metavar="RUN",
-            help="A session's folder, a bag of its run, or a running graph: its name, id or pid. "
-            "Default: the running one.",
-            show_default=False,
-        ),
-    ] = "",
+    run: Annotated[str, argument("Session's folder, bag or running graph; default: that.", "RUN")] = "",
     *,
     as_json: JsonOption = False,
 ) -> None:
@@ -58,11 +48,7 @@ def why(
 
 
 def _recorded(run: str) -> tuple[RunSummary, list[Row]]:
-    """Return what a folder, a bag or a running graph has recorded so far.
-
-    Raises:
-        PalpError: It is none of these, or not of a session.
-    """
+    """Return what a folder, a bag or a running graph has recorded so far."""
     from palp_core.palpation.session.bag_record import is_bag, read_record
     from palp_core.palpation.session.run_note import read_note
     from palp_core.palpation.session.session_folder import RUN, is_being_written

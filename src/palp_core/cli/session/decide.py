@@ -1,27 +1,22 @@
-"""``palp session redo`` and ``exclude``: decisions about single trials, appended and never taken back."""
+"""``palp session redo``, ``exclude``, ``seal`` and ``unseal``: decisions that are never taken back."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from palp_core.cli.options import JsonOption
-from palp_core.cli.output import note, print_json, print_text
+from palp_core.cli.options import JsonOption, argument, option
+from palp_core.cli.output import note, print_json, print_table, print_text
 from palp_core.errors import PalpError
 
 if TYPE_CHECKING:
     from palp_core.palpation.session.audit import Deed, TrialKey
 
-TrialArgument = Annotated[
-    int, typer.Argument(metavar="TRIAL", min=1, help="Its number in its phase.", show_default=False)
-]
-FolderArgument = Annotated[
-    Path, typer.Argument(metavar="DIR", help="The session's folder.", show_default="results/latest")
-]
-TrainingOption = Annotated[bool, typer.Option("--training", help="A trial of training, not of estimation.")]
-ReasonOption = Annotated[str, typer.Option("--reason", help="Why, in words.", show_default=False)]
+
+TrialArgument = Annotated[int, argument("Its number in its phase.", "TRIAL", min=1)]
+FolderArgument = Annotated[Path, argument("The session's folder.", "DIR", show_default="results/latest")]
+TrainingOption = Annotated[bool, option("A trial of training, not of estimation.", "--training")]
+ReasonOption = Annotated[str, option("Why, in words.", "--reason", show_default=False)]
 LATEST = Path("results/latest")
 
 
@@ -86,3 +81,41 @@ def _goes_on(folder: Path) -> bool:
         return read_note(folder).exit_code != 0
     except PalpError:  # nobody knows what run it was of
         return False
+
+
+def seal(
+    key: Annotated[Path, argument("The file that is written.", "KEY")],
+    phantoms: Annotated[str, option("YAML file of phantoms; empty: the paper's three.")] = "",
+) -> None:
+    """Tells what to write on which sticker: once, here, and nowhere else. Then: blind:=true phantoms:=KEY"""
+    from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
+    from palp_core.palpation.mechanics.scene.sealed import seal as write_key
+
+    if key.exists():
+        raise PalpError(f"{key} exists; a key is drawn once")
+    given = write_key(key, load_phantoms(phantoms))
+    print_table([["phantom", "sticker"], *sorted([own, code] for code, own in given.items())])
+    note(f"sealed: {key}; whoever takes part in the session must not see the lines above")
+
+
+def unseal(
+    folder: Annotated[Path, argument("The session's folder.", "DIR")],
+    *,
+    reason: Annotated[str, option("Why now, in words.", "--reason", show_default=False)],
+    key: Annotated[Path | None, option("The key; default: DIR/key.sealed.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """The report is made, and the audit says when, why and by whom it was opened."""
+    from palp_core.palpation.session.human.blinding import unseal as open_session
+    from palp_core.palpation.session.human.report import write_human
+    from palp_core.palpation.session.run_note import read_note
+    from palp_core.palpation.session.sheet.of_run import sheet_of
+
+    opened = open_session(folder, reason, key)
+    said = write_human([folder], folder, sheet_of(read_note(folder)))
+    if as_json:
+        print_json([{"code": code, "phantom": own, "depth_m": depth_m} for code, own, depth_m in opened])
+        return
+    rows = [[code, own, f"{depth_m * 1e3:g}"] for code, own, depth_m in opened]
+    print_table([["code", "phantom", "depth, mm"], *rows])
+    print_text(said)

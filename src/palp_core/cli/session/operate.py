@@ -46,11 +46,6 @@ def operate(*, timeout: options.TimeoutOption = 5.0, graph: options.GraphOption 
 class Desk:
     """What stands on the operator's screen, and where an answer goes.
 
-    Args:
-        running: The graph.
-        topics: Those that are shown.
-        timeout_s: Longest wait for a node to take an answer.
-
     Attributes:
         unheard: An answer was sent that no node took before the graph ended.
     """
@@ -115,11 +110,7 @@ def effort_line(message: dict[str, Any]) -> str:
 
 
 def typed() -> str | None:
-    """Return a line that was typed, None while there is none.
-
-    Raises:
-        typer.Exit: Standard input has ended: nobody can answer any more.
-    """
+    """Return a line that was typed, None while there is none."""
     if not select.select([sys.stdin], [], [], 0)[0]:
         return None
     line = sys.stdin.readline()

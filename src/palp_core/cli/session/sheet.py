@@ -1,15 +1,17 @@
-"""``palp session new``, ``show`` and ``redact``: the sheet of a session."""
+"""``palp session new``, ``show``, ``redact`` and ``plan``: the sheet and the trials of a session."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from palp_core.cli.options import JsonOption
+from palp_core.cli.options import JsonOption, argument, option
 from palp_core.cli.output import note, print_json, print_table, print_text
+from palp_core.counted import counted
 from palp_core.errors import PalpError
 
 if TYPE_CHECKING:
@@ -17,17 +19,17 @@ if TYPE_CHECKING:
 
 
 ByHandOption = Annotated[
-    bool, typer.Option("--by-hand", help="A person palpates: a subject is named, and no torque sensor.")
+    bool, option("A person palpates: a subject is named, and no torque sensor.", "--by-hand")
 ]
 
 
 def new(
-    file: Annotated[Path, typer.Argument(metavar="[FILE]", help="The sheet.")] = Path("session.yaml"),
+    file: Annotated[Path, argument("The sheet.", "[FILE]")] = Path("session.yaml"),
     phantoms: Annotated[
-        str, typer.Option(metavar="FILE", help="Phantoms of the session; default: the paper's three.")
+        str, option("Phantoms of the session; default: the paper's three.", metavar="FILE")
     ] = "",
     by_hand: ByHandOption = False,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="A file that is there is replaced.")] = False,
+    overwrite: Annotated[bool, option("A file that is there is replaced.", "--overwrite")] = False,
 ) -> None:
     from palp_core.palpation.session.sheet.of_run import phantom_codes
     from palp_core.palpation.session.sheet.template import template
@@ -44,7 +46,7 @@ def new(
 
 
 def show(
-    path: Annotated[Path, typer.Argument(metavar="DIR|BAG|FILE", help="A session's folder, a bag, a sheet.")],
+    path: Annotated[Path, argument("A session's folder, a bag, a sheet.", "DIR|BAG|FILE")],
     *,
     by_hand: ByHandOption = False,
     as_json: JsonOption = False,
@@ -60,12 +62,10 @@ def show(
 
 
 def redact(
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR|BAG", help="A session's folder, or a bag of its run.")
-    ],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="DIR", help="For the copy.")],
+    folder: Annotated[Path, argument("A session's folder, or a bag of its run.", "DIR|BAG")],
+    out: Annotated[Path, option("For the copy.", "--out", "-o", metavar="DIR")],
     also: Annotated[
-        str, typer.Option(metavar="FIELD,...", help="Beside operator, subject, ethics and note: lab, began.")
+        str, option("Beside operator, subject, ethics and note: lab, began.", metavar="FIELD,...")
     ] = "",
 ) -> None:
     """Files that are no part of the session stay behind. Status 1: the copy still has a word of them."""
@@ -107,11 +107,6 @@ def _tell(out: Path, told: Sequence[str]) -> None:
 
 
 def _sheet_at(path: Path, *, by_hand: bool) -> SessionSheet:
-    """Return the sheet of what a path leads to.
-
-    Raises:
-        PalpError: There is none, or it has mistakes.
-    """
     from palp_core.graph.bag.reader import Bag
     from palp_core.palpation.session.bag_record import is_bag, launch_of
     from palp_core.palpation.session.run_note import read_note
@@ -128,3 +123,54 @@ def _sheet_at(path: Path, *, by_hand: bool) -> SessionSheet:
     if found is None:
         raise PalpError(f"{path}: was recorded without a sheet, by an earlier palp")
     return found
+
+
+def plan(
+    *,
+    order: Annotated[
+        Literal["paper", "counterbalanced"], option("Tables 3 and 4, or balanced over subjects.")
+    ] = "paper",
+    subject_number: Annotated[int, option("Of the subject in the study.", min=1)] = 1,
+    seed: Annotated[int, option("Of the study.", min=0)] = 1,
+    repeats: Annotated[int, option("Trials per phantom and phase.", min=1)] = 5,
+    limit_s: Annotated[float, option("Longest time of a trial.")] = 60.0,
+    rest_s: Annotated[float, option("Rest between trials.", min=0.0)] = 20.0,
+    phantoms: Annotated[str, option("YAML file of phantoms; empty: the paper's three.")] = "",
+    as_json: JsonOption = False,
+) -> None:
+    """No rig is needed."""
+    from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
+    from palp_core.palpation.session.human.plan import PHASES, HumanDesign, outline
+    from palp_core.palpation.session.plan import PlannedPhantom
+
+    depths_m = {code: one.bead.depth_m for code, one in load_phantoms(phantoms).items() if one.bead}
+    found = outline(
+        HumanDesign(
+            phantoms=tuple(PlannedPhantom(code, depth_m) for code, depth_m in depths_m.items()),
+            order=order,
+            subject_number=subject_number,
+            seed=seed,
+            repeats=repeats,
+            limit_s=limit_s,
+            rest_s=rest_s,
+        )
+    )
+    if as_json:
+        print_json(found)
+        return
+    for phase in PHASES:
+        trials = [trial for trial in found.trials if trial.phase == phase]
+        counts = Counter(trial.phantom for trial in trials)
+        given = ", ".join(f"{code} {counted(count, 'time')}" for code, count in sorted(counts.items()))
+        print_text(f"{phase}: {counted(len(trials), 'trial')}, {given}")
+        print_table(
+            [
+                ["trial", *(str(trial.number) for trial in trials)],
+                ["phantom", *(trial.phantom for trial in trials)],
+                ["depth, mm", *(f"{depths_m[trial.phantom] * 1e3:g}" for trial in trials)],
+            ]
+        )
+    print_text(
+        f"{found.questions} questions, {found.mounts} changes of the phantom; "
+        f"{found.shortest_s / 60:.0f} min without any palpation, {found.longest_s / 60:.0f} min at most"
+    )

@@ -6,12 +6,10 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
-
-from palp_core.cli.options import Call, TopicArgument, graph_verb
+from palp_core.cli.options import Call, TopicArgument, argument, graph_verb, option
 from palp_core.cli.output import note, print_json, print_text, yaml_text
 from palp_core.cli.running import note_ended
-from palp_core.cli.text.words import type_name
+from palp_core.cli.words import type_name
 from palp_core.counted import counted
 from palp_core.errors import GraphError
 
@@ -20,7 +18,6 @@ if TYPE_CHECKING:
     from palp_core.graph.discovery.topic_reader import ReceivedFrame, TopicReader
     from palp_core.graph.messages.topic import Topic
 
-Profile = Literal["default", "sensor_data", "latched"]
 SILENCE_NS = 3_000_000_000
 
 
@@ -28,40 +25,32 @@ SILENCE_NS = 3_000_000_000
 def echo(
     call: Call,
     topic: TopicArgument,
-    message_type: Annotated[
-        str | None, typer.Argument(metavar="TYPE", help="Of the messages, to be sure.", show_default=False)
-    ] = None,
+    message_type: Annotated[str | None, argument("Of the messages, to be sure.", "TYPE")] = None,
     *,
-    field: Annotated[
-        str | None, typer.Option(metavar="A.B", help="One field only, as in posterior[0].")
-    ] = None,
-    as_csv: Annotated[bool, typer.Option("--csv", help="A line of comma-separated values each.")] = False,
-    flow_style: Annotated[bool, typer.Option("--flow-style", help="A line of YAML each.")] = False,
-    full_length: Annotated[bool, typer.Option("--full-length", "-f", help="Leave nothing out.")] = False,
+    field: Annotated[str | None, option("One field only, as in posterior[0].", metavar="A.B")] = None,
+    as_csv: Annotated[bool, option("A line of comma-separated values each.", "--csv")] = False,
+    full_length: Annotated[bool, option("Leave nothing out.", "--full-length", "-f")] = False,
     truncate_length: Annotated[
-        int, typer.Option("--truncate-length", "-l", min=0, help="Elements and characters to show.")
+        int, option("Elements and characters to show.", "--truncate-length", "-l", min=0)
     ] = 128,
-    no_arr: Annotated[bool, typer.Option("--no-arr", help="Lengths instead of arrays.")] = False,
-    no_str: Annotated[bool, typer.Option("--no-str", help="Lengths instead of texts.")] = False,
-    raw: Annotated[bool, typer.Option("--raw", help="The bytes as they travel.")] = False,
-    once: Annotated[bool, typer.Option("--once", help="One message, then end.")] = False,
-    times: Annotated[int, typer.Option("--times", "-n", min=0, help="This many; 0: without end.")] = 0,
+    no_arr: Annotated[bool, option("Lengths instead of arrays.", "--no-arr")] = False,
+    no_str: Annotated[bool, option("Lengths instead of texts.", "--no-str")] = False,
+    once: Annotated[bool, option("One message, then end.", "--once")] = False,
+    times: Annotated[int, option("This many; 0: without end.", "--times", "-n", min=0)] = 0,
     timeout: Annotated[
-        float | None, typer.Option(metavar="S", min=0.0, help="End with status 2 after this silence.")
+        float | None, option("End with status 2 after this silence.", metavar="S", min=0.0)
     ] = None,
     include_message_info: Annotated[
-        bool, typer.Option("--include-message-info", "-i", help="Sequence, epoch and stamp, too.")
+        bool, option("Sequence, epoch and stamp, too.", "--include-message-info", "-i")
     ] = False,
-    no_lost_messages: Annotated[
-        bool, typer.Option("--no-lost-messages", help="Do not say how many were lost.")
-    ] = False,
-    clear: Annotated[bool, typer.Option("--clear", "-c", help="Clear the terminal before each.")] = False,
-    qos_profile: Annotated[Profile | None, typer.Option(help="Default: what the publisher offers.")] = None,
-    qos_reliability: Annotated[Literal["best_effort", "reliable"] | None, typer.Option()] = None,
-    qos_durability: Annotated[Literal["volatile", "transient_local"] | None, typer.Option()] = None,
-    qos_depth: Annotated[
-        int | None, typer.Option(min=1, help="Messages from before that come first.")
+    no_lost_messages: Annotated[bool, option("Do not say how many were lost.", "--no-lost-messages")] = False,
+    qos_reliability: Annotated[
+        Literal["best_effort", "reliable"] | None, option("Default: as the publisher offers.")
     ] = None,
+    qos_durability: Annotated[
+        Literal["volatile", "transient_local"] | None, option("Default: as the publisher offers.")
+    ] = None,
+    qos_depth: Annotated[int | None, option("Messages from before that come first.", min=1)] = None,
 ) -> None:
     from palp_core.graph.discovery.topic_reader import TopicReader
     from palp_core.graph.messages.message_text import Truncation, decoded, parse_path, pick
@@ -70,9 +59,9 @@ def echo(
     entry = running.topic(topic)
     _same_type(entry, message_type)
     path = None if field is None else parse_path(field, entry.json_schema)
-    depth, reliable = requested_depth(running, entry, qos_profile, qos_reliability, qos_durability, qos_depth)
+    depth, reliable = requested_depth(running, entry, qos_reliability, qos_durability, qos_depth)
     how = Truncation(None if full_length else truncate_length, not no_arr, not no_str)
-    show = _printer(how, as_json=call.as_json, as_csv=as_csv, flow_style=flow_style)
+    show = _printer(how, as_json=call.as_json, as_csv=as_csv)
     limit = 1 if once else times
     shown = 0
     with TopicReader(running, [entry], history_depth=depth, reliable=reliable) as listener:
@@ -82,13 +71,8 @@ def echo(
             if not received.is_message:
                 continue
             message = decoded(received.frame.payload, entry.json_schema)
-            if clear:
-                sys.stdout.write("\033[2J\033[H")
             info = _info(received) if include_message_info else None
-            if raw:
-                _print_raw(received, info)
-            else:
-                show(message if path is None else pick(message, path), info)
+            show(message if path is None else pick(message, path), info)
             sys.stdout.flush()
             shown += 1
             if shown == limit:
@@ -101,31 +85,18 @@ def echo(
 
 
 def requested_depth(
-    graph: RunningGraph,
-    entry: Topic,
-    profile: str | None,
-    reliability: str | None,
-    durability: str | None,
-    depth: int | None,
+    graph: RunningGraph, entry: Topic, reliability: str | None, durability: str | None, depth: int | None
 ) -> tuple[int, bool]:
-    """Return how many messages from before come first, and whether gaps are asked for.
-
-    Raises:
-        GraphError: The publisher offers less than what is requested.
-    """
+    """Return how many messages from before come first, and whether gaps are asked for."""
     import msgspec
 
     from palp_core.graph.messages.qos import Qos, incompatibility
     from palp_core.graph.node.spec import LAUNCHER
 
-    if (profile, reliability, durability, depth) == (None, None, None, None):
-        return 0, False
-    wanted = {
-        "sensor_data": {"reliability": "best_effort", "depth": 5},
-        "latched": {"durability": "transient_local", "depth": 1},
-    }.get(profile or "default", {})
     stated = {"reliability": reliability, "durability": durability, "depth": depth}
-    wanted |= {name: value for name, value in stated.items() if value is not None}
+    wanted = {name: value for name, value in stated.items() if value is not None}
+    if not wanted:
+        return 0, False
     if entry.node == LAUNCHER:
         offered = Qos(durability="transient_local", depth=100)
     else:
@@ -140,11 +111,7 @@ def requested_depth(
 
 
 def _until_silent(listener: TopicReader, entry: Topic, timeout_s: float | None) -> Iterator[ReceivedFrame]:
-    """Yield what comes; note when nothing has come for a while.
-
-    Raises:
-        GraphError: Nothing has come for as long as the caller would wait.
-    """
+    """Yield what comes; note when nothing has come for a while."""
     from palp_core.graph.clock import monotonic_ns
 
     last_ns, is_noted = monotonic_ns(), False
@@ -184,15 +151,7 @@ def _ordinal(received: ReceivedFrame) -> str:
     return f"message {received.frame.sequence}" if received.is_message else "now"
 
 
-def _print_raw(received: ReceivedFrame, info: dict[str, Any] | None) -> None:
-    if info is not None:
-        print_json(info)
-    print_text(repr(bytes(received.frame.payload)))
-
-
-def _printer(
-    how: Any, *, as_json: bool, as_csv: bool, flow_style: bool
-) -> Callable[[Any, dict[str, Any] | None], None]:
+def _printer(how: Any, *, as_json: bool, as_csv: bool) -> Callable[[Any, dict[str, Any] | None], None]:
     """Return the function that prints one message in the form that was asked for."""
     from palp_core.graph.messages.message_text import csv_line, truncated
 
@@ -205,6 +164,6 @@ def _printer(
             return
         parts = [truncated(message, how)] if info is None else [info, truncated(message, how)]
         for part in parts:
-            print_text(yaml_text(part, flow=flow_style) + "---")
+            print_text(yaml_text(part) + "---")
 
     return show

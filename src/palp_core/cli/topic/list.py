@@ -3,20 +3,16 @@
 from collections.abc import Iterator
 from typing import Annotated, Any
 
-import typer
-
-from palp_core.cli.options import Call, HiddenOption, TopicArgument, graph_verb
-from palp_core.cli.text.words import type_name
-from palp_core.errors import GraphError
+from palp_core.cli.options import Call, HiddenOption, TopicArgument, graph_verb, option
 
 
 @graph_verb()
 def list_topics(
     call: Call,
     *,
-    show_types: Annotated[bool, typer.Option("-t", "--show-types", help="With message types.")] = False,
-    count: Annotated[bool, typer.Option("-c", "--count-topics", help="Their number only.")] = False,
-    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="With publishers.")] = False,
+    show_types: Annotated[bool, option("With message types.", "-t", "--show-types")] = False,
+    count: Annotated[bool, option("Their number only.", "-c", "--count-topics")] = False,
+    verbose: Annotated[bool, option("With publishers.", "-v", "--verbose")] = False,
     include_hidden: HiddenOption = False,
 ) -> None:
     topics = call.graph.topics(include_hidden=include_hidden)
@@ -34,7 +30,7 @@ def info(
     call: Call,
     topic: TopicArgument,
     *,
-    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="With quality of service.")] = False,
+    verbose: Annotated[bool, option("With quality of service.", "-v", "--verbose")] = False,
 ) -> None:
     from palp_core.graph.node.spec import LAUNCHER
 
@@ -77,28 +73,3 @@ def _end_lines(end: dict[str, Any], *, verbose: bool) -> Iterator[str]:
     yield f"  {end['node']}{port}" + (f": {', '.join(counts)}" if counts else "")
     if verbose:
         yield from (f"    {name}: {value}" for name, value in end.get("qos", {}).items())
-
-
-@graph_verb()
-def type_(call: Call, topic: TopicArgument) -> None:
-    entry = call.graph.topic(topic)
-    call.show({"topic": entry.name, "type": entry.type, "hash": entry.type_hash}, [entry.type])
-
-
-@graph_verb()
-def find(
-    call: Call,
-    message_type: Annotated[str, typer.Argument(metavar="TYPE", help="As in Belief.", show_default=False)],
-    *,
-    count: Annotated[bool, typer.Option("-c", "--count-topics", help="Their number only.")] = False,
-    include_hidden: HiddenOption = False,
-) -> None:
-    from palp_core.graph.problems import hint
-
-    topics = call.graph.topics(include_hidden=True)
-    wanted, known = type_name(message_type), {topic.type for topic in topics}
-    if wanted not in known:
-        raise GraphError(f"no topic carries '{message_type}'{hint(wanted, known)}")
-    shown = {topic.name for topic in call.graph.topics(include_hidden=include_hidden)}
-    names = [topic.name for topic in topics if topic.type == wanted and topic.name in shown]
-    call.show(names, names, count=count)

@@ -9,9 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from threading import Event
 from typing import Annotated, Any, NamedTuple
 
-import typer
-
-from palp_core.cli.options import Call, TopicsArgument, graph_verb
+from palp_core.cli.options import Call, TopicsArgument, graph_verb, option
 from palp_core.cli.output import note
 from palp_core.cli.running import find_topics, note_ended
 from palp_core.counted import counted
@@ -21,10 +19,8 @@ from palp_core.graph.discovery.running_graph import Edge, RunningGraph
 from palp_core.graph.discovery.topic_reader import ReceivedFrame, TopicReader
 from palp_core.graph.messages.topic import Topic
 
-OnceOption = Annotated[bool, typer.Option("--once", help="One report: when the window is full.")]
-LongestOption = Annotated[
-    float, typer.Option("--timeout", metavar="S", min=0.0, help="Longest time for one report.")
-]
+OnceOption = Annotated[bool, option("One report: when the window is full.", "--once")]
+LongestOption = Annotated[float, option("Longest time for one report.", "--timeout", metavar="S", min=0.0)]
 
 REPORT_NS = 1_000_000_000
 COUNTS = ("received", "lost", "repeated", "late", "dropped", "filled")
@@ -43,9 +39,6 @@ class Window:
     """The last messages of one publisher; a restarted one begins anew.
 
     Sequence and stamp are the publisher's, so what this process misses or when it wakes does not count.
-
-    Args:
-        length: Messages to keep.
     """
 
     def __init__(self, length: int) -> None:
@@ -70,12 +63,10 @@ class Window:
 
     @property
     def full(self) -> bool:
-        """As many as asked for."""
         return len(self._points) == self._points.maxlen
 
     @property
     def messages(self) -> int:
-        """Messages that the window spans, missed ones included."""
         return self._count + 1 if self._points else 0
 
     @property
@@ -110,7 +101,6 @@ class Window:
         }
 
     def sizes_bytes(self) -> list[int]:
-        """Return the size of each message on the wire."""
         return [point.size_bytes for point in self._points]
 
 
@@ -123,11 +113,7 @@ def _measure(
     once: bool,
     timeout_s: float,
 ) -> None:
-    """Fill windows; report each second, or once when all are full or the time is over.
-
-    Raises:
-        GraphError: ``once``, and a topic had fewer than two messages.
-    """
+    """Fill windows; report each second, or once when all are full or the time is over."""
     end_ns = monotonic_ns() + round(timeout_s * 1e9)
     next_ns = monotonic_ns() + REPORT_NS
     with TopicReader(graph, topics) as listener:
@@ -189,12 +175,10 @@ def hz(
     *,
     window: Annotated[
         int | None,
-        typer.Option(
-            "--window", "-w", min=1, help="Messages to measure; default: 10000, for one report 100."
-        ),
+        option("Messages to measure; default: 10000, for one report 100.", "--window", "-w", min=1),
     ] = None,
     wall_time: Annotated[
-        bool, typer.Option("--wall-time", help="The rate on this machine's clock, not the graph's.")
+        bool, option("The rate on this machine's clock, not the graph's.", "--wall-time")
     ] = False,
     once: OnceOption = False,
     timeout: LongestOption = 10.0,
@@ -241,7 +225,7 @@ def bw(
     call: Call,
     topics: TopicsArgument,
     *,
-    window: Annotated[int, typer.Option("--window", "-w", min=1, help="Messages to measure.")] = 100,
+    window: Annotated[int, option("Messages to measure.", "--window", "-w", min=1)] = 100,
     once: OnceOption = False,
     timeout: LongestOption = 10.0,
 ) -> None:
@@ -295,17 +279,17 @@ def delay(
     *,
     window: Annotated[
         int | None,
-        typer.Option(
+        option(
+            "Only the last N messages of each reader; default: all.",
             "--window",
             "-w",
             metavar="N",
             min=1,
-            max=10_000,
-            help="Only the last N messages of each reader; default: all since it began.",
+            max=10000,
             show_default=False,
         ),
     ] = None,
-    once: Annotated[bool, typer.Option("--once", help="One report, then end.")] = False,
+    once: Annotated[bool, option("One report, then end.", "--once")] = False,
 ) -> None:
     """From the publisher's stamp to arrival, of every message since the reader began, or with -w of its last
     N: nothing is sampled, and this command is not in the way. A report each second, or a single one with

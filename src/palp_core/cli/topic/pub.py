@@ -6,10 +6,8 @@ import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from palp_core.cli import completion
-from palp_core.cli.options import Call, graph_verb
+from palp_core.cli.options import Call, argument, graph_verb, option
 from palp_core.cli.output import note
 from palp_core.errors import GraphError
 
@@ -24,44 +22,27 @@ MANY_LATE = 10
 def pub(
     call: Call,
     topic: Annotated[
-        str,
-        typer.Argument(
-            metavar="TOPIC",
-            help="A port that the launch file declares external, as in /policy/command.",
-            autocompletion=completion.topics,
-            show_default=False,
-        ),
+        str, argument("Port declared external, as in /policy/command.", "TOPIC", complete=completion.topics)
     ],
-    words: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="TYPE {YAML}", help="Type (optional) and message.", show_default=False),
-    ] = None,
+    words: Annotated[list[str] | None, argument("Type (optional) and message.", "TYPE {YAML}")] = None,
     *,
-    stdin: Annotated[
-        bool, typer.Option("--stdin", help="Messages from standard input, --- between.")
-    ] = False,
-    rate: Annotated[
-        float, typer.Option("--rate", "-r", min=1e-3, max=1e4, help="Messages per second.")
-    ] = 1.0,
-    print_every: Annotated[
-        int, typer.Option("--print", "-p", min=0, help="Say every so manyth message; 0: none.")
-    ] = 1,
-    once: Annotated[bool, typer.Option("--once", "-1", help="One message, then end.")] = False,
-    times: Annotated[int, typer.Option("--times", "-t", min=0, help="This many; 0: until Ctrl-C.")] = 0,
+    stdin: Annotated[bool, option("Messages from standard input, --- between.", "--stdin")] = False,
+    rate: Annotated[float, option("Messages per second.", "--rate", "-r", min=0.001, max=10000.0)] = 1.0,
+    print_every: Annotated[int, option("Say every so manyth message; 0: none.", "--print", "-p", min=0)] = 1,
+    once: Annotated[bool, option("One message, then end.", "--once", "-1")] = False,
+    times: Annotated[int, option("This many; 0: until Ctrl-C.", "--times", "-t", min=0)] = 0,
     wait_matching: Annotated[
         int | None,
-        typer.Option(
-            "--wait-matching-subscriptions", "-w", min=0, max=1, help="1: until the node is active."
-        ),
+        option("1: until the node is active.", "--wait-matching-subscriptions", "-w", min=0, max=1),
     ] = None,
     max_wait_time_secs: Annotated[
-        float | None, typer.Option(min=0.0, metavar="S", help="Longest such wait; default: without end.")
+        float | None, option("Longest such wait; default: without end.", min=0.0, metavar="S")
     ] = None,
 ) -> None:
     """The message is checked before anything is sent; fields that are not given get the type's defaults. The
     node confirms each message with its sequence on the topic. With --stdin the end of the input ends it.
     """
-    from palp_core.cli.text.words import type_and_message
+    from palp_core.cli.words import type_and_message
 
     kind, text = type_and_message(words or [], "palp topic pub /node/port TYPE '{index: 1}'")
     if stdin and text is not None:
@@ -77,11 +58,7 @@ def pub(
 
 
 def _external_port(graph: RunningGraph, topic: str, timeout_s: float) -> tuple[str, str, dict[str, Any]]:
-    """Return node, port and JSON Schema of a port that takes messages from outside.
-
-    Raises:
-        GraphError: There is none of that name, or it has a publisher.
-    """
+    """Return node, port and JSON Schema of a port that takes messages from outside."""
     from palp_core.graph.problems import hint
 
     node, _, port = topic.removeprefix("/").partition("/")

@@ -4,8 +4,7 @@ import shlex
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
+from palp_core.cli.options import argument, option
 from palp_core.cli.output import print_text
 from palp_core.counted import counted
 
@@ -16,12 +15,10 @@ _SHOWN = 3
 
 
 def init(
-    folder: Annotated[
-        Path, typer.Argument(metavar="DIR", help="A new folder, or an empty one.", show_default=False)
-    ],
+    folder: Annotated[Path, argument("A new folder, or an empty one.", "DIR")],
     *,
-    rig: Annotated[bool, typer.Option("--rig", help="With the whole rig in it, to be changed.")] = False,
-    minimal: Annotated[bool, typer.Option("--minimal", help="Two files: a launch file and a node.")] = False,
+    rig: Annotated[bool, option("With the whole rig in it, to be changed.", "--rig")] = False,
+    minimal: Annotated[bool, option("Two files: a launch file and a node.", "--minimal")] = False,
 ) -> None:
     from palp_core.cli.workspace.templates import texts, write_new
     from palp_core.errors import GraphError
@@ -53,11 +50,6 @@ def init(
 
 
 def _check_empty(folder: Path) -> None:
-    """Refuse a folder that has anything in it.
-
-    Raises:
-        GraphError: It does, or it is no folder.
-    """
     from palp_core.errors import GraphError
 
     if folder.exists() and not folder.is_dir():

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from palp_core.cli.options import argument, option
 from palp_core.cli.output import note, print_text
 
 if TYPE_CHECKING:
@@ -15,9 +16,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
-NameArgument = Annotated[
-    str, typer.Argument(metavar="NAME", help="As in grip_force, or GripForce.", show_default=False)
-]
+NameArgument = Annotated[str, argument("As in grip_force, or GripForce.", "NAME")]
 
 
 @app.command()
@@ -57,8 +56,7 @@ def driver(
     name: NameArgument,
     *,
     kind: Annotated[
-        Literal["stage", "ring", "torque", "emg"],
-        typer.Option(help="What the device is.", show_default=False),
+        Literal["stage", "ring", "torque", "emg"], option("What the device is.", show_default=False)
     ],
 ) -> None:
     """Write drivers/NAME.py, a driver, and its test."""
@@ -94,11 +92,7 @@ def _tests_of(workspace: Path, package: str) -> Path:
 
 
 def _write(module: str, test: str, template: str, new: Named, kind: str = "") -> None:
-    """Write a module of a workspace and its test, and say where they are.
-
-    Raises:
-        GraphError: One is no workspace, or a file is there already.
-    """
+    """Write a module of a workspace and its test, and say where they are."""
     from palp_core.cli.workspace.templates import text, write_new
     from palp_core.errors import GraphError
     from palp_core.graph.description.launch_file import find_workspace

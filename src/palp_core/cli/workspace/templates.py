@@ -32,9 +32,6 @@ def named(word: str) -> Named:
 
     >>> named("grip_force"), named("GripForce")
     (Named(module='grip_force', class_name='GripForce'), Named(module='grip_force', class_name='GripForce'))
-
-    Raises:
-        GraphError: It is no name, or a word of Python.
     """
     if not _NAME.fullmatch(word):
         raise GraphError(
@@ -71,11 +68,7 @@ def _filled(path: Path, values: Mapping[str, str]) -> str:
 
 
 def write_new(folder: Path, contents: Mapping[Path, str | bytes]) -> None:
-    """Write files into a folder, all or none.
-
-    Raises:
-        GraphError: One is there already; nothing was written.
-    """
+    """Write files into a folder, all or none."""
     there = [str(path) for path in contents if (folder / path).exists()]
     if there:
         raise GraphError(

@@ -399,7 +399,6 @@ def _build(description: LaunchFile, nodes: _Nodes) -> CheckedGraph:
         report=description.report.value if description.report else "",
         listen=description.listen,
         view=description.view.value if description.view else "",
-        blind=description.blind,
     )
 
 

@@ -109,7 +109,6 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
         listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.
         view: ``module:function`` that fills its own page of ``palp view``; "" for none.
         attached: Texts that the report wants kept with all that is recorded of the run, by name.
-        blind: ``palp view`` shows nothing but what that page names as harmless.
         checkpoint: Where and when the run is written down; None: it is not.
     """
 
@@ -130,7 +129,6 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     composed: bool = False
     view: str = ""
     attached: dict[str, str] = {}
-    blind: bool = False
     checkpoint: CheckpointEntry | None = None
 
     @property
@@ -254,8 +252,6 @@ def resolved_yaml(graph: CheckedGraph) -> str:
         tree["listen"] = graph.listen
     if graph.view:
         tree["view"] = graph.view
-    if graph.blind:
-        tree["blind"] = True
     if (kept := graph.checkpoint) is not None:
         tree["checkpoint"] = {"file": kept.file, "after": kept.after.removeprefix("/"), "nodes": kept.nodes}
     text: str = yaml.dump(

@@ -175,7 +175,7 @@ class _Reader:
         reader = TreeReader(file.scope, self.problems)
         said: dict[str, Any] = {
             key: reader.key(FileKeys, key, fields[key].value)
-            for key in ("graph", "clock", "seed", "report", "view", "blind", "listen", "checkpoint")
+            for key in ("graph", "clock", "seed", "report", "view", "listen", "checkpoint")
             if key in fields
         }
         said = {key: value for key, value in said.items() if value is not UNKNOWN}
@@ -212,7 +212,6 @@ class _Reader:
             unread=frozenset(self._unread),
             listen=listen,
             view=functions.get("view"),
-            blind=said.get("blind", False),
             checkpoint=checkpoint,
         )
 

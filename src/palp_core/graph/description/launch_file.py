@@ -148,7 +148,6 @@ class LaunchFile:
         problems: Mistakes found so far.
         listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.
         view: ``module:function`` that fills its own page of ``palp view``.
-        blind: ``palp view`` shows nothing but what that page names as harmless.
         checkpoint: Where and when the run is written down, and where that is said.
     """
 
@@ -168,7 +167,6 @@ class LaunchFile:
     unread: frozenset[str] = frozenset()
     listen: str = ""
     view: Located | None = None
-    blind: bool = False
     checkpoint: tuple[CheckpointEntry, Mark] | None = None
 
 

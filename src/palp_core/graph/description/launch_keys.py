@@ -322,13 +322,6 @@ class FileKeys(Keys):
             root=True,
         ),
     ] = UNSET
-    blind: Annotated[
-        bool,
-        _key(
-            "Whether `palp view` shows only what its page names as harmless, and a checkpoint is sealed.",
-            root=True,
-        ),
-    ] = False
     checkpoint: Annotated[
         CheckpointKeys | UnsetType,
         _key(

@@ -55,7 +55,6 @@ class RunRecord(msgspec.Struct, frozen=True):
         workspace: The folder of its nodes; "" if it has none.
         launched_from: The folder it was launched from, as :func:`present_folder` returns it.
         view: ``module:function`` that fills the launch file's own page of ``palp view``; "" if it has none.
-        blind: That shows nothing but what this page names as harmless.
     """
 
     graph: str
@@ -70,7 +69,6 @@ class RunRecord(msgspec.Struct, frozen=True):
     workspace: str = ""
     launched_from: str = ""
     view: str = ""
-    blind: bool = False
 
     @property
     def id(self) -> str:

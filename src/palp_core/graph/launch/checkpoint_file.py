@@ -17,12 +17,9 @@ from palp_core.graph.launch.methods_told import MethodTold
 from palp_core.graph.node.loading import source_of
 from palp_core.graph.recording.provenance import versions
 from palp_core.graph.workspaces.underlays import SHARED, underlays
-from palp_core.sealing import opened
-from palp_core.sealing import sealed as seal
-from palp_core.whole_file import PRIVATE, read_whole, write_whole
+from palp_core.whole_file import read_whole, write_whole
 
 _MAGIC = b"palp checkpoint 1\n"
-_SEAL = b"sealed by palp: a checkpoint of a blinded run; palp launch --resume opens it\n"
 _DIGEST_BYTES = 32
 _ANEW = "or begin anew, in another place"
 
@@ -139,23 +136,19 @@ class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
     changes: list[ChangeTold] = []
 
 
-def write_checkpoint(path: Path, checkpoint: KeptRun, *, sealed: bool = False) -> int:
+def write_checkpoint(path: Path, checkpoint: KeptRun) -> int:
     """Write a checkpoint that outlives a power cut; the one before stays if that fails. Return its bytes.
 
     Args:
         path: Where.
         checkpoint: It.
-        sealed: No word or number of it is seen by who looks at the file, which is this user's alone; as of
-            any seal, it keeps from seeing, not from prying.
 
     Raises:
         OSError: It cannot be written.
     """
     body = msgspec.msgpack.encode(checkpoint)
     data = b"".join((_MAGIC, hashlib.sha256(body).digest(), body))
-    if sealed:
-        data = seal(_SEAL, data, 1)
-    write_whole(path, data, mode=PRIVATE if sealed else 0o666, durable=True)
+    write_whole(path, data, durable=True)
     return len(data)
 
 
@@ -174,11 +167,6 @@ def read_checkpoint(path: Path) -> KeptRun:
         ) from None
     except OSError as error:
         raise GraphError(f"{path} cannot be read: {error.strerror or error}") from error
-    if data.startswith(_SEAL):
-        try:
-            data = opened(_SEAL, data)
-        except ValueError as error:
-            raise GraphError(f"{path} is torn: {error}; nothing is resumed: begin anew") from error
     head, body = data[: len(_MAGIC) + _DIGEST_BYTES], data[len(_MAGIC) + _DIGEST_BYTES :]
     if not head.startswith(b"palp checkpoint"):
         raise GraphError(f"{path} is no checkpoint of a run; nothing is resumed")

@@ -208,7 +208,7 @@ class Checkpoints:
             **known,  # type: ignore[arg-type]
         )
         try:
-            self.cost.bytes = write_checkpoint(self.path, checkpoint, sealed=checked.blind)
+            self.cost.bytes = write_checkpoint(self.path, checkpoint)
         except OSError as error:
             self._say(f"no checkpoint can be written to {self.path}: {error.strerror or error}")
             return

@@ -34,7 +34,6 @@ def launch_provenance(graph: CheckedGraph) -> dict[str, Any]:
             "composed": graph.composed,
             "attached": graph.attached,
             "view": graph.view,
-            "blind": graph.blind,
         },
     }
 

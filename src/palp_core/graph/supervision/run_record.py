@@ -41,7 +41,7 @@ def run_record(
     topics += LauncherNode.topics(folder)
     serve = endpoints(folder, LAUNCHER)[1]
     found = directory.record(checked.graph, str(file), checked.clock, serve, nodes, topics)
-    return msgspec.structs.replace(found, workspace=checked.workspace, view=checked.view, blind=checked.blind)
+    return msgspec.structs.replace(found, workspace=checked.workspace, view=checked.view)
 
 
 def run_record_of_node(

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 from typing import Any
 
 import msgspec
 
-from palp_core.errors import PalpError
-from palp_core.view.source.protocol import Heard, ViewSource, Watch
+from palp_core.view.source.protocol import Sample, ViewSource, open_watches
 
 PROMPT, COUNTDOWN, BARS, DONE = "Prompt", "Countdown", "EffortBars", "HumanTrialDone"
 ANSWER = "answer"
@@ -39,22 +37,14 @@ class HumanTrialRow(msgspec.Struct, frozen=True):
 
 
 class DeskMonitor:
-    """The operator's desk as one page sees it.
-
-    Args:
-        source: Where messages come from.
-        recorded: It is a bag: what is shown is as it was at the chosen time.
-    """
+    """The operator's desk as one page sees it."""
 
     def __init__(self, source: ViewSource, *, recorded: bool = False) -> None:
         self._source, self._recorded = source, recorded
         self._topics = {
             topic.name: topic for topic in source.topics() if topic.type in (PROMPT, COUNTDOWN, BARS, DONE)
         }
-        self._watches: dict[str, Watch] = {}
-        for name in self._topics:
-            with contextlib.suppress(PalpError):
-                self._watches[name] = source.watch(name)
+        self._watches = open_watches(source, self._topics)
         self._prompts: dict[str, Question] = {}
         self._done: dict[tuple[int, int], tuple[int, dict[str, Any]]] = {}
 
@@ -64,7 +54,6 @@ class DeskMonitor:
         return any(topic.type == PROMPT for topic in self._topics.values())
 
     def close(self) -> None:
-        """Look no longer."""
         for watch in self._watches.values():
             watch.close()
 
@@ -73,16 +62,15 @@ class DeskMonitor:
         kept = [topic.name for topic in self._topics.values() if topic.type in (PROMPT, DONE)]
         if self._recorded:
             kept = [name for name in kept if self._topics[name].type == DONE]
-        for name, heard in self._source.remembered(kept):
-            self._take(name, heard)
+        for name, sample in self._source.history(kept):
+            self._take(name, sample)
 
     def look(self) -> None:
-        """Take what has come."""
         for name, watch in self._watches.items():
             kind = self._topics[name].type
             if kind == DONE and not self._recorded:
-                for heard in watch.drain():
-                    self._take(name, heard)
+                for sample in watch.read_new():
+                    self._take(name, sample)
             elif kind == PROMPT:
                 last = watch.latest()
                 if last is not None:
@@ -90,15 +78,15 @@ class DeskMonitor:
                 elif self._recorded:
                     self._prompts.pop(name, None)
 
-    def _take(self, name: str, heard: Heard) -> None:
-        topic, message = self._topics[name], heard.message
+    def _take(self, name: str, sample: Sample) -> None:
+        topic, message = self._topics[name], sample.message
         try:
             if topic.type == DONE:
-                self._done[message["trial"], message["attempt"]] = heard.stamp_ns, message
+                self._done[message["trial"], message["attempt"]] = sample.stamp_ns, message
                 return
             asked = Question(
                 topic.node, message["number"], message["kind"], message["text"],
-                [str(choice) for choice in message["choices"]], heard.stamp_ns,
+                [str(choice) for choice in message["choices"]], sample.stamp_ns,
             )  # fmt: skip
         except KeyError:  # too large to be shown, or of another graph's type of that name
             return
@@ -114,20 +102,18 @@ class DeskMonitor:
 
     @property
     def countdown(self) -> dict[str, Any] | None:
-        """The last ``Countdown``, if it is of what stands asked."""
         return self._since_asked(COUNTDOWN)
 
     @property
     def bars(self) -> dict[str, Any] | None:
-        """The last ``EffortBars``, if it is of what stands asked."""
         return self._since_asked(BARS)
 
     def _since_asked(self, kind: str) -> dict[str, Any] | None:
         asked = max((one.stamp_ns for one in self._prompts.values()), default=0)
         for name, watch in self._watches.items():
-            heard = watch.latest() if self._topics[name].type == kind else None
-            if heard is not None and heard.stamp_ns >= asked and "stamp_ns" in heard.message:
-                return heard.message
+            sample = watch.latest() if self._topics[name].type == kind else None
+            if sample is not None and sample.stamp_ns >= asked and "stamp_ns" in sample.message:
+                return sample.message
         return None
 
     @property

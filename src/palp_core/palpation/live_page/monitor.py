@@ -6,24 +6,20 @@ first look it asks for once, on a thread.
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterable
 from typing import Any
 
-from palp_core.errors import PalpError
 from palp_core.palpation.live_page.geometry import path_of
-from palp_core.palpation.live_page.probes import TrialBelief
 from palp_core.palpation.live_page.roles import session_folder, topics_by_type
 from palp_core.palpation.live_page.sweep import Point, SweepTrace, whole_sweep
 from palp_core.palpation.live_page.taught import (
     Band,
     TaughtSweeps,
-    peak_bands,
     taught_by_folder,
     taught_by_messages,
 )
-from palp_core.palpation.live_page.trials import TrialBoard
-from palp_core.view.source.protocol import Heard, ViewSource, Watch
+from palp_core.palpation.live_page.trials import TrialBelief, TrialBoard
+from palp_core.view.source.protocol import Sample, ViewSource, open_watches
 
 RARE = (
     "PhantomTruth", "PrimitivesLearnt", "Trial", "TrialResult", "Belief", "ContactGuard",
@@ -39,10 +35,8 @@ LATEST = (
 class RigMonitor:
     """The rig as one page sees it.
 
-    Args:
-        source: Where messages come from.
-        at_once: A sweep is shown when it is over, whole: of a graph that goes faster than anybody looks.
-        recorded: It is a bag: what is shown is as it was at the chosen time.
+    With ``at_once``, of a graph in simulated time, a sweep is shown whole when it is over; with ``recorded``
+    all is as it was at the chosen time of a bag.
 
     Attributes:
         sweep: The torque of the sweep under way.
@@ -59,10 +53,11 @@ class RigMonitor:
         self._source, self.at_once, self._recorded = source, at_once, recorded
         self.topics = topics_by_type(source.topics(), source.overview().wires)
         streams = ("Palpation", "StagePose") if at_once else ("StagePose", "TorqueBlock", "Palpation")
-        self._watches = {name: watch for name in (*RARE, *LATEST, *streams) if (watch := self._watch(name))}
+        wanted = {self.topics[kind]: kind for kind in (*RARE, *LATEST, *streams) if kind in self.topics}
+        self._watches = {wanted[name]: watch for name, watch in open_watches(source, wanted).items()}
         self.path_m = path_of(source.launch())
         self.taught = TaughtSweeps(*self.path_m)
-        self._of_bag: list[tuple[str, Heard]] = []
+        self._of_bag: list[tuple[str, Sample]] = []
         self._seen: dict[str, tuple[int, int]] = {}
         self._read: dict[str, Any] | None = None
         self.loaded = False
@@ -80,19 +75,17 @@ class RigMonitor:
         self._last_whole = -1
 
     def close(self) -> None:
-        """Look no longer."""
         for watch in self._watches.values():
             watch.close()
 
     def has(self, kind: str) -> bool:
-        """Tell whether there is a topic of a type of message."""
         return kind in self._watches
 
     def latest(self, kind: str) -> dict[str, Any] | None:
         """Return the last message of a type; None before the first, or where there is no such topic."""
         watch = self._watches.get(kind)
-        heard = watch.latest() if watch is not None else None
-        return heard.message if heard is not None and _whole(heard) else None
+        sample = watch.latest() if watch is not None else None
+        return sample.message if sample is not None and _whole(sample) else None
 
     # What was before
 
@@ -103,8 +96,8 @@ class RigMonitor:
         if not self._recorded:
             for name in RARE:
                 if name in self._watches:
-                    self._watches[name].drain()  # from now on all is kept for the next look
-        found = [(types[name], heard) for name, heard in self._source.remembered(wanted) if _whole(heard)]
+                    self._watches[name].read_new()  # from now on all is kept for the next look
+        found = [(types[name], sample) for name, sample in self._source.history(wanted) if _whole(sample)]
         if self._recorded:
             self._of_bag = sorted(found, key=_order)
             self.taught = self._taught_by_bag()
@@ -129,8 +122,8 @@ class RigMonitor:
 
     def _taught_by_bag(self) -> TaughtSweeps:
         known = {name: self.topics[name] for name in ("Palpation",) if name in self._watches}
-        trials = [heard.message for name, heard in self._of_bag if name == "Trial"]
-        palpations = (heard.message for _, heard in self._source.remembered(list(known.values())))
+        trials = [sample.message for name, sample in self._of_bag if name == "Trial"]
+        palpations = (sample.message for _, sample in self._source.history(list(known.values())))
         return taught_by_messages(trials, palpations, *self.path_m)
 
     # What comes
@@ -143,11 +136,11 @@ class RigMonitor:
             self._go_to(self._source.overview().now_s or 0.0)
         else:
             self._take_rare(
-                (name, heard)
+                (name, sample)
                 for name in RARE
                 if name in self._watches
-                for heard in self._watches[name].drain()
-                if _whole(heard)
+                for sample in self._watches[name].read_new()
+                if _whole(sample)
             )
         if (outlook := self.latest("Outlook")) is not None:
             self.belief.look(outlook)
@@ -162,26 +155,26 @@ class RigMonitor:
             self._take(*self._of_bag[self._place])
             self._place += 1
 
-    def _take_rare(self, messages: Iterable[tuple[str, Heard]]) -> None:
-        for name, heard in sorted(messages, key=_order):
-            place = heard.stamp_ns, heard.sequence
+    def _take_rare(self, messages: Iterable[tuple[str, Sample]]) -> None:
+        for name, sample in sorted(messages, key=_order):
+            place = sample.stamp_ns, sample.sequence
             if place > self._seen.get(name, (-1, 0)):  # what was asked for and what came overlap
                 self._seen[name] = place
-                self._take(name, heard)
+                self._take(name, sample)
 
-    def _take(self, name: str, heard: Heard) -> None:
-        message = heard.message
+    def _take(self, name: str, sample: Sample) -> None:
+        message = sample.message
         match name:
             case "PhantomTruth":
                 self.mounted = message
-                self.board.mounted(heard.stamp_ns, message)
+                self.board.mounted(sample.stamp_ns, message)
             case "PrimitivesLearnt":
                 self.learnt = message
                 self.board.learnt(message["depths_m"])
             case "Trial":
                 self.belief.begin(message)
             case "TrialResult":
-                self.board.result(heard.stamp_ns, message)
+                self.board.result(sample.stamp_ns, message)
             case "Belief":
                 self.belief.believe(message)
             case "PolicyChange":
@@ -203,13 +196,13 @@ class RigMonitor:
         if pose is not None and pose["position_m"]:
             self.sweep.position_m = pose["position_m"][-1]
         watch = self._watches.get("Palpation")
-        heard = watch.latest() if watch is not None else None
-        if heard is None or heard.sequence == self._last_whole or not _whole(heard):
+        sample = watch.latest() if watch is not None else None
+        if sample is None or sample.sequence == self._last_whole or not _whole(sample):
             return []
-        self._last_whole = heard.sequence
+        self._last_whole = sample.sequence
         self.sweep.number += 1
-        self.sweep.points = whole_sweep(heard.message["torque_n_m"], *self.path_m)
-        ring_m = heard.message[
+        self.sweep.points = whole_sweep(sample.message["torque_n_m"], *self.path_m)
+        ring_m = sample.message[
             "ring_m"
         ]  # where it was in that sweep, of which there are many between two looks
         self.ring = {"target_m": ring_m, "measured_m": ring_m, "settled": True, "rehome": False}
@@ -218,9 +211,9 @@ class RigMonitor:
     def _look_at_streams(self) -> list[Point]:
         for name, take in (("StagePose", self.sweep.pose), ("TorqueBlock", self.sweep.torque)):
             watch = self._watches.get(name)
-            for heard in watch.drain() if watch is not None else ():
-                if _whole(heard):
-                    take(heard.message)
+            for sample in watch.read_new() if watch is not None else ():
+                if _whole(sample):
+                    take(sample.message)
         return self.sweep.new_points()
 
     # What is shown of it
@@ -230,15 +223,8 @@ class RigMonitor:
         """Where the ring is asked to be; None before anybody said."""
         return self.ring["target_m"] if self.ring is not None else None
 
-    def bands(self, ring_m: float | None) -> tuple[list[Band], bool]:
-        """Return the bands that training taught at a ring position, and whether of the peak only."""
-        if ring_m is None:
-            return [], False
-        if whole := self.taught.bands(ring_m):
-            return whole, False
-        return (
-            (peak_bands(self.learnt, ring_m, *self.path_m), True) if self.learnt is not None else ([], False)
-        )
+    def bands(self, ring_m: float | None) -> list[Band]:
+        return [] if ring_m is None else self.taught.bands(ring_m)
 
     @property
     def position_m(self) -> float | None:
@@ -253,21 +239,12 @@ class RigMonitor:
 
     @property
     def sweeping(self) -> bool:
-        """Whether the stage is over the phantom."""
         return self.status is not None and self.status["status"] == "sweeping"
 
-    def _watch(self, kind: str) -> Watch | None:
-        name = self.topics.get(kind)
-        if name is None:
-            return None
-        with contextlib.suppress(PalpError):
-            return self._source.watch(name)
-        return None
+
+def _whole(sample: Sample) -> bool:
+    return "(not shown)" not in sample.message
 
 
-def _whole(heard: Heard) -> bool:
-    return "(not shown)" not in heard.message
-
-
-def _order(entry: tuple[str, Heard]) -> tuple[int, int]:
+def _order(entry: tuple[str, Sample]) -> tuple[int, int]:
     return entry[1].stamp_ns, RARE.index(entry[0])

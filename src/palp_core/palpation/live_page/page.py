@@ -15,23 +15,23 @@ if TYPE_CHECKING:
 
 def rig(viewer: Viewer) -> None:
     """Fill the page: sweep, drawing, belief, trials, muscles, guards."""
-    from palp_core.palpation.live_page.drawing.page import put_up
+    from palp_core.palpation.live_page.drawing.page import fill_rig
 
-    put_up(viewer)
+    fill_rig(viewer)
 
 
 def strip(viewer: Viewer) -> None:
     """Fill the strip on top of every page: how safety stands, and stop."""
-    from palp_core.palpation.live_page.drawing.strip import put_up
+    from palp_core.palpation.live_page.drawing.strip import fill
 
-    put_up(viewer)
+    fill(viewer)
 
 
 def human(viewer: Viewer) -> None:
     """Fill the page of an experiment with people: what is asked of the operator, trials, muscles."""
-    from palp_core.palpation.live_page.drawing.human import put_up
+    from palp_core.palpation.live_page.drawing.page import fill_human
 
-    put_up(viewer)
+    fill_human(viewer)
 
 
 rig.strip = strip  # type: ignore[attr-defined]

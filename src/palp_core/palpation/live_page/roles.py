@@ -13,7 +13,6 @@ EXPERIMENT = "TrialResult"
 """What the experiment publishes, and nobody else."""
 POLICY = "PolicyChange"
 """What the policy publishes, whichever class it is."""
-SAFETY_TYPE, SAFETY_NAME = "SafetyBeat", "safety"
 
 
 def topics_by_type(topics: Sequence[Topic], wires: Sequence[WireState] = ()) -> dict[str, str]:
@@ -24,28 +23,15 @@ def topics_by_type(topics: Sequence[Topic], wires: Sequence[WireState] = ()) -> 
     """
     experiment = next((topic.node for topic in topics if topic.type == EXPERIMENT), "")
     by_experiment = {wire.topic for wire in wires if wire.reader == experiment}
-    heard = {wire.topic for wire in wires}
+    sample = {wire.topic for wire in wires}
     found: dict[str, str] = {}
-    for topic in sorted(topics, key=lambda one: (one.name not in by_experiment, one.name not in heard)):
+    for topic in sorted(topics, key=lambda one: (one.name not in by_experiment, one.name not in sample)):
         found.setdefault(topic.type, topic.name)
     return found
 
 
-def safety_node(topics: Sequence[Topic], nodes: Sequence[str]) -> str:
-    """Return the node that stops motion: the one of that name, else who sends the beat; "" for none."""
-    beating = [topic.node for topic in topics if topic.type == SAFETY_TYPE]
-    if SAFETY_NAME in nodes and (not beating or SAFETY_NAME in beating):
-        return SAFETY_NAME
-    return beating[0] if beating else ""
-
-
 def policy_at_work(source: ViewSource, topics: Mapping[str, str]) -> str:
-    """Return the class that chooses now, ``module:Class``; "" over a bag, and where nobody can tell.
-
-    Args:
-        source: The graph.
-        topics: By message type.
-    """
+    """Return the class that chooses now, ``module:Class``; "" over a bag, and where nobody can tell."""
     node, overview = _node_of(topics.get(POLICY, "")), source.overview()
     if overview.kind != "graph":  # a bag tells of the class with which its recording began
         return ""
@@ -53,12 +39,7 @@ def policy_at_work(source: ViewSource, topics: Mapping[str, str]) -> str:
 
 
 def session_folder(source: ViewSource, topics: Mapping[str, str]) -> Path | None:
-    """Return where a graph's record and report are written; None over a bag, and where nobody knows.
-
-    Args:
-        source: The graph.
-        topics: By message type.
-    """
+    """Return where a graph's record and report are written; None over a bag, and where nobody knows."""
     if source.overview().kind != "graph":
         return None
     launch = source.launch()

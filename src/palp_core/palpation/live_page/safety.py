@@ -13,7 +13,7 @@ SILENT_S = 1.0
 """A safety node beats a hundred times a second: one that is silent for so long is not to be relied on."""
 
 
-class SafetyWord(msgspec.Struct, frozen=True):
+class SafetyStatus(msgspec.Struct, frozen=True):
     """What is said of safety: a word, how bad it is (``ok``, ``warn``, ``error``), cause and advice."""
 
     word: str
@@ -28,35 +28,29 @@ OPERATOR = "operator"
 """Cause of a stop that somebody wanted."""
 BY_OPERATOR = "nothing moves, all nodes go on; somebody asked for it"
 STOPPED_ON_PURPOSE = "stopped on purpose"
-NOTHING_HEARD = SafetyWord("safety not heard yet", "unknown")
-OVER = SafetyWord("over", "unknown", "the graph has ended; no safety node watches the rig any more")
+NO_BEAT = SafetyStatus("safety not heard yet", "unknown")
+OVER = SafetyStatus("over", "unknown", "the graph has ended; no safety node watches the rig any more")
 
 
-def standing(beat: dict[str, Any] | None, silent_s: float) -> SafetyWord:
-    """Return how safety stands.
-
-    Args:
-        beat: The last ``SafetyBeat``; None before the first.
-        silent_s: How long ago it came.
-    """
+def safety_status(beat: dict[str, Any] | None, silent_s: float) -> SafetyStatus:
     if beat is None:
-        return NOTHING_HEARD
+        return NO_BEAT
     if silent_s > SILENT_S:
         why = f"no heartbeat for {silent_s:.0f} s; stage and ring halt by themselves without it"
-        return SafetyWord("safety is silent", "error", why, "palp logs safety")
+        return SafetyStatus("safety is silent", "error", why, "palp logs safety")
     state, cause, text = beat["state"], beat["cause"], beat["text"]
     if state in ("stopping", "latched"):
         word = "stopping" if state == "stopping" else "STOPPED"
         advice = "when all is well, acknowledge (palp safety ack)"
         why = ": ".join(part for part in (BY_OPERATOR if cause == OPERATOR else cause, text) if part)
-        return SafetyWord(word, "error", why, advice, tripped=True)
+        return SafetyStatus(word, "error", why, advice, tripped=True)
     if state == "starting":
-        return SafetyWord("nothing may move yet", "warn", "all that is watched has to be heard first")
+        return SafetyStatus("nothing may move yet", "warn", "all that is watched has to be heard first")
     word = MOVING if state == "moving" else "ready"
-    return SafetyWord(word, "warn" if beat.get("warning", "") else "ok", beat.get("warning", ""))
+    return SafetyStatus(word, "warn" if beat.get("warning", "") else "ok", beat.get("warning", ""))
 
 
-def pressed_words(reply: Mapping[str, Any]) -> str:
+def stop_text(reply: Mapping[str, Any]) -> str:
     """Return what came of a press on STOP.
 
     >>> pressed_words({"state": "latched", "cause": "operator"})
@@ -69,7 +63,7 @@ def pressed_words(reply: Mapping[str, Any]) -> str:
     return f"{reply['state']}: it was stopped already when you pressed ({reply['cause']})"
 
 
-def acknowledged_words(reply: Mapping[str, Any]) -> str:
+def acknowledge_text(reply: Mapping[str, Any]) -> str:
     """Return what came of an acknowledgement, and what comes next.
 
     >>> acknowledged_words({"done": False, "state": "latched", "text": "the stop is not confirmed yet"})

@@ -48,12 +48,7 @@ class _Cell:
 
 
 class TaughtSweeps:
-    """The sweeps of training, summed up as they come.
-
-    Args:
-        from_m: Where a sweep begins.
-        to_m: Where it ends.
-    """
+    """The sweeps of training, summed up as they come."""
 
     def __init__(self, from_m: float, to_m: float) -> None:
         self._places_mm = (1e3 * np.linspace(from_m, to_m, PLACES)).tolist()
@@ -75,7 +70,6 @@ class TaughtSweeps:
 
     @property
     def sweep_count(self) -> int:
-        """How many sweeps it knows."""
         return sum(cell.count for cell in self._cells.values())
 
     def bands(self, ring_m: float) -> list[Band]:
@@ -91,22 +85,6 @@ class TaughtSweeps:
                 low, high = (cell.mean - spread).round(3).tolist(), (cell.mean + spread).round(3).tolist()
                 found.append(Band(depth_m * 1e3, cell.count, self._places_mm, low, high))
         return found
-
-
-def peak_bands(learnt: dict[str, Any], ring_m: float, from_m: float, to_m: float) -> list[Band]:
-    """Return the bands of the peak alone, level over the path: all that ``PrimitivesLearnt`` tells."""
-    rings = learnt["rings_m"]
-    if not rings:
-        return []
-    ring = min(range(len(rings)), key=lambda one: abs(rings[one] - ring_m))
-    found = []
-    for place, depth_m in enumerate(learnt["depths_m"]):
-        cell = place * len(rings) + ring
-        mean, sd = 1e3 * learnt["mean_n_m"][cell], 1e3 * learnt["sd_n_m"][cell]
-        ends, low, high = [1e3 * from_m, 1e3 * to_m], mean - SPREADS * sd, mean + SPREADS * sd
-        count = round(learnt["count"][cell])
-        found.append(Band(round(depth_m * 1e3, 6), count, ends, [low, low], [high, high]))
-    return found
 
 
 def taught_by_messages(

@@ -1,13 +1,87 @@
-"""The trials so far: what each came to, and how many were right, depth by depth."""
+"""The trial under way, and those so far: beliefs, what each came to, how many were right by depth."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import msgspec
 
 from palp_core.palpation.perception.statistics.statistics import Proportion, wilson
+
+
+class JudgedProbe(msgspec.Struct, frozen=True):
+    """What is believed after a palpation.
+
+    Attributes:
+        iteration: Which palpation of the trial.
+        gain_bits: Information gained over the flat prior, the sum of eq. (8).
+        entropy_bits: What is still unknown.
+    """
+
+    iteration: int
+    gain_bits: float
+    entropy_bits: float
+
+
+class TrialBelief:
+    """The trial under way.
+
+    Attributes:
+        trial: Its number; None before the first.
+        estimating: Whether it is one of estimation.
+        depths_mm: What the belief is about.
+        posterior: Now, within a sweep too where the estimator tells.
+        within_sweep: Whether that is of a sweep under way.
+        verdict: Of the last palpation.
+        probes: One for each palpation.
+    """
+
+    def __init__(self) -> None:
+        self.trial: int | None = None
+        self.estimating = False
+        self.depths_mm: list[float] = []
+        self.posterior: list[float] = []
+        self.within_sweep = False
+        self.verdict = ""
+        self.probes: list[JudgedProbe] = []
+
+    def begin(self, trial: dict[str, Any]) -> None:
+        """Take a ``Trial``."""
+        if trial["trial"] == self.trial:
+            return
+        self.trial, self.estimating = trial["trial"], trial["phase"] == "estimation"
+        self.posterior, self.probes, self.verdict = [], [], ""
+        self.within_sweep = False
+
+    def believe(self, belief: dict[str, Any]) -> None:
+        """Take a ``Belief``."""
+        self.begin({"trial": belief["trial"], "phase": "estimation"})
+        self._show(belief)
+        self.within_sweep, self.verdict = False, belief["verdict"]
+        if all(probe.iteration != belief["iteration"] for probe in self.probes):
+            gain = sum(belief["gain"]) / math.log(2.0)
+            self.probes.append(JudgedProbe(belief["iteration"], gain, entropy_bits(belief["posterior"])))
+
+    def look(self, outlook: dict[str, Any]) -> None:
+        """Take an ``Outlook``: what the sweep under way says."""
+        if outlook["trial"] == self.trial and outlook["iteration"] > len(self.probes):
+            self._show(outlook)
+            self.within_sweep = True
+
+    def _show(self, message: dict[str, Any]) -> None:
+        self.depths_mm = [round(1e3 * depth_m, 6) for depth_m in message["depths_m"]]
+        self.posterior = list(message["posterior"])
+
+
+def entropy_bits(probabilities: Sequence[float]) -> float:
+    """Return Shannon's entropy.
+
+    >>> entropy_bits([0.5, 0.25, 0.25, 0.0])
+    1.5
+    """
+    return -sum(p * math.log2(p) for p in probabilities if p > 0.0) + 0.0
 
 
 class TrialRow(msgspec.Struct, frozen=True, kw_only=True):
@@ -28,8 +102,6 @@ class TrialRow(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TrialBoard:
-    """What has come of the trials."""
-
     def __init__(self) -> None:
         self._results: dict[int, tuple[int, dict[str, Any]]] = {}
         self._mounts: list[tuple[int, dict[str, Any]]] = []
@@ -58,7 +130,7 @@ class TrialBoard:
         """Take a ``PolicyChange``."""
         self._took_over.append(change)
 
-    def mixed_words(self) -> str:
+    def mixed_text(self) -> str:
         """Return in words which policies took over among these trials; "" where all are of one policy."""
         first = min(self._results, default=0)
         found = [
@@ -70,7 +142,6 @@ class TrialBoard:
 
     @property
     def rows(self) -> list[TrialRow]:
-        """All trials that are over, the first one first."""
         if self._rows is None:
             ordered = sorted(self._results.values(), key=lambda one: one[1]["trial"])
             self._rows = [self._row(place + 1, *one) for place, one in enumerate(ordered)]
@@ -98,7 +169,6 @@ class TrialBoard:
 
     @property
     def judged(self) -> list[TrialRow]:
-        """Those of which it is known whether they were right."""
         return [row for row in self.rows if row.right is not None]
 
     def accuracy(self) -> Proportion | None:

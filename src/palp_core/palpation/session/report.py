@@ -13,7 +13,7 @@ from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.palpation.session import run_note
 from palp_core.palpation.session.roles import roles_of
-from palp_core.palpation.session.session_folder import RESULT, SWEEPS, TABLE
+from palp_core.palpation.session.session_folder import SWEEPS, TABLE
 from palp_core.palpation.session.sheet.of_run import (
     asked_sheet,
     refuse_own_sheet,
@@ -49,27 +49,6 @@ class SessionReport:
     def begin(self, summary: RunSummary) -> None:
         """Note which run the session is of."""
         run_note.note_begin(summary)
-
-    def complete(self, folder: Path) -> bool:
-        """Tell whether a folder holds a session that came to its end; one that lacks its report gets it."""
-        try:
-            summary = run_note.read_note(folder)
-        except PalpError:
-            return False
-        if summary.exit_code == 0 and not (folder / RESULT).exists():
-            write(folder, summary)
-        return summary.exit_code == 0
-
-    def pool(self, folder: Path) -> str:
-        """Write what the sessions below a folder say together, as a page and tables; return it in words."""
-        from palp_core.palpation.session.many.overview import find_sessions
-        from palp_core.palpation.session.many.page import pooled_words, write_pooled
-        from palp_core.palpation.session.many.pooled import pool
-
-        entries = find_sessions(folder)
-        record = pool(entries)
-        page = write_pooled(record, entries, folder, folder)
-        return "\n".join([*pooled_words(record), f"Written: {page}"])
 
     def __call__(self, summary: RunSummary) -> str:
         """Write the result and the page next to the record that a run has just left.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from palp_core.view.pages.parts import AskedTwice, Outcome, said
+from palp_core.view.pages.parts import ConfirmButton, StatusLine, text_element
 from palp_core.view.pages.viewer import Viewer
 
 REFRESH_S = 0.5
@@ -13,19 +13,15 @@ ASKED = "the graph was asked to end; it is under way until the strip on top says
 
 
 class EndPanel:
-    """Ends the graph as Ctrl-C at its launch does; what forbids it stands beside the button.
-
-    Args:
-        viewer: Of a running graph.
-    """
+    """Ends the graph as Ctrl-C at its launch does; what forbids it stands beside the button."""
 
     def __init__(self, viewer: Viewer) -> None:
         assert viewer.operator is not None
         self._viewer, self._operator = viewer, viewer.operator
         with ui.element("div").classes("row-of").props('data-what="end"'):
-            self._press = AskedTwice("End the graph ...", QUESTION, "yes, end the graph", self._do)
-            self._why = said("span", "", "quiet")
-        self._outcome = Outcome()
+            self._press = ConfirmButton("End the graph ...", QUESTION, "yes, end the graph", self._do)
+            self._why = text_element("span", "", "quiet")
+        self._outcome = StatusLine()
         self._refresh()
         ui.timer(REFRESH_S, self._refresh)
 
@@ -34,11 +30,11 @@ class EndPanel:
         self._why.text = why
         self._press.allow(why)
         if not self._viewer.source.overview().alive:
-            self._outcome.tell("")  # the strip says that it has ended
+            self._outcome.show("")  # the strip says that it has ended
 
     async def _do(self) -> None:
-        if await self._outcome.of(self._end):
-            self._outcome.tell(ASKED)
+        if await self._outcome.run(self._end):
+            self._outcome.show(ASKED)
 
     def _end(self) -> bool:
         self._operator.end()

@@ -8,13 +8,12 @@ from collections.abc import Iterator
 from nicegui import ui
 
 from palp_core.graph.discovery.troubles import Trouble, worst
-from palp_core.view.pages.parts import TroubleBox, duration, said
+from palp_core.view.pages.parts import TroubleBox, duration, text_element
 from palp_core.view.pages.time_bar import time_bar
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.overview import Overview
 
 REFRESH_S = 0.5
-BLINDED = "what would tell the outcome is not shown, and not sent"
 STATES = {"ok": "all is well", "warn": "something is wrong", "error": "something is badly wrong"}
 
 
@@ -25,17 +24,15 @@ def frame(viewer: Viewer, title: str = "") -> Iterator[None]:
     body = ui.query("body")
     ui.page_title(f"{title} - {first.title}" if title else f"{first.title} - palp view")
     with ui.element("header").classes("strip"):
-        said("span", first.title, "title").props('data-what="graph"')
-        state = said("span", "", "pill").props('data-what="state"')
-        if viewer.blind:
-            said("span", "blinded", "pill unknown").tooltip(BLINDED)
+        text_element("span", first.title, "title").props('data-what="graph"')
+        state = text_element("span", "", "pill").props('data-what="state"')
         whats = ("run", "clock", "now", "elapsed", "may")
-        labels = {what: said("span", "", "quiet").props(f'data-what="{what}"') for what in whats}
+        labels = {what: text_element("span", "", "quiet").props(f'data-what="{what}"') for what in whats}
         with ui.element("nav").classes("row-of"):
-            for word, target in _ways(viewer):
+            for word, target in _links(viewer):
                 ui.link(word, target)
         if viewer.own_page is not None:
-            viewer.own_page.put_strip(viewer)
+            viewer.own_page.fill_strip(viewer)
     troubles = TroubleBox()
     if viewer.time is not None:
         time_bar(viewer.time)
@@ -72,7 +69,7 @@ def _heading(viewer: Viewer, overview: Overview) -> tuple[str, str, list[Trouble
     return (f"{word}, and {STATES[bad]}", bad, rest) if bad == "error" else (word, "warn", rest)
 
 
-def _ways(viewer: Viewer) -> Iterator[tuple[str, str]]:
+def _links(viewer: Viewer) -> Iterator[tuple[str, str]]:
     yield "Graph", "/"
     yield "Topics", "/topics"
     if viewer.timeline_events is not None:

@@ -13,7 +13,7 @@ from palp_core.view.pages.ending import EndPanel
 from palp_core.view.pages.frame import frame
 from palp_core.view.pages.layout import HEIGHT, WIDTH, Layout, layout
 from palp_core.view.pages.live_table import Cell, LiveTable
-from palp_core.view.pages.parts import figure, node_way, rate_words, said, topic_way
+from palp_core.view.pages.parts import figure, node_address, rate_text, text_element, topic_address
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.action_wires import ACTION
 from palp_core.view.source.overview import NodeState, Overview, WireState, shared_processes
@@ -57,7 +57,6 @@ def pairs_of(wires: list[WireState]) -> dict[tuple[str, str], list[WireState]]:
 
 
 def drawn(overview: Overview, where: Layout, pairs: dict[tuple[str, str], list[WireState]]) -> dict[str, Any]:
-    """Return what the picture is made of, as plain data."""
     nodes = [_node(node, where) for node in overview.nodes]
     known = [(ends, wires) for ends, wires in pairs.items() if ends in where.routes]
     return {
@@ -109,7 +108,7 @@ def _wire(source: str, reader: str, wires: list[WireState], where: Layout) -> di
         "y": route.y - 13 * (len(lines) - 1),
         "lines": lines,
         "health": "warn" if bad else "ok",
-        "why": "\n".join(wire_words(wire) for wire in wires),
+        "why": "\n".join(wire_text(wire) for wire in wires),
     }
 
 
@@ -117,7 +116,7 @@ def wire_line(wire: WireState) -> str:
     """Return a topic's port with its rate and latency, and what is lost."""
     parts = [
         shortened(wire.topic.rpartition("/")[2], MOST_LETTERS),
-        figure(wire.rate_hz, "Hz", 0) if (wire.rate_hz or 0) >= 10 else rate_words(wire.rate_hz),
+        figure(wire.rate_hz, "Hz", 0) if (wire.rate_hz or 0) >= 10 else rate_text(wire.rate_hz),
     ]
     if wire.latency_p50_s is not None:
         parts.append(figure(wire.latency_p50_s * 1e3, "ms", 2))
@@ -126,7 +125,7 @@ def wire_line(wire: WireState) -> str:
     return " ".join(part for part in parts if part)
 
 
-def wire_words(wire: WireState) -> str:
+def wire_text(wire: WireState) -> str:
     """Return all that a reader's account says of a topic; without one, as of a bag, from where to where."""
     ends = f", an action for /{wire.source}" if wire.type == ACTION else f" -> /{wire.reader}"
     counts = {"received": wire.received, "lost": wire.lost, "late": wire.late}
@@ -139,12 +138,12 @@ def wire_words(wire: WireState) -> str:
 def graph_page(viewer: Viewer) -> None:
     with frame(viewer):
         drawing = GraphDrawing()
-        said("h2", "Nodes")
-        shared = said("div", "", "quiet").props('data-what="shared"')
+        text_element("h2", "Nodes")
+        shared = text_element("div", "", "quiet").props('data-what="shared"')
         nodes = LiveTable(NODE_TITLES)
-        said("h2", "Wires")
+        text_element("h2", "Wires")
         if viewer.source.overview().clock == "sim":
-            said("div", RATES, "quiet")
+            text_element("div", RATES, "quiet")
         wires = LiveTable(WIRE_TITLES)
         if viewer.operator is not None:
             EndPanel(viewer)
@@ -153,7 +152,7 @@ def graph_page(viewer: Viewer) -> None:
             overview = viewer.source.overview()
             drawing.show(overview)
             one_process = shared_processes(overview.nodes)
-            shared.text = shared_words(overview.nodes, one_process)
+            shared.text = shared_text(overview.nodes, one_process)
             nodes.show(_node_row(node, alone=node.pid not in one_process) for node in overview.nodes)
             wires.show(wire_row(wire) for wire in overview.wires)
 
@@ -161,7 +160,7 @@ def graph_page(viewer: Viewer) -> None:
         ui.timer(REFRESH_S, refresh)
 
 
-def shared_words(nodes: list[NodeState], processes: dict[int, int]) -> str:
+def shared_text(nodes: list[NodeState], processes: dict[int, int]) -> str:
     """Return what processes that several nodes share take, each once."""
     first = {node.pid: node for node in reversed(nodes)}
     return "; ".join(
@@ -181,7 +180,7 @@ def _memory(node: NodeState) -> str:
 
 def _node_row(node: NodeState, *, alone: bool) -> tuple[Cell, ...]:
     return (
-        node_way(node.name),
+        node_address(node.name),
         node.lifecycle,
         node.run,
         figure(node.rate_hz, "Hz"),
@@ -193,11 +192,11 @@ def _node_row(node: NodeState, *, alone: bool) -> tuple[Cell, ...]:
 
 def wire_row(wire: WireState) -> tuple[Cell, ...]:
     """Return a wire's cells under :data:`WIRE_TITLES`; what is unknown is empty."""
-    action = f"{wire.topic}, an action for /{wire.source}", node_way(wire.reader)[1]
+    action = f"{wire.topic}, an action for /{wire.source}", node_address(wire.reader)[1]
     return (
-        action if wire.type == ACTION else topic_way(wire.topic),
-        node_way(wire.reader),
-        rate_words(wire.rate_hz),
+        action if wire.type == ACTION else topic_address(wire.topic),
+        node_address(wire.reader),
+        rate_text(wire.rate_hz),
         *("" if count is None else str(count) for count in (wire.received, wire.lost, wire.late)),
         figure(None if wire.latency_p50_s is None else wire.latency_p50_s * 1e3, "ms", 2),
         figure(None if wire.latency_p99_s is None else wire.latency_p99_s * 1e3, "ms", 2),

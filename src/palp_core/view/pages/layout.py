@@ -23,8 +23,6 @@ Spot = tuple[str, str, int]
 
 
 class Corner(msgspec.Struct, frozen=True):
-    """A node's upper left corner."""
-
     x: float
     y: float
 
@@ -38,8 +36,6 @@ class WirePath(msgspec.Struct, frozen=True):
 
 
 class Layout(msgspec.Struct, frozen=True):
-    """Where everything stands."""
-
     places: dict[str, Corner]
     routes: dict[Ends, WirePath]
     width: float
@@ -47,12 +43,7 @@ class Layout(msgspec.Struct, frozen=True):
 
 
 def layout(nodes: Iterable[str], wires: Iterable[Ends]) -> Layout:
-    """Return where nodes and wires stand.
-
-    Args:
-        nodes: In graph order.
-        wires: From publisher to reader; those to unknown nodes are left out.
-    """
+    """Return where nodes and wires stand."""
     names = list(nodes)
     rank = {name: place for place, name in enumerate(names)}
     known = sorted(

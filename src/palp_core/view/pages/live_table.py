@@ -16,18 +16,11 @@ Cell = str | tuple[str, str]
 
 
 class LiveTable(Element, component="live_table.js"):  # type: ignore[misc, call-arg]
-    """A table whose cells are texts, and texts that lead somewhere.
-
-    Args:
-        titles: Of its columns.
-    """
-
     def __init__(self, titles: Sequence[str]) -> None:
         super().__init__()
         self._props.update(titles=list(titles), rows=[])
 
     def show(self, rows: Iterable[Sequence[Cell]]) -> None:
-        """Show these rows, if they are not shown already."""
         told = [[list(cell) if isinstance(cell, tuple) else [cell] for cell in row] for row in rows]
         if told != self._props["rows"]:
             self._props["rows"] = told

@@ -2,28 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Iterable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from functools import partial
 from typing import Any
 
 from nicegui import run, ui
-from nicegui.element import Element
 
 from palp_core.errors import LifecycleError
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.lifecycle import Lifecycle, Transition, successor
 from palp_core.view.pages.frame import frame
 from palp_core.view.pages.parameters import parameters_panel
-from palp_core.view.pages.parts import CHANGES, AskedTwice, Outcome, figure, node_link, said, topic_link
-from palp_core.view.pages.swap import swap_panel, swap_words
+from palp_core.view.pages.parts import (
+    CHANGES,
+    ConfirmButton,
+    StatusLine,
+    figure,
+    node_link,
+    text_element,
+    topic_link,
+)
+from palp_core.view.pages.swap import swap_panel, swap_text
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.action_wires import ACTION
-from palp_core.view.source.node_log import FoldedLog, LogRecord, NodeLog
+from palp_core.view.source.node_log import NodeLog
 from palp_core.view.source.overview import NodeState, Overview, shared_processes
 
 STATE_S, LOG_S = 1.0, 0.5
 QUESTION = "This graph moves something, and may rely on this node meanwhile. Go on?"
-MOST_LOG_LINES = 400
+MOST_LOG_LINES, MOST_LETTERS = 400, 4000
 
 
 def node_page(viewer: Viewer, name: str) -> None:
@@ -32,22 +39,22 @@ def node_page(viewer: Viewer, name: str) -> None:
         if state is None:
             ui.label(f"no node /{name} in {viewer.source.overview().title}")
             return
-        said("h2", f"/{name}")
+        text_element("h2", f"/{name}")
         _state_line(viewer, name)
         live = viewer.live
         if live is None:
             return
-        outcome = Outcome()
+        outcome = StatusLine()
         _lifecycle(viewer, name, outcome)
         with ui.element("div").classes("columns wide-left"):
             with ui.element("section"):
-                said("h2", "Parameters")
+                text_element("h2", "Parameters")
                 ask = parameters_panel(viewer, name)
             with ui.element("section"):
-                said("h2", "Reads and publishes")
+                text_element("h2", "Reads and publishes")
                 _ports(viewer, name)
         swap_panel(viewer, name, ask)
-        said("h2", "Log")
+        text_element("h2", "Log")
         _log(NodeLog(live.graph.folder, name))
 
 
@@ -57,9 +64,9 @@ def _state(viewer: Viewer, name: str) -> NodeState | None:
 
 def _state_line(viewer: Viewer, name: str) -> None:
     with ui.element("div").classes("row-of"):
-        lifecycle = said("span", "", "pill").props('data-what="lifecycle"')
-        told = said("span", "", "quiet")
-    why = said("div", "")
+        lifecycle = text_element("span", "", "pill").props('data-what="lifecycle"')
+        told = text_element("span", "", "quiet")
+    why = text_element("div", "")
 
     def refresh() -> None:
         state = _state(viewer, name)
@@ -86,7 +93,7 @@ def _shared(viewer: Viewer, state: NodeState) -> str:
     return f" of the one process of {number} nodes" if number else ""
 
 
-def _lifecycle(viewer: Viewer, name: str, outcome: Outcome) -> None:
+def _lifecycle(viewer: Viewer, name: str, outcome: StatusLine) -> None:
     """Buttons for the transitions that the state allows; the server asks the node, which may refuse."""
     operator = viewer.operator
     if operator is None:
@@ -95,15 +102,15 @@ def _lifecycle(viewer: Viewer, name: str, outcome: Outcome) -> None:
     shown: list[str] = []
 
     async def go(transition: str) -> None:
-        reached = await outcome.of(operator.transition, name, transition)
+        reached = await outcome.run(operator.transition, name, transition)
         if reached is not None:
-            outcome.tell(f"{transition}: it is {reached} now")
+            outcome.show(f"{transition}: it is {reached} now")
 
     async def renew() -> None:
-        outcome.tell("it is loaded anew ...")
-        answer = await outcome.of(operator.swap, name, "")
+        outcome.show("it is loaded anew ...")
+        answer = await outcome.run(operator.swap, name, "")
         if answer is not None:
-            outcome.tell(*swap_words(answer))
+            outcome.show(*swap_text(answer))
 
     def refresh() -> None:
         state = _state(viewer, name)
@@ -126,7 +133,7 @@ def _lifecycle(viewer: Viewer, name: str, outcome: Outcome) -> None:
 def _press(word: str, do: Callable[[], Awaitable[None]], *, asked: bool) -> Any:
     """Put up a button that changes the node; where others rely on it, it asks before it does."""
     if asked:
-        return AskedTwice(f"{word} ...", QUESTION, f"yes, {word}", do, CHANGES).first
+        return ConfirmButton(f"{word} ...", QUESTION, f"yes, {word}", do, CHANGES).first
     return ui.button(word, on_click=do).props("outline dense no-caps").classes(CHANGES)
 
 
@@ -164,14 +171,14 @@ def _ports(viewer: Viewer, name: str) -> None:
         with box:
             for word, topic, other in now:
                 with ui.element("div").classes("row-of"):
-                    said("span", word, "quiet port-word")
+                    text_element("span", word, "quiet port-word")
                     if other:
-                        said("span", topic)
+                        text_element("span", topic)
                         node_link(other)
                     else:
                         topic_link(topic)
             if not any(word == "reads" for word, _, _ in now):
-                said("div", "nothing that it reads is known", "quiet")
+                text_element("div", "nothing that it reads is known", "quiet")
 
     refresh()
     ui.timer(STATE_S, refresh)
@@ -184,8 +191,8 @@ def _is_silent(viewer: Viewer, name: str) -> bool:
 
 def ports(overview: Overview, topics: Sequence[Topic], name: str) -> list[tuple[str, str, str]]:
     """Return what a node reads and publishes: a word, its name, of an action the other node."""
-    heard = sorted({wire.topic for wire in overview.wires if wire.type != ACTION and wire.reader == name})
-    found = [("reads", topic, "") for topic in heard]
+    sample = sorted({wire.topic for wire in overview.wires if wire.type != ACTION and wire.reader == name})
+    found = [("reads", topic, "") for topic in sample]
     found += [("publishes", topic.name, "") for topic in topics if topic.node == name]
     for wire in overview.wires:
         if wire.type == ACTION and name in (wire.source, wire.reader):
@@ -196,31 +203,14 @@ def ports(overview: Overview, topics: Sequence[Topic], name: str) -> list[tuple[
 
 def _log(log: NodeLog) -> None:
     """Show lines as they come; each is text, whatever is in it."""
-    shown, folded = LiveLog().props('data-what="log"'), FoldedLog(MOST_LOG_LINES)
+    shown = ui.log(max_lines=MOST_LOG_LINES).classes("log").props('data-what="log"')
 
     async def refresh() -> None:
         lines = await run.io_bound(log.new_lines) or []  # None: the viewer is ending
-        if lines:
-            folded.add(lines)
-            shown.show(folded.records)
+        for line in lines[-MOST_LOG_LINES:]:
+            shown.push(f"{line.at} {line.text}"[:MOST_LETTERS], classes=log_class(line.level))
 
     ui.timer(LOG_S, refresh)
-
-
-class LiveLog(Element, component="live_log.js"):  # type: ignore[misc, call-arg]
-    """A log: one element, whose records the browser is sent as plain data."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._props.update(records=[])
-
-    def show(self, records: Iterable[LogRecord]) -> None:
-        """Show these records; of a kind that came several times how often, and the latest."""
-        self._props["records"] = [
-            {"text": f"{one.at} {one.text}", "look": log_class(one.level), "count": one.count}
-            for one in records
-        ]
-        self.update()
 
 
 def log_class(level: str) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 from nicegui import ui
 
 from palp_core.errors import GraphError
-from palp_core.view.pages.parts import CHANGES, Outcome, as_written, labelled, said, table
+from palp_core.view.pages.parts import CHANGES, StatusLine, doc_text, labelled, table, text_element
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.message_lines import value_text
 
@@ -17,31 +17,27 @@ TITLES = ("Name", "In force", "Another value")
 
 
 def parameters_panel(viewer: Viewer, name: str) -> Callable[[], Awaitable[None]]:
-    """Put up a node's parameters; they are asked for anew when another class, or process, has its place.
-
-    Returns:
-        What asks for them anew.
-    """
+    """Put up a node's parameters; they are asked for anew when another class, or process, has its place."""
     live = viewer.live
     assert live is not None
-    box, outcome = ui.element("div").props('data-what="parameters"'), Outcome()
+    box, outcome = ui.element("div").props('data-what="parameters"'), StatusLine()
     shown: list[object] = []
 
     async def ask() -> None:
         of = _at_work(viewer, name)
-        reply = await outcome.of(lambda: live.graph.ask(name, "describe_parameters"))
+        reply = await outcome.run(lambda: live.graph.ask(name, "describe_parameters"))
         if reply is None:
             return
         declared = reply["parameters"]
         shown[:] = [of]
-        outcome.tell("")
+        outcome.show("")
         box.clear()
         with box:
             table(TITLES, _rows(viewer, name, declared))
             if not declared:
                 ui.label("it has none")
             else:
-                as_written(reply.get("about"))
+                doc_text(reply.get("about"))
 
     async def follow() -> None:
         if shown != [_at_work(viewer, name)]:
@@ -66,25 +62,25 @@ def _row(viewer: Viewer, node: str, one: dict[str, Any], in_force: dict[str, Any
     limits = f"{bounds(one)}; default {typed(one['default']) or 'none'}"
 
     def named() -> None:
-        said("span", name)
+        text_element("span", name)
         if one.get("description"):
-            said("div", one["description"], "quiet")
+            text_element("div", one["description"], "quiet")
 
     def value() -> None:
-        in_force[name] = said("span", typed(one["value"]))
+        in_force[name] = text_element("span", typed(one["value"]))
 
     def field() -> None:
         if one["read_only"] or operator is None:
-            said("span", "looked at when the node is configured" if one["read_only"] else "", "quiet")
-            said("div", limits, "quiet")
+            text_element("span", "looked at when the node is configured" if one["read_only"] else "", "quiet")
+            text_element("div", limits, "quiet")
             return
         with ui.element("div").classes("row-of"):
             entry: Any = labelled(_entry(one), name)
             entry.on("keydown.enter", lambda: put(str(entry.value or "")))
             press = ui.button("set", on_click=lambda: put(str(entry.value or "")))  # as it is when pressed
             labelled(press.props("outline dense no-caps").classes(CHANGES), f"set {name}")
-        said("div", limits, "quiet")
-        outcome = Outcome()
+        text_element("div", limits, "quiet")
+        outcome = StatusLine()
 
         def change(text: str) -> dict[str, Any]:
             try:
@@ -93,13 +89,13 @@ def _row(viewer: Viewer, node: str, one: dict[str, Any], in_force: dict[str, Any
                 raise GraphError(refused(name, text, str(error))) from error
 
         async def put(text: str) -> None:
-            after = await outcome.of(change, text)
+            after = await outcome.run(change, text)
             if after is None:
                 return
             for other, label in in_force.items():
                 label.text = typed(after.get(other))
             entry.value = typed(after[name])
-            outcome.tell(f"{name} is {entry.value} now")
+            outcome.show(f"{name} is {entry.value} now")
 
     return named, value, field
 

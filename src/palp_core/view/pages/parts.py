@@ -8,11 +8,11 @@ from typing import Any
 from urllib.parse import quote
 
 from nicegui import run, ui
+from nicegui.element import Element
 from nicegui.elements.mixins.text_element import TextElement
 
 from palp_core.errors import PalpError
 from palp_core.graph.discovery.troubles import Trouble, worst
-from palp_core.view.source.node_log import kind_of
 
 HERE = Path(__file__).parent
 CSS = "".join((HERE / name).read_text(encoding="utf-8") for name in ("uplot/uPlot.min.css", "look.css"))
@@ -27,15 +27,14 @@ Cell = str | Callable[[], Any]
 """What a cell of a table holds: a text, or what puts something into it."""
 
 
-def said(tag: str, text: str = "", classes: str = "") -> Any:
-    """Return an element that holds a text and nothing else."""
+def text_element(tag: str, text: str = "", classes: str = "") -> Any:
     return TextElement(tag=tag, text=text).classes(classes)
 
 
-def as_written(text: object) -> None:
+def doc_text(text: object) -> None:
     """Show what is written in a class about what is shown; nothing if nothing is."""
     if text:
-        said("div", str(text).replace("``", ""), "quiet as-written").props('data-what="about"')
+        text_element("div", str(text).replace("``", ""), "quiet as-written").props('data-what="about"')
 
 
 def labelled(element: Any, label: str) -> Any:
@@ -44,7 +43,7 @@ def labelled(element: Any, label: str) -> Any:
     return element
 
 
-def node_way(name: str) -> tuple[str, str]:
+def node_address(name: str) -> tuple[str, str]:
     """Return what a node is called, and where its page is.
 
     >>> node_way("a b")
@@ -53,36 +52,16 @@ def node_way(name: str) -> tuple[str, str]:
     return f"/{name}", f"/node/{quote(name, safe='')}"
 
 
-def topic_way(name: str) -> tuple[str, str]:
-    """Return what a topic is called, and where its page is."""
+def topic_address(name: str) -> tuple[str, str]:
     return name, f"/topic{quote(name)}"
 
 
 def node_link(name: str) -> None:
-    """Show a node's name that leads to its page."""
-    ui.link(*node_way(name))
+    ui.link(*node_address(name))
 
 
 def topic_link(name: str) -> None:
-    """Show a topic's name that leads to its page."""
-    ui.link(*topic_way(name))
-
-
-def folding(title: str) -> Any:
-    """Return a box below a heading; on a narrow screen it is folded behind that."""
-    with ui.element("div").classes("row-of"):
-        said("h2", title)
-        press = ui.button("show").props("outline dense no-caps aria-expanded=false").classes("fold-press")
-    box = ui.element("div").classes("fold")
-
-    def turn() -> None:
-        unfolded = press.text == "show"
-        press.set_text("hide" if unfolded else "show")
-        press.props(f"aria-expanded={str(unfolded).lower()}")
-        box.classes(toggle="unfolded")
-
-    press.on_click(turn)
-    return box
+    ui.link(*topic_address(name))
 
 
 def table(titles: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
@@ -91,29 +70,42 @@ def table(titles: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
     with box, ui.element("table").classes("plain"):
         with ui.element("thead"), ui.element("tr"):
             for title in titles:
-                said("th", title)
+                text_element("th", title)
         with ui.element("tbody"):
             for row in rows:
                 with ui.element("tr"):
                     for cell in row:
                         if isinstance(cell, str):
-                            said("td", cell)
+                            text_element("td", cell)
                         else:
                             with ui.element("td"):
                                 cell()
 
 
-def alike(troubles: Iterable[Trouble]) -> list[list[Trouble]]:
-    """Return troubles by their kind: those that say the same but for its numbers, wherever they are.
+MOST_UNDER_WAY = 2
+"""Calls that a browser has not taken yet: until it has, no more are sent, however slow it is."""
 
-    >>> lost = [Trouble("/a -> /b", "warn", f"{number} messages lost") for number in (2, 3)]
-    >>> [len(group) for group in alike([*lost, Trouble("/a", "warn", "hot")])]
-    [2, 1]
-    """
-    found: dict[tuple[str, str], list[Trouble]] = {}
-    for one in troubles:
-        found.setdefault((one.level, kind_of(one.text)), []).append(one)
-    return list(found.values())
+
+class PacedElement(Element):  # type: ignore[misc]
+    """A component whose methods answer ``taken`` with the number that they were given last."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._sent = self._taken = 0
+        self.on("taken", self._take)
+
+    @property
+    def busy(self) -> bool:
+        return self._sent - self._taken >= MOST_UNDER_WAY
+
+    def send(self, method: str, *given: Any) -> None:
+        self._sent += 1
+        self.run_method(method, *given, self._sent)
+
+    def _take(self, event: Any) -> None:
+        """Note up to where the browser has come; whatever it says, it is at most what was sent."""
+        if isinstance(event.args, int):
+            self._taken = min(max(event.args, self._taken), self._sent)
 
 
 class TroubleBox:
@@ -132,44 +124,40 @@ class TroubleBox:
         self._box.clear()
         self._box.set_visibility(bool(troubles))
         self._box.classes(add="error-box" if worst(troubles) == "error" else "", remove="error-box")
-        groups = alike(sorted(troubles, key=lambda trouble: trouble.level != "error"))
+        first = sorted(troubles, key=lambda trouble: trouble.level != "error")
         with self._box:
-            for one, *others in groups[: self.MOST]:
+            for one in first[: self.MOST]:
                 with ui.element("div").classes("row-of"):
-                    said("b", f"{one.level}: {one.where}", one.level)
-                    said("span", one.text)
-                    if others:
-                        rest = said("span", f"and {len(others)} more like it", "quiet").props('tabindex="0"')
-                        with rest:
-                            ui.tooltip("; ".join(f"{other.where}: {other.text}" for other in others))
+                    text_element("b", f"{one.level}: {one.where}", one.level)
+                    text_element("span", one.text)
                     if one.advice:
-                        said("code", one.advice)
-            if left := sum(len(group) for group in groups[self.MOST :]):
-                said("div", f"and {left} more")
+                        text_element("code", one.advice)
+            if left := len(first[self.MOST :]):
+                text_element("div", f"and {left} more")
 
 
-class Outcome:
+class StatusLine:
     """What came of the last thing that was pressed; it stays until the next."""
 
     def __init__(self) -> None:
-        self._label = said("div", "").props('role="status"')
+        self._label = text_element("div", "").props('role="status"')
 
-    def tell(self, text: str, level: str = "ok") -> None:
+    def show(self, text: str, level: str = "ok") -> None:
         self._label.classes(replace=level)
         self._label.text = text
 
-    async def of(self, work: Callable[..., Any], *given: Any, **named: Any) -> Any:
+    async def run(self, work: Callable[..., Any], *given: Any, **named: Any) -> Any:
         """Do something that waits, on a thread; return what it returns, or tell why not and return None."""
         try:
             return await run.io_bound(work, *given, **named)
         except PalpError as error:
-            self.tell(str(error), "error")
+            self.show(str(error), "error")
         except OSError as error:
-            self.tell(f"{error.filename or ''}: {error.strerror}", "error")
+            self.show(f"{error.filename or ''}: {error.strerror}", "error")
         return None
 
 
-class AskedTwice:
+class ConfirmButton:
     """A button that asks before it does what cannot be taken back.
 
     Args:
@@ -187,7 +175,7 @@ class AskedTwice:
         self.first = ui.button(word, on_click=lambda: self.ask()).props("outline dense no-caps")
         self.first.classes(classes)
         with ui.element("span").classes("row-of") as self._second:
-            said("span", question)
+            text_element("span", question)
             ui.button(yes, on_click=self._go_on).props("outline dense no-caps")
             ui.button("no", on_click=lambda: self.ask(asked=False)).props("outline dense no-caps")
         self.ask(asked=False)
@@ -217,7 +205,7 @@ def figure(value: float | None, unit: str, digits: int = 1) -> str:
     return "" if value is None else f"{value:.{digits}f} {unit}"
 
 
-def rate_words(value: float | None, unit: str = "Hz") -> str:
+def rate_text(value: float | None, unit: str = "Hz") -> str:
     """Return messages a second; what speaks so rarely that none came while somebody looked has no number.
 
     >>> rate_words(12.34), rate_words(0.0), rate_words(0.01), rate_words(None)

@@ -8,12 +8,11 @@ from urllib.parse import urlencode
 
 import numpy as np
 from nicegui import ui
-from nicegui.element import Element
 
 from palp_core.counted import counted
 from palp_core.errors import GraphError
 from palp_core.units import Float64Array
-from palp_core.view.pages.parts import Outcome, said
+from palp_core.view.pages.parts import PacedElement, StatusLine, text_element
 from palp_core.view.source.protocol import Watch
 from palp_core.view.source.series import (
     KEPT_POINTS,
@@ -28,8 +27,6 @@ FRAME_S = 1 / 40
 """Between two looks at what has come: with what they take themselves there are some 30 a second."""
 FAST_FRAME_S = 1 / 5
 """Of a graph that goes faster than anybody looks: each frame is another part of it."""
-MOST_UNDER_WAY = 2
-"""Frames that a browser has not drawn yet: until it has, more is kept for the next, however slow it is."""
 DIGITS = 9
 """Of what a browser is sent: times to 1 ns."""
 MOST_FIELDS = 12
@@ -38,46 +35,25 @@ SPAN_S = 10
 SPANS_S = {2: "2 s", 10: "10 s", 60: "1 min", 600: "10 min"}
 
 
-class LivePlot(Element, component="live_plot.js", esm={"palp-uplot": "uplot"}):  # type: ignore[misc, call-arg]
+class LivePlot(PacedElement, component="live_plot.js", esm={"palp-uplot": "uplot"}):  # type: ignore[call-arg]
     """A plot in the browser, drawn by uPlot, which is given points as they come."""
 
     def __init__(self, file: str) -> None:
         super().__init__()
-        self._sent = self._taken = 0
-        self.on("taken", self._take)
         self._props.update(elements=False, slim=False, even=False)
         self.shape(names=[], span=SPAN_S, paused=False, file=f"{file}.png", title="", along="time in s")
 
     def shape(self, **props: Any) -> None:
-        """Change what is shown, and how.
-
-        Args:
-            props: ``names`` of the series, ``span`` in s, ``paused``; ``elements``: values by their number
-                instead of time; ``slim``: no slider; ``even``: between messages the time axis moves on, as
-                the machine's clock does; ``title``: of a saved picture; ``along``: the time axis in words.
-        """
+        """Change properties of ``live_plot.js``, as ``names``, ``span`` in s, ``paused``."""
         self._props.update(props)
         self.update()
 
-    @property
-    def busy(self) -> bool:
-        """Whether the browser has yet to take what it was given before."""
-        return self._sent - self._taken >= MOST_UNDER_WAY
-
     def add(self, batches: Sequence[Float64Array]) -> None:
         """Add points, for each series an array of shape (n, 2): time in s, value; nan is a gap."""
-        self._sent += 1
-        self.run_method("add", [points.round(DIGITS) for points in batches], self._sent)
+        self.send("add", [points.round(DIGITS) for points in batches])
 
     def put(self, lists: list[list[float]]) -> None:
-        """Show these values by their number."""
-        self._sent += 1
-        self.run_method("put", lists, self._sent)
-
-    def _take(self, event: Any) -> None:
-        """Note up to which frame the browser has come; whatever it says, it is at most what was sent."""
-        if isinstance(event.args, int):
-            self._taken = min(max(event.args, self._taken), self._sent)
+        self.send("put", lists)
 
 
 class _Plotted:
@@ -90,20 +66,19 @@ class _Plotted:
 
     def choose(self, fields: list[str], schema: dict[str, Any]) -> None:
         self.series = [FieldSeries(field, schema) for field in fields]
-        self.let_go()
+        self.release()
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """Note that the browser has been given all that waited."""
         self.waiting = [NO_POINTS] * len(self.series)
 
     def take(self, watch: Watch, span_s: float) -> bool:
-        """Take what has come; tell whether anything has."""
-        heard = watch.drain()
+        sample = watch.read_new()
         self.waiting = [
-            shown(np.concatenate([waiting, *(series.add(message) for message in heard)]), span_s)
+            shown(np.concatenate([waiting, *(series.add(message) for message in sample)]), span_s)
             for series, waiting in zip(self.series, self.waiting, strict=True)
         ]
-        return bool(heard)
+        return bool(sample)
 
 
 CHOOSE = "choose a field to plot"
@@ -112,16 +87,7 @@ CHOOSE = "choose a field to plot"
 def plot_panel(
     watch: Watch, *, fast: bool = False, clock: str = "", fields: Sequence[str] = (), window_s: int = SPAN_S
 ) -> None:
-    """Put up a plot of a topic's numbers.
-
-    Args:
-        watch: The topic.
-        fast: The graph goes faster than anybody looks.
-        clock: The graph's, ``sim`` or ``wall``.
-        fields: Plotted from the start; what holds no numbers is left out.
-        window_s: What is shown from the start, one of :data:`SPANS_S`.
-    """
-    schema, plotted, outcome = watch.topic.json_schema, _Plotted(), Outcome()
+    schema, plotted, outcome = watch.topic.json_schema, _Plotted(), StatusLine()
     known = list(number_fields(schema))
     first = [field for field in dict.fromkeys(fields[:MOST_FIELDS]) if _is_plottable(field, schema)]
     if not known:
@@ -142,7 +108,7 @@ def plot_panel(
         pause = ui.button("pause").props("outline dense no-caps")
         save = ui.button("PNG").props("outline dense no-caps")
         table = ui.button("CSV").props("outline dense no-caps")
-    nothing = said("div", CHOOSE, "quiet")
+    nothing = text_element("div", CHOOSE, "quiet")
     plot = LivePlot(watch.topic.name.strip("/").replace("/", "_"))
     plot.shape(
         even=not fast,
@@ -156,10 +122,10 @@ def plot_panel(
         try:
             plotted.choose(fields, schema)
         except GraphError as error:
-            outcome.tell(str(error), "error")
+            outcome.show(str(error), "error")
             chosen.value = [series.field for series in plotted.series]
             return
-        outcome.tell("")
+        outcome.show("")
         remember()
         nothing.set_visibility(not plotted.series)
         plot.shape(names=[series.label for series in plotted.series])
@@ -185,7 +151,7 @@ def plot_panel(
 
     def download() -> None:
         labelled = paused[0] if paused else kept()
-        outcome.tell(in_words(labelled))
+        outcome.show(in_words(labelled))
         ui.download.content(as_csv(labelled), name)
 
     def tick() -> None:
@@ -198,7 +164,7 @@ def plot_panel(
             plot.put([series.last for series in plotted.series])
         else:
             plot.add(plotted.waiting)
-        plotted.let_go()
+        plotted.release()
 
     chosen.on_value_change(choose)
     span.on_value_change(widen)

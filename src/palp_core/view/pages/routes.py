@@ -39,7 +39,7 @@ def register_pages(viewer: Viewer) -> None:
         @ui.page("/own")  # type: ignore[untyped-decorator]
         def own_page() -> None:
             with frame(viewer, own.title):
-                own.put_up(viewer)
+                own.fill(viewer)
 
     if (ask := viewer.timeline_events) is not None:
 

@@ -15,7 +15,7 @@ from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.swap.swap import STEPS, TIMEOUT_S
 from palp_core.graph.workspaces.modules import module_file, short_name
 from palp_core.graph.workspaces.underlays import Underlay, underlays
-from palp_core.view.pages.parts import CHANGES, Outcome, said
+from palp_core.view.pages.parts import CHANGES, StatusLine, text_element
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.action_wires import ACTION
 from palp_core.view.source.live import LiveSource
@@ -31,7 +31,7 @@ def swap_panel(viewer: Viewer, name: str, changed: Callable[[], Awaitable[None]]
     live, operator = viewer.live, viewer.operator
     if live is None or operator is None:
         return
-    said("h2", "Swap")
+    text_element("h2", "Swap")
     with ui.element("div").classes("row-of"):
         choice = _ByName(
             [], label="class, or FILE.py:Class", with_input=True, new_value_mode="add-unique", clearable=True
@@ -44,9 +44,9 @@ def swap_panel(viewer: Viewer, name: str, changed: Callable[[], Awaitable[None]]
         dry = ui.checkbox("dry run")
         dry.tooltip("try every step, or the shadow, and change nothing")
         button = ui.button("swap").props("dense no-caps").classes(CHANGES)
-    fit = said("div", "looking for classes that fit its wires", "quiet")
+    fit = text_element("div", "looking for classes that fit its wires", "quiet")
     steps = _Steps()
-    outcome = Outcome()
+    outcome = StatusLine()
 
     async def find(done: str = "") -> None:
         try:
@@ -65,13 +65,13 @@ def swap_panel(viewer: Viewer, name: str, changed: Callable[[], Awaitable[None]]
         try:
             given = assigned(str(params.value or ""))
         except GraphError as error:
-            outcome.tell(str(error), "error")
+            outcome.show(str(error), "error")
             return
         if not wanted and not given:
-            outcome.tell("choose a class, or give parameters for the one that runs", "warn")
+            outcome.show("choose a class, or give parameters for the one that runs", "warn")
             return
         button.disable()
-        outcome.tell("the swap is under way")
+        outcome.show("the swap is under way")
         steps.done = False
         following = asyncio.create_task(steps.follow(live, name))
         options = {
@@ -80,13 +80,13 @@ def swap_panel(viewer: Viewer, name: str, changed: Callable[[], Awaitable[None]]
             "dry_run": bool(dry.value),
             "params": given,
         }
-        answer = await outcome.of(operator.swap, name, wanted, **options)
+        answer = await outcome.run(operator.swap, name, wanted, **options)
         steps.done = True
         await following
         button.enable()
         if answer is not None:
             steps.end(answer)
-            outcome.tell(*swap_words(answer))
+            outcome.show(*swap_text(answer))
             await changed()
             await find(wanted)  # the class that went is a choice now
 
@@ -104,12 +104,10 @@ class _ByName(ui.select):  # type: ignore[misc]
 
 
 class _Steps:
-    """The steps of a swap, each marked as it comes."""
-
     def __init__(self) -> None:
         self.done = True
         with ui.element("ol").classes("row-of").props('data-what="steps"'):
-            self._items = {step: said("li", step, "quiet") for step in STEPS}
+            self._items = {step: text_element("li", step, "quiet") for step in STEPS}
 
     async def follow(self, live: LiveSource, node: str) -> None:
         """Ask the launcher which step it has come to, until the swap is done."""
@@ -143,11 +141,7 @@ def _progress(live: LiveSource) -> dict[str, Any]:
 
 
 def choices(live: LiveSource, name: str) -> list[str]:
-    """Return the classes of the workspace, and of those under it, that may take a node's place.
-
-    Raises:
-        GraphError: The node does not answer in time.
-    """
+    """Return the classes of the workspace, and of those under it, that may take a node's place."""
     workspace, overview = live.graph.record.workspace, live.overview()
     told = [  # not what comes from outside, nor actions: whether those fit the launcher says
         wire for wire in overview.wires if wire.source == name != wire.reader and wire.type != ACTION
@@ -177,9 +171,6 @@ def under(live: LiveSource) -> list[Underlay]:
 def assigned(text: str) -> dict[str, Any]:
     """Return parameters from words ``name:=value``, values as in YAML.
 
-    Raises:
-        GraphError: A word is none.
-
     >>> assigned("ring_mm:=8 name:=a")
     {'ring_mm': 8, 'name': 'a'}
     """
@@ -194,7 +185,7 @@ def assigned(text: str) -> dict[str, Any]:
     return found
 
 
-def swap_words(answer: dict[str, Any]) -> tuple[str, str]:
+def swap_text(answer: dict[str, Any]) -> tuple[str, str]:
     """Return what came of a swap, in words, and how good that is."""
     if failed := answer.get("failed"):
         what = "refused" if failed["step"] == "check" else f"rolled back at step '{failed['step']}'"

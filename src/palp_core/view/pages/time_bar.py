@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
-from palp_core.view.pages.parts import said
+from palp_core.view.pages.parts import text_element
 
 if TYPE_CHECKING:
     from palp_core.view.source.recorded import RecordedSource
@@ -19,7 +19,7 @@ def time_bar(source: RecordedSource) -> None:
         play = ui.button("play").props("outline dense no-caps")
         bar = ui.slider(min=source.start_s, max=max(source.end_s, source.start_s + 1e-3), step=1e-3)
         bar.props('aria-label="time in the bag"').style("flex: 1; min-width: 16rem")
-        where = said("span", "", "quiet").props('data-what="at"')
+        where = text_element("span", "", "quiet").props('data-what="at"')
     shown_s = [source.at_s]
 
     def show() -> None:

@@ -8,7 +8,7 @@ from functools import partial
 from nicegui import run, ui
 
 from palp_core.view.pages.frame import frame
-from palp_core.view.pages.parts import Cell, node_link, said, table
+from palp_core.view.pages.parts import Cell, node_link, table, text_element
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.timeline import TimelineEvent, latest_first
 
@@ -17,18 +17,12 @@ LEVELS = {"warn": "warn", "error": "error"}
 
 
 def timeline_page(viewer: Viewer, ask: Callable[[], list[TimelineEvent]]) -> None:
-    """Put up the page.
-
-    Args:
-        viewer: What is shown.
-        ask: Returns what has happened, and waits for it.
-    """
     with frame(viewer, "Timeline"):
-        said("h2", "Faults and events")
+        text_element("h2", "Faults and events")
         box = ui.element("div").props('data-what="timeline"')
         shown: list[TimelineEvent] | None = None
         with box:
-            said("div", "asking ...", "quiet")
+            text_element("div", "asking ...", "quiet")
 
         async def refresh() -> None:
             nonlocal shown
@@ -41,7 +35,7 @@ def timeline_page(viewer: Viewer, ask: Callable[[], list[TimelineEvent]]) -> Non
                 if found:
                     table(("At, s", "What", "Node", "Text"), (_row(one) for one in found))
                 else:
-                    said("div", "nothing has happened yet", "quiet")
+                    text_element("div", "nothing has happened yet", "quiet")
 
         ui.timer(REFRESH_S, refresh, once=viewer.time is not None)
 
@@ -49,7 +43,7 @@ def timeline_page(viewer: Viewer, ask: Callable[[], list[TimelineEvent]]) -> Non
 def _row(one: TimelineEvent) -> tuple[Cell, ...]:
     return (
         f"{one.at_s:.3f}",
-        partial(said, "b", one.kind.replace("_", " "), LEVELS.get(one.level, "")),
+        partial(text_element, "b", one.kind.replace("_", " "), LEVELS.get(one.level, "")),
         partial(node_link, one.node) if one.node else "",
         one.text,
     )

@@ -12,12 +12,12 @@ from palp_core.errors import PalpError
 from palp_core.view.pages.frame import frame
 from palp_core.view.pages.parts import (
     CHANGES,
-    Outcome,
-    as_written,
+    StatusLine,
+    doc_text,
     node_link,
-    rate_words,
-    said,
+    rate_text,
     table,
+    text_element,
     topic_link,
 )
 from palp_core.view.pages.plot import SPAN_S, plot_panel
@@ -36,7 +36,7 @@ def topics_page(viewer: Viewer) -> None:
         overview = viewer.source.overview()
         counted = viewer.live is not None and bool(overview.wires)
         readers = Counter(wire.topic for wire in overview.wires)
-        rates = {wire.topic: rate_words(wire.rate_hz) for wire in overview.wires}
+        rates = {wire.topic: rate_text(wire.rate_hz) for wire in overview.wires}
         rows = (
             (
                 partial(topic_link, topic.name),
@@ -51,7 +51,6 @@ def topics_page(viewer: Viewer) -> None:
 
 
 def topic_page(viewer: Viewer, name: str, fields: Sequence[str] = (), window_s: int = SPAN_S) -> None:
-    """Put up the page of a topic, with a plot of these fields."""
     with frame(viewer, name):
         try:
             watch = viewer.source.watch(name)
@@ -59,20 +58,20 @@ def topic_page(viewer: Viewer, name: str, fields: Sequence[str] = (), window_s: 
             ui.label(str(error))
             return
         ui.context.client.on_delete(watch.close)
-        said("h2", name)
+        text_element("h2", name)
         with ui.element("div").classes("row-of"):
-            said("span", watch.topic.type)
-            said("span", "published by")
+            text_element("span", watch.topic.type)
+            text_element("span", "published by")
             node_link(watch.topic.node)
-            rate = said("span", "").props('data-what="rate"')
-        as_written(watch.topic.json_schema.get("description"))
+            rate = text_element("span", "").props('data-what="rate"')
+        doc_text(watch.topic.json_schema.get("description"))
         with ui.element("div").classes("columns wide-right"):
             with ui.element("section"):
-                said("h2", "Last message")
+                text_element("h2", "Last message")
                 simulated = viewer.source.overview().clock == "sim"
                 _last(watch, rate, "Hz on the graph's clock" if simulated else "Hz")
             with ui.element("section"):
-                said("h2", "Plot")
+                text_element("h2", "Plot")
                 clock = viewer.source.overview().clock
                 fast = viewer.live is not None and simulated
                 plot_panel(watch, fast=fast, clock=clock, fields=fields, window_s=window_s)
@@ -81,18 +80,18 @@ def topic_page(viewer: Viewer, name: str, fields: Sequence[str] = (), window_s: 
 
 
 def _last(watch: Watch, rate: ui.element, on: str) -> None:
-    when = said("div", "none yet", "quiet").props('data-what="stamp"')
-    text = said("pre", "", "text").props('data-what="message"')
+    when = text_element("div", "none yet", "quiet").props('data-what="stamp"')
+    text = text_element("pre", "", "text").props('data-what="message"')
     shown = [-1]
 
     def refresh() -> None:
-        heard = watch.latest()
-        rate.text = rate_words(watch.rate_hz, on)
-        if heard is None or heard.sequence == shown[0]:
+        sample = watch.latest()
+        rate.text = rate_text(watch.rate_hz, on)
+        if sample is None or sample.sequence == shown[0]:
             return
-        shown[0] = heard.sequence
-        when.text = f"number {heard.sequence}, at {heard.stamp_ns / 1e9:.3f} s"
-        text.text = tree_text(heard.message, watch.topic.json_schema)
+        shown[0] = sample.sequence
+        when.text = f"number {sample.sequence}, at {sample.stamp_ns / 1e9:.3f} s"
+        text.text = tree_text(sample.message, watch.topic.json_schema)
 
     refresh()
     ui.timer(REFRESH_S, refresh)
@@ -104,20 +103,20 @@ def _publish(viewer: Viewer, watch: Watch) -> None:
     assert live is not None
     assert operator is not None
     node, _, port = watch.topic.name.removeprefix("/").partition("/")
-    box, outcome = ui.element("section"), Outcome()
+    box, outcome = ui.element("section"), StatusLine()
 
     async def ask() -> None:
-        info = await outcome.of(lambda: live.graph.ask(node, "info"))
+        info = await outcome.run(lambda: live.graph.ask(node, "info"))
         if info is None or port not in info.get("external", ()):
             return
         with box:
-            said("h2", "Publish")
+            text_element("h2", "Publish")
             field = ui.textarea(value="{}").props('outlined autogrow aria-label="message"')
             ui.button("publish", on_click=lambda: send(field)).props("outline dense no-caps").classes(CHANGES)
 
     async def send(field: ui.textarea) -> None:
-        sequence = await outcome.of(operator.publish, node, port, str(field.value))
+        sequence = await outcome.run(operator.publish, node, port, str(field.value))
         if sequence is not None:
-            outcome.tell(f"published as number {sequence}")
+            outcome.show(f"published as number {sequence}")
 
     ui.timer(0.0, ask, once=True)

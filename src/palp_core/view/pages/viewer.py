@@ -9,7 +9,6 @@ import msgspec
 
 from palp_core.errors import in_words
 from palp_core.graph.discovery.troubles import Trouble
-from palp_core.view.source.blind import BlindSource, Harmless
 from palp_core.view.source.live import LiveSource
 from palp_core.view.source.operator import GraphOperator
 from palp_core.view.source.protocol import ViewSource
@@ -26,8 +25,7 @@ class OwnPage:
         function: Is called with the viewer each time somebody opens the page, and fills it. It may have a
             function ``strip``, called likewise for the strip on top of every page: for what must always be in
             sight. Either may fail: that is said where it would have been, and nothing else is. Further, a
-            ``title``; ``harmless``, a :class:`Harmless`, which says what may be seen of a blinded session
-            (else nothing); ``over_bags``: whether it is to be shown over a recording, too; and ``heading``,
+            ``title``; ``over_bags``: whether it is to be shown over a recording, too; and ``heading``,
             called with what is wrong: the word that heads every page and what is wrong besides, or None.
     """
 
@@ -36,21 +34,13 @@ class OwnPage:
 
     @property
     def title(self) -> str:
-        """What leads there."""
         return str(getattr(self._function, "title", "Own page"))
 
     @property
-    def harmless(self) -> Harmless:
-        """What may be seen of a blinded session."""
-        found = getattr(self._function, "harmless", None)
-        return found if isinstance(found, Harmless) else Harmless()
-
-    @property
     def over_bags(self) -> bool:
-        """Whether it is to be shown over a recording."""
         return getattr(self._function, "over_bags", False) is True
 
-    def put_up(self, viewer: Viewer) -> None:
+    def fill(self, viewer: Viewer) -> None:
         _try(self._function, viewer)
 
     def heading(self, troubles: list[Trouble]) -> tuple[str, list[Trouble]] | None:
@@ -65,20 +55,19 @@ class OwnPage:
             return None
         return found
 
-    def put_strip(self, viewer: Viewer) -> None:
-        """Fill its part of the strip, if it has one."""
+    def fill_strip(self, viewer: Viewer) -> None:
         strip: Callable[[Viewer], None] | None = getattr(self._function, "strip", None)
         if strip is not None:
             _try(strip, viewer)
 
 
 def _try(function: Callable[[Viewer], None], viewer: Viewer) -> None:
-    from palp_core.view.pages.parts import said
+    from palp_core.view.pages.parts import text_element
 
     try:
         function(viewer)
     except Exception as error:  # noqa: BLE001 - a page of somebody's own may raise anything
-        said("div", f"the launch file's own page failed: {in_words(error)}", "error")
+        text_element("div", f"the launch file's own page failed: {in_words(error)}", "error")
 
 
 class Viewer(msgspec.Struct, kw_only=True):
@@ -97,28 +86,23 @@ class Viewer(msgspec.Struct, kw_only=True):
     time: RecordedSource | None = None
 
     @property
-    def blind(self) -> bool:
-        """Whether the session is blinded: the source shows what is harmless, and nothing else."""
-        return isinstance(self.source, BlindSource)
-
-    @property
     def live(self) -> LiveSource | None:
         """The running graph; None where what is shown is over."""
         return self.source if isinstance(self.source, LiveSource) else None
 
     @property
     def timeline_events(self) -> Callable[[], list[TimelineEvent]] | None:
-        """What returns what has happened, and waits for it; None where nothing of it may or can be told."""
+        """What returns what has happened, and waits for it; None where nothing can."""
         from palp_core.view.source.timeline import recorded, timeline_events
 
         if (live := self.live) is not None:
             return lambda: timeline_events(live)
-        if (bag := self.time) is not None and not self.blind:
+        if (bag := self.time) is not None:
             return lambda: recorded(bag)
         return None
 
-    def refusal(self, *, stops: bool = False, service: str = "") -> str:
+    def refusal(self, *, stops: bool = False) -> str:
         """Return why nothing may be pressed, in words; "" if it may."""
         if self.operator is None:
             return "what is shown is over"
-        return self.operator.refusal(stops=stops, service=service)
+        return self.operator.refusal(stops=stops)

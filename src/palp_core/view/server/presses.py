@@ -20,20 +20,12 @@ _known: dict[str, Callable[[], str]] = {}
 
 
 def answer(name: str, press: Callable[[], str]) -> None:
-    """Answer presses of a name from now on.
-
-    Args:
-        name: As in the address, ``/<token>/press/<name>``.
-        press: What is done, on a thread; returns what came of it, in words.
-    """
+    """Answer presses of a name from now on."""
     _known[name] = press
 
 
 class Presses:
     """An ASGI application that answers presses, and hands on all else.
-
-    Args:
-        app: The pages, below ``/<token>``.
 
     Attributes:
         app: As given.

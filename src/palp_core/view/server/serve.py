@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import importlib.util
 import socket
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from palp_core.errors import PalpError
 from palp_core.extras import install_line
-from palp_core.view.server.apart import Apart
+from palp_core.graph.clock import monotonic_ns
 from palp_core.view.server.gate import PageGate
+from palp_core.view.server.page_thread import PageThread
 from palp_core.view.server.presses import Presses
 from palp_core.view.server.stderr import nonblocking_stderr
-from palp_core.view.server.unwatched import end_unwatched
 
 if TYPE_CHECKING:
     import uvicorn
@@ -25,15 +27,15 @@ LONGEST_WORD = 1 << 20
 """Bytes of what a browser may say at once."""
 TURN_S = 1e-3
 """So long one thread computes while another wants to: a press has its turn after no more than this."""
+IDLE_S = 60.0
+"""So long a browser may be away: a page that is loaded again, or whose host slept, still finds the viewer."""
+LOOK_S = 1.0
+FOR_CLIENTS = ("aiohttp", "requests", "tornado")
+"""What engineio imports where it is installed, as a client or for another event loop: a third of the time."""
 INSTALL = f"palp view needs NiceGUI, which is not installed; type: {install_line('view')}"
 
 
 def check_installed() -> None:
-    """Check that the extra ``view`` is there.
-
-    Raises:
-        PalpError: It is not; what to type is in the message.
-    """
     if importlib.util.find_spec("nicegui") is None:
         raise PalpError(INSTALL)
 
@@ -43,9 +45,6 @@ def listening_socket(port: int) -> socket.socket:
 
     Args:
         port: 0: any that is free.
-
-    Raises:
-        PalpError: It is taken.
     """
     found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
@@ -67,9 +66,9 @@ def address(listening: socket.socket, token: str) -> str:
 def serve(
     listening: socket.socket,
     token: str,
-    put_up: Callable[[], None],
+    register: Callable[[], None],
     *,
-    gives_way: bool = False,
+    low_priority: bool = False,
     over: Callable[[], bool] | None = None,
 ) -> None:
     """Serve pages until SIGINT or SIGTERM.
@@ -77,22 +76,22 @@ def serve(
     Args:
         listening: Where.
         token: By which one gets in.
-        put_up: Declares the pages.
-        gives_way: As of :class:`.Apart`.
+        register: Declares the pages.
+        low_priority: As of :class:`.PageThread`.
         over: Tells whether what is shown has ended: a minute after that without a browser this returns.
     """
     sys.setswitchinterval(TURN_S)
     with nonblocking_stderr():
-        running = server(token, put_up, gives_way=gives_way)
+        running = server(token, register, low_priority=low_priority)
         gc.freeze()  # what is imported by now stays: it need not be looked through again and again
         if over is not None:
             gate = running.config.app
             assert isinstance(gate, PageGate)
-            end_unwatched(running, over, lambda: gate.connected_count)
+            _end_unused(running, over, gate)
         running.run(sockets=[listening])
 
 
-def server(token: str, put_up: Callable[[], None], *, gives_way: bool) -> uvicorn.Server:
+def server(token: str, register: Callable[[], None], *, low_priority: bool) -> uvicorn.Server:
     """Return a server of pages that is not running yet; see :func:`serve`."""
     import uvicorn
     from fastapi import FastAPI
@@ -100,14 +99,65 @@ def server(token: str, put_up: Callable[[], None], *, gives_way: bool) -> uvicor
 
     core.sio.eio.transports = ["websocket"]  # every page has a socket, by which the gate counts it
     app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
-    put_up()
+    register()
     ui.run_with(
         app, mount_path=f"/{token}", title="palp view", dark=None, tailwind=False, show_welcome_message=False,
         gzip_middleware_factory=None, message_history_length=100, reconnect_timeout=10.0,
     )  # fmt: skip
-    gate: Any = PageGate(Presses(Apart(app, gives_way=gives_way)), token)
+    gate: Any = PageGate(Presses(PageThread(app, low_priority=low_priority)), token)
     config = uvicorn.Config(
         gate, log_level="warning", access_log=False, ws_max_size=LONGEST_WORD, ws_max_queue=8,
         timeout_graceful_shutdown=1, server_header=False, proxy_headers=False, ws_per_message_deflate=False,
     )  # fmt: skip
     return uvicorn.Server(config)
+
+
+class IdleTimer:
+    """For how long a viewer has not been in use."""
+
+    def __init__(self, patience_s: float) -> None:
+        self._patience_ns = round(patience_s * 1e9)
+        self._since_ns: int | None = None
+
+    def expired(self, now_ns: int, *, in_use: bool) -> bool:
+        """Tell whether it has been out of use for as long as the patience lasts."""
+        if in_use:
+            self._since_ns = None
+            return False
+        if self._since_ns is None:
+            self._since_ns = now_ns
+        return now_ns - self._since_ns >= self._patience_ns
+
+
+def _end_unused(running: uvicorn.Server, over: Callable[[], bool], gate: PageGate) -> None:
+    """End a server, from a thread, once what it shows has ended and no browser was connected for a while."""
+    timer, pause = IdleTimer(IDLE_S), threading.Event()
+
+    def look() -> None:
+        while not running.should_exit:
+            in_use = gate.connected_count > 0 or not over()
+            running.should_exit = timer.expired(monotonic_ns(), in_use=in_use)
+            pause.wait(LOOK_S)
+
+    threading.Thread(target=look, name="palp view: unused", daemon=True).start()
+
+
+@contextlib.contextmanager
+def serving_alone() -> Iterator[None]:
+    """Import, meanwhile, nothing that is for clients, and look for no garbage; afterwards all is as before.
+
+    Who imports requests later, a page of a lab's own, gets it. Clients of engineio and socketio in this
+    process do not: they are told that it is not installed.
+    """
+    hidden = [name for name in FOR_CLIENTS if name not in sys.modules]
+    collects = gc.isenabled()
+    gc.disable()
+    sys.modules.update(dict.fromkeys(hidden))  # type: ignore[arg-type]  # None: an import of it fails
+    try:
+        yield
+    finally:
+        if collects:
+            gc.enable()
+        for name in hidden:
+            if sys.modules.get(name) is None:
+                sys.modules.pop(name, None)

@@ -22,11 +22,7 @@ PERIOD_S = 60.0
 
 
 class NonBlockingStderr(io.TextIOBase):
-    """A text stream that leaves out what is too much or cannot be written at once, and counts it.
-
-    Args:
-        descriptor: Of the file, pipe or terminal where it ends up; it stays open.
-    """
+    """A text stream that leaves out what is too much or cannot be written at once, and counts it."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
@@ -40,7 +36,6 @@ class NonBlockingStderr(io.TextIOBase):
         return True
 
     def write(self, text: str) -> int:
-        """Write a text, or leave it out."""
         with self._lock:  # poll() is of one thread at a time
             self._write(text)
         return len(text)

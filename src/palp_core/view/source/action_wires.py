@@ -19,9 +19,6 @@ def actions_as_one(wires: Sequence[WireState]) -> list[WireState]:
     """Return wires in which all parts of an action between two nodes are one, where the first of them was.
 
     Counts and rates are summed, latencies are the worst; what no part knows stays unknown.
-
-    Args:
-        wires: ``/arm/move/_action/status`` to ``carrier``, and the others.
     """
     servers = dict(_called(wire.topic for wire in wires))
     found: dict[tuple[str, str, str], WireState] = {}

@@ -19,7 +19,7 @@ from palp_core.graph.discovery.topic_reader import ReceivedFrame, TopicReader
 from palp_core.graph.messages.frame import Frame
 from palp_core.graph.messages.message_text import decoded
 from palp_core.graph.messages.topic import Topic
-from palp_core.view.source.protocol import Heard
+from palp_core.view.source.protocol import Sample
 
 MOST_BYTES = 8 << 20
 MOST_MESSAGES = 2_000
@@ -33,8 +33,6 @@ ASK_S = 1.0
 
 
 class _Feed:
-    """One topic that is looked at."""
-
     def __init__(self, topic: Topic) -> None:
         self.topic = topic
         self.watches: list[TopicWatch] = []
@@ -60,8 +58,8 @@ class _Feed:
 class TopicWatch:
     """What one page has yet to show of a topic."""
 
-    def __init__(self, feed: _Feed, let_go: Callable[[TopicWatch], None]) -> None:
-        self._feed, self._let_go = feed, let_go
+    def __init__(self, feed: _Feed, release: Callable[[TopicWatch], None]) -> None:
+        self._feed, self._release = feed, release
         self.topic = feed.topic
         self._waiting: deque[Frame] = deque(maxlen=MOST_MESSAGES)
         self._bytes = 0
@@ -80,21 +78,20 @@ class TopicWatch:
         while self._bytes > MOST_BYTES and len(self._waiting) > 1:
             self._bytes -= len(self._waiting.popleft().payload)
 
-    def latest(self) -> Heard | None:
-        """Return the last message; None before the first."""
+    def latest(self) -> Sample | None:
         with self._feed.lock:
             frame = self._feed.last
         self._count(frame)
-        return None if frame is None else heard(frame, self.topic)
+        return None if frame is None else decode_sample(frame, self.topic)
 
-    def drain(self) -> list[Heard]:
+    def read_new(self) -> list[Sample]:
         """Return what has come since the last call; from the first call on all is kept for the next."""
         with self._feed.lock:
             self._wants_all = True
             frames = list(self._waiting)
             self._waiting.clear()
             self._bytes = 0
-        return [heard(frame, self.topic) for frame in frames]
+        return [decode_sample(frame, self.topic) for frame in frames]
 
     @property
     def rate_hz(self) -> float | None:
@@ -102,7 +99,7 @@ class TopicWatch:
         return self._rate_hz
 
     def close(self) -> None:
-        self._let_go(self)
+        self._release(self)
 
     def _count(self, frame: Frame | None) -> None:
         if frame is None:
@@ -131,7 +128,7 @@ class Feeds:
             feed = self._feeds.get(topic.name)
             if feed is None:
                 feed = self._feeds[topic.name] = _Feed(topic)
-            found = TopicWatch(feed, self._let_go)
+            found = TopicWatch(feed, self._release)
             with feed.lock:
                 feed.watches.append(found)
             if not self._is_reading:
@@ -145,7 +142,7 @@ class Feeds:
             self._feeds.clear()
         self._changed.set()
 
-    def _let_go(self, watch: TopicWatch) -> None:
+    def _release(self, watch: TopicWatch) -> None:
         with self._lock:
             feed = self._feeds.get(watch.topic.name)
             if feed is None or watch not in feed.watches:
@@ -182,7 +179,7 @@ def _hand_on(feeds: dict[str, _Feed], received: ReceivedFrame) -> None:
         feeds[received.frame.topic].take(received.frame)
 
 
-def heard(frame: Frame, topic: Topic) -> Heard:
+def decode_sample(frame: Frame, topic: Topic) -> Sample:
     """Return a message as plain values; what cannot be shown says why."""
     if len(frame.payload) > LONGEST_MESSAGE:
         message = {"(not shown)": f"{len(frame.payload)} bytes; palp topic echo {topic.name} shows all of it"}
@@ -191,4 +188,4 @@ def heard(frame: Frame, topic: Topic) -> Heard:
             message = decoded(frame.payload, topic.json_schema)
         except GraphError as error:
             message = {"(not shown)": str(error)}
-    return Heard(frame.stamp_ns, frame.sequence, message)
+    return Sample(frame.stamp_ns, frame.sequence, message)

@@ -29,9 +29,9 @@ from palp_core.graph.messages.builtin import GraphEvent
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.spec import LAUNCHER
 from palp_core.view.source.action_wires import actions_as_one
-from palp_core.view.source.feed import Feeds, heard
+from palp_core.view.source.feed import Feeds, decode_sample
 from palp_core.view.source.overview import NodeState, Overview, WireState
-from palp_core.view.source.protocol import Heard, Watch
+from palp_core.view.source.protocol import Sample, Watch
 
 PERIOD_S = 1.0
 ASK_S = 1.0
@@ -44,10 +44,6 @@ HAS_ENDED = "it has ended; this is how it was last"
 
 class LiveSource:
     """A running graph.
-
-    Args:
-        graph: It.
-        period_s: How often it is asked.
 
     Attributes:
         graph: It.
@@ -82,14 +78,15 @@ class LiveSource:
         """Whether the launch file's word is there: before it, nobody can tell whether something moves."""
         return bool(self._launch)
 
-    def remembered(self, topics: Sequence[str]) -> Iterator[tuple[str, Heard]]:
+    def history(self, topics: Sequence[str]) -> Iterator[tuple[str, Sample]]:
         """Yield what publishers of some topics still have, by their stamps; a silent one has nothing."""
         graph, known, found = self.graph, {topic.name: topic for topic in self.topics()}, []
         for name in topics:
             with contextlib.suppress(GraphError, KeyError):
                 topic = known[name]
                 found += [
-                    (name, heard(frame, topic)) for frame in graph.history(topic.node, name, timeout_s=ASK_S)
+                    (name, decode_sample(frame, topic))
+                    for frame in graph.history(topic.node, name, timeout_s=ASK_S)
                 ]
         yield from sorted(found, key=lambda one: one[1].stamp_ns)
 
@@ -107,11 +104,6 @@ class LiveSource:
         return self.graph.topics()
 
     def watch(self, topic: str) -> Watch:
-        """Look at a topic, at best effort.
-
-        Raises:
-            GraphError: There is none of that name.
-        """
         return self._feeds.watch(self.graph.topic(topic))
 
     def close(self) -> None:
@@ -243,7 +235,6 @@ def node_state(row: NodeRow, runs: dict[str, str], troubles: list[Trouble], movi
 
 
 def wire_state(row: EdgeRow, types: dict[str, tuple[str, str]]) -> WireState:
-    """Return how a topic comes to a reader."""
     source, kind = types.get(row.topic, (row.topic.split("/")[1], ""))
     return WireState(
         topic=row.topic,

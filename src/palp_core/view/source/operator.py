@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from typing import Any
 
 from palp_core.errors import GraphError
@@ -19,7 +18,6 @@ NOT_OPERATED = (
     " start palp view with --operate"
 )
 ENDED = "the graph has ended"
-BLINDED = "the session is blinded, so its nodes cannot be asked or changed from here"
 
 
 class Refused(GraphError):
@@ -33,54 +31,34 @@ class GraphOperator:
         source: The graph.
         read_only: Nothing may be pressed.
         operate: Everything may be, on a real rig too.
-        only: Of a blinded session the services that may be called; nothing else may be pressed.
     """
 
-    def __init__(
-        self,
-        source: LiveSource,
-        *,
-        read_only: bool = False,
-        operate: bool = False,
-        only: Collection[str] | None = None,
-    ) -> None:
+    def __init__(self, source: LiveSource, *, read_only: bool = False, operate: bool = False) -> None:
         self._source = source
         self._read_only, self._operate = read_only, operate
-        self._only = only
 
-    def refusal(self, *, stops: bool = False, service: str = "") -> str:
+    def refusal(self, *, stops: bool = False) -> str:
         """Return why nothing may be pressed just now, in words; "" if it may.
 
         Args:
             stops: What is to be pressed only brings something to rest: a real rig allows it always.
-            service: What is to be called, if it is a service.
         """
         if self._read_only:
             return READ_ONLY
-        if self._only is not None and service not in self._only:
-            return BLINDED
         overview = self._source.overview()
         if not self._source.graph.alive:
             return ENDED
         real = overview.moves_something_real or (overview.clock == "wall" and not self._source.known)
         return NOT_OPERATED if real and not (self._operate or stops) else ""
 
-    def allow(self, *, stops: bool = False, service: str = "") -> RunningGraph:
-        """Return the graph, if something may be done to it; see :meth:`refusal`.
-
-        Raises:
-            Refused: It may not.
-        """
-        if why := self.refusal(stops=stops, service=service):
+    def allow(self, *, stops: bool = False) -> RunningGraph:
+        """Return the graph, if something may be done to it; see :meth:`refusal`."""
+        if why := self.refusal(stops=stops):
             raise Refused(why)
         return self._source.graph
 
     def set_parameters(self, node: str, texts: dict[str, str]) -> dict[str, Any]:
-        """Set parameters, typed as in YAML, all of them or none; return all values as they are then.
-
-        Raises:
-            GraphError: It may not be pressed, or the node refuses; in words.
-        """
+        """Set parameters, typed as in YAML, all of them or none; return all values as they are then."""
         graph = self.allow()
         declared = graph.ask(node, "describe_parameters")["parameters"]
         wanted = typed_parameters(node, declared, texts)
@@ -88,11 +66,7 @@ class GraphOperator:
         return found
 
     def transition(self, node: str, transition: str) -> str:
-        """Ask a node for a transition of its lifecycle; return the state that it has reached.
-
-        Raises:
-            GraphError: It may not be pressed, or the node refuses.
-        """
+        """Ask a node for a transition of its lifecycle; return the state that it has reached."""
         reply = self.allow().ask(node, "transition", timeout_s=10.0, transition=transition)
         return str(reply["lifecycle"])
 
@@ -101,9 +75,6 @@ class GraphOperator:
 
         Returns:
             Its sequence on the topic.
-
-        Raises:
-            GraphError: It may not be pressed, does not fit, or the node refuses.
         """
         graph = self.allow()
         ports = graph.ask(node, "schemas")["ports"]
@@ -122,11 +93,8 @@ class GraphOperator:
             service: The port.
             request: Plain values, as they travel.
             stops: It only brings something to rest.
-
-        Raises:
-            GraphError: It may not be pressed, or the node refuses.
         """
-        graph = self.allow(stops=stops, service=service)
+        graph = self.allow(stops=stops)
         reply: dict[str, Any] = graph.ask(node, "call", service=service, request=request)["reply"]
         return reply
 
@@ -137,17 +105,10 @@ class GraphOperator:
 
         Returns:
             ``report`` or ``failed``, as :meth:`RunningGraph.swap` has it.
-
-        Raises:
-            GraphError: It may not be pressed, or there is no such node.
         """
         graph = self.allow()
         return graph.swap(node, class_from_here(run, graph.record.workspace), **options)
 
     def end(self) -> None:
-        """Ask the graph to end as Ctrl-C at its launch does, and do not wait for it.
-
-        Raises:
-            GraphError: It may not be pressed, or it has ended.
-        """
+        """Ask the graph to end as Ctrl-C at its launch does, and do not wait for it."""
         ask_to_end(self.allow(), "its page in the browser").close()

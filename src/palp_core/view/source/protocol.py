@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import contextlib
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Protocol
 
 import msgspec
 
+from palp_core.errors import PalpError
 from palp_core.graph.messages.topic import Topic
 from palp_core.view.source.overview import Overview
 
 
-class Heard(msgspec.Struct, frozen=True):
+class Sample(msgspec.Struct, frozen=True):
     """A message as plain values, arrays as lists; its time on the graph's clock, its place in its topic."""
 
     stamp_ns: int
@@ -24,10 +26,10 @@ class Watch(Protocol):
 
     topic: Topic
 
-    def latest(self) -> Heard | None:
+    def latest(self) -> Sample | None:
         """Return the last message; None before the first."""
 
-    def drain(self) -> list[Heard]:
+    def read_new(self) -> list[Sample]:
         """Return what has come since the last call, the oldest first; what is too much is left out."""
 
     @property
@@ -54,7 +56,7 @@ class ViewSource(Protocol):
             PalpError: There is none of that name.
         """
 
-    def remembered(self, topics: Sequence[str]) -> Iterator[tuple[str, Heard]]:
+    def history(self, topics: Sequence[str]) -> Iterator[tuple[str, Sample]]:
         """Yield what is remembered of some topics, the oldest first; it may wait: use it on a thread.
 
         Of a running graph that is what the publishers still have, of a bag all of it. What is of no topic of
@@ -66,3 +68,12 @@ class ViewSource(Protocol):
 
     def close(self) -> None:
         """Let go."""
+
+
+def open_watches(source: ViewSource, topics: Iterable[str]) -> dict[str, Watch]:
+    """Return a watch of each topic by its name; one that is not there has none."""
+    found = {}
+    for topic in topics:
+        with contextlib.suppress(PalpError):
+            found[topic] = source.watch(topic)
+    return found

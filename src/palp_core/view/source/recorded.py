@@ -22,7 +22,7 @@ from palp_core.graph.problems import hint
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from palp_core.view.source.action_wires import actions_as_one
 from palp_core.view.source.overview import NodeState, Overview, WireState
-from palp_core.view.source.protocol import Heard, Watch
+from palp_core.view.source.protocol import Sample, Watch
 
 SPAN_NS = 60_000_000_000
 """So much before the chosen time is plotted."""
@@ -33,15 +33,9 @@ FIRST_LOOK_NS = 1_000_000_000
 class RecordedSource:
     """A bag.
 
-    Args:
-        path: A bag's folder or one of its files.
-
     Attributes:
         start_s: Where it begins, on the graph's clock.
         end_s: Where it ends.
-
-    Raises:
-        BagError: No such bag.
     """
 
     def __init__(self, path: Path) -> None:
@@ -69,22 +63,17 @@ class RecordedSource:
         return list(self._topics.values())
 
     def watch(self, topic: str) -> Watch:
-        """Look at a topic.
-
-        Raises:
-            BagError: There is none of that name.
-        """
         if topic not in self._topics:
             raise BagError(f"{self.path} has no topic '{topic}'{hint(topic, self._topics)}")
         return RecordedWatch(self, self._topics[topic])
 
-    def remembered(self, topics: Sequence[str]) -> Iterator[tuple[str, Heard]]:
+    def history(self, topics: Sequence[str]) -> Iterator[tuple[str, Sample]]:
         """Yield all messages of some topics, whatever the chosen time; up to where the bag is damaged."""
         wanted = [name for name in topics if name in self._topics]
         with contextlib.suppress(BagError), Bag(self.path) as bag:
             for message in bag.recorded(wanted, 0, round(self.end_s * 1e9) + 1) if wanted else ():
                 name = message.stream.topic.name
-                yield name, _heard(message, self._topics[name])
+                yield name, _sample(message, self._topics[name])
 
     def launch(self) -> dict[str, Any]:
         """Return what the launch file said; {} where the bag does not say."""
@@ -134,7 +123,6 @@ class RecordedSource:
             self._open = None
 
     def _examine(self) -> None:
-        """Read the whole bag and say what is missing."""
         try:
             troubles = bag_troubles(bag_info(self.path))
         except PalpError as error:
@@ -164,21 +152,16 @@ class RecordedSource:
 
 
 class RecordedWatch:
-    """A topic of a bag, as it was at the chosen time.
-
-    Args:
-        source: The bag.
-        topic: Of it.
-    """
+    """A topic of a bag, as it was at the chosen time."""
 
     def __init__(self, source: RecordedSource, topic: Topic) -> None:
         self._source, self.topic = source, topic
         self._shown_ns: int | None = None
-        self._drained_ns: int | None = None
-        self._latest: Heard | None = None
+        self._read_ns: int | None = None
+        self._latest: Sample | None = None
         self._rate_hz: float | None = None
 
-    def latest(self) -> Heard | None:
+    def latest(self) -> Sample | None:
         """Return the last message before the chosen time; None before the first."""
         at_ns = round(self._source.at_s * 1e9)
         if at_ns != self._shown_ns:
@@ -186,16 +169,16 @@ class RecordedWatch:
             self._latest = self._find(at_ns)
         return self._latest
 
-    def drain(self) -> list[Heard]:
+    def read_new(self) -> list[Sample]:
         """Return what is new since the call before, up to the chosen time: a minute of it at most."""
         at_ns = round(self._source.at_s * 1e9)
-        before_ns = self._drained_ns
+        before_ns = self._read_ns
         if at_ns == before_ns:
             return []
-        self._drained_ns = at_ns
+        self._read_ns = at_ns
         goes_on = before_ns is not None and before_ns < at_ns < before_ns + SPAN_NS
         begin_ns = before_ns + 1 if goes_on and before_ns is not None else at_ns - SPAN_NS
-        return [self._heard(message) for message in self._between(begin_ns, at_ns)[-MOST:]]
+        return [_sample(message, self.topic) for message in self._between(begin_ns, at_ns)[-MOST:]]
 
     @property
     def rate_hz(self) -> float | None:
@@ -205,7 +188,7 @@ class RecordedWatch:
     def close(self) -> None:
         """Look no longer."""
 
-    def _find(self, at_ns: int) -> Heard | None:
+    def _find(self, at_ns: int) -> Sample | None:
         """Look back from the chosen time, further each time, until there is something."""
         span_ns, begin_ns = FIRST_LOOK_NS, round(self._source.start_s * 1e9)
         while True:
@@ -213,7 +196,7 @@ class RecordedWatch:
             if len(found) > 1 and (took_ns := found[-1].publish_ns - found[0].publish_ns) > 0:
                 self._rate_hz = (len(found) - 1) * 1e9 / took_ns
             if found:
-                return self._heard(found[-1])
+                return _sample(found[-1], self.topic)
             if at_ns - span_ns < begin_ns:
                 return None
             span_ns *= 4
@@ -221,16 +204,13 @@ class RecordedWatch:
     def _between(self, begin_ns: int, end_ns: int) -> list[RecordedMessage]:
         return self._source.between(self.topic.name, begin_ns, end_ns)
 
-    def _heard(self, message: RecordedMessage) -> Heard:
-        return _heard(message, self.topic)
 
-
-def _heard(message: RecordedMessage, topic: Topic) -> Heard:
+def _sample(message: RecordedMessage, topic: Topic) -> Sample:
     try:
         plain = decoded(message.payload, topic.json_schema)
     except GraphError as error:
         plain = {"(not shown)": str(error)}
-    return Heard(message.publish_ns, message.sequence, plain)
+    return Sample(message.publish_ns, message.sequence, plain)
 
 
 def bag_troubles(info: BagInfo) -> list[Trouble]:

@@ -18,7 +18,7 @@ from palp_core.errors import GraphError
 from palp_core.graph.messages.message_text import parse_path, pick
 from palp_core.graph.messages.schema_reader import FieldKind, fields_of, items_of, kind_of, unit_of
 from palp_core.units import Float64Array
-from palp_core.view.source.protocol import Heard
+from palp_core.view.source.protocol import Sample
 
 KEPT_POINTS = 60_000
 """Of a series: a minute at 1 kHz; what is saved as CSV."""
@@ -47,16 +47,9 @@ def number_fields(schema: dict[str, Any], prefix: str = "") -> Iterator[str]:
 class FieldSeries:
     """The values of one field over the graph's time.
 
-    Args:
-        field: As in ``peak_n_m`` or ``posterior[0]``.
-        schema: Of the topic's messages.
-
     Attributes:
         label: Field and unit.
         last: Elements of the last message, if the field is an array; else its value.
-
-    Raises:
-        GraphError: No such field, or it holds no numbers.
     """
 
     def __init__(self, field: str, schema: dict[str, Any]) -> None:
@@ -72,28 +65,27 @@ class FieldSeries:
         self.last: list[float] = []
         self._kept: deque[Float64Array] = deque()
         self._kept_count = 0
-        self._before: Heard | None = None
+        self._before: Sample | None = None
         self._end_s: float | None = None
 
     @property
     def points(self) -> Float64Array:
-        """The latest of its points, without gaps."""
         return np.concatenate([NO_POINTS, *self._kept])[-KEPT_POINTS:]
 
-    def add(self, heard: Heard) -> Float64Array:
+    def add(self, sample: Sample) -> Float64Array:
         """Take a message; return its points: of an array those of its elements.
 
         Elements of a block stand each at its own time, others spread evenly since the message before. A gap
         comes first where messages are missing, or a block does not go on from the one before.
         """
-        before, self._before = self._before, heard
+        before, self._before = self._before, sample
         try:
-            value = pick(heard.message, self._path)
+            value = pick(sample.message, self._path)
         except (GraphError, KeyError, TypeError):  # a shorter array, a message that cannot be shown
             return NO_POINTS
         values = np.atleast_1d(np.asarray(value, dtype=float))
         self.last = values.tolist()
-        times_s, follows = self._times(heard, len(values), before)
+        times_s, follows = self._times(sample, len(values), before)
         found = np.column_stack((times_s, values))
         finite = np.isfinite(values)
         if not finite.all():
@@ -105,17 +97,17 @@ class FieldSeries:
             return found
         return np.concatenate(([[found[0, 0], np.nan]], found))
 
-    def _times(self, heard: Heard, count: int, before: Heard | None) -> tuple[Float64Array, bool]:
+    def _times(self, sample: Sample, count: int, before: Sample | None) -> tuple[Float64Array, bool]:
         """Return the times of a message's elements, and whether they go on from those before."""
-        start_ns, rate_hz = heard.message.get("start_ns"), heard.message.get("rate_hz")
-        follows = before is None or heard.sequence <= before.sequence + 1
+        start_ns, rate_hz = sample.message.get("start_ns"), sample.message.get("rate_hz")
+        follows = before is None or sample.sequence <= before.sequence + 1
         if isinstance(start_ns, int) and isinstance(rate_hz, int | float) and rate_hz > 0:
             times_s = start_ns / 1e9 + np.arange(count) / rate_hz
             end_s, self._end_s = self._end_s, start_ns / 1e9 + count / rate_hz
             late = end_s is not None and start_ns / 1e9 - end_s > LATE_BLOCKS * count / rate_hz
             return times_s, follows and not late
-        stamp_s = heard.stamp_ns / 1e9
-        if before is None or heard.stamp_ns <= before.stamp_ns:
+        stamp_s = sample.stamp_ns / 1e9
+        if before is None or sample.stamp_ns <= before.stamp_ns:
             return np.full(count, stamp_s), follows
         return np.linspace(before.stamp_ns / 1e9, stamp_s, count + 1)[1:], follows
 
@@ -153,10 +145,6 @@ def thinned(points: Float64Array, most: int) -> Float64Array:
 
 def shown(points: Float64Array, span_s: float) -> Float64Array:
     """Return what a plot of the last seconds shows of points.
-
-    Args:
-        points: In the order of their times.
-        span_s: So long a time it shows.
 
     >>> many = np.column_stack((np.arange(100_000) / 1e3, np.tile((0.0, 1.0), 50_000)))
     >>> len(shown(many, 10.0)), len(shown(many[-50:], 10.0)), float(shown(many, 10.0)[0, 0])

@@ -65,15 +65,7 @@ def _classes_in(path: Path, _mtime_ns: int, _size: int) -> tuple[ClassText, ...]
 def fitting(
     workspace: Path, run: str, read: set[str], wired: set[str], below: Sequence[Path] = ()
 ) -> list[str]:
-    """Return the classes that may take a node's place, but for the one that has it.
-
-    Args:
-        workspace: Folder that holds ``nodes/``.
-        run: The class that runs, ``module:Class``.
-        read: Ports of it whose messages somebody reads.
-        wired: Its inputs that have a wire.
-        below: Folders of the installed workspaces under it: a file of the same name hides theirs.
-    """
+    """Return the classes that may take a node's place, but for the one that has it."""
     known, bases = _known([workspace, *below])
     ports = {name: _all_ports(found, known) for name, found in known.items()}
     own = ports.get(run, {})

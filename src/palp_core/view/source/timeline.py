@@ -11,7 +11,7 @@ from palp_core.errors import GraphError
 from palp_core.graph.discovery.troubles import ERROR, OK, WARN, level_of
 from palp_core.graph.messages.builtin import GraphEvent, NodeEvent
 from palp_core.view.source.live import LiveSource
-from palp_core.view.source.protocol import Heard
+from palp_core.view.source.protocol import Sample
 
 if TYPE_CHECKING:
     from palp_core.view.source.recorded import RecordedSource
@@ -48,15 +48,17 @@ def timeline_events(live: LiveSource) -> list[TimelineEvent]:
             continue
         found += [of_node(node, event) for event in events]
     nodes = {topic.name: topic.node for topic in live.topics() if topic.type == STATUS}
-    found += _read((of_status(nodes[name], heard) for name, heard in live.remembered(list(nodes))))
+    found += _read((of_status(nodes[name], sample) for name, sample in live.history(list(nodes))))
     return latest_first(found)
 
 
 def recorded(bag: RecordedSource) -> list[TimelineEvent]:
     """Return what has happened in a recording, the latest first. It reads: call it on a thread."""
     known = {topic.name: topic for topic in bag.topics() if topic.type in RECORDED}
-    said = bag.remembered(list(known))
-    return latest_first(_read(RECORDED[known[name].type](known[name].node, heard) for name, heard in said))
+    samples = bag.history(list(known))
+    return latest_first(
+        _read(RECORDED[known[name].type](known[name].node, sample) for name, sample in samples)
+    )
 
 
 def latest_first(found: Iterable[TimelineEvent]) -> list[TimelineEvent]:
@@ -72,25 +74,25 @@ def of_node(node: str, event: NodeEvent) -> TimelineEvent:
     return TimelineEvent(event.stamp_ns / 1e9, event.kind, node, event.text, level_of(event))
 
 
-def of_status(node: str, heard: Heard) -> TimelineEvent | None:
+def of_status(node: str, sample: Sample) -> TimelineEvent | None:
     """Return how a node says that it stands; None where it begins well, which is no news."""
-    level, text = heard.message.get("level", OK), heard.message.get("text", "")
-    if level == OK and heard.sequence == 1:
+    level, text = sample.message.get("level", OK), sample.message.get("text", "")
+    if level == OK and sample.sequence == 1:
         return None
     known = level if level in WORDS else WARN
-    return TimelineEvent(heard.stamp_ns / 1e9, WORDS[known], node, str(text) or "it is well again", known)
+    return TimelineEvent(sample.stamp_ns / 1e9, WORDS[known], node, str(text) or "it is well again", known)
 
 
 def _read(found: Iterable[TimelineEvent | None]) -> list[TimelineEvent]:
     return [one for one in found if one is not None]
 
 
-def _of_plain(kind: type[NodeEvent | GraphEvent]) -> Callable[[str, Heard], TimelineEvent | None]:
+def _of_plain(kind: type[NodeEvent | GraphEvent]) -> Callable[[str, Sample], TimelineEvent | None]:
     """Return what reads an event of a bag; of another graph's type of that name it is left out."""
 
-    def read(node: str, heard: Heard) -> TimelineEvent | None:
+    def read(node: str, sample: Sample) -> TimelineEvent | None:
         try:
-            event = msgspec.convert(heard.message, kind)
+            event = msgspec.convert(sample.message, kind)
         except msgspec.ValidationError:
             return None
         return of_graph(event) if isinstance(event, GraphEvent) else of_node(node, event)
@@ -98,7 +100,7 @@ def _of_plain(kind: type[NodeEvent | GraphEvent]) -> Callable[[str, Heard], Time
     return read
 
 
-RECORDED: dict[str, Callable[[str, Heard], TimelineEvent | None]] = {
+RECORDED: dict[str, Callable[[str, Sample], TimelineEvent | None]] = {
     "GraphEvent": _of_plain(GraphEvent),
     "NodeEvent": _of_plain(NodeEvent),
     STATUS: of_status,

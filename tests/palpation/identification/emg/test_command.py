@@ -1,6 +1,5 @@
 import csv
 import functools
-import inspect
 import json
 import shutil
 from pathlib import Path
@@ -265,9 +264,9 @@ def test_the_sweep_shows_what_the_unpublished_settings_decide(
 def test_rails_and_band_are_the_users(recording: tuple[Path, Path]) -> None:
     trial, mvc = recording
     ordinary = ["analyse", trial, "--fs", 1500, "--mvc", mvc, "--json"]
-    railed = json.loads(run(*ordinary, "--rails", -1e-4, 1e-4).stdout)
+    railed = json.loads(run(*ordinary, "--set", "rails:=[-1e-4, 1e-4]").stdout)
     assert "clipping" in railed["flags"]
-    narrow = json.loads(run(*ordinary, "--band-hz", 30, 300).stdout)
+    narrow = json.loads(run(*ordinary, "--set", "low_hz:=30", "--set", "high_hz:=300").stdout)
     assert (narrow["settings"]["low_hz"], narrow["settings"]["high_hz"]) == (30.0, 300.0)
 
 
@@ -292,7 +291,7 @@ def test_a_column_number_that_is_the_time_in_the_mvc_is_refused(
 
 def test_rails_that_are_not_in_order_are_refused(recording: tuple[Path, Path]) -> None:
     with pytest.raises(PalpError, match="the lower one comes first"):
-        run("analyse", recording[0], "--fs", RATE_HZ, "--mvc", recording[1], "--rails", 1, 1)
+        run("analyse", recording[0], "--fs", RATE_HZ, "--mvc", recording[1], "--set", "rails:=[1, 1]")
 
 
 def in_unit(path: Path, both: np.ndarray, factor: float, unit: str) -> Path:
@@ -401,16 +400,16 @@ def test_rules_of_the_mvc_and_of_levels_are_the_users(recording: tuple[Path, Pat
     trial, mvc = recording
     asked = ["analyse", trial, "--fs", 1500, "--mvc", mvc, "--json"]
     found = {
-        rule: json.loads(run(*asked, "--mvc-rule", rule).stdout)
+        rule: json.loads(run(*asked, "--set", f"mvc_rule:={rule}").stdout)
         for rule in ("plateau", "maximum_of_sum", "sum_of_maxima")
     }
     scales = [one["reference"] for one in found.values()]
     assert scales == sorted(scales)
     assert [one["settings"]["mvc_rule"] for one in found.values()] == list(found)
-    peak = json.loads(run(*asked, "--level-rule", "peak").stdout)["peaks"]
+    peak = json.loads(run(*asked, "--set", "level_rule:=peak").stdout)["peaks"]
     assert [one["strength"] for one in peak] == [one["value"] for one in peak]
     rule = ("on_share:=0.4", "off_share:=0.3", "gap_s:=0", "least_s:=0.3")
-    stricter = json.loads(run(*asked, *(word for one in rule for word in ("--burst", one))).stdout)
+    stricter = json.loads(run(*asked, *(word for one in rule for word in ("--set", one))).stdout)
     assert stricter["burst_count"] > found["plateau"]["burst_count"]
 
 
@@ -419,22 +418,21 @@ def test_rules_of_the_mvc_and_of_levels_are_the_users(recording: tuple[Path, Pat
     ("rule", "words"),
     [
         ("off_share:=0.3", r"off at 0\.3 and on at 0\.05"),
-        ("gap:=0.1", "--burst gap: no such setting.*gap_s"),
-        ("gap_s:=short", "--burst gap_s:=short: write a number"),
-        ("gap_s:=nan", "gap_s is nan; it must be 0 or more, and finite"),
-        ("gap_s=0.1", "--burst gap_s=0.1: write name:=value"),
+        ("gap:=0.1", "--set gap: no such setting.*gap_s"),
+        ("gap_s:=short", r"--set: Expected `float`, got `str` - at `\$\.bursts\.gap_s`"),
+        ("gap_s:=.nan", "gap_s is nan; it must be 0 or more, and finite"),
+        ("gap_s=0.1", "--set gap_s=0.1: write name:=value"),
     ],
 )
 def test_a_setting_of_the_burst_rule_that_does_not_fit_is_refused(
     recording: tuple[Path, Path], verb: str, rule: str, words: str
 ) -> None:
     with pytest.raises(PalpError, match=words):
-        run(verb, recording[0], "--fs", 1500, "--mvc", recording[1], "--burst", rule)
+        run(verb, recording[0], "--fs", 1500, "--mvc", recording[1], "--set", rule)
 
 
-def test_node_command_and_strategy_have_one_set_of_defaults() -> None:
+def test_node_and_command_have_one_set_of_defaults() -> None:
     from nodes.cocontraction import CoContractionParams
-    from palp_core.cli.rig.fit_policy import fit_policy
 
     params = CoContractionParams()
     assert params.bursts == EmgSettings().bursts
@@ -444,7 +442,4 @@ def test_node_command_and_strategy_have_one_set_of_defaults() -> None:
         EmgSettings().level_rule,
         EmgSettings().crosstalk,
     )
-    shared = {one.name: one.default for one in inspect.signature(fit_policy).parameters.values()}
-    own = {one.name: one.default for one in inspect.signature(emg.analyse).parameters.values()}
-    for name in ("window_ms", "mvc_rule", "level_rule", "crosstalk", "burst"):
-        assert shared[name] == own[name]
+    assert emg.emg_settings(None) == EmgSettings()

@@ -150,7 +150,7 @@ def test_a_fit_repeats_by_its_seed(files: list[Path]) -> None:
 def test_no_burst_is_an_error_with_the_way_out(files: list[Path]) -> None:
     mvc, trial, *_ = files
     with pytest.raises(PalpError, match="no trial has two peaks"):
-        run("fit-policy", trial, "--mvc", mvc, "--fs", RATE_HZ, "--burst", "on_share:=0.9")
+        run("fit-policy", trial, "--mvc", mvc, "--fs", RATE_HZ, "--set", "on_share:=0.9")
 
 
 def test_a_trial_named_twice_is_refused_for_it_would_count_as_two(files: list[Path]) -> None:

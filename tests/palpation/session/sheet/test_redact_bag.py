@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from palp_core.cli.session.session import app
+from palp_core.cli.session import app
 from palp_core.errors import PalpError
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.stream import Stream

@@ -9,48 +9,39 @@ from nicegui.element import Element
 
 from palp_core.counted import counted
 from palp_core.palpation.live_page.monitor import RigMonitor
-from palp_core.palpation.live_page.probes import JudgedProbe, TrialBelief
 from palp_core.palpation.live_page.roles import policy_at_work
-from palp_core.view.pages.parts import said, table
+from palp_core.palpation.live_page.trials import JudgedProbe, TrialBelief
+from palp_core.view.pages.parts import table, text_element
 from palp_core.view.source.protocol import ViewSource
 
 
 class ShareBars(Element, component="bars.js"):  # type: ignore[misc, call-arg]
-    """Shares as bars."""
-
     def __init__(self, words: str) -> None:
         super().__init__()
         self._props.update(rows=[], words=words)
 
     def show(self, rows: list[dict[str, Any]]) -> None:
-        """Show these, if they are not shown already."""
         if rows != self._props["rows"]:
             self._props["rows"] = rows
             self.update()
 
 
 class BeliefPanel:
-    """The belief of the present trial, and how its palpations changed it.
-
-    Args:
-        source: Knows which policy is at work.
-        monitor: What is shown.
-    """
+    """The belief of the present trial, and how its palpations changed it."""
 
     def __init__(self, source: ViewSource, monitor: RigMonitor) -> None:
         self._source, self._monitor = source, monitor
         self._shown = [JudgedProbe(-1, 0.0, 0.0)]
-        said("h2", "The present trial")
-        self._words = said("div", "").props('data-what="trial" role="status"')
-        self._policy = said("div", "", "quiet").props('data-what="policy"')
+        text_element("h2", "The present trial")
+        self._words = text_element("div", "").props('data-what="trial" role="status"')
+        self._policy = text_element("div", "", "quiet").props('data-what="policy"')
         self._bars = ShareBars("how probable each depth is")
-        said("h2", "Gain and entropy over its palpations")
+        text_element("h2", "Gain and entropy over its palpations")
         self._box = ui.element("div").props('data-what="probes"')
 
     def show(self) -> None:
-        """Show the belief as it is."""
         belief = self._monitor.belief
-        self._words.text = trial_words(belief, self._monitor.latest("Progress"))
+        self._words.text = trial_text(belief, self._monitor.latest("Progress"))
         policy = policy_at_work(self._source, self._monitor.topics)
         self._policy.text = f"policy: {policy}" if policy else ""
         self._bars.show(bars(belief))
@@ -60,7 +51,7 @@ class BeliefPanel:
         self._box.clear()
         with self._box:
             if not belief.probes:
-                said("div", "no palpation of it is judged yet", "quiet")
+                text_element("div", "no palpation of it is judged yet", "quiet")
                 return
             most = max(1.0, *(probe.gain_bits for probe in belief.probes), belief.probes[0].entropy_bits)
             rows = (
@@ -73,7 +64,7 @@ class BeliefPanel:
 def _part(bits: float, most: float) -> Any:
     def put() -> None:
         with ui.element("span").classes("rig-part"):
-            said("span", f"{bits:.2f}")
+            text_element("span", f"{bits:.2f}")
             ui.element("span").classes("rig-bar").style(
                 f"width: {80 * bits / most:.1f}%; background: var(--accent)"
             )
@@ -82,7 +73,6 @@ def _part(bits: float, most: float) -> Any:
 
 
 def bars(belief: TrialBelief) -> list[dict[str, Any]]:
-    """Return a bar for each depth; before the first belief none."""
     most = max(belief.posterior, default=0.0)
     return [
         {
@@ -95,8 +85,7 @@ def bars(belief: TrialBelief) -> list[dict[str, Any]]:
     ]
 
 
-def trial_words(belief: TrialBelief, progress: dict[str, Any] | None) -> str:
-    """Return where the session stands, in words."""
+def trial_text(belief: TrialBelief, progress: dict[str, Any] | None) -> str:
     parts = []
     if progress is not None:
         what = "palpation" if progress["phase"] == "training" else "trial"

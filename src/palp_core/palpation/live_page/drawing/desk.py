@@ -10,39 +10,33 @@ from nicegui import ui
 from palp_core.palpation.live_page.desk import ANSWER, DeskMonitor, Question, buttons_of
 from palp_core.palpation.live_page.drawing.belief import ShareBars
 from palp_core.palpation.session.human.questions import refuse_names
-from palp_core.view.pages.parts import Outcome, labelled, said
+from palp_core.view.pages.parts import StatusLine, labelled, text_element
 from palp_core.view.pages.viewer import Viewer
 
 MUSCLES = {"fds": "flexor", "edc": "extensor"}
 
 
 class DeskPanel:
-    """What is asked of the operator; pressed, an answer goes to the service that the terminal's goes to.
-
-    Args:
-        viewer: Whose operator sends answers; over a bag nothing can be pressed.
-        monitor: What is shown.
-    """
+    """What is asked of the operator; pressed, an answer goes to the service that the terminal's goes to."""
 
     def __init__(self, viewer: Viewer, monitor: DeskMonitor) -> None:
         self._viewer, self._monitor = viewer, monitor
         self._shown: tuple[Question | None, str] | None = None
         with ui.element("section").classes("desk").props('aria-label="the operator"'):
-            self._text = said("p", "", "desk-text").props(
+            self._text = text_element("p", "", "desk-text").props(
                 'data-what="prompt" role="status" aria-live="polite"'
             )
             self._answers = ui.element("div").classes("row-of")
-            self._outcome = Outcome()
-            self._left = said("div", "").props('data-what="countdown"')
+            self._outcome = StatusLine()
+            self._left = text_element("div", "").props('data-what="countdown"')
             self._time = ui.element("div").classes("rig-bar desk-time").props('aria-hidden="true"')
             with self._time:
                 self._gone = ui.element("span")
             self._effort = ShareBars("effort of both muscles, of the largest so far")
-            self._clipped = said("div", "", "error").props('role="alert"')
+            self._clipped = text_element("div", "", "error").props('role="alert"')
 
     def show(self) -> None:
-        """Show what is asked just now, and what goes on."""
-        question, why = self._monitor.question, self._viewer.refusal(service=ANSWER)
+        question, why = self._monitor.question, self._viewer.refusal()
         if (question, why) != self._shown:
             self._shown = question, why
             self._ask(question, why)
@@ -54,12 +48,12 @@ class DeskPanel:
     def _ask(self, question: Question | None, why: str) -> None:
         self._text.text = "nothing is asked yet" if question is None else question.text
         self._answers.clear()
-        self._outcome.tell("")
+        self._outcome.show("")
         if question is None or question.kind == "none":
             return
         with self._answers:
             if why:
-                said("span", why, "quiet")
+                text_element("span", why, "quiet")
             else:
                 self._offer(question)
 
@@ -86,9 +80,9 @@ class DeskPanel:
             request = {"number": question.number, "text": text, "by": "page"}
             return operator.call(question.node, ANSWER, request)
 
-        reply = await self._outcome.of(send)
+        reply = await self._outcome.run(send)
         if reply is not None:
-            self._outcome.tell("" if reply["taken"] else reply["text"], "ok" if reply["taken"] else "error")
+            self._outcome.show("" if reply["taken"] else reply["text"], "ok" if reply["taken"] else "error")
 
     def _count_down(self, left: dict[str, Any] | None) -> None:
         self._time.set_visibility(left is not None)

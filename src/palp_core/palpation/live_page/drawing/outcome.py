@@ -1,21 +1,18 @@
-"""What has come of the session: trials with their verdicts, accuracy beside other figures, guards met."""
+"""What has come of the session: trials with their verdicts, accuracy, guards met."""
 
 from __future__ import annotations
 
-import shlex
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from nicegui import ui
 
-from palp_core.palpation.live_page.beside import BESIDE, SOURCES, other_protocol
-from palp_core.palpation.live_page.geometry import parameters_of
 from palp_core.palpation.live_page.monitor import RigMonitor
 from palp_core.palpation.live_page.roles import session_folder
 from palp_core.palpation.live_page.trials import TrialRow
 from palp_core.palpation.perception.statistics.statistics import Proportion
-from palp_core.view.pages.parts import Cell, folding, said, table
+from palp_core.view.pages.parts import Cell, table, text_element
 from palp_core.view.source.protocol import ViewSource
 
 MOST_ROWS = 30
@@ -23,31 +20,26 @@ MOST_GUARDS = 12
 
 
 class OutcomePanel:
-    """Tables that are made anew when something has come.
-
-    Args:
-        source: What the launch file said.
-        monitor: What is shown.
-    """
+    """Tables that are made anew when something has come."""
 
     def __init__(self, source: ViewSource, monitor: RigMonitor) -> None:
         self._source, self._monitor = source, monitor
         self._shown: list[TrialRow] | None = None
         self._guards: list[str] | None = []
-        self._told_where = False
+        self._has_results = False
         with ui.element("div").classes("rig-grid"):
-            with ui.element("section"), folding("Trials so far, the latest first"):
+            with ui.element("section"):
+                text_element("h2", "Trials so far, the latest first")
                 self._trials = ui.element("div").classes("rig-scroll").props('data-what="trials"')
             with ui.element("section"):
-                said("h2", "Right so far")
+                text_element("h2", "Right so far")
                 self._right = ui.element("div").props('data-what="right"')
                 if monitor.has("ContactGuard"):
-                    said("h2", "Guards met")
+                    text_element("h2", "Guards met")
                     self._met = ui.element("div").props('data-what="guards"')
         self._where = ui.element("p").classes("quiet").props('data-what="results"')
 
     def show(self) -> None:
-        """Show what has changed."""
         rows = self._monitor.board.rows
         if rows != self._shown:
             self._shown = list(rows)
@@ -56,42 +48,33 @@ class OutcomePanel:
         if self._monitor.has("ContactGuard") and self._guards != self._monitor.guards:
             self._guards = self._monitor.guards
             _fill(self._met, partial(_guards, self._guards))
-        if not self._told_where:
-            self._tell_where()
+        if not self._has_results:
+            self._show_results()
 
-    def _tell_where(self) -> None:
+    def _show_results(self) -> None:
         folder = session_folder(self._source, self._monitor.topics)
         if folder is not None:
-            self._told_where = True
+            self._has_results = True
             _fill(self._where, partial(_results, folder))
 
     def _accuracy(self) -> None:
         board = self._monitor.board
         overall = board.accuracy()
         if overall is None:
-            said("div", "no trial is judged yet", "quiet")
+            text_element("div", "no trial is judged yet", "quiet")
         else:
             rows = [(f"{depth:g} mm", *_share(one)) for depth, one in board.by_depth().items()]
             table(
                 ("Depth", "Right", "Of", "Share (95 %, this session only)"),
                 [*rows, ("all", *_share(overall))],
             )
-            if mixed := board.mixed_words():
-                said("p", mixed)
-            said(
+            if mixed := board.mixed_text():
+                text_element("p", mixed)
+            text_element(
                 "p",
                 "Phantoms come in blocks: the share of all tells whose block it is; look at each depth.",
                 "quiet",
             )
-        said("h2", "Beside")
-        table(("What", "Right, %"), [(one.what, one.words) for one in BESIDE])
-        for what, source in SOURCES:
-            with ui.element("p").classes("quiet"):
-                said("span", f"{what}: ")
-                said("code", source)
-        launch = self._source.launch()
-        if other := other_protocol(parameters_of(launch) | launch.get("args", {})):
-            said("p", other, "quiet")
 
 
 def _fill(box: ui.element, put: Any) -> None:
@@ -101,8 +84,8 @@ def _fill(box: ui.element, put: Any) -> None:
 
 
 def _results(folder: Path) -> None:
-    said("span", "The record grows as the session goes on, and its report is there at the end: ")
-    said("code", f"palp view {shlex.quote(str(folder))}")
+    text_element("span", "The record grows as the session goes on; its report is there at the end: ")
+    text_element("code", str(folder / "report.html"))
 
 
 def _share(one: Proportion) -> tuple[str, str, str]:
@@ -112,20 +95,21 @@ def _share(one: Proportion) -> tuple[str, str, str]:
 
 def _trials(rows: list[TrialRow]) -> None:
     if not rows:
-        said("div", "no trial is over yet", "quiet")
+        text_element("div", "no trial is over yet", "quiet")
         return
     last = rows[: -MOST_ROWS - 1 : -1]
     titles = ("Trial", "Phantom", "True depth", "Found", "Sure", "Palpations", "Verdict", "")
     table(titles, [_cells(row) for row in last])
     if len(rows) > MOST_ROWS:
-        said("div", f"and {len(rows) - MOST_ROWS} before", "quiet")
+        text_element("div", f"and {len(rows) - MOST_ROWS} before", "quiet")
 
 
 def _cells(row: TrialRow) -> tuple[Cell, ...]:
     found = row.verdict != "dropped"
     right: Cell = ""
     if row.right is not None:
-        right = partial(said, "span", "right" if row.right else "wrong", "right" if row.right else "wrong")
+        verdict = "right" if row.right else "wrong"
+        right = partial(text_element, "span", verdict, verdict)
     return (
         str(row.number),
         row.code,
@@ -140,12 +124,12 @@ def _cells(row: TrialRow) -> tuple[Cell, ...]:
 
 def _guards(words: list[str] | None) -> None:
     if words is None:
-        said("div", "nothing heard yet", "quiet")
+        text_element("div", "nothing heard yet", "quiet")
         return
     if not words:
-        said("div", "none: the simulated touch is within what its model vouches for", "quiet")
+        text_element("div", "none: the simulated touch is within what its model vouches for", "quiet")
     with ui.element("ul").classes("rig-notes"):
         for one in words[:MOST_GUARDS]:
-            said("li", one)
+            text_element("li", one)
     if len(words) > MOST_GUARDS:
-        said("div", f"and {len(words) - MOST_GUARDS} before", "quiet")
+        text_element("div", f"and {len(words) - MOST_GUARDS} before", "quiet")

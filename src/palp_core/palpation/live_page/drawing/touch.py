@@ -10,13 +10,12 @@ from nicegui import ui
 from nicegui.elements.echart import EChart  # its import is what makes ECharts known to the page
 
 from palp_core.palpation.devices.health import Condition
-from palp_core.palpation.live_page.drawing.paced import Paced
 from palp_core.palpation.live_page.geometry import LIFT_M, lean_rad, lengths_mm
 from palp_core.palpation.live_page.monitor import RigMonitor
 from palp_core.palpation.live_page.sweep import Point
 from palp_core.palpation.live_page.taught import Band
 from palp_core.units import Float64Array
-from palp_core.view.pages.parts import said
+from palp_core.view.pages.parts import PacedElement, text_element
 from palp_core.view.source.series import thinned
 
 __all__ = ["EChart", "TouchPanel"]
@@ -29,16 +28,13 @@ MOVE_MS = 60
 """Between two looks the drawing moves evenly."""
 
 
-class SweepChart(Paced, component="sweep_chart.js"):  # type: ignore[call-arg]
-    """Torque against position, with bands."""
-
+class SweepChart(PacedElement, component="sweep_chart.js"):  # type: ignore[call-arg]
     def __init__(self, path_m: tuple[float, float]) -> None:
         super().__init__()
         self._shape: tuple[Any, ...] = ()
         self.shape([], path_m, "")
 
     def shape(self, bands: list[Band], path_m: tuple[float, float], words: str) -> None:
-        """Show other bands, or another path."""
         shape = ([(band.depth_mm, band.sweep_count, band.low_n_mm[:1]) for band in bands], path_m, words)
         if shape == self._shape:
             return
@@ -56,17 +52,13 @@ class SweepChart(Paced, component="sweep_chart.js"):  # type: ignore[call-arg]
         self.update()
 
     def begin(self, points: list[Point]) -> None:
-        """Begin another sweep with these points."""
         self.send("begin", _drawn(points, MOST_POINTS))
 
     def add(self, points: list[Point]) -> None:
-        """Go on with these."""
         self.send("add", _drawn(points, FEW_POINTS))
 
 
-class RigScene(Paced, component="rig_scene.js"):  # type: ignore[call-arg]
-    """The rig from the side."""
-
+class RigScene(PacedElement, component="rig_scene.js"):  # type: ignore[call-arg]
     def __init__(self, size: dict[str, float]) -> None:
         super().__init__()
         self._props.update(size=size, bead=0, words="stage, probe, ring and phantom from the side, to scale")
@@ -86,27 +78,20 @@ class RigScene(Paced, component="rig_scene.js"):  # type: ignore[call-arg]
 
 
 class TouchPanel:
-    """Chart and drawing.
-
-    Args:
-        monitor: What is shown.
-    """
-
     def __init__(self, monitor: RigMonitor) -> None:
         self._monitor = monitor
         self._number, self._lean, self._behind = -1, 0.0, False
         self._swept_m: float | None = None
         with ui.element("section"):
-            said("h2", "Torque of the present sweep, and what training taught")
+            text_element("h2", "Torque of the present sweep, and what training taught")
             self._chart = SweepChart(monitor.path_m)
-            self._taught = said("div", "", "quiet").props('data-what="taught"')
-            said("h2", "The rig, to scale")
-            self._facts = said("div", "", "rig-facts").props('data-what="rig"')
+            self._taught = text_element("div", "", "quiet").props('data-what="taught"')
+            text_element("h2", "The rig, to scale")
+            self._facts = text_element("div", "", "rig-facts").props('data-what="rig"')
             self._size = lengths_mm(*monitor.path_m)
             self._scene = RigScene(self._size)
 
     def show(self, new: list[Point]) -> None:
-        """Show what has come of the sweep, and where everything is."""
         sweep, chart = self._monitor.sweep, self._chart
         self._behind = self._behind or sweep.number != self._number
         self._number = sweep.number
@@ -133,18 +118,17 @@ class TouchPanel:
             goal["ring"] = round(1e3 * ring["measured_m"], 2)
         return goal
 
-    def show_words(self) -> None:
-        """Show bands and figures."""
+    def show_text(self) -> None:
         self._show_bands(self._chart)
         self._scene.bead(self._monitor.depth_mm)
-        self._facts.text = rig_words(self._monitor)
+        self._facts.text = rig_text(self._monitor)
 
     def _show_bands(self, chart: SweepChart) -> None:
         """Show what training taught of the ring position of the sweep that is shown."""
         monitor = self._monitor
         ring_m = monitor.ring_m if self._swept_m is None else self._swept_m
-        bands, of_peaks = monitor.bands(ring_m)
-        self._taught.text = words = taught_words(bands, of_peaks=of_peaks, ring_m=ring_m)
+        bands = monitor.bands(ring_m)
+        self._taught.text = words = bands_text(bands, ring_m)
         chart.shape(bands, monitor.path_m, f"torque in N mm against stage position in mm. {words}")
 
 
@@ -156,19 +140,16 @@ def lift_of(monitor: RigMonitor) -> float:
     return 0.0 if monitor.sweeping else 1e3 * LIFT_M
 
 
-def taught_words(bands: list[Band], *, of_peaks: bool, ring_m: float | None) -> str:
-    """Return what the bands are."""
+def bands_text(bands: list[Band], ring_m: float | None) -> str:
     if not bands or ring_m is None:
         return "no bands: training goes on, or has taught nothing of this ring position"
     counts = sorted({band.sweep_count for band in bands})
     of = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    what = "peak torques" if of_peaks else "sweeps"
-    spread = f"mean and two standard deviations of {of} {what} of training"
+    spread = f"mean and two standard deviations of {of} sweeps of training"
     return f"bands: {spread} at each depth, ring at {1e3 * ring_m:g} mm"
 
 
-def rig_words(monitor: RigMonitor) -> str:
-    """Return what the rig does, in words."""
+def rig_text(monitor: RigMonitor) -> str:
     status, ring = monitor.status, monitor.ring
     parts = [f"stage: {status['status']}" if status is not None else "stage: nothing heard yet"]
     if ring is not None:

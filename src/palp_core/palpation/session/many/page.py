@@ -46,14 +46,6 @@ def pooled_rows(record: Mapping[str, Any]) -> list[list[str]]:
     return [heading, *(_group_row(one) for one in record["groups"])]
 
 
-def pooled_words(record: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a line for each group, and what a reader ought to know."""
-    for row in pooled_rows(record)[1:]:
-        design, over, trials, accuracy, span_95, *_ = row
-        yield f"{design}: {accuracy} right (95 %: {span_95}) over {over}, {trials} trials"
-    yield from remarks(record)
-
-
 def _group_row(group: Mapping[str, Any]) -> list[str]:
     over = f"{group['units']} {group['unit']}{'s' if group['units'] != 1 else ''}"
     if group["unit"] == "subject" and group["sessions"] != group["units"]:

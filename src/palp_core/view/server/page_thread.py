@@ -15,26 +15,21 @@ from typing import Any, TypeVar
 from palp_core.view.server.asgi import App, Message, Receive, Scope, Send
 
 NICE = 10
-"""Of pages that give way, and of the threads that they start."""
+"""Of pages with low priority, and of the threads that they start."""
 END_S = 1.0
-"""So long what is under way may take to end."""
+"""Longest wait for the end of requests."""
 T = TypeVar("T")
 
 
-class Apart:
+class PageThread:
     """An ASGI application on a loop of its own, from its lifespan's begin to its end.
 
-    Args:
-        app: The pages.
-        gives_way: They compute after all others where cores are scarce. Not beside a rig that moves: whoever
-            computes last holds up the press that waits for what it has in hand, Python itself.
-
-    Attributes:
-        app: As given.
+    With ``low_priority`` pages compute after all else where cores are scarce; not next to a rig that moves:
+    then a press would wait for the pages to let go of the interpreter.
     """
 
-    def __init__(self, app: App, *, gives_way: bool = False) -> None:
-        self.app, self._gives_way = app, gives_way
+    def __init__(self, app: App, *, low_priority: bool = False) -> None:
+        self.app, self._low_priority = app, low_priority
         self._loop: asyncio.AbstractEventLoop | None = None
         self._up = threading.Event()
         self._thread = threading.Thread(target=self._work, name="palp view: pages", daemon=True)
@@ -46,7 +41,7 @@ class Apart:
         async def take() -> Message:
             return await _on(here, receive())
 
-        async def say(message: Message) -> None:
+        async def forward(message: Message) -> None:
             await _on(here, send(message))
 
         if scope["type"] == "lifespan":
@@ -54,14 +49,14 @@ class Apart:
             await asyncio.to_thread(self._up.wait)
         assert self._loop is not None
         try:
-            await _on(self._loop, self.app(scope, take, say))
+            await _on(self._loop, self.app(scope, take, forward))
         finally:
             if scope["type"] == "lifespan":
                 self._loop.call_soon_threadsafe(self._loop.stop)
                 await asyncio.to_thread(self._thread.join, END_S)
 
     def _work(self) -> None:
-        if self._gives_way:
+        if self._low_priority:
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), max(NICE, os.nice(0)))
         with asyncio.Runner() as runner:  # at its end it leaves nothing behind
             self._loop = runner.get_loop()

@@ -3,48 +3,46 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
+import os
+import subprocess
 import sys
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from palp_core.cli.options import GraphOption
+from palp_core.cli.options import GraphOption, argument, option
 from palp_core.cli.output import note
 from palp_core.cli.running import find_graph
 from palp_core.errors import BagError, GraphError
+from palp_core.graph.process.parent_death import die_with_parent
 
 if TYPE_CHECKING:
     import socket
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
+    from types import ModuleType
 
     from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.view.pages.viewer import OwnPage
-    from palp_core.view.source.protocol import ViewSource
     from palp_core.view.source.recorded import RecordedSource
 
+
+END_S = 5.0
 OF_PALP = "palp_core."
+"""A bag may come from anybody: no page that it names is loaded but palp's own."""
 TRY = "palp launch rig:sim.yaml trials:=100000 --view"
 
 
 def view(
-    what: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[BAG]",
-            help="A bag; default: the running graph.",
-            show_default=False,
-        ),
-    ] = None,
+    what: Annotated[Path | None, argument("A bag; default: the running graph.", "[BAG]")] = None,
     *,
     port: Annotated[
-        int, typer.Option("--port", min=0, max=65535, help="Where, on this host only; 0: any that is free.")
+        int, option("Where, on this host only; 0: any that is free.", "--port", min=0, max=65535)
     ] = 0,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
-    read_only: Annotated[bool, typer.Option("--read-only", help="Nothing can be pressed.")] = False,
-    operate: Annotated[
-        bool, typer.Option("--operate", help="On a real rig let more be pressed than stop.")
-    ] = False,
+    no_browser: Annotated[bool, option("Only print the address.", "--no-browser")] = False,
+    read_only: Annotated[bool, option("Nothing can be pressed.", "--read-only")] = False,
+    operate: Annotated[bool, option("On a real rig let more be pressed than stop.", "--operate")] = False,
     graph: GraphOption = None,
 ) -> None:
     """To those who have the address that this prints, on this host. From another one:
@@ -85,11 +83,6 @@ def _running(name: str | None) -> RunningGraph:
 
 
 def _over(what: Path) -> RecordedSource:
-    """Return a bag as a source.
-
-    Raises:
-        BagError: It is none.
-    """
     from palp_core.graph.bag.metadata import in_order
     from palp_core.view.source.recorded import RecordedSource
 
@@ -99,52 +92,26 @@ def _over(what: Path) -> RecordedSource:
 
 
 def _show_over(listening: socket.socket, token: str, bag: RecordedSource) -> None:
-    from palp_core.view.server.imports import serving_alone
-    from palp_core.view.server.serve import serve
-    from palp_core.view.source.blind import BlindSource, Harmless
-    from palp_core.view.source.sealed import sealed_within
+    from palp_core.view.server.serve import serve, serving_alone
 
     with serving_alone():
         from palp_core.view.pages.routes import register_pages
         from palp_core.view.pages.viewer import Viewer
 
-    source: ViewSource = bag
-    launch = bag.launch()
-    own = _page_over_bag(str(launch.get("view", "")))
-    if launch.get("blind") or sealed_within(bag.path.resolve()) is not None:
-        source = BlindSource(bag, own.harmless if own is not None else Harmless())
+    named = str(bag.launch().get("view", ""))
+    own = _own_page(named, importlib.import_module) if named.startswith(OF_PALP) else None
+    own = own if own is not None and own.over_bags else None
     try:
-        serve(listening, token, lambda: register_pages(Viewer(source=source, own_page=own, time=bag)))
+        serve(listening, token, lambda: register_pages(Viewer(source=bag, own_page=own, time=bag)))
     finally:
-        source.close()
-
-
-def _page_over_bag(named: str) -> OwnPage | None:
-    """Return the page that a bag's launch file named, if it is one of palp's own that bags are shown on.
-
-    A bag may come from anybody: nothing else that it names is loaded.
-    """
-    import importlib
-
-    from palp_core.view.pages.viewer import OwnPage
-
-    module, _, name = named.partition(":")
-    if not module.startswith(OF_PALP):
-        return None
-    try:
-        own = OwnPage(getattr(importlib.import_module(module), name))
-    except (ImportError, AttributeError) as error:  # of another version of palp
-        note(f"view: {named}: {error}; the other pages are there")
-        return None
-    return own if own.over_bags else None
+        bag.close()
 
 
 def _show_live(
     listening: socket.socket, token: str, running: RunningGraph, *, read_only: bool, operate: bool
 ) -> None:
-    from palp_core.view.server.imports import serving_alone
-    from palp_core.view.server.serve import serve
-    from palp_core.view.source.blind import BlindSource, Harmless
+    from palp_core.graph.node.loading import load_module
+    from palp_core.view.server.serve import serve, serving_alone
     from palp_core.view.source.live import LiveSource
     from palp_core.view.source.operator import GraphOperator
 
@@ -152,35 +119,31 @@ def _show_live(
         from palp_core.view.pages.routes import register_pages
         from palp_core.view.pages.viewer import Viewer
 
-    own = _loaded(running.record.view, running.record.workspace)
+    own = _own_page(running.record.view, lambda module: load_module(module, running.record.workspace))
     source = LiveSource(running)
-    harmless = (own.harmless if own is not None else Harmless()) if running.record.blind else None
-    only = None if harmless is None else harmless.calls
-    operator = GraphOperator(source, read_only=read_only, operate=operate, only=only)
-    shown = source if harmless is None else BlindSource(source, harmless)
-    viewer = Viewer(source=shown, operator=operator, own_page=own)
+    operator = GraphOperator(source, read_only=read_only, operate=operate)
+    viewer = Viewer(source=source, operator=operator, own_page=own)
     try:
         pages = lambda: register_pages(viewer)  # noqa: E731
         simulated = running.record.clock == "sim"
-        serve(listening, token, pages, gives_way=simulated, over=lambda: not running.alive)
+        serve(listening, token, pages, low_priority=simulated, over=lambda: not running.alive)
         note(f"graph '{running.record.graph}' has ended, and nobody looks: the page is closed")
     finally:
         source.close()
 
 
-def _loaded(view: str, workspace: str) -> OwnPage | None:
-    """Return the launch file's own page; one that cannot be loaded any more is said, and left out."""
+def _own_page(named: str, load: Callable[[str], ModuleType]) -> OwnPage | None:
+    """Return the launch file's own page; one that cannot be loaded is noted, and left out."""
     from palp_core.errors import in_words
-    from palp_core.graph.node.loading import load_module
     from palp_core.view.pages.viewer import OwnPage
 
-    module, _, name = view.partition(":")
+    module, _, name = named.partition(":")
     if not name:
         return None
     try:
-        return OwnPage(getattr(load_module(module, workspace), name))
-    except Exception as error:  # noqa: BLE001 - a module of somebody's own may raise anything
-        note(f"view: {view}: {in_words(error)}; the other pages are there")
+        return OwnPage(getattr(load(module), name))
+    except Exception as error:  # noqa: BLE001 - a module of your own may raise anything
+        note(f"view: {named}: {in_words(error)}; the other pages are there")
         return None
 
 
@@ -200,3 +163,24 @@ def _opened(where: str) -> Iterator[None]:
         page.write_text(f'<meta http-equiv="refresh" content="0; url={where}">\n', encoding="utf-8")
         threading.Thread(target=webbrowser.open, args=(page.as_uri(),), daemon=True).start()
         yield
+
+
+@contextlib.contextmanager
+def shown_by_viewer(run: str, *, operate: bool) -> Iterator[None]:
+    """Show a running graph in the browser; the viewer ends with it."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "palp_core", "view", "--graph", run, *(["--operate"] if operate else [])],
+        stdin=subprocess.DEVNULL,
+        env={**os.environ, "PYTHONHASHSEED": "random"},
+        start_new_session=True,  # Ctrl-C is the launcher's
+        preexec_fn=partial(die_with_parent, os.getpid()),  # and if that is killed, it goes, too
+    )
+    try:
+        yield
+    finally:
+        process.terminate()
+        try:
+            process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()

@@ -1,1 +1,0 @@
-"""The verbs that deal with ROS 2."""
