@@ -5,8 +5,10 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import threading
 from collections import Counter
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import msgspec
@@ -16,8 +18,8 @@ from palp_core import Graph
 from palp_core.cli.completion import graphs
 from palp_core.cli.launch.stop_key import stopped_words
 from palp_core.errors import GraphError
-from palp_core.graph.discovery.choice import WhichGraph, addressed, check_free, choose
-from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory, RunRecord, running
+from palp_core.graph.discovery.choice import WhichGraph, addressed, choose
+from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory, RunRecord, check_free, running
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.discovery.troubles import Trouble
 from palp_core.graph.launch.log_screen import MOST_PER_S, Shown
@@ -278,6 +280,27 @@ def test_a_graph_is_called_as_it_is_launched(bench: Bench) -> None:
     for name in ("12", "a b", "", "x" * 33):
         with pytest.raises(GraphError, match="is no name of a graph"):
             check_free(name)
+
+
+def test_of_launches_with_one_name_at_the_same_moment_one_gets_it(bench: Bench) -> None:
+    begin = threading.Barrier(8)
+
+    def launch() -> RunDirectory | str:
+        begin.wait()
+        try:
+            return RunDirectory("left", "left")
+        except GraphError as error:
+            return str(error)
+
+    with ThreadPoolExecutor(8) as pool:
+        found = [future.result() for future in [pool.submit(launch) for _ in range(8)]]
+    (run,) = (one for one in found if isinstance(one, RunDirectory))
+    refused = f"a graph of that name is starting: left (id {run.path.name}); choose another name"
+    assert [one for one in found if one is not run] == [refused] * 7
+    with pytest.raises(GraphError, match="is starting: left"), Graph(CHAIN, name="left", clock="sim"):
+        pass
+    run.remove()
+    RunDirectory("left", "left").remove()
 
 
 def test_a_launch_beside_others_says_which_run_it_is(bench: Bench, palp: Palp, tmp_path: Path) -> None:

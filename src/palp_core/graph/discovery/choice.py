@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.run_directory import RunRecord, present_folder, running
-from palp_core.graph.node.spec import NAME
 from palp_core.graph.problems import hint
 
 _COMMAND = re.compile(
@@ -26,7 +25,7 @@ class WhichGraph(GraphError):
     """Graphs are running, but which of them is meant must be said."""
 
     def __init__(self, what: str, records: Sequence[RunRecord]) -> None:
-        lines = "\n".join(f"  {line_of(record)}" for record in records)
+        lines = "\n".join(f"  {record}" for record in records)
         super().__init__(f"{what}; name one with --graph NAME, ID or PID:\n{lines}")
 
 
@@ -35,11 +34,6 @@ class ChosenGraph(NamedTuple):
 
     record: RunRecord
     others: list[RunRecord]
-
-
-def line_of(record: RunRecord) -> str:
-    """Return what tells a graph from others."""
-    return f"{record.graph} (id {record.id}, pid {record.pid}, {record.workspace or record.launched_from})"
 
 
 def belongs(record: RunRecord, folder: str) -> bool:
@@ -94,18 +88,3 @@ def addressed(advice: str, run: str) -> str:
     if not run or all(record.id == run for record in running()):
         return advice
     return _COMMAND.sub(rf"\g<0> --graph {run}", advice)
-
-
-def check_free(name: str) -> None:
-    """Check that a graph can be called so.
-
-    Raises:
-        GraphError: It is no name, or a running graph of this user has it.
-    """
-    if NAME.fullmatch(name) is None:
-        raise GraphError(
-            f"'{name}' is no name of a graph; use letters, digits and _, a letter first, at most 32"
-        )
-    for record in running():
-        if record.graph == name:
-            raise GraphError(f"a graph of that name is running: {line_of(record)}; choose another name")

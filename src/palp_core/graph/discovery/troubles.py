@@ -79,7 +79,7 @@ class ActiveDiagnostic(msgspec.Struct, frozen=True):
 def active_diagnostics(graph: RunningGraph, timeout_s: float) -> list[ActiveDiagnostic]:
     """Return what nodes report as not ``ok``; a node that does not answer in time is left out."""
     type_hash = schema_of(DiagnosticStatus).hash_text
-    found = []
+    bad = []
     for topic in graph.record.topics:
         if topic.type_hash != type_hash:
             continue
@@ -88,11 +88,13 @@ def active_diagnostics(graph: RunningGraph, timeout_s: float) -> list[ActiveDiag
         except GraphError:
             continue
         if reports and reports[-1].level != OK:
-            status = reports[-1]
-            now_ns = _clock_ns(graph, timeout_s)
-            age_s = None if now_ns is None else max(now_ns - status.stamp_ns, 0) / 1e9
-            advice = addressed(status.advice, graph.record.id)
-            found.append(ActiveDiagnostic(topic.node, status.level, status.text, advice, age_s))
+            bad.append((topic.node, reports[-1]))
+    now_ns = _clock_ns(graph, timeout_s) if bad else None  # once: a slow launcher costs one timeout
+    found = []
+    for node, status in bad:
+        age_s = None if now_ns is None else max(now_ns - status.stamp_ns, 0) / 1e9
+        advice = addressed(status.advice, graph.record.id)
+        found.append(ActiveDiagnostic(node, status.level, status.text, advice, age_s))
     return found
 
 

@@ -20,8 +20,7 @@ from palp_core.errors import GraphError, PalpError, in_words
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.check import load
 from palp_core.graph.description.checked import CheckedGraph
-from palp_core.graph.discovery.choice import check_free
-from palp_core.graph.discovery.run_directory import RunDirectory
+from palp_core.graph.discovery.run_directory import RunDirectory, check_free
 from palp_core.graph.launch.changes_told import ChangesTold
 from palp_core.graph.launch.checkpoints import RESUMES, Checkpoints
 from palp_core.graph.launch.diagnostics import Diagnostics
@@ -186,9 +185,7 @@ class Graph:
     def __enter__(self) -> Self:
         with contextlib.ExitStack() as stack:
             stack.enter_context(self._interrupt)
-            if self._name is not None:
-                check_free(self._name)
-            self.directory = RunDirectory(self._name or launch_path(self.path).stem)
+            self.directory = RunDirectory(self._name or launch_path(self.path).stem, self._name)
             stack.callback(self.directory.release)
             self._interrupt.asked_by = self.directory.end_asked_by
             server = ForkServer(self._interrupt, self._started)
