@@ -10,9 +10,9 @@ import pytest
 
 from palp_core.graph.description.check import load
 from palp_core.graph.description.checked import unpublished_words
-from palp_core.graph.description.file_reader import read
 from palp_core.graph.description.launch_file import arguments_text
 from palp_core.graph.description.node_class import inspect_classes
+from palp_core.graph.description.resolver import resolve
 from palp_core.graph.problems import GraphProblems
 
 FILE = """
@@ -190,7 +190,7 @@ def test_what_says_so_is_checked(here: Any, wrong: str, words: str) -> None:
 
 
 def test_the_arguments_say_that_a_class_will_do(here: Any) -> None:
-    text = arguments_text(read(here.write("launch/graph.yaml", FILE)))
+    text = arguments_text(resolve(here.write("launch/graph.yaml", FILE)))
     assert (
         "Valid choices are: ['fixed', 'markov'], or a class of yours: MODULE:CLASS or FILE.py:CLASS" in text
     )

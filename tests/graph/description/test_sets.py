@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from palp_core.graph.description.file_reader import read
 from palp_core.graph.description.launch_file import arguments_text
+from palp_core.graph.description.resolver import resolve
 from palp_core.graph.problems import GraphProblems
 
 PART = """
@@ -82,7 +82,7 @@ def test_the_including_file_may_give_the_word_or_what_it_sets(workspace: Any) ->
 
 def test_what_a_word_sets_is_shown(workspace: Any) -> None:
     path = workspace.write("launch/parts/part.yaml", PART)
-    assert "(fast sets: rate_hz:=2000, gain:=3.0)" in arguments_text(read(path, ["source:=a"]))
+    assert "(fast sets: rate_hz:=2000, gain:=3.0)" in arguments_text(resolve(path, ["source:=a"]))
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from palp_core.graph.description.checked import CheckedGraph
-from palp_core.graph.description.file_reader import read
+from palp_core.graph.description.resolver import resolve
 from palp_core.graph.problems import GraphProblems
 
 FILE = """
@@ -155,4 +155,4 @@ def test_a_namespace_that_makes_no_names_is_refused(tmp_path: Path, namespace: s
         f"graph: both\nclock: wall\ninclude:\n  - {{file: pair.yaml, namespace: {namespace}}}\n",
         encoding="utf-8",
     )
-    assert any(expected in str(problem) for problem in read(both).problems)
+    assert any(expected in str(problem) for problem in resolve(both).problems)

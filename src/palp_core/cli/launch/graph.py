@@ -58,10 +58,10 @@ def show(file: FileArgument, arguments: ArgumentsArgument = None) -> None:
 @app.command("args")
 def show_arguments(file: FileArgument, arguments: ArgumentsArgument = None) -> None:
     """Show a launch file's arguments, defaults and choices."""
-    from palp_core.graph.description.file_reader import read
     from palp_core.graph.description.launch_file import arguments_text
+    from palp_core.graph.description.resolver import resolve
 
-    print_text(arguments_text(read(file, arguments or [])))
+    print_text(arguments_text(resolve(file, arguments or [])))
 
 
 @app.command()

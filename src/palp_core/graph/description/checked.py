@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import yaml
 
-from palp_core.graph.description.checkpoint_entry import CheckpointEntry
+from palp_core.graph.description.launch_keys import CheckpointKeys
 from palp_core.graph.description.node_class import NodePort
 from palp_core.graph.messages.message_type import MessageType
 from palp_core.graph.messages.qos import Qos
@@ -131,7 +131,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     view: str = ""
     attached: dict[str, str] = {}
     blind: bool = False
-    checkpoint: CheckpointEntry | None = None
+    checkpoint: CheckpointKeys | None = None
 
     @property
     def readers(self) -> dict[str, list[int]]:
@@ -257,7 +257,7 @@ def resolved_yaml(graph: CheckedGraph) -> str:
     if graph.blind:
         tree["blind"] = True
     if (kept := graph.checkpoint) is not None:
-        tree["checkpoint"] = {"file": kept.file, "after": kept.after.removeprefix("/"), "nodes": kept.nodes}
+        tree["checkpoint"] = msgspec.to_builtins(kept)
     text: str = yaml.dump(
         tree, Dumper=_Dumper, sort_keys=False, default_flow_style=False, allow_unicode=True, width=110
     )
