@@ -13,7 +13,7 @@ from palp_core.cli.launch import side_by_side
 from palp_core.cli.launch.repeat import Run, plan, refuse, refuse_options, repeat
 from palp_core.errors import GraphError
 from palp_core.graph.description.checked import CheckedGraph
-from palp_core.graph.launch import graph
+from palp_core.graph.launch import checking
 from palp_core.palpation.session.report import session
 from tests.support.palp import PATIENCE_S, ROOT, SIM, Palp, wait_for_line
 from tests.support.rig_session import ComposedGraph, RigSession, check_here
@@ -42,7 +42,7 @@ def test_each_run_has_its_seed_and_folder_and_all_are_pooled(
         return {}
 
     monkeypatch.setattr(side_by_side, "run_side_by_side", one_after_another)
-    monkeypatch.setattr(graph, "check_file", check_here)
+    monkeypatch.setattr(checking, "check_file", check_here)
     many = tmp_path / "many"
     given = [*small, "seed:=1", f"out:={many}"]
     with no_charts():

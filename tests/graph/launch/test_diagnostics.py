@@ -19,8 +19,8 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.discovery.troubles import Trouble, active_diagnostics
-from palp_core.graph.launch.diagnostics import Incident
 from palp_core.graph.launch.graph import Graph
+from palp_core.graph.launch.run_journal import Incident
 from palp_core.graph.messages.builtin import DiagnosticStatus
 from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.messages.message import encode
@@ -123,7 +123,7 @@ def guarded(tmp_path: Path) -> Path:
 def test_an_incident_is_told_when_it_begins_and_ends_and_kept(guarded: Path, clock: str) -> None:
     changes: list[tuple[str, Incident | None]] = []
     with Graph(guarded, clock=clock) as graph:
-        graph.diagnostics.on_change = lambda topic, incident: changes.append((topic, incident))
+        graph.journal.on_incident = lambda topic, incident: changes.append((topic, incident))
         summary = graph.run()
     first, last = summary.incidents
     assert {topic for topic, _ in changes} == {"/guard/diagnostics"}

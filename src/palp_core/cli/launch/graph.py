@@ -38,7 +38,7 @@ def draw(
 ) -> None:
     """Print a launch file's graph as Mermaid or DOT text."""
     from palp_core.graph.description.diagram import dot, mermaid
-    from palp_core.graph.launch.graph import check_file
+    from palp_core.graph.launch.checking import check_file
 
     drawn = dot if as_dot else mermaid
     print_text(drawn(check_file(file, arguments or [])).rstrip())
@@ -48,7 +48,7 @@ def draw(
 def show(file: FileArgument, arguments: ArgumentsArgument = None) -> None:
     """Print the resolved graph as a launch file of its own."""
     from palp_core.graph.description.checked import resolved_yaml
-    from palp_core.graph.launch.graph import check_file
+    from palp_core.graph.launch.checking import check_file
 
     checked = check_file(file, arguments or [])
     note_remarks(file, checked)

@@ -25,8 +25,8 @@ from palp_core.graph.supervision.log_levels import LogLevels
 from palp_core.whole_file import write_whole
 
 if TYPE_CHECKING:
-    from palp_core.graph.launch.diagnostics import Incident
     from palp_core.graph.launch.graph import Graph
+    from palp_core.graph.launch.run_journal import Incident
     from palp_core.graph.launch.summary import RunSummary
     from palp_core.graph.lockstep.digest import TopicDigest
 
@@ -91,7 +91,7 @@ def launch(
     if operate and not view:
         raise GraphError("--operate lets a page be pressed that --view shows: give both")
     if check:
-        from palp_core.graph.launch.graph import check_file, check_start
+        from palp_core.graph.launch.checking import check_file, check_start
 
         checked = check_file(file, overrides)
         for words in check_start(file, checked, name, resume=resume):
@@ -174,7 +174,7 @@ def _run(
         show_log=show_log_line,
     )
     graph.observers.add(Progress, view.show_progress)
-    graph.diagnostics.on_change = lambda topic, incident: view.show_diagnostic(
+    graph.journal.on_incident = lambda topic, incident: view.show_diagnostic(
         topic, _addressed(graph, incident)
     )
     try:
@@ -257,7 +257,7 @@ def _addressed(graph: Graph, incident: Incident | None) -> Incident | None:
 def _say_incidents(graph: Graph) -> None:
     """Say at the very end what nodes said was wrong, a trip of a safety node above all."""
     sys.stdout.flush()
-    for incident in graph.diagnostics.incidents:
+    for incident in graph.journal.entries.incidents:
         note(str(incident))
 
 

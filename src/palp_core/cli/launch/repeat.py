@@ -63,7 +63,7 @@ def repeat(file: Path, overrides: Sequence[str], count: int, *, compose: bool, r
         GraphError: Its runs cannot go on side by side, or are there already.
     """
     from palp_core.cli.launch.side_by_side import run_side_by_side
-    from palp_core.graph.launch.graph import check_file
+    from palp_core.graph.launch.checking import check_file
     from palp_core.graph.launch.summary import report_function
     from palp_core.graph.supervision.interrupt import Interrupted
 

@@ -7,9 +7,7 @@ from typing import Any
 import msgspec
 
 from palp_core.graph.description.checked import CheckedGraph
-from palp_core.graph.launch.changes_told import ChangeTold
-from palp_core.graph.launch.diagnostics import Incident
-from palp_core.graph.launch.methods_told import MethodTold
+from palp_core.graph.launch.run_journal import Incident, MethodSpan, RunChange
 from palp_core.graph.node.loading import load_module
 
 
@@ -56,9 +54,9 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     wall_s: float = 0.0
     activation_count: int | None = 0
     incidents: list[Incident] = []
-    methods: list[MethodTold] = []
+    methods: list[MethodSpan] = []
     cpu_s: dict[str, float] = {}
-    changes: list[ChangeTold] = []
+    changes: list[RunChange] = []
     report: str = ""
 
 
