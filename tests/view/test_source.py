@@ -12,7 +12,7 @@ import pytest
 
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.health import EdgeRow, NodeRow
-from palp_core.graph.discovery.log_lines import LineReader, LogLine
+from palp_core.graph.discovery.logs import LineReader, LogLine
 from palp_core.graph.discovery.troubles import event_troubles, loss_troubles, node_troubles, worst
 from palp_core.graph.messages.builtin import GraphEvent
 from palp_core.view.source.live import node_state, swaps_named, wire_state
@@ -232,7 +232,7 @@ def test_what_is_wrong_is_said_with_what_to_type() -> None:
         *node_troubles(nodes, {"dead": "its process 7 is gone"}),
         *loss_troubles([edge_row(lost=3)]),
     ]
-    assert [(one.where, one.level, one.text, one.advice) for one in troubles] == [
+    assert [(one.where, one.level, one.text, one.command) for one in troubles] == [
         ("/dead", "error", "its process 7 is gone", "palp logs dead"),
         ("/sink", "warn", "it is inactive: it handles nothing", "palp lifecycle list /sink"),
         (

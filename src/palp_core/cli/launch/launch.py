@@ -247,11 +247,12 @@ def _addressed(graph: Graph, incident: Incident | None) -> Incident | None:
     """Return what is wrong with advice that names this run, if it is not the only one."""
     import msgspec
 
-    from palp_core.graph.discovery.choice import addressed
+    from palp_core.graph.discovery.choice import addressed_advice
 
     if incident is None:
         return None
-    return msgspec.structs.replace(incident, advice=addressed(incident.advice, graph.directory.path.name))
+    advice = addressed_advice(incident.advice, graph.directory.path.name)
+    return msgspec.structs.replace(incident, advice=advice)
 
 
 def _say_incidents(graph: Graph) -> None:

@@ -35,7 +35,7 @@ def stopped_words(reply: dict[str, Any], run: str) -> str:
     """Return what to say of a run whose motion was stopped, and how to go on."""
     from palp_core.graph.discovery.choice import addressed
 
-    return addressed(f"{reply['state']}: {reply['cause']}; when all is well: palp safety ack", run)
+    return f"{reply['state']}: {reply['cause']}; when all is well: {addressed('palp safety ack', run)}"
 
 
 def call_safety(

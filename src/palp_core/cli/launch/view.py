@@ -15,7 +15,7 @@ from palp_core.graph.messages.builtin import Progress
 if TYPE_CHECKING:
     from palp_core.cli.launch.bars import Bars
     from palp_core.graph.description.checked import CheckedGraph
-    from palp_core.graph.discovery.log_lines import LogLine
+    from palp_core.graph.discovery.logs import LogLine
     from palp_core.graph.launch.run_journal import Incident
 
 REDRAW_NS = 100_000_000
