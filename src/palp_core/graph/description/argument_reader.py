@@ -92,15 +92,7 @@ def _read_sets(
     shared: Collection[str],
     file: SourceFile,
 ) -> dict[str, dict[str, Given]]:
-    """Return what an argument's values set; what every value sets is checked.
-
-    Args:
-        argument: The argument.
-        tree: Its ``sets``.
-        others: Arguments that no other argument sets and that set none themselves.
-        shared: Shared parameters that no other argument sets.
-        file: Whose they are.
-    """
+    """Return what an argument's values set, of what no other one sets; what every value sets is checked."""
     problems, what = file.problems, f"sets of argument '{argument.name}'"
     names = [branch_name(choice) for choice in argument.choices]
     if not isinstance(tree, Mapping):

@@ -30,11 +30,8 @@ class Argument:
 
     Attributes:
         name: As in ``name:=value``.
-        mark: Where it is declared.
         default: Its default; UNKNOWN when it must be given.
         choices: All values it may have; empty when any of its type will do.
-        help: What it means.
-        sound: Its declaration has no mistake.
         sets: By its value, what it sets of other arguments and of shared parameters of its file.
         or_class: A class will do as well as a choice.
     """

@@ -45,14 +45,9 @@ _ADVICE = {
 def load(
     path: Path, overrides: Sequence[str], inspect: InspectFunction, succeed: SucceedFunction | None = None
 ) -> CheckedGraph:
-    """Read and check a launch file.
+    """Read and check a launch file, by :func:`.inspect_classes` where workspace modules may be imported.
 
-    Args:
-        path: The launch file.
-        overrides: Arguments as ``name:=value``.
-        inspect: Runs :func:`.inspect_classes` where workspace modules may be imported.
-        succeed: Returns what speaks against a class in a node's place, and the graph with it there; None:
-            whether later classes fit is not asked.
+    With ``succeed``, which judges a class in a node's place, classes that are to take over later are, too.
 
     Raises:
         GraphProblems: All its mistakes.

@@ -34,10 +34,7 @@ class InputEntry:
     """One wire, from the reader's side.
 
     Attributes:
-        mark: Where the input is named.
         source_mark: Where the publisher is named.
-        node: Publishing node.
-        port: Its port.
         stated: Quality of service that the launch file asks for, by name.
         action: What the supervisor does when the edge breaks its promise: ``warn``, ``restart``,
             ``shutdown``.
@@ -63,14 +60,11 @@ class GraphNode:
 
     Attributes:
         spec: What the file says of it: what runs, the parameters given, what happens when it ends.
-        mark: Where it is named.
-        run_mark: Where it is written what runs.
         params: Parameters given, each with its place and the argument or shared parameter that it is.
         offered: Parameters that count only if its class has them.
         selected: An argument selects a part of it.
         own: Its class is the caller's, named in place of a choice.
         inputs: Wires by port.
-        complete: Its description has no mistake of its own.
         answer: What its class declares; None until the class has been asked.
     """
 
@@ -133,20 +127,12 @@ class LaunchFile:
     """A launch file and what it includes.
 
     Attributes:
-        file: The launch file, as given.
         workspace: Folder that goes first on the nodes' module path.
         mark: Where the nodes begin.
-        graph: Name of the graph.
-        clock: ``sim`` or ``wall``.
-        seed: Of the graph's random numbers.
-        arguments: Declared arguments, those of included files among them.
-        values: Value of each argument.
         nodes: By name, in the file's order; those of an included file where ``include`` stands.
         variants: The same with each other branch of each selection.
         shared: Shared parameters by name, but those of namespaces.
         unread: Nodes of which it is not known what they run, after a mistake.
-        report: ``module:function`` to run at the end.
-        problems: Mistakes found so far.
         listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.
         view: ``module:function`` that fills its own page of ``palp view``.
         blind: ``palp view`` shows nothing but what that page names as harmless.

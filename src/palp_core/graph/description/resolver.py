@@ -113,9 +113,7 @@ class _Resolver:
     """Resolves a launch file once.
 
     Args:
-        trees: Files that have been read.
         workspace: Folder in which a path in ``run`` becomes a module name.
-        environ: Environment variables.
         now: The host's local time, once: a second may pass between two files.
         forced: Values of arguments, by origin, in place of those that they have.
 
@@ -341,13 +339,7 @@ class _Resolver:
         return found
 
     def _nodes_of(self, file: SourceFile, shared: dict[str, Located], written: dict[str, Located]) -> None:
-        """Read the nodes of a file and of those it includes, in the order in which they stand.
-
-        Args:
-            file: The file.
-            shared: Parameters that its nodes share.
-            written: Those of the command line.
-        """
+        """Read the nodes of a file and of those it includes, in the order in which they stand."""
         for key, entry in file.items.items():
             if key == "include":
                 for included in file.included:

@@ -101,10 +101,6 @@ class SourceFile:
     """A launch file, the root or an included one.
 
     Attributes:
-        path: Where it is.
-        items: Its keys.
-        problems: Receives the mistakes.
-        environ: Environment variables.
         now: The host's local time at launch, as names of files have it.
         forced: Values of arguments, by origin, in place of those that they have.
         place: Where a missing argument is reported.

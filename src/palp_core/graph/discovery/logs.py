@@ -22,11 +22,8 @@ class LogLine(NamedTuple):
     """One line of the merged log.
 
     Attributes:
-        at: Time as written.
-        node: Who printed it.
         level: What it is; of a line that continues a record, that of the record; "" of what was just printed.
         begins: It begins a record.
-        text: As printed.
     """
 
     at: str

@@ -46,14 +46,10 @@ class RunRecord(msgspec.Struct, frozen=True):
     """What ``graph.json`` holds: how a running graph is told from others, and where everything of it is.
 
     Attributes:
-        graph: Its name.
         file: The launch file, as it was given.
-        clock: ``sim`` or ``wall``.
-        pid: The launcher's process.
         start_unix_ns: When it was launched.
         serve: Where the launcher answers.
         nodes: Those with a place in the run directory.
-        topics: All of them.
         listen: Where other hosts call; "" if they cannot.
         workspace: The folder of its nodes; "" if it has none.
         launched_from: The folder it was launched from, as :func:`present_folder` returns it.

@@ -42,7 +42,6 @@ class Trouble(msgspec.Struct, frozen=True):
     Attributes:
         where: The node, ``TOPIC -> READER``, the host's part or the file.
         level: ``error``: it harms a run or did; ``warn``: it may; ``note``: good to know; ``ok``.
-        text: What was found.
         advice: What to do; "" if nothing.
         command: The command of palp to type, but for the run that it is about; :meth:`of_run` takes it.
     """
@@ -110,12 +109,7 @@ def _clock_ns(graph: RunningGraph, timeout_s: float) -> int | None:
 
 
 def node_troubles(rows: Iterable[NodeRow], silent: Mapping[str, str]) -> Iterator[Trouble]:
-    """Yield which nodes do not work.
-
-    Args:
-        rows: How each does.
-        silent: Why a node did not answer, by name.
-    """
+    """Yield which nodes do not work."""
     for name, why in silent.items():
         yield Trouble(f"/{name}", ERROR, why, command=f"palp logs {name}")
     for row in rows:

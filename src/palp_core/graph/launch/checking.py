@@ -57,12 +57,6 @@ def check_start(
 
     Returns what the launch file's report advises of such a run beforehand.
 
-    Args:
-        path: The launch file.
-        checked: It, checked.
-        name: What the running graph is to be called, if not as the launch file says.
-        resume: It is to go on with an interrupted run.
-
     Raises:
         PalpError: It would not start.
     """

@@ -99,9 +99,7 @@ class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         identity: What must be as it is, for another to go on from here.
-        given: The arguments as the command line had them.
         now_ns: When, on the graph's clock.
-        resumed_count: How often the run had been interrupted by then.
         attached: Texts that the report keeps with all that is recorded of the run, by name.
         nodes: Those that the launch file names, in graph order.
         journal: What had been reported of the run by then.
@@ -172,7 +170,6 @@ class Checkpoints:
     Args:
         checked: The graph, as the launch file has it.
         given: Its arguments as the command line has them.
-        resume: Go on from the latest one.
 
     Attributes:
         resumed: What the run goes on from; None: it begins.
@@ -283,14 +280,7 @@ class Checkpoints:
     def write(
         self, checked: CheckedGraph, kept: Mapping[str, bytes], now_ns: int, journal: JournalEntries
     ) -> None:
-        """Write a checkpoint; if that fails, the one before stays, and it is reported once.
-
-        Args:
-            checked: The graph as it is now.
-            kept: Nodes, written down, by name.
-            now_ns: When, on the graph's clock.
-            journal: What has been reported of the run.
-        """
+        """Write a checkpoint; if that fails, the one before stays, and it is reported once."""
         assert self.path is not None
         nodes = [
             KeptNode(name=spec.name, run=spec.run, params=spec.params, kept=kept[spec.name])
@@ -356,12 +346,7 @@ class Checkpoints:
 
 
 class CheckpointWriter:
-    """Gathers what the named nodes write down, and writes a checkpoint once all are there for one message.
-
-    Args:
-        wanted: The nodes.
-        write: Takes what they wrote down, by name.
-    """
+    """Gathers what the named nodes write down, and writes a checkpoint once all are there for one message."""
 
     def __init__(self, wanted: Iterable[str], write: Callable[[Mapping[str, bytes]], None]) -> None:
         self._wanted, self._write = set(wanted), write

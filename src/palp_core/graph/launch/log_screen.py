@@ -29,7 +29,6 @@ class Shown:
     Args:
         level: At least so; not what ended a node, which the launcher itself tells.
         outputs: Of which nodes all is shown: those with ``screen``.
-        show: Shows a line.
         run: Id of the run, for those who are sent to its log.
     """
 

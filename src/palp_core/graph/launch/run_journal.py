@@ -19,10 +19,7 @@ class Incident(msgspec.Struct, frozen=True, kw_only=True):
     """What a node reported as not ``ok``.
 
     Attributes:
-        node: Who reported it.
         level: ``warn`` or ``error``.
-        text: What was wrong.
-        advice: What to do about it.
         at: Time of day; on the graph's clock where that is not known.
         at_s: When, on the graph's clock.
         until_s: When it was over; None if it never was.
@@ -45,7 +42,6 @@ class MethodSpan(msgspec.Struct, frozen=True, kw_only=True):
     """A method, and how long a node used it.
 
     Attributes:
-        node: Who uses it.
         at_s: From when on, on the graph's clock.
         until_s: When another took its place, or the node had no more use for it; None if that never was.
         use: The method, and why it.
@@ -61,7 +57,6 @@ class RunChange(msgspec.Struct, frozen=True):
     """A node was no longer what it had been.
 
     Attributes:
-        node: Which.
         at_s: When, on the graph's clock.
         before: Its class until then; "" where only parameters were set.
         run: The class that took its place; "" likewise.
@@ -79,10 +74,8 @@ class JournalEntries(msgspec.Struct, kw_only=True):
     """What a journal holds.
 
     Attributes:
-        incidents: In the order in which they began.
         standing: The place among these of each that is not over, by topic.
         methods: In the order in which they were reported; reported again unchanged, as by a successor, once.
-        changes: In time's order.
     """
 
     incidents: list[Incident] = []

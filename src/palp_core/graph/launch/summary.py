@@ -61,13 +61,7 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def summary_of(checked: CheckedGraph, path: Path, **outcome: Any) -> RunSummary:
-    """Return how a run of a graph went.
-
-    Args:
-        checked: The graph, as it was at the end.
-        path: Its launch file, as given.
-        outcome: What only the run itself can tell.
-    """
+    """Return how a run of a graph went."""
     return RunSummary(
         graph=checked.graph,
         file=str(path),
