@@ -18,7 +18,7 @@ from palp_core.cli.workspace.templates import named
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.description.diagram import mermaid
 from palp_core.graph.foxglove import log_entries
-from palp_core.graph.launch.graph import check_file
+from palp_core.graph.launch.checking import check_file
 from palp_core.graph.messages.message_text import parse_path
 from palp_core.graph.node.loading import load_class
 from palp_core.graph.node.node import Node

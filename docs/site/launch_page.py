@@ -10,7 +10,6 @@ import yaml
 from msgspec import inspect
 
 from palp_core.graph.description.launch_keys import SECTIONS, SUBSTITUTIONS, Keys
-from palp_core.graph.description.tree_reader import fields_of
 
 _HEAD = """# Launch file: every key
 
@@ -81,12 +80,12 @@ def _section(place: str, keys: type[Keys]) -> Iterator[str]:
     yield f"At `{place}`.\n" if place else "At the top.\n"
     yield "| key | what stands there | without it | what it is for |"
     yield "|---|---|---|---|"
-    for name, field in fields_of(keys).items():
+    for field in inspect.type_info(keys).fields:  # type: ignore[attr-defined]
         about = _about(field.type)
         scope = " Of the file that is launched, not of one that it includes." if about.get("root") else ""
         example = f" As in `{_cell(_written(about['examples'][0]))}`." if about.get("examples") else ""
         yield (
-            f"| `{name}` | {_cell(form_of(field.type))} | {_without(field)} "
+            f"| `{field.encode_name}` | {_cell(form_of(field.type))} | {_without(field)} "
             f"| {_cell(about['description'])}{scope}{example} |"
         )
     yield ""

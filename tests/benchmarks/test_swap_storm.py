@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palp_core.graph.launch.graph import check_file
+from palp_core.graph.launch.checking import check_file
 from tests.support.palp import PATIENCE_S, ROOT
 
 BENCH = ROOT / "benchmarks"

@@ -17,7 +17,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palp_core.graph.launch.graph import check_file
+from palp_core.graph.launch.checking import check_file
 from tests.support.palp import PATIENCE_S, ROOT
 
 BENCH = ROOT / "benchmarks"

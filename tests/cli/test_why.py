@@ -19,7 +19,8 @@ from typer.testing import CliRunner
 from palp_core.cli import running
 from palp_core.cli.main import app
 from palp_core.errors import PalpError
-from palp_core.graph.launch.graph import Graph, check_file
+from palp_core.graph.launch.checking import check_file
+from palp_core.graph.launch.graph import Graph
 from palp_core.graph.launch.summary import summary_of
 from palp_core.graph.messages.builtin import Progress
 from palp_core.graph.messages.frame import parse

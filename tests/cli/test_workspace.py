@@ -11,8 +11,8 @@ import pytest
 
 from palp_core.cli.workspace.templates import named
 from palp_core.errors import GraphError
-from palp_core.graph.launch import graph
-from palp_core.graph.launch.graph import check_file
+from palp_core.graph.launch import checking
+from palp_core.graph.launch.checking import check_file
 from tests.graph.workspaces.installed import forgetting
 from tests.support.palp import Palp
 from tests.support.rig_session import check_here
@@ -38,7 +38,7 @@ def at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 @pytest.fixture
 def checked_here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Look at node classes in this process, which has imported already what is heavy."""
-    monkeypatch.setattr(graph, "check_file", check_here)
+    monkeypatch.setattr(checking, "check_file", check_here)
 
 
 def new(palp: Palp, *words: str) -> None:

@@ -34,7 +34,8 @@ from palp_core.graph.bag.recorder import SUMMARY_NAME
 from palp_core.graph.bag.rounds import NODES_ATTACHMENT
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.description.checked import resolved_yaml
-from palp_core.graph.launch.graph import Graph, check_file
+from palp_core.graph.launch.checking import check_file
+from palp_core.graph.launch.graph import Graph
 from palp_core.graph.messages.builtin import Order
 from palp_core.graph.messages.message import decode, encode
 from palp_core.graph.node.spec import NodeSpec

@@ -16,7 +16,7 @@ import yaml
 
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.checked import resolved_yaml
-from palp_core.graph.description.file_reader import read as describe
+from palp_core.graph.description.resolver import resolve as describe
 from tests.support.palp import PATIENCE_S, Palp, finished
 from tests.support.rig_session import check_here
 

@@ -16,7 +16,7 @@ import pytest
 
 from palp_core.counted import counted
 from palp_core.errors import PalpError
-from palp_core.graph.launch.graph import check_start
+from palp_core.graph.launch.checking import check_start
 from palp_core.graph.messages.frame import topic_of
 from palp_core.graph.supervision.interrupt import INSIST_NS, Interrupted
 from palp_core.palpation.session.trials_csv import read_rows

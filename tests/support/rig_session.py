@@ -17,13 +17,13 @@ from palp_core.graph.description.check import load
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, inspect_classes
 from palp_core.graph.launch import graph
-from palp_core.graph.launch.graph import Graph, succeed
+from palp_core.graph.launch.checking import check_in, succeed
+from palp_core.graph.launch.graph import Graph
 from palp_core.graph.launch.summary import RunSummary
 from tests.support.palp import SIM, Palp, own_palp
 from tests.support.sessions import no_charts
 
 MINUTE_S, MOMENT_S = 60.0, 0.5
-_CHECKED = graph._checked
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,7 +106,7 @@ class BriefGraph(Graph):
 
     def __enter__(self) -> Self:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(graph, "_checked", _checked_briefly)
+            patch.setattr(graph, "check_in", _checked_briefly)
             return super().__enter__()
 
     def run(self, until_s: float | None = None) -> RunSummary:
@@ -132,7 +132,7 @@ class ComposedGraph(BriefGraph):
 
 def _checked_briefly(*given: Any, **more: Any) -> CheckedGraph:
     """Check a launch file, and let a subject palpate for a moment."""
-    checked = _CHECKED(*given, **more)
+    checked = check_in(*given, **more)
     nodes = [
         msgspec.structs.replace(spec, params={**spec.params, "palpation_s": MOMENT_S})
         if spec.params.get("palpation_s") == MINUTE_S

@@ -231,7 +231,7 @@ def test_what_is_wrong_is_said_with_what_to_type() -> None:
         *node_troubles(nodes, {"dead": "its process 7 is gone"}),
         *loss_troubles([edge_row(lost=3)]),
     ]
-    assert [(one.where, one.level, one.text, one.advice) for one in troubles] == [
+    assert [(one.where, one.level, one.text, one.command) for one in troubles] == [
         ("/dead", "error", "its process 7 is gone", "palp logs dead"),
         ("/sink", "warn", "it is inactive: it handles nothing", "palp lifecycle list /sink"),
         (

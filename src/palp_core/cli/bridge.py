@@ -104,7 +104,6 @@ def ros2(
         if check and graph is None and not all_running():
             print_text(f"{map_}: no mistake by itself; no graph runs to check it against")
             return
-        from palp_core.graph.discovery.moving import moves_something_real
         from palp_core.graph.problems import Problems
         from palp_core.graph.ros2.joining import Joining
         from palp_core.graph.ros2.middleware import require
@@ -116,7 +115,7 @@ def ros2(
         if check:
             print_text(f"{map_}: no mistake, checked against graph '{running.record.graph}'")
             return
-        if _changes(entries) and not operate and moves_something_real(running):
+        if _changes(entries) and not operate and running.moves_something_real():
             raise GraphError(
                 "this graph moves something real, and by this map ROS 2 may change it (from_ros2, "
                 "serve_ros2, call_ros2 with to, share_parameters): add --operate, or leave those out"

@@ -79,10 +79,10 @@ def logged_nodes(ctx: typer.Context, incomplete: str) -> list[str]:
 def launch_arguments(ctx: typer.Context, incomplete: str) -> list[str]:
     """Arguments of the launch file that is already on the line, and the choices of one."""
     from palp_core.graph.description.arguments import branch_name
-    from palp_core.graph.description.file_reader import read
+    from palp_core.graph.description.resolver import resolve
 
     with _quietly():
-        found = read(ctx.params["file"])
+        found = resolve(ctx.params["file"])
         known = found.arguments
         name, has_value, _ = incomplete.partition(":=")
         if has_value:

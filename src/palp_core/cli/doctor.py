@@ -15,7 +15,7 @@ from palp_core.cli.options import Call, GraphOption, JsonOption, graph_verb, opt
 from palp_core.cli.output import print_json, print_text, table_lines
 from palp_core.cli.running import note_ended
 from palp_core.counted import counted
-from palp_core.graph.discovery.choice import choose, line_of, meant
+from palp_core.graph.discovery.choice import choose, meant
 from palp_core.graph.discovery.health import (
     EdgeRow,
     HealthReader,
@@ -112,7 +112,7 @@ def _graphs(name: str | None) -> tuple[list[RunRecord], list[Trouble]]:
         Trouble(
             f"graph {record.id}",
             NOTE,
-            f"is another folder's, and not looked at: {line_of(record)}",
+            f"is another folder's, and not looked at: {record}",
             f"look at it: palp doctor --graph {record.id}",
         )
         for record in records

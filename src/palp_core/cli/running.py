@@ -17,13 +17,13 @@ def find_graph(name: str | None, *, changes: bool = False) -> RunningGraph:
 
     If several fit, a verb that ``changes`` something is refused; any other takes the latest.
     """
-    from palp_core.graph.discovery.choice import choose, line_of
+    from palp_core.graph.discovery.choice import choose
     from palp_core.graph.discovery.running_graph import RunningGraph
 
     record, others = choose(name, sole=changes)
     if others:
         more = f"{len(others)} more {'is' if len(others) == 1 else 'are'} running"
-        note(f"graph {line_of(record)}; {more}: palp graph list")
+        note(f"graph {record}; {more}: palp graph list")
     return RunningGraph(record)
 
 

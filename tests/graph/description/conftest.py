@@ -12,6 +12,7 @@ import pytest
 from palp_core.graph.description.check import load
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.description.node_class import inspect_classes
+from palp_core.graph.problems import GraphProblems
 
 MESSAGES = """
 from palp_core import Message
@@ -142,6 +143,12 @@ class Workspace:
 
     def load(self, text: str, *overrides: str) -> CheckedGraph:
         return load(self.write("launch/graph.yaml", text), overrides, inspect_classes)
+
+    def mistakes(self, text: str, *overrides: str) -> list[str]:
+        """Return each mistake of a launch file, its place without the folder."""
+        with pytest.raises(GraphProblems) as caught:
+            self.load(text, *overrides)
+        return [str(problem).replace(f"{self.root}/launch/", "") for problem in caught.value.problems]
 
 
 @pytest.fixture

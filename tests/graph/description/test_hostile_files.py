@@ -52,12 +52,12 @@ FILES: dict[str, tuple[str, str, str]] = {
     "cpus of 10**30": (f"{NODES}    cpus: [{HUGE}]\n", "6:12", "at most 64 bits"),
     "a seed of infinity": (f"seed: .inf\n{NODES}", "3:7", "must be a whole number"),
     "10**30 restarts": (RESTART.format(f"max_restarts: {HUGE}"), "6:47", "at most 64 bits"),
-    "10**18 restarts": (RESTART.format(f"max_restarts: {10**18}"), "6:47", "from 0 to 1,000,000"),
-    "a back-off of infinity": (RESTART.format("backoff_s: .inf"), "6:44", "from 0 to 3,600"),
-    "a back-off of 1e30": (RESTART.format("backoff_s: 1e30"), "6:44", "from 0 to 3,600"),
+    "10**18 restarts": (RESTART.format(f"max_restarts: {10**18}"), "6:47", "at most 1,000,000"),
+    "a back-off of infinity": (RESTART.format("backoff_s: .inf"), "6:44", "at most 3,600"),
+    "a back-off of 1e30": (RESTART.format("backoff_s: 1e30"), "6:44", "at most 3,600"),
     "a depth of 10**30": (WIRE.format(f"depth: {HUGE}"), "8:46", "at most 64 bits"),
-    "a depth of 10**18": (WIRE.format(f"depth: {10**18}"), "8:46", "from 1 to 1,000,000"),
-    "a deadline of infinity": (WIRE.format("deadline_ms: .inf"), "8:52", "from 0 to 1,000,000,000"),
+    "a depth of 10**18": (WIRE.format(f"depth: {10**18}"), "8:46", "at most 1,000,000"),
+    "a deadline of infinity": (WIRE.format("deadline_ms: .inf"), "8:52", "at most 1,000,000,000"),
     "300 branches": (BRANCHES, "5:1", "have 299 branches, more than 200"),
 }
 

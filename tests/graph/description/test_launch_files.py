@@ -14,9 +14,9 @@ import pytest
 from palp_core.graph.description.check import load
 from palp_core.graph.description.checked import CheckedGraph, resolved_yaml, without_effect
 from palp_core.graph.description.diagram import dot, mermaid
-from palp_core.graph.description.file_reader import read
 from palp_core.graph.description.launch_file import arguments_text, find_workspace
 from palp_core.graph.description.node_class import inspect_classes
+from palp_core.graph.description.resolver import resolve
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.problems import GraphProblems
 
@@ -116,7 +116,7 @@ def test_the_printed_graph_loads_to_the_same_nodes_and_wires(workspace: Any) -> 
 
 
 def test_arguments_are_shown_in_the_words_of_ros_2(workspace: Any) -> None:
-    text = arguments_text(read(workspace.write("launch/graph.yaml", LAUNCH)))
+    text = arguments_text(resolve(workspace.write("launch/graph.yaml", LAUNCH)))
     assert text.startswith(
         textwrap.dedent(
             """\
@@ -196,7 +196,7 @@ def test_graphviz_takes_the_dot_text(workspace: Any) -> None:
 
 
 def test_a_file_without_arguments_says_so(workspace: Any) -> None:
-    text = arguments_text(read(workspace.write("launch/graph.yaml", "graph: g\nclock: sim\nnodes: {}\n")))
+    text = arguments_text(resolve(workspace.write("launch/graph.yaml", "graph: g\nclock: sim\nnodes: {}\n")))
     assert text == "Arguments (pass arguments as '<name>:=<value>'):\n\n    No arguments.\n"
 
 
@@ -205,7 +205,7 @@ def test_text_arguments_are_taken_as_typed(workspace: Any) -> None:
         "params: {rate_hz: $(var rate_hz)}", "params: {device: $(var subject)}"
     )
     for typed in ("007", "true", "a: b"):
-        description = read(workspace.write("launch/graph.yaml", text), [f"subject:={typed}"])
+        description = resolve(workspace.write("launch/graph.yaml", text), [f"subject:={typed}"])
         assert description.values["subject"] == typed
 
 

@@ -10,10 +10,9 @@ import pytest
 
 from palp_core.graph.description.check import load
 from palp_core.graph.description.checked import unpublished_words
-from palp_core.graph.description.file_reader import read
 from palp_core.graph.description.launch_file import arguments_text
 from palp_core.graph.description.node_class import inspect_classes
-from palp_core.graph.problems import GraphProblems
+from palp_core.graph.description.resolver import resolve
 
 FILE = """
     graph: g
@@ -82,15 +81,6 @@ def here(workspace: Any, beside: Path) -> Any:
     return workspace
 
 
-def mistakes(here: Any, *overrides: str, text: str = FILE) -> list[str]:
-    with pytest.raises(GraphProblems) as caught:
-        here.load(text, *overrides)
-    return [
-        f"{Path(problem.file).name}:{problem.line}:{problem.column}: {problem.message}"
-        for problem in caught.value.problems
-    ]
-
-
 def policy_of(graph: Any) -> Any:
     return next(spec for spec in graph.nodes if spec.name == "policy")
 
@@ -133,9 +123,9 @@ def test_an_output_that_is_needed_and_an_input_of_its_own_without_a_wire_are_tol
     needed = FILE.replace(", hint: policy/command", "").replace(
         "    nodes:\n", f"    nodes:\n      {record}\n"
     )
-    (one,) = mistakes(here, "policy:=my.py:Silent", text=needed)
+    (one,) = here.mistakes(needed, "policy:=my.py:Silent")
     assert "node 'policy' (Silent) has no output 'command'" in one
-    (one,) = mistakes(here, "policy:=my.py:Hungry")
+    (one,) = here.mistakes(FILE, "policy:=my.py:Hungry")
     assert "node 'policy' (Hungry): input 'other' is not wired; add other: " in one
 
 
@@ -154,22 +144,22 @@ PLACES = "beside this file ({here}/launch), nor in the workspace ({here}), nor w
     ],
 )
 def test_a_wrong_one_is_told_with_a_hint(here: Any, beside: Path, given: str, words: str) -> None:
-    (one,) = mistakes(here, f"policy:={given}")
+    (one,) = here.mistakes(FILE, f"policy:={given}")
     assert words.format(here=here.root, beside=beside) in one
     assert one.startswith("graph.yaml:")
 
 
 def test_a_parameter_that_is_given_by_word_must_be_there(here: Any) -> None:
-    (one,) = mistakes(here, "policy:=my.py:Mine", "policy.order:=4")
+    (one,) = here.mistakes(FILE, "policy:=my.py:Mine", "policy.order:=4")
     assert "there is no parameter 'order'; there are: level" in one
 
 
 def test_its_branch_is_asked_for_read_and_for_nobody_else(here: Any) -> None:
-    (one,) = mistakes(here, text=FILE.replace("          else: $(var policy)\n", ""))
+    (one,) = here.mistakes(FILE.replace("          else: $(var policy)\n", ""))
     assert "run of node 'policy' has no branch for policy=else; add a key 'else'" in one
-    (one,) = mistakes(here, text=FILE.replace("else: {level: $(var level)", "else: {level: $(var levl)"))
+    (one,) = here.mistakes(FILE.replace("else: {level: $(var level)", "else: {level: $(var levl)"))
     assert "no argument 'levl'" in one
-    found = mistakes(here, text=FILE.replace("or_class: true, ", ""))
+    found = here.mistakes(FILE.replace("or_class: true, ", ""))
     assert all("branch 'else' of" in one and "is not a choice of argument 'policy'" in one for one in found)
     assert len(found) == 2
 
@@ -186,11 +176,11 @@ def test_its_branch_is_asked_for_read_and_for_nobody_else(here: Any) -> None:
 )
 def test_what_says_so_is_checked(here: Any, wrong: str, words: str) -> None:
     text = FILE.replace("choices: [fixed, markov], or_class: true", wrong)
-    assert any(words in one for one in mistakes(here, text=text))
+    assert any(words in one for one in here.mistakes(text))
 
 
 def test_the_arguments_say_that_a_class_will_do(here: Any) -> None:
-    text = arguments_text(read(here.write("launch/graph.yaml", FILE)))
+    text = arguments_text(resolve(here.write("launch/graph.yaml", FILE)))
     assert (
         "Valid choices are: ['fixed', 'markov'], or a class of yours: MODULE:CLASS or FILE.py:CLASS" in text
     )

@@ -11,9 +11,8 @@ import pytest
 import yaml
 from msgspec import inspect
 
-from palp_core.graph.description.file_reader import read
 from palp_core.graph.description.launch_keys import SECTIONS, launch_schema
-from palp_core.graph.description.tree_reader import fields_of
+from palp_core.graph.description.resolver import resolve
 from tests.support.palp import ROOT, Palp
 
 SCHEMA = launch_schema()
@@ -77,7 +76,7 @@ def mistakes(folder: Path, values: dict[str, Any]) -> str:
     (folder / "included.yaml").write_text("args: {}\n", encoding="utf-8")
     file = folder / "made_up.yaml"
     file.write_text(yaml.safe_dump(values, sort_keys=False), encoding="utf-8")
-    found = [str(problem) for problem in read(file).problems]
+    found = [str(problem) for problem in resolve(file).problems]
     expected = ("is never used", "has no default and is not given")
     return "\n".join(line for line in found if not any(words in line for words in expected))
 
@@ -129,7 +128,8 @@ def right(name: str, kind: inspect.Type) -> Any:
 
 @pytest.mark.parametrize("place", SECTIONS)
 def test_checker_and_schema_take_each_key_and_refuse_the_same_values(place: str, tmp_path: Path) -> None:
-    for name, field in fields_of(SECTIONS[place]).items():
+    for field in inspect.type_info(SECTIONS[place]).fields:  # type: ignore[attr-defined]
+        name = field.encode_name
         good = with_value(place, name, right(name, field.type))
         assert objections(good) == [], name
         said = mistakes(tmp_path, good)

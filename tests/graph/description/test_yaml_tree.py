@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
-from palp_core.graph.description.substitution import Scope, evaluate
+from palp_core.graph.description.arguments import Argument
+from palp_core.graph.description.source_file import SourceFile
 from palp_core.graph.description.yaml_tree import UNKNOWN, Mapping, Scalar, Sequence, read_tree
-from palp_core.graph.problems import GraphProblems, Problems
+from palp_core.graph.problems import GraphProblems, Mark, Problems
 
 
 def tree_of(tmp_path: Path, text: str) -> tuple[Any, Problems]:
@@ -118,8 +119,10 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
 )
 def test_substitutions_keep_types_where_they_stand_alone(tmp_path: Path, text: str, value: Any) -> None:
     tree, problems = tree_of(tmp_path, f"a: {text}\n")
-    scope = Scope(Path("folder/a.yaml"), {"PORT": "5"}, {"rate": 2.5, "live": True})
-    found = evaluate(tree.items["a"].value, scope, problems)
+    here = Mark("a.yaml", 1, 1)
+    file = SourceFile(Path("folder/a.yaml"), {}, problems, {"PORT": "5"}, "now", {}, here)
+    file.take({name: Argument(name, here, known) for name, known in (("rate", 2.5), ("live", True))})
+    found = file.evaluate(tree.items["a"].value)
     assert found == value
     assert type(found) is type(value)
     assert len(problems) == (1 if value is UNKNOWN else 0)

@@ -52,7 +52,7 @@ def main() -> None:
 
     def observe(_: int, frame: bytes) -> None:
         found = parse(frame)
-        reached = found.sequence if topic else graph.checkpoints.cost.count
+        reached = found.sequence if topic else graph.checkpoints.count
         if found.topic == (topic or found.topic) and reached >= int(sequence):
             os.killpg(os.getpgrp(), signal.SIGKILL)
 

@@ -14,8 +14,9 @@ from palp_core.errors import GraphError
 from palp_core.graph.bag.reader import read
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.description.node_class import inspect_classes
-from palp_core.graph.launch import checkpoints
-from palp_core.graph.launch.checkpoints import Checkpoints
+from palp_core.graph.launch import checkpoint
+from palp_core.graph.launch.checkpoint import Checkpoints
+from palp_core.graph.launch.run_journal import JournalEntries
 from palp_core.graph.messages.frame import parse
 from tests.graph.launch.killed import launch_and_kill
 from tests.support.palp import Palp
@@ -135,6 +136,7 @@ nodes:
   echo: {run: walk.py:Echo, inputs: {step: walker/step, stop: walker/stop}}
 checkpoint: {file: $(var out)/checkpoint, after: walker/stop, nodes: [walker, echo]}
 """
+KEPT = {"walker": b"the walker", "echo": b"the echo"}
 
 
 @pytest.fixture
@@ -159,7 +161,7 @@ def write(file: Path, *overrides: str, graph: CheckedGraph | None = None) -> Che
     launched = checked(file, *overrides)
     run = Checkpoints(launched, overrides, resume=False)
     run.begin()
-    run.write(graph or launched, [b"the walker", b"the echo"], 0, now_ns=7)
+    run.write(graph or launched, KEPT, 7, JournalEntries())
     run.close()
     return run
 
@@ -185,7 +187,7 @@ def test_what_was_written_last_is_what_a_run_resumes_from(file: Path) -> None:
         ("echo", b"the echo"),
     ]
     assert (again.resumed.now_ns, again.resumed_count) == (7, 1)
-    again.write(checked(file), [b"the walker, later", b""], 0, now_ns=9)
+    again.write(checked(file), {"walker": b"the walker, later"}, 9, JournalEntries())
     again.close()
     third = resume(file)
     assert third.resumed is not None
@@ -289,19 +291,19 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_one_before(
     run.on_trouble = said.append
     text = f"no checkpoint can be written to {kept_in(file)}: No space left on device"
     with monkeypatch.context() as patch:
-        patch.setattr(checkpoints, "write_checkpoint", full)
+        patch.setattr(checkpoint, "write_checkpoint", full)
         for _ in range(2):
-            run.write(checked(file), [b"", b"lost"], 0, now_ns=8)
+            run.write(checked(file), {"echo": b"lost"}, 8, JournalEntries())
     assert said == [text]
-    assert [record.message for record in caplog.records] == [f"{text}; {checkpoints.RESUMES}"]
+    assert [record.message for record in caplog.records] == [f"{text}; {checkpoint.RESUMES}"]
     run.close()
     again = resume(file)
     assert again.resumed is not None
     assert again.resumed.now_ns == 7
     again.on_trouble = said.append
-    again.write(checked(file), [b"", b"kept"], 0, now_ns=9)
+    again.write(checked(file), {"echo": b"kept"}, 9, JournalEntries())
     again.close()
-    assert again.cost.count == 1
+    assert again.count == 1
     assert resume(file).resumed is not None
 
 

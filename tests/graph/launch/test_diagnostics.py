@@ -19,8 +19,8 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.discovery.troubles import Trouble, active_diagnostics
-from palp_core.graph.launch.diagnostics import Incident
 from palp_core.graph.launch.graph import Graph
+from palp_core.graph.launch.run_journal import Incident
 from palp_core.graph.messages.builtin import DiagnosticStatus
 from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.messages.message import encode
@@ -123,7 +123,7 @@ def guarded(tmp_path: Path) -> Path:
 def test_an_incident_is_told_when_it_begins_and_ends_and_kept(guarded: Path, clock: str) -> None:
     changes: list[tuple[str, Incident | None]] = []
     with Graph(guarded, clock=clock) as graph:
-        graph.diagnostics.on_change = lambda topic, incident: changes.append((topic, incident))
+        graph.journal.on_incident = lambda topic, incident: changes.append((topic, incident))
         summary = graph.run()
     first, last = summary.incidents
     assert {topic for topic, _ in changes} == {"/guard/diagnostics"}
@@ -186,21 +186,26 @@ def test_below_the_bars_a_line_stands_in_red_and_their_time_with_it() -> None:
 
 
 def test_a_running_graph_is_asked_and_a_silent_node_is_no_obstacle() -> None:
-    nodes = [NodeEntry(name, "", os.getpid(), f"{name}.pub", f"{name}.srv") for name in ("a", "b", "c")]
+    nodes = [NodeEntry(name, "", os.getpid(), f"{name}.pub", f"{name}.srv") for name in ("a", "b", "c", "d")]
     topics = [topic_of(f"/{node.name}/d", DiagnosticStatus, node.name, node.publish) for node in nodes]
     record = RunRecord("toy", "toy.yaml", "wall", 1, 0, "ipc:///nowhere/graph.srv", nodes, topics)
+    asked = []
+    tripped = DiagnosticStatus(stamp_ns=10**9, level="error", text="tripped", advice="palp safety ack")
     said = {
         "a.srv": DiagnosticStatus(stamp_ns=0),
-        "c.srv": DiagnosticStatus(stamp_ns=10**9, level="error", text="tripped", advice="palp safety ack"),
+        "c.srv": tripped,
+        "d.srv": tripped,
     }
 
     def answer(endpoint: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
         if request["op"] == "clock":
+            asked.append(endpoint)
             return {"now_ns": 113 * 10**9}
         if endpoint not in said:
             return None
         return {"frames": [pack(b"/c/d", Kind.DATA, 0, 1, 0, 0, encode(said[endpoint]))]}
 
-    (found,) = active_diagnostics(RunningGraph(record, answer), 1.0)
-    assert str(found) == "/c: tripped (112 s ago)"
+    found, other = active_diagnostics(RunningGraph(record, answer), 1.0)
+    assert (str(found), str(other)) == ("/c: tripped (112 s ago)", "/d: tripped (112 s ago)")
+    assert len(asked) == 1  # a launcher that answers late is waited for once
     assert found.trouble == Trouble("/c", "error", "tripped (112 s ago)", "palp safety ack")

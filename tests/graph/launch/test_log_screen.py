@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.graph.discovery.log_lines import LogLine
+from palp_core.graph.discovery.logs import LogLine
 from palp_core.graph.launch.graph import Graph
 from palp_core.graph.launch.log_screen import MOST_PER_S, Shown
 from palp_core.graph.log_format import ENDS_NODE

@@ -8,7 +8,7 @@ import pytest
 
 from palp_core.graph.description.check import load
 from palp_core.graph.description.node_class import inspect_classes
-from palp_core.graph.launch.graph import succeed
+from palp_core.graph.launch.checking import succeed
 from palp_core.graph.problems import GraphProblems
 from tests.support.palp import SIM
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palp_core.graph.discovery.log_reader import follow
+from palp_core.graph.discovery.logs import follow
 from palp_core.graph.supervision import logs
 from palp_core.graph.supervision.logs import LogWriter, note, tail
 

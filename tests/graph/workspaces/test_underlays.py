@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from palp_core.errors import GraphError
-from palp_core.graph.description.file_reader import read
+from palp_core.graph.description.resolver import resolve
 from palp_core.graph.node.loading import enter_workspace, load_class, source_of
 from palp_core.graph.workspaces import underlays
 from palp_core.graph.workspaces.modules import hidden_modules
@@ -73,7 +73,7 @@ def test_a_launch_file_is_named_by_its_workspace(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert launch_path("softlab:shapes.yaml") == softlab / "launch/shapes.yaml"
-    assert read(Path("softlab:shapes.yaml")).workspace == softlab
+    assert resolve(Path("softlab:shapes.yaml")).workspace == softlab
 
 
 def test_the_workspace_that_one_is_in_lies_over_an_installed_launch_file(
@@ -81,7 +81,7 @@ def test_the_workspace_that_one_is_in_lies_over_an_installed_launch_file(
 ) -> None:
     (own / "deeper").mkdir()
     monkeypatch.chdir(own / "deeper")
-    assert read(Path("softlab:shapes.yaml")).workspace == own
+    assert resolve(Path("softlab:shapes.yaml")).workspace == own
 
 
 @pytest.mark.parametrize(
@@ -110,11 +110,11 @@ def test_a_launch_file_includes_one_of_an_installed_workspace(own: Path) -> None
     text = "graph: more\nclock: sim\ninclude: [{file: softlab:shapes.yaml}]\n"
     text += "nodes: {mine: {run: nodes.mine:Shape}}\n"
     file.write_text(text, encoding="utf-8")
-    description = read(file)
+    description = resolve(file)
     assert list(description.nodes) == ["shape", "mine"]
     assert description.workspace == own
     file.write_text(text.replace("shapes.yaml", "shaped.yaml"), encoding="utf-8")
-    (problem,) = read(file).problems
+    (problem,) = resolve(file).problems
     assert problem.line == 3
     assert "did you mean 'softlab:shapes.yaml'?" in problem.message
 
@@ -187,4 +187,4 @@ def test_the_rigs_classes_are_there_to_derive_from() -> None:
 
 def test_reading_an_unknown_installed_file_is_a_mistake_in_words() -> None:
     with pytest.raises(GraphError, match="there are: emulated"):
-        read(Path("rig:nothing.yaml"))
+        resolve(Path("rig:nothing.yaml"))

@@ -12,7 +12,7 @@ from nodes.emg import EmgParams
 from nodes.rig_torque import RigTorque, RigTorqueParams
 from nodes.stage import Stage, StageParams
 from palp_core import Bench
-from palp_core.graph.description.file_reader import read
+from palp_core.graph.description.resolver import resolve
 from palp_core.palpation.devices.blocks import (
     LONGEST_S,
     Stream,
@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[3]
 
 def params(launch: str, node: str, defaults: Any, *overrides: str) -> Any:
     """Return the parameters that a node has in a launch file, those of its class among them."""
-    stated = read(ROOT / "launch" / launch, overrides).nodes[node].spec.params
+    stated = resolve(ROOT / "launch" / launch, overrides).nodes[node].spec.params
     fields = defaults.__struct_fields__
     return {name: stated.get(name, getattr(defaults, name)) for name in fields}
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from palp_core.errors import PalpError
-from palp_core.graph.launch.methods_told import MethodTold
+from palp_core.graph.launch.run_journal import MethodSpan
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.reporting.charts import Chart, image, save
@@ -338,7 +338,7 @@ def test_a_chart_is_the_same_bytes_every_time(rig_session: RigSession) -> None:
 def test_a_smoother_that_was_left_to_the_register_is_drawn_as_the_run_chose_it(
     record: Writer, summary: Summariser
 ) -> None:
-    chosen = MethodTold(node="estimator", at_s=0.0, use=used("denoise"))
+    chosen = MethodSpan(node="estimator", at_s=0.0, use=used("denoise"))
     out = record(trials=TRIALS)
     write(out, summary(out, denoise=chosen.use.name), charts=True)
     by_name = numbers(out, "sweeps")

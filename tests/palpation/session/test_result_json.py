@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from palp_core.errors import PalpError
-from palp_core.graph.launch.changes_told import ChangeTold
-from palp_core.graph.launch.methods_told import MethodTold
+from palp_core.graph.launch.run_journal import MethodSpan, RunChange
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.mechanics.scene.rig import rig
 from palp_core.palpation.session import run_note
@@ -244,8 +243,8 @@ def test_a_label_names_the_policies_that_took_over(record: Writer, summary: Summ
     assert label(protocol=last).endswith(", from trial 60 on mine, 8 mm")
 
 
-def changed(before: str, run: str, at_s: float = 0.5) -> ChangeTold:
-    return ChangeTold("policy", at_s, f"nodes.policies:{before}", f"nodes.policies:{run}")
+def changed(before: str, run: str, at_s: float = 0.5) -> RunChange:
+    return RunChange("policy", at_s, f"nodes.policies:{before}", f"nodes.policies:{run}")
 
 
 def test_a_policy_that_gave_way_in_training_is_not_the_one_that_is_named(
@@ -275,8 +274,8 @@ def test_what_was_changed_is_told_with_when_and_a_parameter_as_it_was_in_the_end
     at_s = rows[first_trial - 1].start_ns / 1e9
     changes = [
         changed("Markov", "Fixed", at_s=rows[0].start_ns / 1e9),
-        ChangeTold("policy", at_s, params={"ring_mm": 12.0}),
-        ChangeTold("estimator", 1e6, params={"stop_value": 0.5}),
+        RunChange("policy", at_s, params={"ring_mm": 12.0}),
+        RunChange("estimator", 1e6, params={"stop_value": 0.5}),
     ]
     run = summary(out)
     run.params["policy"] = {"ring_mm": 16.0}
@@ -323,7 +322,7 @@ def test_the_world_stands_in_result_and_page_unless_it_is_the_papers(
     plain = built(out := record(trials=TRIALS), summary(out))
     assert "world" not in plain
     run = summary(out)
-    told = [MethodTold(node="phantom", at_s=0.0, use=use) for use in rig_uses(rig(), None, LAB)]
+    told = [MethodSpan(node="phantom", at_s=0.0, use=use) for use in rig_uses(rig(), None, LAB)]
     found = built(out, msgspec.structs.replace(run, methods=told))
     assert found["world"]["name"] == "lab"
     texture = found["world"]["parameters"]["texture_sd_n_m"]

@@ -13,7 +13,7 @@ import msgspec
 import pytest
 
 from palp_core.errors import PalpError
-from palp_core.graph.launch.graph import check_file
+from palp_core.graph.launch.checking import check_file
 from palp_core.graph.launch.summary import RunSummary, summary_of
 from palp_core.palpation.session.report import session
 from palp_core.palpation.session.roles import PUBLISHED, roles_of

@@ -37,7 +37,7 @@ def draw(
 ) -> None:
     """Print a launch file's graph as Mermaid or DOT text."""
     from palp_core.graph.description.diagram import dot, mermaid
-    from palp_core.graph.launch.graph import check_file
+    from palp_core.graph.launch.checking import check_file
 
     drawn = dot if as_dot else mermaid
     print_text(drawn(check_file(file, arguments or [])).rstrip())
@@ -47,7 +47,7 @@ def draw(
 def show(file: FileArgument, arguments: ArgumentsArgument = None) -> None:
     """Print the resolved graph as a launch file of its own."""
     from palp_core.graph.description.checked import resolved_yaml
-    from palp_core.graph.launch.graph import check_file
+    from palp_core.graph.launch.checking import check_file
 
     checked = check_file(file, arguments or [])
     note_remarks(file, checked)
@@ -57,10 +57,10 @@ def show(file: FileArgument, arguments: ArgumentsArgument = None) -> None:
 @app.command("args")
 def show_arguments(file: FileArgument, arguments: ArgumentsArgument = None) -> None:
     """Show a launch file's arguments, defaults and choices."""
-    from palp_core.graph.description.file_reader import read
     from palp_core.graph.description.launch_file import arguments_text
+    from palp_core.graph.description.resolver import resolve
 
-    print_text(arguments_text(read(file, arguments or [])))
+    print_text(arguments_text(resolve(file, arguments or [])))
 
 
 @app.command()

@@ -23,8 +23,8 @@ from palp_core.graph.supervision.log_levels import LogLevels
 from palp_core.whole_file import write_whole
 
 if TYPE_CHECKING:
-    from palp_core.graph.launch.diagnostics import Incident
     from palp_core.graph.launch.graph import Graph
+    from palp_core.graph.launch.run_journal import Incident
     from palp_core.graph.launch.summary import RunSummary
     from palp_core.graph.lockstep.digest import TopicDigest
 
@@ -76,7 +76,7 @@ def launch(
     if operate and not view:
         raise GraphError("--operate lets a page be pressed that --view shows: give both")
     if check:
-        from palp_core.graph.launch.graph import check_file, check_start
+        from palp_core.graph.launch.checking import check_file, check_start
 
         checked = check_file(file, overrides)
         for words in check_start(file, checked, name, resume=resume):
@@ -140,7 +140,7 @@ def _run(
         **options,
     )
     graph.observers.add(Progress, view.show_progress)
-    graph.diagnostics.on_change = lambda topic, incident: view.show_diagnostic(
+    graph.journal.on_incident = lambda topic, incident: view.show_diagnostic(
         topic, _addressed(graph, incident)
     )
     try:
@@ -201,17 +201,18 @@ def _addressed(graph: Graph, incident: Incident | None) -> Incident | None:
     """Return what is wrong with advice that names this run, if it is not the only one."""
     import msgspec
 
-    from palp_core.graph.discovery.choice import addressed
+    from palp_core.graph.discovery.choice import addressed_advice
 
     if incident is None:
         return None
-    return msgspec.structs.replace(incident, advice=addressed(incident.advice, graph.directory.path.name))
+    advice = addressed_advice(incident.advice, graph.directory.path.name)
+    return msgspec.structs.replace(incident, advice=advice)
 
 
 def _note_incidents(graph: Graph) -> None:
     """Note at the very end what nodes reported, a trip of a safety node above all."""
     sys.stdout.flush()
-    for incident in graph.diagnostics.incidents:
+    for incident in graph.journal.entries.incidents:
         note(str(incident))
 
 

@@ -32,8 +32,8 @@ def logs(
     --since each line has time and name; what was printed without a level has none.
     """
     from palp_core.cli.words import since as time_of
-    from palp_core.graph.discovery.log_lines import LineFilter, all_lines
-    from palp_core.graph.discovery.log_reader import follow as following
+    from palp_core.graph.discovery.logs import LineFilter, all_lines
+    from palp_core.graph.discovery.logs import follow as following
     from palp_core.graph.node.spec import MERGED_LOG
     from palp_core.graph.supervision.logs import tail
     from palp_core.whole_file import is_locked

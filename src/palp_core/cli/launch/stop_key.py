@@ -29,14 +29,14 @@ def stopped_words(reply: dict[str, Any], run: str) -> str:
     """Return what to say of a run whose motion was stopped, and how to go on."""
     from palp_core.graph.discovery.choice import addressed
 
-    return addressed(f"{reply['state']}: {reply['cause']}; when all is well: palp safety ack", run)
+    return f"{reply['state']}: {reply['cause']}; when all is well: {addressed('palp safety ack', run)}"
 
 
 def call_safety(
     running: RunningGraph, service: str, request: dict[str, Any], timeout_s: float
 ) -> dict[str, Any]:
     """Call a service of the safety node, which is the one that stops and acknowledges."""
-    from palp_core.graph.discovery.moving import safety_node
+    from palp_core.graph.discovery.safety_node import safety_node
 
     node = safety_node(((topic.node, topic.type) for topic in running.record.topics), running.node_names)
     if node is None:
@@ -51,8 +51,8 @@ def call_safety(
 
 def stop_key(graph: Graph) -> StopKey:
     """Return the key that stops a graph's motion; it listens if the graph has a safety node."""
-    from palp_core.graph.discovery.moving import safety_node
     from palp_core.graph.discovery.running_graph import RunningGraph
+    from palp_core.graph.discovery.safety_node import safety_node
 
     def press() -> None:
         record = graph.launcher_node.record

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 from palp_core.cli.output import escape_controls, note, print_text
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.launch.diagnostics import time_of_day
+from palp_core.graph.launch.run_journal import time_of_day
 from palp_core.graph.messages.builtin import Progress
 
 if TYPE_CHECKING:
     from palp_core.cli.launch.bars import Bars
     from palp_core.graph.description.checked import CheckedGraph
-    from palp_core.graph.discovery.log_lines import LogLine
-    from palp_core.graph.launch.diagnostics import Incident
+    from palp_core.graph.discovery.logs import LogLine
+    from palp_core.graph.launch.run_journal import Incident
 
 REDRAW_NS = 100_000_000
 COLOURS = {"warning": "yellow", "error": "red"}

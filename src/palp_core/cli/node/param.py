@@ -76,17 +76,13 @@ def set_(
     ] = None,
 ) -> None:
     """Set parameters of a running node, all or none."""
-    from palp_core.graph.discovery.message_yaml import typed_parameters
-
     words = [name, value, *(more or [])]
     if len(words) % 2:
         raise GraphError(
             f"parameter '{words[-1]}' has no value; write it as in: palp param set NODE NAME VALUE"
         )
-    running = call.graph
-    declared = running.ask(node, "describe_parameters", timeout_s=call.timeout_s)["parameters"]
-    wanted = typed_parameters(node, declared, dict(zip(words[::2], words[1::2], strict=True)))
-    _set(call, node, wanted)
+    texts = dict(zip(words[::2], words[1::2], strict=True))
+    _set(call, node, call.graph.typed_parameters(node, texts, timeout_s=call.timeout_s))
 
 
 @app.command("describe")

@@ -38,7 +38,7 @@ def _stop_all(call: Call) -> None:
     """Stop all graphs at the same time, so that a silent one holds up none; status 2 if one was not."""
     from concurrent.futures import ThreadPoolExecutor
 
-    from palp_core.graph.discovery.choice import START_ONE, line_of
+    from palp_core.graph.discovery.choice import START_ONE
     from palp_core.graph.discovery.run_directory import RunRecord, running
     from palp_core.graph.discovery.running_graph import RunningGraph
 
@@ -58,10 +58,10 @@ def _stop_all(call: Call) -> None:
         print_json(replies)
     for record, answer in answers:
         if isinstance(answer, GraphError):
-            note(f"{line_of(record)}: {answer}")
+            note(f"{record}: {answer}")
         elif not call.as_json:
             again = f"when all is well: palp safety ack --graph {record.id}"
-            print_text(f"{line_of(record)}: {answer['state']}: {answer['cause']}; {again}")
+            print_text(f"{record}: {answer['state']}: {answer['cause']}; {again}")
     if len(replies) < len(records):
         sys.exit(2)
 

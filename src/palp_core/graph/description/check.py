@@ -14,11 +14,10 @@ from palp_core.graph.description.checked import (
     TopicInfo,
     recorders_apart,
 )
-from palp_core.graph.description.checkpoint_entry import check_checkpoint
-from palp_core.graph.description.file_reader import read
 from palp_core.graph.description.fitting import fitted
 from palp_core.graph.description.launch_file import GraphNode, InputEntry, LaunchFile
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, NodePort
+from palp_core.graph.description.resolver import resolve
 from palp_core.graph.description.wire_check import disagreements, misfits, type_misfit
 from palp_core.graph.messages.qos import on_edge
 from palp_core.graph.node.spec import NodeSpec, topic
@@ -46,19 +45,14 @@ _ADVICE = {
 def load(
     path: Path, overrides: Sequence[str], inspect: InspectFunction, succeed: SucceedFunction | None = None
 ) -> CheckedGraph:
-    """Read and check a launch file.
+    """Read and check a launch file, by :func:`.inspect_classes` where workspace modules may be imported.
 
-    Args:
-        path: The launch file.
-        overrides: Arguments as ``name:=value``.
-        inspect: Runs :func:`.inspect_classes` where workspace modules may be imported.
-        succeed: Returns what speaks against a class in a node's place, and the graph with it there; None:
-            whether later classes fit is not asked.
+    With ``succeed``, which judges a class in a node's place, classes that are to take over later are, too.
 
     Raises:
         GraphProblems: All its mistakes.
     """
-    return check(read(path, overrides), inspect, succeed)
+    return check(resolve(path, overrides), inspect, succeed)
 
 
 def check(
@@ -128,15 +122,27 @@ def _check_shared_names(description: LaunchFile, drafts: Sequence[_Nodes], probl
 
 
 def _with_checkpoint(checked: CheckedGraph, description: LaunchFile, problems: Problems) -> CheckedGraph:
-    readers = {name: {node for node, _ in ends} for name, ends in checked.edges.items()}
-    here = [spec.name for spec in checked.spawned]
-    found = check_checkpoint(description.checkpoint, checked.topics, readers, here, problems)
-    problems.raise_any()
-    if found is None or checked.clock == "sim":  # a run in simulated time is run again
+    if description.checkpoint is None:
+        problems.raise_any()
         return checked
-    keeps_at = dict.fromkeys(found.nodes, found.after)
+    keys, mark = description.checkpoint.value, description.checkpoint.mark
+    after, here = topic(*keys.after.split("/")), [spec.name for spec in checked.spawned]
+    if after not in checked.topics:
+        known = [name.removeprefix("/") for name in checked.topics]
+        problems.add(mark, f"checkpoint: no output '{keys.after}'{hint(keys.after, known)}")
+    concerned = {after.split("/")[1], *(node for node, _ in checked.edges.get(after, ()))}
+    for name in keys.nodes if after in checked.topics else ():
+        if name not in here:
+            problems.add(mark, f"checkpoint: no node '{name}' on this host{hint(name, here)}")
+        elif name not in concerned:
+            text = f"node '{name}' neither publishes nor reads {keys.after}, and cannot tell when it is due"
+            problems.add(mark, f"checkpoint: {text}")
+    problems.raise_any()
+    if checked.clock == "sim":  # a run in simulated time is run again
+        return checked
+    keeps_at = dict.fromkeys(keys.nodes, after)
     nodes = [msgspec.structs.replace(spec, keeps_at=keeps_at.get(spec.name, "")) for spec in checked.nodes]
-    return msgspec.structs.replace(checked, checkpoint=found, nodes=nodes)
+    return msgspec.structs.replace(checked, checkpoint=keys, nodes=nodes)
 
 
 class _Later(NamedTuple):
@@ -150,7 +156,7 @@ class _Later(NamedTuple):
     def blame(self, error: str, problems: Problems) -> None:
         """Note what is wrong with it."""
         text = f"{self.planner}: {self.parameter}: {self.answer.run}: {error}"
-        problems.add(self.planner.param_marks[self.parameter], text)
+        problems.add(self.planner.params[self.parameter].mark, text)
 
 
 def _look_at_later(
@@ -201,8 +207,9 @@ class _ParamMistakes:
 
     def add(self, node: GraphNode, name: str, error: str) -> None:
         """Note what is wrong with a node's parameter; "" is all of them together."""
-        mark = node.param_marks.get(name, node.run_mark)
-        whose = node.arguments.get(name, f"{node.spec.name} {mark}")
+        given = node.params.get(name)
+        mark = node.run_mark if given is None else given.mark
+        whose = given.argument if given is not None and given.argument else f"{node.spec.name} {mark}"
         self._found.setdefault((whose, error), []).append((mark, node))
 
     def report(self, problems: Problems) -> None:
@@ -229,14 +236,14 @@ def _check_class(
         problems.add(reader.run_mark, f"node '{reader.spec.name}': {reader.declared.error}")
         return
     for name, error in reader.declared.param_errors.items():
-        is_stated = reader.selected and name in reader.param_marks and name not in reader.defaulted
+        is_stated = reader.selected and name in reader.params and not reader.params[name].defaulted
         if reader.declared.examined and is_variant and not is_stated:
             continue  # a branch that is not taken; with these arguments it could not be
         what = f"{reader.spec.name} {reader.spec.params.get(name)} {error}"  # of several branches of a node
         if reader.declared.examined and what in said:
             continue
         said.add(what)
-        if name in reader.param_marks or reader.complete:
+        if name in reader.params or reader.complete:
             wrong.add(reader, name, error)
 
 
@@ -265,8 +272,8 @@ def _check_shared(checked: CheckedGraph, nodes: _Nodes, problems: Problems) -> N
     """Refuse nodes that disagree on what both must know."""
     for found in disagreements(checked):
         reader, source = nodes[found.reader], nodes[found.source]
-        marks = {**source.param_marks, **reader.param_marks}
-        problems.add(marks.get(found.parameter, reader.run_mark), found.text)
+        given = reader.params.get(found.parameter) or source.params.get(found.parameter)
+        problems.add(reader.run_mark if given is None else given.mark, found.text)
 
 
 def _source(port: NodePort, nodes: _Nodes) -> str:

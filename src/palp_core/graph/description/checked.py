@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import yaml
 
-from palp_core.graph.description.checkpoint_entry import CheckpointEntry
+from palp_core.graph.description.launch_keys import CheckpointKeys
 from palp_core.graph.description.node_class import NodePort
 from palp_core.graph.messages.message_type import MessageType
 from palp_core.graph.messages.qos import Qos
@@ -23,8 +23,6 @@ class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         node: Who publishes it.
-        port: On which port.
-        type: Name of the message type.
         type_hash: 16 hexadecimal digits.
         qos: What the publisher offers; as a reader wants it, what that requests.
     """
@@ -39,14 +37,7 @@ class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, node: str, port: NodePort, *, reply: bool = False, qos: Qos | None = None) -> TopicInfo:
-        """Return what a port of a node carries.
-
-        Args:
-            node: Running name.
-            port: Of its class.
-            reply: Of a service or a client: the reply, not the request.
-            qos: In place of the port's own.
-        """
+        """Return what a port of a node carries."""
         return cls.carrying(port.types[1 if reply else 0], node, port, qos)
 
     @classmethod
@@ -70,7 +61,6 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         topic: What it reads; for a client, the service's topic.
-        qos: What it requests.
         stated: The part of ``qos`` that the launch file states.
         action: What the supervisor does when the edge breaks its promise.
         external: The messages come from outside the graph, on a topic of the reader's.
@@ -91,20 +81,13 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     """A launch file whose every part has been checked.
 
     Attributes:
-        graph: Its name.
         file: The launch file, absolute.
         workspace: Folder that goes first on the nodes' module path, absolute.
-        clock: ``sim`` or ``wall``.
-        seed: Of its random numbers.
-        args: Arguments of the launch file with their values.
         nodes: Nodes in the file's order, those of an included file where ``include`` stands.
         recorders: Entries of the file that record the graph.
-        composed: Whether all nodes are to run in the launcher's process.
         readings: Wired inputs by node and port.
         edges: Readers of each topic as [node, port], requests and replies among them: a client's requests
             travel on ``/<client>/<port>``, the replies on ``/<server>/<service>/<client>/<port>``.
-        topics: What each topic carries, read or not.
-        docs: First line of each node class's docstring, by node.
         report: ``module:function`` to run at the end; "" for none.
         listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.
         view: ``module:function`` that fills its own page of ``palp view``; "" for none.
@@ -129,7 +112,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     composed: bool = False
     view: str = ""
     attached: dict[str, str] = {}
-    checkpoint: CheckpointEntry | None = None
+    checkpoint: CheckpointKeys | None = None
 
     @property
     def readers(self) -> dict[str, list[int]]:
@@ -253,7 +236,7 @@ def resolved_yaml(graph: CheckedGraph) -> str:
     if graph.view:
         tree["view"] = graph.view
     if (kept := graph.checkpoint) is not None:
-        tree["checkpoint"] = {"file": kept.file, "after": kept.after.removeprefix("/"), "nodes": kept.nodes}
+        tree["checkpoint"] = msgspec.to_builtins(kept)
     text: str = yaml.dump(
         tree, Dumper=_Dumper, sort_keys=False, default_flow_style=False, allow_unicode=True, width=110
     )

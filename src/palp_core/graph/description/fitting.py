@@ -13,9 +13,6 @@ def fitted(nodes: Mapping[str, GraphNode]) -> dict[str, GraphNode]:
     """Leave away what classes lack: shared parameters, and of callers' own classes inputs and outputs too.
 
     An output that only optional inputs are wired to stays, vacant, for a class that comes later.
-
-    Args:
-        nodes: By name, asked what they declare.
     """
     readers = [node for node in nodes.values() if node.declared.error is None]
     found = {}

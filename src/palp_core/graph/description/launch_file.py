@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,6 @@ from palp_core.graph.node.spec import NodeSpec, action_of
 from palp_core.graph.problems import Mark, Problem
 
 if TYPE_CHECKING:
-    from palp_core.graph.description.checkpoint_entry import CheckpointEntry
     from palp_core.graph.description.node_class import NodeClass, NodePort  # they take numpy
 
 
@@ -35,10 +34,7 @@ class InputEntry:
     """One wire, from the reader's side.
 
     Attributes:
-        mark: Where the input is named.
         source_mark: Where the publisher is named.
-        node: Publishing node.
-        port: Its port.
         stated: Quality of service that the launch file asks for, by name.
         action: What the supervisor does when the edge breaks its promise: ``warn``, ``restart``,
             ``shutdown``.
@@ -64,26 +60,19 @@ class GraphNode:
 
     Attributes:
         spec: What the file says of it: what runs, the parameters given, what happens when it ends.
-        mark: Where it is named.
-        run_mark: Where it is written what runs.
-        param_marks: Where each parameter is given.
-        defaulted: Parameters whose value is an argument's default.
-        arguments: Parameters whose value is an argument's or shared, and what that is called.
+        params: Parameters given, each with its place and the argument or shared parameter that it is.
         offered: Parameters that count only if its class has them.
         selected: An argument selects a part of it.
         own: Its class is the caller's, named in place of a choice.
         inputs: Wires by port.
-        complete: Its description has no mistake of its own.
         answer: What its class declares; None until the class has been asked.
     """
 
     spec: NodeSpec
     mark: Mark
     run_mark: Mark
-    param_marks: dict[str, Mark]
     inputs: dict[str, InputEntry]
-    defaulted: frozenset[str] = frozenset()
-    arguments: dict[str, str] = field(default_factory=dict)
+    params: dict[str, Located] = field(default_factory=dict)
     offered: frozenset[str] = frozenset()
     selected: bool = False
     own: bool = False
@@ -98,6 +87,12 @@ class GraphNode:
 
     def __str__(self) -> str:
         return f"node '{self.spec.name}' ({self.declared.run.rpartition(':')[2]})"
+
+    def given(self, params: Mapping[str, Located], offered: Iterable[str]) -> GraphNode:
+        """Return the node with other parameters, of which these count only if its class has them."""
+        values = {name: one.value for name, one in params.items()}
+        spec = msgspec.structs.replace(self.spec, params=values)
+        return replace(self, spec=spec, params=dict(params), offered=frozenset(offered))
 
     def renamed(self, names: Mapping[str, str]) -> GraphNode:
         """Return the node, and the wires from others, with new names of nodes."""
@@ -132,20 +127,12 @@ class LaunchFile:
     """A launch file and what it includes.
 
     Attributes:
-        file: The launch file, as given.
         workspace: Folder that goes first on the nodes' module path.
         mark: Where the nodes begin.
-        graph: Name of the graph.
-        clock: ``sim`` or ``wall``.
-        seed: Of the graph's random numbers.
-        arguments: Declared arguments, those of included files among them.
-        values: Value of each argument.
         nodes: By name, in the file's order; those of an included file where ``include`` stands.
         variants: The same with each other branch of each selection.
         shared: Shared parameters by name, but those of namespaces.
         unread: Nodes of which it is not known what they run, after a mistake.
-        report: ``module:function`` to run at the end.
-        problems: Mistakes found so far.
         listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.
         view: ``module:function`` that fills its own page of ``palp view``.
         checkpoint: Where and when the run is written down, and where that is said.
@@ -167,7 +154,7 @@ class LaunchFile:
     unread: frozenset[str] = frozenset()
     listen: str = ""
     view: Located | None = None
-    checkpoint: tuple[CheckpointEntry, Mark] | None = None
+    checkpoint: Located | None = None
 
 
 def find_workspace(path: Path) -> Path:

@@ -51,6 +51,7 @@ class ArgumentKeys(Keys):
     ] = UNSET
     choices: Annotated[
         list[Any],
+        Meta(min_length=1),
         _key(
             "All values that it may have. Without default and choices any value will do.",
             ["fixed", "markov"],
@@ -80,7 +81,11 @@ class ArgumentKeys(Keys):
 class IncludeKeys(Keys):
     """An included file."""
 
-    file: Annotated[str, _key("The launch file, relative to the one that includes it.", "parts/world.yaml")]
+    file: Annotated[
+        str,
+        Meta(min_length=1),
+        _key("The launch file, relative to the one that includes it.", "parts/world.yaml"),
+    ]
     args: Annotated[
         Values,
         _key(
@@ -102,7 +107,9 @@ class CheckpointKeys(Keys):
     """Checkpoints."""
 
     file: Annotated[
-        str, _key("Where the latest checkpoint is; relative to where one is.", "$(var out)/checkpoint")
+        str,
+        Meta(min_length=1),
+        _key("Where the latest checkpoint is; relative to where one is.", "$(var out)/checkpoint"),
     ]
     after: Annotated[
         Wire, _key("The output whose messages say that a checkpoint is due.", "experiment/trial")

@@ -41,7 +41,6 @@ class NodeClassRequest(msgspec.Struct, frozen=True):
 
     Attributes:
         run: ``module:Class`` or ``path.py:Class``; for a function ``module:function``.
-        params: Parameters to try.
         kind: ``function`` asks only whether a function exists.
         name: Under which the node runs; some classes' ports depend on it and on the parameters.
         offered: Those of the parameters that count only if the class declares them.
@@ -58,7 +57,6 @@ class NodePort(msgspec.Struct, frozen=True):
     """A port.
 
     Attributes:
-        kind: What it is.
         types: Its message; of a service and a client, request and reply; of an action and a client of one,
             goal, feedback and result. What these are made of is there as ports, too.
         qos: What it offers or requests; that of a service is the default.
@@ -77,12 +75,7 @@ class NodePort(msgspec.Struct, frozen=True):
 
 
 class Successors(msgspec.Struct, frozen=True):
-    """Classes that are to take a node's place, one after the other.
-
-    Attributes:
-        node: Whose place.
-        runs: The classes, each as in a launch file's ``run``.
-    """
+    """Classes that are to take a node's place, one after the other."""
 
     node: str
     runs: list[str]
@@ -92,9 +85,7 @@ class NodeClass(msgspec.Struct, frozen=True, kw_only=True):
     """What a node class declares.
 
     Attributes:
-        run: As asked.
         error: Why there is nothing more to say; None when all is well.
-        doc: First line of the class's docstring.
         param_errors: What is wrong with the parameters tried, by name; "" for all of them together.
         successors: What parameters name to take a node's place later, by parameter. A parameter says so by
             ``Annotated[str, Meta(extra={"successors": (node, function)})]``, whose function returns the

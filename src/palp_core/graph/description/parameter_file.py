@@ -17,12 +17,6 @@ def read_parameter_file(
 ) -> dict[str, Any]:
     """Return what a parameter file says about one node; the node's own entry goes before ``/**``.
 
-    Args:
-        path: The file.
-        node: Running name.
-        known: The node's parameters by name.
-        wildcard: Whether ``/**`` may stand for the node.
-
     Raises:
         GraphProblems: Every mistake with its place: another node's name, an unknown parameter, a key that is
             given twice, no YAML at all.

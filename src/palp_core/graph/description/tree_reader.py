@@ -1,25 +1,37 @@
-"""Read parts of a YAML tree by the struct that says what may stand there; every mistake has its place."""
+"""Read parts of a YAML tree as the structs that say what may stand there; every mistake has its place."""
 
 from __future__ import annotations
 
 import functools
-import math
 import re
-from collections.abc import Iterable
-from typing import Any, TypeVar
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import msgspec
-from msgspec import inspect
+from msgspec.structs import FieldInfo
 
-from palp_core.graph.description.substitution import Scope, evaluate
-from palp_core.graph.description.yaml_tree import UNKNOWN, Entry, Mapping, Tree, shortened
+from palp_core.graph.description.source_file import SourceFile
+from palp_core.graph.description.yaml_tree import UNKNOWN, Entry, Tree, shortened
+from palp_core.graph.description.yaml_tree import Mapping as TreeMapping
 from palp_core.graph.problems import Problems, hint, nearest
 
 Struct = TypeVar("Struct", bound=msgspec.Struct)
-fields_of = functools.cache(
-    lambda cls: {field.encode_name: field for field in inspect.type_info(cls).fields}  # type: ignore[attr-defined]
-)
-"""Return the fields of a struct by the key that each is at."""
+
+_EXPECTED = re.compile(r"Expected `(?P<type>\w+)(?: \| \w+)*`(?: (?P<sign>[<>])= (?P<bound>\S+))?")
+_WANTED: Mapping[str, str] = {
+    "bool": "it must be true or false",
+    "int": "it must be a whole number{}, without quotes",
+    "float": "it must be a number{}, without quotes",
+    "array": "write a list, as in [a, b]",
+    "str": "write a text",
+}
+"""What to do by the type that msgspec expected."""
+
+
+@functools.cache
+def fields_of(cls: type[msgspec.Struct]) -> dict[str, FieldInfo]:
+    """Return the fields of a struct by the key that each is at."""
+    return {field.encode_name: field for field in msgspec.structs.fields(cls)}
 
 
 def flat(value: object) -> str:
@@ -27,148 +39,112 @@ def flat(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else shortened(str(value))
 
 
-def unknown_keys(mapping: Mapping, known: Iterable[str], what: str, problems: Problems) -> dict[str, Entry]:
-    """Return the known entries of a mapping; report the others at their line, with the nearest known name."""
-    names = tuple(known)
-    for name, entry in mapping.items.items():
-        if name not in names:
-            problems.add(entry.mark, f"{what} has no key '{name}'{hint(name, names)}")
-    return {name: entry for name, entry in mapping.items.items() if name in names}
+def entries_of(
+    cls: type[msgspec.Struct], tree: Tree, what: str, problems: Problems
+) -> dict[str, Entry] | None:
+    """Return the entries of a mapping whose keys a struct has; None if it is not a mapping.
+
+    An unknown key is reported with the nearest known one, a required one that lacks with an example.
+    """
+    known = fields_of(cls)
+    if not isinstance(tree, TreeMapping):
+        problems.add(tree.mark, f"{what} must be a mapping with the keys {', '.join(known)}")
+        return None
+    unknown = {name: entry for name, entry in tree.items.items() if name not in known}
+    for name, entry in unknown.items():
+        problems.add(entry.mark, f"{what} has no key '{name}'{hint(name, known)}")
+    for name, field in known.items():
+        if field.required and name not in tree.items and nearest(name, unknown) is None:
+            example = next((meta.examples[0] for meta in _metas(field.type) if meta.examples), "...")
+            problems.add(tree.mark, f"{what} has no {name}; add {name}: {example}")
+    return {name: entry for name, entry in tree.items.items() if name in known}
 
 
 class TreeReader:
     """Reads values of one file.
 
-    Args:
-        scope: What its substitutions see.
-        problems: Receives the mistakes.
-
     Attributes:
         complete: Nothing that was read had a mistake.
     """
 
-    def __init__(self, scope: Scope, problems: Problems) -> None:
-        self.scope = scope
-        self.problems = problems
+    def __init__(self, file: SourceFile) -> None:
+        self._file = file
         self.complete = True
 
     def struct(self, cls: type[Struct], tree: Tree, what: str) -> Struct | None:
-        """Return a mapping as a struct, without the keys that are wrong; None if one is missing.
-
-        Args:
-            cls: What may stand there.
-            tree: The mapping.
-            what: How messages call it.
-        """
-        fields = self.keys(cls, tree, what)
-        if fields is None:
+        """Return a mapping as a struct, without the keys that are wrong; None if one is missing."""
+        before = len(self._file.problems)
+        entries = entries_of(cls, tree, what, self._file.problems)
+        self.complete = self.complete and len(self._file.problems) == before
+        if entries is None:
             return None
         known = fields_of(cls)
-        read = {name: self.key(cls, name, entry.value, what) for name, entry in fields.items()}
+        read = {name: self.key(cls, name, entry.value, what) for name, entry in entries.items()}
         values = {known[name].name: value for name, value in read.items() if value is not UNKNOWN}
         if any(field.required and field.name not in values for field in known.values()):
             return None
         return cls(**values)
 
-    def keys(self, cls: type[msgspec.Struct], tree: Tree, what: str) -> dict[str, Entry] | None:
-        """Return the entries of a mapping whose keys a struct has; a required one that lacks is reported."""
-        known = fields_of(cls)
-        if not isinstance(tree, Mapping):
-            self.refuse(tree, f"{what} must be a mapping with the keys {', '.join(known)}")
-            return None
-        entries = unknown_keys(tree, known, what, self.problems)
-        unknown = set(tree.items) - set(entries)
-        self.complete = self.complete and not unknown
-        for name, field in known.items():
-            if field.required and name not in entries and nearest(name, unknown) is None:
-                self.refuse(tree, f"{what} has no {name}; add {name}: {_form_of(field.type)}")
-        return entries
-
     def key(self, cls: type[msgspec.Struct], name: str, tree: Tree, what: str = "") -> Any:
         """Return the value at a key of a struct; UNKNOWN after reporting what is wrong with it."""
         return self.read(fields_of(cls)[name].type, tree, f"{name} of {what}" if what else name)
 
-    def read(self, kind: inspect.Type, tree: Tree, what: str) -> Any:
+    def read(self, kind: Any, tree: Tree, what: str) -> Any:
         """Return a value that must be of a type; UNKNOWN after reporting why it is not."""
-        more: dict[str, Any] = {}
-        while isinstance(kind, inspect.Metadata):
-            more, kind = {**(kind.extra or {}), **more}, kind.type
-        if isinstance(kind, inspect.UnionType):
-            struct = [one for one in kind.types if isinstance(one, inspect.StructType)]
-            if isinstance(tree, Mapping) and struct:
-                return self.read(struct[0], tree, what)
-            (plain,) = (one for one in kind.types if not isinstance(one, inspect.StructType))
-            return self.read(plain, tree, what)
-        if isinstance(kind, inspect.StructType):
-            read = self.struct(kind.cls, tree, what)
+        struct = _struct_in(kind) if isinstance(tree, TreeMapping) else None
+        if struct is not None:
+            read = self.struct(struct, tree, what)
             return UNKNOWN if read is None else read
         value = self.evaluate(tree)
-        if value is UNKNOWN or _fits(kind, value):
-            return float(value) if isinstance(kind, inspect.FloatType) and value is not UNKNOWN else value
-        wanted = _wanted(kind, value, more.get("form", ""))
-        self.refuse(tree, f"{what} is '{flat(value)}'; {wanted}")
+        if value is UNKNOWN:
+            return UNKNOWN
+        try:
+            return msgspec.convert(value, kind)
+        except msgspec.ValidationError as error:
+            self.refuse(tree, f"{what} is '{flat(value)}'; {_wanted(str(error), kind, value)}")
         return UNKNOWN
 
     def evaluate(self, tree: Tree) -> Any:
         """Return a tree as plain values; UNKNOWN if there is a mistake in it."""
-        value = evaluate(tree, self.scope, self.problems)
+        value = self._file.evaluate(tree)
         self.complete = self.complete and value is not UNKNOWN
         return value
 
     def refuse(self, tree: Tree, message: str) -> None:
         """Report a mistake."""
-        self.problems.add(tree.mark, message)
+        self._file.problems.add(tree.mark, message)
         self.complete = False
 
 
-def _fits(kind: inspect.Type, value: Any) -> bool:
-    match kind:
-        case inspect.Metadata():
-            return _fits(kind.type, value)
-        case inspect.AnyType():
-            return True
-        case inspect.LiteralType():
-            return isinstance(value, str) and value in kind.values
-        case inspect.BoolType():
-            return isinstance(value, bool)
-        case inspect.IntType():
-            return type(value) is int and _is_within(kind, value)
-        case inspect.FloatType():
-            return type(value) in (int, float) and math.isfinite(value) and _is_within(kind, value)
-        case inspect.StrType():
-            return isinstance(value, str) and re.fullmatch(kind.pattern or "(?s).+", value) is not None
-        case inspect.ListType():
-            return isinstance(value, list) and all(_fits(kind.item_type, item) for item in value)
-    raise AssertionError(kind)
+def _parts(kind: Any) -> Iterator[Any]:
+    """Yield a type, what annotates it, and the members of a union."""
+    yield kind
+    if hasattr(kind, "__metadata__"):
+        yield from kind.__metadata__
+        yield from _parts(kind.__origin__)
+    elif get_origin(kind) is not Literal and get_origin(kind) not in (list, dict):
+        for part in get_args(kind):
+            yield from _parts(part)
 
 
-def _is_within(kind: inspect.IntType | inspect.FloatType, value: float) -> bool:
-    return (kind.ge is None or value >= kind.ge) and (kind.le is None or value <= kind.le)
+def _metas(kind: Any) -> Iterable[msgspec.Meta]:
+    return (part for part in _parts(kind) if isinstance(part, msgspec.Meta))
 
 
-def _wanted(kind: inspect.Type, value: Any, form: str) -> str:
-    """Return what must stand in a value's place."""
-    match kind:
-        case inspect.LiteralType():
-            words = [str(word) for word in kind.values]
-            match_ = nearest(flat(value), words)
-            return f"it must be {' or '.join(words)}" + (f"; did you mean '{match_}'?" if match_ else "")
-        case inspect.BoolType():
-            return "it must be true or false"
-        case inspect.IntType() | inspect.FloatType():
-            noun = "a whole number" if isinstance(kind, inspect.IntType) else "a number"
-            bounds = f"of at least {kind.ge}" if kind.le is None else f"from {kind.ge} to {kind.le:,}"
-            return f"it must be {noun} {bounds}, without quotes"
-        case inspect.ListType():
-            return "write a list, as in [a, b]"
-    return f"write {form or 'a text'}"
+def _struct_in(kind: Any) -> type[msgspec.Struct] | None:
+    return next((p for p in _parts(kind) if isinstance(p, type) and issubclass(p, msgspec.Struct)), None)
 
 
-def _form_of(kind: inspect.Type) -> str:
-    """Return an example of what stands at a required key."""
-    while isinstance(kind, inspect.Metadata):
-        examples = (kind.extra_json_schema or {}).get("examples")
-        if examples:
-            return str(examples[0])
-        kind = kind.type
-    return "..."
+def _wanted(error: str, kind: Any, value: Any) -> str:
+    """Return what must stand in the place of a value that msgspec refused."""
+    words = [str(w) for part in _parts(kind) if get_origin(part) is Literal for w in get_args(part)]
+    if words:
+        match = nearest(flat(value), words)
+        return f"it must be {' or '.join(words)}" + (f"; did you mean '{match}'?" if match else "")
+    form = next((meta.extra["form"] for meta in _metas(kind) if meta.extra and "form" in meta.extra), None)
+    found = _EXPECTED.search(error)
+    if form is not None or found is None:
+        return f"write {form or 'a text'}"
+    side = "least" if found["sign"] == ">" else "most"
+    bound = f" of at {side} {float(found['bound']):,.15g}" if found["sign"] else ""
+    return _WANTED.get(found["type"], "write a text").format(bound)

@@ -53,13 +53,7 @@ def misfit(wanted: TopicInfo, offered: TopicInfo, *, reads_truth: bool) -> Misfi
 
 
 def misfits(wanted: TopicInfo, offered: TopicInfo, *, reads_truth: bool) -> list[Misfit]:
-    """Return every reason why a reader cannot read a topic; another type alone is enough.
-
-    Args:
-        wanted: The topic as the reader wants it: of its type, with what it requests.
-        offered: The topic as it is.
-        reads_truth: The reader simulates or records.
-    """
+    """Return every reason why a reader cannot read a topic; another type alone is enough."""
     found = type_misfit(wanted, offered)
     if found is not None:
         return [found]

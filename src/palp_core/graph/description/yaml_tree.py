@@ -49,7 +49,6 @@ class Scalar:
     """A single value.
 
     Attributes:
-        mark: Where it begins.
         value: What YAML reads it as.
         text: As written, without quotes.
         quoted: It was written in quotes or as a block.

@@ -52,13 +52,7 @@ def find_action(graph: RunningGraph, name: str, timeout_s: float) -> ServedActio
 
 
 class ActionCaller:
-    """Asks the server of an action from outside the graph.
-
-    Args:
-        graph: The graph.
-        action: The action.
-        timeout_s: How long an answer may take.
-    """
+    """Asks the server of an action from outside the graph."""
 
     def __init__(self, graph: RunningGraph, action: ServedAction, timeout_s: float) -> None:
         self._graph, self._action, self._timeout_s = graph, action, timeout_s

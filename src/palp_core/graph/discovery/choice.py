@@ -4,20 +4,12 @@ A graph belongs to its workspace and to the folder from which it was launched; a
 checkout has, stands for those in it. Another folder's graph is never meant unless it is named.
 """
 
-import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.run_directory import RunRecord, present_folder, running
-from palp_core.graph.node.spec import NAME
 from palp_core.graph.problems import hint
-
-_COMMAND = re.compile(
-    r"\bpalp (?:safety (?:ack|status)|stop|logs|bag record|topic (?:delay|info)|"
-    r"(?:topic echo|node info) /?\w\S*)\b(?! --(?:graph|all)\b)"
-)
-"""Commands about a graph, as advice has them, that do not say of which."""
 
 START_ONE = "start one with: palp launch FILE"
 
@@ -26,7 +18,7 @@ class WhichGraph(GraphError):
     """Graphs are running, but which of them is meant must be said."""
 
     def __init__(self, what: str, records: Sequence[RunRecord]) -> None:
-        lines = "\n".join(f"  {line_of(record)}" for record in records)
+        lines = "\n".join(f"  {record}" for record in records)
         super().__init__(f"{what}; name one with --graph NAME, ID or PID:\n{lines}")
 
 
@@ -35,11 +27,6 @@ class ChosenGraph(NamedTuple):
 
     record: RunRecord
     others: list[RunRecord]
-
-
-def line_of(record: RunRecord) -> str:
-    """Return what tells a graph from others."""
-    return f"{record.graph} (id {record.id}, pid {record.pid}, {record.workspace or record.launched_from})"
 
 
 def belongs(record: RunRecord, folder: str) -> bool:
@@ -84,28 +71,14 @@ def meant(records: Sequence[RunRecord], name: str | None) -> list[RunRecord]:
     return [record for record in records if name in (record.graph, record.id, str(record.pid))]
 
 
-def addressed(advice: str, run: str) -> str:
-    """Return advice whose commands name the run they are about, if another runs beside it.
-
-    Args:
-        advice: For a person, as in ``when all is well: palp safety ack``.
-        run: The run's id.
-    """
-    if not run or all(record.id == run for record in running()):
-        return advice
-    return _COMMAND.sub(rf"\g<0> --graph {run}", advice)
+def addressed(command: str, run: str) -> str:
+    """Return a command of palp about a run, with the run's id if another runs beside it; "" stays so."""
+    if not command or not run or all(record.id == run for record in running()):
+        return command
+    return f"{command} --graph {run}"
 
 
-def check_free(name: str) -> None:
-    """Check that a graph can be called so.
-
-    Raises:
-        GraphError: It is no name, or a running graph of this user has it.
-    """
-    if NAME.fullmatch(name) is None:
-        raise GraphError(
-            f"'{name}' is no name of a graph; use letters, digits and _, a letter first, at most 32"
-        )
-    for record in running():
-        if record.graph == name:
-            raise GraphError(f"a graph of that name is running: {line_of(record)}; choose another name")
+def addressed_advice(advice: str, run: str) -> str:
+    """Return what a node advises; the command of palp that it ends in is :func:`addressed`."""
+    text, palp, rest = advice.rpartition("palp ")
+    return text + addressed(palp + rest, run) if palp else advice

@@ -31,11 +31,7 @@ class EndingGraph:
         self.close()
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait until the launcher's process has ended; tell whether it has.
-
-        Args:
-            timeout_s: At most so long, s.
-        """
+        """Wait until the launcher's process has ended; tell whether it has."""
         waiting = select.poll()  # select.select() takes no descriptor above 1023
         waiting.register(self._process, select.POLLIN)
         return bool(waiting.poll(timeout_s * 1e3))
@@ -46,10 +42,6 @@ class EndingGraph:
 
 def ask_to_end(graph: RunningGraph, asked_by: str) -> EndingGraph:
     """Ask a graph to end: its launcher brings every node to its safe state, writes what it writes, and ends.
-
-    Args:
-        graph: Which.
-        asked_by: What asks; the launcher says that the graph was ended by it.
 
     Raises:
         GraphError: It has ended already, or belongs to somebody else.

@@ -25,13 +25,11 @@ class GraphReader:
     """The receiving end of a process that watches a graph.
 
     Args:
-        graph: The graph; its record follows the run directory.
         queue: Frames that may wait here; the rest waits at the publisher.
         name: Name by which publishers recognise a reader that was restarted; "": they do not.
         on_change: Called after the record has changed, as by a node that joins or is replaced.
 
     Attributes:
-        graph: The graph.
         ended: The graph has ended.
     """
 
@@ -63,10 +61,7 @@ class GraphReader:
     def follow(self, topics: Iterable[Topic], observe: Observer, order: Reorderer | None = None) -> None:
         """Hand frames of more topics to an observer; those that are followed already stay as they are.
 
-        Args:
-            topics: The topics.
-            observe: Takes each frame, of whatever kind.
-            order: Holds back what comes out of order while a publisher moves; None: nothing does.
+        An ``order`` holds back what comes out of order while a publisher moves.
         """
         new = {topic.name: topic.publish for topic in topics if topic.name not in self._publish}
         for name, publish in new.items():

@@ -47,11 +47,6 @@ def message_from_yaml(text: str, schema: dict[str, Any], source: str) -> dict[st
 def typed_parameters(node: str, declared: dict[str, Any], texts: Mapping[str, str]) -> dict[str, Any]:
     """Return values of parameters that are typed as in YAML; of a text parameter any text is one.
 
-    Args:
-        node: Its name, for errors.
-        declared: What it has, as its ``describe_parameters`` replies.
-        texts: By name of the parameter.
-
     Raises:
         GraphError: There is no such parameter, or it is not YAML.
     """

@@ -16,8 +16,9 @@ from palp_core.errors import GraphError
 from palp_core.graph.clock import unix_ns
 from palp_core.graph.description.launch_file import find_workspace
 from palp_core.graph.messages.topic import Topic
+from palp_core.graph.node.spec import NAME
 from palp_core.user_folders import folder_mistake, no_room, own_folder, room_mistake, runtime_folder
-from palp_core.whole_file import PRIVATE, is_locked, open_private, write_json
+from palp_core.whole_file import PRIVATE, is_locked, locked_path, open_private, write_json, write_whole
 
 _log = logging.getLogger("palp.supervisor")
 KEEP_ENDED = 20
@@ -27,6 +28,8 @@ RECORD = "graph.json"
 
 
 END_ASKED = "end_asked_by"
+CLAIM = "name"
+"""Holds the name that a starting graph was given, until its record has it."""
 
 
 class NodeEntry(msgspec.Struct, frozen=True):
@@ -43,14 +46,10 @@ class RunRecord(msgspec.Struct, frozen=True):
     """What ``graph.json`` holds: how a running graph is told from others, and where everything of it is.
 
     Attributes:
-        graph: Its name.
         file: The launch file, as it was given.
-        clock: ``sim`` or ``wall``.
-        pid: The launcher's process.
         start_unix_ns: When it was launched.
         serve: Where the launcher answers.
         nodes: Those with a place in the run directory.
-        topics: All of them.
         listen: Where other hosts call; "" if they cannot.
         workspace: The folder of its nodes; "" if it has none.
         launched_from: The folder it was launched from, as :func:`present_folder` returns it.
@@ -75,6 +74,9 @@ class RunRecord(msgspec.Struct, frozen=True):
         """What no other run of this user has: the name of its run directory."""
         return Path(self.serve.removeprefix("ipc://")).parent.name
 
+    def __str__(self) -> str:
+        return f"{self.graph} (id {self.id}, pid {self.pid}, {self.workspace or self.launched_from})"
+
 
 class _NotOwn(GraphError):
     """The folder of all runs may be another's work."""
@@ -86,11 +88,15 @@ class _NotOwn(GraphError):
 class RunDirectory:
     """A folder only its owner can enter; created anew for each run, and locked while the run lasts.
 
+    Args:
+        graph: What its name begins with.
+        name: What this running graph alone is called, from its start on; None: its name may be shared.
+
     Raises:
-        GraphError: The folder belongs to somebody else or cannot be written to.
+        GraphError: The folder belongs to somebody else or cannot be written to; or the name is taken.
     """
 
-    def __init__(self, graph: str) -> None:
+    def __init__(self, graph: str, name: str | None = None) -> None:
         base = runtime_folder()
         self._start_unix_ns, self._launched_from = unix_ns(), present_folder()
         try:
@@ -100,10 +106,15 @@ class RunDirectory:
             if (mistake := room_mistake(base)) is not None:
                 raise GraphError(mistake)
             prefix = re.sub(r"[^A-Za-z0-9_]", "_", graph[:16])
-            self.path = Path(tempfile.mkdtemp(prefix=f"{prefix}-", dir=base))
-            self._lock = os.open(self.path, os.O_RDONLY)
-            fcntl.flock(self._lock, fcntl.LOCK_EX)
-            (self.path / "log").mkdir(mode=0o700)
+            with locked_path(base):  # of two launches with one name, the later finds the other's claim
+                if name is not None:
+                    check_free(name)
+                self.path = Path(tempfile.mkdtemp(prefix=f"{prefix}-", dir=base))
+                self._lock = os.open(self.path, os.O_RDONLY)
+                fcntl.flock(self._lock, fcntl.LOCK_EX)
+                (self.path / "log").mkdir(mode=0o700)
+                if name is not None:
+                    write_whole(self.path / CLAIM, name)
         except OSError as error:
             raise GraphError(
                 f"no run directory in {base}: {error.strerror}; set XDG_RUNTIME_DIR to a folder of your own"
@@ -189,6 +200,28 @@ def runs() -> list[tuple[Path, RunRecord, bool]]:
 def running() -> list[RunRecord]:
     """Return the running graphs of this user, the latest first."""
     return [record for _, record, lives in runs() if lives]
+
+
+def check_free(name: str) -> None:
+    """Check that a graph can be called so.
+
+    Raises:
+        GraphError: It is not a name, or a running or starting graph of this user has it.
+    """
+    if NAME.fullmatch(name) is None:
+        raise GraphError(
+            f"'{name}' is no name of a graph; use letters, digits and _, a letter first, at most 32"
+        )
+    for folder in _folders():
+        if not is_locked(folder):
+            continue
+        if (record := read_record(folder)) is not None:
+            if record.graph == name:
+                raise GraphError(f"a graph of that name is running: {record}; choose another name")
+        elif (folder / CLAIM).is_file() and (folder / CLAIM).read_text(encoding="utf-8") == name:
+            raise GraphError(
+                f"a graph of that name is starting: {name} (id {folder.name}); choose another name"
+            )
 
 
 def _folders() -> list[Path]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import uuid
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -311,6 +311,29 @@ class RunningGraph:
             return [decode(kind, frame.payload) for frame in frames]
         except SchemaMismatch as error:
             raise GraphError(f"/{node}: {topic}: {error}") from error
+
+    def moves_something_real(self) -> bool:
+        """Tell whether a node moves something on the wall clock; True if the launcher does not answer."""
+        if self.record.clock == "sim":
+            return False
+        try:
+            nodes = self.ask(LAUNCHER, "launch")["nodes"]
+        except GraphError:
+            return True
+        return any(spec.get("moves") for spec in nodes)
+
+    def typed_parameters(
+        self, node: str, texts: Mapping[str, str], *, timeout_s: float = REPLY_TIMEOUT_S
+    ) -> dict[str, Any]:
+        """Return values for parameters of a node that are typed as in YAML.
+
+        Raises:
+            GraphError: No such node or parameter, it does not answer, or a text is not YAML.
+        """
+        from palp_core.graph.discovery.message_yaml import typed_parameters
+
+        declared = self.ask(node, "describe_parameters", timeout_s=timeout_s)["parameters"]
+        return typed_parameters(node, declared, texts)
 
     def process_of(self, entry: NodeEntry) -> int:
         """Return the process of a node: its own, the launcher's if it is composed, or 0 on another host."""

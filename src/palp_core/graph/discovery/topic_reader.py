@@ -44,8 +44,6 @@ class TopicReader:
     """Follows topics of a running graph.
 
     Args:
-        graph: The graph.
-        topics: What to follow.
         history_depth: So many messages from before are asked of the publishers' histories and come first.
         reliable: Ask the publisher for what is missing.
 

@@ -11,7 +11,7 @@ import msgspec
 
 from palp_core.counted import counted
 from palp_core.errors import GraphError
-from palp_core.graph.discovery.choice import addressed
+from palp_core.graph.discovery.choice import addressed, addressed_advice
 from palp_core.graph.discovery.health import EdgeRow, HealthReader, NodeRow, rows, sample_of
 from palp_core.graph.discovery.running_graph import Answers, RunningGraph
 from palp_core.graph.messages.builtin import DiagnosticStatus, EdgeHealth, GraphEvent, NodeEvent, NodeHealth
@@ -42,18 +42,21 @@ class Trouble(msgspec.Struct, frozen=True):
     Attributes:
         where: The node, ``TOPIC -> READER``, the host's part or the file.
         level: ``error``: it harms a run or did; ``warn``: it may; ``note``: good to know; ``ok``.
-        text: What was found.
-        advice: What to do or type; "" if nothing.
+        advice: What to do; "" if nothing.
+        command: The command of palp to type, but for the run that it is about; :meth:`of_run` takes it.
     """
 
     where: str
     level: str
     text: str
     advice: str = ""
+    command: str | msgspec.UnsetType = msgspec.UNSET
 
     def of_run(self, run: str, place: str = "") -> Trouble:
-        """Return it with a place before its own; its advice names the run if others run, too."""
-        return msgspec.structs.replace(self, where=place + self.where, advice=addressed(self.advice, run))
+        """Return it with a place before its own; its command, with the run if others run, ends the advice."""
+        parts = self.advice, addressed(self.command or "", run)
+        advice = ": ".join(part for part in parts if part)
+        return msgspec.structs.replace(self, where=place + self.where, advice=advice, command=msgspec.UNSET)
 
 
 class ActiveDiagnostic(msgspec.Struct, frozen=True):
@@ -79,7 +82,7 @@ class ActiveDiagnostic(msgspec.Struct, frozen=True):
 def active_diagnostics(graph: RunningGraph, timeout_s: float) -> list[ActiveDiagnostic]:
     """Return what nodes report as not ``ok``; a node that does not answer in time is left out."""
     type_hash = schema_of(DiagnosticStatus).hash_text
-    found = []
+    bad = []
     for topic in graph.record.topics:
         if topic.type_hash != type_hash:
             continue
@@ -88,11 +91,13 @@ def active_diagnostics(graph: RunningGraph, timeout_s: float) -> list[ActiveDiag
         except GraphError:
             continue
         if reports and reports[-1].level != OK:
-            status = reports[-1]
-            now_ns = _clock_ns(graph, timeout_s)
-            age_s = None if now_ns is None else max(now_ns - status.stamp_ns, 0) / 1e9
-            advice = addressed(status.advice, graph.record.id)
-            found.append(ActiveDiagnostic(topic.node, status.level, status.text, advice, age_s))
+            bad.append((topic.node, reports[-1]))
+    now_ns = _clock_ns(graph, timeout_s) if bad else None  # once: a slow launcher costs one timeout
+    found = []
+    for node, status in bad:
+        age_s = None if now_ns is None else max(now_ns - status.stamp_ns, 0) / 1e9
+        advice = addressed_advice(status.advice, graph.record.id)
+        found.append(ActiveDiagnostic(node, status.level, status.text, advice, age_s))
     return found
 
 
@@ -104,18 +109,13 @@ def _clock_ns(graph: RunningGraph, timeout_s: float) -> int | None:
 
 
 def node_troubles(rows: Iterable[NodeRow], silent: Mapping[str, str]) -> Iterator[Trouble]:
-    """Yield which nodes do not work.
-
-    Args:
-        rows: How each does.
-        silent: Why a node did not answer, by name.
-    """
+    """Yield which nodes do not work."""
     for name, why in silent.items():
-        yield Trouble(f"/{name}", ERROR, why, f"palp logs {name}")
+        yield Trouble(f"/{name}", ERROR, why, command=f"palp logs {name}")
     for row in rows:
         if row.responsive and row.state not in ("active", "", "silent", SWAPPING):
             text = f"it is {row.state}: it handles nothing"
-            yield Trouble(row.name, WARN, text, f"palp lifecycle list {row.name}")
+            yield Trouble(row.name, WARN, text, command=f"palp lifecycle list {row.name}")
 
 
 def loss_troubles(rows: Iterable[EdgeRow], reliable: Iterable[tuple[str, str]] = ()) -> Iterator[Trouble]:
@@ -136,7 +136,7 @@ def loss_troubles(rows: Iterable[EdgeRow], reliable: Iterable[tuple[str, str]] =
             advice = "ask for history: keep_all, or give the publisher a larger depth"
             yield Trouble(where, ERROR, text, advice)
         else:
-            yield Trouble(where, WARN, text, f"palp topic info {row.topic}")
+            yield Trouble(where, WARN, text, command=f"palp topic info {row.topic}")
 
 
 def level_of(event: GraphEvent | NodeEvent | DiagnosticStatus) -> str:
@@ -159,7 +159,7 @@ def event_troubles(events: Iterable[GraphEvent]) -> Iterator[Trouble]:
     for (kind, node), count in Counter((event.kind, event.node) for event in bad).items():
         event = latest[kind, node]
         text = f"{kind.replace('_', ' ')}: {event.text}{_often(count)}"
-        yield Trouble(f"/{node}" if node else "the graph", level_of(event), text, "palp logs")
+        yield Trouble(f"/{node}" if node else "the graph", level_of(event), text, command="palp logs")
 
 
 def qos_troubles(node: str, events: Iterable[NodeEvent]) -> Iterator[Trouble]:
@@ -167,8 +167,8 @@ def qos_troubles(node: str, events: Iterable[NodeEvent]) -> Iterator[Trouble]:
     broken = [event for event in events if level_of(event) != OK]
     latest = {(event.kind, _port(event)): event.text for event in broken}
     for key, count in Counter((event.kind, _port(event)) for event in broken).items():
-        advice = f"palp topic echo /{node}/_events shows them as they come"
-        yield Trouble(f"/{node}", WARN, latest[key] + _often(count), advice)
+        text, command = latest[key] + _often(count), f"palp topic echo /{node}/_events"
+        yield Trouble(f"/{node}", WARN, text, "see them as they come", command)
 
 
 def _often(count: int) -> str:
@@ -259,7 +259,7 @@ def _edge(node: NodeHealth, edge: EdgeHealth) -> Iterator[Trouble]:
     where = f"{edge.topic} -> /{node.node}"
     if edge.late_count:
         text = f"{counted(edge.late_count, 'message')} late, of {edge.received_count}"
-        yield Trouble(where, WARN, text, "see palp topic delay, and the load of the cores")
+        yield Trouble(where, WARN, text, "look at the load of the cores, and at", "palp topic delay")
     if edge.dropped_count:
         yield Trouble(
             where,
@@ -324,7 +324,7 @@ def _pauses(graph: RunningGraph) -> Iterator[Trouble]:
             yield Trouble(name, OK, text)
         if node.missed_deadline_count:
             text = f"{counted(node.missed_deadline_count, 'deadline')} of its inputs missed"
-            yield Trouble(name, WARN, text, "palp topic info on its inputs shows which")
+            yield Trouble(name, WARN, text, "see which of its inputs", "palp topic info TOPIC")
 
 
 def _refusals(graph: RunningGraph) -> Iterator[Trouble]:

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import msgspec
 
 from palp_core.errors import GraphError
-from palp_core.graph.discovery.moving import moves_something_real
 from palp_core.graph.discovery.running_graph import Answers, RunningGraph, hidden
 from palp_core.graph.foxglove.json_messages import from_json, to_json
 from palp_core.graph.messages.topic import Topic
@@ -86,7 +85,7 @@ class GraphAccess:
         """Return why nothing may be changed just now, in words; "" if it may."""
         if self._read_only:
             return READ_ONLY
-        return NOT_OPERATED if not self._operate and moves_something_real(self.graph) else ""
+        return NOT_OPERATED if not self._operate and self.graph.moves_something_real() else ""
 
     def parameters(self, names: Iterable[str] = ()) -> dict[str, Any]:
         """Return values of parameters, ``/node.parameter``; by default of all. Who is silent is left out."""

@@ -9,8 +9,7 @@ from pathlib import Path
 from palp_core.counted import counted
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.choice import addressed
-from palp_core.graph.discovery.log_lines import RANK, LineReader, LogLine
-from palp_core.graph.discovery.log_reader import follow
+from palp_core.graph.discovery.logs import RANK, LineReader, LogLine, follow
 from palp_core.graph.log_format import ENDS_NODE
 from palp_core.graph.supervision.log_levels import LogLevels, levels_of
 
@@ -30,7 +29,6 @@ class Shown:
     Args:
         level: At least so; not what ended a node, which the launcher itself tells.
         outputs: Of which nodes all is shown: those with ``screen``.
-        show: Shows a line.
         run: Id of the run, for those who are sent to its log.
     """
 

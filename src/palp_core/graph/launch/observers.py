@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from palp_core.graph.description.checked import CheckedGraph
-from palp_core.graph.launch.changes_told import GRAPH_EVENTS
+from palp_core.graph.launch.run_journal import GRAPH_EVENTS
 from palp_core.graph.messages.builtin import GraphEvent, NodeEvent
 from palp_core.graph.messages.frame import parse, topic_of
 from palp_core.graph.messages.message import Message, decode

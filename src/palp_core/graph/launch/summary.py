@@ -7,9 +7,7 @@ from typing import Any
 import msgspec
 
 from palp_core.graph.description.checked import CheckedGraph
-from palp_core.graph.launch.changes_told import ChangeTold
-from palp_core.graph.launch.diagnostics import Incident
-from palp_core.graph.launch.methods_told import MethodTold
+from palp_core.graph.launch.run_journal import Incident, MethodSpan, RunChange
 from palp_core.graph.node.loading import load_module
 
 
@@ -56,20 +54,14 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
     wall_s: float = 0.0
     activation_count: int | None = 0
     incidents: list[Incident] = []
-    methods: list[MethodTold] = []
+    methods: list[MethodSpan] = []
     cpu_s: dict[str, float] = {}
-    changes: list[ChangeTold] = []
+    changes: list[RunChange] = []
     report: str = ""
 
 
 def summary_of(checked: CheckedGraph, path: Path, **outcome: Any) -> RunSummary:
-    """Return how a run of a graph went.
-
-    Args:
-        checked: The graph, as it was at the end.
-        path: Its launch file, as given.
-        outcome: What only the run itself can tell.
-    """
+    """Return how a run of a graph went."""
     return RunSummary(
         graph=checked.graph,
         file=str(path),

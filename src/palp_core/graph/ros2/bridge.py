@@ -12,7 +12,7 @@ from palp_core.graph.bag.ros2.values import writer
 from palp_core.graph.clock import monotonic_ns, unix_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.discovery.topic_reader import ReceivedFrame, TopicReader
-from palp_core.graph.messages.frame import Frame, parse
+from palp_core.graph.messages.frame import Frame
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.ros2.account import Account
@@ -199,8 +199,7 @@ class Ros2Bridge:
 
     def _publish_latched(self, topic: Topic, outlet: _Outlet) -> None:
         """Publish what a latched topic of the graph holds."""
-        asked: dict[str, Any] = {"topic": topic.name, "first": 1, "last": LAST}
-        for frame in map(parse, self._graph.ask(topic.node, "history", **asked)["frames"]):
+        for frame in self._graph.history(topic.node, topic.name):
             outlet.send(frame, Times(frame.stamp_ns, self._offset_ns))
             outlet.last = (frame.epoch, frame.sequence)
 

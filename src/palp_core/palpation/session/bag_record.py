@@ -17,9 +17,7 @@ import msgspec
 from palp_core.counted import counted
 from palp_core.errors import BagDamaged, MechanicsError, PalpError
 from palp_core.graph.bag.reader import Bag, BagMessage
-from palp_core.graph.launch.changes_told import GRAPH_EVENTS, ChangesTold, ChangeTold
-from palp_core.graph.launch.diagnostics import Diagnostics
-from palp_core.graph.launch.methods_told import MethodsTold, MethodTold
+from palp_core.graph.launch.run_journal import GRAPH_EVENTS, MethodSpan, RunChange, RunJournal
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.graph.messages.builtin import DiagnosticStatus, MethodsUsed
 from palp_core.graph.node.event_publisher import EVENTS_PORT
@@ -228,22 +226,22 @@ class _Contents:
 
     def _incidents(self) -> list[Any]:
         owner = {name: node for node, topics in self._launch.publishes.items() for name in topics}
-        diagnostics = Diagnostics()
+        journal = RunJournal()
         for message in self._messages:
             if self._kind_of[message.topic] == _DIAGNOSTIC:
                 status = msgspec.convert(message.value, DiagnosticStatus, from_attributes=True)
                 at = f"at {status.stamp_ns / 1e9:.1f} s"  # the time of day is not in the bag
-                diagnostics.note(message.topic, owner[message.topic], status, at)
-        return diagnostics.incidents
+                journal.add_status(message.topic, owner[message.topic], status, at)
+        return journal.entries.incidents
 
-    def _methods(self) -> list[MethodTold]:
+    def _methods(self) -> list[MethodSpan]:
         owner = {name: node for node, topics in self._launch.publishes.items() for name in topics}
-        told = MethodsTold()
+        journal = RunJournal()
         for message in self._messages:
             if self._kind_of[message.topic] == _METHODS:
-                said = msgspec.convert(message.value, MethodsUsed, from_attributes=True)
-                told.note(owner[message.topic], said)
-        return told.told
+                used = msgspec.convert(message.value, MethodsUsed, from_attributes=True)
+                journal.add_methods(owner[message.topic], used)
+        return journal.entries.methods
 
     def _heard(self) -> set[str]:
         return {message.topic for message in self._messages}
@@ -341,14 +339,14 @@ class _RecordBuilder:
         return row, palpation
 
 
-def _changes(bag: Bag) -> list[ChangeTold]:
+def _changes(bag: Bag) -> list[RunChange]:
     """Return what was changed of nodes, as launcher and nodes said before any damage."""
     names = [name for name in bag.topics() if name == GRAPH_EVENTS or name.endswith(f"/{EVENTS_PORT}")]
-    told = ChangesTold()
+    journal = RunJournal()
     with contextlib.suppress(BagDamaged):
         for message in bag.messages(names) if names else ():
-            told.note(message.topic, message.value)
-    return told.told
+            journal.add_event(message.topic, message.value)
+    return journal.entries.changes
 
 
 def launch_of(bag: Bag) -> RunSummary:

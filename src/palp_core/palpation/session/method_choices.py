@@ -130,10 +130,10 @@ def choose_for(
 
 def launch_defaults() -> dict[str, str]:
     """Return what ``launch/sim.yaml`` takes for each task that it names a method of, or ``auto``."""
-    from palp_core.graph.description.file_reader import read
+    from palp_core.graph.description.resolver import resolve
     from palp_core.graph.workspaces.underlays import launch_path
 
-    found = read(launch_path("rig:sim.yaml"))
+    found = resolve(launch_path("rig:sim.yaml"))
     known = {name: one.value for name, one in found.shared.items()} | found.values
     return {one.name: str(known[one.name]) for one in tasks() if one.name in known}
 

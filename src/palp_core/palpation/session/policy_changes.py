@@ -5,7 +5,7 @@ from typing import Any, Protocol
 
 import msgspec
 
-from palp_core.graph.launch.changes_told import ChangeTold
+from palp_core.graph.launch.run_journal import RunChange
 from palp_core.palpation.session.plan import planned, policy_name
 from palp_core.palpation.session.trials_csv import Row
 
@@ -75,7 +75,7 @@ def manual_swaps(rows: Sequence[Row], swaps: str) -> list[PolicySwap]:
     return found
 
 
-def node_changes(changes: Sequence[ChangeTold], rows: Sequence[Row]) -> list[NodeChange]:
+def node_changes(changes: Sequence[RunChange], rows: Sequence[Row]) -> list[NodeChange]:
     """Return what was changed of nodes while a session ran, by plan or by hand, in time's order."""
     ordered = sorted(rows, key=lambda row: row.row)
     found = []

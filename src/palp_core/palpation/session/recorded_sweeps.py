@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from palp_core.errors import PalpError
-from palp_core.graph.launch.changes_told import last_set
+from palp_core.graph.launch.run_journal import last_set
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.session.audit import left_out
 from palp_core.palpation.session.bag_record import is_bag, read_record

@@ -11,7 +11,7 @@ import msgspec
 from msgspec import UNSET, UnsetType
 
 from palp_core.errors import PalpError
-from palp_core.graph.launch.diagnostics import Incident
+from palp_core.graph.launch.run_journal import Incident
 from palp_core.palpation.session.methods.record import MethodRecord
 from palp_core.palpation.session.plan import planned, policy_name
 from palp_core.palpation.session.policy_changes import NodeChange, PolicySwap

@@ -17,7 +17,7 @@ from msgspec import UNSET, UnsetType
 
 import palp_core
 from palp_core.errors import MechanicsError
-from palp_core.graph.launch.changes_told import last_set
+from palp_core.graph.launch.run_journal import last_set
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.perception.belief.stopping import stop_rule

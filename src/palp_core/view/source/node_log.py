@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from palp_core.graph.discovery.log_lines import LineReader, LogLine
-from palp_core.graph.discovery.log_reader import LogTail
+from palp_core.graph.discovery.logs import LineReader, LogLine, LogTail
 from palp_core.graph.node.spec import MERGED_LOG
 
 FIRST_BYTES = 64 << 10

@@ -6,7 +6,7 @@ from typing import Any
 
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.ending import ask_to_end
-from palp_core.graph.discovery.message_yaml import message_from_yaml, typed_parameters
+from palp_core.graph.discovery.message_yaml import message_from_yaml
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.node.loading import class_from_here
 from palp_core.graph.problems import hint
@@ -60,8 +60,7 @@ class GraphOperator:
     def set_parameters(self, node: str, texts: dict[str, str]) -> dict[str, Any]:
         """Set parameters, typed as in YAML, all of them or none; return all values as they are then."""
         graph = self.allow()
-        declared = graph.ask(node, "describe_parameters")["parameters"]
-        wanted = typed_parameters(node, declared, texts)
+        wanted = graph.typed_parameters(node, texts)
         found: dict[str, Any] = graph.ask(node, "set_parameters", parameters=wanted)["parameters"]
         return found
 

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from palp_core.cli.main import app
 from palp_core.errors import PalpError
-from palp_core.graph.launch.graph import check_start
+from palp_core.graph.launch.checking import check_start
 from tests.palpation.session.sheet.filled import FILLED
 from tests.support.palp import ROOT
 from tests.support.rig_session import check_here

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from palp_core.graph.launch.graph import check_start
+from palp_core.graph.launch.checking import check_start
 from palp_core.graph.launch.summary import RunSummary, summary_of
 from palp_core.palpation.devices.blocks import late_blocks
 from palp_core.palpation.session.methods.advice import advice

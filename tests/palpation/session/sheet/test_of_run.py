@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from palp_core.cli.main import app
 from palp_core.errors import PalpError
 from palp_core.graph.bag.reader import Bag
-from palp_core.graph.launch.graph import check_start
+from palp_core.graph.launch.checking import check_start
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.session.audit import left_out
 from palp_core.palpation.session.bag_record import launch_of

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from palp_core.counted import counted
 from palp_core.errors import PalpError
-from palp_core.graph.launch.changes_told import last_set
+from palp_core.graph.launch.run_journal import last_set
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.session.audit import TrialKey, left_out
 from palp_core.palpation.session.human.record import is_by_hand, read_human

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from palp_core.counted import counted
-from palp_core.graph.launch.methods_told import MethodTold
+from palp_core.graph.launch.run_journal import MethodSpan
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.methods.choice import amount
 from palp_core.palpation.mechanics.scene.guard import task_of
@@ -85,12 +85,12 @@ def unsaid(summary: RunSummary, rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def _place(one: MethodTold) -> tuple[int, str, str, float, str]:
+def _place(one: MethodSpan) -> tuple[int, str, str, float, str]:
     task = one.use.task
     return (_ORDER.index(task) if task in _ORDER else len(_ORDER), task, one.use.of, one.at_s, one.node)
 
 
-def _record(one: MethodTold, rows: Sequence[Row], roles: Roles) -> MethodRecord:
+def _record(one: MethodSpan, rows: Sequence[Row], roles: Roles) -> MethodRecord:
     use = one.use
     guards: dict[str, int] | None = {}
     if use.task in MECHANICS:
@@ -115,7 +115,7 @@ def _record(one: MethodTold, rows: Sequence[Row], roles: Roles) -> MethodRecord:
     )
 
 
-def _guards(one: MethodTold, rows: Sequence[Row]) -> dict[str, int]:
+def _guards(one: MethodSpan, rows: Sequence[Row]) -> dict[str, int]:
     """Return how many palpations with a method met each guard that is about its task."""
     met: Counter[str] = Counter()
     for row in rows:

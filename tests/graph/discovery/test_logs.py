@@ -10,7 +10,7 @@ import pytest
 
 from palp_core.cli.words import since
 from palp_core.errors import PalpError
-from palp_core.graph.discovery.log_lines import LineFilter, LineReader, all_lines
+from palp_core.graph.discovery.logs import LineFilter, LineReader, all_lines
 from palp_core.graph.log_format import MergedFormatter, NodeFormatter
 
 AT = "2026-11-22T12:00:0{}.000+00:00"

@@ -1,0 +1,395 @@
+"""The checkpoints of a run on the wall clock, from which an interrupted one goes on.
+
+The nodes that the launch file names write themselves down when the message comes after which it is due; all
+others begin again. A checkpoint replaces the one before whole or not at all, and is removed when the run has
+come to its end. A run in simulated time is run again: that takes seconds.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import logging
+import os
+import shlex
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from palp_core.errors import GraphError, in_words
+from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
+from palp_core.graph.launch.run_journal import JournalEntries
+from palp_core.graph.node.loading import source_of
+from palp_core.graph.recording.provenance import versions
+from palp_core.graph.swap.compatibility import incompatibilities, replaced
+from palp_core.graph.workspaces.underlays import SHARED, underlays
+from palp_core.whole_file import read_whole, write_whole
+
+Inspect = Callable[[list[NodeClassRequest], Path], list[NodeClass]]
+RESUMES = "the run goes on, and could be resumed where the last one was written"
+_LOG = logging.getLogger("palp.supervisor")
+_MAGIC = b"palp checkpoint 1\n"
+_DIGEST_BYTES = 32
+_ANEW = "or begin anew, in another place"
+
+
+class RunIdentity(msgspec.Struct, frozen=True, kw_only=True):
+    """What must be as it was, for a run to go on.
+
+    Attributes:
+        settings: Clock, seed and arguments, each as messages call it.
+        nodes: Every node as the launch file and its arguments have it, by name.
+        versions: Of Python and of the packages that a result depends on.
+        sources: Digest of each source file of the workspace's nodes and messages, and of ``palp_core``.
+    """
+
+    settings: dict[str, Any]
+    nodes: dict[str, dict[str, Any]]
+    versions: dict[str, str]
+    sources: dict[str, str]
+
+    @classmethod
+    def of(cls, checked: CheckedGraph, runs: Iterable[str]) -> RunIdentity:
+        """Return what a run of a graph is, here and now, with classes that have taken over nodes' work."""
+        settings = {"the clock": checked.clock, "the seed": checked.seed}
+        settings |= {f"argument {name}": value for name, value in checked.args.items() if name != "seed"}
+        found = cls(
+            settings=msgspec.to_builtins(settings),
+            nodes={spec.name: msgspec.to_builtins(spec) for spec in (*checked.nodes, *checked.recorders)},
+            versions=versions(),
+            sources=_sources(checked, runs),
+        )
+        return msgspec.msgpack.decode(msgspec.msgpack.encode(found), type=cls)  # as one that was kept
+
+    def differences(self, now: RunIdentity) -> list[str]:
+        """Return what is not as it was."""
+        found = _changed(self.settings, now.settings)
+        if not found:  # else the arguments say why nodes are otherwise
+            for name in sorted({*self.nodes, *now.nodes}):
+                before, after = self.nodes.get(name), now.nodes.get(name)
+                if before is None or after is None:
+                    found.append(f"the launch file has {'a' if before is None else 'no'} node '{name}'")
+                elif keys := sorted(key for key in {*before, *after} if before.get(key) != after.get(key)):
+                    found.append(f"the launch file says otherwise of node '{name}': {', '.join(keys)}")
+        found += _changed(self.versions, now.versions)
+        names = sorted({*self.sources, *now.sources})
+        if changed := [name for name in names if self.sources.get(name) != now.sources.get(name)]:
+            found.append(f"the software has changed: {', '.join(changed)}")
+        return found
+
+
+class KeptNode(msgspec.Struct, frozen=True, kw_only=True):
+    """A node of a checkpoint: what runs under its name by then, and the node itself, written down."""
+
+    name: str
+    run: str
+    params: dict[str, Any]
+    kept: bytes
+
+
+class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
+    """A run at one instant.
+
+    Attributes:
+        identity: What must be as it is, for another to go on from here.
+        now_ns: When, on the graph's clock.
+        attached: Texts that the report keeps with all that is recorded of the run, by name.
+        nodes: Those that the launch file names, in graph order.
+        journal: What had been reported of the run by then.
+    """
+
+    identity: RunIdentity
+    given: list[str]
+    now_ns: int
+    resumed_count: int
+    attached: dict[str, str]
+    nodes: list[KeptNode]
+    journal: JournalEntries
+
+
+def write_checkpoint(path: Path, checkpoint: KeptRun) -> int:
+    """Write a checkpoint that outlives a power cut; the one before stays if that fails. Return its bytes.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    body = msgspec.msgpack.encode(checkpoint)
+    data = b"".join((_MAGIC, hashlib.sha256(body).digest(), body))
+    write_whole(path, data, durable=True)
+    return len(data)
+
+
+def read_checkpoint(path: Path) -> KeptRun:
+    """Return the checkpoint of an unfinished run.
+
+    Raises:
+        GraphError: There is none, or it is damaged.
+    """
+    try:
+        data = read_whole(path, 1 << 30)
+    except FileNotFoundError:
+        raise GraphError(
+            f"nothing to resume: there is no checkpoint {path}: the run that was there came to its end, or "
+            "ended before its first checkpoint; without --resume one begins, or says what is in its way"
+        ) from None
+    except OSError as error:
+        raise GraphError(f"{path} cannot be read: {error.strerror or error}") from error
+    head, body = data[: len(_MAGIC) + _DIGEST_BYTES], data[len(_MAGIC) + _DIGEST_BYTES :]
+    if not head.startswith(b"palp checkpoint"):
+        raise GraphError(f"{path} is no checkpoint of a run; nothing is resumed")
+    if not head.startswith(_MAGIC):
+        raise GraphError(f"{path} was written by another version of palp; resume it with that, {_ANEW}")
+    if head[len(_MAGIC) :] != hashlib.sha256(body).digest():
+        raise GraphError(f"{path} is torn: a part of it is missing or wrong; nothing is resumed: begin anew")
+    try:
+        return msgspec.msgpack.decode(body, type=KeptRun)
+    except msgspec.MsgspecError as error:
+        raise GraphError(f"{path} is of another version of palp: {in_words(error)}") from error
+
+
+class Checkpoints:
+    """The checkpoints of one run.
+
+    Args:
+        checked: The graph, as the launch file has it.
+        given: Its arguments as the command line has them.
+
+    Attributes:
+        resumed: What the run goes on from; None: it begins.
+        on_trouble: Called with why a checkpoint could not be written, and with "" once one could again.
+        count: How many were written.
+
+    Raises:
+        GraphError: The launch file asks for none, there is none, it is damaged, of another run, or another
+            run writes there.
+    """
+
+    def __init__(self, checked: CheckedGraph, given: Sequence[str], *, resume: bool) -> None:
+        keys = checked.checkpoint
+        if resume and checked.clock == "sim":
+            raise GraphError(f"{checked.file}: a run in simulated time cannot resume; run it again")
+        if resume and keys is None:
+            raise GraphError(
+                f"{checked.file}: cannot resume: the launch file writes no checkpoint; add "
+                "checkpoint: {file: PATH, after: node/port, nodes: [node, ...]}"
+            )
+        self.path = None if keys is None else Path(keys.file).absolute()
+        self.count = 0
+        self._launched, self._given = checked, list(given)
+        self._identity: RunIdentity | None = None
+        self._runs: set[str] = set()
+        self._lock = -1
+        self._failed = ""
+        self.on_trouble: Callable[[str], None] = lambda _: None
+        self.resumed: KeptRun | None = None
+        if resume and self.path is not None:
+            if self.path.exists():  # else there may be no folder either
+                self._hold()
+            try:
+                self.resumed = self._read(self.path)
+            except GraphError:
+                self.close()
+                raise
+
+    def _read(self, path: Path) -> KeptRun:
+        found = read_checkpoint(path)
+        self._runs = {node.run for node in found.nodes}
+        self._identity = RunIdentity.of(self._launched, self._runs)
+        if differences := found.identity.differences(self._identity):
+            lines = "".join(f"\n  {one}" for one in differences)
+            raise GraphError(
+                f"{path} is of another run than this one would be:{lines}\nresume it as it was, {_ANEW}"
+            )
+        if lost := [run for run in self._runs if source_of(run, self._launched.workspace) is None]:
+            raise GraphError(f"{path} cannot be resumed: no source file of {', '.join(lost)} is found")
+        return found
+
+    @property
+    def resumed_count(self) -> int:
+        """How often the run was interrupted."""
+        return 0 if self.resumed is None else self.resumed.resumed_count + 1
+
+    def _hold(self) -> None:
+        """Keep other runs from the checkpoint until :meth:`close`."""
+        assert self.path is not None
+        lock = self.path.with_name(f".{self.path.name}.lock")
+        try:
+            lock.parent.mkdir(parents=True, exist_ok=True)
+            self._lock = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if os.fstat(self._lock).st_ino != lock.stat().st_ino:
+                raise BlockingIOError
+        except (BlockingIOError, FileNotFoundError):
+            self.close(remove=False)
+            raise GraphError(f"{self.path} is being written: the run that it is of goes on already") from None
+        except OSError as error:
+            raise GraphError(f"no checkpoint can be written to {self.path}: {error.strerror}") from error
+
+    def begin(self) -> None:
+        """Keep other runs from the checkpoint, now that the run begins.
+
+        Raises:
+            GraphError: Another one writes it, nothing can be written there, or an unfinished run would be
+                lost that no report of the launch file has looked at.
+        """
+        if self.path is None or self._lock >= 0:
+            return
+        if self.path.exists() and not self._launched.report:
+            raise GraphError(
+                f"{self.path} is of an unfinished run: --resume goes on with it; remove it to begin anew"
+            )
+        self._hold()
+
+    def with_successors(self, inspect: Inspect) -> CheckedGraph:
+        """Return the graph as it was at the checkpoint: with the nodes that had taken over by then.
+
+        Raises:
+            GraphError: One of them cannot be had any more.
+        """
+        checked = self._launched
+        for kept in self.resumed.nodes if self.resumed is not None else ():
+            spec = next(spec for spec in checked.nodes if spec.name == kept.name)
+            if (spec.run, spec.params) == (kept.run, kept.params):
+                continue
+            request = NodeClassRequest(kept.run, kept.params, name=kept.name)
+            (found,) = inspect([request], Path(checked.workspace))
+            found = msgspec.structs.replace(found, run=kept.run)
+            if wrong := incompatibilities(checked, spec, found):
+                text = f"{kept.run}, which had taken over '{kept.name}': {'; '.join(wrong)}"
+                raise GraphError(f"{self.path} cannot be resumed: {text}")
+            checked = replaced(checked, spec, found, kept.params)
+        return checked
+
+    def write(
+        self, checked: CheckedGraph, kept: Mapping[str, bytes], now_ns: int, journal: JournalEntries
+    ) -> None:
+        """Write a checkpoint; if that fails, the one before stays, and it is reported once."""
+        assert self.path is not None
+        nodes = [
+            KeptNode(name=spec.name, run=spec.run, params=spec.params, kept=kept[spec.name])
+            for spec in checked.spawned
+            if kept.get(spec.name)
+        ]
+        runs = {node.run for node in nodes}
+        if self._identity is None or runs != self._runs:
+            self._runs, self._identity = runs, RunIdentity.of(self._launched, runs)
+        checkpoint = KeptRun(
+            identity=self._identity,
+            given=self._given,
+            now_ns=now_ns,
+            resumed_count=self.resumed_count,
+            attached=checked.attached,
+            nodes=nodes,
+            journal=journal,
+        )
+        try:
+            write_checkpoint(self.path, checkpoint)
+        except OSError as error:
+            text = f"no checkpoint can be written to {self.path}: {error.strerror or error}"
+            if text != self._failed:
+                _LOG.warning("%s; %s", text, RESUMES)
+                self.on_trouble(text)
+            self._failed = text
+            return
+        if self._failed:
+            self._failed = ""
+            self.on_trouble("")
+        self.count += 1
+
+    def command(self, file: Path) -> str:
+        """Return the command by which the run of a launch file, which has ended, goes on; "" if it cannot."""
+        if self.path is None or not self.count or not self.path.exists():
+            return ""
+        named = {word.partition(":=")[0] for word in self._given}
+        where = [  # a folder that was named by the time would be another one
+            f"{name}:={value}"
+            for name, value in self._launched.args.items()
+            if name not in named
+            and isinstance(value, str)
+            and value
+            and self.path.is_relative_to(Path(value).absolute())
+        ]
+        return shlex.join(["palp", "launch", str(file), *self._given, *where, "--resume"])
+
+    def finish(self) -> None:
+        """Remove the checkpoint: the run has come to its end."""
+        if self.path is not None and self._lock >= 0:
+            with contextlib.suppress(OSError):
+                self.path.unlink(missing_ok=True)
+
+    def close(self, *, remove: bool = True) -> None:
+        """Let other runs have the checkpoint."""
+        if self._lock < 0 or self.path is None:
+            return
+        if remove:
+            with contextlib.suppress(OSError):
+                self.path.with_name(f".{self.path.name}.lock").unlink(missing_ok=True)
+        os.close(self._lock)
+        self._lock = -1
+
+
+class CheckpointWriter:
+    """Gathers what the named nodes write down, and writes a checkpoint once all are there for one message."""
+
+    def __init__(self, wanted: Iterable[str], write: Callable[[Mapping[str, bytes]], None]) -> None:
+        self._wanted, self._write = set(wanted), write
+        self._kept: dict[int, dict[str, bytes]] = {}
+
+    def take(self, name: str, sequence: int, node: bytes) -> None:
+        """Take a node that was written down at a message."""
+        kept = self._kept.setdefault(sequence, {})
+        kept[name] = node
+        if kept.keys() >= self._wanted:
+            self._kept = {at: nodes for at, nodes in self._kept.items() if at > sequence}
+            self._write(kept)
+
+
+def _changed(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """Return which values of two mappings differ, in the order of their keys."""
+    return [
+        f"{name} was {_shown(before, name)}, and is {_shown(now, name)}"
+        for name in sorted({*before, *now}, key=lambda name: (name not in ("the clock", "the seed"), name))
+        if before.get(name) != now.get(name)
+    ]
+
+
+def _shown(values: Mapping[str, Any], name: str) -> str:
+    if name not in values:
+        return "not there"
+    value = values[name]
+    return str(value).lower() if isinstance(value, bool) else f"'{value}'" if value == "" else str(value)
+
+
+def _sources(checked: CheckedGraph, runs: Iterable[str]) -> dict[str, str]:
+    """Return a digest of each file that the nodes may be made of."""
+    workspace, files = Path(checked.workspace), set[Path]()
+    for run in (*(spec.run for spec in checked.nodes), *runs):
+        found = source_of(run, checked.workspace)
+        if found is None:
+            continue
+        path = found[0]
+        files.add(path)
+        if path.is_relative_to(workspace) and path.parent != workspace:
+            files.update((workspace / path.relative_to(workspace).parts[0]).rglob("*.py"))
+        for one in underlays():
+            if path.is_relative_to(one.folder / "nodes"):
+                files.update(file for kind in SHARED for file in (one.folder / kind).rglob("*.py"))
+    files.update((workspace / "msgs").rglob("*.py"))
+    own = sorted(Path(__file__).parents[2].rglob("*.py"))
+    digests = {
+        str(path.relative_to(workspace) if path.is_relative_to(workspace) else path): _digest([path])
+        for path in sorted(files)
+        if path not in own
+    }
+    return {**digests, "palp_core": _digest(own)}
+
+
+def _digest(files: list[Path]) -> str:
+    digest = hashlib.blake2b(digest_size=8)
+    for path in files:
+        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()

@@ -1,0 +1,126 @@
+"""The two ways in which a graph runs: on the machine's clock, and in rounds of simulated time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.lockstep.conductor import Conductor, LockstepNodes, Observer
+from palp_core.graph.lockstep.simulated_time import SimulatedTime
+from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.process.control_messages import Done
+from palp_core.graph.supervision.interrupt import ended_after
+from palp_core.graph.supervision.supervisor import Supervisor
+from palp_core.graph.swap.swap import SwapBackend
+
+if TYPE_CHECKING:
+    from palp_core.graph.network.gateway_handle import GatewayHandle
+
+
+class LockstepRun:
+    """A run in simulated time."""
+
+    def __init__(
+        self, nodes: LockstepNodes, checked: CheckedGraph, observe: Observer, check: Callable[[], None]
+    ) -> None:
+        ends_run = [i for i, spec in enumerate(checked.nodes) if spec.shutdown_on_exit]
+        self._nodes, self._order = nodes, end_order(checked.spawned)
+        self._conductor = Conductor(nodes, checked.readers, ends_run, observe, check)
+
+    @property
+    def now_ns(self) -> int:
+        """Time on the graph's clock."""
+        return self._conductor.now_ns
+
+    @property
+    def activation_count(self) -> int:
+        """How often a node was given work."""
+        return self._conductor.activation_count
+
+    def clock_s(self, _wall_s: float) -> float:
+        """Return how long the run took on the graph's clock."""
+        return self.now_ns / 1e9
+
+    def go(self, until_ns: int | None, announcing: AbstractContextManager[None]) -> int:
+        """Activate, work, and bring every node to its safe state; return the exit code."""
+        with ended_after(self._conductor.shutdown, self._order), announcing:
+            self._conductor.activate()
+            return self._conductor.run(until_ns)
+
+    def replace(self, checked: CheckedGraph, index: int, done: Done | None) -> None:
+        """Go on with another node in the place of one, and with what it has published."""
+        self._conductor.rewire(checked.readers)
+        if done is not None:
+            self._conductor.accept(index, done)
+
+    def swap_backend(self, folder: Path, workspace: Path) -> SwapBackend:
+        """Return what swaps the nodes: between processes, or within the one of a composed graph."""
+        time = SimulatedTime()
+        time.conductor = self._conductor
+        if isinstance(self._nodes, Supervisor):
+            return _between_processes(self._nodes, folder, workspace, time)
+        from palp_core.graph.lockstep.composition import Composition
+        from palp_core.graph.swap.composed_swap import ComposedSwaps
+
+        assert isinstance(self._nodes, Composition)
+        return ComposedSwaps(self._nodes, workspace, time)
+
+
+class WallRun:
+    """A run on the machine's clock.
+
+    Attributes:
+        gone_ns: Time on the graph's clock of the run that it goes on with.
+    """
+
+    activation_count = 0
+
+    def __init__(self, supervisor: Supervisor, checked: CheckedGraph, gateway: GatewayHandle | None) -> None:
+        self._supervisor, self._gateway = supervisor, gateway
+        self._order = end_order(checked.spawned)
+        self.gone_ns = 0
+
+    @property
+    def now_ns(self) -> int:
+        """Time on the graph's clock; 0 before it starts."""
+        start_ns = self._supervisor.start_ns
+        return monotonic_ns() - start_ns if start_ns else 0
+
+    def clock_s(self, wall_s: float) -> float:
+        """Return how long the run took on the graph's clock."""
+        return wall_s + self.gone_ns / 1e9
+
+    def go(self, until_ns: int | None, announcing: AbstractContextManager[None]) -> int:
+        """Activate, work, and bring every node to its safe state; return the exit code."""
+        with ended_after(lambda index: self._supervisor.shutdown(index, 0), self._order), announcing:
+            start_ns = monotonic_ns() - self.gone_ns
+            if self._gateway is not None:
+                self._gateway.activate(start_ns)
+            exit_code = self._supervisor.run_wall(until_ns, start_ns)
+            if self._gateway is not None:
+                self._gateway.close("the graph has come to its end", finished=exit_code == 0)
+            return exit_code
+
+    def replace(self, checked: CheckedGraph, index: int, done: Done | None) -> None:
+        """Go on with another node in the place of one: its readers have been told by the swap."""
+
+    def swap_backend(self, folder: Path, workspace: Path) -> SwapBackend:
+        """Return what swaps the nodes."""
+        return _between_processes(self._supervisor, folder, workspace, SimulatedTime())
+
+
+def end_order(nodes: Sequence[NodeSpec]) -> list[int]:
+    """Return the order in which nodes end: those that move something first, then graph order."""
+    return sorted(range(len(nodes)), key=lambda i: (not nodes[i].moves, i))
+
+
+def _between_processes(
+    supervisor: Supervisor, folder: Path, workspace: Path, time: SimulatedTime
+) -> SwapBackend:
+    from palp_core.graph.swap.process_swap import ProcessSwaps
+
+    return ProcessSwaps(supervisor, folder, workspace, time)
