@@ -20,7 +20,6 @@ from palp_core.graph.messages.message import Message, decode, decode_any, encode
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.bench import Bench
 from palp_core.graph.node.executor import Executor
-from palp_core.graph.node.external_calls import set_parameters
 from palp_core.graph.node.handover import HandOver, Predecessor, adopt_state
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.node import Node, Params, State
@@ -160,13 +159,13 @@ class Run:
 
     def swap(self, *, waiting: list[bytes] | None = None) -> HandOver:
         """Let another executor take over, through bytes."""
-        self.executor.succession.pause()
+        self.executor.pause()
         for frame in waiting or []:
             self.executor.consume(frame)
-        data = encode_any(self.executor.succession.hand_over())
+        data = encode_any(self.executor.hand_over())
         self.executor = self.fresh()
         hand_over = decode_any(HandOver, data)
-        self.executor.succession.take_over(hand_over)
+        self.executor.take_over(hand_over)
         while self.executor.inbox:
             self.executor.consume(self.executor.inbox.popleft())
         return hand_over
@@ -197,7 +196,7 @@ class Run:
         what, n, ms = step
         self.wait(ms)
         if what == "params":
-            set_parameters(self.executor, {"pause_s": 0.001 * n})
+            self.executor.set_parameters({"pause_s": 0.001 * n})
         elif what != "wait":
             self.executor.consume(self.frame(what, n))
 
@@ -221,11 +220,11 @@ def test_a_hand_over_at_any_point_changes_no_byte_of_the_output(script: list[Ste
     for index, step in enumerate(script):
         if index in swaps:
             run.swap()
-            set_parameters(run.executor, {"pause_s": pause_s})
+            run.executor.set_parameters({"pause_s": pause_s})
         run.step(step)
         pause_s = run.executor.node.params.pause_s  # type: ignore[attr-defined]
     run.swap()
-    set_parameters(run.executor, {"pause_s": pause_s})
+    run.executor.set_parameters({"pause_s": pause_s})
     run.wait(500)
     straight = _straight(script)
     assert run.outputs() == straight.outputs()
@@ -257,7 +256,7 @@ def _redrive(orders: list[Order], fed: dict[tuple[str, int], bytes], start: int)
     executor.transition(Transition.CONFIGURE)
     topics = {"input:left": "/w/left", "input:right": "/w/right", "reply:ask": "/w/srv/busy/ask"}
     if orders[start].hand_over:
-        executor.succession.take_over(decode_any(HandOver, orders[start].hand_over))
+        executor.take_over(decode_any(HandOver, orders[start].hand_over))
     for order in orders[start:]:
         for source, sequence, now_ns in zip(order.source, order.sequence, order.now_ns, strict=True):
             name = order.sources[source]
@@ -265,7 +264,7 @@ def _redrive(orders: list[Order], fed: dict[tuple[str, int], bytes], start: int)
             if name in list(Transition):
                 executor.transition(Transition(name))
             elif name == "parameters":
-                set_parameters(executor, json.loads(order.changes[sequence]))
+                executor.set_parameters(json.loads(order.changes[sequence]))
             elif name.startswith("timer:"):
                 assert executor.run_timer(name.removeprefix("timer:")) == sequence
             else:
@@ -359,7 +358,7 @@ def test_arrays_in_the_state_can_be_written_after_a_hand_over() -> None:
 def test_only_an_inactive_node_can_take_over() -> None:
     run = Run()
     with pytest.raises(LifecycleError):
-        run.executor.succession.take_over(run.executor.succession.hand_over())
+        run.executor.take_over(run.executor.hand_over())
 
 
 def test_a_generator_continues_from_its_text() -> None:
@@ -401,7 +400,7 @@ class Renamed(State):
 
 def _hand_over(state: State, node_class: str = "m:C", version: int = 1) -> HandOver:
     return msgspec.structs.replace(
-        Run().executor.succession.hand_over(),
+        Run().executor.hand_over(),
         state=encode_any(state),
         node_class=node_class,
         state_version=version,
@@ -487,7 +486,5 @@ def test_a_refused_hand_over_leaves_the_successor_inactive() -> None:
     run = Run()
     successor = run.fresh(Successor)
     with pytest.raises(SchemaMismatch):
-        successor.succession.take_over(
-            msgspec.structs.replace(run.executor.succession.hand_over(), state=b"\xc1")
-        )
+        successor.take_over(msgspec.structs.replace(run.executor.hand_over(), state=b"\xc1"))
     assert successor.lifecycle.value == "inactive"

@@ -109,6 +109,10 @@ class Pair:
             while receiver._executor.inbox:
                 receiver.deliver_next()
 
+    def report_losses(self) -> None:
+        for out, change in self.sockets.publisher.backpressure.newly_lost(monotonic_ns()):
+            self.talker.ends.report_overrun(out, change)
+
     def hear(self, until: Callable[[], bool]) -> None:
         """Let the readers look ten times a second, as it were, and the publisher hear them, until it has."""
         while not until():
@@ -234,8 +238,7 @@ def word_of(topic: str, reader: str, sequence: int) -> bytes:
 
 def test_every_loss_is_counted_at_both_ends_and_told_at_most_once_a_second(pair: Pair) -> None:
     reader = pair.reader(qos=Qos(depth=1))
-    told: list[int] = []
-    pair.out.tell_lost = told.append
+    reported: list[int] = []
     backpressure, now_ns = pair.sockets.publisher.backpressure, monotonic_ns()
     skipped = 0
     for lost in (3, 4):
@@ -251,18 +254,17 @@ def test_every_loss_is_counted_at_both_ends_and_told_at_most_once_a_second(pair:
         while reader._executor.inbox:
             reader.deliver_next()
         pair.hear(lambda skipped=skipped: pair.out.lost_count >= skipped)  # type: ignore[misc]
-        backpressure.tell(now_ns)
+        reported += [change for _, change in backpressure.newly_lost(now_ns)]
         assert pair.out.lost_count == skipped == pair.listeners[0].ends.accounts["/p/word"].lost
-    assert told == [3]
-    backpressure.tell(now_ns + TELL_NS)
-    backpressure.tell(now_ns + 2 * TELL_NS)
-    assert told == [3, 4]
+    assert reported == [3]
+    assert backpressure.newly_lost(now_ns + TELL_NS) == [(pair.out, 4)]
+    assert not backpressure.newly_lost(now_ns + 2 * TELL_NS)
 
 
 def test_a_publishers_handler_hears_of_what_its_readers_have_lost(tmp_path: Path) -> None:
     pair = Pair(tmp_path, Heedful)
     pair.out.lost_count = 5
-    pair.sockets.publisher.backpressure.tell(monotonic_ns())
+    pair.report_losses()
     pair.talker.run_timers()
     assert pair.talker.node.state.heard == [5]  # type: ignore[attr-defined]
     assert pair.talker.ends.counts()["lost_by_readers"] == 5
@@ -274,7 +276,7 @@ def test_a_publisher_without_a_handler_says_it_in_its_log_and_on_its_events(
 ) -> None:
     pair.out.lost_count = 5
     before = pair.talker.ends.publishers["/p/_events"].sequence
-    pair.sockets.publisher.backpressure.tell(monotonic_ns())
+    pair.report_losses()
     assert pair.talker.ends.publishers["/p/_events"].sequence == before + 1
     assert "output 'word' (/p/word): readers have lost messages for good" in caplog.text
 

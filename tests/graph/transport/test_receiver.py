@@ -213,7 +213,7 @@ def test_what_a_predecessor_rejected_it_has_heard(tmp_path: Path, context: Any) 
     for n in (4, 5):
         new.arrive(n, 0)
     old.work()
-    handed = old.executor.succession.copy()
+    handed = old.executor.full_snapshot()
     assert (handed.consumed["/p/word"].sequence, old.executor.events.rejected_count) == (1, 2)
     assert new.receiver.continue_from(handed, old.receiver.heard) == 2
     assert new.work() == ["word 4", "word 5"]

@@ -23,11 +23,10 @@ from palp_core.errors import BagError, GraphError
 from palp_core.extras import advice
 from palp_core.graph.messages.message_type import MessageType
 from palp_core.graph.messages.qos import QOS_MISTAKE, Qos
-from palp_core.graph.node.action_ports import Act, ActionClient
 from palp_core.graph.node.loading import enter_workspace, load_module
 from palp_core.graph.node.node import Declaration, Node, declaration_of
 from palp_core.graph.node.params import ParamDescription, describe_params, load_params
-from palp_core.graph.node.ports import Client, Port, Pub, Srv, Sub
+from palp_core.graph.node.ports import Act, ActionClient, Client, Port, Pub, Srv, Sub
 from palp_core.graph.problems import hint, nearest
 from palp_core.graph.workspaces.underlays import underlays
 from palp_core.whole_file import check_regular
@@ -216,7 +215,7 @@ def _port(port: Port) -> NodePort:
             )
         case Act() | ActionClient():
             kind: Literal["act", "action_client"] = "act" if isinstance(port, Act) else "action_client"
-            types = [MessageType.of(message) for message in (port.goal, port.feedback, port.result)]
+            types = [MessageType.of(message) for message in port.types[:3]]
             return NodePort(port.name, kind, types, Qos())
     raise AssertionError(port)
 

@@ -166,8 +166,8 @@ class Composition:
 
     def hand_over(self, index: int) -> tuple[list[bytes], HandOver]:
         """Pause a node; return what it has published on the occasion, and its hand-over."""
-        self._executors[index].succession.pause()
-        hand_over = self._executors[index].succession.hand_over()
+        self._executors[index].pause()
+        hand_over = self._executors[index].hand_over()
         return self._done(self._executors[index]).frames, hand_over
 
     def promote(self, index: int, executor: Executor, frames: Iterable[bytes] = ()) -> Done:

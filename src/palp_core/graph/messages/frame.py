@@ -5,9 +5,9 @@
     <topic utf-8> 00 | version u8 | kind u8 | flags u16 | epoch u32 | sequence u64 | stamp_ns i64 |
     type_hash u64 <payload>
 
-All little-endian; the header is 32 bytes. The sequence of a topic starts at 1 and grows by 1 with each
-message. The
-epoch counts the restarts of the publishing node (a swap keeps it), so that a restart never reads as repeats.
+All little-endian; the header is 32 bytes. :class:`Frame` has its fields in this order. The sequence of a
+topic starts at 1 and grows by 1 with each message. The epoch counts the restarts of the publishing node (a
+swap keeps it), so that a restart never reads as repeats.
 """
 
 import struct
@@ -18,8 +18,8 @@ from palp_core.errors import SchemaMismatch
 
 VERSION = 2
 _HEADER = struct.Struct("<BBHIQqQ")
-_QUICK = struct.Struct("<IIQqQ")
 _SEQUENCE = struct.Struct("<Q")
+_SEQUENCE_AT = struct.calcsize("<BBHI")
 _FORMER = struct.Struct("<IQ")
 HEADER_BYTES = _HEADER.size
 MAX_TOPIC_BYTES = 255
@@ -34,16 +34,6 @@ class Kind(IntEnum):
     HEARTBEAT = 1  # sequence is the last one published; payload: see former_of
     MOVED = 2  # payload is the new endpoint; sequence is the last one published here
     IDLE = 3  # a heartbeat that says: nothing is due until the next message
-
-
-PLAIN_DATA = VERSION
-"""The header's first four bytes as one number, of a message: kind DATA, no flags."""
-
-quick_pack = _QUICK.pack
-"""Return a header of (first four bytes, epoch, sequence, stamp, type hash)."""
-
-quick_header = _QUICK.unpack_from
-"""Read (first four bytes, epoch, sequence, stamp, type hash) at an offset."""
 
 
 class Frame(NamedTuple):
@@ -74,15 +64,7 @@ def pack(
 
 def raw_of(frame: Frame) -> bytes:
     """Return the bytes that :func:`parse` has split."""
-    return pack(
-        frame.topic.encode(),
-        frame.kind,
-        frame.epoch,
-        frame.sequence,
-        frame.stamp_ns,
-        frame.type_hash,
-        frame.payload,
-    )
+    return pack(frame.topic.encode(), *frame[1:])
 
 
 def former_of(frame: Frame) -> tuple[int, int]:
@@ -108,7 +90,7 @@ def topic_of(frame: bytes) -> bytes:
 
 def sequence_of(frame: bytes, topic_bytes: int) -> int:
     """Return the sequence of a frame whose topic has the given length."""
-    sequence: int = _SEQUENCE.unpack_from(frame, topic_bytes + 9)[0]
+    sequence: int = _SEQUENCE.unpack_from(frame, topic_bytes + 1 + _SEQUENCE_AT)[0]
     return sequence
 
 

@@ -9,9 +9,9 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import GraphError, SchemaMismatch
-from palp_core.graph.actions.client import SentGoals
-from palp_core.graph.actions.ledger import ServedGoals
 from palp_core.graph.messages.message import decode_any, encode_any
+from palp_core.graph.node.action_client import SentGoals
+from palp_core.graph.node.action_server import ServedGoals
 from palp_core.graph.node.node import State
 from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.node.service_client import Pending

@@ -14,7 +14,7 @@ def keep(executor: Executor) -> bytes:
     Raises:
         NodeError: Its state cannot be written down.
     """
-    return encode_any(executor.succession.snapshot())
+    return encode_any(executor.snapshot())
 
 
 def restore(executor: Executor, data: bytes) -> None:
@@ -30,4 +30,4 @@ def restore(executor: Executor, data: bytes) -> None:
         raise SchemaMismatch(f"the checkpoint is of another version: {in_words(error)}") from error
     executor.node.state = adopt_state(executor.declaration.state, class_name(type(executor.node)), hand_over)
     executor.rng = rng_from_text(hand_over.rng)
-    executor.failing.hook("on_restore")
+    executor.run_hook("on_restore")

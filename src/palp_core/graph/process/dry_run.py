@@ -28,7 +28,7 @@ def try_hand_over(executor: Executor, hand_over: HandOver, changes: Mapping[str,
         SchemaMismatch: The state does not fit.
         NodeError: ``on_resume`` failed.
     """
-    executor.succession.take_over(msgspec.structs.replace(hand_over, inbox=[]), changes)
+    executor.take_over(msgspec.structs.replace(hand_over, inbox=[]), changes)
     for name, payload in hand_over.latest if hand_over.active else ():
         for subscription in executor.ends.subscriptions.get(name, []):
             message = subscription.decode(payload)
@@ -39,6 +39,6 @@ def try_hand_over(executor: Executor, hand_over: HandOver, changes: Mapping[str,
                 handler = subscription.handler.__name__
                 text = f"{handler} failed when it was tried on the last message of {name}"
                 raise GraphError(f"{text}: {in_words(error)}") from error
-    found = executor.succession.snapshot()
-    executor.succession.step_back()
+    found = executor.snapshot()
+    executor.step_back()
     return found

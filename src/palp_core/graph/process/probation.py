@@ -55,9 +55,9 @@ class WorkReporter:
         frames = list(self.frames)
         self.frames.clear()
         # the predecessor remembers the frames that it publishes; in lockstep it publishes none
-        written = executor.succession.snapshot() if self.reports else executor.succession.copy()
+        written = executor.snapshot() if self.reports else executor.full_snapshot()
         try:
-            executor.succession.fitting(written, {})
+            executor.fitting(written, {})
         except SchemaMismatch as error:
             raise NodeError(executor.name, f"its state is not what its class declares: {error}") from error
         run_count, counter = self._reported - self._begun_at, executor.node.proven_by
@@ -68,7 +68,7 @@ class WorkReporter:
             getattr(executor.node, counter) if counter else run_count,
             counter.removesuffix("_count") or HANDLER,
             last,
-            list(executor.ends.timers),
+            list(executor.ends.timed),
         )
 
 

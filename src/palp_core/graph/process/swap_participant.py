@@ -149,11 +149,13 @@ class SwapParticipant:
         self._answer(swap_messages.SuccessorAnnounced(publisher.readers))
 
     def _hand_over(self, request: swap_messages.RequestHandover) -> swap_messages.Handover:
-        succession = self._executor.succession
+        executor = self._executor
         if request.pause:
-            succession.pause()
+            executor.pause()
         at_ns = monotonic_ns()
-        found = succession.hand_over() if request.pause else succession.copy(with_latest=request.with_latest)
+        found = (
+            executor.hand_over() if request.pause else executor.full_snapshot(with_latest=request.with_latest)
+        )
         return swap_messages.Handover(
             encode_any(found), at_ns, self._sockets.requests.remembered, self._received()
         )
@@ -162,7 +164,7 @@ class SwapParticipant:
         """Publish what the successor has reported, and know where to go on should it fail."""
         error = ""
         try:
-            self._executor.succession.fitting(decode_any(HandOver, report.hand_over), {})
+            self._executor.fitting(decode_any(HandOver, report.hand_over), {})
             self._last_report = report
         except Exception as failure:  # noqa: BLE001 - migrate and adopt are the user's
             error = in_words(failure)
@@ -174,13 +176,13 @@ class SwapParticipant:
 
     def _resume(self) -> None:
         self._pending.pop(swap_messages.RequestHandover, None)
-        succession, report = self._executor.succession, self._last_report
+        executor, report = self._executor, self._last_report
         self._last_report = None
-        if report is None or not succession.paused:
-            succession.resume()
+        if report is None or not executor.paused:
+            executor.resume()
             return
         hand_over = decode_any(HandOver, report.hand_over)
-        succession.take_back(hand_over, report.ends)
+        executor.take_back(hand_over, report.ends)
         self._merge(hand_over, {})
 
     def _leave(self, patience_ns: int) -> None:
@@ -189,7 +191,7 @@ class SwapParticipant:
         self._sockets.publisher.greeting = lambda end: [gone(end)]
         self._close_inputs()
         self._sockets.wait_until_unread(patience_ns, self._supervisor)
-        self._executor.succession.leave()
+        self._executor.leave()
         self.left = True
 
     # Successor
@@ -203,10 +205,10 @@ class SwapParticipant:
         return has_nodes and (complete or monotonic_ns() >= self._readers_until_ns)
 
     def _try(self, message: swap_messages.DryRun) -> swap_messages.DryRunResult:
-        error, tried, succession = "", b"", self._executor.succession
+        error, tried = "", b""
         try:
             hand_over = decode_any(HandOver, message.hand_over)
-            succession.fitting(hand_over, message.params)
+            self._executor.fitting(hand_over, message.params)
             if message.try_out:
                 tried = encode_any(try_hand_over(self._executor, hand_over, message.params))
                 self._sockets.publisher.hold()  # what it has published then is forgotten
@@ -224,7 +226,7 @@ class SwapParticipant:
                 self._reporter = WorkReporter(self._executor, reports=message.start_ns > 0)
                 if self._reporter.reports:
                     self._sockets.publisher.hold(self._reporter.frames.append)
-            self._executor.succession.take_over(hand_over, message.params)
+            self._executor.take_over(hand_over, message.params)
             if message.shadow is None:
                 self._sockets.requests.remember(message.handover.remembered)
             held = self._merge(hand_over, message.handover.received)
@@ -276,7 +278,7 @@ class SwapParticipant:
 
     def _end_shadow(self) -> swap_messages.Shadowed:
         assert self._comparison is not None
-        self._executor.succession.step_back()
+        self._executor.step_back()
         self.turn()
         report = b""
         if self._eavesdropper is not None:

@@ -43,9 +43,8 @@ class WallLoop:
         self.sockets = NodeSockets(*endpoints(order.run_dir, order.place))
         self.clock = WallClock(monotonic_ns())
         node_class = load_class(order.spec.run, order.workspace, fresh=order.fresh)
-        self.executor = Executor(node_class, order.spec, self, self.sockets.publisher.send)
-        self.executor.resend = self.sockets.publisher.send
-        self.executor.events.report = self._report
+        send = self.sockets.publisher.send
+        self.executor = Executor(node_class, order.spec, self, send, resend=send, report=self._report)
         publishers = {
             name: endpoints(order.run_dir, name.split("/")[1]) for name in self.executor.ends.subscriptions
         }
@@ -169,7 +168,7 @@ class WallLoop:
 
     def _perform(self) -> None:
         """Do what has been asked, and at once what comes of it, unless the node may change hands."""
-        if not self.executor.succession.paused:
+        if not self.executor.paused:
             self.sockets.requests.perform()
 
     def _wait(self) -> bool:
@@ -178,11 +177,12 @@ class WallLoop:
         if now_ns >= self._next_beat_ns - EARLY_NS:
             if not self.participant.silent:
                 self.sockets.publisher.send_heartbeats(to_all=False)
-            self.sockets.publisher.backpressure.tell(now_ns)
+            for out, change in self.sockets.publisher.backpressure.newly_lost(now_ns):
+                self.executor.ends.report_overrun(out, change)
             self._matched_readers.write_down()
             self._show()
             self.receiver.tick(now_ns, self.now_ns(), max(now_ns - self._next_beat_ns, 0))
-            at_work = self.executor.lifecycle is Lifecycle.ACTIVE and not self.executor.succession.paused
+            at_work = self.executor.lifecycle is Lifecycle.ACTIVE and not self.executor.paused
             self.executor.journal.serve_follower(self.executor.now_ns(), active=at_work)
             self._next_beat_ns = now_ns + HEARTBEAT_NS
             if now_ns >= self._health.due_ns and self._heard():

@@ -115,10 +115,12 @@ class Backpressure:
             "do, or its input a greater depth or max_blocking_ms, or publish less",
         )
 
-    def tell(self, now_ns: int) -> None:
-        """Let each node know what its readers have lost since; to be called between two handlers."""
+    def newly_lost(self, now_ns: int) -> list[tuple[PublisherEnd[Any], int]]:
+        """Return how many messages readers have lost since, by output; of each at most once a second."""
+        found = []
         for topic in self._topics.values():
             count = topic.publisher.lost_count
             if count > topic.told_count and now_ns - topic.told_ns >= TELL_NS:
-                change, topic.told_count, topic.told_ns = count - topic.told_count, count, now_ns
-                topic.publisher.tell_lost(change)
+                found.append((topic.publisher, count - topic.told_count))
+                topic.told_count, topic.told_ns = count, now_ns
+        return found

@@ -5,7 +5,6 @@ from typing import Any
 
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Lifecycle
-from palp_core.graph.node.qos_events import EventEnd
 from palp_core.graph.node.subscription import Subscription
 from palp_core.graph.transport.reorder_buffer import ReorderBuffer
 
@@ -50,9 +49,7 @@ class EdgeMonitor:
         silent = now_ns - asserted_ns > qos.lease_ms * 1e6
         if silent != (port in self._silent):
             self._silent ^= {port}
-            end = self._executor.ends.timers[f"liveliness:{port}"]
-            assert isinstance(end, EventEnd)
-            end.count(1, graph_ns)
+            self._executor.ends.events["liveliness", port].count(1, graph_ns)
 
     def account(self, window: int = 0) -> dict[str, dict[str, Any]]:
         """Return what the node counts not itself; latencies of the last ``window`` messages if not 0."""

@@ -78,7 +78,7 @@ class PublisherSocket:
             publisher.wait_for_room = functools.partial(self._wait_for_room, publisher)
             if direct:
                 publisher.send = self._transmit
-                publisher.listened = name in self._subscribed
+                publisher.has_readers = name in self._subscribed
                 self._direct.add(publisher.topic)
 
     @property
@@ -110,7 +110,7 @@ class PublisherSocket:
         self._send_frame = instead or self._held.append
         for name, publisher in self._publishers.items():
             if publisher.topic in self._direct:
-                publisher.listened = instead is not None or name in self._subscribed
+                publisher.has_readers = instead is not None or name in self._subscribed
 
     def release(self) -> None:
         """Publish what was kept back."""
@@ -209,7 +209,7 @@ class PublisherSocket:
         self._subscribed[name] = self._subscribed.get(name, 0) + 1
         publisher = self._publishers.get(name)
         if publisher is not None:
-            publisher.listened = True
+            publisher.has_readers = True
             publisher.greeted_count += 1
             self.send_past_hold(self.greeting(publisher))
 
@@ -219,4 +219,4 @@ class PublisherSocket:
             del self._subscribed[name]
             publisher = self._publishers.get(name)
             if publisher is not None and publisher.topic in self._direct:
-                publisher.listened = False
+                publisher.has_readers = False

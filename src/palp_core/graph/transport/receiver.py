@@ -8,14 +8,7 @@ from typing import Any
 
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.messages.frame import (
-    HEADER_BYTES,
-    PLAIN_DATA,
-    Frame,
-    Kind,
-    parse,
-    quick_header,
-)
+from palp_core.graph.messages.frame import Frame, Kind, parse
 from palp_core.graph.messages.qos import MOST_UNREAD, strictest
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.executor import Executor
@@ -31,7 +24,6 @@ from palp_core.graph.transport.requester_socket import RequesterSocket
 from palp_core.graph.transport.subscriber_socket import ARRAY_QUEUE, RECEIVE_QUEUE, SubscriberSocket
 
 MOST_UNREAD_BYTES = 64 << 20
-_DATA = int(Kind.DATA)
 
 
 class TopicReceiver:
@@ -75,7 +67,7 @@ class TopicReceiver:
         self._unread_bytes = 0
         self.monitor = EdgeMonitor(executor, self.buffers)
         self._was_active = False
-        self._quick: dict[bytes, tuple[ReorderBuffer, Subscription]] = {}
+        self._prompt: dict[str, Subscription] = {}
         self._start_ns = 0
 
     def _buffer_of(self, name: str, subscriptions: list[Subscription]) -> ReorderBuffer:
@@ -84,7 +76,7 @@ class TopicReceiver:
                 one.account.epoch, one.account.sequence = self._offsets.read(name)
         qos = strictest([one.qos for one in subscriptions])
         return ReorderBuffer(
-            name, qos, subscriptions[0].account, self._deliver, self._ask, ordered=subscriptions[0].ordered
+            name, qos, subscriptions[0].account, self._deliver, self._ask, ordered=subscriptions[0].is_ordered
         )
 
     @property
@@ -137,8 +129,8 @@ class TopicReceiver:
         several = itertools.chain.from_iterable(inputs.values())
         if any(subscription.qos.reliability == "best_effort" for subscription in several):
             return  # such a reader must see all that has arrived before it knows what to skip
-        self._quick |= {
-            name.encode(): (self.buffers[name], subscriptions[0])
+        self._prompt |= {
+            name: subscriptions[0]
             for name, subscriptions in inputs.items()
             if len(subscriptions) == 1 and subscriptions[0].is_prompt
         }  # where a deadline holds, what is due at its time comes before a message that is late
@@ -173,48 +165,32 @@ class TopicReceiver:
         return len(self._inbox) >= MOST_UNREAD or self._unread_bytes >= MOST_UNREAD_BYTES
 
     def _arrive(self, raw: bytes, now_ns: int) -> None:
-        """Take one frame; nearly every one is a message that is next in its order, and goes the short way."""
-        end = raw.find(0)
-        edge = self._quick.get(raw[:end])
+        """Take one frame; a message that is next in its order goes to its handler at once."""
         executor = self._executor
-        if edge is not None and len(raw) > end + HEADER_BYTES and not self._inbox and executor.publishing:
-            buffer, subscription = edge
-            head, epoch, sequence, stamp_ns, type_hash = quick_header(raw, end + 1)
-            if (
-                head == PLAIN_DATA
-                and ((sequence == buffer.next and epoch == buffer.epoch) or not subscription.ordered)
-                and buffer.give_up_ns is None
-                and executor.exit_code is None
-            ):
-                graph_ns = now_ns - self._start_ns
-                payload = memoryview(raw)[end + 1 + HEADER_BYTES :]
-                executor.deliver(subscription, graph_ns, _DATA, epoch, sequence, stamp_ns, type_hash, payload)
-                buffer.next = sequence + 1
-                buffer.heard_ns = buffer.data_ns = now_ns
-                buffer.latency.add(graph_ns - stamp_ns)
-                if self._offsets is not None:
-                    self._offsets.note(buffer.topic, epoch, sequence)
-                if sequence >= buffer.word_due:
-                    self._words.tell(buffer)
-                return
-        self._sort(raw, now_ns)
-
-    def _sort(self, raw: bytes, now_ns: int) -> None:
-        """Take a frame the long way: a heartbeat, one out of order, or one of another topic."""
         try:
             frame = parse(raw)
             buffer = self.buffers.get(frame.topic)
             if buffer is None:
-                raise SchemaMismatch(f"{frame.topic} is not an input of {self._executor.name}")
+                raise SchemaMismatch(f"{frame.topic} is not an input of {executor.name}")
             if frame.kind == Kind.MOVED:
                 self._migration.follow(frame, now_ns)
                 self._requester.keep(self._migration.servers.values())
                 self._words.tell_again(frame.topic)
                 return
         except SchemaMismatch as error:
-            self._executor.events.reject(error)
+            executor.events.reject(error)
             return
-        buffer.arrive(frame, now_ns)
+        prompt = self._prompt.get(frame.topic)
+        is_free = not self._inbox and executor.publishing and executor.exit_code is None
+        if prompt is not None and is_free and buffer.is_next(frame):
+            executor.deliver(prompt, frame, now_ns - self._start_ns)
+            buffer.pass_by(frame, now_ns)
+            if self._offsets is not None:
+                self._offsets.note(buffer.topic, frame.epoch, frame.sequence)
+            if frame.sequence >= buffer.word_due:
+                self._words.tell(buffer)
+        else:
+            buffer.arrive(frame, now_ns)
 
     def _ask(self, topic: str, first: int, last: int) -> None:
         node = topic.split("/")[1]
@@ -225,7 +201,7 @@ class TopicReceiver:
         self._inbox.append(frame)
         self._unread_bytes += len(frame.payload)
         self._was_active = self._was_active or self._executor.lifecycle is Lifecycle.ACTIVE
-        if self._was_active and not self._executor.succession.is_active and frame.kind == Kind.DATA:
+        if self._was_active and not self._executor.is_active and frame.kind == Kind.DATA:
             self._retain(self.buffers[frame.topic])
 
     def _retain(self, buffer: ReorderBuffer) -> None:
@@ -274,7 +250,7 @@ class TopicReceiver:
     def _is_absent(self) -> bool:
         """Tell whether the node takes nothing up: it was deactivated, or is done."""
         executor = self._executor
-        return executor.exit_code is not None or (self._was_active and not executor.succession.is_active)
+        return executor.exit_code is not None or (self._was_active and not executor.is_active)
 
     def close(self) -> None:
         """Let go."""

@@ -17,6 +17,7 @@ from palp_core.graph.messages.frame import LAST_SEQUENCE, Frame, Kind, former_of
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.sequence_account import SequenceAccount
 
+_DATA = int(Kind.DATA)  # an enum costs a comparison in Python
 FILL_NS = 1_000_000_000
 SUCCESSOR_NS = 10_000_000_000
 """How much longer a successor that is just taking up its part may take to answer (assumed)."""
@@ -94,19 +95,31 @@ class ReorderBuffer:
         """True once the publisher has been heard and nothing it had to say before is still to come."""
         return self.heard_ns >= 0 and self.give_up_ns is None
 
+    def is_next(self, frame: Frame) -> bool:
+        """Return whether a frame is a message that nothing has to come before."""
+        in_order = (frame.sequence == self.next and frame.epoch == self.epoch) or not self._ordered
+        return in_order and frame.kind == _DATA and self.give_up_ns is None
+
+    def pass_by(self, frame: Frame, now_ns: int) -> None:
+        """Take note of a message that was next and is handled already."""
+        self.next = frame.sequence + 1
+        self._note_arrival(frame, now_ns)
+
     def arrive(self, frame: Frame, now_ns: int) -> None:
         """Take a frame from the publisher's socket."""
+        self._note_arrival(frame, now_ns)
+        if self._ordered and self.is_next(frame):
+            self.next += 1
+            self._hand_on(frame)
+        else:
+            self._sort(frame, now_ns)
+
+    def _note_arrival(self, frame: Frame, now_ns: int) -> None:
         self.heard_ns = now_ns
-        if frame.kind == Kind.DATA:
+        if frame.kind == _DATA:
             self.data_ns = now_ns
             if self.origin_ns is not None:
                 self.latency.add(now_ns - self.origin_ns - frame.stamp_ns)
-            if frame.sequence == self.next and frame.epoch == self.epoch and self.give_up_ns is None:
-                self.next += 1
-                self.unread += 1
-                self._deliver(frame)
-                return
-        self._sort(frame, now_ns)
 
     def _sort(self, frame: Frame, now_ns: int) -> None:
         is_data = frame.kind == Kind.DATA
