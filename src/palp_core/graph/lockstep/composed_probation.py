@@ -20,11 +20,6 @@ class ComposedProbation(LockstepProbation):
 
     Args:
         composition: Has the nodes, the successor in its place.
-        former: The predecessor.
-        index: Number of the node.
-        inputs: Topics that the successor reads.
-        enough: How many handlers have to run well.
-        can_roll_back: The predecessor can take the successor's state.
     """
 
     def __init__(

@@ -29,16 +29,6 @@ class Composition:
     Attributes:
         shadow: The number of a node, who works beside it unheard, what that publishes, how they compare.
         probation: The rounds of a node whose predecessor stands by.
-        clock: That of all nodes.
-
-    Args:
-        specs: The nodes in graph order.
-        workspace: Folder that holds ``nodes/``.
-        sockets: Where tools listen; None if nobody can.
-
-    Raises:
-        GraphError: A class or its parameters do not fit.
-        NodeError: A node could not be configured.
     """
 
     def __init__(self, specs: Sequence[NodeSpec], workspace: str, sockets: NodeSockets | None = None) -> None:
@@ -135,11 +125,7 @@ class Composition:
         sent.clear()
 
     def work_unread(self, index: int, work: Callable[[], None]) -> Done:
-        """Let a node work; return what it has published, which :meth:`publish` lets tools hear.
-
-        Raises:
-            NodeError: It failed, and has published nothing.
-        """
+        """Let a node work; return what it has published, which :meth:`publish` lets tools hear."""
         self._unheard = True
         try:
             work()

@@ -95,12 +95,7 @@ def sequence_of(frame: bytes, topic_bytes: int) -> int:
 
 
 def parse(frame: bytes) -> Frame:
-    """Split a frame of one message into its parts.
-
-    Raises:
-        SchemaMismatch: Not a frame of this version: no topic, truncated header, unknown version or kind, or a
-            sequence that cannot be.
-    """
+    """Split a frame of one message into its parts."""
     end = frame.find(0, 0, MAX_TOPIC_BYTES + 1)
     if end < 1:
         raise SchemaMismatch("not a palp frame: no topic")

@@ -163,11 +163,7 @@ _SCHEMAS: dict[Any, Schema | None] = {}
 
 
 def schema_of(cls: type) -> Schema:
-    """Return what a message type is made of.
-
-    Raises:
-        SchemaMismatch: A field's type cannot travel (Optional, union, dict, ...).
-    """
+    """Return what a message type is made of."""
     schema = _SCHEMAS.get(cls)
     if schema is None:
         if cls in _SCHEMAS:

@@ -38,8 +38,6 @@ class SentGoal(msgspec.Struct):
     """A goal that has not ended, as far as its client knows.
 
     Attributes:
-        sequence: Of the request that carried it.
-        status: ``sent``, or as its server publishes it.
         reason: Why it ended, while its result is still to come.
         epoch: Of the server, and ``change``: of its publications, at the latest that has the goal.
         asked: Sequence of the request for its result; 0: none was sent.
@@ -65,10 +63,7 @@ class ActionClientEnd(Generic[Goal]):
     """Sends goals, follows each, and hands over how it ended exactly once.
 
     Args:
-        port: Its name.
-        types: The action's messages.
         lease_ms: Longest silence after which the server counts as gone.
-        context: The node's.
         calls: The clients of the action's three services, by the services' names.
         done: Takes the node and how a goal ended.
         feedback: Takes the node, a goal's id and feedback of it; None: nothing does.

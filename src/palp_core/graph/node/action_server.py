@@ -32,9 +32,6 @@ class GoalRecord(msgspec.Struct):
     Attributes:
         request: The goal, encoded; empty once it has ended.
         due_ns: When it is canceled by itself; 0: never.
-        status: As in :class:`~palp_core.graph.node.action_messages.GoalStatus`.
-        reason: Why it ended, or is to.
-        result: Its result, encoded; None: there is none.
     """
 
     goal_id: str
@@ -133,15 +130,9 @@ class ActionServerEnd(TimedEnd, Generic[Goal, Feedback, Result]):
     """Works through the goals of an action; due when one is to begin or has lasted too long.
 
     Args:
-        port: Its name.
-        types: The action's messages.
         when_busy: What becomes of a goal that comes while another one is not done.
-        context: The node's.
-        feedback: Where feedback goes.
         status: Where it is published how the goals stand.
-        execute: Works on a goal.
         roles: The node's ``accept`` and ``cancel``, where it has them.
-        steps: Calls :meth:`step`; None: ``execute`` is called once.
 
     Attributes:
         live: Goals that have not ended, by id, in the order in which they were accepted.
@@ -358,11 +349,7 @@ class ActionServerEnd(TimedEnd, Generic[Goal, Feedback, Result]):
         return ServedGoals([msgspec.structs.replace(record) for record in self.records], self._change)
 
     def resume(self, kept: ServedGoals | None) -> None:
-        """Continue a predecessor's goals; with no predecessor, publish that there are none.
-
-        Raises:
-            SchemaMismatch: A goal is none of this action.
-        """
+        """Continue a predecessor's goals; with no predecessor, publish that there are none."""
         found = kept or ServedGoals()
         records = [msgspec.structs.replace(record) for record in found.records]
         self._change = found.change

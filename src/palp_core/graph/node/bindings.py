@@ -30,19 +30,8 @@ from palp_core.graph.node.timers import AlarmEnd, TimedEnd, TimerEnd
 class Bindings:
     """The live ends of one node; puts them in place of the declarations on the instance.
 
-    Args:
-        declared: What the class declares.
-        spec: The node's place in the graph.
-        context: The node's.
-        events: Reports what happens on its edges.
-        send: Takes each published frame.
-
     Attributes:
-        publishers: By topic.
-        subscriptions: By topic.
         timed: Everything that may be due, by its name in the journal, in the order in which it runs.
-        timers, alarms, clients, action_servers, action_clients: By port.
-        events: By kind and port.
     """
 
     def __init__(

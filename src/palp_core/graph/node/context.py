@@ -10,11 +10,7 @@ if TYPE_CHECKING:
 
 
 class PublisherContext(Protocol):
-    """Time, and the way out.
-
-    Attributes:
-        publishing: Whether the node may publish.
-    """
+    """Time, and the way out."""
 
     publishing: bool
 
@@ -26,15 +22,7 @@ class PublisherContext(Protocol):
 
 
 class NodeContext(PublisherContext, Protocol):
-    """A node's place in its graph.
-
-    Attributes:
-        name: Its running name.
-        epoch: How often it was restarted.
-        node: The instance whose handlers run.
-        rng: Its random generator.
-        log: Its logger.
-    """
+    """A node's place in its graph."""
 
     name: str
     epoch: int

@@ -40,20 +40,11 @@ class Executor:
     """One node between its driver and its handlers.
 
     Args:
-        node_class: The class to run.
-        spec: Its place in the graph.
-        clock: The graph's clock.
-        send: Takes each published frame.
         resend: Takes a frame that is sent again; None: nothing is ever lost.
-        report: Takes each quality-of-service event that is reported.
 
     Attributes:
         inbox: Frames that wait for the node to be active.
         paused: The node waits at a handler boundary until it is clear which process goes on with it.
-        swaps: Every time the node has changed hands.
-
-    Raises:
-        GraphError: The parameters do not fit the class.
     """
 
     def __init__(
@@ -108,12 +99,7 @@ class Executor:
         return self.lifecycle is Lifecycle.ACTIVE or self.paused
 
     def transition(self, transition: Transition) -> None:
-        """Run a lifecycle transition with its hook.
-
-        Raises:
-            LifecycleError: Not allowed from the present state.
-            NodeError: The hook failed.
-        """
+        """Run a lifecycle transition with its hook."""
         if transition is Transition.SHUTDOWN and self.lifecycle is Lifecycle.FINALIZED:
             return
         self.resume()
@@ -200,11 +186,7 @@ class Executor:
     # Messages
 
     def consume(self, raw: bytes | Frame) -> None:
-        """Take one frame; one that comes before the node is active waits in the inbox.
-
-        Raises:
-            NodeError: A handler failed.
-        """
+        """Take one frame; one that comes before the node is active waits in the inbox."""
         try:
             frame = raw if isinstance(raw, Frame) else parse(raw)
         except SchemaMismatch as error:
@@ -232,9 +214,6 @@ class Executor:
 
         Returns:
             False if the message was rejected.
-
-        Raises:
-            NodeError: The handler failed.
         """
         self._begin_handler(now_ns)
         try:
@@ -259,12 +238,7 @@ class Executor:
         self._begin_handler(self._clock.now_ns())
 
     def set_parameters(self, changes: dict[str, Any]) -> None:
-        """Replace the node's parameters as a whole, and publish what has changed.
-
-        Raises:
-            GraphError: A change does not fit, is of a read-only parameter, or the node refuses it; nothing is
-                changed.
-        """
+        """Replace the node's parameters as a whole, and publish what has changed."""
         self.begin_request()
         node = self.node
         params = changed_params(self.declaration, node.params, changes, self.name)
@@ -289,11 +263,7 @@ class Executor:
             self.events.publish("parameters", text, changed)
 
     def call_service(self, service: str, request: Message) -> Message:
-        """Answer a call from outside the graph; the caller sees to it that it is made once.
-
-        Raises:
-            NodeError: The handler failed, and the node with it.
-        """
+        """Answer a call from outside the graph; the caller sees to it that it is made once."""
         self.begin_request()
         written = base64.b64encode(encode(request)).decode()
         self.journal.note_change(f"{OUTSIDE}{service}", {"request": written}, self._now_ns)
@@ -319,11 +289,7 @@ class Executor:
             raise self._fail(error, f"its state cannot be written down: {error}") from error
 
     def snapshot(self) -> HandOver:
-        """Return the hand-over without inbox and histories.
-
-        Raises:
-            NodeError: The state holds what cannot be written down; the node has failed.
-        """
+        """Return the hand-over without inbox and histories."""
         state_class, state_version = state_identity(type(self.node.state))
         return HandOver(
             node_class=class_name(type(self.node)),
@@ -361,12 +327,7 @@ class Executor:
         return self.full_snapshot()
 
     def fitting(self, hand_over: HandOver, changes: Mapping[str, Any]) -> tuple[State, Params | None]:
-        """Return state and parameters as the node would take them over; no parameters: its own stay.
-
-        Raises:
-            SchemaMismatch: The hand-over is of another version, or its state does not fit the class.
-            GraphError: The parameters do not fit.
-        """
+        """Return state and parameters as the node would take them over; no parameters: its own stay."""
         if hand_over.version != VERSION:
             raise SchemaMismatch(f"a hand-over of version {hand_over.version}; this end speaks {VERSION}")
         own_class = class_name(type(self.node))
@@ -383,11 +344,6 @@ class Executor:
         The node must be configured and inactive; afterwards it is what its predecessor was. ``on_resume`` is
         run instead of ``on_activate``. A predecessor of the same class hands its parameters over too, live
         changes included; ``changes`` are those that are to be others.
-
-        Raises:
-            SchemaMismatch, GraphError: State or parameters do not fit this class; nothing has changed.
-            LifecycleError: The node is not inactive.
-            NodeError: The hook failed.
         """
         target = successor(self.lifecycle, Transition.ACTIVATE)
         state, params = self.fitting(hand_over, changes)
@@ -408,12 +364,7 @@ class Executor:
         self.ends.resume(hand_over)
 
     def restore(self, hand_over: HandOver) -> None:
-        """Have the state and the randomness of a checkpoint, before activation.
-
-        Raises:
-            SchemaMismatch: The state does not fit the class.
-            NodeError: The hook failed.
-        """
+        """Have the state and the randomness of a checkpoint, before activation."""
         self.node.state = adopt_state(self.declaration.state, class_name(type(self.node)), hand_over)
         self.rng = rng_from_text(hand_over.rng)
         self.run_hook("on_restore")
@@ -435,10 +386,6 @@ class Executor:
         Args:
             hand_over: The successor's.
             ends: Names of its timers, alarms, events and clients.
-
-        Raises:
-            SchemaMismatch: The state does not fit this class; nothing has changed.
-            NodeError: The hook failed.
         """
         state = adopt_state(self.declaration.state, class_name(type(self.node)), hand_over)
         self._continue_from(self._with_own_ports(hand_over, ends), state)
@@ -469,11 +416,7 @@ class Executor:
     # Failures
 
     def run_hook(self, name: str) -> None:
-        """Run a lifecycle hook.
-
-        Raises:
-            NodeError: It failed.
-        """
+        """Run a lifecycle hook."""
         hooks: LifecycleHooks = self.node
         try:
             getattr(hooks, name)()

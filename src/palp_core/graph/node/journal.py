@@ -20,13 +20,8 @@ class Journal:
     """Collects entries and publishes one :class:`Order` per batch.
 
     Args:
-        publisher: Where batches go.
         sources: Everything that the node can consume, besides transitions and changes of parameters.
         snapshot: Returns the node's encoded hand-over, without inbox and histories.
-
-    Attributes:
-        index: The number of each source, for :meth:`note_index`.
-        next_snapshot_ns: When the next snapshot is due.
     """
 
     def __init__(

@@ -13,11 +13,7 @@ SLOWEST_HZ, FASTEST_HZ = 1e-9, 1e9  # the grid of ticks is in whole ns
 
 
 def load_params(declared: Declaration, values: Mapping[str, Any], where: str) -> Params:
-    """Return validated parameters.
-
-    Raises:
-        GraphError: An unknown name, a wrong type, a value out of bounds, or a timer's rate that is none.
-    """
+    """Return validated parameters."""
     try:
         params = msgspec.convert(dict(values), declared.params)
     except msgspec.ValidationError as error:
@@ -32,11 +28,7 @@ def load_params(declared: Declaration, values: Mapping[str, Any], where: str) ->
 
 
 def changed_params(declared: Declaration, present: Params, changes: Mapping[str, Any], where: str) -> Params:
-    """Return the parameters with some of them changed.
-
-    Raises:
-        GraphError: As :func:`load_params`, or a change of a parameter that is read-only.
-    """
+    """Return the parameters with some of them changed."""
     before = msgspec.to_builtins(present)
     for name in changed_read_only(describe_params(declared.params), before, changes):
         raise GraphError(

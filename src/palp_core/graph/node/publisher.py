@@ -18,20 +18,9 @@ _DATA = int(Kind.DATA)  # packing an enum costs more
 class PublisherEnd(Generic[M]):
     """Publishes one topic in order.
 
-    Args:
-        topic: Its name.
-        message: What it carries.
-        qos: What it offers.
-        epoch: Of the node.
-        context: The node's.
-        send: Takes each frame.
-        type_hash: Of the topic's type; None: the message's.
-
     Attributes:
         sequence: Of the last message published; 0 before the first.
-        history: The last ``depth`` messages.
         has_readers: Somebody reads the topic; true where that is not known.
-        greeted_count: How many have begun to read it.
         idle_until_next: Nothing is due until the next message, as the node has declared.
         note: Takes epoch and sequence of each message before it is sent, where they outlive the process.
         room: The last sequence that may be published before ``wait_for_room`` is called.

@@ -72,13 +72,7 @@ def is_reported(event: QosEvent) -> bool:
 class EventPublisher:
     """Reports what happens to a node, each kind at a rate that cannot flood: log, hidden topic, supervisor.
 
-    Args:
-        context: The node's.
-        send: Takes each published frame.
-        report: Takes each quality-of-service event that is reported.
-
     Attributes:
-        publisher: Of the hidden topic.
         rejected_count: Frames that were not what an edge carries.
     """
 
@@ -115,15 +109,9 @@ class EventEnd(TimedEnd):
     """Rings like an alarm when an edge did not keep what it promised, so that a replay can ring it again.
 
     Args:
-        kind: Of its events.
-        port: Name of the input, output or client.
-        source: The topic that it reads or publishes.
-        context: The node's.
-        events: Reports each event.
         handler: Takes the node and each event; None: the node does not handle them.
 
     Attributes:
-        total: How often it has happened.
         period_ns: After ringing it is due again so much later; 0: it is not.
     """
 

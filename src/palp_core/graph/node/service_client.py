@@ -17,10 +17,7 @@ class Pending(msgspec.Struct):
     """One call on its way.
 
     Attributes:
-        sequence: Of the request, and of its reply.
-        due_ns: When this try is over.
         tries_left: How often the request may still be sent again.
-        frame: The request as it was sent.
     """
 
     sequence: int
@@ -31,13 +28,6 @@ class Pending(msgspec.Struct):
 
 class ClientEnd(TimedEnd, Generic[Request]):
     """Sends requests and keeps each until its reply comes; due when one is overdue.
-
-    Args:
-        port: Of the client.
-        context: The node's.
-        publisher: Where requests go.
-        timeout_ns: Length of one try.
-        retries: How often a request is sent again.
 
     Attributes:
         given_up: Counts calls that remain unanswered after their last try.

@@ -22,16 +22,10 @@ class Subscription:
     """One wired input.
 
     Args:
-        topic: What it reads.
         source: By which the node's journal names it, as in ``input:belief``.
-        port: Its port.
-        message: What it carries.
         handler: The method that takes the node and each message.
-        qos: What holds on the edge.
-        events: Reports repeats.
 
     Attributes:
-        account: What has been taken up.
         index: Number of the source in the node's journal.
         last: When a message was last handled, and the message.
         is_prompt: No time limit holds on the edge: a message that is next is handed over as it arrives.
@@ -65,11 +59,7 @@ class Subscription:
         self.is_prompt = not self._lifespan_ns and not self._deadline_ns
 
     def accept(self, frame: Frame, now_ns: int) -> Message | None:
-        """Account for a frame and return its message; None if there is none to be handled.
-
-        Raises:
-            SchemaMismatch: It carries another type, or bytes that are not this type.
-        """
+        """Account for a frame and return its message; None if there is none to be handled."""
         lost_before = self.account.lost
         message = None
         if frame.kind != _DATA:
@@ -90,11 +80,7 @@ class Subscription:
         return message
 
     def decode(self, payload: bytes | memoryview) -> Message:
-        """Decode a message of this input; nothing is accounted for.
-
-        Raises:
-            SchemaMismatch: It is none.
-        """
+        """Decode a message of this input; nothing is accounted for."""
         return self._decode(memoryview(payload))
 
     def expects(self, frame: Frame) -> bool:
@@ -161,7 +147,6 @@ class RequestSubscription(Subscription):
     """Requests of one client: one that comes again gets its remembered reply and is not done twice.
 
     Attributes:
-        reply: Where the replies go.
         current: Epoch and sequence of the request at hand.
     """
 

@@ -12,9 +12,6 @@ class TimedEnd:
     """What is due at a time: a timer, an alarm, an event, overdue calls, the goals of an action.
 
     Args:
-        name: By which journal and hand-over know it.
-        port: Whose handler runs.
-        context: The node's.
         handler: Takes the node; None: all is done in :meth:`tick`.
 
     Attributes:
@@ -50,16 +47,7 @@ class TimedEnd:
 class TimerEnd(TimedEnd):
     """A periodic timer on the grid round(k 1e9 / rate) of the graph's clock; the rate is a live parameter.
 
-    Args:
-        name: Of its port.
-        context: The node's.
-        hz: The parameter with the rate.
-        running: It starts when the node is activated.
-        handler: As of :class:`TimedEnd`.
-
     Attributes:
-        k: Number of the next tick.
-        tick_count: Ticks since the process began.
         overrun_count: Those that started after the next one was due.
     """
 

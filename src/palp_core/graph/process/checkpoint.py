@@ -9,21 +9,12 @@ from palp_core.graph.rng import rng_from_text
 
 
 def keep(executor: Executor) -> bytes:
-    """Write a node down; it notices nothing of it.
-
-    Raises:
-        NodeError: Its state cannot be written down.
-    """
+    """Write a node down; it notices nothing of it."""
     return encode_any(executor.snapshot())
 
 
 def restore(executor: Executor, data: bytes) -> None:
-    """Give a node that is about to be activated the state and randomness it had.
-
-    Raises:
-        SchemaMismatch: The state does not fit the class.
-        NodeError: The hook failed.
-    """
+    """Give a node that is about to be activated the state and randomness it had."""
     try:
         hand_over = decode_any(HandOver, data)
     except (ValueError, TypeError) as error:

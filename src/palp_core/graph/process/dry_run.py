@@ -22,11 +22,6 @@ def try_hand_over(executor: Executor, hand_over: HandOver, changes: Mapping[str,
 
     Returns:
         The state that this has led to, written down as for a successor.
-
-    Raises:
-        GraphError: A handler failed, or parameters do not fit.
-        SchemaMismatch: The state does not fit.
-        NodeError: ``on_resume`` failed.
     """
     executor.take_over(msgspec.structs.replace(hand_over, inbox=[]), changes)
     for name, payload in hand_over.latest if hand_over.active else ():

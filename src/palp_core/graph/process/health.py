@@ -33,10 +33,6 @@ class _Latency(Protocol):
 class HealthProbe:
     """Counts what the loop of a node's process goes through.
 
-    Args:
-        node: Running name.
-        now_ns: The clock by which pauses are measured.
-
     Attributes:
         due_ns: When the next pulse is due, on the machine's monotonic clock.
     """

@@ -18,8 +18,6 @@ class Keeping:
     """Writes one node down.
 
     Args:
-        executor: The node's.
-        name: Topic of the messages.
         say: Takes the sequence of the message and the node, written down.
     """
 

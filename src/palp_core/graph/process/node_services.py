@@ -80,7 +80,6 @@ class NodeServices:
     """The operations of one node.
 
     Args:
-        executor: The node.
         edges: Returns more about each input topic, where the wall clock counts it; takes the number of
             messages of which the latest latencies are wanted.
     """

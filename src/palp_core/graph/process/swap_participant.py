@@ -33,16 +33,10 @@ class SwapParticipant:
     """A node's part in a swap.
 
     Args:
-        executor: The node.
-        sockets: Where it publishes.
-        answer: Answers the supervisor.
-        supervisor: Descriptor of the channel to the supervisor.
         received: Returns up to where the inputs have been received.
         merge: Merges what this process has received with what was handed over, and with up to where the
             predecessor has received; returns how many messages wait.
         set_start: Takes the graph's start before the node takes over.
-        close_inputs: Disconnects from the inputs.
-        successor: This process publishes nothing before the commit.
     """
 
     def __init__(

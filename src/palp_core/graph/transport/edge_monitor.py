@@ -12,12 +12,7 @@ RATE_WINDOW_NS = 1_000_000_000
 
 
 class EdgeMonitor:
-    """Looks at every edge ten times a second.
-
-    Args:
-        executor: The node.
-        buffers: By input topic.
-    """
+    """Looks at every edge ten times a second."""
 
     def __init__(self, executor: Executor, buffers: Mapping[str, ReorderBuffer]) -> None:
         self._executor, self._buffers = executor, buffers
@@ -25,12 +20,7 @@ class EdgeMonitor:
         self._rates = dict.fromkeys(buffers, (0, 0, 0.0))
 
     def look(self, now_ns: int, graph_ns: int) -> None:
-        """Measure rates over whole seconds, and raise the liveliness events of the active node.
-
-        Args:
-            now_ns: On the host's monotonic clock.
-            graph_ns: On the graph's clock.
-        """
+        """Measure rates over whole seconds, and raise the liveliness events of the active node."""
         for name, buffer in self._buffers.items():
             count, since_ns, _ = self._rates[name]
             if now_ns - since_ns >= RATE_WINDOW_NS:

@@ -6,11 +6,7 @@ import zmq
 
 
 class InFlightBytes:
-    """Bytes that were given to ZeroMQ and have not left yet.
-
-    Args:
-        most: How many may be under way.
-    """
+    """Bytes that were given to ZeroMQ and have not left yet."""
 
     def __init__(self, most: int) -> None:
         self._most = most

@@ -23,7 +23,6 @@ class MatchedReaders:
     """Who reads a node.
 
     Args:
-        present: Returns the names of those who listen.
         file: Where a predecessor has noted its readers and this process notes its own; None: no process
             comes after this one.
     """

@@ -34,8 +34,6 @@ class Move(msgspec.Struct, frozen=True):
     Attributes:
         phase: ``prepare``: listen there too; ``here``: this is that place, and it publishes from now on;
             ``gone``: from here comes nothing more; ``stay``: forget that place.
-        publish: That place's endpoint.
-        serve: Where it answers.
     """
 
     phase: str
@@ -44,11 +42,7 @@ class Move(msgspec.Struct, frozen=True):
 
 
 def read_move(payload: memoryview) -> Move:
-    """Decode a MOVED frame's payload.
-
-    Raises:
-        SchemaMismatch: It is none, or sends readers to another host.
-    """
+    """Decode a MOVED frame's payload."""
     move = decode_any(Move, payload)
     if not (move.publish.startswith("ipc://") and move.serve.startswith("ipc://")):
         raise SchemaMismatch(f"a publisher cannot move to {move.publish}")
@@ -123,7 +117,6 @@ class PublisherEndpoints:
 
     Args:
         publish: Where it is published: a name that leads to its publisher after any change of hands, too.
-        serve: Where its publisher answers.
     """
 
     def __init__(self, publish: str, serve: str) -> None:
@@ -216,7 +209,6 @@ class Migration:
     """Where the publishers of some topics are.
 
     Args:
-        socket: Subscribes to all of them.
         publishers: Per topic, where it is published and where its publisher answers.
         reorderers: Put topics in order; others are put in order later.
     """
@@ -251,11 +243,7 @@ class Migration:
             self._routes[name].replace(publish)  # the place before may publish more: it is not left
 
     def follow(self, frame: Frame, now_ns: int) -> None:
-        """Take a frame of kind MOVED.
-
-        Raises:
-            SchemaMismatch: It announces nothing that can be followed.
-        """
+        """Take a frame of kind MOVED."""
         move, name = read_move(frame.payload), frame.topic
         route = self._routes[name]
         if move.phase == "here":

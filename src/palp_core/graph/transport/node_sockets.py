@@ -19,15 +19,7 @@ _TURN_AWAY_S = 0.05
 class NodeSockets:
     """A publishing and an answering socket, looked after by one loop.
 
-    Args:
-        publish_endpoint: Where readers subscribe.
-        serve_endpoint: Where requests are answered.
-
     Attributes:
-        endpoints: Both.
-        context: The process's.
-        publisher: Publishes.
-        requests: Answers.
         file_descriptors: Become readable when :meth:`poll` has something to do.
     """
 
@@ -54,12 +46,7 @@ class NodeSockets:
         return stirred or self.requests.stirred
 
     def poll(self, most: int = MOST_AT_ONCE, put_off: Callable[[], None] = lambda: None) -> None:
-        """Answer requests and greet new subscribers, without waiting; what is beyond so many is pending.
-
-        Args:
-            most: How many requests at once.
-            put_off: As :meth:`RequestServer.poll` has it.
-        """
+        """Answer requests and greet new subscribers, without waiting; what is beyond so many is pending."""
         self.publisher.stirred = self.requests.stirred = self._signalled = False
         self._look_ns = monotonic_ns() + LOOK_NS
         self.requests.poll(most, put_off)

@@ -30,10 +30,6 @@ PLACE_BYTES = 1 << 20  # of a message that takes one place in the queue of a rea
 class PublisherSocket:
     """Publishes frames and greets subscribers.
 
-    Args:
-        context: The process's.
-        endpoint: Where readers subscribe.
-
     Attributes:
         file_descriptor: Becomes readable when :meth:`poll` has something to do.
         stirred: :meth:`poll` may have something to do all the same: sending swallows the descriptor's signal.
@@ -186,11 +182,7 @@ class PublisherSocket:
                 self._let_go(name[:-1])
 
     def _wait_for_room(self, publisher: PublisherEnd[Any]) -> None:
-        """Wait until no reader is as far behind as it may be.
-
-        Raises:
-            PublishTimeout: That takes too long.
-        """
+        """Wait until no reader is as far behind as it may be."""
         begin_ns = beat_ns = monotonic_ns()
         while self._held is None:  # of what is kept back nobody can take up anything
             self.poll()

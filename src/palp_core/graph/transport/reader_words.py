@@ -56,9 +56,6 @@ class ReaderWord(msgspec.Struct, frozen=True, array_like=True):
     """How a reader does.
 
     Attributes:
-        topic: What it reads.
-        reader: Its name.
-        epoch: Of the publisher it speaks of.
         sequence: Up to there it has taken everything up.
         lost: How many messages it has lost for good since it said so last.
     """
@@ -111,9 +108,7 @@ class ReaderWords:
     """What a node tells the publishers of its inputs: how far it has come where they wait, and every loss.
 
     Args:
-        executor: The node.
         buffers: By input topic; :attr:`.ReorderBuffer.word_due` says from where on :meth:`tell` is due.
-        say: Takes each word.
     """
 
     def __init__(

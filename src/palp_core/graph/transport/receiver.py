@@ -32,12 +32,7 @@ class TopicReceiver:
     Args:
         executor: The node. Times here are on the host's monotonic clock, not on the graph's.
         publishers: Per input topic, where it is published and where its publisher answers.
-        context: The process's ZeroMQ context.
         offsets: File of what a predecessor has taken up and what this process does; None: not kept.
-
-    Attributes:
-        buffers: Puts each input topic in order.
-        monitor: Looks how the edges do.
     """
 
     def __init__(
@@ -104,9 +99,6 @@ class TopicReceiver:
         Args:
             hand_over: What it has handed over.
             heard: Up to where it has received its inputs, what it rejected included.
-
-        Raises:
-            SchemaMismatch: A message was heard by neither.
         """
         frames = _merged(self._inbox, hand_over, heard, self.buffers, self._executor.ends.subscriptions)
         self._inbox.clear()
@@ -285,9 +277,6 @@ def _merged(
         heard: Up to where that has received each topic.
         buffers: The successor's, by topic; they go on where the predecessor's were.
         subscriptions: The successor's, by topic.
-
-    Raises:
-        SchemaMismatch: A message was heard by neither.
     """
     count = len(inbox) - len(hand_over.inbox)
     frames = list(inbox)

@@ -27,22 +27,15 @@ class ReorderBuffer:
     """The reader's end of one topic, before the node's inbox.
 
     Args:
-        topic: Its name.
-        qos: What holds on the edge.
         account: That of what the node has taken up; a predecessor's says where to go on.
-        deliver: Takes each frame in its order.
         ask: Asks the publisher for the messages of this topic from a first to a last sequence.
         ordered: False where sequences have gaps by right (replies): everything is handed on as it comes.
         patience_ns: How long an answer, and the rest of a first place, is waited for; None: :data:`FILL_NS`.
 
     Attributes:
-        latency: From the publisher's stamp to arrival.
         heard_ns: When anything of the publisher came last; -1 before.
-        data_ns: When a message came last; -1 before.
-        unread: Delivered and not yet taken up.
         filled: Of the messages handed on, how many had to be asked for.
         epoch: Of the publisher; -1 before it is heard.
-        next: The sequence that is next in order.
         give_up_ns: Until when an answer is waited for; None: nothing is missing.
         word_due: From this sequence on, its publisher is to be told how far the node has come.
         origin_ns: The graph's start on the host's monotonic clock, on which all times here are; None: not
@@ -236,11 +229,7 @@ class ReorderBuffer:
             self.give_up_ns += SUCCESSOR_NS
 
     def continue_from(self, epoch: int, last: int) -> None:
-        """Go on where a predecessor of the reader was: it has received everything up to ``last``.
-
-        Raises:
-            SchemaMismatch: What came after that was heard by neither.
-        """
+        """Go on where a predecessor of the reader was: it has received everything up to ``last``."""
         if not self._ordered or epoch < 0 or self.epoch > epoch:
             return
         if self.epoch < epoch:  # this end has not heard the publisher since it was restarted

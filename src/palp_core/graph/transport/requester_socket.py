@@ -16,14 +16,7 @@ _EVENTS, _POLLIN, _NOBLOCK = (
 
 
 class RequesterSocket:
-    """Asks other nodes' ROUTERs without waiting for their replies.
-
-    Args:
-        context: The process's, if it has one.
-
-    Attributes:
-        file_descriptors: Become readable when :meth:`replies` may have something.
-    """
+    """Asks other nodes' ROUTERs without waiting for their replies."""
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]] | None = None) -> None:
         self._descriptors: dict[str, int] = {}

@@ -18,14 +18,11 @@ class SubscriberSocket:
     """The receiving side of one process.
 
     Args:
-        endpoints: Endpoint per topic.
-        context: The process's, if it has one.
         queue: Messages that may wait; changed on a live socket, the mark would stop it for good.
         name: Tells publishers who this is, which a restarted one then waits for; "": a passer-by.
         holds: For a reader that speaks to its publishers: the subscriptions that hold them.
 
     Attributes:
-        file_descriptor: Becomes readable when something may have arrived.
         say: Sends a word to all publishers; of a reader that speaks.
     """
 
