@@ -61,7 +61,7 @@ class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
         """Return the topic as tools and bags know it: under its name, and where it is published."""
         return Topic(
             name=name, type=self.type, type_hash=self.type_hash, node=self.node, publish=publish,
-            json_schema=self.json_schema,
+            json_schema=self.json_schema, latched_depth=self.qos.latched_depth,
         )  # fmt: skip
 
 

@@ -35,12 +35,14 @@ class Topic(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     latched_depth: int = 0
 
 
-def topic_of(name: str, message: type[Message], node: str = "", publish: str = "") -> Topic:
+def topic_of(
+    name: str, message: type[Message], node: str = "", publish: str = "", latched_depth: int = 0
+) -> Topic:
     """Return the topic of that name that carries messages of this class."""
     from palp_core.graph.messages.schema import json_schema, schema_of  # numpy; many tools do without
 
     schema = schema_of(message)
     return Topic(
         name=name, type=schema.name, type_hash=schema.hash_text, node=node, publish=publish,
-        json_schema=json_schema(schema),
+        json_schema=json_schema(schema), latched_depth=latched_depth,
     )  # fmt: skip

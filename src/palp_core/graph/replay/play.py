@@ -118,6 +118,7 @@ class PlayRun:
             msgspec.structs.replace(
                 topic_of(name, self._publishers[name][1].message, name.split("/")[1], at[0]),
                 json_schema=topic.json_schema,
+                latched_depth=topic.latched_depth,
             )
             for name, topic in topics.items()
         ]
