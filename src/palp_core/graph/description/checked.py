@@ -10,9 +10,8 @@ import yaml
 
 from palp_core.graph.description.checkpoint_entry import CheckpointEntry
 from palp_core.graph.description.node_class import NodePort
-from palp_core.graph.messages.message_type import MessageType
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.messages.topic import Topic
+from palp_core.graph.messages.topic import MessageType, Topic
 from palp_core.graph.node.spec import NodeSpec, action_of, topic
 
 RECORDER = "palp_core.graph.recording.recorder_node:Recorder"

@@ -369,6 +369,29 @@ class Executor:
         self.rng = rng_from_text(hand_over.rng)
         self.run_hook("on_restore")
 
+    def dry_run(self, hand_over: HandOver, changes: Mapping[str, Any]) -> HandOver:
+        """Take over, handle the last message of every input, and be inactive as before.
+
+        The caller keeps back what is published meanwhile.
+
+        Returns:
+            What this has led to, written down as for a successor.
+        """
+        self.take_over(msgspec.structs.replace(hand_over, inbox=[]), changes)
+        for name, payload in hand_over.latest if hand_over.active else ():
+            for subscription in self.ends.subscriptions.get(name, []):
+                message = subscription.decode(payload)
+                subscription.last = (self._now_ns, message)
+                try:
+                    subscription.handler(self.node, message)
+                except (Exception, SystemExit) as error:
+                    handler = subscription.handler.__name__
+                    text = f"{handler} failed when it was tried on the last message of {name}"
+                    raise GraphError(f"{text}: {in_words(error)}") from error
+        found = self.snapshot()
+        self.step_back()
+        return found
+
     def step_back(self) -> None:
         """Be no more than ready to take over, after work that nothing has read."""
         self.pause()

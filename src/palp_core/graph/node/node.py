@@ -173,6 +173,12 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     params: type[Params]
     state: type[State]
 
+    @property
+    def wired(self) -> list[Port]:
+        """Every port that others can be wired to, or see."""
+        groups = (self.subs, self.pubs, self.services, self.clients, self.actions, self.action_clients)
+        return [port for group in groups for port in group.values()]
+
 
 _DECLARATIONS: dict[Any, Declaration] = {}
 

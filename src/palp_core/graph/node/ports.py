@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any, Generic, NamedTuple, Self, TypeVar, overload
+from typing import Any, ClassVar, Generic, Literal, NamedTuple, Self, TypeVar, overload
 
 from msgspec.structs import replace
 
@@ -34,15 +34,23 @@ Result = TypeVar("Result", bound=Message)
 End = TypeVar("End")
 Handler = TypeVar("Handler", bound=Callable[..., Any])
 
+PortKind = Literal["sub", "pub", "srv", "client", "act", "action_client", "timer", "alarm"]
 SERVICE = Qos(depth=100)
 STATUS = Qos(durability="transient_local", depth=10)
 ACTION_CALLS = ("send_goal", "cancel_goal", "get_result")
 
 
 class Port:
-    """Base of all declarations; knows its attribute name."""
+    """Base of all declarations; knows its attribute name.
+
+    Attributes:
+        kind: What it is.
+        messages: Its message; of a service request and reply; of an action goal, feedback and result.
+    """
 
     name: str = ""
+    kind: ClassVar[PortKind]
+    messages: tuple[type[Message], ...] = ()
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -71,10 +79,13 @@ class Sub(Port, Generic[M]):
         lasting: It may stay unwired; where it is wired, its publisher's successors must publish it, too.
     """
 
+    kind = "sub"
+
     def __init__(
         self, message: type[M], *, qos: Qos | None = None, optional: bool = False, lasting: bool = False
     ) -> None:
         self.message = message
+        self.messages = (message,)
         self.qos = qos or Qos()
         self.optional = optional or lasting
         self.lasting = lasting
@@ -87,17 +98,21 @@ class Pub(LivePort[PublisherEnd[M]], Generic[M]):
     only.
     """
 
+    kind = "pub"
+
     def __init__(self, message: type[M], *, qos: Qos | None = None) -> None:
         self.message = message
+        self.messages = (message,)
         self.qos = qos or Qos()
 
 
 class Srv(Port, Generic[Request, Reply]):
     """A service; the method marked ``@serve(port)`` answers each request."""
 
+    kind = "srv"
+
     def __init__(self, request: type[Request], reply: type[Reply]) -> None:
-        self.request = request
-        self.reply = reply
+        self.request, self.reply = self.messages = request, reply
 
 
 class Client(LivePort[ClientEnd[Request]], Generic[Request, Reply]):
@@ -112,17 +127,20 @@ class Client(LivePort[ClientEnd[Request]], Generic[Request, Reply]):
             ``@on_event(client)`` gets a ``call_timeout``.
     """
 
+    kind = "client"
+
     def __init__(
         self, request: type[Request], reply: type[Reply], *, timeout_ms: float = 1000.0, retries: int = 2
     ) -> None:
-        self.request = request
-        self.reply = reply
+        self.request, self.reply = self.messages = request, reply
         self.timeout_ms = timeout_ms
         self.retries = retries
 
 
 class Timer(LivePort[TimerEnd]):
     """A periodic timer that the node starts and stops; tick k is due at round(k 1e9 / rate)."""
+
+    kind = "timer"
 
     def __init__(self, hz: str, *, running: bool = False) -> None:
         self.hz = hz
@@ -131,6 +149,8 @@ class Timer(LivePort[TimerEnd]):
 
 class Alarm(LivePort[AlarmEnd]):
     """A one-shot timer that the node sets."""
+
+    kind = "alarm"
 
 
 class Act(LivePort[ActionServerEnd[Goal, Feedback, Result]], Generic[Goal, Feedback, Result]):
@@ -145,6 +165,8 @@ class Act(LivePort[ActionServerEnd[Goal, Feedback, Result]], Generic[Goal, Feedb
         qos: Of the feedback.
     """
 
+    kind = "act"
+
     def __init__(
         self,
         goal: type[Goal],
@@ -154,6 +176,7 @@ class Act(LivePort[ActionServerEnd[Goal, Feedback, Result]], Generic[Goal, Feedb
         when_busy: WhenBusy = "reject",
         qos: Qos | None = None,
     ) -> None:
+        self.messages = goal, feedback, result
         self.types = wire.action_types(goal, feedback, result)
         self.when_busy: WhenBusy = when_busy
         self.qos = qos or Qos()
@@ -175,6 +198,8 @@ class ActionClient(LivePort[ActionClientEnd[Goal]], Generic[Goal, Feedback, Resu
             are ``unknown``.
     """
 
+    kind = "action_client"
+
     def __init__(
         self,
         goal: type[Goal],
@@ -185,6 +210,7 @@ class ActionClient(LivePort[ActionClientEnd[Goal]], Generic[Goal, Feedback, Resu
         retries: int = 2,
         lease_ms: float = 5000.0,
     ) -> None:
+        self.messages = goal, feedback, result
         self.types = wire.action_types(goal, feedback, result)
         self.timeout_ms, self.retries, self.lease_ms = timeout_ms, retries, lease_ms
 

@@ -15,12 +15,11 @@ import msgspec
 from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.message import decode, encode
-from palp_core.graph.messages.message_type import MessageType
+from palp_core.graph.messages.topic import MessageType
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.node import class_name
 from palp_core.graph.node.params import about_params, describe_params
-from palp_core.graph.node.ports import Act, ActionClient
 from palp_core.graph.node.spec import action_of, part
 from palp_core.graph.transport.request_server import NodeOperation, NodeOperations, NodeRequest
 
@@ -140,7 +139,7 @@ class NodeServices:
             "clients": {name: executor.spec.inputs.get(name, "") for name in declared.clients},
             "actions": {
                 name: {
-                    "types": [kind.__name__ for kind in act.types[:3]],
+                    "types": [kind.__name__ for kind in act.messages],
                     "when_busy": act.when_busy,
                 }
                 for name, act in declared.actions.items()
@@ -178,21 +177,10 @@ class NodeServices:
 
     def schemas(self, _request: NodeRequest) -> dict[str, Any]:
         """Return the message types of every port; of a service those of request and reply."""
-        declared = self._executor.declaration
-        ports: dict[str, Any] = {}
-        for kind, group in (("sub", declared.subs), ("pub", declared.pubs)):
-            for name, port in group.items():
-                ports[name] = {"kind": kind, "types": [MessageType.of(port.message)]}
-        for kind, pairs in (("srv", declared.services), ("client", declared.clients)):
-            for name, pair in pairs.items():
-                types = [MessageType.of(pair.request), MessageType.of(pair.reply)]
-                ports[name] = {"kind": kind, "types": types}
-        actions: dict[str, Act[Any, Any, Any] | ActionClient[Any, Any, Any]]
-        actions = {**declared.actions, **declared.action_clients}
-        for name, act in actions.items():
-            kind = "act" if isinstance(act, Act) else "action_client"
-            types = [MessageType.of(message) for message in act.types[:3]]
-            ports[name] = {"kind": kind, "types": types}
+        ports = {
+            port.name: {"kind": port.kind, "types": list(map(MessageType.of, port.messages))}
+            for port in self._executor.declaration.wired
+        }
         return {"ports": msgspec.to_builtins(ports)}
 
     def goals(self, request: GoalsRequest) -> dict[str, Any]:

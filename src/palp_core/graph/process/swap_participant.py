@@ -16,7 +16,6 @@ from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.process import swap_messages
 from palp_core.graph.process.channel import ChannelMessage
-from palp_core.graph.process.dry_run import try_hand_over
 from palp_core.graph.process.probation import WorkReporter
 from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.transport.migration import Move
@@ -204,7 +203,7 @@ class SwapParticipant:
             hand_over = decode_any(HandOver, message.hand_over)
             self._executor.fitting(hand_over, message.params)
             if message.try_out:
-                tried = encode_any(try_hand_over(self._executor, hand_over, message.params))
+                tried = encode_any(self._executor.dry_run(hand_over, message.params))
                 self._sockets.publisher.hold()  # what it has published then is forgotten
         except Exception as failure:  # noqa: BLE001 - migrate, adopt and handlers are the user's
             error = in_words(failure)

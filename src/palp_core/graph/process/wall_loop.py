@@ -15,8 +15,8 @@ from palp_core.graph.node.loading import endpoints, load_class
 from palp_core.graph.node.qos_events import QosEvent
 from palp_core.graph.process import checkpoint, control_messages
 from palp_core.graph.process.channel import MessageChannel
+from palp_core.graph.process.checkpoint import NodeCheckpointer
 from palp_core.graph.process.health import HealthProbe
-from palp_core.graph.process.keeping import Keeping
 from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.process.swap_participant import SwapParticipant
 from palp_core.graph.transport.matched_readers import MatchedReaders
@@ -71,7 +71,7 @@ class WallLoop:
             successor=order.successor,
         )
         at = order.spec.keeps_at
-        self._keeping = Keeping(self.executor, at, self._send_kept) if at else None
+        self._checkpointer = NodeCheckpointer(self.executor, at, self._send_kept) if at else None
         self._unshown: deque[bytes] = deque()
         self._published = self._keep_published(kept.with_name(f"{order.place}.published")) if kept else None
         self.executor.transition(Transition.CONFIGURE)
@@ -155,8 +155,8 @@ class WallLoop:
             self.executor.run_timers()
             if self.executor.inbox:
                 self._work()
-            if self._keeping is not None:
-                self._keeping.turn()
+            if self._checkpointer is not None:
+                self._checkpointer.turn()
             if self.participant.waiting:
                 self.participant.turn()
             if self.sockets.due():

@@ -13,7 +13,6 @@ from palp_core.graph.messages.message import decode_any, encode_any
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.process.control_messages import Done
-from palp_core.graph.process.dry_run import try_hand_over
 from palp_core.graph.swap.swap import CheckedSwap, SwapFailed, SwapReport, why_not_swappable
 
 _AT_ONCE = {"gap_s": 0.0, "duration_s": 0.0}  # simulated time does not pass
@@ -97,7 +96,7 @@ class ComposedSwaps:
     @staticmethod
     def _try(old: Executor, new: Executor, running: HandOver, params: Mapping[str, Any]) -> bool:
         """Try the new node on the last messages; return whether the old one could take its state back."""
-        tried = _copied(try_hand_over(new, running, params))
+        tried = _copied(new.dry_run(running, params))
         try:
             old.fitting(tried, {})
         except Exception:  # noqa: BLE001 - migrate and adopt are the user's
