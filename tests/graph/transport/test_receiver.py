@@ -27,8 +27,8 @@ from palp_core.graph.process.control_messages import Spawn, ToNode
 from palp_core.graph.process.wall_loop import WallLoop
 from palp_core.graph.transport import publisher_socket
 from palp_core.graph.transport import receiver as receiver_module
+from palp_core.graph.transport.acks import ACK
 from palp_core.graph.transport.node_sockets import NodeSockets
-from palp_core.graph.transport.reader_words import WORD
 from palp_core.graph.transport.receiver import MOST_UNREAD_BYTES, TopicReceiver
 from palp_core.graph.transport.subscriber_socket import ARRAY_QUEUE
 from palp_core.units import RatioArray
@@ -245,7 +245,7 @@ def test_what_a_node_sends_does_not_hide_what_has_arrived(tmp_path: Path) -> Non
         while not receiver._subscriber.wait(1.0):
             pass
         while select.select(receiver.file_descriptors, (), (), 0.1)[0]:
-            receiver._subscriber.say(WORD)
+            receiver._subscriber.send_up(ACK)
             receiver._requester.pending()
         loop._wait()
         assert [frame.sequence for frame in loop.executor.inbox] == [1]

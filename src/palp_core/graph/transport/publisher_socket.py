@@ -13,11 +13,11 @@ import zmq
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import topic_of
 from palp_core.graph.node.publisher import PublisherEnd
+from palp_core.graph.transport.acks import ACK, FLOW_CONTROL
 from palp_core.graph.transport.backpressure import Backpressure
 from palp_core.graph.transport.in_flight_bytes import InFlightBytes
 from palp_core.graph.transport.matched_readers import READER
 from palp_core.graph.transport.private_endpoint import bind_private
-from palp_core.graph.transport.reader_words import HOLD, WORD
 from palp_core.graph.transport.requester_socket import readable
 
 SEND_QUEUE = 100_000  # messages per reader: what is beyond is a gap to it, filled from what is remembered
@@ -111,7 +111,7 @@ class PublisherSocket:
     def release(self) -> None:
         """Publish what was kept back."""
         held, self._held = self._held or [], None
-        self.backpressure.go_on_here()
+        self.backpressure.take_over()
         self._send_frame = self._plain_send
         for frame in held:
             self.send(frame)
@@ -168,10 +168,10 @@ class PublisherSocket:
         while readable(self._socket):
             event = self._socket.recv()
             comes, name = event[:1] == b"\x01", event[1:]
-            if event[:1] == WORD:
-                self.backpressure.hear(event)
-            elif name[:1] == HOLD:
-                (self.backpressure.comes if comes else self.backpressure.goes)(name)
+            if event[:1] == ACK:
+                self.backpressure.on_ack(event)
+            elif name[:1] == FLOW_CONTROL:
+                (self.backpressure.add_reader if comes else self.backpressure.remove_reader)(name)
             elif name[:1] == READER:
                 self._named[name[1:].decode(errors="replace")] += 1 if comes else -1
             elif name[-1:] != b"\0":
@@ -191,7 +191,7 @@ class PublisherSocket:
             now_ns = monotonic_ns()
             left_ns = begin_ns + self.backpressure.patience_ns(publisher) - now_ns
             if left_ns <= 0:
-                raise self.backpressure.too_slow(publisher)
+                raise self.backpressure.timeout(publisher)
             if now_ns >= beat_ns + HEARTBEAT_NS:  # who waits lives
                 beat_ns = now_ns
                 self.send_heartbeats()

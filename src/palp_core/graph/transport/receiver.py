@@ -15,10 +15,10 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Lifecycle
 from palp_core.graph.node.subscription import Subscription
+from palp_core.graph.transport.acks import AckSender, flow_controls
 from palp_core.graph.transport.edge_monitor import EdgeMonitor
 from palp_core.graph.transport.migration import Migration
 from palp_core.graph.transport.offsets import Offsets, ReceivedOffsets
-from palp_core.graph.transport.reader_words import ReaderWords, holds_of
 from palp_core.graph.transport.reorder_buffer import ReorderBuffer
 from palp_core.graph.transport.requester_socket import RequesterSocket
 from palp_core.graph.transport.subscriber_socket import ARRAY_QUEUE, RECEIVE_QUEUE, SubscriberSocket
@@ -49,7 +49,7 @@ class TopicReceiver:
             context,
             _queue(executor.ends.subscriptions),
             name=executor.name,
-            holds=holds_of(executor),
+            flow_controls=flow_controls(executor),
         )
         self._requester = RequesterSocket(context)
         self._offsets = Offsets(offsets, list(executor.ends.subscriptions)) if offsets is not None else None
@@ -57,7 +57,7 @@ class TopicReceiver:
             name: self._buffer_of(name, subscriptions)
             for name, subscriptions in executor.ends.subscriptions.items()
         }
-        self._words = ReaderWords(executor, self.buffers, self._subscriber.say)
+        self._acks = AckSender(executor, self.buffers, self._subscriber.send_up)
         self._migration = Migration(self._subscriber, publishers, self.buffers)
         self._unread_bytes = 0
         self.monitor = EdgeMonitor(executor, self.buffers)
@@ -109,14 +109,14 @@ class TopicReceiver:
             for name, account in hand_over.consumed.items():
                 if name in self.buffers:
                     self._offsets.note(name, account.epoch, account.sequence)
-        self._words.begin()
+        self._acks.begin()
         return len(frames)
 
     def set_start(self, start_ns: int) -> None:
         """Learn when the graph has started: what arrives is late from then on."""
         for buffer in self.buffers.values():
             buffer.origin_ns = self._start_ns = start_ns
-        self._words.begin()
+        self._acks.begin()
         inputs = self._executor.ends.subscriptions
         several = itertools.chain.from_iterable(inputs.values())
         if any(subscription.qos.reliability == "best_effort" for subscription in several):
@@ -167,7 +167,7 @@ class TopicReceiver:
             if frame.kind == Kind.MOVED:
                 self._migration.follow(frame, now_ns)
                 self._requester.keep(self._migration.servers.values())
-                self._words.tell_again(frame.topic)
+                self._acks.send_again(frame.topic)
                 return
         except SchemaMismatch as error:
             executor.events.reject(error)
@@ -179,8 +179,8 @@ class TopicReceiver:
             buffer.pass_by(frame, now_ns)
             if self._offsets is not None:
                 self._offsets.note(buffer.topic, frame.epoch, frame.sequence)
-            if frame.sequence >= buffer.word_due:
-                self._words.tell(buffer)
+            if frame.sequence >= buffer.ack_due:
+                self._acks.send(buffer)
         else:
             buffer.arrive(frame, now_ns)
 
@@ -221,8 +221,8 @@ class TopicReceiver:
         self._executor.consume(frame)
         if self._offsets is not None:
             self._offsets.note(frame.topic, frame.epoch, frame.sequence)
-        if frame.sequence >= buffer.word_due:
-            self._words.tell(buffer)
+        if frame.sequence >= buffer.ack_due:
+            self._acks.send(buffer)
 
     def _drop(self, buffer: ReorderBuffer, frame: Frame) -> None:
         buffer.unread -= 1
@@ -236,7 +236,7 @@ class TopicReceiver:
         for buffer in self.buffers.values():
             buffer.excuse_absence(late_ns, now_ns)
             buffer.expire(now_ns)
-        self._words.look(absent=self._is_absent())
+        self._acks.send_all(absent=self._is_absent())
         self.monitor.look(now_ns, graph_ns)
 
     def _is_absent(self) -> bool:

@@ -37,7 +37,7 @@ class ReorderBuffer:
         filled: Of the messages handed on, how many had to be asked for.
         epoch: Of the publisher; -1 before it is heard.
         give_up_ns: Until when an answer is waited for; None: nothing is missing.
-        word_due: From this sequence on, its publisher is to be told how far the node has come.
+        ack_due: From this sequence on, an ack to its publisher is due.
         origin_ns: The graph's start on the host's monotonic clock, on which all times here are; None: not
             known.
     """
@@ -61,7 +61,7 @@ class ReorderBuffer:
         self.filled = 0
         self.give_up_ns: int | None = None
         self.origin_ns: int | None = None
-        self.word_due = LAST_SEQUENCE + 1
+        self.ack_due = LAST_SEQUENCE + 1
         self.epoch = account.epoch
         self.next = account.sequence + 1
         self._last = 0  # the highest sequence known to exist in this epoch
