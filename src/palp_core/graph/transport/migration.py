@@ -1,7 +1,9 @@
 """Follow a publisher that goes on at another place: two endpoints for a while, one order all the time."""
 
+import itertools
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Generic, Protocol, TypeVar
@@ -109,6 +111,22 @@ class MoveReorderer(Generic[Item]):
             self._pass(True, point, self._held.pop(point))
 
 
+@dataclass
+class _Place:
+    """One endpoint of a topic's publisher.
+
+    Attributes:
+        serve: Where the publisher answers; None: it has not announced that.
+        begun_ns: When it announced that it publishes from now on; None: it has not.
+        finished: Nothing more comes from here.
+    """
+
+    publish: str
+    serve: str | None = None
+    begun_ns: int | None = None
+    finished: bool = False
+
+
 class PublisherEndpoints:
     """Where one topic is published now, and where it goes on, in order.
 
@@ -117,39 +135,39 @@ class PublisherEndpoints:
 
     Args:
         publish: Where it is published: a name that leads to its publisher after any change of hands, too.
+        serve: Where its publisher answers.
     """
 
     def __init__(self, publish: str, serve: str) -> None:
-        self.places = [publish]
-        self.home = publish
-        self._home_serve = serve
-        self._serve = {publish: serve}
-        self._finished: set[str] = set()
-        self._published_ns: dict[str, int] = {}
+        self.home, self._home_serve = publish, serve
+        self._places = [_Place(publish, serve)]
         self._left: deque[str] = deque(maxlen=PLACES_REMEMBERED)
+
+    @property
+    def places(self) -> list[str]:
+        return [place.publish for place in self._places]
 
     @property
     def serve(self) -> str:
         """Where the latest of them that works answers."""
-        return next(self._serve[place] for place in reversed(self.places) if place in self._serve)
+        return next(place.serve for place in reversed(self._places) if place.serve is not None)
 
     def add(self, publish: str) -> bool:
         """Take note of a place where it is to go on; return whether that is news."""
         if publish in self.places or publish in self._left:
             return False
-        self.places.append(publish)
+        self._places.append(_Place(publish))
         return True
 
     def replace(self, publish: str) -> None:
         """Exchange the first place."""
-        self._serve.setdefault(publish, self._serve[self.places[0]])
-        self.places[0] = publish
+        self._places[0] = _Place(publish, self._places[0].serve)
 
     def begin(self, publish: str, serve: str, now_ns: int) -> None:
         """Note that a place publishes from now on."""
-        if publish in self.places:
-            self._serve[publish] = serve
-            self._published_ns[publish] = now_ns
+        for place in self._places:
+            if place.publish == publish:
+                place.serve, place.begun_ns = serve, now_ns
 
     def finish_before(self, publish: str, serve: str) -> list[str]:
         """Note that everything goes on there; return the places that are to be left.
@@ -158,29 +176,25 @@ class PublisherEndpoints:
         """
         if publish not in self.places[1:]:
             return []
-        self._serve[publish] = serve
-        index = self.places.index(publish) - 1
-        while index and self.places[index] not in self._published_ns:
-            self._finished.add(self.places[index])
-            index -= 1
-        self._finished.add(self.places[index])
+        index = self.places.index(publish)
+        self._places[index].serve = serve
+        for place in reversed(self._places[:index]):
+            place.finished = True
+            if place.begun_ns is not None:
+                break
         return self._part()
 
     def _part(self) -> list[str]:
         """Leave places that have published their last, if none before them is to publish anything yet."""
-        count = next(i for i, place in enumerate(self.places) if place not in self._finished)
-        parted = self.places[:count]
-        for place in parted:
-            self.forget(place)
-        return parted
+        finished = list(itertools.takewhile(lambda place: place.finished, self._places))
+        for place in finished:
+            self.forget(place.publish)
+        return [place.publish for place in finished]
 
     def forget(self, publish: str) -> None:
         """Remove a place for good."""
-        self.places.remove(publish)
+        self._places = [place for place in self._places if place.publish != publish]
         self._left.append(publish)
-        self._finished.discard(publish)
-        for known in (self._serve, self._published_ns):
-            known.pop(publish, None)
 
     def is_lost(self) -> bool:
         """Return whether the only place is gone: its publisher moved on before this reader listened there."""
@@ -189,19 +203,15 @@ class PublisherEndpoints:
 
     def go_home(self) -> list[str]:
         """Begin again where its name leads; return the places that are to be left."""
-        lost, self.places = self.places, [self.home]
-        self._serve = {self.home: self._home_serve}
-        self._published_ns.clear()
+        lost, self._places = self.places, [_Place(self.home, self._home_serve)]
         return lost
 
     def overdue(self, now_ns: int) -> list[str]:
         """Return the places before one that began to publish longer ago than an old one stays; leave them."""
-        begun = [
-            i
-            for i, place in enumerate(self.places)
-            if now_ns - self._published_ns.get(place, now_ns) > GIVE_UP_NS
-        ]
-        self._finished.update(self.places[: max(begun, default=0)])
+        begun_ns = [now_ns if place.begun_ns is None else place.begun_ns for place in self._places]
+        last = max((i for i, begun in enumerate(begun_ns) if now_ns - begun > GIVE_UP_NS), default=0)
+        for place in self._places[:last]:
+            place.finished = True
         return self._part()
 
 
