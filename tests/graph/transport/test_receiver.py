@@ -32,6 +32,7 @@ from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.receiver import MOST_UNREAD_BYTES, TopicReceiver
 from palp_core.graph.transport.subscriber_socket import ARRAY_QUEUE
 from palp_core.units import RatioArray
+from tests.graph.transport.test_publisher_socket import Owner
 
 DEADLINE_MS = 10.0
 WHILE_BUSY_NS = 35_000_000
@@ -172,7 +173,7 @@ def test_what_a_slow_reader_of_arrays_loses_is_in_its_account(
     executor.transition(Transition.CONFIGURE)
     executor.transition(Transition.ACTIVATE)
     receiver.set_start(0)
-    outlet = PublisherEnd("/p/block", Block, qos, 0, _Owner(), sockets.publisher.send)
+    outlet = PublisherEnd("/p/block", Block, qos, 0, Owner(), sockets.publisher.send)
     sockets.publisher.offer([outlet])
     while not sockets.publisher.readers:
         sockets.poll()
@@ -191,18 +192,6 @@ def test_what_a_slow_reader_of_arrays_loses_is_in_its_account(
     assert account.repeated == account.dropped == 0
     receiver.close()
     sockets.close()
-
-
-class _Owner:
-    """The node of a publisher."""
-
-    publishing = True
-
-    def now_ns(self) -> int:
-        return 0
-
-    def resend(self, frame: bytes) -> None:
-        raise AssertionError("nothing is sent again here")
 
 
 def test_what_a_predecessor_rejected_it_has_heard(tmp_path: Path, context: Any) -> None:
