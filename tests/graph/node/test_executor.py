@@ -140,8 +140,8 @@ def test_parameters_are_replaced_as_a_whole_or_not_at_all() -> None:
     assert drive.node.params == Rates(name="y", a_hz=20.0)
     assert before == Rates()
     assert drive.executor.next_due_ns() == 50_000_000
-    rates: list[dict[str, Any]] = [{"name": "z", "a_hz": value} for value in (-1.0, 0.0, float("nan"))]
-    for bad in ({"name": 3}, {"nam": "z"}, *rates):
+    refused: list[dict[str, Any]] = [{"name": "z", "a_hz": value} for value in (-1.0, 0.0, float("nan"))]
+    for bad in [*refused, {"name": 3}, {"nam": "z"}]:
         with pytest.raises(GraphError, match="n: parameters"):
             drive.executor.set_parameters(bad)
         assert drive.node.params == Rates(name="y", a_hz=20.0)

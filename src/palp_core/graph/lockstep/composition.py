@@ -68,7 +68,6 @@ class Composition:
         return Done(frames, -1 if due_ns is None else due_ns, executor.exit_code)
 
     def activate(self, index: int) -> Done:
-        """Activate one node."""
         self._executors[index].transition(Transition.ACTIVATE)
         return self._done(self._executors[index])
 
@@ -102,7 +101,7 @@ class Composition:
         return {index for index in indices if not self._on_probation(index)}
 
     def _on_probation(self, index: int) -> bool:
-        """Tell whether it is not clear yet who goes on as a node: what tools ask of it waits."""
+        """Return whether it is not clear yet who goes on as a node: what tools ask of it waits."""
         return self.probation is not None and self.probation.index == index and not self.probation.over
 
     def shutdown(self, index: int, now_ns: int) -> Done:
@@ -139,7 +138,6 @@ class Composition:
             self._tell(frame)
 
     def executor(self, index: int) -> Executor:
-        """Return a node."""
         return self._executors[index]
 
     def start_standby(self, spec: NodeSpec) -> tuple[Executor, list[bytes]]:

@@ -77,7 +77,6 @@ class Conductor:
         self._run_rounds(published)
 
     def rewire(self, readers: Mapping[str, Sequence[int]]) -> None:
-        """Deliver by other wires from now on."""
         self._readers = {topic.encode(): tuple(indices) for topic, indices in readers.items()}
 
     def accept(self, index: int, done: Done) -> None:

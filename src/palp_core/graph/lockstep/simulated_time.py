@@ -15,7 +15,6 @@ class SimulatedTime:
         self.conductor: Conductor | None = None
 
     def elapse(self, duration_ns: int) -> None:
-        """Let so much time go by."""
         assert self.conductor is not None
         self.conductor.run(self.conductor.now_ns + duration_ns)
 

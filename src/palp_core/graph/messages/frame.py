@@ -48,6 +48,10 @@ class Frame(NamedTuple):
     payload: memoryview
 
 
+_DATA, _IDLE = int(Kind.DATA), int(Kind.IDLE)  # an enum costs a comparison in Python
+_new_frame = tuple.__new__  # the checks of a named tuple cost as much as all of the rest
+
+
 def pack(
     topic: bytes,
     kind: int,
@@ -106,9 +110,9 @@ def parse(frame: bytes) -> Frame:
         raise SchemaMismatch(
             f"frame of wire version {version}; this end speaks {VERSION}: upgrade the older one"
         )
-    if kind > Kind.IDLE:
+    if kind > _IDLE:
         raise SchemaMismatch(f"frame of unknown kind {kind}")
-    if kind == Kind.DATA and sequence == 0:
+    if kind == _DATA and sequence == 0:
         raise SchemaMismatch("frame without a sequence: the first message of a topic has 1")
     if sequence > LAST_SEQUENCE:
         raise SchemaMismatch(f"frame of sequence {sequence}: no topic has so many messages")
@@ -117,4 +121,4 @@ def parse(frame: bytes) -> Frame:
     except UnicodeDecodeError as error:
         raise SchemaMismatch("not a palp frame: the topic is not UTF-8") from error
     payload = memoryview(frame)[end + 1 + HEADER_BYTES :]
-    return Frame(topic, kind, epoch, sequence, stamp_ns, type_hash, payload)
+    return _new_frame(Frame, (topic, kind, epoch, sequence, stamp_ns, type_hash, payload))

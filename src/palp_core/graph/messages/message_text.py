@@ -27,7 +27,6 @@ class Truncation(NamedTuple):
 
 
 def decoded(payload: bytes | memoryview, schema: dict[str, Any]) -> dict[str, Any]:
-    """Return a message as plain values."""
     import msgspec
 
     try:
@@ -83,7 +82,6 @@ def parse_path(text: str, schema: dict[str, Any]) -> Path:
 
 
 def pick(message: Any, path: Sequence[str | int]) -> Any:
-    """Return what a path leads to."""
     for step in path:
         try:
             message = message[step]

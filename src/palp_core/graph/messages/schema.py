@@ -142,7 +142,6 @@ _SCHEMAS: dict[Any, Schema | None] = {}
 
 
 def schema_of(cls: type) -> Schema:
-    """Return what a message type is made of."""
     schema = _SCHEMAS.get(cls)
     if schema is None:
         if cls in _SCHEMAS:

@@ -41,7 +41,6 @@ _KINDS = {
 
 
 def kind_of(schema: JsonSchema) -> FieldKind:
-    """Return what a value of this schema is."""
     said = schema.get("type")
     if is_array(schema):
         return FieldKind.ARRAY
@@ -55,12 +54,12 @@ def kind_of(schema: JsonSchema) -> FieldKind:
 
 
 def is_array(schema: JsonSchema) -> bool:
-    """Tell whether a field is a numeric array, which travels as bytes."""
+    """Return whether a field is a numeric array, which travels as bytes."""
     return bool(schema.get("x-dtype") == FLOAT64_DTYPE)
 
 
 def has_elements(schema: JsonSchema) -> bool:
-    """Tell whether a value has elements by number: a list or a numeric array."""
+    """Return whether a value has elements by number: a list or a numeric array."""
     return schema.get("type") == "array" or is_array(schema)
 
 

@@ -118,7 +118,6 @@ class ActionClientEnd(Generic[Goal]):
             self._call("cancel_goal", wire.CancelGoalRequest(goal_id=goal_id))
 
     def on_reply(self, reply: wire.SendGoalReply) -> None:
-        """Take the answer to a goal."""
         record = self._records.get(reply.goal_id)
         if record is None:
             return
@@ -168,7 +167,6 @@ class ActionClientEnd(Generic[Goal]):
             self._feedback(self._context.node, message.goal_id, message.feedback)
 
     def give_up(self) -> None:
-        """End goals whose calls have been given up."""
         waiting = {name: {call.sequence for call in end.pending} for name, end in self._calls.items()}
         for record in list(self._records.values()):
             if record.status == SENT and record.sequence not in waiting["send_goal"]:
@@ -190,14 +188,11 @@ class ActionClientEnd(Generic[Goal]):
         self._done(self._context.node, ended)
 
     def activate(self) -> None:
-        """Forget goals that were sent before."""
         self._records = {}
 
     def keep(self) -> SentGoals:
-        """Return what a successor must know."""
         return SentGoals([msgspec.structs.replace(r) for r in self._records.values()], self._count)
 
     def resume(self, kept: SentGoals) -> None:
-        """Continue a predecessor's goals."""
         self._records = {record.goal_id: msgspec.structs.replace(record) for record in kept.records}
         self._count = kept.count

@@ -265,7 +265,6 @@ class ActionServerEnd(TimedEnd, Generic[Goal, Feedback, Result]):
         self._publish_status()
 
     def abandon(self, why: str) -> None:
-        """Abort every goal that has not ended."""
         for goal in self.goals:
             self.conclude(goal.record, wire.ABORTED, why)
 
@@ -345,7 +344,6 @@ class ActionServerEnd(TimedEnd, Generic[Goal, Feedback, Result]):
     # Hand-over
 
     def keep(self) -> ServedGoals:
-        """Return what a successor must know."""
         return ServedGoals([msgspec.structs.replace(record) for record in self.records], self._change)
 
     def resume(self, kept: ServedGoals | None) -> None:

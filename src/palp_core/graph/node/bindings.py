@@ -187,7 +187,6 @@ class Bindings:
             self.action_clients[name] = context.node.__dict__[name] = client
 
     def abandon_goals(self, why: str) -> None:
-        """Abort every goal that the node works on."""
         for server in self.action_servers.values():
             server.abandon(why)
 
@@ -209,7 +208,6 @@ class Bindings:
 
     @property
     def accounts(self) -> dict[str, SequenceAccount]:
-        """Account of every input topic."""
         return {name: subscriptions[0].account for name, subscriptions in self.subscriptions.items()}
 
     @property
@@ -258,7 +256,6 @@ class Bindings:
         }
 
     def resume(self, hand_over: HandOver) -> None:
-        """Continue a predecessor's timers, accounts and sequences."""
         for name, timer in self.timers.items():
             timer.resume(hand_over.timers.get(name), hand_over.now_ns)
         for name, alarm in self.alarms.items():

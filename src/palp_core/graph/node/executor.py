@@ -84,7 +84,6 @@ class Executor:
     # What the node and its ports ask for
 
     def now_ns(self) -> int:
-        """Return the time of the present handler."""
         return self._now_ns
 
     def finish(self, exit_code: int) -> None:
@@ -99,7 +98,6 @@ class Executor:
         return self.lifecycle is Lifecycle.ACTIVE or self.paused
 
     def transition(self, transition: Transition) -> None:
-        """Run a lifecycle transition with its hook."""
         if transition is Transition.SHUTDOWN and self.lifecycle is Lifecycle.FINALIZED:
             return
         self.resume()
@@ -215,7 +213,9 @@ class Executor:
         Returns:
             False if the message was rejected.
         """
-        self._begin_handler(now_ns)
+        self._now_ns = now_ns
+        if now_ns >= self.journal.next_snapshot_ns:  # a call costs more than the question
+            self.journal.take_snapshot(now_ns)
         try:
             message = subscription.accept(frame, now_ns)
         except SchemaMismatch as error:
@@ -289,7 +289,6 @@ class Executor:
             raise self._fail(error, f"its state cannot be written down: {error}") from error
 
     def snapshot(self) -> HandOver:
-        """Return the hand-over without inbox and histories."""
         state_class, state_version = state_identity(type(self.node.state))
         return HandOver(
             node_class=class_name(type(self.node)),
@@ -322,7 +321,6 @@ class Executor:
         return {name: list(end.history) for name, end in self.ends.publishers.items() if end.history}
 
     def hand_over(self) -> HandOver:
-        """Return everything a successor needs, the journal closed."""
         self.journal.flush(self._now_ns)
         return self.full_snapshot()
 
@@ -439,7 +437,6 @@ class Executor:
     # Failures
 
     def run_hook(self, name: str) -> None:
-        """Run a lifecycle hook."""
         hooks: LifecycleHooks = self.node
         try:
             getattr(hooks, name)()

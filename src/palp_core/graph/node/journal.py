@@ -38,7 +38,6 @@ class Journal:
         self.discard()
 
     def discard(self) -> None:
-        """Forget what has not been published."""
         self._hand_over = b""
         self._entries: list[tuple[int, int, int, int]] = []
         self._changes: list[str] = []

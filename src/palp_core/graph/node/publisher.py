@@ -69,7 +69,6 @@ class PublisherEnd(Generic[M]):
         self.forward(self._encode(message))
 
     def put(self, message: M) -> None:
-        """Send a message whatever the node's state is."""
         self.forward(self._encode(message))
 
     def _encode(self, message: M) -> bytes:
@@ -130,7 +129,6 @@ class PublisherEnd(Generic[M]):
                 self.send(self.heartbeat())
 
     def heartbeat(self) -> bytes:
-        """Return the frame that states the last sequence."""
         return self._statement(Kind.IDLE if self.idle_until_next else Kind.HEARTBEAT, self.former)
 
     def moved(self, payload: bytes) -> bytes:
@@ -152,7 +150,6 @@ class PublisherEnd(Generic[M]):
                 yield kept
 
     def resume(self, epoch: int, sequence: int, history: list[bytes]) -> None:
-        """Continue a predecessor's epoch and sequence."""
         self.epoch, self.sequence = epoch, sequence
         if self.note is not None:
             self.note(epoch, sequence)

@@ -165,6 +165,5 @@ class EventEnd(TimedEnd):
             self.handler(self._context.node, event)
 
     def resume(self, total: int) -> None:
-        """Continue a predecessor's count."""
         self.total = self._handled = total
         self._pending, self.due_ns = 0, None

@@ -83,5 +83,4 @@ class ClientEnd(TimedEnd, Generic[Request]):
         return given_up
 
     def resume(self, pending: list[Pending]) -> None:
-        """Continue a predecessor's calls."""
         self._keep(list(pending))

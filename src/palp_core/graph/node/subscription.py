@@ -131,7 +131,6 @@ class ReplySubscription(Subscription):
     client: ClientEnd[Any]
 
     def expects(self, frame: Frame) -> bool:
-        """Return whether the call it answers still waits."""
         return any(pending.sequence == frame.sequence for pending in self.client.pending)
 
     def _is_new(self, frame: Frame, now_ns: int) -> bool:

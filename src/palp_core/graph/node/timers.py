@@ -27,7 +27,6 @@ class TimedEnd:
         self._context = context
 
     def activate(self, now_ns: int) -> None:
-        """Forget at activation what was set before."""
         self.due_ns = None
 
     def tick(self) -> int:
@@ -36,7 +35,6 @@ class TimedEnd:
         return 0
 
     def handle(self) -> None:
-        """Let the node handle it."""
         if self.handler is not None:
             self.handler(self._context.node)
 
@@ -61,7 +59,6 @@ class TimerEnd(TimedEnd):
 
     @property
     def rate_hz(self) -> float:
-        """The rate that the parameters state."""
         return float(getattr(self._context.node.params, self._hz))
 
     def _grid_ns(self, k: int) -> int:
@@ -85,7 +82,6 @@ class TimerEnd(TimedEnd):
             self._start(self._context.now_ns())
 
     def stop(self) -> None:
-        """Tick no more."""
         self.due_ns = None
 
     def tick(self) -> int:

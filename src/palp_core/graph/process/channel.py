@@ -32,7 +32,6 @@ class MessageChannel(Generic[Received]):
         self._unsent = bytearray()
 
     def send(self, message: ChannelMessage) -> None:
-        """Send one message, whole."""
         payload = self._encoder.encode(message)
         try:
             self.socket.sendall(_LENGTH.pack(len(payload)) + payload)
@@ -58,7 +57,7 @@ class MessageChannel(Generic[Received]):
         return True
 
     def buffered(self) -> bool:
-        """Tell whether a whole message has been read from the socket already."""
+        """Return whether a whole message has been read from the socket already."""
         return len(self._buffer) >= 4 and len(self._buffer) >= 4 + _LENGTH.unpack_from(self._buffer)[0]
 
     @property
@@ -77,7 +76,6 @@ class MessageChannel(Generic[Received]):
         self._buffer += data
 
     def receive(self) -> Received:
-        """Wait for one message."""
         while not self.buffered():
             self.fill()
         end = 4 + _LENGTH.unpack_from(self._buffer)[0]
@@ -86,5 +84,4 @@ class MessageChannel(Generic[Received]):
         return self._decoder.decode(payload)
 
     def close(self) -> None:
-        """Close this end."""
         self.socket.close()

@@ -130,7 +130,6 @@ FromNode = Hello | Configured | Matched | Done | Failed | Kept | Relay | Knock |
 
 
 def node_end(path: str) -> MessageChannel[ToNode]:
-    """Connect a node's process to its supervisor."""
     connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     connection.connect(path)
     return MessageChannel(connection, msgspec.msgpack.Decoder(ToNode))

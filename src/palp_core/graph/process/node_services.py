@@ -90,7 +90,6 @@ class NodeServices:
         self._edges = edges
 
     def operations(self) -> NodeOperations:
-        """Return every operation by name."""
         return {
             "info": NodeOperation(InfoRequest, self.info),
             "history": NodeOperation(HistoryRequest, self.history),
@@ -210,7 +209,6 @@ class NodeServices:
         }
 
     def set_parameters(self, request: SetParametersRequest) -> dict[str, Any]:
-        """Change parameters, all of them or none."""
         self._executor.set_parameters(request.parameters)
         return {"parameters": self._parameters()}
 
@@ -227,7 +225,6 @@ class NodeServices:
         return {"reply": msgspec.msgpack.decode(encode(reply))}
 
     def transition(self, request: TransitionRequest) -> dict[str, Any]:
-        """Run a lifecycle transition."""
         executor = self._executor
         known = [transition.value for transition in Transition]
         if request.transition not in known:

@@ -92,7 +92,6 @@ class LockstepProbation(ABC):
 
     @property
     def over(self) -> bool:
-        """Whether it is clear who goes on."""
         return self.confirmed or bool(self.failure)
 
     def begin(self, frames: list[bytes], done: Done) -> Done:

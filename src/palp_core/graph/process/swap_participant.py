@@ -74,7 +74,6 @@ class SwapParticipant:
         return bool(self._pending) or self._eavesdropper is not None
 
     def handle(self, message: swap_messages.ToSwapped) -> None:
-        """Do what the supervisor asks for."""
         match message:
             case swap_messages.AnnounceSuccessor():
                 self._announce(message)
@@ -252,7 +251,6 @@ class SwapParticipant:
 
     @property
     def shadowing(self) -> bool:
-        """True while this node works unread."""
         return self._comparison is not None
 
     @property

@@ -34,7 +34,6 @@ class FlowControl(NamedTuple):
     blocking_ms: float
 
     def token(self) -> bytes:
-        """Return the subscription."""
         return FLOW_CONTROL + f"{self.topic}\0{self.reader}\0{self.depth}\0{self.blocking_ms!r}".encode()
 
 

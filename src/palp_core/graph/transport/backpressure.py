@@ -51,7 +51,6 @@ class Backpressure:
         self._topics: dict[str, _Topic] = {}
 
     def offer(self, publisher: PublisherEnd[Any]) -> None:
-        """Add a topic."""
         self._topics[publisher.topic] = _Topic(publisher)
 
     def _find(self, token: bytes) -> tuple[FlowControl, _Topic] | None:
@@ -72,7 +71,6 @@ class Backpressure:
         topic.refresh()
 
     def remove_reader(self, token: bytes) -> None:
-        """Wait for a reader no longer."""
         if (found := self._find(token)) is None or (reader := found[1].readers.get(found[0].reader)) is None:
             return
         control, topic = found

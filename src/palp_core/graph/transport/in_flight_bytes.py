@@ -14,7 +14,7 @@ class InFlightBytes:
         self._total = 0
 
     def has_room(self, size: int) -> bool:
-        """Tell whether so many bytes more may be sent."""
+        """Return whether so many bytes more may be sent."""
         while self._parts and self._parts[0][0].done:
             self._total -= self._parts.popleft()[1]
         return self._total + size <= self._most

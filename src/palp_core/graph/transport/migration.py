@@ -44,7 +44,6 @@ class Move(msgspec.Struct, frozen=True):
 
 
 def read_move(payload: memoryview) -> Move:
-    """Decode a MOVED frame's payload."""
     move = decode_any(Move, payload)
     if not (move.publish.startswith("ipc://") and move.serve.startswith("ipc://")):
         raise SchemaMismatch(f"a publisher cannot move to {move.publish}")
@@ -101,11 +100,9 @@ class MoveReorderer(Generic[Item]):
         self._deliver(item)
 
     def begin_move(self) -> None:
-        """Hold back what comes out of order."""
         self._moving, self._since_ns = True, monotonic_ns()
 
     def end_move(self, now_ns: int, last: int = 0) -> None:
-        """Hand on what is held."""
         self._moving = False
         for point in sorted(self._held):
             self._pass(True, point, self._held.pop(point))
@@ -149,7 +146,6 @@ class PublisherEndpoints:
 
     @property
     def serve(self) -> str:
-        """Where the latest of them that works answers."""
         return next(place.serve for place in reversed(self._places) if place.serve is not None)
 
     def add(self, publish: str) -> bool:
@@ -160,11 +156,9 @@ class PublisherEndpoints:
         return True
 
     def replace(self, publish: str) -> None:
-        """Exchange the first place."""
         self._places[0] = _Place(publish, self._places[0].serve)
 
     def begin(self, publish: str, serve: str, now_ns: int) -> None:
-        """Note that a place publishes from now on."""
         for place in self._places:
             if place.publish == publish:
                 place.serve, place.begun_ns = serve, now_ns
@@ -192,7 +186,6 @@ class PublisherEndpoints:
         return [place.publish for place in finished]
 
     def forget(self, publish: str) -> None:
-        """Remove a place for good."""
         self._places = [place for place in self._places if place.publish != publish]
         self._left.append(publish)
 
@@ -235,15 +228,12 @@ class Migration:
 
     @property
     def servers(self) -> dict[str, str]:
-        """Where each topic's publisher answers."""
         return {name: route.serve for name, route in self._routes.items()}
 
     def add(self, name: str, publish: str, serve: str) -> None:
-        """Follow one more topic."""
         self._routes[name] = PublisherEndpoints(publish, serve)
 
     def remove(self, name: str) -> None:
-        """Follow a topic no longer."""
         self._routes.pop(name, None)
 
     def relocate(self, name: str, publish: str) -> None:
@@ -253,7 +243,6 @@ class Migration:
             self._routes[name].replace(publish)  # the place before may publish more: it is not left
 
     def follow(self, frame: Frame, now_ns: int) -> None:
-        """Take a frame of kind MOVED."""
         move, name = read_move(frame.payload), frame.topic
         route = self._routes[name]
         if move.phase == "here":
@@ -292,7 +281,6 @@ class Migration:
                 self._reorderers[name].begin_move()
 
     def _settle(self, name: str, parted: list[str], now_ns: int, last: int) -> None:
-        """Listen no longer where nothing more comes from."""
         self._leave(parted)
         if parted and len(self._routes[name].places) == 1:
             self._end_move(name, now_ns, last)

@@ -61,5 +61,4 @@ class NodeSockets:
         self.requests.turn_away()
 
     def close(self) -> None:
-        """Send what is queued and let go."""
         self.context.destroy(linger=200)

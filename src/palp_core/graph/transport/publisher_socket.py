@@ -79,17 +79,14 @@ class PublisherSocket:
 
     @property
     def has_subscribers(self) -> bool:
-        """True while anyone subscribes to anything."""
         return bool(self._subscribed)
 
     @property
     def subscription_count(self) -> int:
-        """How many subscriptions there are."""
         return sum(self._subscribed.values())
 
     @property
     def readers(self) -> dict[str, int]:
-        """How many listen, by topic."""
         return {name.decode(): count for name, count in self._subscribed.items() if name in self._publishers}
 
     @property
@@ -117,7 +114,6 @@ class PublisherSocket:
             self.send(frame)
 
     def send_past_hold(self, frames: Iterable[bytes]) -> None:
-        """Send frames past what is kept back."""
         for frame in frames:
             self._socket.send(frame)
         self.stirred = True

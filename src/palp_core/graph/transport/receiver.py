@@ -128,7 +128,7 @@ class TopicReceiver:
         }  # where a deadline holds, what is due at its time comes before a message that is late
 
     def pending(self) -> bool:
-        """Tell whether there is something to take in, whatever the descriptors say.
+        """Return whether there is something to take in, whatever the descriptors say.
 
         They signal changes only, and sending a word or a question takes that signal away.
         """
@@ -240,12 +240,11 @@ class TopicReceiver:
         self.monitor.look(now_ns, graph_ns)
 
     def _is_absent(self) -> bool:
-        """Tell whether the node takes nothing up: it was deactivated, or is done."""
+        """Return whether the node takes nothing up: it was deactivated, or is done."""
         executor = self._executor
         return executor.exit_code is not None or (self._was_active and not executor.is_active)
 
     def close(self) -> None:
-        """Let go."""
         self._subscriber.close()
         self._requester.close()
         if self._offsets is not None:

@@ -80,7 +80,6 @@ class ReorderBuffer:
 
     @property
     def is_ordered(self) -> bool:
-        """Whether its sequences have no gaps by right."""
         return self._ordered
 
     @property
@@ -99,7 +98,6 @@ class ReorderBuffer:
         self._note_arrival(frame, now_ns)
 
     def arrive(self, frame: Frame, now_ns: int) -> None:
-        """Take a frame from the publisher's socket."""
         self._note_arrival(frame, now_ns)
         if self._ordered and self.is_next(frame):
             self.next += 1

@@ -62,7 +62,6 @@ class NodeOperation(Generic[R]):
         self._wants, self._answer = wants, answer
 
     def read(self, payload: bytes) -> Callable[[], dict[str, Any]]:
-        """Return what answers a request."""
         request = decode_any(self._wants, payload)
         return lambda: self._answer(request)
 
@@ -116,7 +115,6 @@ class RequestServer:
 
     @property
     def waiting(self) -> Collection[str]:
-        """Nodes for which a deferred request waits."""
         return {entry.node for entry in self._waiting} if self._waiting else ()
 
     def poll(self, most: int = MOST_AT_ONCE, put_off: Callable[[], None] = lambda: None) -> None:
@@ -263,7 +261,6 @@ class RequestServer:
         return dict(self._remembered)
 
     def remember(self, replies: Mapping[str, bytes]) -> None:
-        """Give these replies to requests with these ids."""
         for token, reply in replies.items():
             self._remember(token, reply)
 

@@ -26,14 +26,12 @@ class RequesterSocket:
         self.file_descriptors: tuple[int, ...] = ()
 
     def keep(self, endpoints: Iterable[str]) -> None:
-        """Ask nobody else any more."""
         for endpoint in self._sockets.keys() - set(endpoints):
             self._sockets.pop(endpoint).close(linger=0)
             del self._descriptors[endpoint]
             self.file_descriptors = tuple(self._descriptors.values())
 
     def ask(self, endpoint: str, request: dict[str, Any]) -> None:
-        """Send a request."""
         if endpoint not in self._sockets:
             assert self._context is not None
             socket = self._sockets[endpoint] = self._context.socket(zmq.DEALER)
@@ -46,11 +44,9 @@ class RequesterSocket:
             self._sockets[endpoint].send(msgpack.packb(request), _NOBLOCK)
 
     def pending(self) -> bool:
-        """Tell whether a reply has arrived."""
         return any(readable(socket) for socket in self._sockets.values())
 
     def replies(self) -> list[dict[str, Any]]:
-        """Return the replies that have arrived."""
         found = []
         for socket in self._sockets.values():
             while readable(socket):
@@ -58,7 +54,6 @@ class RequesterSocket:
         return found
 
     def close(self) -> None:
-        """Let go."""
         for socket in self._sockets.values():
             socket.close(linger=0)
         if self._own_context is not None:

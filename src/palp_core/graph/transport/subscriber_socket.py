@@ -67,12 +67,10 @@ class SubscriberSocket:
 
     @property
     def context(self) -> zmq.Context[zmq.Socket[bytes]]:
-        """The process's context."""
         assert self._context is not None
         return self._context
 
     def subscribe(self, endpoints: Mapping[str, str]) -> None:
-        """Subscribe to more topics, each at its endpoint."""
         for endpoint in sorted(set(endpoints.values())):
             self._socket.connect(endpoint)
         for name in endpoints:
@@ -93,7 +91,6 @@ class SubscriberSocket:
             self._socket.disconnect(endpoint)
 
     def receive(self) -> list[bytes]:
-        """Return the frames that have arrived, without waiting."""
         frames = list[bytes]()
         while self.pending():
             frames.append(self._socket.recv())
@@ -118,7 +115,7 @@ class SubscriberSocket:
         return False
 
     def pending(self) -> bool:
-        """Tell whether something has arrived; also re-arms the descriptor, which signals changes only."""
+        """Return whether something has arrived; also re-arms the descriptor, which signals changes only."""
         return readable(self._socket)
 
     def wait(self, timeout_s: float) -> bool:
@@ -126,7 +123,6 @@ class SubscriberSocket:
         return bool(self._socket.poll(round(timeout_s * 1e3)))
 
     def close(self) -> None:
-        """Let go."""
         self._socket.close(linger=0)
         if self._own_context is not None:
             self._own_context.term()
