@@ -27,7 +27,7 @@ PLACES = (
             "graph/latency.py",
             "transport/receiver.py",
             "transport/reorder_buffer.py",
-            "transport/reader_words.py",
+            "transport/acks.py",
         ),
     ),
     ("sockets and zmq", ("zmq", "enum.py", "graph/transport/")),  # an enum at each socket option

@@ -14,26 +14,35 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from palp_core.graph.actions.client import WrappedResult
     from palp_core.graph.bag.reader import Bag, read, to_numpy
     from palp_core.graph.launch.graph import Graph
     from palp_core.graph.launch.summary import RunSummary
     from palp_core.graph.messages.builtin import DiagnosticStatus, MethodsUsed, NodeEvent, Progress, Swap
     from palp_core.graph.messages.message import Message
     from palp_core.graph.messages.qos import Qos
-    from palp_core.graph.node.action_ports import (
-        Act,
-        ActionClient,
-        GoalHandle,
-        accept,
-        execute,
-        on_cancel,
-        on_feedback,
-    )
+    from palp_core.graph.node.action_client import WrappedResult
+    from palp_core.graph.node.action_server import GoalHandle
     from palp_core.graph.node.bench import Bench
     from palp_core.graph.node.loading import enter_workspace
     from palp_core.graph.node.node import Node, Params, ReadOnly, State
-    from palp_core.graph.node.ports import Alarm, Client, Pub, Srv, Sub, Timer, every, on, on_event, serve
+    from palp_core.graph.node.ports import (
+        Act,
+        ActionClient,
+        Alarm,
+        Client,
+        Pub,
+        Srv,
+        Sub,
+        Timer,
+        accept,
+        every,
+        execute,
+        on,
+        on_cancel,
+        on_event,
+        on_feedback,
+        serve,
+    )
     from palp_core.graph.node.qos_events import QosEvent
 
 __version__ = "0.1.0"
@@ -79,12 +88,10 @@ __all__ = [
 ]
 
 _HOME = dict.fromkeys(__all__, "node.ports") | {
-    "Act": "node.action_ports",
-    "ActionClient": "node.action_ports",
     "Bag": "bag.reader",
     "Bench": "node.bench",
     "DiagnosticStatus": "messages.builtin",
-    "GoalHandle": "node.action_ports",
+    "GoalHandle": "node.action_server",
     "Graph": "launch.graph",
     "Message": "messages.message",
     "MethodsUsed": "messages.builtin",
@@ -99,11 +106,7 @@ _HOME = dict.fromkeys(__all__, "node.ports") | {
     "State": "node.node",
     "enter_workspace": "node.loading",
     "Swap": "messages.builtin",
-    "WrappedResult": "actions.client",
-    "accept": "node.action_ports",
-    "execute": "node.action_ports",
-    "on_cancel": "node.action_ports",
-    "on_feedback": "node.action_ports",
+    "WrappedResult": "node.action_client",
     "read": "bag.reader",
     "to_numpy": "bag.reader",
 }

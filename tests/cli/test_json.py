@@ -48,7 +48,7 @@ ASKED_ELSEWHERE = (
     "lifecycle set",
     *(f"action {verb}" for verb in ("info", "send_goal", "cancel")),
 )
-"""The actions' in ``tests/graph/actions/test_running_actions.py``, where there is one."""
+"""The actions' in ``tests/graph/node/test_running_actions.py``, where there is one."""
 
 
 @pytest.mark.parametrize("verb", [verb for verb in promises() if verb not in ASKED_ELSEWHERE])

@@ -21,7 +21,7 @@ def replace(old: Bench[Any], node_class: type[Node] | None = None, **params: Any
     new.clock.set(old.clock.now_ns())
     new._sequence.update(old._sequence)
     new.executor.transition(Transition.CONFIGURE)
-    new.executor.succession.take_over(old.hand_over())
+    new.executor.take_over(old.hand_over())
     return new
 
 

@@ -13,8 +13,7 @@ from nodes.experiment import Experiment
 from palp_core import Bench
 from palp_core.errors import NodeError
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.process.checkpoint import restore
-from palp_core.graph.process.keeping import Keeping
+from palp_core.graph.process.checkpoint import NodeCheckpointer, restore
 from palp_core.palpation.session.trials_csv import Row, read_rows, read_sweep
 from tests.nodes.test_experiment import Rig, params_in, run
 from tests.palpation.session.test_trials_csv_disk import full_after
@@ -29,7 +28,7 @@ def interrupted(out: Path, steps: int, **params: object) -> tuple[Bench[Experime
         nonlocal kept
         kept = node
 
-    keeping, rig = Keeping(bench.executor, "/node/trial", keep), Rig(bench)
+    keeping, rig = NodeCheckpointer(bench.executor, "/node/trial", keep), Rig(bench)
     for _ in range(steps):
         rig.run(1)
         keeping.turn()

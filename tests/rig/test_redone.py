@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from nodes.experiment import Experiment
 from palp_core import Bench
 from palp_core.cli.session import app
-from palp_core.graph.process.keeping import Keeping
+from palp_core.graph.process.checkpoint import NodeCheckpointer
 from palp_core.palpation.session.audit import AUDIT, decide, decisions, left_out
 from palp_core.palpation.session.human.record import read_human
 from palp_core.palpation.session.recorded_session import read_session
@@ -31,7 +31,7 @@ def ended(out: Path) -> list[Row]:
     return [row for row in read_rows(out) if row.verdict not in ("", "continue")]
 
 
-def run_until(rig: Rig, out: Path, count: int, keeping: Keeping | None = None) -> None:
+def run_until(rig: Rig, out: Path, count: int, keeping: NodeCheckpointer | None = None) -> None:
     """Go on until so many trials of estimation are over."""
     while len(ended(out)) < count:
         rig.run(1)
@@ -84,7 +84,7 @@ def test_an_interrupted_session_does_it_again_once(tmp_path: Path) -> None:
             nonlocal kept
             kept = node
 
-        keeping = Keeping(rig.bench.executor, "/node/trial", keep)
+        keeping = NodeCheckpointer(rig.bench.executor, "/node/trial", keep)
         run_until(rig, out, 1, keeping)
         decide(out, ("estimation", 1), "redo", "slipped")
         run_until(rig, out, stop, keeping)

@@ -69,9 +69,9 @@ class FakeNode:
 
     def lose(self, count: int) -> None:
         """Publish messages that nobody hears."""
-        self.out.listened = False
+        self.out.has_readers = False
         self.say(count)
-        self.out.listened = True
+        self.out.has_readers = True
 
     def moved(self, phase: str, to: FakeNode) -> None:
         payload = msgpack.packb({"phase": phase, "publish": to.at[0], "serve": to.at[1]})

@@ -34,7 +34,7 @@ def known(graph: FakeGraph) -> RunningGraph:
 
 
 def listened(graph: FakeGraph, *, so: bool) -> None:
-    graph.until(lambda: graph.nodes[0].out.listened is so)
+    graph.until(lambda: graph.nodes[0].out.has_readers is so)
 
 
 def last(watch: TopicWatch) -> int:

@@ -37,7 +37,7 @@ class Reader:
 
     def begin(self, *, every: bool = False) -> None:
         self.watched.watch([self.topic], every=every)
-        self._graph.until(lambda: self._node.out.listened)
+        self._graph.until(lambda: self._node.out.has_readers)
 
     def read_until(self, index: int) -> None:
         def so() -> bool:
@@ -76,7 +76,7 @@ def test_a_topic_that_is_left_is_not_sent_any_more(graph: FakeGraph) -> None:
     reader = Reader(graph, node, 0.0)
     reader.begin()
     reader.watched.leave([reader.topic.name])
-    graph.until(lambda: not node.out.listened)
+    graph.until(lambda: not node.out.has_readers)
     assert not reader.reader.follows(reader.topic.name)
     reader.begin()  # and may be looked at again
     node.say(1)
@@ -92,7 +92,7 @@ def test_a_publisher_that_goes_on_elsewhere_is_followed(graph: FakeGraph) -> Non
     node.say(2)
     node.moved("prepare", after)
     reader.read_until(1)
-    graph.until(lambda: bool(reader.take()) or after.out.listened)
+    graph.until(lambda: bool(reader.take()) or after.out.has_readers)
     after.out.sequence = node.out.sequence
     node.moved("gone", after)
     after.say(3)

@@ -7,7 +7,6 @@ import types
 from typing import Annotated, Any, Literal
 
 import msgpack
-import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -17,10 +16,10 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from palp_core.errors import SchemaMismatch
-from palp_core.graph.messages.message import Message, decode, encode, encode_any
+from palp_core.graph.messages.message import Message, decode, encode
 from palp_core.graph.messages.schema import _within, json_schema, schema_of
 from palp_core.graph.messages.schema_reader import ros_text
-from palp_core.units import Count, Metres, MetresArray, NewtonMetres, Newtons, Probability, ProbabilityArray
+from palp_core.units import Count, Metres, MetresArray, NewtonMetres, Newtons, ProbabilityArray
 
 
 class Point(Message):
@@ -55,6 +54,10 @@ class Everything(Message):
 
 def _array(low: float, high: float) -> st.SearchStrategy[NDArray[np.float64]]:
     return hnp.arrays(np.float64, st.integers(0, 5), elements=st.floats(low, high))
+
+
+class Route(Message):
+    places_m: list[Metres]
 
 
 class Weights(Message):
@@ -124,30 +127,12 @@ def test_damaged_bytes_raise_schema_mismatch_and_nothing_else(message: Everythin
         assert len(damaged) == len(whole)
 
 
-@settings(deadline=None, max_examples=200)
-@given(st.binary(max_size=64))
-def test_random_bytes_raise_schema_mismatch_and_nothing_else(data: bytes) -> None:
-    with pytest.raises(SchemaMismatch):
-        decode(Everything, data)
-
-
-def test_text_that_is_not_utf8_is_refused() -> None:
-    class Text(Message):
-        s: str
-
-    with pytest.raises(SchemaMismatch, match="Text"):
-        decode(Text, b"\x81\xa1s\xa1\xff")
-
-
-def test_bytes_nested_beyond_all_measure_are_refused() -> None:
-    with pytest.raises(SchemaMismatch):
-        decode(Point, b"\x81\xa1q" + b"\x91" * 200_000)
-
-
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), 1000.1, -1000.1])
 def test_a_bounded_number_refuses_nan_infinity_and_what_is_out_of_bounds(value: float) -> None:
-    with pytest.raises(SchemaMismatch):
+    with pytest.raises(SchemaMismatch, match=r"\$\.x_m"):
         decode(Point, encode(Point(x_m=value)))
+    with pytest.raises(SchemaMismatch):
+        decode(Route, encode(Route(places_m=[0.0, value])))
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), 1.1, -0.1])
@@ -160,15 +145,6 @@ def test_a_bounded_array_refuses_nan_infinity_and_what_is_out_of_bounds(value: f
         with pytest.raises(SchemaMismatch, match=r"Weights\.weights"):
             decode(type(message), encode(message))
     assert decode(Holder, encode(Holder(one=good, many=[good]))).one == good
-
-
-@pytest.mark.parametrize("value", [float("nan"), 1e5])
-def test_a_bounded_number_in_a_list_is_checked(value: float) -> None:
-    class Forces(Message):
-        forces_n: list[Newtons]
-
-    with pytest.raises(SchemaMismatch):
-        decode(Forces, encode(Forces(forces_n=[0.0, value])))
 
 
 class Block(Message):
@@ -344,10 +320,6 @@ def test_the_type_hash_changes_with_name_type_and_unit_only() -> None:
     assert len({base, *others}) == len(others) + 1
 
 
-def test_a_list_of_float_and_an_array_are_different_types_because_their_bytes_are() -> None:
-    assert _hash(a=list[Metres]) != _hash(a=MetresArray)
-
-
 def test_the_json_schema_is_one_object_without_references() -> None:
     schema = json_schema(schema_of(Everything))
     assert schema["type"] == "object"
@@ -377,16 +349,6 @@ def test_the_ros_text_names_every_field_with_its_unit() -> None:
     assert "float64[] forces_n  # N" in lines
 
 
-def test_every_rule_of_a_unit_alias_is_checked_at_decode_not_at_construction() -> None:
-    class Chance(Message):
-        p: Probability
-
-    assert Chance(p=2.0).p == 2.0
-    with pytest.raises(SchemaMismatch, match=r"\$\.p"):
-        decode(Chance, encode_any(Chance(p=2.0)))
-    assert msgspec.msgpack.decode(encode(Chance(p=1))) == {"p": 1.0}
-
-
 any_float = st.one_of(
     st.floats(allow_nan=True, allow_infinity=True), st.floats(-1.0, 1.0), st.sampled_from([1.0, -1.0, 1e200])
 )
@@ -402,8 +364,3 @@ def test_an_array_is_within_bounds_exactly_if_each_element_is(
 ) -> None:
     low, high = bounds
     assert _within(np.array(values), low, high) == all(low <= value <= high for value in values)
-
-
-def test_bounds_whose_squares_are_no_numbers_are_kept_too() -> None:
-    assert not _within(np.full(20, 1e-170), -1e-180, 1e-180)
-    assert _within(np.full(20, 1e-190), -1e-180, 1e-180)

@@ -12,28 +12,23 @@ import pytest
 from palp_core.graph.messages.qos import POLICIES, Qos, events_of, incompatibility, on_edge, strictest
 
 
-@pytest.mark.parametrize(("asks", "offers"), list(product(["best_effort", "reliable"], repeat=2)))
-def test_a_reliable_reader_needs_a_reliable_publisher(asks, offers) -> None:  # type: ignore[no-untyped-def]
-    reason = incompatibility(Qos(reliability=asks), Qos(reliability=offers))
-    assert (reason is not None) == (asks == "reliable" and offers == "best_effort")
-
-
-@pytest.mark.parametrize(("asks", "offers"), list(product(["volatile", "transient_local"], repeat=2)))
-def test_a_transient_local_reader_needs_a_publisher_that_keeps_its_last(asks, offers) -> None:  # type: ignore[no-untyped-def]
-    reason = incompatibility(Qos(durability=asks), Qos(durability=offers))
-    assert (reason is not None) == (asks == "transient_local" and offers == "volatile")
-
-
-def test_a_deadline_shorter_than_the_offered_one_is_refused_and_named() -> None:
-    reason = incompatibility(Qos(deadline_ms=20), Qos(deadline_ms=50))
-    assert reason is not None
-    assert "20 ms" in reason
-    assert "50 ms" in reason
-    assert incompatibility(Qos(deadline_ms=50), Qos(deadline_ms=20)) is None
-    assert incompatibility(Qos(), Qos(deadline_ms=20)) is None
-
-
-def test_equal_offers_and_defaults_agree() -> None:
+@pytest.mark.parametrize(
+    ("policy", "weak", "strong", "named"),
+    [
+        ("reliability", "best_effort", "reliable", ["reliable", "best_effort"]),
+        ("durability", "volatile", "transient_local", ["transient_local", "volatile"]),
+        ("liveliness", "automatic", "manual_by_topic", ["manual_by_topic", "automatic"]),
+        ("deadline_ms", 50, 20, ["20 ms", "50 ms"]),
+        ("lease_ms", 50, 20, ["20 ms", "50 ms"]),
+    ],
+)
+def test_a_publisher_that_offers_less_than_its_reader_asks_for_is_refused_by_name(
+    policy: str, weak: Any, strong: Any, named: list[str]
+) -> None:
+    for asks, offers in product((weak, strong), repeat=2):
+        reason = incompatibility(Qos(**{policy: asks}), Qos(**{policy: offers}))
+        assert (reason is not None) == (asks == strong and offers == weak)
+        assert reason is None or all(word in reason for word in named)
     assert incompatibility(Qos(), Qos()) is None
 
 

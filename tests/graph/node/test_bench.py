@@ -99,24 +99,6 @@ def test_time_does_not_go_back() -> None:
         bench.advance(-0.1)
 
 
-def test_the_same_feed_gives_the_same_bytes_and_the_same_order() -> None:
-    benches = [Bench(Echo, seed=3) for _ in range(2)]
-    for bench in benches:
-        bench.feed(Echo.word, *[Word(n=n) for n in range(300)])
-        bench.advance(0.5)
-    assert benches[0].frames == benches[1].frames
-    assert benches[0].orders() == benches[1].orders() != []
-    assert benches[0].hand_over() == benches[1].hand_over()
-
-
-def test_an_inactive_node_keeps_what_it_is_fed() -> None:
-    bench = Bench(Echo, active=False)
-    bench.feed(Echo.word, Word(n=1))
-    bench.advance(1.0)
-    assert bench.frames == []
-    assert len(bench.executor.inbox) == 1
-
-
 class Restless(Node):
     bell = Alarm()
     word = Sub(Word)

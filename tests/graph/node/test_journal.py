@@ -13,7 +13,7 @@ class PublisherEnd:
     """Remembers what was published."""
 
     def __init__(self) -> None:
-        self.listened = True
+        self.has_readers = True
         self.greeted_count = 0
         self.batches: list[Order] = []
 
@@ -45,13 +45,13 @@ def test_a_follower_from_the_start_has_all_of_it_from_the_activation_to_the_shut
 
 def test_a_follower_that_comes_later_begins_with_the_nodes_state() -> None:
     publisher = PublisherEnd()
-    publisher.listened = False
+    publisher.has_readers = False
     log = log_of(publisher)
     log.note_transition(Transition.ACTIVATE, 1)
     for k in range(3):
         log.note("timer:tick", 0, k, k)
         log.serve_follower(k, active=True)
-    publisher.listened = True
+    publisher.has_readers = True
     log.serve_follower(4, active=False)  # between two lives it has no state to begin with
     assert not any(batch.hand_over for batch in publisher.batches)
     log.serve_follower(5, active=True)
@@ -80,10 +80,10 @@ def test_a_second_follower_gets_a_place_to_start_and_the_first_loses_nothing() -
 
 def test_a_follower_is_told_nothing_that_it_cannot_place() -> None:
     publisher = PublisherEnd()
-    publisher.listened = False
+    publisher.has_readers = False
     log = log_of(publisher)
     log.note_transition(Transition.ACTIVATE, 1)
-    publisher.listened = True
+    publisher.has_readers = True
     for k in range(BATCH):
         log.note("timer:tick", 0, k, k)
     assert publisher.batches == []
@@ -91,7 +91,7 @@ def test_a_follower_is_told_nothing_that_it_cannot_place() -> None:
 
 def test_with_nobody_following_a_batch_is_kept_until_it_is_full() -> None:
     publisher = PublisherEnd()
-    publisher.listened = False
+    publisher.has_readers = False
     log = log_of(publisher)
     log.note_transition(Transition.ACTIVATE, 1)
     for k in range(BATCH - 2):

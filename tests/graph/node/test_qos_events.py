@@ -193,12 +193,12 @@ def test_events_and_calls_survive_a_hand_over() -> None:
     drive.word(1)
     drive.word(5)
     drive.word(7)
-    drive.executor.succession.pause()
+    drive.executor.pause()
     heir.executor = Executor(Watcher, drive.executor.spec, drive.clock, heir.frames.append)
     heir.clock, heir.node = drive.clock, heir.executor.node
     heir.executor.resend = heir.resent.append
     heir.executor.transition(Transition.CONFIGURE)
-    heir.executor.succession.take_over(drive.executor.succession.hand_over())
+    heir.executor.take_over(drive.executor.hand_over())
     heir.word(7, kind=Kind.IDLE)
     heir.word(9)
     heir.word(9, kind=Kind.IDLE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -38,53 +39,31 @@ def test_whatever_arrives_is_handed_out_once_and_in_order(arrivals: list[tuple[i
     assert counter.lost >= 0
 
 
-def test_a_late_joiner_has_lost_nothing() -> None:
+MESSAGE, BEAT = "accept", "heartbeat"
+
+
+@pytest.mark.parametrize(
+    ("arrivals", "received", "lost", "repeated"),
+    [
+        pytest.param([(MESSAGE, 0, 41), (MESSAGE, 0, 42)], 2, 0, 0, id="a late joiner has lost nothing"),
+        pytest.param([(BEAT, 0, 40), (MESSAGE, 0, 42)], 1, 1, 0, id="after a greeting the first one counts"),
+        pytest.param(
+            [(MESSAGE, 0, 1), (BEAT, 0, 4), (BEAT, 0, 4), (BEAT, 0, 2), (MESSAGE, 0, 3), (MESSAGE, 0, 5)],
+            2, 3, 1, id="a heartbeat reveals a lost tail once",
+        ),
+        pytest.param(
+            [(MESSAGE, 0, 1), (MESSAGE, 0, 2), (MESSAGE, 1, 1), (MESSAGE, 0, 3)],
+            3, 0, 1, id="a restarted publisher is not a repeat",
+        ),
+        pytest.param([(MESSAGE, 0, 1), (MESSAGE, 1, 3)], 2, 2, 0, id="lost before the reader was back"),
+        pytest.param([(MESSAGE, 0, 1), (BEAT, 1, 2), (MESSAGE, 1, 3)], 2, 2, 0, id="so a heartbeat says"),
+        pytest.param([(MESSAGE, 3, 1), (BEAT, 2, 99)], 1, 0, 0, id="an epoch that is over changes nothing"),
+    ],
+)  # fmt: skip
+def test_arrivals_are_accounted_for(
+    arrivals: list[tuple[str, int, int]], received: int, lost: int, repeated: int
+) -> None:
     counter = SequenceAccount()
-    assert counter.accept(0, 41)
-    assert counter.accept(0, 42)
-    assert (counter.received, counter.lost) == (2, 0)
-
-
-def test_a_greeting_starts_the_account_so_that_a_lost_first_message_counts() -> None:
-    counter = SequenceAccount()
-    counter.heartbeat(0, 40)
-    assert counter.accept(0, 42)
-    assert (counter.received, counter.lost) == (1, 1)
-
-
-def test_a_heartbeat_reveals_a_lost_tail_once() -> None:
-    counter = SequenceAccount()
-    counter.accept(0, 1)
-    counter.heartbeat(0, 4)
-    counter.heartbeat(0, 4)
-    counter.heartbeat(0, 2)
-    assert counter.lost == 3
-    assert not counter.accept(0, 3)
-    assert counter.accept(0, 5)
-    assert counter.lost == 3
-
-
-def test_a_restarted_publisher_is_not_a_repeat() -> None:
-    counter = SequenceAccount()
-    for sequence in (1, 2, 3):
-        counter.accept(0, sequence)
-    assert counter.accept(1, 1)
-    assert not counter.accept(0, 4)
-    assert (counter.received, counter.lost, counter.repeated) == (4, 0, 1)
-
-
-def test_what_a_restarted_publisher_sent_before_the_reader_was_back_is_lost() -> None:
-    for by_heartbeat in (True, False):
-        counter = SequenceAccount()
-        counter.accept(0, 1)
-        if by_heartbeat:
-            counter.heartbeat(1, 2)
-        assert counter.accept(1, 3)
-        assert (counter.received, counter.lost) == (2, 2)
-
-
-def test_a_heartbeat_of_an_epoch_that_is_over_changes_nothing() -> None:
-    counter = SequenceAccount()
-    counter.accept(3, 1)
-    counter.heartbeat(2, 99)
-    assert (counter.epoch, counter.sequence, counter.lost) == (3, 1, 0)
+    for what, epoch, sequence in arrivals:
+        getattr(counter, what)(epoch, sequence)
+    assert (counter.received, counter.lost, counter.repeated) == (received, lost, repeated)

@@ -71,15 +71,15 @@ def test_what_only_the_old_class_has_is_as_it_was() -> None:
         executor.transition(Transition.CONFIGURE)
     old.transition(Transition.ACTIVATE)
     before = old.ends.write_down()
-    old.succession.pause()
-    new.succession.take_over(old.succession.hand_over())
+    old.pause()
+    new.take_over(old.hand_over())
     new.node.take(Number(n=3))  # type: ignore[attr-defined]
-    old.succession.take_back(new.succession.copy(), list(new.ends.timers))
+    old.take_back(new.full_snapshot(), list(new.ends.timed))
     after = old.ends.write_down()
     assert old.node.state == Total(total=30)
     assert after["alarms"] == before["alarms"] == {"alarm": 8_000_000_000}
     assert after["timers"] == before["timers"]
     assert after["published"]["/relay/other"] == before["published"]["/relay/other"] == 1
     assert after["published"]["/relay/out"] == before["published"]["/relay/out"] + 1
-    assert old.succession.is_active
-    assert not old.succession.paused
+    assert old.is_active
+    assert not old.paused

@@ -88,16 +88,9 @@ def test_an_edge_is_reported_with_its_latencies() -> None:
     assert second.latency_max_s == 0.0
 
 
-def test_pulses_are_half_a_second_apart() -> None:
+def test_pulses_are_half_a_second_apart_and_state_when_they_counted() -> None:
     probe = HealthProbe("a")
-    first_ns = probe.due_ns
-    probe.pulse(first_ns + 7, "active", {})
+    now_ns = probe.due_ns + 7
+    health = decode(NodeHealth, probe.pulse(now_ns, "active", {}))
     probe.close()
-    assert probe.due_ns == first_ns + 7 + PULSE_NS
-
-
-def test_a_pulse_says_when_it_has_counted() -> None:
-    probe = HealthProbe("a")
-    said = decode(NodeHealth, probe.pulse(1234, "active", {}))
-    probe.close()
-    assert said.counted_ns == 1234
+    assert (health.counted_ns, probe.due_ns) == (now_ns, now_ns + PULSE_NS)

@@ -110,6 +110,8 @@ def test_ids_that_are_none_among_repeated_ones_end_no_node(office: Office) -> No
 
 
 def test_a_node_is_led_through_its_states_by_command(office: Office) -> None:
+    before_ns = monotonic_ns()
+    assert before_ns < office.ask("info")["counted_ns"] < monotonic_ns()
     for transition, state in (
         ("deactivate", "inactive"),
         ("cleanup", "unconfigured"),
@@ -119,11 +121,6 @@ def test_a_node_is_led_through_its_states_by_command(office: Office) -> None:
         assert office.ask("transition", transition=transition) == {"lifecycle": state}
     assert "allowed: deactivate, shutdown" in office.ask("transition", transition="configure")["error"]
     assert "there are: configure" in office.ask("transition", transition="explode")["error"]
-
-
-def test_a_node_says_when_it_has_counted_what_it_says(office: Office) -> None:
-    before_ns = monotonic_ns()
-    assert before_ns < office.ask("info")["counted_ns"] < monotonic_ns()
 
 
 def test_an_external_port_takes_messages_and_no_other_does(office: Office) -> None:

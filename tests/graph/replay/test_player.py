@@ -123,7 +123,7 @@ def test_a_player_that_takes_over_goes_on_where_the_other_was(bag: Path) -> None
         executor.run_timers()
     follower = Executor(Player, spec, clock, frames.append)
     follower.transition(Transition.CONFIGURE)
-    follower.succession.take_over(executor.succession.hand_over())
+    follower.take_over(executor.hand_over())
     clock.set(40_000_000)
     for _ in range(40):
         follower.run_timers()

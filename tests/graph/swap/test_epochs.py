@@ -159,7 +159,7 @@ class EpochsInMemory(RuleBasedStateMachine):
         return ManagedProcess(spec, Path(os.devnull), f"+{self.places}"), self.begun(spec, unheard)
 
     def handed_over(self) -> HandOver:
-        return self.executor.succession.copy()
+        return self.executor.full_snapshot()
 
     @initialize()
     def greet(self) -> None:
@@ -171,22 +171,22 @@ class EpochsInMemory(RuleBasedStateMachine):
         for _ in range(count):
             number = len(self.spoken) + 1
             self.spoken.append(number)
-            self.executor.set_time(number)
+            self.executor._now_ns = number
             self.executor.node.word.publish(Word(n=number))  # type: ignore[attr-defined]
 
     @rule()
     def swap(self) -> None:
         old = self.executor
         process, new = self.beside(None)
-        new.succession.take_over(old.succession.hand_over())
-        old.succession.leave()
+        new.take_over(old.hand_over())
+        old.leave()
         process.active = True
         self.process, self.executor = process, new
 
     @rule(count=st.integers(0, 20))
     def shadow_or_fail(self, count: int) -> None:
         _, unheard = self.beside([])
-        unheard.succession.take_over(self.handed_over())
+        unheard.take_over(self.handed_over())
         for number in range(count):
             unheard.node.word.publish(Word(n=number))  # type: ignore[attr-defined]
 

@@ -20,9 +20,16 @@ from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.transport.backpressure import TELL_NS
+from palp_core.graph.transport.acks import (
+    ACK,
+    FLOW_CONTROL,
+    FlowControl,
+    is_waited_for,
+    read_ack,
+    read_flow_control,
+)
+from palp_core.graph.transport.backpressure import REPORT_NS
 from palp_core.graph.transport.node_sockets import NodeSockets
-from palp_core.graph.transport.reader_words import HOLD, WORD, Hold, holds, read_hold, read_word
 from palp_core.graph.transport.receiver import TopicReceiver
 from tests.graph.transport.flood import Flood
 from tests.support.palp import Palp
@@ -94,7 +101,7 @@ class Pair:
         while not receiver.matched:
             self.sockets.poll()
             receiver.receive(SLICE_NS)
-        self.hear(lambda: not holds(qos) or name in backpressure_of(self).holders)
+        self.hear(lambda: not is_waited_for(qos) or name in backpressure_of(self).readers)
         receiver.set_start(monotonic_ns())
         return receiver
 
@@ -108,6 +115,10 @@ class Pair:
             receiver.receive(SLICE_NS)
             while receiver._executor.inbox:
                 receiver.deliver_next()
+
+    def report_losses(self) -> None:
+        for out, change in self.sockets.publisher.backpressure.newly_lost(monotonic_ns()):
+            self.talker.ends.report_overrun(out, change)
 
     def hear(self, until: Callable[[], bool]) -> None:
         """Let the readers look ten times a second, as it were, and the publisher hear them, until it has."""
@@ -223,19 +234,18 @@ def test_a_successor_takes_its_predecessors_readers_for_no_further_behind_than_t
     pair.out.resume(0, 1000, [])
     pair.sockets.publisher.release()
     assert pair.out.room == 1000
-    pair.readers[0]._words._say(word_of("/p/word", "r", 1000))
+    pair.readers[0]._subscriber.send_up(ack_of("/p/word", "r", 1000))
     pair.wait_for_room(1000 + DEPTH)
     pair.publish(1)
 
 
-def word_of(topic: str, reader: str, sequence: int) -> bytes:
-    return WORD + msgspec.msgpack.encode((topic, reader, 0, sequence, 0))
+def ack_of(topic: str, reader: str, sequence: int) -> bytes:
+    return ACK + msgspec.msgpack.encode((topic, reader, 0, sequence, 0))
 
 
 def test_every_loss_is_counted_at_both_ends_and_told_at_most_once_a_second(pair: Pair) -> None:
     reader = pair.reader(qos=Qos(depth=1))
-    told: list[int] = []
-    pair.out.tell_lost = told.append
+    reported: list[int] = []
     backpressure, now_ns = pair.sockets.publisher.backpressure, monotonic_ns()
     skipped = 0
     for lost in (3, 4):
@@ -251,18 +261,17 @@ def test_every_loss_is_counted_at_both_ends_and_told_at_most_once_a_second(pair:
         while reader._executor.inbox:
             reader.deliver_next()
         pair.hear(lambda skipped=skipped: pair.out.lost_count >= skipped)  # type: ignore[misc]
-        backpressure.tell(now_ns)
+        reported += [change for _, change in backpressure.newly_lost(now_ns)]
         assert pair.out.lost_count == skipped == pair.listeners[0].ends.accounts["/p/word"].lost
-    assert told == [3]
-    backpressure.tell(now_ns + TELL_NS)
-    backpressure.tell(now_ns + 2 * TELL_NS)
-    assert told == [3, 4]
+    assert reported == [3]
+    assert backpressure.newly_lost(now_ns + REPORT_NS) == [(pair.out, 4)]
+    assert not backpressure.newly_lost(now_ns + 2 * REPORT_NS)
 
 
 def test_a_publishers_handler_hears_of_what_its_readers_have_lost(tmp_path: Path) -> None:
     pair = Pair(tmp_path, Heedful)
     pair.out.lost_count = 5
-    pair.sockets.publisher.backpressure.tell(monotonic_ns())
+    pair.report_losses()
     pair.talker.run_timers()
     assert pair.talker.node.state.heard == [5]  # type: ignore[attr-defined]
     assert pair.talker.ends.counts()["lost_by_readers"] == 5
@@ -274,7 +283,7 @@ def test_a_publisher_without_a_handler_says_it_in_its_log_and_on_its_events(
 ) -> None:
     pair.out.lost_count = 5
     before = pair.talker.ends.publishers["/p/_events"].sequence
-    pair.sockets.publisher.backpressure.tell(monotonic_ns())
+    pair.report_losses()
     assert pair.talker.ends.publishers["/p/_events"].sequence == before + 1
     assert "output 'word' (/p/word): readers have lost messages for good" in caplog.text
 
@@ -294,17 +303,17 @@ def test_in_simulated_time_nobody_waits() -> None:
 @pytest.mark.parametrize(
     "event",
     [
-        WORD,
-        WORD + b"\xc1",
-        WORD + b"\x95\xa7/p/word\xa1r\x00\xff\x00",
-        WORD + b"\x91" * 3000,
-        b"\x01" + HOLD,
-        b"\x01" + HOLD + b"/p/word\0r\0nan\0x",
-        b"\x01" + HOLD + b"/p/word\0r\x008\0nan",
-        b"\x01" + HOLD + b"/p/word\0r\x008\0inf",
-        b"\x01" + HOLD + b"/p/word\0r\0" + b"9" * 30 + b"\x0020.0",
-        b"\x01" + HOLD + b"\xff\0\xff\0-1\0-1",
-        b"\0" + HOLD + b"/p/word\0r\x008\x0020.0",
+        ACK,
+        ACK + b"\xc1",
+        ACK + b"\x95\xa7/p/word\xa1r\x00\xff\x00",
+        ACK + b"\x91" * 3000,
+        b"\x01" + FLOW_CONTROL,
+        b"\x01" + FLOW_CONTROL + b"/p/word\0r\0nan\0x",
+        b"\x01" + FLOW_CONTROL + b"/p/word\0r\x008\0nan",
+        b"\x01" + FLOW_CONTROL + b"/p/word\0r\x008\0inf",
+        b"\x01" + FLOW_CONTROL + b"/p/word\0r\0" + b"9" * 30 + b"\x0020.0",
+        b"\x01" + FLOW_CONTROL + b"\xff\0\xff\0-1\0-1",
+        b"\0" + FLOW_CONTROL + b"/p/word\0r\x008\x0020.0",
     ],
 )
 def test_a_strangers_words_do_no_harm(pair: Pair, event: bytes) -> None:
@@ -317,17 +326,18 @@ def test_a_strangers_words_do_no_harm(pair: Pair, event: bytes) -> None:
 
 
 def test_a_hold_is_read_as_it_was_said() -> None:
-    hold = Hold("/p/word", "r", 7, 0.5)
-    assert read_hold(hold.token()) == hold
-    assert read_word(word_of("/p/word", "r", 3)) is not None
-    assert read_word(WORD + pack(b"/p/word", Kind.DATA, 0, 1, 0, schema_of(Word).type_hash)) is None
+    hold = FlowControl("/p/word", "r", 7, 0.5)
+    assert read_flow_control(hold.token()) == hold
+    assert read_ack(ack_of("/p/word", "r", 3)) is not None
+    assert read_ack(ACK + pack(b"/p/word", Kind.DATA, 0, 1, 0, schema_of(Word).type_hash)) is None
 
 
 STUCK = """
 import sys
-from palp_core.graph.transport.reader_words import Hold
+from palp_core.graph.transport.acks import FlowControl
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
-reader = SubscriberSocket({"/p/word": sys.argv[1]}, name="r", holds=[Hold("/p/word", "r", 8, 20.0).token()])
+tokens = [FlowControl("/p/word", "r", 8, 20.0).token()]
+reader = SubscriberSocket({"/p/word": sys.argv[1]}, name="r", flow_controls=tokens)
 sys.stdin.read()
 """
 

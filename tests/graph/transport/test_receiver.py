@@ -27,11 +27,12 @@ from palp_core.graph.process.control_messages import Spawn, ToNode
 from palp_core.graph.process.wall_loop import WallLoop
 from palp_core.graph.transport import publisher_socket
 from palp_core.graph.transport import receiver as receiver_module
+from palp_core.graph.transport.acks import ACK
 from palp_core.graph.transport.node_sockets import NodeSockets
-from palp_core.graph.transport.reader_words import WORD
 from palp_core.graph.transport.receiver import MOST_UNREAD_BYTES, TopicReceiver
 from palp_core.graph.transport.subscriber_socket import ARRAY_QUEUE
 from palp_core.units import RatioArray
+from tests.graph.transport.test_publisher_socket import Owner
 
 DEADLINE_MS = 10.0
 WHILE_BUSY_NS = 35_000_000
@@ -172,7 +173,7 @@ def test_what_a_slow_reader_of_arrays_loses_is_in_its_account(
     executor.transition(Transition.CONFIGURE)
     executor.transition(Transition.ACTIVATE)
     receiver.set_start(0)
-    outlet = PublisherEnd("/p/block", Block, qos, 0, _Owner(), sockets.publisher.send)
+    outlet = PublisherEnd("/p/block", Block, qos, 0, Owner(), sockets.publisher.send)
     sockets.publisher.offer([outlet])
     while not sockets.publisher.readers:
         sockets.poll()
@@ -193,18 +194,6 @@ def test_what_a_slow_reader_of_arrays_loses_is_in_its_account(
     sockets.close()
 
 
-class _Owner:
-    """The node of a publisher."""
-
-    publishing = True
-
-    def now_ns(self) -> int:
-        return 0
-
-    def resend(self, frame: bytes) -> None:
-        raise AssertionError("nothing is sent again here")
-
-
 def test_what_a_predecessor_rejected_it_has_heard(tmp_path: Path, context: Any) -> None:
     old, new = Wired(tmp_path, context, Qos()), Wired(tmp_path, context, Qos())
     old.arrive(1, 0)
@@ -213,7 +202,7 @@ def test_what_a_predecessor_rejected_it_has_heard(tmp_path: Path, context: Any) 
     for n in (4, 5):
         new.arrive(n, 0)
     old.work()
-    handed = old.executor.succession.copy()
+    handed = old.executor.full_snapshot()
     assert (handed.consumed["/p/word"].sequence, old.executor.events.rejected_count) == (1, 2)
     assert new.receiver.continue_from(handed, old.receiver.heard) == 2
     assert new.work() == ["word 4", "word 5"]
@@ -245,7 +234,7 @@ def test_what_a_node_sends_does_not_hide_what_has_arrived(tmp_path: Path) -> Non
         while not receiver._subscriber.wait(1.0):
             pass
         while select.select(receiver.file_descriptors, (), (), 0.1)[0]:
-            receiver._subscriber.say(WORD)
+            receiver._subscriber.send_up(ACK)
             receiver._requester.pending()
         loop._wait()
         assert [frame.sequence for frame in loop.executor.inbox] == [1]

@@ -174,14 +174,6 @@ def test_a_reader_that_was_away_still_waits_for_the_answer_and_blames_nobody() -
     assert edge.account.lost == 0
 
 
-def test_a_lost_tail_is_noticed_by_the_heartbeat_and_filled() -> None:
-    edge = Edge(RELIABLE)
-    edge.arrive(frame(0, kind=Kind.HEARTBEAT), frame(1))
-    edge.kept = [frame(2), frame(3)]
-    edge.arrive(frame(3, kind=Kind.HEARTBEAT))
-    assert edge.taken == [1, 2, 3]
-
-
 def test_a_late_joiner_of_a_latched_edge_gets_the_last_messages_first() -> None:
     edge = Edge(Qos(durability="transient_local", depth=3), answers=False)
     edge.kept = [frame(n) for n in range(5, 10)]

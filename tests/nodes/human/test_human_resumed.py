@@ -9,8 +9,7 @@ import pytest
 from nodes.human.session import HumanSession
 from palp_core.errors import NodeError, PalpError
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.graph.process.checkpoint import restore
-from palp_core.graph.process.keeping import Keeping
+from palp_core.graph.process.checkpoint import NodeCheckpointer, restore
 from palp_core.palpation.session.human.blinding import unseal
 from palp_core.palpation.session.human.questions import QUESTION
 from palp_core.palpation.session.human.record import HUMAN_TABLE, HumanRow, read_human, refuse_human
@@ -31,7 +30,7 @@ def interrupted(out: Path, trials: int) -> bytes:
         nonlocal kept
         kept = node
 
-    keeping = Keeping(lab.bench.executor, "/node/result", keep)
+    keeping = NodeCheckpointer(lab.bench.executor, "/node/result", keep)
     lab.calibrate()
     for _ in range(trials):
         whole_trial(lab)

@@ -10,9 +10,8 @@ import yaml
 
 from palp_core.graph.description.launch_keys import CheckpointKeys
 from palp_core.graph.description.node_class import NodePort
-from palp_core.graph.messages.message_type import MessageType
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.messages.topic import Topic
+from palp_core.graph.messages.topic import MessageType, Topic
 from palp_core.graph.node.spec import NodeSpec, action_of, topic
 
 RECORDER = "palp_core.graph.recording.recorder_node:Recorder"
@@ -52,7 +51,7 @@ class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
         """Return the topic as tools and bags know it: under its name, and where it is published."""
         return Topic(
             name=name, type=self.type, type_hash=self.type_hash, node=self.node, publish=publish,
-            json_schema=self.json_schema,
+            json_schema=self.json_schema, latched_depth=self.qos.latched_depth,
         )  # fmt: skip
 
 

@@ -21,13 +21,12 @@ import msgspec
 
 from palp_core.errors import BagError, GraphError
 from palp_core.extras import advice
-from palp_core.graph.messages.message_type import MessageType
 from palp_core.graph.messages.qos import QOS_MISTAKE, Qos
-from palp_core.graph.node.action_ports import Act, ActionClient
+from palp_core.graph.messages.topic import MessageType
 from palp_core.graph.node.loading import enter_workspace, load_module
 from palp_core.graph.node.node import Declaration, Node, declaration_of
 from palp_core.graph.node.params import ParamDescription, describe_params, load_params
-from palp_core.graph.node.ports import Client, Port, Pub, Srv, Sub
+from palp_core.graph.node.ports import Port, PortKind, Pub, Sub
 from palp_core.graph.problems import hint, nearest
 from palp_core.graph.workspaces.underlays import underlays
 from palp_core.whole_file import check_regular
@@ -66,7 +65,7 @@ class NodePort(msgspec.Struct, frozen=True):
     """
 
     name: str
-    kind: Literal["sub", "pub", "srv", "client", "act", "action_client"]
+    kind: PortKind
     types: list[MessageType]
     qos: Qos
     optional: bool = False
@@ -153,18 +152,10 @@ def _node(cls: type[Node], request: NodeClassRequest) -> NodeClass:
     errors = param_errors(declared, given)
     if examined := not errors:
         errors = cls.examine(load_params(declared, given, declared.params.__name__))
-    ports = [
-        *declared.subs.values(),
-        *declared.pubs.values(),
-        *declared.services.values(),
-        *declared.clients.values(),
-        *declared.actions.values(),
-        *declared.action_clients.values(),
-    ]
     return NodeClass(
         run=request.run,
         doc=(cls.__doc__ or "").strip().partition("\n")[0],
-        ports={port.name: _port(port) for port in ports},
+        ports={port.name: _port(port) for port in declared.wired},
         params=known,
         param_errors=errors,
         successors=_successors_named(declared.params, given) if not errors else {},
@@ -191,25 +182,10 @@ def _successors_named(params: type, given: Mapping[str, Any]) -> dict[str, Succe
 
 
 def _port(port: Port) -> NodePort:
-    match port:
-        case Sub():
-            kinds = [MessageType.of(port.message)]
-            return NodePort(port.name, "sub", kinds, port.qos, port.optional, port.lasting)
-        case Pub():
-            return NodePort(port.name, "pub", [MessageType.of(port.message)], port.qos)
-        case Srv():
-            return NodePort(
-                port.name, "srv", [MessageType.of(port.request), MessageType.of(port.reply)], Qos()
-            )
-        case Client():
-            return NodePort(
-                port.name, "client", [MessageType.of(port.request), MessageType.of(port.reply)], Qos()
-            )
-        case Act() | ActionClient():
-            kind: Literal["act", "action_client"] = "act" if isinstance(port, Act) else "action_client"
-            types = [MessageType.of(message) for message in (port.goal, port.feedback, port.result)]
-            return NodePort(port.name, kind, types, Qos())
-    raise AssertionError(port)
+    types = list(map(MessageType.of, port.messages))
+    if isinstance(port, Sub):
+        return NodePort(port.name, port.kind, types, port.qos, port.optional, port.lasting)
+    return NodePort(port.name, port.kind, types, port.qos if isinstance(port, Pub) else Qos())
 
 
 def _module(name: str, workspace: Path) -> ModuleType:

@@ -170,8 +170,8 @@ class RunningGraph:
     def _hidden_topics(self, nodes: Iterable[str]) -> list[Topic]:
         """Return what the runtime publishes for each node: its events, and the order of what it consumes."""
         from palp_core.graph.messages.builtin import NodeEvent, Order
-        from palp_core.graph.node.event_publisher import EVENTS_PORT
         from palp_core.graph.node.journal import ORDER_PORT
+        from palp_core.graph.node.qos_events import EVENTS_PORT
 
         ports: dict[str, type[Message]] = {EVENTS_PORT: NodeEvent, ORDER_PORT: Order}
         return [

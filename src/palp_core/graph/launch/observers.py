@@ -9,7 +9,7 @@ from palp_core.graph.messages.builtin import GraphEvent, NodeEvent
 from palp_core.graph.messages.frame import parse, topic_of
 from palp_core.graph.messages.message import Message, decode
 from palp_core.graph.messages.schema import schema_of
-from palp_core.graph.node.event_publisher import EVENTS_PORT
+from palp_core.graph.node.qos_events import EVENTS_PORT
 from palp_core.graph.node.spec import topic
 
 MessageObserver = Callable[[int, str, Any], object]

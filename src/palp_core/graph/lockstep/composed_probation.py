@@ -20,11 +20,6 @@ class ComposedProbation(LockstepProbation):
 
     Args:
         composition: Has the nodes, the successor in its place.
-        former: The predecessor.
-        index: Number of the node.
-        inputs: Topics that the successor reads.
-        enough: How many handlers have to run well.
-        can_roll_back: The predecessor can take the successor's state.
     """
 
     def __init__(
@@ -66,7 +61,7 @@ class ComposedProbation(LockstepProbation):
         if done is None:
             return None
         try:
-            self._former.succession.fitting(decode_any(HandOver, reports[0].hand_over), {})
+            self._former.fitting(decode_any(HandOver, reports[0].hand_over), {})
         except Exception:  # noqa: BLE001 - migrate and adopt are the user's
             self._can_roll_back = False  # it has to go on from here
         return msgspec.structs.replace(reports[0], frames=done.frames)
@@ -74,11 +69,9 @@ class ComposedProbation(LockstepProbation):
     def _roll_back(self) -> None:
         self._composition.promote(self.index, self._former)
         if self._last_report is None:
-            self._former.succession.resume()
+            self._former.resume()
         else:
-            self._former.succession.take_back(
-                decode_any(HandOver, self._last_report.hand_over), self._last_report.ends
-            )
+            self._former.take_back(decode_any(HandOver, self._last_report.hand_over), self._last_report.ends)
 
     def _work_now(self, message: Round) -> Done:
         return self._composition.work_alone(self.index, message)

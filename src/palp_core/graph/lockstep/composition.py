@@ -29,16 +29,6 @@ class Composition:
     Attributes:
         shadow: The number of a node, who works beside it unheard, what that publishes, how they compare.
         probation: The rounds of a node whose predecessor stands by.
-        clock: That of all nodes.
-
-    Args:
-        specs: The nodes in graph order.
-        workspace: Folder that holds ``nodes/``.
-        sockets: Where tools listen; None if nobody can.
-
-    Raises:
-        GraphError: A class or its parameters do not fit.
-        NodeError: A node could not be configured.
     """
 
     def __init__(self, specs: Sequence[NodeSpec], workspace: str, sockets: NodeSockets | None = None) -> None:
@@ -78,7 +68,6 @@ class Composition:
         return Done(frames, -1 if due_ns is None else due_ns, executor.exit_code)
 
     def activate(self, index: int) -> Done:
-        """Activate one node."""
         self._executors[index].transition(Transition.ACTIVATE)
         return self._done(self._executors[index])
 
@@ -112,7 +101,7 @@ class Composition:
         return {index for index in indices if not self._on_probation(index)}
 
     def _on_probation(self, index: int) -> bool:
-        """Tell whether it is not clear yet who goes on as a node: what tools ask of it waits."""
+        """Return whether it is not clear yet who goes on as a node: what tools ask of it waits."""
         return self.probation is not None and self.probation.index == index and not self.probation.over
 
     def shutdown(self, index: int, now_ns: int) -> Done:
@@ -135,11 +124,7 @@ class Composition:
         sent.clear()
 
     def work_unread(self, index: int, work: Callable[[], None]) -> Done:
-        """Let a node work; return what it has published, which :meth:`publish` lets tools hear.
-
-        Raises:
-            NodeError: It failed, and has published nothing.
-        """
+        """Let a node work; return what it has published, which :meth:`publish` lets tools hear."""
         self._unheard = True
         try:
             work()
@@ -153,7 +138,6 @@ class Composition:
             self._tell(frame)
 
     def executor(self, index: int) -> Executor:
-        """Return a node."""
         return self._executors[index]
 
     def start_standby(self, spec: NodeSpec) -> tuple[Executor, list[bytes]]:
@@ -166,8 +150,8 @@ class Composition:
 
     def hand_over(self, index: int) -> tuple[list[bytes], HandOver]:
         """Pause a node; return what it has published on the occasion, and its hand-over."""
-        self._executors[index].succession.pause()
-        hand_over = self._executors[index].succession.hand_over()
+        self._executors[index].pause()
+        hand_over = self._executors[index].hand_over()
         return self._done(self._executors[index]).frames, hand_over
 
     def promote(self, index: int, executor: Executor, frames: Iterable[bytes] = ()) -> Done:

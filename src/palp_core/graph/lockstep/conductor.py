@@ -44,10 +44,8 @@ class Conductor:
     """Drives nodes through simulated time.
 
     Args:
-        nodes: Numbered in graph order.
         readers: Per topic, the numbers of the nodes that read it.
         ends_run: Numbers of the nodes whose end is the end of the run.
-        observe: Is shown every frame.
         check: Is called once per instant; raises when the user wants the end.
     """
 
@@ -79,7 +77,6 @@ class Conductor:
         self._run_rounds(published)
 
     def rewire(self, readers: Mapping[str, Sequence[int]]) -> None:
-        """Deliver by other wires from now on."""
         self._readers = {topic.encode(): tuple(indices) for topic, indices in readers.items()}
 
     def accept(self, index: int, done: Done) -> None:
@@ -90,11 +87,6 @@ class Conductor:
         """Go on until a node whose end is the run's end has finished, or until a time; return the exit code.
 
         A run within a run, as a swap lets time go by, ends with the outer one at the latest.
-
-        Raises:
-            GraphError: Nothing is due in any node although nobody has ended the run, or a cycle of messages
-            never comes to rest.
-            NodeError: A node failed.
         """
         outer_ns = self._end_ns
         ends = [end_ns for end_ns in (until_ns, outer_ns) if end_ns is not None]

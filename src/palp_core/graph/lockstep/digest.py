@@ -14,7 +14,6 @@ class TopicDigest:
         self._counts: dict[str, int] = {}
 
     def __call__(self, now_ns: int, frame: bytes) -> None:
-        """Take one frame."""
         parsed = parse(frame)
         if parsed.topic not in self._hashes:
             self._hashes[parsed.topic] = hashlib.sha256()

@@ -9,17 +9,12 @@ _STEP_NS = 10_000_000  # how often it is asked whether a probation is over
 
 
 class SimulatedTime:
-    """The time of a graph in lockstep.
-
-    Attributes:
-        conductor: Drives the nodes; None before the run.
-    """
+    """The time of a graph in lockstep."""
 
     def __init__(self) -> None:
         self.conductor: Conductor | None = None
 
     def elapse(self, duration_ns: int) -> None:
-        """Let so much time go by."""
         assert self.conductor is not None
         self.conductor.run(self.conductor.now_ns + duration_ns)
 

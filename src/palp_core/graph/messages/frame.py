@@ -5,9 +5,9 @@
     <topic utf-8> 00 | version u8 | kind u8 | flags u16 | epoch u32 | sequence u64 | stamp_ns i64 |
     type_hash u64 <payload>
 
-All little-endian; the header is 32 bytes. The sequence of a topic starts at 1 and grows by 1 with each
-message. The
-epoch counts the restarts of the publishing node (a swap keeps it), so that a restart never reads as repeats.
+All little-endian; the header is 32 bytes. :class:`Frame` has its fields in this order. The sequence of a
+topic starts at 1 and grows by 1 with each message. The epoch counts the restarts of the publishing node (a
+swap keeps it), so that a restart never reads as repeats.
 """
 
 import struct
@@ -18,8 +18,8 @@ from palp_core.errors import SchemaMismatch
 
 VERSION = 2
 _HEADER = struct.Struct("<BBHIQqQ")
-_QUICK = struct.Struct("<IIQqQ")
 _SEQUENCE = struct.Struct("<Q")
+_SEQUENCE_AT = struct.calcsize("<BBHI")
 _FORMER = struct.Struct("<IQ")
 HEADER_BYTES = _HEADER.size
 MAX_TOPIC_BYTES = 255
@@ -36,16 +36,6 @@ class Kind(IntEnum):
     IDLE = 3  # a heartbeat that says: nothing is due until the next message
 
 
-PLAIN_DATA = VERSION
-"""The header's first four bytes as one number, of a message: kind DATA, no flags."""
-
-quick_pack = _QUICK.pack
-"""Return a header of (first four bytes, epoch, sequence, stamp, type hash)."""
-
-quick_header = _QUICK.unpack_from
-"""Read (first four bytes, epoch, sequence, stamp, type hash) at an offset."""
-
-
 class Frame(NamedTuple):
     """A parsed frame; ``payload`` is a view into the received bytes."""
 
@@ -56,6 +46,10 @@ class Frame(NamedTuple):
     stamp_ns: int
     type_hash: int
     payload: memoryview
+
+
+_DATA, _IDLE = int(Kind.DATA), int(Kind.IDLE)  # an enum costs a comparison in Python
+_new_frame = tuple.__new__  # the checks of a named tuple cost as much as all of the rest
 
 
 def pack(
@@ -74,15 +68,7 @@ def pack(
 
 def raw_of(frame: Frame) -> bytes:
     """Return the bytes that :func:`parse` has split."""
-    return pack(
-        frame.topic.encode(),
-        frame.kind,
-        frame.epoch,
-        frame.sequence,
-        frame.stamp_ns,
-        frame.type_hash,
-        frame.payload,
-    )
+    return pack(frame.topic.encode(), *frame[1:])
 
 
 def former_of(frame: Frame) -> tuple[int, int]:
@@ -108,17 +94,12 @@ def topic_of(frame: bytes) -> bytes:
 
 def sequence_of(frame: bytes, topic_bytes: int) -> int:
     """Return the sequence of a frame whose topic has the given length."""
-    sequence: int = _SEQUENCE.unpack_from(frame, topic_bytes + 9)[0]
+    sequence: int = _SEQUENCE.unpack_from(frame, topic_bytes + 1 + _SEQUENCE_AT)[0]
     return sequence
 
 
 def parse(frame: bytes) -> Frame:
-    """Split a frame of one message into its parts.
-
-    Raises:
-        SchemaMismatch: Not a frame of this version: no topic, truncated header, unknown version or kind, or a
-            sequence that cannot be.
-    """
+    """Split a frame of one message into its parts."""
     end = frame.find(0, 0, MAX_TOPIC_BYTES + 1)
     if end < 1:
         raise SchemaMismatch("not a palp frame: no topic")
@@ -129,9 +110,9 @@ def parse(frame: bytes) -> Frame:
         raise SchemaMismatch(
             f"frame of wire version {version}; this end speaks {VERSION}: upgrade the older one"
         )
-    if kind > Kind.IDLE:
+    if kind > _IDLE:
         raise SchemaMismatch(f"frame of unknown kind {kind}")
-    if kind == Kind.DATA and sequence == 0:
+    if kind == _DATA and sequence == 0:
         raise SchemaMismatch("frame without a sequence: the first message of a topic has 1")
     if sequence > LAST_SEQUENCE:
         raise SchemaMismatch(f"frame of sequence {sequence}: no topic has so many messages")
@@ -140,4 +121,4 @@ def parse(frame: bytes) -> Frame:
     except UnicodeDecodeError as error:
         raise SchemaMismatch("not a palp frame: the topic is not UTF-8") from error
     payload = memoryview(frame)[end + 1 + HEADER_BYTES :]
-    return Frame(topic, kind, epoch, sequence, stamp_ns, type_hash, payload)
+    return _new_frame(Frame, (topic, kind, epoch, sequence, stamp_ns, type_hash, payload))

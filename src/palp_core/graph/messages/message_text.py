@@ -19,8 +19,6 @@ class Truncation(NamedTuple):
 
     Attributes:
         length: Elements of an array, characters of a text; None: all.
-        arrays: Show the elements of arrays.
-        texts: Show texts.
     """
 
     length: int | None = 128
@@ -29,11 +27,6 @@ class Truncation(NamedTuple):
 
 
 def decoded(payload: bytes | memoryview, schema: dict[str, Any]) -> dict[str, Any]:
-    """Return a message as plain values.
-
-    Raises:
-        GraphError: The payload is not the map that the schema says.
-    """
     import msgspec
 
     try:
@@ -63,11 +56,7 @@ def readable(value: Any, schema: dict[str, Any]) -> Any:
 
 
 def parse_path(text: str, schema: dict[str, Any]) -> Path:
-    """Read a field's path, as in ``pose.position[2]``, and check it against a schema.
-
-    Raises:
-        GraphError: Not a path, or no such field; the nearest name is in the message.
-    """
+    """Read a field's path, as in ``pose.position[2]``, and check it against a schema."""
     steps: list[str | int] = []
     end = 0
     for match in _STEP.finditer(text):
@@ -93,11 +82,6 @@ def parse_path(text: str, schema: dict[str, Any]) -> Path:
 
 
 def pick(message: Any, path: Sequence[str | int]) -> Any:
-    """Return what a path leads to.
-
-    Raises:
-        GraphError: This message's array is shorter.
-    """
     for step in path:
         try:
             message = message[step]

@@ -89,30 +89,9 @@ def _field(owner: str, name: str, kind: msgspec.inspect.Type) -> tuple[Field, tu
     return Field(name, text + suffix, unit), None
 
 
-_LEAST, _GREATEST = np.minimum.reduce, np.maximum.reduce  # NaN if any is, and NaN is in no bounds
-FEW = 16
-
-
-_ROUNDED = 1.0 - 1e-6  # far more than the rounding of a sum of squares, which are all of one sign
-
-_SQUARED_AT_LEAST, _SQUARED_AT_MOST = 1e-140, 1e150  # beyond, a square is 0 or not exact, or infinite
-
-
 def _within(array: Any, low: float, high: float) -> bool:
-    """Tell whether all elements are within bounds; for a few, a call of numpy costs more than they do.
-
-    Nearly always the sum of their squares tells it in one pass: none is greater than its root, and with a NaN
-    among them it is NaN.
-    """
-    if array.size > FEW:
-        least = min(-low, high)
-        if _SQUARED_AT_LEAST < least < _SQUARED_AT_MOST and np.vdot(array, array) <= least * least * _ROUNDED:
-            return True
-        return bool(_LEAST(array) >= low and _GREATEST(array) <= high)
-    for value in array.tolist():  # noqa: SIM110 - a generator costs as much again
-        if not low <= value <= high:
-            return False
-    return True
+    """Return whether all elements are within bounds; NaN is in no bounds."""
+    return not array.size or bool(array.min() >= low and array.max() <= high)
 
 
 def _check(
@@ -163,11 +142,6 @@ _SCHEMAS: dict[Any, Schema | None] = {}
 
 
 def schema_of(cls: type) -> Schema:
-    """Return what a message type is made of.
-
-    Raises:
-        SchemaMismatch: A field's type cannot travel (Optional, union, dict, ...).
-    """
     schema = _SCHEMAS.get(cls)
     if schema is None:
         if cls in _SCHEMAS:

@@ -41,11 +41,6 @@ _KINDS = {
 
 
 def kind_of(schema: JsonSchema) -> FieldKind:
-    """Return what a value of this schema is.
-
-    Raises:
-        SchemaMismatch: A type that no message has.
-    """
     said = schema.get("type")
     if is_array(schema):
         return FieldKind.ARRAY
@@ -59,12 +54,12 @@ def kind_of(schema: JsonSchema) -> FieldKind:
 
 
 def is_array(schema: JsonSchema) -> bool:
-    """Tell whether a field is a numeric array, which travels as bytes."""
+    """Return whether a field is a numeric array, which travels as bytes."""
     return bool(schema.get("x-dtype") == FLOAT64_DTYPE)
 
 
 def has_elements(schema: JsonSchema) -> bool:
-    """Tell whether a value has elements by number: a list or a numeric array."""
+    """Return whether a value has elements by number: a list or a numeric array."""
     return schema.get("type") == "array" or is_array(schema)
 
 
@@ -108,9 +103,6 @@ def ros_text(schema: JsonSchema, type_name: Callable[[JsonSchema], str] = lambda
     Args:
         schema: Of the message.
         type_name: Names the type of a message within it.
-
-    Raises:
-        SchemaMismatch: A ``.msg`` cannot say this; the field is named.
     """
     return "".join(
         f"{ros_type(name, field, type_name)} {name}{unit_comment(field)}\n"
@@ -119,11 +111,7 @@ def ros_text(schema: JsonSchema, type_name: Callable[[JsonSchema], str] = lambda
 
 
 def ros_type(name: str, schema: JsonSchema, type_name: Callable[[JsonSchema], str]) -> str:
-    """Return a field's type as ``.msg`` has it; see :func:`ros_text`.
-
-    Raises:
-        SchemaMismatch: A ``.msg`` cannot say this.
-    """
+    """Return a field's type as ``.msg`` has it; see :func:`ros_text`."""
     kind = kind_of(schema)
     if kind is FieldKind.MESSAGE and fields_of(schema):
         return type_name(schema)

@@ -62,9 +62,6 @@ def type_from_schema(
         schema: Of a message or a field.
         name: Of the type, if the schema has no title.
         make: Makes the class of a message of its schema, name and fields; by default a frozen struct.
-
-    Raises:
-        SchemaMismatch: The schema has what no message can have.
     """
     kind = kind_of(schema)
     if kind is FieldKind.LIST:
@@ -84,9 +81,6 @@ def message_class(schema: JsonSchema, name: str) -> type[Message]:
     Args:
         schema: Of the message.
         name: Of the type, if the schema has no title.
-
-    Raises:
-        SchemaMismatch: It is not the schema of a message class.
     """
     try:
         made: type[Message] = type_from_schema(schema, name, _class)
@@ -126,11 +120,7 @@ def _from_wire(_: Any, value: Any) -> Any:
 
 
 def payload_decoder(schema: JsonSchema, name: str) -> Callable[[bytes | memoryview], Any]:
-    """Return the function from a payload to a struct; to a dict where the schema has no fields.
-
-    Raises:
-        SchemaMismatch: The schema has what no message can have.
-    """
+    """Return the function from a payload to a struct; to a dict where the schema has no fields."""
     kind = type_from_schema(schema, name)
     return msgspec.msgpack.Decoder(kind, dec_hook=_from_wire).decode
 

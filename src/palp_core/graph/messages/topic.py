@@ -1,4 +1,4 @@
-"""A topic with its type, as a running graph's tools and a bag know it."""
+"""Message types and topics as others know them: tools of a running graph, checks of wires, bags."""
 
 from __future__ import annotations
 
@@ -35,12 +35,32 @@ class Topic(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     latched_depth: int = 0
 
 
-def topic_of(name: str, message: type[Message], node: str = "", publish: str = "") -> Topic:
+def topic_of(
+    name: str, message: type[Message], node: str = "", publish: str = "", latched_depth: int = 0
+) -> Topic:
     """Return the topic of that name that carries messages of this class."""
     from palp_core.graph.messages.schema import json_schema, schema_of  # numpy; many tools do without
 
     schema = schema_of(message)
     return Topic(
         name=name, type=schema.name, type_hash=schema.hash_text, node=node, publish=publish,
-        json_schema=json_schema(schema),
+        json_schema=json_schema(schema), latched_depth=latched_depth,
     )  # fmt: skip
+
+
+class MessageType(msgspec.Struct, frozen=True):
+    """A message type: its name, hash (16 hexadecimal digits), ROS text and JSON Schema."""
+
+    name: str
+    type_hash: str
+    ros_text: str
+    json_schema: dict[str, Any]
+
+    @classmethod
+    def of(cls, message: type[Message]) -> MessageType:
+        from palp_core.graph.messages.schema import json_schema, schema_of  # as above
+        from palp_core.graph.messages.schema_reader import ros_text
+
+        schema = schema_of(message)
+        described = json_schema(schema)
+        return cls(schema.name, schema.hash_text, ros_text(described), described)

@@ -1,4 +1,4 @@
-"""A test bench: one node in memory, fed by hand on a clock that moves when told.
+"""A test bench: one node in memory, fed by hand on a clock that the test moves.
 
 ::
 
@@ -8,25 +8,25 @@
     assert bench.sent(StiffnessEstimator.stiffness)[-1].stiffness_n_per_m > 0.0
 """
 
+from __future__ import annotations
+
+import itertools
 from collections.abc import Iterable, Iterator
 from typing import Any, Generic, TypeVar, overload
 
 from palp_core.errors import NodeError
-from palp_core.graph.actions.bench import ClientBench, ServerBench
-from palp_core.graph.actions.messages import action_types
 from palp_core.graph.clock import SimClock
 from palp_core.graph.messages.builtin import Order
 from palp_core.graph.messages.frame import Kind, pack, parse
 from palp_core.graph.messages.message import Message, decode, encode
 from palp_core.graph.messages.schema import schema_of
-from palp_core.graph.node.action_ports import Act, ActionClient
+from palp_core.graph.node import action_messages as wire
 from palp_core.graph.node.executor import Executor
-from palp_core.graph.node.external_calls import set_parameters
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.node import Node, declaration_of
-from palp_core.graph.node.ports import Client, Port, Pub, Srv, Sub
-from palp_core.graph.node.service_client import ClientEnd, Pending
+from palp_core.graph.node.ports import Act, ActionClient, Client, Port, Pub, Srv, Sub
+from palp_core.graph.node.service_client import Pending
 from palp_core.graph.node.spec import NodeSpec, part, topic
 
 MAX_ROUNDS = 1000
@@ -95,8 +95,7 @@ class Bench(Generic[N]):
     def reply(self, port: Client[Any, M], message: M) -> None:
         """Hand a client the reply to its oldest unanswered call, or to one that it never made."""
         name = topic("bench", port.name) + topic(self.executor.name, port.name)
-        end = self.executor.ends.timers[f"timeout:{port.name}"]
-        assert isinstance(end, ClientEnd)
+        end = self.executor.ends.clients[port.name]
         if not end.pending:
             end.pending.append(Pending(self._sequence.get(name, 0) + 1, self.clock.now_ns() + 1, 0, b""))
         self._sequence[name] = end.pending[0].sequence - 1
@@ -106,21 +105,9 @@ class Bench(Generic[N]):
     def action(self, port: Act[Goal, Feedback, Result]) -> ServerBench[Goal, Feedback, Result]: ...
     @overload
     def action(self, port: ActionClient[Goal, Feedback, Result]) -> ClientBench[Goal, Feedback, Result]: ...
-    def action(self, port: Act[Any, Any, Any] | ActionClient[Any, Any, Any]) -> Any:
+    def action(self, port: Any) -> Any:
         """Return the other end of an action: it sends goals to a server, and answers a client."""
-        declared, types = self.executor.declaration, action_types(port.goal, port.feedback, port.result)
-        if isinstance(port, Act):
-            return ServerBench(
-                types,
-                lambda name, request: self.call(declared.services[part(name, port.name)], request),
-                lambda name: self.sent(declared.pubs[part(name, port.name)]),
-            )
-        return ClientBench(
-            types,
-            lambda name, message: self.reply(declared.clients[part(name, port.name)], message),
-            lambda name, message: self.feed(declared.subs[part(name, port.name)], message),
-            lambda name: self.requests(declared.clients[part(name, port.name)]),
-        )
+        return (ServerBench if isinstance(port, Act) else ClientBench)(self, port)
 
     def _feed(self, port: Port, name: str, message: Message) -> None:
         sequence = self._sequence[name] = self._sequence.get(name, 0) + 1
@@ -172,11 +159,11 @@ class Bench(Generic[N]):
 
     def set_parameters(self, **changes: Any) -> None:
         """Change parameters, as a command from outside does."""
-        set_parameters(self.executor, changes)
+        self.executor.set_parameters(changes)
 
     def hand_over(self) -> HandOver:
         """Return the node's hand-over at this instant."""
-        return self.executor.succession.hand_over()
+        return self.executor.hand_over()
 
     def _decode(self, message: type[M], name: str) -> list[M]:
         return [decode(message, parse(frame).payload) for frame in self._frames_of(name, self.frames)]
@@ -185,3 +172,101 @@ class Bench(Generic[N]):
     def _frames_of(name: str, frames: Iterable[bytes]) -> Iterator[bytes]:
         prefix = name.encode() + b"\0"
         return (frame for frame in frames if frame.startswith(prefix))
+
+
+class ServerBench(Generic[Goal, Feedback, Result]):
+    """The client of an action under test."""
+
+    def __init__(self, bench: Bench[Any], port: Act[Goal, Feedback, Result]) -> None:
+        declared = bench.executor.declaration
+        self._bench, self._types, self._name = bench, port.types, port.name
+        self._services, self._pubs = declared.services, declared.pubs
+
+    def _call(self, service: str, request: Message) -> Any:
+        return self._bench.call(self._services[part(service, self._name)], request)
+
+    def _sent(self, topic: str) -> list[Any]:
+        return self._bench.sent(self._pubs[part(topic, self._name)])
+
+    def send_goal(self, goal: Goal, goal_id: str = "goal", *, deadline_s: float = 0.0) -> wire.SendGoalReply:
+        """Send a goal and return whether it is accepted."""
+        request = self._types.send_goal(goal_id=goal_id, goal=goal, deadline_s=deadline_s)
+        reply: wire.SendGoalReply = self._call("send_goal", request)
+        return reply
+
+    def cancel_goal(self, goal_id: str = "") -> wire.CancelGoalReply:
+        """Cancel a goal, or all, and return which of them are canceled."""
+        reply: wire.CancelGoalReply = self._call("cancel_goal", wire.CancelGoalRequest(goal_id=goal_id))
+        return reply
+
+    def result(self, goal_id: str = "goal") -> Any:
+        """Return how a goal stands: ``status``, ``reason`` and ``result``, a list of one or none."""
+        return self._call("get_result", wire.GetResultRequest(goal_id=goal_id))
+
+    def feedback(self, goal_id: str = "goal") -> list[Feedback]:
+        """Return the feedback of a goal, in order."""
+        return [message.feedback for message in self._sent("feedback") if message.goal_id == goal_id]
+
+    def statuses(self, goal_id: str = "goal") -> list[str]:
+        """Return every status that a goal has had, in order."""
+        listed = [entry for message in self._sent("status") for entry in message.status_list]
+        found = (entry.status for entry in listed if entry.goal_id == goal_id)
+        return [status for status, _ in itertools.groupby(found)]
+
+
+class ClientBench(Generic[Goal, Feedback, Result]):
+    """The server of a client of an action under test, one goal after the other."""
+
+    def __init__(self, bench: Bench[Any], port: ActionClient[Goal, Feedback, Result]) -> None:
+        declared = bench.executor.declaration
+        self._bench, self._types, self._name = bench, port.types, port.name
+        self._clients, self._subs = declared.clients, declared.subs
+        self._change = 0
+
+    def _requests(self, service: str) -> list[Any]:
+        return self._bench.requests(self._clients[part(service, self._name)])
+
+    def _reply(self, service: str, reply: Message) -> None:
+        self._bench.reply(self._clients[part(service, self._name)], reply)
+
+    def _feed(self, topic: str, message: Message) -> None:
+        self._bench.feed(self._subs[part(topic, self._name)], message)
+
+    @property
+    def goals(self) -> list[Goal]:
+        """Every goal that was sent."""
+        return [request.goal for request in self._requests("send_goal")]
+
+    @property
+    def canceled(self) -> list[str]:
+        """The id of every goal that was to be canceled."""
+        return [request.goal_id for request in self._requests("cancel_goal")]
+
+    @property
+    def _latest(self) -> str:
+        goal_id: str = self._requests("send_goal")[-1].goal_id
+        return goal_id
+
+    def accept(self) -> None:
+        """Accept the goal that was sent last."""
+        self._reply("send_goal", wire.SendGoalReply(goal_id=self._latest, accepted=True, change=self._change))
+
+    def reject(self, reason: str = "") -> None:
+        """Refuse the goal that was sent last."""
+        self._reply("send_goal", wire.SendGoalReply(goal_id=self._latest, accepted=False, reason=reason))
+
+    def feedback(self, feedback: Feedback) -> None:
+        """Publish feedback of the latest goal."""
+        self._feed("feedback", self._types.feedback_message(goal_id=self._latest, feedback=feedback))
+
+    def end(self, status: str, result: Result | None = None, reason: str = "") -> None:
+        """End the latest goal, which was accepted, as ``succeeded``, ``canceled`` or ``aborted``."""
+        goal_id = self._latest
+        self._change += 1
+        ended = wire.GoalStatus(
+            goal_id=goal_id, status=status, accepted_ns=0, reason=reason, has_result=result is not None
+        )
+        self._feed("status", wire.GoalStatusArray(epoch=0, change=self._change, status_list=[ended]))
+        if result is not None:
+            answer = self._types.get_result(goal_id=goal_id, status=status, reason=reason, result=[result])
+            self._reply("get_result", answer)

@@ -9,9 +9,9 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import GraphError, SchemaMismatch
-from palp_core.graph.actions.client import SentGoals
-from palp_core.graph.actions.ledger import ServedGoals
 from palp_core.graph.messages.message import decode_any, encode_any
+from palp_core.graph.node.action_client import SentGoals
+from palp_core.graph.node.action_server import ServedGoals
 from palp_core.graph.node.node import State
 from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.node.service_client import Pending
@@ -79,11 +79,7 @@ class Predecessor(msgspec.Struct, frozen=True):
 
 
 def first_state(state_class: type[State], where: str) -> State:
-    """Return the default state through its bytes, so that no two nodes share a default array.
-
-    Raises:
-        GraphError: The state holds what cannot be handed over.
-    """
+    """Return the default state through its bytes, so that no two nodes share a default array."""
     try:
         return decode_any(state_class, encode_any(state_class()), writable=True)
     except (SchemaMismatch, TypeError, ValueError) as error:
@@ -100,9 +96,6 @@ def adopt_state(state_class: type[State], node_class: str, hand_over: HandOver) 
 
     The same node class and version decode as they are; an older version goes through ``migrate``, another
     class through ``adopt``. One that has no ``adopt`` takes a state of its own type as it is.
-
-    Raises:
-        SchemaMismatch: The state does not fit, or the class defines no way to take it.
     """
     same_class = hand_over.node_class == node_class
     if same_class and hand_over.state_version == state_class.version:

@@ -20,13 +20,8 @@ class Journal:
     """Collects entries and publishes one :class:`Order` per batch.
 
     Args:
-        publisher: Where batches go.
         sources: Everything that the node can consume, besides transitions and changes of parameters.
         snapshot: Returns the node's encoded hand-over, without inbox and histories.
-
-    Attributes:
-        index: The number of each source, for :meth:`note_index`.
-        next_snapshot_ns: When the next snapshot is due.
     """
 
     def __init__(
@@ -43,7 +38,6 @@ class Journal:
         self.discard()
 
     def discard(self) -> None:
-        """Forget what has not been published."""
         self._hand_over = b""
         self._entries: list[tuple[int, int, int, int]] = []
         self._changes: list[str] = []
@@ -69,7 +63,7 @@ class Journal:
         nothing.
         """
         publisher = self._publisher
-        if not publisher.listened:
+        if not publisher.has_readers:
             self._followed = False
         elif active and (not self._followed or publisher.greeted_count > self._greeted_count):
             if not self._followed:
@@ -101,7 +95,7 @@ class Journal:
         """
         if transition is Transition.ACTIVATE and not self._begun:
             self._begun = True
-            if self._publisher.listened:
+            if self._publisher.has_readers:
                 self._follow()
         if self._begun:
             self.note(transition.value, 0, 0, now_ns)
@@ -116,7 +110,7 @@ class Journal:
         """Publish the open batch, if there is anything in it, and begin the next one."""
         if not self._entries and not self._hand_over:
             return
-        if self._publisher.listened and not self._followed:
+        if self._publisher.has_readers and not self._followed:
             self.discard()  # a new follower cannot tell where this begins; it gets a place to start
             return
         source, epoch, sequence, at_ns = zip(*self._entries, strict=True) if self._entries else ((),) * 4

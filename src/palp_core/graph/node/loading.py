@@ -26,9 +26,6 @@ def enter_workspace(workspace: str | Path) -> None:
     """Put a workspace first on the module path, and what is installed under it, as a node's process has them.
 
     A console script, a notebook and pytest have neither there.
-
-    Args:
-        workspace: The folder that has ``nodes`` and ``msgs``.
     """
     install_finders()
     workspace = str(workspace)
@@ -57,11 +54,7 @@ def shared_process() -> Iterator[None]:
 
 
 def load_module(name: str, workspace: str) -> ModuleType:
-    """Import a module by its name, or a file by its path (relative ones count from the workspace).
-
-    Raises:
-        GraphError: There is no such file. Whatever else importing raises passes through.
-    """
+    """Import a module by its name, or a file by its path (relative ones count from the workspace)."""
     enter_workspace(workspace)
     if not name.endswith(".py"):
         return importlib.import_module(name)
@@ -84,9 +77,6 @@ def load_class(run: str, workspace: str, *, fresh: bool = False) -> type[Node]:
         run: Where the class is.
         workspace: Goes first on the module path.
         fresh: Read the source again, even if it was compiled or imported before.
-
-    Raises:
-        GraphError: No such class, or it is not a node.
     """
     module_name, _, class_name = run.rpartition(":")
     module_name = short_name(module_name, workspace)
@@ -99,12 +89,7 @@ def load_class(run: str, workspace: str, *, fresh: bool = False) -> type[Node]:
 
 
 def source_of(run: str, workspace: str) -> tuple[Path, str] | None:
-    """Return the file and the name of a node class, without importing anything; None if no file is known.
-
-    Args:
-        run: ``module:Class`` or ``path.py:Class``.
-        workspace: Where modules are looked for first.
-    """
+    """Return the file and the name of a node class, without importing anything; None if no file is known."""
     module, _, class_name = run.rpartition(":")
     if module.endswith(".py"):
         return Path(workspace, module).resolve(), class_name

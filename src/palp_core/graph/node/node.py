@@ -15,10 +15,22 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, dataclass_t
 import msgspec
 
 from palp_core.errors import GraphError
-from palp_core.graph.node.action_parts import parts_of, roles_of
-from palp_core.graph.node.action_ports import HANDLES_ROLE, STEPS_AT, Act, ActionClient
+from palp_core.graph.node.context import NodeContext
 from palp_core.graph.node.lifecycle import LifecycleHooks
-from palp_core.graph.node.ports import HANDLES, HANDLES_EVENTS, Alarm, Client, Port, Pub, Srv, Sub, Timer
+from palp_core.graph.node.ports import (
+    MARKS,
+    Act,
+    ActionClient,
+    Alarm,
+    Client,
+    Mark,
+    Port,
+    Pub,
+    Srv,
+    Sub,
+    Timer,
+    action_parts,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -62,20 +74,6 @@ class State(msgspec.Struct, metaclass=_StateMeta):
     version: ClassVar[int] = 1
 
 
-class Context(typing.Protocol):
-    """What an executor offers a node."""
-
-    name: str
-    rng: np.random.Generator
-    log: logging.Logger
-
-    def now_ns(self) -> int:
-        """Time on the graph's clock."""
-
-    def finish(self, exit_code: int) -> None:
-        """End the node's work."""
-
-
 class Node(LifecycleHooks):
     """Base of all nodes. Subclasses declare ports, parameters, state and handlers; the tutorial has one.
 
@@ -99,7 +97,7 @@ class Node(LifecycleHooks):
     params: Params
     state: State
 
-    def __init__(self, context: Context) -> None:
+    def __init__(self, context: NodeContext) -> None:
         self._context = context
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -175,6 +173,12 @@ class Declaration(msgspec.Struct, frozen=True, kw_only=True):
     params: type[Params]
     state: type[State]
 
+    @property
+    def wired(self) -> list[Port]:
+        """Every port that others can be wired to, or see."""
+        groups = (self.subs, self.pubs, self.services, self.clients, self.actions, self.action_clients)
+        return [port for group in groups for port in group.values()]
+
 
 _DECLARATIONS: dict[Any, Declaration] = {}
 
@@ -192,7 +196,7 @@ def declaration_of(cls: type[Node]) -> Declaration:
 
 
 def _declare(cls: type[Node]) -> Declaration:
-    where = f"{cls.__module__}:{cls.__qualname__}"
+    where = class_name(cls)
     hints = typing.get_type_hints(cls)
     params, state = hints.get("params", Params), hints.get("state", State)
     for kind, base, label in ((params, Params, "params"), (state, State, "state")):
@@ -204,26 +208,30 @@ def _declare(cls: type[Node]) -> Declaration:
     ports = {name: value for name, value in members.items() if isinstance(value, Port)}
     handlers: dict[str, Callable[..., Any]] = {}
     event_handlers: dict[str, Callable[..., Any]] = {}
-    for name, value in members.items():
-        watched: Port | None = getattr(value, HANDLES_EVENTS, None)
-        if watched is not None:
-            if ports.get(watched.name) is not watched or watched.name in event_handlers:
+    roles: dict[str, dict[str, Callable[..., Any]]] = {}
+    rates: dict[str, str] = {}
+    marked: list[tuple[str, Any, Mark]] = [
+        (name, value, mark) for name, value in members.items() for mark in getattr(value, MARKS, ())
+    ]
+    for name, value, mark in marked:
+        marked_port: Port = mark.port
+        if mark.role == "event":
+            if ports.get(marked_port.name) is not marked_port or marked_port.name in event_handlers:
                 raise GraphError(
                     f"{where}.{name} handles events of a port that is not declared here, or twice"
                 )
-            event_handlers[watched.name] = value
-        port: Port | None = getattr(value, HANDLES, None)
-        if port is None:
-            continue
-        if inspect.iscoroutinefunction(value) or inspect.isgeneratorfunction(value):
-            raise GraphError(f"{where}.{name}: a handler is a plain function: no async, no yield")
-        if isinstance(port, Timer) and port.name not in ports:
-            ports[port.name] = port
-        if ports.get(port.name) is not port:
-            raise GraphError(f"{where}.{name} handles a port that is not declared on this class")
-        if port.name in handlers:
-            raise GraphError(f"{where}: port '{port.name}' has two handlers")
-        handlers[port.name] = value
+            event_handlers[marked_port.name] = value
+        elif mark.role != "handle":
+            roles.setdefault(marked_port.name, {})[mark.role] = value
+        else:
+            _check_handler(f"{where}.{name}", value)
+            if isinstance(marked_port, Timer) and marked_port.name not in ports:
+                ports[marked_port.name] = marked_port
+            if ports.get(marked_port.name) is not marked_port:
+                raise GraphError(f"{where}.{name} handles a port that is not declared on this class")
+            if marked_port.name in handlers:
+                raise GraphError(f"{where}: port '{marked_port.name}' has two handlers")
+            handlers[marked_port.name], rates[marked_port.name] = value, mark.hz
     for name, port in ports.items():
         if name.startswith("_") or name in {*dir(Node), *Node.__annotations__}:
             raise GraphError(
@@ -235,7 +243,6 @@ def _declare(cls: type[Node]) -> Declaration:
         if not isinstance(port, Pub) and name not in handlers:
             marks = "@execute" if isinstance(port, Act) else "@on or @serve"
             raise GraphError(f"{where}: port '{name}' has no handler; mark a method with {marks}")
-    roles = {port.name: found for port, found in roles_of(members, HANDLES_ROLE).items()}
     for name in roles:
         if not isinstance(ports.get(name), Act | ActionClient):
             raise GraphError(
@@ -243,13 +250,13 @@ def _declare(cls: type[Node]) -> Declaration:
             )
     for name, port in list(ports.items()):
         if isinstance(port, Act | ActionClient):
-            rate = getattr(handlers[name], STEPS_AT, "")
+            rate = rates[name]
             if rate and not hasattr(params, rate):
                 raise GraphError(f"{where}.{handlers[name].__name__}: no parameter '{rate}' for its rate")
-            made, handled, told = parts_of(port, handlers[name], rate)
-            ports |= made
-            handlers |= handled
-            event_handlers |= told
+            parts = action_parts(port, handlers[name], rate)
+            ports |= parts.ports
+            handlers |= parts.handlers
+            event_handlers |= parts.event_handlers
     try:
         state()
     except TypeError as error:
@@ -273,3 +280,8 @@ def _declare(cls: type[Node]) -> Declaration:
         params=params,
         state=state,
     )
+
+
+def _check_handler(where: str, handler: Callable[..., Any]) -> None:
+    if inspect.iscoroutinefunction(handler) or inspect.isgeneratorfunction(handler):
+        raise GraphError(f"{where}: a handler is a plain function: no async, no yield")

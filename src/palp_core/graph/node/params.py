@@ -13,11 +13,6 @@ SLOWEST_HZ, FASTEST_HZ = 1e-9, 1e9  # the grid of ticks is in whole ns
 
 
 def load_params(declared: Declaration, values: Mapping[str, Any], where: str) -> Params:
-    """Return validated parameters.
-
-    Raises:
-        GraphError: An unknown name, a wrong type, a value out of bounds, or a timer's rate that is none.
-    """
     try:
         params = msgspec.convert(dict(values), declared.params)
     except msgspec.ValidationError as error:
@@ -32,11 +27,6 @@ def load_params(declared: Declaration, values: Mapping[str, Any], where: str) ->
 
 
 def changed_params(declared: Declaration, present: Params, changes: Mapping[str, Any], where: str) -> Params:
-    """Return the parameters with some of them changed.
-
-    Raises:
-        GraphError: As :func:`load_params`, or a change of a parameter that is read-only.
-    """
     before = msgspec.to_builtins(present)
     for name in changed_read_only(describe_params(declared.params), before, changes):
         raise GraphError(
@@ -75,7 +65,6 @@ class ParamDescription(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def describe_params(cls: type[Params]) -> dict[str, ParamDescription]:
-    """Return what a parameter class declares, by name."""
     info = msgspec.inspect.type_info(cls)
     assert isinstance(info, msgspec.inspect.StructType)
     return {field.encode_name: _describe(field) for field in info.fields}

@@ -5,37 +5,27 @@ from collections.abc import Callable, Iterator
 from typing import Generic, TypeVar
 
 from palp_core.errors import LifecycleError
-from palp_core.graph.messages.frame import (
-    LAST_SEQUENCE,
-    PLAIN_DATA,
-    Kind,
-    pack,
-    parse,
-    quick_pack,
-)
+from palp_core.graph.messages.frame import LAST_SEQUENCE, Kind, pack, parse
 from palp_core.graph.messages.message import Message, encode_any
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.schema import schema_of
-from palp_core.graph.node.owner import Owner
+from palp_core.graph.node.context import PublisherContext
 
 M = TypeVar("M", bound=Message)
+_DATA = int(Kind.DATA)  # packing an enum costs more
 
 
 class PublisherEnd(Generic[M]):
     """Publishes one topic in order.
 
     Attributes:
-        send: Takes each frame.
         sequence: Of the last message published; 0 before the first.
-        history: The last ``depth`` messages.
-        listened: Somebody reads the topic; where nobody knows, it counts as read.
-        greeted_count: How many have begun to read it.
+        has_readers: Somebody reads the topic; true where that is not known.
         idle_until_next: Nothing is due until the next message, as the node has declared.
         note: Takes epoch and sequence of each message before it is sent, where they outlive the process.
-        room: The last sequence that may be published before :attr:`wait_for_room` is asked.
+        room: The last sequence that may be published before ``wait_for_room`` is called.
         wait_for_room: Returns when there is room for another message, or raises what :meth:`publish` does.
-        lost_count: How many messages readers have lost for good, as they have said.
-        tell_lost: Is told how many more these are.
+        lost_count: How many messages readers have lost for good, as they report.
         former: Payload of heartbeats: how far the process before a restart had come, or empty.
     """
 
@@ -45,31 +35,24 @@ class PublisherEnd(Generic[M]):
         message: type[M],
         qos: Qos,
         epoch: int,
-        owner: Owner,
+        context: PublisherContext,
         send: Callable[[bytes], None],
         type_hash: int | None = None,
     ) -> None:
-        self.topic = topic
-        self.message = message
-        self.epoch = epoch
-        self.sequence = 0
-        self.listened = True
-        self.greeted_count = 0
+        self.topic, self.message, self.qos, self.epoch = topic, message, qos, epoch
+        self.sequence = self.greeted_count = self.lost_count = 0
+        self.history = deque[bytes](maxlen=qos.depth)
+        self.has_readers = True
         self.idle_until_next = False
         self.note: Callable[[int, int], None] | None = None
         self.former = b""
         self.room = LAST_SEQUENCE
         self.wait_for_room: Callable[[], None] = lambda: None
-        self.lost_count = 0
-        self.tell_lost: Callable[[int], None] = lambda _: None
-        self.qos = qos
-        self.history = deque[bytes](maxlen=qos.depth)
+        self.send = send
         self._bytes = topic.encode()
-        self._prefix = self._bytes + b"\0"
         self._type_hash = schema_of(message).type_hash if type_hash is None else type_hash
         self._canonical = schema_of(message).canonical
-        self._owner = owner
-        self.send = send
+        self._context = context
 
     def publish(self, message: M) -> None:
         """Send a message to every reader; its stamp is the node's time.
@@ -79,54 +62,43 @@ class PublisherEnd(Generic[M]):
             PublishTimeout: A reader is ``depth`` messages behind and made no room in time, where the edge's
                 history is ``keep_all``. Nothing is sent.
         """
-        if not self._owner.publishing:
+        if not self._context.publishing:
             raise LifecycleError(
                 f"{self.topic}: a node publishes from on_activate to on_deactivate, not before or after"
             )
-        self._say(self._body(message))
+        self.forward(self._encode(message))
 
-    def _body(self, message: M) -> bytes:
-        """Encode a message; before it is counted, so that one that cannot be encoded leaves no gap.
+    def put(self, message: M) -> None:
+        self.forward(self._encode(message))
 
-        Raises:
-            TypeError: It is of another type.
-        """
+    def _encode(self, message: M) -> bytes:
+        """Encode a message; before it is counted, so that one that cannot be encoded leaves no gap."""
         if type(message) is not self.message:
             raise TypeError(f"{self.topic} carries {self.message.__name__}, not {type(message).__name__}")
         canonical = self._canonical
         return encode_any(message if canonical is None else canonical(message))
 
-    def put(self, message: M) -> None:
-        """Send a message whatever the node's state is."""
-        self._say(self._body(message))
-
-    def _say(self, body: bytes) -> None:
-        """Send what is encoded, as soon as there is room for it."""
+    def forward(self, payload: bytes) -> None:
+        """Send a message that is encoded, as soon as there is room for it, whatever the node's state is."""
         if self.sequence >= self.room:
             self.wait_for_room()
         self.sequence += 1
         self.idle_until_next = False
         if self.note is not None:
             self.note(self.epoch, self.sequence)
-        self._send(body, self.epoch, self.sequence)
-
-    def forward(self, payload: bytes) -> None:
-        """Send a message that is encoded already, its bytes as they are, whatever the node's state is."""
-        self.sequence += 1
-        self.idle_until_next = False
-        if self.note is not None:
-            self.note(self.epoch, self.sequence)
-        now_ns = self._owner.now_ns()
-        frame = pack(self._bytes, Kind.DATA, self.epoch, self.sequence, now_ns, self._type_hash, payload)
-        if self.listened:
-            self.send(frame)
-        self.history.append(frame)
+        self._send(payload, self.epoch, self.sequence)
 
     def reply(self, message: M, epoch: int, sequence: int) -> None:
         """Send a reply, which carries its request's epoch and sequence."""
-        body = self._body(message)
+        payload = self._encode(message)
         self.sequence = sequence
-        self._send(body, epoch, sequence)
+        self._send(payload, epoch, sequence)
+
+    def _send(self, payload: bytes, epoch: int, sequence: int) -> None:
+        frame = pack(self._bytes, _DATA, epoch, sequence, self._context.now_ns(), self._type_hash, payload)
+        if self.has_readers:
+            self.send(frame)
+        self.history.append(frame)
 
     def pass_on(self, raw: bytes) -> None:
         """Send a frame of this topic that a successor has made, as if it were this end's own."""
@@ -137,7 +109,7 @@ class PublisherEnd(Generic[M]):
             if self.note is not None:
                 self.note(frame.epoch, frame.sequence)
             self.history.append(raw)
-        if self.listened:
+        if self.has_readers:
             self.send(raw)
 
     def repeat(self, epoch: int, sequence: int) -> bool:
@@ -145,45 +117,39 @@ class PublisherEnd(Generic[M]):
         for kept in reversed(self.history):
             frame = parse(kept)
             if (frame.epoch, frame.sequence) == (epoch, sequence):
-                self._owner.resend(kept)
+                self._context.resend(kept)
                 return True
         return False
 
-    def _send(self, body: bytes, epoch: int, sequence: int) -> None:
-        header = quick_pack(PLAIN_DATA, epoch, sequence, self._owner.now_ns(), self._type_hash)
-        frame = b"".join((self._prefix, header, body))
-        if self.listened:
-            self.send(frame)
-        self.history.append(frame)
-
     def idle(self) -> None:
-        """Declare that nothing is due until the next message."""
+        """Declare that nothing is due until the next message: readers' deadlines are suspended until then."""
         if not self.idle_until_next:
             self.idle_until_next = True
-            if self.listened:
+            if self.has_readers:
                 self.send(self.heartbeat())
 
     def heartbeat(self) -> bytes:
-        """Return the frame that states the last sequence."""
-        kind = Kind.IDLE if self.idle_until_next else Kind.HEARTBEAT
-        now_ns = self._owner.now_ns()
-        return pack(self._bytes, kind, self.epoch, self.sequence, now_ns, self._type_hash, self.former)
+        return self._statement(Kind.IDLE if self.idle_until_next else Kind.HEARTBEAT, self.former)
 
     def moved(self, payload: bytes) -> bytes:
-        """Return the frame that tells readers of another place, with the last sequence of this one."""
-        now_ns = self._owner.now_ns()
-        return pack(self._bytes, Kind.MOVED, self.epoch, self.sequence, now_ns, self._type_hash, payload)
+        """Return the frame that announces another place to readers, with the last sequence of this one."""
+        return self._statement(Kind.MOVED, payload)
+
+    def _statement(self, kind: Kind, payload: bytes) -> bytes:
+        now_ns = self._context.now_ns()
+        return pack(self._bytes, kind, self.epoch, self.sequence, now_ns, self._type_hash, payload)
 
     def kept(self, first: int, last: int, now_ns: int) -> Iterator[bytes]:
         """Yield the remembered frames of a range of sequences that are within their lifespan."""
         lifespan_ns = round(self.qos.lifespan_ms * 1e6)
         for kept in self.history:
-            head = parse(kept)
-            if first <= head.sequence <= last and not (lifespan_ns and now_ns - head.stamp_ns > lifespan_ns):
+            frame = parse(kept)
+            if first <= frame.sequence <= last and not (
+                lifespan_ns and now_ns - frame.stamp_ns > lifespan_ns
+            ):
                 yield kept
 
     def resume(self, epoch: int, sequence: int, history: list[bytes]) -> None:
-        """Continue a predecessor's epoch and sequence."""
         self.epoch, self.sequence = epoch, sequence
         if self.note is not None:
             self.note(epoch, sequence)

@@ -1,11 +1,21 @@
 """Quality-of-service events of a port: what a node can handle with ``@on_event(port)``."""
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import msgspec
 
-from palp_core.graph.messages.qos import EventKind
-from palp_core.graph.node.owner import Owner
+from palp_core.counted import counted
+from palp_core.errors import SchemaMismatch
+from palp_core.graph.messages.builtin import NodeEvent
+from palp_core.graph.messages.qos import EventKind, Qos
+from palp_core.graph.node.context import NodeContext
+from palp_core.graph.node.publisher import PublisherEnd
+from palp_core.graph.node.spec import topic
+from palp_core.graph.node.timers import TimedEnd
+
+EVENTS_PORT = "_events"
 
 _TEXT: dict[EventKind, str] = {
     "deadline": "no message within its deadline",
@@ -43,7 +53,7 @@ class QosEvent(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def text(self) -> str:
-        """What happened, in words."""
+        """What happened, as a sentence."""
         if self.kind == "liveliness":
             what = "its publisher has fallen silent" if self.total_count % 2 else "its publisher is back"
             return f"input '{self.port}' ({self.topic}): {what}"
@@ -51,46 +61,77 @@ class QosEvent(msgspec.Struct, frozen=True, kw_only=True):
         return f"{where} '{self.port}' ({self.topic}): {_TEXT[self.kind]} ({self.total_count} in all)"
 
 
-def is_worth_saying(event: QosEvent) -> bool:
-    """Tell whether to say an event aloud: the first few, then each time their number has doubled."""
+def is_reported(event: QosEvent) -> bool:
+    """Return whether to report an event: the first few are, then each time their number has doubled."""
     before, now = event.total_count - event.count_change, event.total_count
     if event.kind in ("liveliness", "reader_overrun"):  # the latter comes at most once a second
         return True
     return now <= FIRST_FEW or now.bit_length() > before.bit_length()
 
 
-class EventEnd:
-    """Rings like an alarm when an edge does not keep what it promised, so that a replay can ring it again.
+class EventPublisher:
+    """Reports what happens to a node, each kind at a rate that cannot flood: log, hidden topic, supervisor.
 
-    Args:
-        kind: Of its events.
-        port: Name of the input or client.
-        topic: What it reads.
-        owner: Whose time it is.
-        handle: Takes each event.
+    Attributes:
+        rejected_count: Frames that were not what an edge carries.
     """
 
     def __init__(
-        self, kind: EventKind, port: str, topic: str, owner: Owner, handle: Callable[[QosEvent], None]
+        self, context: NodeContext, send: Callable[[bytes], None], report: Callable[[QosEvent], None] | None
     ) -> None:
-        self.kind = kind
-        self.name = f"{kind}:{port}"
-        self.due_ns: int | None = None
-        self.period_ns = 0
-        self._port = port
-        self._topic = topic
-        self._owner = owner
-        self._handle = handle
-        self._pending = 0
-        self._total = 0
-        self._said = 0
+        self.publisher = PublisherEnd(
+            topic(context.name, EVENTS_PORT), NodeEvent, Qos(depth=100), context.epoch, context, send
+        )
+        self.rejected_count = 0
+        self._context, self._report = context, report
 
-    def activate(self, now_ns: int) -> None:
-        """Nothing is due at activation."""
-        self.due_ns = None
+    def publish(self, kind: str, text: str, data: Mapping[str, Any]) -> None:
+        now_ns = self._context.now_ns()
+        self.publisher.put(NodeEvent(stamp_ns=now_ns, kind=kind, text=text, data=json.dumps(dict(data))))
+
+    def publish_qos_event(self, event: QosEvent) -> None:
+        """Report that an edge did not keep its promise."""
+        if is_reported(event):
+            self._context.log.warning("%s", event.text)
+            self.publish(event.kind, event.text, msgspec.to_builtins(event))
+            if self._report is not None:
+                self._report(event)
+
+    def reject(self, error: SchemaMismatch) -> None:
+        """Count a frame that is not what an edge carries; log the 1st, 2nd, 4th, 8th ... of them."""
+        self.rejected_count += 1
+        if self.rejected_count & (self.rejected_count - 1) == 0:
+            count = counted(self.rejected_count, "frame")
+            self._context.log.warning("rejected %s; the latest: %s", count, error)
+
+
+class EventEnd(TimedEnd):
+    """Rings like an alarm when an edge did not keep what it promised, so that a replay can ring it again.
+
+    Args:
+        handler: Takes the node and each event; None: the node does not handle them.
+
+    Attributes:
+        period_ns: After ringing it is due again so much later; 0: it is not.
+    """
+
+    def __init__(
+        self,
+        kind: EventKind,
+        port: str,
+        source: str,
+        context: NodeContext,
+        events: EventPublisher,
+        handler: Callable[[Any, QosEvent], None] | None,
+    ) -> None:
+        super().__init__(f"{kind}:{port}", port, context, handler)
+        self.kind = kind
+        self.period_ns = self.total = 0
+        self._source, self._events = source, events
+        self._pending = self._handled = 0
 
     def expect(self, due_ns: int | None, period_ns: int = 0) -> None:
-        """Ring at that time unless told otherwise, and then every period; None: nothing is expected."""
+        """Ring at that time unless another is set, and then every period; None: nothing is expected."""
         self.due_ns, self.period_ns = due_ns, period_ns
 
     def count(self, change: int, now_ns: int) -> None:
@@ -100,43 +141,29 @@ class EventEnd:
             self.due_ns = now_ns
 
     def tick(self) -> int:
-        """Ring; return the total count. Periods that passed meanwhile are counted and not rung one by one."""
+        """Return the total count; periods that passed meanwhile are counted and not rung one by one."""
         change, self._pending = self._pending or 1, 0
         if self.period_ns and self.due_ns is not None:
-            change += max((self._owner.now_ns() - self.due_ns) // self.period_ns, 0)
+            change += max((self._context.now_ns() - self.due_ns) // self.period_ns, 0)
             self.due_ns += change * self.period_ns
         else:
             self.due_ns = None
-        self._total += change
-        return self._total
+        self.total += change
+        return self.total
 
     def recall(self, total: int) -> None:
         """Set what the next :meth:`handle` reports, from a record."""
-        self._total = total
-        self._pending = 0
+        self.total, self._pending = total, 0
 
     def handle(self) -> None:
-        """Hand the event to the node."""
-        change, self._said = self._total - self._said, self._total
-        self._handle(
-            QosEvent(
-                kind=self.kind,
-                port=self._port,
-                topic=self._topic,
-                total_count=self._total,
-                count_change=change,
-            )
+        change, self._handled = self.total - self._handled, self.total
+        event = QosEvent(
+            kind=self.kind, port=self.port, topic=self._source, total_count=self.total, count_change=change
         )
-
-    def retime(self, now_ns: int) -> None:
-        """Events have no rate."""
+        self._events.publish_qos_event(event)
+        if self.handler is not None:
+            self.handler(self._context.node, event)
 
     def resume(self, total: int) -> None:
-        """Continue a predecessor's count."""
-        self._total = self._said = total
+        self.total = self._handled = total
         self._pending, self.due_ns = 0, None
-
-    @property
-    def total(self) -> int:
-        """How often it has happened."""
-        return self._total

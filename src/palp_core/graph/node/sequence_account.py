@@ -9,7 +9,6 @@ class SequenceAccount(msgspec.Struct):
     """Sequence account of one input. The first message of an epoch may have any sequence (a late joiner).
 
     Attributes:
-        received: Handed to the node.
         lost: Published, as the sequence shows, but never arrived.
         repeated: Arrived again, or after its place in the order had passed.
         late: Older than its deadline or lifespan when it was taken up.

@@ -1,23 +1,23 @@
 """The asking end of a service: what is unanswered, when to ask again, when to give up."""
 
-from collections.abc import Callable
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import msgspec
 
 from palp_core.graph.messages.message import Message
-from palp_core.graph.node.owner import Owner
+from palp_core.graph.node.context import NodeContext
 from palp_core.graph.node.publisher import PublisherEnd
+from palp_core.graph.node.qos_events import EventEnd
+from palp_core.graph.node.timers import TimedEnd
+
+Request = TypeVar("Request", bound=Message)
 
 
 class Pending(msgspec.Struct):
     """One call on its way.
 
     Attributes:
-        sequence: Of the request, and of its reply.
-        due_ns: When this try is over.
         tries_left: How often the request may still be sent again.
-        frame: The request as it was sent.
     """
 
     sequence: int
@@ -26,79 +26,61 @@ class Pending(msgspec.Struct):
     frame: bytes
 
 
-class ClientEnd:
-    """Sends requests and keeps each until its reply comes; rings like an alarm when one is overdue.
+class ClientEnd(TimedEnd, Generic[Request]):
+    """Sends requests and keeps each until its reply comes; due when one is overdue.
 
-    Args:
-        name: Of the client's port.
-        publisher: Where requests go.
-        timeout_ns: Length of one try.
-        retries: How often a request is sent again.
-        owner: Whose time it is.
-        give_up: Is told how many calls remain unanswered after their last try.
+    Attributes:
+        given_up: Counts calls that remain unanswered after their last try.
     """
+
+    given_up: EventEnd
 
     def __init__(
         self,
-        name: str,
+        port: str,
+        context: NodeContext,
         publisher: PublisherEnd[Any],
         timeout_ns: int,
         retries: int,
-        owner: Owner,
-        give_up: Callable[[int], None],
     ) -> None:
-        self.name = name
+        super().__init__(f"timeout:{port}", port, context)
         self.pending: list[Pending] = []
-        self._publisher = publisher
-        self._timeout_ns = timeout_ns
-        self._retries = retries
-        self._owner = owner
-        self._give_up = give_up
+        self._publisher, self._timeout_ns, self._retries = publisher, timeout_ns, retries
 
-    def call(self, request: Message) -> None:
+    def call(self, request: Request) -> None:
         """Send a request and return at once; the reply arrives at ``@on(client)``."""
         self._publisher.publish(request)
-        due_ns = self._owner.now_ns() + self._timeout_ns
+        due_ns = self._context.now_ns() + self._timeout_ns
         sent = self._publisher.history[-1]
-        self.pending.append(Pending(self._publisher.sequence, due_ns, self._retries, sent))
+        self._keep([*self.pending, Pending(self._publisher.sequence, due_ns, self._retries, sent)])
 
-    def settle(self, sequence: int) -> bool:
+    def _keep(self, pending: list[Pending]) -> None:
+        self.pending = pending
+        self.due_ns = min((call.due_ns for call in pending), default=None)
+
+    def complete(self, sequence: int) -> bool:
         """Take a reply; return False if nothing waits for it (any more)."""
-        for i, pending in enumerate(self.pending):
-            if pending.sequence == sequence:
-                del self.pending[i]
-                return True
-        return False
-
-    @property
-    def due_ns(self) -> int | None:
-        """When the first unanswered call is overdue."""
-        return min((pending.due_ns for pending in self.pending), default=None)
+        waiting = [call for call in self.pending if call.sequence != sequence]
+        was_pending = len(waiting) < len(self.pending)
+        self._keep(waiting)
+        return was_pending
 
     def activate(self, now_ns: int) -> None:
-        """Forget unanswered calls at activation."""
-        self.pending.clear()
+        self._keep([])
 
     def tick(self) -> int:
         """Send what is overdue again, or give it up; return how many calls were given up."""
-        now_ns = self._owner.now_ns()
-        given_up = [p for p in self.pending if p.due_ns <= now_ns and not p.tries_left]
-        self.pending = [p for p in self.pending if p not in given_up]
-        for pending in self.pending:
-            if pending.due_ns <= now_ns:
-                pending.tries_left -= 1
-                pending.due_ns = now_ns + self._timeout_ns
-                self._owner.resend(pending.frame)
-        if given_up:
-            self._give_up(len(given_up))
-        return len(given_up)
-
-    def handle(self) -> None:
-        """All is done in :meth:`tick`: the node hears of calls given up by their event."""
-
-    def retime(self, now_ns: int) -> None:
-        """Calls have no rate."""
+        now_ns = self._context.now_ns()
+        kept = [call for call in self.pending if call.tries_left or call.due_ns > now_ns]
+        given_up = len(self.pending) - len(kept)
+        for call in kept:
+            if call.due_ns <= now_ns:
+                call.tries_left -= 1
+                call.due_ns = now_ns + self._timeout_ns
+                self._context.resend(call.frame)
+        self._keep(kept)
+        self.given_up.count(given_up, now_ns)
+        return given_up
 
     def resume(self, pending: list[Pending]) -> None:
-        """Continue a predecessor's calls."""
-        self.pending = list(pending)
+        self._keep(list(pending))

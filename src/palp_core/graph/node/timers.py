@@ -1,59 +1,76 @@
-"""The live ends of periodic timers and alarms."""
+"""The live ends of periodic timers and alarms, and what they share with everything that is due at a time."""
 
 import math
 import operator
 from collections.abc import Callable
+from typing import Any
 
-from palp_core.graph.node.owner import Owner
+from palp_core.graph.node.context import NodeContext
 
 
-class TimerEnd:
-    """A periodic timer on the grid round(k 1e9 / rate) of the graph's clock; the rate is a live parameter.
+class TimedEnd:
+    """What is due at a time: a timer, an alarm, an event, overdue calls, the goals of an action.
 
     Args:
-        name: Of its port.
-        rate_hz: Returns the rate as it is now.
-        running: It starts when the node is activated.
-        owner: Whose time it is.
-        handle: Is called at each tick.
+        handler: Takes the node; None: all is done in :meth:`tick`.
 
     Attributes:
-        k: Number of the next tick.
-        due_ns: When it is due; None: stopped.
-        tick_count: Ticks since the process began.
+        due_ns: When it is due; None: it is not.
+    """
+
+    due_ns: int | None = None
+
+    def __init__(
+        self, name: str, port: str, context: NodeContext, handler: Callable[..., None] | None = None
+    ) -> None:
+        self.name, self.port, self.handler = name, port, handler
+        self._context = context
+
+    def activate(self, now_ns: int) -> None:
+        self.due_ns = None
+
+    def tick(self) -> int:
+        """Take note that it is due now, and return the number by which the journal tells this time."""
+        self.due_ns = None
+        return 0
+
+    def handle(self) -> None:
+        if self.handler is not None:
+            self.handler(self._context.node)
+
+    def retime(self, now_ns: int) -> None:
+        """Follow changed parameters."""
+
+
+class TimerEnd(TimedEnd):
+    """A periodic timer on the grid round(k 1e9 / rate) of the graph's clock; the rate is a live parameter.
+
+    Attributes:
         overrun_count: Those that started after the next one was due.
     """
 
     def __init__(
-        self,
-        name: str,
-        rate_hz: Callable[[], float],
-        running: bool,
-        owner: Owner,
-        handle: Callable[[], None],
+        self, name: str, context: NodeContext, hz: str, *, running: bool, handler: Callable[[Any], None]
     ) -> None:
-        self.name = name
-        self.handle = handle
-        self.k = 0
-        self.due_ns: int | None = None
-        self.tick_count = 0
-        self.overrun_count = 0
-        self._wanted_hz = rate_hz
+        super().__init__(name, name, context, handler)
+        self.k = self.tick_count = self.overrun_count = 0
+        self._hz, self._running = hz, running
         self._rate_hz = math.nan
-        self._running = running
-        self._owner = owner
+
+    @property
+    def rate_hz(self) -> float:
+        return float(getattr(self._context.node.params, self._hz))
 
     def _grid_ns(self, k: int) -> int:
         return round(k * 1e9 / self._rate_hz)
 
     def activate(self, now_ns: int) -> None:
-        """Start at activation if the declaration says so."""
         self.due_ns = None
         if self._running:
             self._start(now_ns)
 
     def _start(self, now_ns: int) -> None:
-        self._rate_hz = self._wanted_hz()
+        self._rate_hz = self.rate_hz
         self.k = math.floor(now_ns * self._rate_hz / 1e9)
         while self._grid_ns(self.k) <= now_ns:
             self.k += 1
@@ -62,24 +79,22 @@ class TimerEnd:
     def start(self) -> None:
         """Tick from the next grid instant on; no effect if it already ticks."""
         if self.due_ns is None:
-            self._start(self._owner.now_ns())
+            self._start(self._context.now_ns())
 
     def stop(self) -> None:
-        """Tick no more."""
         self.due_ns = None
 
     def tick(self) -> int:
-        """Move to the next tick and return the number of the one that is due."""
         k = self.k
         self.k += 1
         self.due_ns = self._grid_ns(self.k)
         self.tick_count += 1
-        self.overrun_count += self._owner.now_ns() > self.due_ns
+        self.overrun_count += self._context.now_ns() > self.due_ns
         return k
 
     def retime(self, now_ns: int) -> None:
         """Follow a changed rate; the grid of an unchanged one, and a tick that is due, stay."""
-        if self.due_ns is not None and self._wanted_hz() != self._rate_hz:
+        if self.due_ns is not None and self.rate_hz != self._rate_hz:
             self._start(now_ns)
 
     def resume(self, saved: tuple[int, int | None] | None, now_ns: int) -> None:
@@ -88,42 +103,24 @@ class TimerEnd:
             self.activate(now_ns)
             return
         self.k, self.due_ns = saved
-        self._rate_hz = self._wanted_hz()
+        self._rate_hz = self.rate_hz
         if self.due_ns is not None and self.due_ns != self._grid_ns(self.k):
             self._start(now_ns)
 
 
-class AlarmEnd:
+class AlarmEnd(TimedEnd):
     """A one-shot timer."""
 
-    def __init__(self, name: str, owner: Owner, handle: Callable[[], None]) -> None:
-        self.name = name
-        self.handle = handle
-        self.due_ns: int | None = None
-        self.tick_count = 0
-        self._owner = owner
-
-    def activate(self, now_ns: int) -> None:
-        """Forget any setting at activation."""
-        self.due_ns = None
+    tick_count = 0
 
     def set(self, due_ns: int) -> None:
         """Ring once at that time on the node's clock (at once if it is past); replaces an earlier setting."""
-        self.due_ns = max(operator.index(due_ns), self._owner.now_ns())
+        self.due_ns = max(operator.index(due_ns), self._context.now_ns())
 
     def clear(self) -> None:
         """Do not ring."""
         self.due_ns = None
 
     def tick(self) -> int:
-        """Ring: the alarm is spent."""
-        self.due_ns = None
         self.tick_count += 1
-        return 0
-
-    def retime(self, now_ns: int) -> None:
-        """Alarms have no rate."""
-
-    def resume(self, due_ns: int | None) -> None:
-        """Continue a predecessor's setting."""
-        self.due_ns = due_ns
+        return super().tick()

@@ -22,12 +22,7 @@ class ChannelClosed(ConnectionError):
 
 
 class MessageChannel(Generic[Received]):
-    """One end of a channel.
-
-    Args:
-        connection: A connected stream socket.
-        decoder: Of what this end receives.
-    """
+    """One end of a channel; each method raises :class:`ChannelClosed` if the other end is gone."""
 
     def __init__(self, connection: socket.socket, decoder: msgspec.msgpack.Decoder[Received]) -> None:
         self.socket = connection
@@ -37,11 +32,6 @@ class MessageChannel(Generic[Received]):
         self._unsent = bytearray()
 
     def send(self, message: ChannelMessage) -> None:
-        """Send one message, whole.
-
-        Raises:
-            ChannelClosed: The other end is gone.
-        """
         payload = self._encoder.encode(message)
         try:
             self.socket.sendall(_LENGTH.pack(len(payload)) + payload)
@@ -49,22 +39,14 @@ class MessageChannel(Generic[Received]):
             raise ChannelClosed(str(error)) from error
 
     def post(self, message: ChannelMessage) -> bool:
-        """Send without waiting for a reader that is slow; return False if :meth:`flush` has a rest to send.
-
-        Raises:
-            ChannelClosed: The other end is gone.
-        """
+        """Send without waiting for a slow reader; return False if :meth:`flush` has a rest to send."""
         payload = self._encoder.encode(message)
         self._unsent += _LENGTH.pack(len(payload))
         self._unsent += payload
         return self.flush()
 
     def flush(self) -> bool:
-        """Send what :meth:`post` could not, as far as it goes without waiting; return True if all is sent.
-
-        Raises:
-            ChannelClosed: The other end is gone.
-        """
+        """Send what :meth:`post` could not, as far as it goes without waiting; return True if all is sent."""
         try:
             while self._unsent:
                 del self._unsent[: self.socket.send(self._unsent, socket.MSG_DONTWAIT)]
@@ -75,7 +57,7 @@ class MessageChannel(Generic[Received]):
         return True
 
     def buffered(self) -> bool:
-        """Tell whether a whole message has been read from the socket already."""
+        """Return whether a whole message has been read from the socket already."""
         return len(self._buffer) >= 4 and len(self._buffer) >= 4 + _LENGTH.unpack_from(self._buffer)[0]
 
     @property
@@ -84,11 +66,7 @@ class MessageChannel(Generic[Received]):
         return _LENGTH.unpack_from(self._buffer)[0] if len(self._buffer) >= 4 else 0
 
     def fill(self, flags: int = 0) -> None:
-        """Read once from the socket, with the flags of :meth:`socket.socket.recv`.
-
-        Raises:
-            ChannelClosed: The other end is gone; with ``MSG_DONTWAIT`` also: there is nothing to read.
-        """
+        """Read once from the socket, with the flags of :meth:`socket.socket.recv`."""
         try:
             data = self.socket.recv(_CHUNK, flags)
         except OSError as error:
@@ -98,11 +76,6 @@ class MessageChannel(Generic[Received]):
         self._buffer += data
 
     def receive(self) -> Received:
-        """Wait for one message.
-
-        Raises:
-            ChannelClosed: The other end is gone.
-        """
         while not self.buffered():
             self.fill()
         end = 4 + _LENGTH.unpack_from(self._buffer)[0]
@@ -111,5 +84,4 @@ class MessageChannel(Generic[Received]):
         return self._decoder.decode(payload)
 
     def close(self) -> None:
-        """Close this end."""
         self.socket.close()

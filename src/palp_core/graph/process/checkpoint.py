@@ -1,33 +1,59 @@
-"""One node of a checkpoint: its hand-over, as a later run goes on with it."""
+"""A node on the wall clock writes itself down at each message by which a checkpoint is due.
+
+No clock decides where: a reader does so before it handles the message, the publisher when the handler that
+has published it is done. So what all of them have done before it is in the checkpoint, and nothing of what
+comes after.
+"""
+
+from collections.abc import Callable
+from typing import Any
 
 from palp_core.errors import SchemaMismatch, in_words
 from palp_core.graph.messages.message import decode_any, encode_any
 from palp_core.graph.node.executor import Executor
-from palp_core.graph.node.handover import HandOver, adopt_state
-from palp_core.graph.node.node import class_name
-from palp_core.graph.rng import rng_from_text
+from palp_core.graph.node.handover import HandOver
+from palp_core.graph.node.subscription import Subscription
 
 
-def keep(executor: Executor) -> bytes:
-    """Write a node down; it notices nothing of it.
+class NodeCheckpointer:
+    """Writes one node down.
 
-    Raises:
-        NodeError: Its state cannot be written down.
+    Args:
+        topic: Of the messages.
+        keep: Takes the sequence of the message and the node, written down.
     """
-    return encode_any(executor.succession.snapshot())
+
+    def __init__(self, executor: Executor, topic: str, keep: Callable[[int, bytes], None]) -> None:
+        self._executor, self._keep = executor, keep
+        for subscription in executor.ends.subscriptions.get(topic, ()):
+            subscription.handler = self._before(subscription)
+        self._out = executor.ends.publishers.get(topic)
+        self._kept = 0
+
+    def _before(self, subscription: Subscription) -> Callable[..., None]:
+        handle = subscription.handler
+
+        def keep_and_handle(node: Any, message: Any) -> None:
+            self._write_down(subscription.account.sequence)
+            handle(node, message)
+
+        keep_and_handle.__name__ = handle.__name__
+        return keep_and_handle
+
+    def _write_down(self, sequence: int) -> None:
+        self._keep(sequence, encode_any(self._executor.snapshot()))
+
+    def turn(self) -> None:
+        """Between two handlers: write the node down if it has published the message."""
+        if self._out is not None and self._out.sequence != self._kept:
+            self._kept = self._out.sequence
+            self._write_down(self._kept)
 
 
 def restore(executor: Executor, data: bytes) -> None:
-    """Give a node that is about to be activated the state and randomness it had.
-
-    Raises:
-        SchemaMismatch: The state does not fit the class.
-        NodeError: The hook failed.
-    """
+    """Give a node that is about to be activated the state and randomness it had."""
     try:
         hand_over = decode_any(HandOver, data)
     except (ValueError, TypeError) as error:
         raise SchemaMismatch(f"the checkpoint is of another version: {in_words(error)}") from error
-    executor.node.state = adopt_state(executor.declaration.state, class_name(type(executor.node)), hand_over)
-    executor.rng = rng_from_text(hand_over.rng)
-    executor.failing.hook("on_restore")
+    executor.restore(hand_over)

@@ -16,11 +16,9 @@ class Spawn(ChannelMessage, frozen=True, kw_only=True):
     """Fork a node's process; it is told this when it is born.
 
     Attributes:
-        log: File that takes its output.
         place: Under which name its endpoints are; a node that has changed hands is at another than its own.
         successor: It takes the place of one that works.
         fresh: Its source file may have changed since another process compiled it.
-        log_level: The least that it logs.
     """
 
     spec: NodeSpec
@@ -132,7 +130,6 @@ FromNode = Hello | Configured | Matched | Done | Failed | Kept | Relay | Knock |
 
 
 def node_end(path: str) -> MessageChannel[ToNode]:
-    """Connect a node's process to its supervisor."""
     connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     connection.connect(path)
     return MessageChannel(connection, msgspec.msgpack.Decoder(ToNode))

@@ -4,38 +4,19 @@ import gc
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Protocol
 
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.latency import Latency
 from palp_core.graph.messages.builtin import EdgeHealth, NodeHealth
 from palp_core.graph.messages.message import encode
+from palp_core.graph.node.sequence_account import SequenceAccount
 
 PULSE_NS = 500_000_000
 _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 
 
-class _Counter(Protocol):
-    """Account of an edge."""
-
-    received: int
-    lost: int
-    repeated: int
-    late: int
-    dropped: int
-
-
-class _Latency(Protocol):
-    """Histogram of an edge's latencies."""
-
-    def summary_s(self) -> dict[str, float]: ...
-
-
 class HealthProbe:
     """Counts what the loop of a node's process goes through.
-
-    Args:
-        node: Running name.
-        now_ns: The clock by which pauses are measured.
 
     Attributes:
         due_ns: When the next pulse is due, on the machine's monotonic clock.
@@ -61,7 +42,7 @@ class HealthProbe:
         self,
         now_ns: int,
         lifecycle: str,
-        edges: Mapping[str, tuple[_Counter, _Latency | None]],
+        edges: Mapping[str, tuple[SequenceAccount, Latency | None]],
         *,
         ticks: int = 0,
         overruns: int = 0,
@@ -109,7 +90,6 @@ class HealthProbe:
         return int(os.pread(self._statm, 128, 0).split()[1]) * _PAGE_BYTES if self._statm >= 0 else 0
 
     def close(self) -> None:
-        """Count no more."""
         if self._collected in gc.callbacks:
             gc.callbacks.remove(self._collected)
         if self._statm >= 0:
@@ -121,7 +101,7 @@ def _has_statm() -> bool:
     return Path("/proc/self/statm").exists()
 
 
-def _edge(topic: str, counter: _Counter, latency: _Latency | None) -> EdgeHealth:
+def _edge(topic: str, counter: SequenceAccount, latency: Latency | None) -> EdgeHealth:
     summary_s = latency.summary_s() if latency is not None else {}
     return EdgeHealth(
         topic=topic,

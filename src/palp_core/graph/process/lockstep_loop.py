@@ -120,7 +120,6 @@ class LockstepLoop:
         self.channel.send(message)
 
     def close(self) -> None:
-        """Let go of the sockets."""
         self.sockets.close()
 
 

@@ -13,18 +13,14 @@ from typing import Annotated, Any
 import msgspec
 
 from palp_core.errors import GraphError
-from palp_core.graph.actions.server import ActionServerEnd
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.message import decode, encode
-from palp_core.graph.messages.message_type import MessageType
-from palp_core.graph.node.action_ports import Act, ActionClient
+from palp_core.graph.messages.topic import MessageType
 from palp_core.graph.node.executor import Executor
-from palp_core.graph.node.external_calls import serve_outside, set_parameters
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.node import class_name
 from palp_core.graph.node.params import about_params, describe_params
 from palp_core.graph.node.spec import action_of, part
-from palp_core.graph.node.timers import TimerEnd
 from palp_core.graph.transport.request_server import NodeOperation, NodeOperations, NodeRequest
 
 CHANGING = ("set_parameters", "call", "transition", "publish")
@@ -83,7 +79,6 @@ class NodeServices:
     """The operations of one node.
 
     Args:
-        executor: The node.
         edges: Returns more about each input topic, where the wall clock counts it; takes the number of
             messages of which the latest latencies are wanted.
     """
@@ -95,7 +90,6 @@ class NodeServices:
         self._edges = edges
 
     def operations(self) -> NodeOperations:
-        """Return every operation by name."""
         return {
             "info": NodeOperation(InfoRequest, self.info),
             "history": NodeOperation(HistoryRequest, self.history),
@@ -144,7 +138,7 @@ class NodeServices:
             "clients": {name: executor.spec.inputs.get(name, "") for name in declared.clients},
             "actions": {
                 name: {
-                    "types": [kind.__name__ for kind in (act.goal, act.feedback, act.result)],
+                    "types": [kind.__name__ for kind in act.messages],
                     "when_busy": act.when_busy,
                 }
                 for name, act in declared.actions.items()
@@ -154,12 +148,7 @@ class NodeServices:
                 for name in declared.action_clients
             },
             "timers": {
-                name: {
-                    "rate_hz": float(getattr(executor.node.params, declared.timers[name].hz)),
-                    "tick": end.k,
-                }
-                for name, end in executor.ends.timers.items()
-                if isinstance(end, TimerEnd)
+                name: {"rate_hz": end.rate_hz, "tick": end.k} for name, end in executor.ends.timers.items()
             },
             "external": executor.spec.external,
             "swaps": executor.swaps,
@@ -175,7 +164,7 @@ class NodeServices:
         out = executor.ends.publishers.get(request.topic)
         if out is None:
             raise GraphError(f"{executor.name} does not publish {request.topic}")
-        executor.begin_command()
+        executor.begin_request()
         frames: list[bytes] = []
         size = 0
         for frame in out.kept(request.first, request.last, executor.now_ns()):
@@ -187,35 +176,23 @@ class NodeServices:
 
     def schemas(self, _request: NodeRequest) -> dict[str, Any]:
         """Return the message types of every port; of a service those of request and reply."""
-        declared = self._executor.declaration
-        ports: dict[str, Any] = {}
-        for kind, group in (("sub", declared.subs), ("pub", declared.pubs)):
-            for name, port in group.items():
-                ports[name] = {"kind": kind, "types": [MessageType.of(port.message)]}
-        for kind, pairs in (("srv", declared.services), ("client", declared.clients)):
-            for name, pair in pairs.items():
-                types = [MessageType.of(pair.request), MessageType.of(pair.reply)]
-                ports[name] = {"kind": kind, "types": types}
-        actions: dict[str, Act[Any, Any, Any] | ActionClient[Any, Any, Any]]
-        actions = {**declared.actions, **declared.action_clients}
-        for name, act in actions.items():
-            kind = "act" if isinstance(act, Act) else "action_client"
-            types = [MessageType.of(message) for message in (act.goal, act.feedback, act.result)]
-            ports[name] = {"kind": kind, "types": types}
+        ports = {
+            port.name: {"kind": port.kind, "types": list(map(MessageType.of, port.messages))}
+            for port in self._executor.declaration.wired
+        }
         return {"ports": msgspec.to_builtins(ports)}
 
     def goals(self, request: GoalsRequest) -> dict[str, Any]:
         """Return how the goals of an action stand, the latest that have ended among them."""
         executor = self._executor
-        server = executor.ends.timers.get(f"action:{request.action}")
-        if not isinstance(server, ActionServerEnd):
+        server = executor.ends.action_servers.get(request.action)
+        if server is None:
             known = ", ".join(executor.declaration.actions) or "none"
             raise GraphError(f"{executor.name} has no action '{request.action}'; it has: {known}")
-        records = [*server.ledger.ended.values(), *server.ledger.live.values()]
         return {
             "goals": [
                 {"goal_id": r.goal_id, "status": r.status, "reason": r.reason, "accepted_ns": r.accepted_ns}
-                for r in records
+                for r in server.records
             ]
         }
 
@@ -232,8 +209,7 @@ class NodeServices:
         }
 
     def set_parameters(self, request: SetParametersRequest) -> dict[str, Any]:
-        """Change parameters, all of them or none."""
-        set_parameters(self._executor, request.parameters)
+        self._executor.set_parameters(request.parameters)
         return {"parameters": self._parameters()}
 
     def call(self, request: CallRequest) -> dict[str, Any]:
@@ -245,11 +221,10 @@ class NodeServices:
             raise GraphError(f"{executor.name} has no service '{request.service}'; it has: {known}")
         self._must_be_active()
         message = decode(declared.request, request.request)
-        reply = serve_outside(executor, request.service, message)
+        reply = executor.call_service(request.service, message)
         return {"reply": msgspec.msgpack.decode(encode(reply))}
 
     def transition(self, request: TransitionRequest) -> dict[str, Any]:
-        """Run a lifecycle transition."""
         executor = self._executor
         known = [transition.value for transition in Transition]
         if request.transition not in known:
@@ -267,7 +242,7 @@ class NodeServices:
                 "declare it external: true in the launch file"
             )
         self._must_be_active()
-        executor.begin_command()
+        executor.begin_request()
         out = executor.ends.publishers[executor.spec.inputs[port]]
         out.put(decode(out.message, request.message))
         return {"sequence": out.sequence}

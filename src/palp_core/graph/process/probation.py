@@ -17,12 +17,8 @@ class WorkReporter:
     """What a successor has done since it last reported.
 
     Args:
-        executor: The node.
         reports: Its predecessor publishes what it reports; else it reports after each of its rounds, which
             are published as a whole or not at all.
-
-    Attributes:
-        frames: What it has published and not reported.
     """
 
     def __init__(self, executor: Executor, *, reports: bool) -> None:
@@ -42,11 +38,7 @@ class WorkReporter:
         return is_new and run_count - self._begun_at >= handler_count
 
     def report(self, *, last: bool = False) -> WorkReport:
-        """Report what has been done, at a handler boundary.
-
-        Raises:
-            NodeError: The node is done, or its own class cannot read the state that it has.
-        """
+        """Report what has been done, at a handler boundary."""
         executor = self._executor
         if executor.exit_code is not None:
             raise NodeError(executor.name, "it called finish() on probation")
@@ -55,9 +47,9 @@ class WorkReporter:
         frames = list(self.frames)
         self.frames.clear()
         # the predecessor remembers the frames that it publishes; in lockstep it publishes none
-        written = executor.succession.snapshot() if self.reports else executor.succession.copy()
+        written = executor.snapshot() if self.reports else executor.full_snapshot()
         try:
-            executor.succession.fitting(written, {})
+            executor.fitting(written, {})
         except SchemaMismatch as error:
             raise NodeError(executor.name, f"its state is not what its class declares: {error}") from error
         run_count, counter = self._reported - self._begun_at, executor.node.proven_by
@@ -68,7 +60,7 @@ class WorkReporter:
             getattr(executor.node, counter) if counter else run_count,
             counter.removesuffix("_count") or HANDLER,
             last,
-            list(executor.ends.timers),
+            list(executor.ends.timed),
         )
 
 
@@ -76,7 +68,6 @@ class LockstepProbation(ABC):
     """The rounds of a successor while its predecessor is on standby: each is published whole or not at all.
 
     Args:
-        index: Number of the node.
         inputs: Topics that the successor reads; what else comes waits for the predecessor.
         enough: How many handlers, or what else proves the node, have to go well.
         can_roll_back: The predecessor can take the successor's state; else one round has to go well.
@@ -84,9 +75,7 @@ class LockstepProbation(ABC):
     Attributes:
         failure: Why the predecessor goes on; "" if it need not.
         proof_count: How much of what proves the node went well.
-        proof: What that is.
         confirmed: Enough have: whatever fails now is a failure of the node.
-        rolled_back: The predecessor works again.
     """
 
     def __init__(self, index: int, inputs: Collection[str], enough: int, *, can_roll_back: bool) -> None:
@@ -103,7 +92,6 @@ class LockstepProbation(ABC):
 
     @property
     def over(self) -> bool:
-        """Whether it is clear who goes on."""
         return self.confirmed or bool(self.failure)
 
     def begin(self, frames: list[bytes], done: Done) -> Done:

@@ -105,7 +105,6 @@ def _differences(old: Any, new: Any, arrays: Collection[str]) -> Iterator[tuple[
 
 
 def _shown(message: Any, arrays: Collection[str]) -> dict[str, Any]:
-    """Return a message as JSON can hold it."""
     shown = {}
     for name, value in message.items():
         if name in arrays:

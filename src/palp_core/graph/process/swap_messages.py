@@ -24,7 +24,6 @@ class AwaitReaders(ChannelMessage, frozen=True):
     """To the successor: answer when so many readers are connected.
 
     Attributes:
-        readers: By topic, how many.
         nodes: Those of the graph, by name: without them the swap waits.
     """
 
@@ -43,7 +42,6 @@ class RequestHandover(ChannelMessage, frozen=True):
         after: Epoch and sequence by input topic: up to there it must have received, because the successor
             receives only what comes later.
         pause: Then handle nothing more, until :class:`Resume` or :class:`Leave`.
-        with_latest: Add the last message of every input.
     """
 
     after: dict[str, tuple[int, int]]
@@ -55,8 +53,6 @@ class Handover(ChannelMessage, frozen=True):
     """What the predecessor has written down.
 
     Attributes:
-        hand_over: An encoded :class:`~palp_core.graph.node.handover.HandOver`.
-        at_ns: When, on the host's monotonic clock.
         remembered: Replies to requests from outside that may be asked again.
         received: Up to where it has received its inputs, rejected messages included.
         frames: In lockstep, what it has published on this occasion.
@@ -73,8 +69,6 @@ class DryRun(ChannelMessage, frozen=True):
     """To either: would this hand-over fit?
 
     Attributes:
-        hand_over: An encoded hand-over.
-        params: Those that the swap sets.
         try_out: Try the handlers on the last messages, too, if it has some.
     """
 
@@ -87,7 +81,6 @@ class DryRunResult(ChannelMessage, frozen=True):
     """How that went.
 
     Attributes:
-        error: Why it would not, or "".
         after: Up to where the successor lacks its inputs (see :class:`RequestHandover`).
         tried: What came of the state, as an encoded hand-over, if it was tried out.
     """
@@ -101,10 +94,6 @@ class TakeOver(ChannelMessage, frozen=True):
     """To the successor: continue from here, but publish nothing yet.
 
     Attributes:
-        handover: The predecessor's.
-        params: Those that the swap sets.
-        start_ns: The graph's start.
-        on_probation: Work, and answer every :class:`RequestReport`.
         shadow: Work until :class:`EndShadow`, and compare with what comes from this endpoint, if any.
     """
 
@@ -119,8 +108,6 @@ class TookOver(ChannelMessage, frozen=True):
     """Ready to go on, or why not.
 
     Attributes:
-        error: Empty if it is.
-        held: Messages that wait to be handled.
         frames: In lockstep, what it has published while it took over.
         next_due_ns: In lockstep, when it is due next; -1: never.
     """
@@ -136,7 +123,6 @@ class RequestReport(ChannelMessage, frozen=True):
 
     Attributes:
         until_ns: Then in any case, on the host's monotonic clock; 0: at once.
-        handler_count: Not before so many handlers have run.
         last: The probation is over: keep back what follows.
     """
 
@@ -157,9 +143,7 @@ class WorkReport(ChannelMessage, frozen=True):
     Attributes:
         hand_over: The node as it is now, without what waits in its inbox.
         frames: What it has published since the last report.
-        run_count: How many handlers have run.
         proof_count: How much is done of what proves the node: its handlers, if its class states nothing else.
-        proof: What that is, a word: handler, choice.
         last: The probation is over: what it publishes now it keeps back.
         ends: Names of its timers, alarms, events and clients.
     """
@@ -211,7 +195,6 @@ class Working(ChannelMessage, frozen=True):
 
     Attributes:
         gap_s: How long neither handled anything; 0 in lockstep.
-        held: How many messages waited.
     """
 
     gap_s: float

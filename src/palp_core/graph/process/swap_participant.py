@@ -16,7 +16,6 @@ from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.process import swap_messages
 from palp_core.graph.process.channel import ChannelMessage
-from palp_core.graph.process.dry_run import try_hand_over
 from palp_core.graph.process.probation import WorkReporter
 from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.transport.migration import Move
@@ -33,16 +32,10 @@ class SwapParticipant:
     """A node's part in a swap.
 
     Args:
-        executor: The node.
-        sockets: Where it publishes.
-        answer: Answers the supervisor.
-        supervisor: Descriptor of the channel to the supervisor.
         received: Returns up to where the inputs have been received.
         merge: Merges what this process has received with what was handed over, and with up to where the
             predecessor has received; returns how many messages wait.
         set_start: Takes the graph's start before the node takes over.
-        close_inputs: Disconnects from the inputs.
-        successor: This process publishes nothing before the commit.
     """
 
     def __init__(
@@ -81,7 +74,6 @@ class SwapParticipant:
         return bool(self._pending) or self._eavesdropper is not None
 
     def handle(self, message: swap_messages.ToSwapped) -> None:
-        """Do what the supervisor asks for."""
         match message:
             case swap_messages.AnnounceSuccessor():
                 self._announce(message)
@@ -149,11 +141,13 @@ class SwapParticipant:
         self._answer(swap_messages.SuccessorAnnounced(publisher.readers))
 
     def _hand_over(self, request: swap_messages.RequestHandover) -> swap_messages.Handover:
-        succession = self._executor.succession
+        executor = self._executor
         if request.pause:
-            succession.pause()
+            executor.pause()
         at_ns = monotonic_ns()
-        found = succession.hand_over() if request.pause else succession.copy(with_latest=request.with_latest)
+        found = (
+            executor.hand_over() if request.pause else executor.full_snapshot(with_latest=request.with_latest)
+        )
         return swap_messages.Handover(
             encode_any(found), at_ns, self._sockets.requests.remembered, self._received()
         )
@@ -162,7 +156,7 @@ class SwapParticipant:
         """Publish what the successor has reported, and know where to go on should it fail."""
         error = ""
         try:
-            self._executor.succession.fitting(decode_any(HandOver, report.hand_over), {})
+            self._executor.fitting(decode_any(HandOver, report.hand_over), {})
             self._last_report = report
         except Exception as failure:  # noqa: BLE001 - migrate and adopt are the user's
             error = in_words(failure)
@@ -174,13 +168,13 @@ class SwapParticipant:
 
     def _resume(self) -> None:
         self._pending.pop(swap_messages.RequestHandover, None)
-        succession, report = self._executor.succession, self._last_report
+        executor, report = self._executor, self._last_report
         self._last_report = None
-        if report is None or not succession.paused:
-            succession.resume()
+        if report is None or not executor.paused:
+            executor.resume()
             return
         hand_over = decode_any(HandOver, report.hand_over)
-        succession.take_back(hand_over, report.ends)
+        executor.take_back(hand_over, report.ends)
         self._merge(hand_over, {})
 
     def _leave(self, patience_ns: int) -> None:
@@ -189,7 +183,7 @@ class SwapParticipant:
         self._sockets.publisher.greeting = lambda end: [gone(end)]
         self._close_inputs()
         self._sockets.wait_until_unread(patience_ns, self._supervisor)
-        self._executor.succession.leave()
+        self._executor.leave()
         self.left = True
 
     # Successor
@@ -203,12 +197,12 @@ class SwapParticipant:
         return has_nodes and (complete or monotonic_ns() >= self._readers_until_ns)
 
     def _try(self, message: swap_messages.DryRun) -> swap_messages.DryRunResult:
-        error, tried, succession = "", b"", self._executor.succession
+        error, tried = "", b""
         try:
             hand_over = decode_any(HandOver, message.hand_over)
-            succession.fitting(hand_over, message.params)
+            self._executor.fitting(hand_over, message.params)
             if message.try_out:
-                tried = encode_any(try_hand_over(self._executor, hand_over, message.params))
+                tried = encode_any(self._executor.dry_run(hand_over, message.params))
                 self._sockets.publisher.hold()  # what it has published then is forgotten
         except Exception as failure:  # noqa: BLE001 - migrate, adopt and handlers are the user's
             error = in_words(failure)
@@ -224,7 +218,7 @@ class SwapParticipant:
                 self._reporter = WorkReporter(self._executor, reports=message.start_ns > 0)
                 if self._reporter.reports:
                     self._sockets.publisher.hold(self._reporter.frames.append)
-            self._executor.succession.take_over(hand_over, message.params)
+            self._executor.take_over(hand_over, message.params)
             if message.shadow is None:
                 self._sockets.requests.remember(message.handover.remembered)
             held = self._merge(hand_over, message.handover.received)
@@ -257,7 +251,6 @@ class SwapParticipant:
 
     @property
     def shadowing(self) -> bool:
-        """True while this node works unread."""
         return self._comparison is not None
 
     @property
@@ -276,7 +269,7 @@ class SwapParticipant:
 
     def _end_shadow(self) -> swap_messages.Shadowed:
         assert self._comparison is not None
-        self._executor.succession.step_back()
+        self._executor.step_back()
         self.turn()
         report = b""
         if self._eavesdropper is not None:

@@ -15,8 +15,8 @@ from palp_core.graph.node.loading import endpoints, load_class
 from palp_core.graph.node.qos_events import QosEvent
 from palp_core.graph.process import checkpoint, control_messages
 from palp_core.graph.process.channel import MessageChannel
+from palp_core.graph.process.checkpoint import NodeCheckpointer
 from palp_core.graph.process.health import HealthProbe
-from palp_core.graph.process.keeping import Keeping
 from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.process.swap_participant import SwapParticipant
 from palp_core.graph.transport.matched_readers import MatchedReaders
@@ -43,9 +43,8 @@ class WallLoop:
         self.sockets = NodeSockets(*endpoints(order.run_dir, order.place))
         self.clock = WallClock(monotonic_ns())
         node_class = load_class(order.spec.run, order.workspace, fresh=order.fresh)
-        self.executor = Executor(node_class, order.spec, self, self.sockets.publisher.send)
-        self.executor.resend = self.sockets.publisher.send
-        self.executor.events.report = self._report
+        send = self.sockets.publisher.send
+        self.executor = Executor(node_class, order.spec, self, send, resend=send, report=self._report)
         publishers = {
             name: endpoints(order.run_dir, name.split("/")[1]) for name in self.executor.ends.subscriptions
         }
@@ -72,17 +71,17 @@ class WallLoop:
             successor=order.successor,
         )
         at = order.spec.keeps_at
-        self._keeping = Keeping(self.executor, at, self._send_kept) if at else None
-        self._unshown: deque[bytes] = deque()
+        self._checkpointer = NodeCheckpointer(self.executor, at, self._send_checkpoint) if at else None
+        self._unrelayed: deque[bytes] = deque()
         self._published = self._keep_published(kept.with_name(f"{order.place}.published")) if kept else None
         self.executor.transition(Transition.CONFIGURE)
         for publisher in self.executor.ends.publishers.values():
             shown = publisher.message in (Progress, Swap, DiagnosticStatus, MethodsUsed, NodeEvent)
             self.sockets.publisher.offer([publisher], direct=not shown)
             if publisher.message is NodeEvent:
-                publisher.send = self._send_event
+                publisher.send = self._publish_event
             elif shown:
-                publisher.send = partial(self._send_shown, passing=publisher.message is Progress)
+                publisher.send = partial(self._publish_and_relay, passing=publisher.message is Progress)
         self.sockets.requests.add(
             order.spec.name,
             NodeServices(self.executor, self.receiver.monitor.account).operations(),
@@ -107,39 +106,39 @@ class WallLoop:
         """Return the time since the graph's start; the start is known at activation."""
         return self.clock.now_ns()
 
-    def _send_shown(self, frame: bytes, *, passing: bool) -> None:
+    def _publish_and_relay(self, frame: bytes, *, passing: bool) -> None:
         """Show a message to the launcher too; while it does not keep up, later, or not if others follow."""
         self.sockets.publisher.send(frame)
-        if not passing or (not self._unshown and self._heard()):
-            self._unshown.append(frame)
-        self._show()
+        if not passing or (not self._unrelayed and self._supervisor_keeps_up()):
+            self._unrelayed.append(frame)
+        self._relay()
 
-    def _send_event(self, frame: bytes) -> None:
+    def _publish_event(self, frame: bytes) -> None:
         """Show the launcher those that the record needs: of others there may be many."""
         if decode(NodeEvent, parse(frame).payload).kind == "parameters":
-            self._send_shown(frame, passing=False)
+            self._publish_and_relay(frame, passing=False)
         else:
             self.sockets.publisher.send(frame)
 
-    def _show(self) -> None:
+    def _relay(self) -> None:
         """Hand the launcher what it has not been shown."""
-        while self._unshown and self._heard():
-            self.channel.send(control_messages.Relay(self._unshown.popleft(), None))
+        while self._unrelayed and self._supervisor_keeps_up():
+            self.channel.send(control_messages.Relay(self._unrelayed.popleft(), None))
 
-    def _send_kept(self, sequence: int, node: bytes) -> None:
+    def _send_checkpoint(self, sequence: int, node: bytes) -> None:
         """Hand the launcher the node, written down; one that does not keep up gets the next."""
-        if self._heard():
+        if self._supervisor_keeps_up():
             self.channel.send(control_messages.Kept(sequence, node))
 
     def _report(self, event: QosEvent) -> None:
         action = self.executor.spec.actions.get(event.port, "warn")
-        if self._heard():
+        if self._supervisor_keeps_up():
             self.channel.send(
                 control_messages.Raised(event.kind, event.port, event.topic, event.text, action)
             )
 
-    def _heard(self) -> bool:
-        """Tell whether the supervisor keeps up: a node that moves something waits for no terminal."""
+    def _supervisor_keeps_up(self) -> bool:
+        """Return whether the supervisor keeps up: a node that moves something waits for no terminal."""
         return bool(select.select((), (self.channel.socket,), (), 0.0)[1])
 
     def run(self) -> None:
@@ -156,12 +155,12 @@ class WallLoop:
             self.executor.run_timers()
             if self.executor.inbox:
                 self._work()
-            if self._keeping is not None:
-                self._keeping.turn()
+            if self._checkpointer is not None:
+                self._checkpointer.turn()
             if self.participant.waiting:
                 self.participant.turn()
-            if self.sockets.due():
-                self.sockets.poll_due(put_off=self._perform)
+            if self.sockets.pending():
+                self.sockets.poll(put_off=self._perform)
                 self._perform()
             if self.executor.exit_code is not None and not finished and not self.participant.silent:
                 finished = True
@@ -169,29 +168,30 @@ class WallLoop:
 
     def _perform(self) -> None:
         """Do what has been asked, and at once what comes of it, unless the node may change hands."""
-        if not self.executor.succession.paused:
+        if not self.executor.paused:
             self.sockets.requests.perform()
 
     def _wait(self) -> bool:
-        """Wait until there is something to do and take in what arrives; tell if the supervisor spoke."""
+        """Wait for something to do and take in what arrives; return whether the supervisor spoke."""
         now_ns = monotonic_ns()
         if now_ns >= self._next_beat_ns - EARLY_NS:
             if not self.participant.silent:
                 self.sockets.publisher.send_heartbeats(to_all=False)
-            self.sockets.publisher.backpressure.tell(now_ns)
+            for out, change in self.sockets.publisher.backpressure.newly_lost(now_ns):
+                self.executor.ends.report_overrun(out, change)
             self._matched_readers.write_down()
-            self._show()
+            self._relay()
             self.receiver.tick(now_ns, self.now_ns(), max(now_ns - self._next_beat_ns, 0))
-            at_work = self.executor.lifecycle is Lifecycle.ACTIVE and not self.executor.succession.paused
+            at_work = self.executor.lifecycle is Lifecycle.ACTIVE and not self.executor.paused
             self.executor.journal.serve_follower(self.executor.now_ns(), active=at_work)
             self._next_beat_ns = now_ns + HEARTBEAT_NS
-            if now_ns >= self._health.due_ns and self._heard():
+            if now_ns >= self._health.due_ns and self._supervisor_keeps_up():
                 self._pulse()
         timeout_s = (self._next_beat_ns - now_ns) / 1e9
         due_ns = self.executor.next_due_ns()
         if due_ns is not None:
             timeout_s = min(timeout_s, (due_ns - self.now_ns()) / 1e9)
-        if self.receiver.pending() or self.sockets.due() or self._backlog():
+        if self.receiver.pending() or self.sockets.pending() or self._backlog():
             timeout_s = 0.0
         descriptors = (*self._others, *self.receiver.file_descriptors)
         ready = select.select(descriptors, (), (), max(timeout_s, 0.0))[0]
@@ -253,7 +253,6 @@ class WallLoop:
         self.receiver.set_start(start_ns)
 
     def close(self) -> None:
-        """Let go of the sockets."""
         self._health.close()
         self.receiver.close()
         if self._published is not None:

@@ -1,7 +1,5 @@
 """Record a lockstep run into a bag that stands alone: topics, graph, parameters, versions, git state."""
 
-import msgspec
-
 from palp_core.errors import BagError
 from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.bag.selection import topic_selection
@@ -42,10 +40,7 @@ class LockstepRecorder:
             max_duration_ns=round(options.max_duration_s * 1e9),
             custom={"start_unix_ns": str(unix_ns())},
         )
-        topics = [
-            msgspec.structs.replace(info.as_topic(name), latched_depth=info.qos.latched_depth)
-            for name, info in graph.topics.items()
-        ]
+        topics = [info.as_topic(name) for name, info in graph.topics.items()]
         try:
             self._recorder = BagRecorder(
                 writer,

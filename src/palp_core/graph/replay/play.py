@@ -78,7 +78,11 @@ class PlayRun:
             self._bus.answer("stop", lambda _: self._stop())
             self._executors = {
                 node: Executor(
-                    node_class, NodeSpec(name=node, run=class_name(node_class)), self._clock, self._send
+                    node_class,
+                    NodeSpec(name=node, run=class_name(node_class)),
+                    self._clock,
+                    self._send,
+                    resend=self._send,
                 )
                 for node, node_class in classes.items()
             }
@@ -88,7 +92,6 @@ class PlayRun:
                 for out in executor.ends.publishers.values()
             }
             for node, executor in self._executors.items():
-                executor.resend = self._send
                 executor.transition(Transition.CONFIGURE)
                 executor.transition(Transition.ACTIVATE)
                 self._sockets.publisher.offer(executor.ends.publishers.values())
@@ -115,6 +118,7 @@ class PlayRun:
             msgspec.structs.replace(
                 topic_of(name, self._publishers[name][1].message, name.split("/")[1], at[0]),
                 json_schema=topic.json_schema,
+                latched_depth=topic.latched_depth,
             )
             for name, topic in topics.items()
         ]
@@ -132,7 +136,7 @@ class PlayRun:
     def publish(self, topic: str, payload: bytes) -> None:
         """As of :class:`PlaySink`."""
         executor, publisher = self._publishers[topic]
-        executor.begin_command()
+        executor.begin_request()
         publisher.forward(payload)
 
     def poll(self) -> bool:

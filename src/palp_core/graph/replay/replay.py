@@ -25,7 +25,6 @@ from palp_core.graph.messages.builtin import MethodsUsed, Order
 from palp_core.graph.messages.frame import Kind, pack, parse
 from palp_core.graph.messages.message import decode, decode_any, encode_any
 from palp_core.graph.node.executor import Executor
-from palp_core.graph.node.external_calls import read_request, serve_outside, set_parameters
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.journal import ORDER_PORT, OUTSIDE, PARAMETERS, TRANSITIONS
 from palp_core.graph.node.lifecycle import Transition
@@ -194,7 +193,7 @@ class _Replay:
             spec = msgspec.structs.replace(spec, run=run)
         self._executor = executor = _executor(spec, self._workspace, self._clock, self._frames)
         if hand_over is not None:
-            executor.succession.take_over(hand_over)
+            executor.take_over(hand_over)
             executor.ends.resume(hand_over)  # whatever it said as it took over, it has said before
         self._frames.clear()
         self._synced.clear()
@@ -220,11 +219,11 @@ class _Replay:
         if source in TRANSITIONS or source == Transition.SHUTDOWN:
             executor.transition(Transition(source))
         elif source == PARAMETERS:
-            set_parameters(executor, json.loads(order.changes[sequence]))
+            executor.set_parameters(json.loads(order.changes[sequence]))
         elif source.startswith(OUTSIDE):
             service = source.removeprefix(OUTSIDE)
             written = json.loads(order.changes[sequence])["request"]
-            serve_outside(executor, service, read_request(executor, service, written))
+            executor.call_service(service, executor.recorded_request(service, written))
         elif source.startswith("timer:"):
             executor.run_timer(source.removeprefix("timer:"), sequence)
         else:

@@ -187,4 +187,7 @@ class LauncherNode:
     def topics(folder: str) -> list[Topic]:
         """Return the launcher's own topics as the command line finds them."""
         publish, _ = endpoints(folder, LAUNCHER)
-        return [topic_of(name, message, LAUNCHER, publish) for name, message in _TYPES.items()]
+        return [
+            topic_of(name, message, LAUNCHER, publish, _QOS[name].latched_depth)
+            for name, message in _TYPES.items()
+        ]

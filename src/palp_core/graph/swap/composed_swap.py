@@ -13,7 +13,6 @@ from palp_core.graph.messages.message import decode_any, encode_any
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.process.control_messages import Done
-from palp_core.graph.process.dry_run import try_hand_over
 from palp_core.graph.swap.swap import CheckedSwap, SwapFailed, SwapReport, why_not_swappable
 
 _AT_ONCE = {"gap_s": 0.0, "duration_s": 0.0}  # simulated time does not pass
@@ -50,27 +49,27 @@ class ComposedSwaps:
         try:
             new, sent = composition.start_standby(swap.new)
             step = "state"
-            on_probation = swap.probation.run_count > 0 and old.succession.is_active
-            running = _copied(old.succession.copy(with_latest=swap.try_out))
+            on_probation = swap.probation.run_count > 0 and old.is_active
+            running = _copied(old.full_snapshot(with_latest=swap.try_out))
             if why := why_not_swappable(running, swap):
                 raise GraphError(why)
-            new.succession.fitting(running, request.params)
+            new.fitting(running, request.params)
             can_roll_back = on_probation and self._try(old, new, running, request.params)
             sent.clear()
             found: dict[str, Any] = {}
             if request.shadow_s:
                 step = "shadow"
-                new.succession.take_over(_copied(running), request.params)
+                new.take_over(_copied(running), request.params)
                 found = self._shadow(swap, new, sent, running)
                 now_ns += round(request.shadow_s * 1e9)
             if request.dry_run:
-                new.succession.leave()
+                new.leave()
                 return swap.report(at_ns=now_ns, **_AT_ONCE, held=0, shadow=found), None
             step = "take over"
             handed_frames, handed = composition.hand_over(swap.index)
-            new.succession.take_over(_copied(handed), request.params)
+            new.take_over(_copied(handed), request.params)
         except Exception as error:
-            old.succession.resume()
+            old.resume()
             if isinstance(error, SwapFailed):
                 raise
             text = in_words(error) if isinstance(error, PalpError) else f"{type(error).__name__}: {error}"
@@ -91,15 +90,15 @@ class ComposedSwaps:
             done = None
         else:
             proof, done = {}, composition.promote(swap.index, new, [*handed_frames, *sent])
-        old.succession.leave()
+        old.leave()
         return swap.report(at_ns=now_ns, **_AT_ONCE, held=held, shadow=found, **proof), done
 
     @staticmethod
     def _try(old: Executor, new: Executor, running: HandOver, params: Mapping[str, Any]) -> bool:
         """Try the new node on the last messages; return whether the old one could take its state back."""
-        tried = _copied(try_hand_over(new, running, params))
+        tried = _copied(new.dry_run(running, params))
         try:
-            old.succession.fitting(tried, {})
+            old.fitting(tried, {})
         except Exception:  # noqa: BLE001 - migrate and adopt are the user's
             return False
         return True
@@ -143,7 +142,7 @@ class ComposedSwaps:
         finally:
             self._composition.shadow = None
             sent.clear()
-        new.succession.step_back()
+        new.step_back()
         new.inbox.clear()
         return comparison.report()
 

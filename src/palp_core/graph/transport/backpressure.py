@@ -1,6 +1,6 @@
 """Which readers a process's publishers wait for, how far each has come, and what readers have lost.
 
-A publisher goes on by a reader's ``depth`` messages at most; then it waits for the reader's word. A reader
+A publisher goes on by a reader's ``depth`` messages at most; then it waits for the reader's ack. A reader
 that ends, or is killed, is waited for no longer: ZeroMQ takes its subscription back.
 """
 
@@ -12,113 +12,113 @@ from palp_core.counted import counted
 from palp_core.errors import PublishTimeout
 from palp_core.graph.messages.frame import LAST_SEQUENCE
 from palp_core.graph.node.publisher import PublisherEnd
-from palp_core.graph.transport.reader_words import Hold, read_hold, read_word
+from palp_core.graph.transport.acks import FlowControl, read_ack, read_flow_control
 
-TELL_NS = 1_000_000_000
-"""A node is told of what its readers have lost at most so often."""
+REPORT_NS = 1_000_000_000
+"""What readers have lost is reported to a node at most so often."""
 
 
 @dataclass
-class _Holder:
+class _Reader:
     """A reader that is waited for; it may be at two places while it changes hands."""
 
-    hold: Hold
+    control: FlowControl
     sequence: int
     places: int = 0
 
 
 @dataclass
 class _Topic:
-    """What the readers of one topic say."""
+    """The readers of one topic that are waited for, and the losses that are reported."""
 
     publisher: PublisherEnd[Any]
-    holders: dict[str, _Holder] = field(default_factory=dict)
-    told_count: int = 0
-    told_ns: int = -TELL_NS
+    readers: dict[str, _Reader] = field(default_factory=dict)
+    reported_count: int = 0
+    reported_ns: int = -REPORT_NS
 
-    def slowest(self) -> _Holder:
-        return min(self.holders.values(), key=lambda holder: holder.sequence + holder.hold.depth)
+    def slowest(self) -> _Reader:
+        return min(self.readers.values(), key=lambda reader: reader.sequence + reader.control.depth)
 
     def refresh(self) -> None:
-        slowest = self.slowest() if self.holders else None
-        self.publisher.room = LAST_SEQUENCE if slowest is None else slowest.sequence + slowest.hold.depth
+        slowest = self.slowest() if self.readers else None
+        self.publisher.room = LAST_SEQUENCE if slowest is None else slowest.sequence + slowest.control.depth
 
 
 class Backpressure:
-    """The readers of a process's topics, as far as its publishers have to mind them."""
+    """The readers of a process's topics, as far as its publishers have to wait for them."""
 
     def __init__(self) -> None:
         self._topics: dict[str, _Topic] = {}
 
     def offer(self, publisher: PublisherEnd[Any]) -> None:
-        """Mind the readers of one more topic."""
         self._topics[publisher.topic] = _Topic(publisher)
 
-    def comes(self, token: bytes) -> None:
+    def _find(self, token: bytes) -> tuple[FlowControl, _Topic] | None:
+        control = read_flow_control(token)
+        topic = self._topics.get(control.topic) if control is not None else None
+        return None if control is None or topic is None else (control, topic)
+
+    def add_reader(self, token: bytes) -> None:
         """Wait for a reader from now on; what it can still ask for is kept for it."""
-        hold = read_hold(token)
-        topic = self._topics.get(hold.topic) if hold is not None else None
-        if hold is None or topic is None:
+        if (found := self._find(token)) is None:
             return
+        control, topic = found
         publisher = topic.publisher
-        holder = topic.holders.setdefault(hold.reader, _Holder(hold, publisher.sequence))
-        holder.hold, holder.places = hold, holder.places + 1
-        if hold.depth > (publisher.history.maxlen or 0):
-            publisher.history = deque(publisher.history, maxlen=hold.depth)
+        reader = topic.readers.setdefault(control.reader, _Reader(control, publisher.sequence))
+        reader.control, reader.places = control, reader.places + 1
+        if control.depth > (publisher.history.maxlen or 0):
+            publisher.history = deque(publisher.history, maxlen=control.depth)
         topic.refresh()
 
-    def goes(self, token: bytes) -> None:
-        """Wait for a reader no longer."""
-        hold = read_hold(token)
-        topic = self._topics.get(hold.topic) if hold is not None else None
-        holder = topic.holders.get(hold.reader) if hold is not None and topic is not None else None
-        if hold is None or topic is None or holder is None:
+    def remove_reader(self, token: bytes) -> None:
+        if (found := self._find(token)) is None or (reader := found[1].readers.get(found[0].reader)) is None:
             return
-        holder.places -= 1
-        if holder.places <= 0:
-            del topic.holders[hold.reader]
+        control, topic = found
+        reader.places -= 1
+        if reader.places <= 0:
+            del topic.readers[control.reader]
         topic.refresh()
 
-    def hear(self, raw: bytes) -> None:
-        """Take a reader's word; one of a process that is over is passed over."""
-        word = read_word(raw)
-        topic = self._topics.get(word.topic) if word is not None else None
-        if word is None or topic is None or word.epoch != topic.publisher.epoch:
+    def on_ack(self, raw: bytes) -> None:
+        """Take a reader's ack; one of a process that is over is passed over."""
+        ack = read_ack(raw)
+        topic = self._topics.get(ack.topic) if ack is not None else None
+        if ack is None or topic is None or ack.epoch != topic.publisher.epoch:
             return
-        topic.publisher.lost_count = min(topic.publisher.lost_count + word.lost, LAST_SEQUENCE)
-        holder = topic.holders.get(word.reader)
-        if holder is not None:
-            holder.sequence = max(holder.sequence, word.sequence)
+        topic.publisher.lost_count = min(topic.publisher.lost_count + ack.lost, LAST_SEQUENCE)
+        if reader := topic.readers.get(ack.reader):
+            reader.sequence = max(reader.sequence, ack.sequence)
             topic.refresh()
 
-    def go_on_here(self) -> None:
+    def take_over(self) -> None:
         """Take up a predecessor's sequences: none of its readers was further behind than by its ``depth``."""
         for topic in self._topics.values():
-            for holder in topic.holders.values():
-                holder.sequence = max(holder.sequence, topic.publisher.sequence - holder.hold.depth)
+            for reader in topic.readers.values():
+                reader.sequence = max(reader.sequence, topic.publisher.sequence - reader.control.depth)
             topic.refresh()
 
     def patience_ns(self, publisher: PublisherEnd[Any]) -> int:
         """Return how long the reader is waited for that is furthest behind."""
-        return round(self._topics[publisher.topic].slowest().hold.blocking_ms * 1e6)
+        return round(self._topics[publisher.topic].slowest().control.blocking_ms * 1e6)
 
-    def too_slow(self, publisher: PublisherEnd[Any]) -> PublishTimeout:
+    def timeout(self, publisher: PublisherEnd[Any]) -> PublishTimeout:
         """Return what to raise when that time is over."""
-        holder = self._topics[publisher.topic].slowest()
-        hold, behind = holder.hold, publisher.sequence - holder.sequence
+        reader = self._topics[publisher.topic].slowest()
+        control, behind = reader.control, publisher.sequence - reader.sequence
         return PublishTimeout(
-            hold.topic,
-            hold.reader,
-            f"{hold.topic}: reader '{hold.reader}' is {counted(behind, 'message')} behind and has "
-            "made no room for "
-            f"another in {hold.blocking_ms:g} ms (history: keep_all, depth: {hold.depth}); give it less to "
-            "do, or its input a greater depth or max_blocking_ms, or publish less",
+            control.topic,
+            control.reader,
+            f"{control.topic}: reader '{control.reader}' is {counted(behind, 'message')} behind and has made "
+            f"no room for another in {control.blocking_ms:g} ms (history: keep_all, depth: {control.depth}); "
+            "give it less to do, or its input a greater depth or max_blocking_ms, or publish less",
         )
 
-    def tell(self, now_ns: int) -> None:
-        """Let each node know what its readers have lost since; to be called between two handlers."""
+    def newly_lost(self, now_ns: int) -> list[tuple[PublisherEnd[Any], int]]:
+        """Return how many messages readers have lost since, by output; of each at most once a second."""
+        found = []
         for topic in self._topics.values():
             count = topic.publisher.lost_count
-            if count > topic.told_count and now_ns - topic.told_ns >= TELL_NS:
-                change, topic.told_count, topic.told_ns = count - topic.told_count, count, now_ns
-                topic.publisher.tell_lost(change)
+            if count > topic.reported_count and now_ns - topic.reported_ns >= REPORT_NS:
+                found.append((topic.publisher, count - topic.reported_count))
+                topic.reported_count, topic.reported_ns = count, now_ns
+        return found

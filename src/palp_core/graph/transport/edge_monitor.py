@@ -5,7 +5,6 @@ from typing import Any
 
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Lifecycle
-from palp_core.graph.node.qos_events import EventEnd
 from palp_core.graph.node.subscription import Subscription
 from palp_core.graph.transport.reorder_buffer import ReorderBuffer
 
@@ -13,12 +12,7 @@ RATE_WINDOW_NS = 1_000_000_000
 
 
 class EdgeMonitor:
-    """Looks at every edge ten times a second.
-
-    Args:
-        executor: The node.
-        buffers: By input topic.
-    """
+    """Looks at every edge ten times a second."""
 
     def __init__(self, executor: Executor, buffers: Mapping[str, ReorderBuffer]) -> None:
         self._executor, self._buffers = executor, buffers
@@ -26,12 +20,7 @@ class EdgeMonitor:
         self._rates = dict.fromkeys(buffers, (0, 0, 0.0))
 
     def look(self, now_ns: int, graph_ns: int) -> None:
-        """Measure rates over whole seconds, and raise the liveliness events of the active node.
-
-        Args:
-            now_ns: On the host's monotonic clock.
-            graph_ns: On the graph's clock.
-        """
+        """Measure rates over whole seconds, and raise the liveliness events of the active node."""
         for name, buffer in self._buffers.items():
             count, since_ns, _ = self._rates[name]
             if now_ns - since_ns >= RATE_WINDOW_NS:
@@ -50,9 +39,7 @@ class EdgeMonitor:
         silent = now_ns - asserted_ns > qos.lease_ms * 1e6
         if silent != (port in self._silent):
             self._silent ^= {port}
-            end = self._executor.ends.timers[f"liveliness:{port}"]
-            assert isinstance(end, EventEnd)
-            end.count(1, graph_ns)
+            self._executor.ends.events["liveliness", port].count(1, graph_ns)
 
     def account(self, window: int = 0) -> dict[str, dict[str, Any]]:
         """Return what the node counts not itself; latencies of the last ``window`` messages if not 0."""

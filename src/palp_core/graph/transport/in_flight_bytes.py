@@ -6,11 +6,7 @@ import zmq
 
 
 class InFlightBytes:
-    """Bytes that were given to ZeroMQ and have not left yet.
-
-    Args:
-        most: How many may be under way.
-    """
+    """Bytes that were given to ZeroMQ and have not left yet."""
 
     def __init__(self, most: int) -> None:
         self._most = most
@@ -18,7 +14,7 @@ class InFlightBytes:
         self._total = 0
 
     def has_room(self, size: int) -> bool:
-        """Tell whether so many bytes more may be sent."""
+        """Return whether so many bytes more may be sent."""
         while self._parts and self._parts[0][0].done:
             self._total -= self._parts.popleft()[1]
         return self._total + size <= self._most

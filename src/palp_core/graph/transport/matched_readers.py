@@ -23,7 +23,6 @@ class MatchedReaders:
     """Who reads a node.
 
     Args:
-        present: Returns the names of those who listen.
         file: Where a predecessor has noted its readers and this process notes its own; None: no process
             comes after this one.
     """
@@ -39,11 +38,10 @@ class MatchedReaders:
 
     @property
     def missing(self) -> list[str]:
-        """Readers of the predecessor that do not listen."""
         return sorted(self._awaited.difference(self._present())) if self._awaited else []
 
     def all_present(self) -> bool:
-        """Tell whether there is nobody to wait for, or not any longer; the first question begins the wait."""
+        """Return whether the wait that the first call begins is over: all are there, or it took too long."""
         now_ns = monotonic_ns()
         self._until_ns = now_ns + WAIT_NS if self._until_ns is None else self._until_ns
         return not self.missing or now_ns >= self._until_ns

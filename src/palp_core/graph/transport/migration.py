@@ -1,7 +1,9 @@
 """Follow a publisher that goes on at another place: two endpoints for a while, one order all the time."""
 
+import itertools
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Generic, Protocol, TypeVar
@@ -34,8 +36,6 @@ class Move(msgspec.Struct, frozen=True):
     Attributes:
         phase: ``prepare``: listen there too; ``here``: this is that place, and it publishes from now on;
             ``gone``: from here comes nothing more; ``stay``: forget that place.
-        publish: That place's endpoint.
-        serve: Where it answers.
     """
 
     phase: str
@@ -44,11 +44,6 @@ class Move(msgspec.Struct, frozen=True):
 
 
 def read_move(payload: memoryview) -> Move:
-    """Decode a MOVED frame's payload.
-
-    Raises:
-        SchemaMismatch: It is none, or sends readers to another host.
-    """
     move = decode_any(Move, payload)
     if not (move.publish.startswith("ipc://") and move.serve.startswith("ipc://")):
         raise SchemaMismatch(f"a publisher cannot move to {move.publish}")
@@ -105,14 +100,28 @@ class MoveReorderer(Generic[Item]):
         self._deliver(item)
 
     def begin_move(self) -> None:
-        """Hold back what comes out of order."""
         self._moving, self._since_ns = True, monotonic_ns()
 
     def end_move(self, now_ns: int, last: int = 0) -> None:
-        """Hand on what is held."""
         self._moving = False
         for point in sorted(self._held):
             self._pass(True, point, self._held.pop(point))
+
+
+@dataclass
+class _Place:
+    """One endpoint of a topic's publisher.
+
+    Attributes:
+        serve: Where the publisher answers; None: it has not announced that.
+        begun_ns: When it announced that it publishes from now on; None: it has not.
+        finished: Nothing more comes from here.
+    """
+
+    publish: str
+    serve: str | None = None
+    begun_ns: int | None = None
+    finished: bool = False
 
 
 class PublisherEndpoints:
@@ -127,36 +136,32 @@ class PublisherEndpoints:
     """
 
     def __init__(self, publish: str, serve: str) -> None:
-        self.places = [publish]
-        self.home = publish
-        self._home_serve = serve
-        self._serve = {publish: serve}
-        self._finished: set[str] = set()
-        self._published_ns: dict[str, int] = {}
+        self.home, self._home_serve = publish, serve
+        self._places = [_Place(publish, serve)]
         self._left: deque[str] = deque(maxlen=PLACES_REMEMBERED)
 
     @property
+    def places(self) -> list[str]:
+        return [place.publish for place in self._places]
+
+    @property
     def serve(self) -> str:
-        """Where the latest of them that works answers."""
-        return next(self._serve[place] for place in reversed(self.places) if place in self._serve)
+        return next(place.serve for place in reversed(self._places) if place.serve is not None)
 
     def add(self, publish: str) -> bool:
         """Take note of a place where it is to go on; return whether that is news."""
         if publish in self.places or publish in self._left:
             return False
-        self.places.append(publish)
+        self._places.append(_Place(publish))
         return True
 
     def replace(self, publish: str) -> None:
-        """Exchange the first place."""
-        self._serve.setdefault(publish, self._serve[self.places[0]])
-        self.places[0] = publish
+        self._places[0] = _Place(publish, self._places[0].serve)
 
     def begin(self, publish: str, serve: str, now_ns: int) -> None:
-        """Note that a place publishes from now on."""
-        if publish in self.places:
-            self._serve[publish] = serve
-            self._published_ns[publish] = now_ns
+        for place in self._places:
+            if place.publish == publish:
+                place.serve, place.begun_ns = serve, now_ns
 
     def finish_before(self, publish: str, serve: str) -> list[str]:
         """Note that everything goes on there; return the places that are to be left.
@@ -165,29 +170,24 @@ class PublisherEndpoints:
         """
         if publish not in self.places[1:]:
             return []
-        self._serve[publish] = serve
-        index = self.places.index(publish) - 1
-        while index and self.places[index] not in self._published_ns:
-            self._finished.add(self.places[index])
-            index -= 1
-        self._finished.add(self.places[index])
+        index = self.places.index(publish)
+        self._places[index].serve = serve
+        for place in reversed(self._places[:index]):
+            place.finished = True
+            if place.begun_ns is not None:
+                break
         return self._part()
 
     def _part(self) -> list[str]:
         """Leave places that have published their last, if none before them is to publish anything yet."""
-        count = next(i for i, place in enumerate(self.places) if place not in self._finished)
-        parted = self.places[:count]
-        for place in parted:
-            self.forget(place)
-        return parted
+        finished = list(itertools.takewhile(lambda place: place.finished, self._places))
+        for place in finished:
+            self.forget(place.publish)
+        return [place.publish for place in finished]
 
     def forget(self, publish: str) -> None:
-        """Remove a place for good."""
-        self.places.remove(publish)
+        self._places = [place for place in self._places if place.publish != publish]
         self._left.append(publish)
-        self._finished.discard(publish)
-        for known in (self._serve, self._published_ns):
-            known.pop(publish, None)
 
     def is_lost(self) -> bool:
         """Return whether the only place is gone: its publisher moved on before this reader listened there."""
@@ -196,19 +196,15 @@ class PublisherEndpoints:
 
     def go_home(self) -> list[str]:
         """Begin again where its name leads; return the places that are to be left."""
-        lost, self.places = self.places, [self.home]
-        self._serve = {self.home: self._home_serve}
-        self._published_ns.clear()
+        lost, self._places = self.places, [_Place(self.home, self._home_serve)]
         return lost
 
     def overdue(self, now_ns: int) -> list[str]:
         """Return the places before one that began to publish longer ago than an old one stays; leave them."""
-        begun = [
-            i
-            for i, place in enumerate(self.places)
-            if now_ns - self._published_ns.get(place, now_ns) > GIVE_UP_NS
-        ]
-        self._finished.update(self.places[: max(begun, default=0)])
+        begun_ns = [now_ns if place.begun_ns is None else place.begun_ns for place in self._places]
+        last = max((i for i, begun in enumerate(begun_ns) if now_ns - begun > GIVE_UP_NS), default=0)
+        for place in self._places[:last]:
+            place.finished = True
         return self._part()
 
 
@@ -216,7 +212,6 @@ class Migration:
     """Where the publishers of some topics are.
 
     Args:
-        socket: Subscribes to all of them.
         publishers: Per topic, where it is published and where its publisher answers.
         reorderers: Put topics in order; others are put in order later.
     """
@@ -233,15 +228,12 @@ class Migration:
 
     @property
     def servers(self) -> dict[str, str]:
-        """Where each topic's publisher answers."""
         return {name: route.serve for name, route in self._routes.items()}
 
     def add(self, name: str, publish: str, serve: str) -> None:
-        """Follow one more topic."""
         self._routes[name] = PublisherEndpoints(publish, serve)
 
     def remove(self, name: str) -> None:
-        """Follow a topic no longer."""
         self._routes.pop(name, None)
 
     def relocate(self, name: str, publish: str) -> None:
@@ -251,11 +243,6 @@ class Migration:
             self._routes[name].replace(publish)  # the place before may publish more: it is not left
 
     def follow(self, frame: Frame, now_ns: int) -> None:
-        """Take a frame of kind MOVED.
-
-        Raises:
-            SchemaMismatch: It announces nothing that can be followed.
-        """
         move, name = read_move(frame.payload), frame.topic
         route = self._routes[name]
         if move.phase == "here":
@@ -294,7 +281,6 @@ class Migration:
                 self._reorderers[name].begin_move()
 
     def _settle(self, name: str, parted: list[str], now_ns: int, last: int) -> None:
-        """Listen no longer where nothing more comes from."""
         self._leave(parted)
         if parted and len(self._routes[name].places) == 1:
             self._end_move(name, now_ns, last)

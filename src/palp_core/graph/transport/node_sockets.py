@@ -9,9 +9,6 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.transport.publisher_socket import PublisherSocket
 from palp_core.graph.transport.request_server import MOST_AT_ONCE, RequestServer
 
-LOOK_NS = 10_000_000
-"""How often to look, at most, whether sending has swallowed a signal: each look costs as much as a send."""
-
 _TURN_AWAY_S = 0.05
 """How soon a request is turned away that comes while the readers leave."""
 
@@ -19,15 +16,7 @@ _TURN_AWAY_S = 0.05
 class NodeSockets:
     """A publishing and an answering socket, looked after by one loop.
 
-    Args:
-        publish_endpoint: Where readers subscribe.
-        serve_endpoint: Where requests are answered.
-
     Attributes:
-        endpoints: Both.
-        context: The process's.
-        publisher: Publishes.
-        requests: Answers.
         file_descriptors: Become readable when :meth:`poll` has something to do.
     """
 
@@ -37,41 +26,19 @@ class NodeSockets:
         self.publisher = PublisherSocket(self.context, publish_endpoint)
         self.requests = RequestServer(self.context, serve_endpoint)
         self.file_descriptors = self.publisher.file_descriptor, self.requests.file_descriptor
-        self._signalled = True
-        self._look_ns = 0
 
     def note_signal(self) -> None:
         """Take note that a descriptor was readable."""
-        self.publisher.stirred = self._signalled = True
+        self.publisher.stirred = True
 
     def pending(self) -> bool:
-        """Tell whether :meth:`poll` may have work, whatever the descriptors say."""
+        """Return whether :meth:`poll` may have work, whatever the descriptors say."""
         return self.publisher.stirred or self.requests.stirred
 
-    def due(self) -> bool:
-        """Tell whether to :meth:`poll` now: at once after a signal or a reply; now and then after sending."""
-        stirred = self.publisher.stirred and (self._signalled or monotonic_ns() >= self._look_ns)
-        return stirred or self.requests.stirred
-
     def poll(self, most: int = MOST_AT_ONCE, put_off: Callable[[], None] = lambda: None) -> None:
-        """Answer requests and greet new subscribers, without waiting; what is beyond so many is pending.
-
-        Args:
-            most: How many requests at once.
-            put_off: As :meth:`RequestServer.poll` has it.
-        """
-        self.publisher.stirred = self.requests.stirred = self._signalled = False
-        self._look_ns = monotonic_ns() + LOOK_NS
+        """Answer requests and greet new subscribers, without waiting; what is beyond so many is pending."""
+        self.publisher.stirred = self.requests.stirred = False
         self.requests.poll(most, put_off)
-        self.publisher.poll()
-
-    def poll_due(self, put_off: Callable[[], None]) -> None:
-        """Do what :meth:`due` has found: after sending alone, nothing but a subscriber can be overlooked."""
-        if self._signalled or self.requests.stirred:
-            self.poll(put_off=put_off)
-            return
-        self.publisher.stirred = False
-        self._look_ns = monotonic_ns() + LOOK_NS
         self.publisher.poll()
 
     def wait_until_unread(self, patience_ns: int, ends: int) -> None:
@@ -94,5 +61,4 @@ class NodeSockets:
         self.requests.turn_away()
 
     def close(self) -> None:
-        """Send what is queued and let go."""
         self.context.destroy(linger=200)

@@ -27,7 +27,6 @@ class Offsets:
 
     Args:
         path: The file; created if it is not there.
-        topics: In an order that a successor shares.
     """
 
     def __init__(self, path: Path, topics: Sequence[str]) -> None:

@@ -11,11 +11,7 @@ _IPC = "ipc://"
 
 
 def bind_private(socket: zmq.Socket[Any], endpoint: str) -> None:
-    """Bind a socket to which nobody else can connect: that takes the right to write to a Unix socket's file.
-
-    Raises:
-        zmq.ZMQError: It cannot be bound.
-    """
+    """Bind a socket that only this user can connect to: that takes the right to write to its file."""
     socket.bind(endpoint)
     if endpoint.startswith(_IPC):
         Path(endpoint.removeprefix(_IPC)).chmod(PRIVATE)

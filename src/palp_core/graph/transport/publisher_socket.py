@@ -13,11 +13,11 @@ import zmq
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import topic_of
 from palp_core.graph.node.publisher import PublisherEnd
+from palp_core.graph.transport.acks import ACK, FLOW_CONTROL
 from palp_core.graph.transport.backpressure import Backpressure
 from palp_core.graph.transport.in_flight_bytes import InFlightBytes
 from palp_core.graph.transport.matched_readers import READER
 from palp_core.graph.transport.private_endpoint import bind_private
-from palp_core.graph.transport.reader_words import HOLD, WORD
 from palp_core.graph.transport.requester_socket import readable
 
 SEND_QUEUE = 100_000  # messages per reader: what is beyond is a gap to it, filled from what is remembered
@@ -29,10 +29,6 @@ PLACE_BYTES = 1 << 20  # of a message that takes one place in the queue of a rea
 
 class PublisherSocket:
     """Publishes frames and greets subscribers.
-
-    Args:
-        context: The process's.
-        endpoint: Where readers subscribe.
 
     Attributes:
         file_descriptor: Becomes readable when :meth:`poll` has something to do.
@@ -78,22 +74,19 @@ class PublisherSocket:
             publisher.wait_for_room = functools.partial(self._wait_for_room, publisher)
             if direct:
                 publisher.send = self._transmit
-                publisher.listened = name in self._subscribed
+                publisher.has_readers = name in self._subscribed
                 self._direct.add(publisher.topic)
 
     @property
     def has_subscribers(self) -> bool:
-        """True while anyone subscribes to anything."""
         return bool(self._subscribed)
 
     @property
     def subscription_count(self) -> int:
-        """How many subscriptions there are."""
         return sum(self._subscribed.values())
 
     @property
     def readers(self) -> dict[str, int]:
-        """How many listen, by topic."""
         return {name.decode(): count for name, count in self._subscribed.items() if name in self._publishers}
 
     @property
@@ -110,18 +103,17 @@ class PublisherSocket:
         self._send_frame = instead or self._held.append
         for name, publisher in self._publishers.items():
             if publisher.topic in self._direct:
-                publisher.listened = instead is not None or name in self._subscribed
+                publisher.has_readers = instead is not None or name in self._subscribed
 
     def release(self) -> None:
         """Publish what was kept back."""
         held, self._held = self._held or [], None
-        self.backpressure.go_on_here()
+        self.backpressure.take_over()
         self._send_frame = self._plain_send
         for frame in held:
             self.send(frame)
 
     def send_past_hold(self, frames: Iterable[bytes]) -> None:
-        """Send frames past what is kept back."""
         for frame in frames:
             self._socket.send(frame)
         self.stirred = True
@@ -172,10 +164,10 @@ class PublisherSocket:
         while readable(self._socket):
             event = self._socket.recv()
             comes, name = event[:1] == b"\x01", event[1:]
-            if event[:1] == WORD:
-                self.backpressure.hear(event)
-            elif name[:1] == HOLD:
-                (self.backpressure.comes if comes else self.backpressure.goes)(name)
+            if event[:1] == ACK:
+                self.backpressure.on_ack(event)
+            elif name[:1] == FLOW_CONTROL:
+                (self.backpressure.add_reader if comes else self.backpressure.remove_reader)(name)
             elif name[:1] == READER:
                 self._named[name[1:].decode(errors="replace")] += 1 if comes else -1
             elif name[-1:] != b"\0":
@@ -186,11 +178,7 @@ class PublisherSocket:
                 self._let_go(name[:-1])
 
     def _wait_for_room(self, publisher: PublisherEnd[Any]) -> None:
-        """Wait until no reader is as far behind as it may be.
-
-        Raises:
-            PublishTimeout: That takes too long.
-        """
+        """Wait until no reader is as far behind as it may be."""
         begin_ns = beat_ns = monotonic_ns()
         while self._held is None:  # of what is kept back nobody can take up anything
             self.poll()
@@ -199,7 +187,7 @@ class PublisherSocket:
             now_ns = monotonic_ns()
             left_ns = begin_ns + self.backpressure.patience_ns(publisher) - now_ns
             if left_ns <= 0:
-                raise self.backpressure.too_slow(publisher)
+                raise self.backpressure.timeout(publisher)
             if now_ns >= beat_ns + HEARTBEAT_NS:  # who waits lives
                 beat_ns = now_ns
                 self.send_heartbeats()
@@ -209,7 +197,7 @@ class PublisherSocket:
         self._subscribed[name] = self._subscribed.get(name, 0) + 1
         publisher = self._publishers.get(name)
         if publisher is not None:
-            publisher.listened = True
+            publisher.has_readers = True
             publisher.greeted_count += 1
             self.send_past_hold(self.greeting(publisher))
 
@@ -219,4 +207,4 @@ class PublisherSocket:
             del self._subscribed[name]
             publisher = self._publishers.get(name)
             if publisher is not None and publisher.topic in self._direct:
-                publisher.listened = False
+                publisher.has_readers = False

@@ -8,30 +8,22 @@ from typing import Any
 
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.messages.frame import (
-    HEADER_BYTES,
-    PLAIN_DATA,
-    Frame,
-    Kind,
-    parse,
-    quick_header,
-)
+from palp_core.graph.messages.frame import Frame, Kind, parse
 from palp_core.graph.messages.qos import MOST_UNREAD, strictest
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Lifecycle
 from palp_core.graph.node.subscription import Subscription
+from palp_core.graph.transport.acks import AckSender, flow_controls
 from palp_core.graph.transport.edge_monitor import EdgeMonitor
 from palp_core.graph.transport.migration import Migration
 from palp_core.graph.transport.offsets import Offsets, ReceivedOffsets
-from palp_core.graph.transport.reader_words import ReaderWords, holds_of
 from palp_core.graph.transport.reorder_buffer import ReorderBuffer
 from palp_core.graph.transport.requester_socket import RequesterSocket
 from palp_core.graph.transport.subscriber_socket import ARRAY_QUEUE, RECEIVE_QUEUE, SubscriberSocket
 
 MOST_UNREAD_BYTES = 64 << 20
-_DATA = int(Kind.DATA)
 
 
 class TopicReceiver:
@@ -40,12 +32,7 @@ class TopicReceiver:
     Args:
         executor: The node. Times here are on the host's monotonic clock, not on the graph's.
         publishers: Per input topic, where it is published and where its publisher answers.
-        context: The process's ZeroMQ context.
         offsets: File of what a predecessor has taken up and what this process does; None: not kept.
-
-    Attributes:
-        buffers: Puts each input topic in order.
-        monitor: Looks how the edges do.
     """
 
     def __init__(
@@ -62,7 +49,7 @@ class TopicReceiver:
             context,
             _queue(executor.ends.subscriptions),
             name=executor.name,
-            holds=holds_of(executor),
+            flow_controls=flow_controls(executor),
         )
         self._requester = RequesterSocket(context)
         self._offsets = Offsets(offsets, list(executor.ends.subscriptions)) if offsets is not None else None
@@ -70,12 +57,12 @@ class TopicReceiver:
             name: self._buffer_of(name, subscriptions)
             for name, subscriptions in executor.ends.subscriptions.items()
         }
-        self._words = ReaderWords(executor, self.buffers, self._subscriber.say)
+        self._acks = AckSender(executor, self.buffers, self._subscriber.send_up)
         self._migration = Migration(self._subscriber, publishers, self.buffers)
         self._unread_bytes = 0
         self.monitor = EdgeMonitor(executor, self.buffers)
         self._was_active = False
-        self._quick: dict[bytes, tuple[ReorderBuffer, Subscription]] = {}
+        self._prompt: dict[str, Subscription] = {}
         self._start_ns = 0
 
     def _buffer_of(self, name: str, subscriptions: list[Subscription]) -> ReorderBuffer:
@@ -84,7 +71,7 @@ class TopicReceiver:
                 one.account.epoch, one.account.sequence = self._offsets.read(name)
         qos = strictest([one.qos for one in subscriptions])
         return ReorderBuffer(
-            name, qos, subscriptions[0].account, self._deliver, self._ask, ordered=subscriptions[0].ordered
+            name, qos, subscriptions[0].account, self._deliver, self._ask, ordered=subscriptions[0].is_ordered
         )
 
     @property
@@ -112,9 +99,6 @@ class TopicReceiver:
         Args:
             hand_over: What it has handed over.
             heard: Up to where it has received its inputs, what it rejected included.
-
-        Raises:
-            SchemaMismatch: A message was heard by neither.
         """
         frames = _merged(self._inbox, hand_over, heard, self.buffers, self._executor.ends.subscriptions)
         self._inbox.clear()
@@ -125,26 +109,26 @@ class TopicReceiver:
             for name, account in hand_over.consumed.items():
                 if name in self.buffers:
                     self._offsets.note(name, account.epoch, account.sequence)
-        self._words.begin()
+        self._acks.begin()
         return len(frames)
 
     def set_start(self, start_ns: int) -> None:
         """Learn when the graph has started: what arrives is late from then on."""
         for buffer in self.buffers.values():
             buffer.origin_ns = self._start_ns = start_ns
-        self._words.begin()
+        self._acks.begin()
         inputs = self._executor.ends.subscriptions
         several = itertools.chain.from_iterable(inputs.values())
         if any(subscription.qos.reliability == "best_effort" for subscription in several):
             return  # such a reader must see all that has arrived before it knows what to skip
-        self._quick |= {
-            name.encode(): (self.buffers[name], subscriptions[0])
+        self._prompt |= {
+            name: subscriptions[0]
             for name, subscriptions in inputs.items()
             if len(subscriptions) == 1 and subscriptions[0].is_prompt
         }  # where a deadline holds, what is due at its time comes before a message that is late
 
     def pending(self) -> bool:
-        """Tell whether there is something to take in, whatever the descriptors say.
+        """Return whether there is something to take in, whatever the descriptors say.
 
         They signal changes only, and sending a word or a question takes that signal away.
         """
@@ -173,48 +157,32 @@ class TopicReceiver:
         return len(self._inbox) >= MOST_UNREAD or self._unread_bytes >= MOST_UNREAD_BYTES
 
     def _arrive(self, raw: bytes, now_ns: int) -> None:
-        """Take one frame; nearly every one is a message that is next in its order, and goes the short way."""
-        end = raw.find(0)
-        edge = self._quick.get(raw[:end])
+        """Take one frame; a message that is next in its order goes to its handler at once."""
         executor = self._executor
-        if edge is not None and len(raw) > end + HEADER_BYTES and not self._inbox and executor.publishing:
-            buffer, subscription = edge
-            head, epoch, sequence, stamp_ns, type_hash = quick_header(raw, end + 1)
-            if (
-                head == PLAIN_DATA
-                and ((sequence == buffer.next and epoch == buffer.epoch) or not subscription.ordered)
-                and buffer.give_up_ns is None
-                and executor.exit_code is None
-            ):
-                graph_ns = now_ns - self._start_ns
-                payload = memoryview(raw)[end + 1 + HEADER_BYTES :]
-                executor.deliver(subscription, graph_ns, _DATA, epoch, sequence, stamp_ns, type_hash, payload)
-                buffer.next = sequence + 1
-                buffer.heard_ns = buffer.data_ns = now_ns
-                buffer.latency.add(graph_ns - stamp_ns)
-                if self._offsets is not None:
-                    self._offsets.note(buffer.topic, epoch, sequence)
-                if sequence >= buffer.word_due:
-                    self._words.tell(buffer)
-                return
-        self._sort(raw, now_ns)
-
-    def _sort(self, raw: bytes, now_ns: int) -> None:
-        """Take a frame the long way: a heartbeat, one out of order, or one of another topic."""
         try:
             frame = parse(raw)
             buffer = self.buffers.get(frame.topic)
             if buffer is None:
-                raise SchemaMismatch(f"{frame.topic} is not an input of {self._executor.name}")
+                raise SchemaMismatch(f"{frame.topic} is not an input of {executor.name}")
             if frame.kind == Kind.MOVED:
                 self._migration.follow(frame, now_ns)
                 self._requester.keep(self._migration.servers.values())
-                self._words.tell_again(frame.topic)
+                self._acks.send_again(frame.topic)
                 return
         except SchemaMismatch as error:
-            self._executor.events.reject(error)
+            executor.events.reject(error)
             return
-        buffer.arrive(frame, now_ns)
+        prompt = self._prompt.get(frame.topic)
+        is_free = not self._inbox and executor.publishing and executor.exit_code is None
+        if prompt is not None and is_free and buffer.is_next(frame):
+            executor.deliver(prompt, frame, now_ns - self._start_ns)
+            buffer.pass_by(frame, now_ns)
+            if self._offsets is not None:
+                self._offsets.note(buffer.topic, frame.epoch, frame.sequence)
+            if frame.sequence >= buffer.ack_due:
+                self._acks.send(buffer)
+        else:
+            buffer.arrive(frame, now_ns)
 
     def _ask(self, topic: str, first: int, last: int) -> None:
         node = topic.split("/")[1]
@@ -225,7 +193,7 @@ class TopicReceiver:
         self._inbox.append(frame)
         self._unread_bytes += len(frame.payload)
         self._was_active = self._was_active or self._executor.lifecycle is Lifecycle.ACTIVE
-        if self._was_active and not self._executor.succession.is_active and frame.kind == Kind.DATA:
+        if self._was_active and not self._executor.is_active and frame.kind == Kind.DATA:
             self._retain(self.buffers[frame.topic])
 
     def _retain(self, buffer: ReorderBuffer) -> None:
@@ -253,8 +221,8 @@ class TopicReceiver:
         self._executor.consume(frame)
         if self._offsets is not None:
             self._offsets.note(frame.topic, frame.epoch, frame.sequence)
-        if frame.sequence >= buffer.word_due:
-            self._words.tell(buffer)
+        if frame.sequence >= buffer.ack_due:
+            self._acks.send(buffer)
 
     def _drop(self, buffer: ReorderBuffer, frame: Frame) -> None:
         buffer.unread -= 1
@@ -268,16 +236,15 @@ class TopicReceiver:
         for buffer in self.buffers.values():
             buffer.excuse_absence(late_ns, now_ns)
             buffer.expire(now_ns)
-        self._words.look(absent=self._is_absent())
+        self._acks.send_all(absent=self._is_absent())
         self.monitor.look(now_ns, graph_ns)
 
     def _is_absent(self) -> bool:
-        """Tell whether the node takes nothing up: it was deactivated, or is done."""
+        """Return whether the node takes nothing up: it was deactivated, or is done."""
         executor = self._executor
-        return executor.exit_code is not None or (self._was_active and not executor.succession.is_active)
+        return executor.exit_code is not None or (self._was_active and not executor.is_active)
 
     def close(self) -> None:
-        """Let go."""
         self._subscriber.close()
         self._requester.close()
         if self._offsets is not None:
@@ -309,9 +276,6 @@ def _merged(
         heard: Up to where that has received each topic.
         buffers: The successor's, by topic; they go on where the predecessor's were.
         subscriptions: The successor's, by topic.
-
-    Raises:
-        SchemaMismatch: A message was heard by neither.
     """
     count = len(inbox) - len(hand_over.inbox)
     frames = list(inbox)

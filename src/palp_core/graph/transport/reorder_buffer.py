@@ -17,6 +17,7 @@ from palp_core.graph.messages.frame import LAST_SEQUENCE, Frame, Kind, former_of
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.sequence_account import SequenceAccount
 
+_DATA = int(Kind.DATA)  # an enum costs a comparison in Python
 FILL_NS = 1_000_000_000
 SUCCESSOR_NS = 10_000_000_000
 """How much longer a successor that is just taking up its part may take to answer (assumed)."""
@@ -26,24 +27,17 @@ class ReorderBuffer:
     """The reader's end of one topic, before the node's inbox.
 
     Args:
-        topic: Its name.
-        qos: What holds on the edge.
         account: That of what the node has taken up; a predecessor's says where to go on.
-        deliver: Takes each frame in its order.
         ask: Asks the publisher for the messages of this topic from a first to a last sequence.
         ordered: False where sequences have gaps by right (replies): everything is handed on as it comes.
         patience_ns: How long an answer, and the rest of a first place, is waited for; None: :data:`FILL_NS`.
 
     Attributes:
-        latency: From the publisher's stamp to arrival.
         heard_ns: When anything of the publisher came last; -1 before.
-        data_ns: When a message came last; -1 before.
-        unread: Delivered and not yet taken up.
         filled: Of the messages handed on, how many had to be asked for.
         epoch: Of the publisher; -1 before it is heard.
-        next: The sequence that is next in order.
         give_up_ns: Until when an answer is waited for; None: nothing is missing.
-        word_due: From this sequence on, its publisher is to be told how far the node has come.
+        ack_due: From this sequence on, an ack to its publisher is due.
         origin_ns: The graph's start on the host's monotonic clock, on which all times here are; None: not
             known.
     """
@@ -67,7 +61,7 @@ class ReorderBuffer:
         self.filled = 0
         self.give_up_ns: int | None = None
         self.origin_ns: int | None = None
-        self.word_due = LAST_SEQUENCE + 1
+        self.ack_due = LAST_SEQUENCE + 1
         self.epoch = account.epoch
         self.next = account.sequence + 1
         self._last = 0  # the highest sequence known to exist in this epoch
@@ -86,7 +80,6 @@ class ReorderBuffer:
 
     @property
     def is_ordered(self) -> bool:
-        """Whether its sequences have no gaps by right."""
         return self._ordered
 
     @property
@@ -94,19 +87,30 @@ class ReorderBuffer:
         """True once the publisher has been heard and nothing it had to say before is still to come."""
         return self.heard_ns >= 0 and self.give_up_ns is None
 
+    def is_next(self, frame: Frame) -> bool:
+        """Return whether a frame is a message that nothing has to come before."""
+        in_order = (frame.sequence == self.next and frame.epoch == self.epoch) or not self._ordered
+        return in_order and frame.kind == _DATA and self.give_up_ns is None
+
+    def pass_by(self, frame: Frame, now_ns: int) -> None:
+        """Take note of a message that was next and is handled already."""
+        self.next = frame.sequence + 1
+        self._note_arrival(frame, now_ns)
+
     def arrive(self, frame: Frame, now_ns: int) -> None:
-        """Take a frame from the publisher's socket."""
+        self._note_arrival(frame, now_ns)
+        if self._ordered and self.is_next(frame):
+            self.next += 1
+            self._hand_on(frame)
+        else:
+            self._sort(frame, now_ns)
+
+    def _note_arrival(self, frame: Frame, now_ns: int) -> None:
         self.heard_ns = now_ns
-        if frame.kind == Kind.DATA:
+        if frame.kind == _DATA:
             self.data_ns = now_ns
             if self.origin_ns is not None:
                 self.latency.add(now_ns - self.origin_ns - frame.stamp_ns)
-            if frame.sequence == self.next and frame.epoch == self.epoch and self.give_up_ns is None:
-                self.next += 1
-                self.unread += 1
-                self._deliver(frame)
-                return
-        self._sort(frame, now_ns)
 
     def _sort(self, frame: Frame, now_ns: int) -> None:
         is_data = frame.kind == Kind.DATA
@@ -223,11 +227,7 @@ class ReorderBuffer:
             self.give_up_ns += SUCCESSOR_NS
 
     def continue_from(self, epoch: int, last: int) -> None:
-        """Go on where a predecessor of the reader was: it has received everything up to ``last``.
-
-        Raises:
-            SchemaMismatch: What came after that was heard by neither.
-        """
+        """Go on where a predecessor of the reader was: it has received everything up to ``last``."""
         if not self._ordered or epoch < 0 or self.epoch > epoch:
             return
         if self.epoch < epoch:  # this end has not heard the publisher since it was restarted

@@ -43,7 +43,6 @@ class NodeRequest(msgspec.Struct, frozen=True, kw_only=True):
     """What every request says; a subclass says what an operation wants besides.
 
     Attributes:
-        op: What to do.
         node: Whom it is for; None: the only one there is.
         id: The asker's own, if it may ask again; what changes something is done once for it.
     """
@@ -57,22 +56,12 @@ R = TypeVar("R", bound=NodeRequest)
 
 
 class NodeOperation(Generic[R]):
-    """What can be asked for.
-
-    Args:
-        wants: As what a request is read.
-        answer: Returns the map that answers it.
-    """
+    """What can be asked for."""
 
     def __init__(self, wants: type[R], answer: Callable[[R], dict[str, Any]]) -> None:
         self._wants, self._answer = wants, answer
 
     def read(self, payload: bytes) -> Callable[[], dict[str, Any]]:
-        """Return what answers a request.
-
-        Raises:
-            SchemaMismatch: A part of it is missing or of another type.
-        """
         request = decode_any(self._wants, payload)
         return lambda: self._answer(request)
 
@@ -90,10 +79,6 @@ class _Waiting(NamedTuple):
 
 class RequestServer:
     """Operations by node and name on a ROUTER socket, and the replies to requests that may be asked again.
-
-    Args:
-        context: The process's.
-        endpoint: Where requests are answered.
 
     Attributes:
         file_descriptor: Becomes readable when :meth:`poll` has something to do.
@@ -130,7 +115,6 @@ class RequestServer:
 
     @property
     def waiting(self) -> Collection[str]:
-        """Nodes for which a deferred request waits."""
         return {entry.node for entry in self._waiting} if self._waiting else ()
 
     def poll(self, most: int = MOST_AT_ONCE, put_off: Callable[[], None] = lambda: None) -> None:
@@ -244,12 +228,6 @@ class RequestServer:
 
         What is asked in the middle of one that takes long, or with it, waits for nothing: its operation sees
         to that.
-
-        Args:
-            node: Whose; None: all.
-
-        Raises:
-            NodeError: A node's handler failed; its caller has been told.
         """
         if not self._waiting:
             return
@@ -283,7 +261,6 @@ class RequestServer:
         return dict(self._remembered)
 
     def remember(self, replies: Mapping[str, bytes]) -> None:
-        """Give these replies to requests with these ids."""
         for token, reply in replies.items():
             self._remember(token, reply)
 

@@ -16,14 +16,7 @@ _EVENTS, _POLLIN, _NOBLOCK = (
 
 
 class RequesterSocket:
-    """Asks other nodes' ROUTERs without waiting for their replies.
-
-    Args:
-        context: The process's, if it has one.
-
-    Attributes:
-        file_descriptors: Become readable when :meth:`replies` may have something.
-    """
+    """Asks other nodes' ROUTERs without waiting for their replies."""
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]] | None = None) -> None:
         self._descriptors: dict[str, int] = {}
@@ -33,14 +26,12 @@ class RequesterSocket:
         self.file_descriptors: tuple[int, ...] = ()
 
     def keep(self, endpoints: Iterable[str]) -> None:
-        """Ask nobody else any more."""
         for endpoint in self._sockets.keys() - set(endpoints):
             self._sockets.pop(endpoint).close(linger=0)
             del self._descriptors[endpoint]
             self.file_descriptors = tuple(self._descriptors.values())
 
     def ask(self, endpoint: str, request: dict[str, Any]) -> None:
-        """Send a request."""
         if endpoint not in self._sockets:
             assert self._context is not None
             socket = self._sockets[endpoint] = self._context.socket(zmq.DEALER)
@@ -53,11 +44,9 @@ class RequesterSocket:
             self._sockets[endpoint].send(msgpack.packb(request), _NOBLOCK)
 
     def pending(self) -> bool:
-        """Tell whether a reply has arrived."""
         return any(readable(socket) for socket in self._sockets.values())
 
     def replies(self) -> list[dict[str, Any]]:
-        """Return the replies that have arrived."""
         found = []
         for socket in self._sockets.values():
             while readable(socket):
@@ -65,7 +54,6 @@ class RequesterSocket:
         return found
 
     def close(self) -> None:
-        """Let go."""
         for socket in self._sockets.values():
             socket.close(linger=0)
         if self._own_context is not None:

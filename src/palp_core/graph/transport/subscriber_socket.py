@@ -18,15 +18,12 @@ class SubscriberSocket:
     """The receiving side of one process.
 
     Args:
-        endpoints: Endpoint per topic.
-        context: The process's, if it has one.
         queue: Messages that may wait; changed on a live socket, the mark would stop it for good.
         name: Tells publishers who this is, which a restarted one then waits for; "": a passer-by.
-        holds: For a reader that speaks to its publishers: the subscriptions that hold them.
+        flow_controls: For a reader that sends acks: the subscriptions that have publishers wait.
 
     Attributes:
-        file_descriptor: Becomes readable when something may have arrived.
-        say: Sends a word to all publishers; of a reader that speaks.
+        send_up: Sends an ack to all publishers.
     """
 
     def __init__(
@@ -35,14 +32,14 @@ class SubscriberSocket:
         context: zmq.Context[zmq.Socket[bytes]] | None = None,
         queue: int = RECEIVE_QUEUE,
         name: str = "",
-        holds: Iterable[bytes] | None = None,
+        flow_controls: Iterable[bytes] | None = None,
     ) -> None:
         self._own_context = zmq.Context() if context is None else None
         self._context = self._own_context or context
         assert self._context is not None
-        self._speaks = holds is not None
-        self._socket = self._context.socket(zmq.XSUB if self._speaks else zmq.SUB)
-        self.say: Callable[[bytes], object] = self._socket.send
+        self._sends_acks = flow_controls is not None
+        self._socket = self._context.socket(zmq.XSUB if self._sends_acks else zmq.SUB)
+        self.send_up: Callable[[bytes], object] = self._socket.send
         self._socket.setsockopt(zmq.RCVHWM, queue)
         self._socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
         self._socket.setsockopt(zmq.LINGER, 0)
@@ -50,34 +47,30 @@ class SubscriberSocket:
             self._socket.connect(endpoint)
         for topic in endpoints:
             self._begin(topic.encode() + b"\0")
-        for token in (
-            holds or ()
-        ):  # after the topics, and before the name: so a new connection is told of them too
+        for token in flow_controls or ():  # after the topics, before the name: in this order ZeroMQ repeats
             self._begin(token)
         if name:
             self._begin(READER + name.encode())
         self.file_descriptor = int(self._socket.getsockopt(zmq.FD))
 
     def _begin(self, subscription: bytes) -> None:
-        if self._speaks:
+        if self._sends_acks:
             self._socket.send(b"\x01" + subscription)
         else:
             self._socket.setsockopt(zmq.SUBSCRIBE, subscription)
 
     def _end(self, subscription: bytes) -> None:
-        if self._speaks:
+        if self._sends_acks:
             self._socket.send(b"\0" + subscription)
         else:
             self._socket.setsockopt(zmq.UNSUBSCRIBE, subscription)
 
     @property
     def context(self) -> zmq.Context[zmq.Socket[bytes]]:
-        """The process's context."""
         assert self._context is not None
         return self._context
 
     def subscribe(self, endpoints: Mapping[str, str]) -> None:
-        """Subscribe to more topics, each at its endpoint."""
         for endpoint in sorted(set(endpoints.values())):
             self._socket.connect(endpoint)
         for name in endpoints:
@@ -98,7 +91,6 @@ class SubscriberSocket:
             self._socket.disconnect(endpoint)
 
     def receive(self) -> list[bytes]:
-        """Return the frames that have arrived, without waiting."""
         frames = list[bytes]()
         while self.pending():
             frames.append(self._socket.recv())
@@ -123,7 +115,7 @@ class SubscriberSocket:
         return False
 
     def pending(self) -> bool:
-        """Tell whether something has arrived; also re-arms the descriptor, which signals changes only."""
+        """Return whether something has arrived; also re-arms the descriptor, which signals changes only."""
         return readable(self._socket)
 
     def wait(self, timeout_s: float) -> bool:
@@ -131,7 +123,6 @@ class SubscriberSocket:
         return bool(self._socket.poll(round(timeout_s * 1e3)))
 
     def close(self) -> None:
-        """Let go."""
         self._socket.close(linger=0)
         if self._own_context is not None:
             self._own_context.term()

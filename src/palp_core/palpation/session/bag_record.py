@@ -20,7 +20,7 @@ from palp_core.graph.bag.reader import Bag, BagMessage
 from palp_core.graph.launch.run_journal import GRAPH_EVENTS, MethodSpan, RunChange, RunJournal
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.graph.messages.builtin import DiagnosticStatus, MethodsUsed
-from palp_core.graph.node.event_publisher import EVENTS_PORT
+from palp_core.graph.node.qos_events import EVENTS_PORT
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.perception.belief.trial_filter import classes_of

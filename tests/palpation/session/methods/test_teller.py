@@ -30,7 +30,7 @@ class Stopping(MethodTeller):
 def successor(old: Bench[Stopping]) -> Bench[Stopping]:
     new = Bench(Stopping, active=False)
     new.executor.transition(Transition.CONFIGURE)
-    new.executor.succession.take_over(old.hand_over())
+    new.executor.take_over(old.hand_over())
     return new
 
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 import msgspec
 
-from palp_core.graph.actions import messages as wire
-from palp_core.graph.actions.surroundings import Call, Declared, Surroundings
 from palp_core.graph.messages.message import Message
+from palp_core.graph.node import action_messages as wire
+from palp_core.graph.node.context import NodeContext
+from palp_core.graph.node.service_client import ClientEnd
 
 SENT = "sent"
+Goal = TypeVar("Goal", bound=Message)
 Result = TypeVar("Result", bound=Message)
 
 
@@ -36,11 +38,8 @@ class SentGoal(msgspec.Struct):
     """A goal that has not ended, as far as its client knows.
 
     Attributes:
-        goal_id: Its name.
-        sequence: Of the request that carried it.
-        status: ``sent``, or as its server says.
         reason: Why it ended, while its result is still to come.
-        epoch: Of the server, and ``change``: of what it has said, at the latest word of the goal.
+        epoch: Of the server, and ``change``: of its publications, at the latest that has the goal.
         asked: Sequence of the request for its result; 0: none was sent.
     """
 
@@ -60,71 +59,65 @@ class SentGoals(msgspec.Struct):
     count: int = 0
 
 
-class AskingPort(Declared, Protocol):
-    """A client as declared: with the longest silence after which its server counts as gone."""
-
-    lease_ms: float
-
-
-class ActionClientEnd:
+class ActionClientEnd(Generic[Goal]):
     """Sends goals, follows each, and hands over how it ended exactly once.
 
     Args:
-        name: Under which it is handed over.
-        port: The client as declared.
-        executor: The node's.
-        calls: Its clients of the action's three services, by the services' names.
+        lease_ms: Longest silence after which the server counts as gone.
+        calls: The clients of the action's three services, by the services' names.
         done: Takes the node and how a goal ended.
-        feedback: Takes the node, a goal's id and feedback of it; None: nobody listens.
+        feedback: Takes the node, a goal's id and feedback of it; None: nothing does.
     """
 
     def __init__(
         self,
-        name: str,
-        port: AskingPort,
-        executor: Surroundings,
-        calls: Mapping[str, Call],
+        port: str,
+        types: wire.ActionTypes,
+        lease_ms: float,
+        context: NodeContext,
+        calls: Mapping[str, ClientEnd[Any]],
         done: Callable[[Any, WrappedResult[Any]], None],
         feedback: Callable[[Any, str, Any], None] | None,
     ) -> None:
-        self.name, self.port = name, port
-        self._executor = executor
-        self._types = wire.action_types(port.goal, port.feedback, port.result)
-        self._calls = calls
-        self._done, self._feedback = done, feedback
+        self._port, self._types, self._lease_ms, self._context = port, types, lease_ms, context
+        self._calls, self._done, self._feedback = calls, done, feedback
         self._records: dict[str, SentGoal] = {}
         self._count = 0
 
-    # What its node asks for
-
     @property
     def goals(self) -> dict[str, str]:
-        """Status of each goal that has not ended, by its id."""
+        """Status of each goal that has not ended, by its id; ``sent``: it is not answered yet."""
         return {name: record.status for name, record in self._records.items()}
 
-    def send_goal(self, goal: Message, *, deadline_s: float = 0.0) -> str:
-        """Send a goal and return its id at once."""
-        if type(goal) is not self.port.goal:
+    def send_goal(self, goal: Goal, *, deadline_s: float = 0.0) -> str:
+        """Send a goal and return its id at once.
+
+        Args:
+            goal: What is asked for.
+            deadline_s: The server cancels it so long after it has accepted it; 0: never.
+        """
+        if type(goal) is not self._types.goal:
             raise TypeError(
-                f"action '{self.port.name}' takes {self.port.goal.__name__}, not {type(goal).__name__}"
+                f"action '{self._port}' takes {self._types.goal.__name__}, not {type(goal).__name__}"
             )
-        executor = self._executor
         self._count += 1
-        goal_id = f"{executor.name}.{self.port.name}-{executor.epoch}-{self._count}"
-        call = self._calls["send_goal"]
-        call.call(self._types.send_goal(goal_id=goal_id, goal=goal, deadline_s=float(deadline_s)))
-        self._records[goal_id] = SentGoal(goal_id, call.pending[-1].sequence)
+        goal_id = f"{self._context.name}.{self._port}-{self._context.epoch}-{self._count}"
+        request = self._types.send_goal(goal_id=goal_id, goal=goal, deadline_s=float(deadline_s))
+        self._records[goal_id] = SentGoal(goal_id, self._call("send_goal", request))
         return goal_id
+
+    def _call(self, service: str, request: Message) -> int:
+        """Send a request; return its sequence."""
+        call = self._calls[service]
+        call.call(request)
+        return call.pending[-1].sequence
 
     def cancel_goal(self, goal_id: str) -> None:
         """Ask the server to cancel a goal; one that has ended is left alone."""
         if goal_id in self._records:
-            self._calls["cancel_goal"].call(wire.CancelGoalRequest(goal_id=goal_id))
+            self._call("cancel_goal", wire.CancelGoalRequest(goal_id=goal_id))
 
-    # What its server says
-
-    def hear_reply(self, reply: wire.SendGoalReply) -> None:
-        """Take the answer to a goal."""
+    def on_reply(self, reply: wire.SendGoalReply) -> None:
         record = self._records.get(reply.goal_id)
         if record is None:
             return
@@ -133,7 +126,7 @@ class ActionClientEnd:
         elif record.status == SENT:
             record.status, record.epoch, record.change = wire.ACCEPTED, reply.epoch, reply.change
 
-    def hear_status(self, message: wire.GoalStatusArray) -> None:
+    def on_status(self, message: wire.GoalStatusArray) -> None:
         """Take how the server's goals stand; one that it has forgotten is not worked on."""
         listed = {entry.goal_id: entry for entry in message.status_list}
         for record in list(self._records.values()):
@@ -156,11 +149,9 @@ class ActionClientEnd:
             self._finish(record, entry.status, entry.reason)
             return
         record.reason = entry.reason
-        call = self._calls["get_result"]
-        call.call(wire.GetResultRequest(goal_id=record.goal_id))
-        record.asked = call.pending[-1].sequence
+        record.asked = self._call("get_result", wire.GetResultRequest(goal_id=record.goal_id))
 
-    def hear_result(self, reply: Any) -> None:
+    def on_result(self, reply: Any) -> None:
         """Take a result that was asked for; without it the goal's end is known all the same."""
         record = self._records.get(reply.goal_id)
         if record is None or not record.asked:
@@ -170,16 +161,13 @@ class ActionClientEnd:
         else:
             self._finish(record, record.status, record.reason or "its server has its result no longer")
 
-    def hear_feedback(self, message: Any) -> None:
-        """Take feedback; that of goals of others is theirs."""
+    def on_feedback(self, message: Any) -> None:
+        """Take feedback; that of other clients' goals is theirs."""
         if self._feedback is not None and message.goal_id in self._records:
-            self._feedback(self._executor.node, message.goal_id, message.feedback)
-
-    # What becomes of goals for which nobody answers
+            self._feedback(self._context.node, message.goal_id, message.feedback)
 
     def give_up(self) -> None:
-        """End what was asked in vain: its calls have been given up."""
-        waiting = {name: {p.sequence for p in end.pending} for name, end in self._calls.items()}
+        waiting = {name: {call.sequence for call in end.pending} for name, end in self._calls.items()}
         for record in list(self._records.values()):
             if record.status == SENT and record.sequence not in waiting["send_goal"]:
                 self._finish(record, wire.UNKNOWN, "its server did not answer")
@@ -190,26 +178,21 @@ class ActionClientEnd:
         """End what a server had accepted that has fallen silent."""
         for record in list(self._records.values()):
             if record.status != SENT:
-                self._finish(record, wire.UNKNOWN, f"its server is silent for {self.port.lease_ms:g} ms")
+                self._finish(record, wire.UNKNOWN, f"its server is silent for {self._lease_ms:g} ms")
 
     def _finish(self, record: SentGoal, status: str, reason: str, result: Message | None = None) -> None:
         del self._records[record.goal_id]
         ended: WrappedResult[Any] = WrappedResult(
             goal_id=record.goal_id, status=status, reason=reason, result=result
         )
-        self._done(self._executor.node, ended)
-
-    # Its change of hands
+        self._done(self._context.node, ended)
 
     def activate(self) -> None:
-        """Forget goals that were sent before."""
         self._records = {}
 
     def keep(self) -> SentGoals:
-        """Return what a successor must know."""
         return SentGoals([msgspec.structs.replace(r) for r in self._records.values()], self._count)
 
     def resume(self, kept: SentGoals) -> None:
-        """Go on with a predecessor's goals."""
         self._records = {record.goal_id: msgspec.structs.replace(record) for record in kept.records}
         self._count = kept.count

@@ -1,4 +1,4 @@
-"""What the two ends of an action say to each other: services and topics below ``/<node>/<port>/_action``.
+"""Messages between the two ends of an action: services and topics below ``/<node>/<port>/_action``.
 
 As in ROS 2 there are three services, ``send_goal``, ``cancel_goal`` and ``get_result``, and two topics,
 ``feedback`` and ``status``. Those that carry what is the action's own are made of its three messages.
@@ -6,6 +6,7 @@ As in ROS 2 there are three services, ``send_goal``, ``cancel_goal`` and ``get_r
 
 from __future__ import annotations
 
+import functools
 from types import GenericAlias
 from typing import Any, NamedTuple
 
@@ -16,9 +17,9 @@ from palp_core.units import Count, Nanoseconds, Seconds
 ACCEPTED, EXECUTING, CANCELING = "accepted", "executing", "canceling"
 SUCCEEDED, CANCELED, ABORTED = "succeeded", "canceled", "aborted"
 LIVE = (ACCEPTED, EXECUTING, CANCELING)
-"""What a goal is while nobody knows how it ends."""
+"""Statuses of a goal that has not ended."""
 UNKNOWN, REJECTED = "unknown", "rejected"
-"""What a client is told, besides, of a goal that nobody answers for, and of one that was refused."""
+"""Further statuses at a client: its server does not answer for the goal, or has refused it."""
 
 
 class SendGoalReply(Message):
@@ -66,7 +67,7 @@ class GoalStatus(Message):
 class GoalStatusArray(Message):
     """Every goal of an action that its server knows, the oldest first, whenever one of them changes.
 
-    ``epoch`` is how often the server was restarted, ``change`` counts what it has said since.
+    ``epoch`` is how often the server was restarted, ``change`` counts these messages since then.
     """
 
     epoch: Count
@@ -75,16 +76,17 @@ class GoalStatusArray(Message):
 
 
 class ActionTypes(NamedTuple):
-    """The messages that are made of an action's own three."""
+    """An action's own three messages, and those that are made of them."""
 
-    send_goal: Any
+    goal: Any
     feedback: Any
     result: Any
+    send_goal: Any
+    feedback_message: Any
+    get_result: Any
 
 
-_TYPES: dict[tuple[type, type, type], ActionTypes] = {}
-
-
+@functools.cache
 def action_types(goal: type[Message], feedback: type[Message], result: type[Message]) -> ActionTypes:
     """Return the messages of an action.
 
@@ -92,21 +94,18 @@ def action_types(goal: type[Message], feedback: type[Message], result: type[Mess
     ``get_result`` answers with ``status`` as :class:`GoalStatus` has it, or ``unknown``, and a list of one
     result, or of none if there is none.
     """
-    found = _TYPES.get((goal, feedback, result))
-    if found is None:
-        listed = GenericAlias(list, (result,))
-        ended = {"goal_id": str, "status": str, "reason": str, "result": listed}
-        sent = {"goal_id": str, "goal": goal, "deadline_s": Seconds}
-        found = _TYPES[goal, feedback, result] = ActionTypes(
-            _message(f"{goal.__name__}_SendGoal", "A goal.", sent, deadline_s=0.0),
-            _message(
-                f"{feedback.__name__}_FeedbackMessage",
-                "How a goal goes.",
-                {"goal_id": str, "feedback": feedback},
-            ),
-            _message(f"{result.__name__}_GetResult", "How a goal stands or ended.", ended),
-        )
-    return found
+    sent = {"goal_id": str, "goal": goal, "deadline_s": Seconds}
+    ended = {"goal_id": str, "status": str, "reason": str, "result": GenericAlias(list, (result,))}
+    return ActionTypes(
+        goal,
+        feedback,
+        result,
+        _message(f"{goal.__name__}_SendGoal", "A goal.", sent, deadline_s=0.0),
+        _message(
+            f"{feedback.__name__}_FeedbackMessage", "How a goal goes.", {"goal_id": str, "feedback": feedback}
+        ),
+        _message(f"{result.__name__}_GetResult", "How a goal stands or ended.", ended),
+    )
 
 
 def _message(name: str, doc: str, fields: dict[str, Any], **defaults: Any) -> Any:

@@ -26,7 +26,7 @@ from palp_core import (
     on_feedback,
 )
 from palp_core.errors import CancelRejected, GoalRejected, GraphError, NodeError
-from palp_core.graph.actions.server import MOST_LIVE
+from palp_core.graph.node.action_server import MOST_LIVE
 from palp_core.graph.node.lifecycle import Transition
 
 ENDS = {"succeeded", "canceled", "aborted"}
@@ -394,13 +394,13 @@ def test_a_goal_goes_only_where_its_status_allows_and_ends_through_any_change_of
             successor: Bench[Any] = Bench(kind, active=False)
             successor.clock.set(bench.clock.now_ns())
             successor.executor.transition(Transition.CONFIGURE)
-            successor.executor.succession.take_over(bench.hand_over())
+            successor.executor.take_over(bench.hand_over())
             successor._sequence = bench._sequence
             bench = successor
         note()
     bench.set_parameters(stubborn=False)
     bench.advance(0.0)
-    while bench.executor.ends.action_servers[0].goals:
+    while bench.executor.ends.action_servers["lift"].goals:
         bench.action(kind.lift).cancel_goal()
         bench.advance(0.2)
     note()
