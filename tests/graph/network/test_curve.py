@@ -11,11 +11,11 @@ import zmq
 
 from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.network import curve_listener
-from palp_core.graph.network.curve_caller import CurveCaller
-from palp_core.graph.network.curve_listener import CurveListener, Received, Sent, _peer_of
+from palp_core.graph.network import curve
+from palp_core.graph.network.curve import CurveCaller, CurveListener, Received, Sent, _peer_of
 from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.network.keys import KeyFolder, OwnKeys
+from palp_core.graph.network.relay import Peer
 from palp_core.graph.transport.in_flight_bytes import InFlightBytes
 
 PATIENCE_NS = 60_000_000_000
@@ -129,6 +129,40 @@ def test_a_connection_that_ends_is_noticed_at_both_ends(ends: Ends) -> None:
     assert "has ended" in ends.failures[0]
 
 
+def test_no_more_than_a_window_waits_for_a_host_that_reads_nothing_and_what_is_dropped_is_counted(
+    ends: Ends,
+) -> None:
+    listener = ends.listen(None)
+    with zmq.Context() as context, context.socket(zmq.DEALER) as slow:
+        slow.setsockopt(zmq.RCVHWM, 1)
+        slow.setsockopt(zmq.LINGER, 0)
+        slow.connect(ends.endpoint)
+        slow.send(b"a")
+        ends.until(lambda: ends.messages)
+        connection, in_flight = ends.messages[0].connection, InFlightBytes(curve.WINDOW_BYTES)
+        peer = Peer(lambda parts: listener.send(connection, in_flight, parts))
+        frames = [[b"/a/b\0header", bytes(1 << 20)], [b"/a/b\0" + bytes(1 << 20)], [bytes(1 << 20), b"/a"]]
+        for number in range(600):  # the kernel's buffers hold some of them
+            peer.forward(frames[number % 3])
+        assert peer.dropped_count > 300
+        assert not in_flight.has_room(curve.WINDOW_BYTES)
+        assert in_flight.has_room(0)
+        assert not peer.gone
+        received = 0
+
+        def all_taken() -> bool:
+            nonlocal received
+            while slow.poll(10):
+                slow.recv_multipart()
+                received += 1
+            return in_flight.has_room(curve.WINDOW_BYTES)
+
+        ends.until(all_taken)
+        assert received == 600 - peer.dropped_count
+        peer.forward(frames[0])
+        assert slow.recv_multipart() == frames[0]
+
+
 def test_a_key_that_is_not_allowed_is_named_on_both_sides(ends: Ends) -> None:
     server, mine = ends.keys("server"), ends.keys("mine")
     ends.listen(server)
@@ -186,7 +220,7 @@ def test_what_is_no_zeromq_is_refused(ends: Ends) -> None:
 
 
 def test_a_message_too_large_ends_its_connection_only(ends: Ends, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("palp_core.graph.network.curve_listener.LARGEST_BYTES", 10_000)
+    monkeypatch.setattr("palp_core.graph.network.curve.LARGEST_BYTES", 10_000)
     ends.listen(None)
     caller, other = ends.call(None), ends.call(None)
     ends.until(lambda: ends.greetings == 2)
@@ -209,7 +243,7 @@ def test_a_call_that_somebody_takes_is_told_from_one_that_nobody_takes(ends: End
 def test_a_call_that_is_taken_and_not_answered_is_given_up_with_a_hint(
     ends: Ends, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(curve_listener, "HANDSHAKE_MS", 200)
+    monkeypatch.setattr(curve, "HANDSHAKE_MS", 200)
     with socket.create_server(("127.0.0.1", 0)) as mute:
         ends.endpoint = f"tcp://127.0.0.1:{mute.getsockname()[1]}"
         ends.call(None)

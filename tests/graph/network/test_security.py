@@ -222,6 +222,7 @@ def test_a_guest_speaks_for_itself_only(graph: Launched, raw: Raw) -> None:
     raw.say("join", request={**request, "outputs": {"/ticker/tick": view["topics"]["/ticker/tick"]}})
     assert "under its own name only" in raw.until("refused")["text"]
     raw.say("join", request={**request, "host": "h" * 1_000_000})
+    assert "$.request.host" in raw.until("refused")["text"]
     raw.say("join", request=request)
     assert raw.until("joined")["epoch"] == 1
     for topic, kind in ((b"/ticker/tick", Kind.DATA), (b"/raw/x", Kind.MOVED), (b"/graph/events", Kind.DATA)):
@@ -242,15 +243,17 @@ def test_a_guest_speaks_for_itself_only(graph: Launched, raw: Raw) -> None:
 def test_a_guest_may_look_at_the_launcher_but_not_stop_the_graph(graph: Launched, raw: Raw) -> None:
     raw.say("hello", protocol=PROTOCOL)
     raw.until("graph")
-    for ticket, op in enumerate(("stop", "swap", "graph")):
-        raw.say("request", ticket=ticket, node="graph", body=msgpack.packb({"op": op, "node": "graph"}))
+    for op in ("stop", "swap", "graph"):
+        raw.say(
+            "request", envelope=[op.encode()], node="graph", body=msgpack.packb({"op": op, "node": "graph"})
+        )
     replies = {}
     for _ in range(3):
         reply = raw.until("reply")
-        replies[reply["ticket"]] = msgpack.unpackb(reply["body"])
-    assert "another may only look" in replies[0]["error"]
-    assert "another may only look" in replies[1]["error"]
-    assert replies[2]["graph"] == "home"
+        replies[reply["envelope"][0]] = msgpack.unpackb(reply["body"])
+    assert "another may only look" in replies[b"stop"]["error"]
+    assert "another may only look" in replies[b"swap"]["error"]
+    assert replies[b"graph"]["graph"] == "home"
     assert graph.process.poll() is None
 
 

@@ -16,12 +16,12 @@ from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode
-from palp_core.graph.network import gateway_messages
+from palp_core.graph.network import join_protocol
+from palp_core.graph.network.address import ListenPlan, plan_listening
 from palp_core.graph.network.join_protocol import GraphView, JoinRequest
 from palp_core.graph.network.keys import KeyFolder
-from palp_core.graph.network.listen_address import ListenPlan, plan_listening
 from palp_core.graph.node.loading import endpoints
-from palp_core.graph.process.channel import ChannelClosed
+from palp_core.graph.process.channel import ChannelClosed, ChannelMessage
 from palp_core.graph.supervision.liveness import Liveness
 from palp_core.graph.supervision.sidecar import Sidecar
 
@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 START_TIMEOUT_S = 20.0
 MOST_RESTARTS = 5
 _LOG = logging.getLogger("palp.gateway")
+_DECODER: msgspec.msgpack.Decoder[join_protocol.FromGateway] = msgspec.msgpack.Decoder(
+    join_protocol.FromGateway
+)
 
 
 class Report(Protocol):
@@ -122,29 +125,32 @@ class GatewayHandle:
         self._closed = False
         self._sidecar, self.endpoint = self._start_process(planned)
 
-    def _start_process(self, planned: ListenPlan) -> tuple[Sidecar[gateway_messages.FromGateway], str]:
+    def _start_process(self, planned: ListenPlan) -> tuple[Sidecar[join_protocol.FromGateway], str]:
         log = self._folder / "log" / "gateway.log"
-        sidecar = Sidecar("palp_core.graph.network.gateway", gateway_messages.launcher_decoder(), log)
+        sidecar = Sidecar("palp_core.graph.network.gateway", _DECODER, log)
         try:
             sidecar.send(
-                gateway_messages.ListenOn(str(self._folder), planned.endpoint, planned.secured, self._epochs)
+                join_protocol.ListenOn(
+                    run_dir=str(self._folder),
+                    endpoint=planned.endpoint,
+                    secured=planned.secured,
+                    epochs=self._epochs,
+                )
             )
             if not select.select((sidecar.descriptor,), (), (), START_TIMEOUT_S)[0]:
                 raise GraphError(f"the gateway did not start within {START_TIMEOUT_S:g} s (log: {log})")
-            (said,) = sidecar.receive()
+            (answer,) = sidecar.receive()
+            if isinstance(answer, join_protocol.Listening):
+                return sidecar, answer.endpoint
+            raise GraphError(getattr(answer, "text", ""))
         except (ChannelClosed, GraphError) as error:
             sidecar.close()
             if isinstance(error, GraphError):
                 raise
             raise GraphError(f"the gateway ended while it started (log: {log})") from error
-        if isinstance(said, gateway_messages.GatewayFailed):
-            sidecar.close()
-            raise GraphError(said.text)
-        assert isinstance(said, gateway_messages.GatewayReady)
-        return sidecar, said.endpoint
 
     def follow(self, supervisor: Supervisor) -> None:
-        """Let the supervisor's loop tell when the gateway has said something."""
+        """Receive what the gateway sends within the supervisor's loop."""
         self._supervisor = supervisor
         supervisor.watch(self._sidecar.descriptor, self._receive)
 
@@ -173,7 +179,7 @@ class GatewayHandle:
     def show(self, view: GraphView) -> None:
         """Show the graph to those who call; again when it has changed."""
         self._view = view
-        self._send(gateway_messages.GraphChanged(view))
+        self._send(join_protocol.GraphUpdate(view=view))
 
     def described(self, record: RunRecord) -> RunRecord:
         """Return the record of the run with where it is called and who has joined it.
@@ -203,51 +209,53 @@ class GatewayHandle:
     def activate(self, start_ns: int) -> None:
         """Let joined nodes begin: the graph runs since then on the host's monotonic clock."""
         self._start_ns = start_ns
-        self._send(gateway_messages.Activated(start_ns))
+        self._send(join_protocol.Active(start_ns=start_ns))
 
-    def _send(
-        self, message: gateway_messages.GraphChanged | gateway_messages.Activated | gateway_messages.EndGraph
-    ) -> None:
+    def _send(self, message: ChannelMessage) -> None:
         try:
             self._sidecar.send(message)
         except ChannelClosed:
             _LOG.debug("the gateway is gone; the supervisor's loop will find out")
 
     def _receive(self) -> None:
-        """Take in what the gateway has said; start another if it has died."""
+        """Take in what the gateway has sent; start another if it has died."""
         try:
-            for said in self._sidecar.receive():
-                self._on_message(said)
+            for message in self._sidecar.receive():
+                self._on_message(message)
         except ChannelClosed:
             self._forget()
             self._report_death(self._sidecar.close())
             if self._restart_count < MOST_RESTARTS and not self._closed:
                 self._restart()
 
-    def _on_message(self, said: gateway_messages.FromGateway) -> None:
-        if isinstance(said, gateway_messages.NodeJoined):
-            request = said.request
+    def _on_message(self, message: join_protocol.FromGateway) -> None:
+        if isinstance(message, join_protocol.NodeJoined):
+            request = message.request
             self.joined[request.name] = request
-            self._epochs[request.name] = said.epoch
+            self._epochs[request.name] = message.epoch
             self._liveness.expect(request.name, monotonic_ns())
             text = f"/{request.name} has joined from {request.host}"
-            where = {"run": request.run, "host": request.host, "address": said.address}
-            self._report("joined", request.name, text, **where, epoch=said.epoch)
+            where = {"run": request.run, "host": request.host, "address": message.address}
+            self._report("joined", request.name, text, **where, epoch=message.epoch)
             self.changed()
-        elif isinstance(said, gateway_messages.NodeLeft):
-            self.joined.pop(said.name, None)
-            self._liveness.forget(said.name)
-            self._report("left", said.name, f"/{said.name} has left: {said.text}", exit_code=said.exit_code)
+        elif isinstance(message, join_protocol.NodeLeft):
+            self.joined.pop(message.name, None)
+            self._liveness.forget(message.name)
+            self._report(
+                "left", message.name, f"/{message.name} has left: {message.text}", exit_code=message.exit_code
+            )
             self.changed()
-            expected = self._view.expected.get(said.name) if self._view is not None else None
-            ends = expected is not None and expected.shutdown_on_exit and said.exit_code >= 0
+            expected = self._view.expected.get(message.name) if self._view is not None else None
+            ends = expected is not None and expected.shutdown_on_exit and message.exit_code >= 0
             if ends and self._supervisor is not None:
-                self._supervisor.exit_code = said.exit_code
-        elif isinstance(said, gateway_messages.NodeReported):
-            if self._liveness.heard(said.name, decode(NodeHealth, said.health), monotonic_ns()):
-                self._report("responsive", said.name, f"/{said.name}: answers again")
-        elif isinstance(said, gateway_messages.PeerRejected):
-            self._report("refused", "", said.text, address=said.address, key=said.key, count=said.count)
+                self._supervisor.exit_code = message.exit_code
+        elif isinstance(message, join_protocol.NodeReported):
+            if self._liveness.heard(message.name, decode(NodeHealth, message.health), monotonic_ns()):
+                self._report("responsive", message.name, f"/{message.name}: answers again")
+        elif isinstance(message, join_protocol.PeerRejected):
+            self._report(
+                "refused", "", message.text, address=message.address, key=message.key, count=message.count
+            )
 
     def _report_death(self, status: int) -> None:
         text = f"the gateway has died (status {status}); joined nodes are lost, the others go on"
@@ -269,9 +277,9 @@ class GatewayHandle:
         if self._supervisor is not None:
             self._supervisor.watch(self._sidecar.descriptor, self._receive)
         if self._view is not None:
-            self._send(gateway_messages.GraphChanged(self._view))
+            self._send(join_protocol.GraphUpdate(view=self._view))
         if self._start_ns is not None:
-            self._send(gateway_messages.Activated(self._start_ns))
+            self._send(join_protocol.Active(start_ns=self._start_ns))
         self._report("restarted", "gateway", f"the gateway listens again on {self.endpoint}")
 
     def close(self, text: str, *, finished: bool) -> None:
@@ -280,5 +288,5 @@ class GatewayHandle:
             return
         self._closed = True
         self._forget()
-        self._send(gateway_messages.EndGraph(text, finished))
+        self._send(join_protocol.JoinRefused(text=text, finished=finished))
         self._sidecar.close()

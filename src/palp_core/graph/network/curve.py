@@ -1,4 +1,4 @@
-"""CURVE on sockets: a listener that lets allowed keys in and says whom it turned away.
+"""CURVE on sockets: a listener that lets allowed keys in, and a caller; both know why a call fails.
 
 Authentication is asked of this process itself (ZAP, https://rfc.zeromq.org/spec/27/); what fails before that,
 a stranger without a key or with the wrong one, shows only in the sockets' monitors.
@@ -16,23 +16,25 @@ import zmq
 from zmq.utils import z85
 
 from palp_core.errors import GraphError
-from palp_core.graph.network.event_loop import MOST_AT_ONCE, EventLoop
+from palp_core.graph.network.event_loop import MOST_AT_ONCE, EventLoop, drain
 from palp_core.graph.network.keys import OwnKeys
 from palp_core.graph.transport.in_flight_bytes import InFlightBytes
 
 DOMAIN = b"palp"
 HANDSHAKE_MS = 5_000
-HIGH_WATER_MARK = 100_000
 LARGEST_BYTES = 64 << 20
-LARGE_BYTES = 64 << 10
+WINDOW_BYTES = 32 << 20  # what may wait here for one host; more is dropped, and its readers count it
 COUNTED_BYTES = 1 << 10
+HIGH_WATER_MARK = 20_000  # messages, of which smaller ones are bounded by this mark alone
 FAILED = (
     zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
     | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
     | zmq.EVENT_HANDSHAKE_FAILED_AUTH
 )
 _LISTENED = zmq.EVENT_ACCEPTED | zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED | FAILED
-OTHER_MECHANISM = int(zmq.PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH)
+_LOST = zmq.EVENT_DISCONNECTED | zmq.EVENT_CONNECT_RETRIED
+_CALLED = zmq.EVENT_CONNECTED | zmq.EVENT_HANDSHAKE_SUCCEEDED | _LOST | FAILED
+_OTHER_MECHANISM = int(zmq.PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH)
 _CANNOT_DECIPHER = int(zmq.PROTOCOL_ERROR_ZMTP_CRYPTOGRAPHIC)
 
 
@@ -62,8 +64,8 @@ class CurveListener:
         own: The pair that callers must know the public part of; None: anybody is let in.
         admits: Tells whether the owner of a public key is let in.
         receive: Takes each message.
-        refused: Is told address, public key ("" if none was shown) and reason of who is turned away.
-        disconnected: Is told that some connection ended.
+        refused: Takes address, public key ("" if none was shown) and reason of who is turned away.
+        disconnected: Called when some connection has ended.
 
     Raises:
         GraphError: It cannot listen there.
@@ -87,8 +89,7 @@ class CurveListener:
         self._failure: int | None = None
         # Who hangs up at once may be gone before it can be asked; on loopback there is one answer.
         self._only_address = "127.0.0.1" if "//127.0.0.1:" in endpoint else ""
-        self._router = event_loop.socket(zmq.ROUTER)
-        configure(self._router)
+        self._router = _tcp_socket(event_loop, zmq.ROUTER)
         self._router.setsockopt(zmq.ROUTER_MANDATORY, 1)
         self._router.setsockopt(zmq.BACKLOG, 128)
         self._router.setsockopt(zmq.IPV6, int("[" in endpoint))
@@ -98,8 +99,7 @@ class CurveListener:
             event_loop.receive(self._zap, self._authenticate)
             self._router.setsockopt(zmq.ZAP_DOMAIN, DOMAIN)
             self._router.curve_server = True
-            self._router.curve_publickey = own.public.encode()
-            self._router.curve_secretkey = own.secret.encode()
+            _set_pair(self._router, own)
         event_loop.observe(self._router, _LISTENED, self._on_event)
         try:
             self._router.bind(endpoint)
@@ -109,29 +109,13 @@ class CurveListener:
         event_loop.watch(self._router, self._receive_pending)
 
     def send(self, connection: bytes, in_flight: InFlightBytes, parts: list[bytes]) -> Sent:
-        """Send without waiting.
-
-        Args:
-            connection: Whom to.
-            in_flight: What it has not taken yet of all but the frames of topics, which it acknowledges.
-            parts: The message.
-        """
-        counted = len(parts[0]) >= COUNTED_BYTES and parts[0][:1] != b"/"
-        if counted and not in_flight.has_room(len(parts[0])):
-            return Sent.FULL
+        """Send without waiting; ``in_flight`` counts what waits for the connection."""
         try:
-            if counted:
-                self._router.send(connection, zmq.NOBLOCK | zmq.SNDMORE)
-                in_flight.send(self._router, parts[0])
-            else:
-                self._router.send_multipart([connection, *parts], zmq.NOBLOCK, copy=not is_large(parts))
-        except zmq.Again:
-            return Sent.FULL
+            return _send(self._router, [connection, *parts], in_flight)
         except zmq.ZMQError as error:
             if error.errno != errno.EHOSTUNREACH:
                 raise
             return Sent.GONE
-        return Sent.QUEUED
 
     def _receive_pending(self) -> None:
         for _ in range(MOST_AT_ONCE):
@@ -155,15 +139,15 @@ class CurveListener:
         self._zap.send_multipart([identity, delimiter, version, request, code, text, key.encode(), b""])
 
     def _on_event(self, event: int, value: int) -> None:
-        """Follow a connection; a failure is told first, then, by the same thread, whose it was."""
+        """Follow a connection; a failure comes first, then, by the same thread, whose it was."""
         if event == zmq.EVENT_ACCEPTED:
             self._pending[value] = _peer_of(value)
         elif event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
-            if self._pending:  # which one is not told; the oldest is the likeliest
+            if self._pending:  # which one is not known; the oldest is the likeliest
                 del self._pending[next(iter(self._pending))]
         elif event == zmq.EVENT_HANDSHAKE_FAILED_AUTH:
-            self._failure = -1  # said when its key was asked for
-        elif event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL or event == zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL:
+            self._failure = -1  # reported when its key was asked for
+        elif event in (zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL, zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL):
             self._failure = value
         elif event == zmq.EVENT_DISCONNECTED:
             address, failure = self._pending.pop(value, None), self._failure
@@ -179,7 +163,7 @@ class CurveListener:
     def _why(self, failure: int) -> str:
         if failure == _CANNOT_DECIPHER:
             return "it has a wrong server key: give it this host's public key, shown by: palp keys list"
-        if failure == OTHER_MECHANISM:
+        if failure == _OTHER_MECHANISM:
             return "it has no key" if self._secured else "it wants a key, and this host has none"
         if failure == errno.EAGAIN:
             return f"it said nothing for {HANDSHAKE_MS / 1e3:g} s"
@@ -188,18 +172,128 @@ class CurveListener:
         return f"it broke the protocol (code {failure:#x})"
 
 
-def configure(socket: zmq.Socket[bytes]) -> None:
-    """Set what bounds a socket on tcp: queues, sizes, the time of a handshake."""
+class CurveCaller:
+    """A DEALER that calls a listener, and knows why if it is not let in.
+
+    Args:
+        event_loop: Watches it.
+        endpoint: Where to call.
+        own: The own pair; None: without CURVE.
+        server_key: The listener's public key.
+        receive: Takes each message.
+        connected: Called when the connection stands.
+        failed: Takes the reason for which the connection is refused or has ended.
+
+    Attributes:
+        accepted: The call was taken; ``connected`` or ``failed`` is called when it is known by whom.
+        attempt_count: Calls that were not taken.
+
+    Raises:
+        GraphError: Not an address.
+    """
+
+    def __init__(
+        self,
+        event_loop: EventLoop,
+        endpoint: str,
+        own: OwnKeys | None,
+        server_key: str,
+        *,
+        receive: Callable[[list[bytes]], None],
+        connected: Callable[[], None],
+        failed: Callable[[str], None],
+    ) -> None:
+        self._endpoint, self._own = endpoint, own
+        self._receive, self._connected, self._failed = receive, connected, failed
+        self.accepted = False
+        self.attempt_count = 0
+        self._stands = False
+        self._in_flight = InFlightBytes(WINDOW_BYTES)
+        self._dealer = _tcp_socket(event_loop, zmq.DEALER)
+        self._dealer.setsockopt(zmq.IMMEDIATE, 1)
+        self._dealer.setsockopt(zmq.RECONNECT_IVL, 200)
+        self._dealer.setsockopt(zmq.IPV6, 1)
+        if own is not None:
+            self._dealer.curve_serverkey = server_key.encode()
+            _set_pair(self._dealer, own)
+        event_loop.observe(self._dealer, _CALLED, self._on_event)
+        try:
+            self._dealer.connect(endpoint)
+        except zmq.ZMQError as error:
+            raise GraphError(f"cannot call {endpoint}: {error.strerror}; write tcp://HOST:PORT") from error
+        event_loop.receive(self._dealer, receive)
+
+    def send(self, parts: list[bytes]) -> Sent:
+        """Send without waiting."""
+        outcome = _send(self._dealer, parts, self._in_flight)
+        return Sent.GONE if outcome is Sent.FULL and not self._stands else outcome
+
+    def _on_event(self, event: int, value: int) -> None:
+        self.accepted = event == zmq.EVENT_CONNECTED or (self.accepted and not event & _LOST)
+        if event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
+            self._stands = True
+            self._connected()
+        elif event == zmq.EVENT_CONNECT_RETRIED:
+            self.attempt_count += 1
+        elif event == zmq.EVENT_DISCONNECTED and self._stands:
+            drain(self._dealer, self._receive)  # its last messages came before the end
+            self._stands = False
+            self._failed(f"the connection to {self._endpoint} has ended")
+        elif event & FAILED:
+            self._failed(f"{self._endpoint} {self._why(event, value)}")
+
+    def _why(self, event: int, value: int) -> str:
+        """Say why there is no connection; when both ends are at odds, either may be the first to hang up."""
+        if event == zmq.EVENT_HANDSHAKE_FAILED_AUTH and self._own is not None:
+            return (
+                "refused this host's key: its public key is not allowed there. On that host: palp keys allow "
+                f"'{self._own.public}' --name {self._own.name}"
+            )
+        if value == errno.EAGAIN:
+            return f"accepts the call but says nothing for {HANDSHAKE_MS / 1e3:g} s: it is no palp gateway"
+        if self._own is None:
+            return (
+                "hung up on a caller without a key: make one (palp keys generate), let that host allow it, "
+                "and give its public key with --server-key"
+            )
+        if value == _OTHER_MECHANISM:
+            return "has no keys and speaks in the clear; leave out --server-key, or make keys on that host"
+        return (
+            "hung up during the handshake: --server-key is not its public key (shown there by: palp keys "
+            "list), or it has no keys (then leave out --server-key)"
+        )
+
+
+def _tcp_socket(event_loop: EventLoop, kind: int) -> zmq.Socket[bytes]:
+    """Return a socket for tcp with bounded queues, sizes and time of a handshake."""
+    socket = event_loop.socket(kind)
     socket.setsockopt(zmq.SNDHWM, HIGH_WATER_MARK)
     socket.setsockopt(zmq.RCVHWM, 1_000)
     socket.setsockopt(zmq.MAXMSGSIZE, LARGEST_BYTES)
     socket.setsockopt(zmq.HANDSHAKE_IVL, HANDSHAKE_MS)
     socket.setsockopt(zmq.TCP_KEEPALIVE, 1)
+    return socket
 
 
-def is_large(parts: list[bytes]) -> bool:
-    """Tell whether a message is better sent without a copy."""
-    return len(parts[-1]) >= LARGE_BYTES
+def _set_pair(socket: zmq.Socket[bytes], own: OwnKeys) -> None:
+    socket.curve_publickey, socket.curve_secretkey = own.public.encode(), own.secret.encode()
+
+
+def _send(socket: zmq.Socket[bytes], parts: list[bytes], in_flight: InFlightBytes) -> Sent:
+    """Send without waiting and, as ZeroMQ's own marks count messages, without holding too many bytes."""
+    size = sum(map(len, parts))
+    if size >= COUNTED_BYTES and not in_flight.has_room(size):
+        return Sent.FULL
+    try:
+        for left, part in zip(reversed(range(len(parts))), parts, strict=True):
+            flags = zmq.NOBLOCK | (zmq.SNDMORE if left else 0)
+            if len(part) < COUNTED_BYTES:
+                socket.send(part, flags)
+            else:
+                in_flight.send(socket, part, flags)
+    except zmq.Again:
+        return Sent.FULL
+    return Sent.QUEUED
 
 
 def _property(frame: zmq.Frame, name: str) -> str:

@@ -1,4 +1,4 @@
-"""Where a graph may be called from other hosts: beyond this one only with keys."""
+"""Where a graph is called from other hosts, and how: beyond this host only with keys."""
 
 import ipaddress
 import re
@@ -89,3 +89,39 @@ def resolve(host: str, address: str) -> ipaddress.IPv4Address | ipaddress.IPv6Ad
             raise SecurityError(f"{address}: write the address of interface {host}, not its name") from error
         raise SecurityError(f"{address}: no host '{host}' ({error.strerror})") from error
     return ipaddress.ip_address(str(found[0][4][0]).partition("%")[0])
+
+
+class Address(NamedTuple):
+    """Where a graph is called; without CURVE the key is ""."""
+
+    endpoint: str
+    server_key: str
+
+
+def plan_call(endpoint: str, server_key: str | None, keys: KeyFolder) -> Address:
+    """Find the keys for a call.
+
+    Args:
+        endpoint: ``tcp://HOST:PORT``.
+        server_key: The gateway's public key, a file that holds it, or the name of an allowed host.
+        keys: This host's.
+
+    Raises:
+        SecurityError: Not an address, or the keys it takes are not there.
+    """
+    host, _ = host_and_port(endpoint)
+    number = resolve(host, endpoint)
+    if server_key is None:
+        if not number.is_loopback:
+            raise SecurityError(
+                f"{endpoint} is another host: give its public key with --server-key KEY or FILE; it is "
+                "shown there by: palp keys list"
+            )
+        return Address(endpoint, "")
+    own, key = keys.own(), keys.find(server_key)
+    if own is None:
+        raise SecurityError(
+            f"this host has no keys in {keys.path}; make a pair: palp keys generate; then, where the "
+            "graph runs: palp keys allow FILE"
+        )
+    return Address(endpoint, key)
