@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -219,6 +220,44 @@ def test_what_is_no_zeromq_is_refused(ends: Ends) -> None:
     assert not ends.messages
 
 
+def test_strangers_that_only_connect_are_cut_and_a_host_that_is_let_in_stays(
+    ends: Ends, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(curve, "MOST_STRANGERS", 5)
+    server, mine = ends.keys("server"), ends.keys("mine")
+    ends.allowed.add(mine.public)
+    ends.listen(server)
+    address = ("127.0.0.1", int(ends.endpoint.rpartition(":")[2]))
+    with contextlib.ExitStack() as stack:
+
+        def flood() -> None:
+            strangers = [stack.enter_context(socket.create_connection(address)) for _ in range(30)]
+            ends.until(lambda: len([one for one in strangers if _has_ended(one)]) >= 25)
+
+        flood()
+        caller = ends.call(mine, server.public)
+        ends.until(lambda: ends.greetings)
+        for word in (b"a", b"b", b"c"):
+            ends.messages.clear()
+            caller.send([word])
+            ends.until(lambda: ends.messages)
+            flood()
+    assert not ends.failures
+
+
+def _has_ended(stranger: socket.socket) -> bool:
+    """Tell whether the other end has hung up, after its greeting."""
+    stranger.setblocking(False)
+    try:
+        while stranger.recv(1024):
+            pass
+    except BlockingIOError:
+        return False
+    except ConnectionError:
+        pass
+    return True
+
+
 def test_a_message_too_large_ends_its_connection_only(ends: Ends, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("palp_core.graph.network.curve.LARGEST_BYTES", 10_000)
     ends.listen(None)
@@ -290,7 +329,7 @@ def test_a_descriptor_that_is_another_files_by_now_has_no_address() -> None:
     before = len(list(Path("/proc/self/fd").iterdir()))
     one, other = socket.socketpair()
     with one, other, Path(__file__).open() as file:
-        assert [_peer_of(descriptor) for descriptor in (one.fileno(), file.fileno(), 9_999)] == ["", "", ""]
+        assert [_peer_of(descriptor) for descriptor in (one.fileno(), file.fileno(), 9_999)] == [("", 0)] * 3
     assert (
         len(list(Path("/proc/self/fd").iterdir())) <= before
     )  # what others have left may be closed meanwhile

@@ -7,8 +7,9 @@ a stranger without a key or with the wrong one, shows only in the sockets' monit
 import contextlib
 import errno
 import os
+import resource
 import socket as sockets
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from enum import Enum
 from typing import NamedTuple
 
@@ -25,6 +26,7 @@ HANDSHAKE_MS = 5_000
 LARGEST_BYTES = 64 << 20
 WINDOW_BYTES = 32 << 20  # what may wait here for one host; more is dropped, and its readers count it
 COUNTED_BYTES = 1 << 10
+MOST_STRANGERS = 1_000  # connections that have sent no message; of more the oldest is cut
 HIGH_WATER_MARK = 20_000  # messages, of which smaller ones are bounded by this mark alone
 FAILED = (
     zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
@@ -86,6 +88,9 @@ class CurveListener:
         self._refused, self._disconnected = refused, disconnected
         self._secured = own is not None
         self._pending: dict[int, str] = {}
+        self._strangers: dict[int, tuple[str, int]] = {}
+        files = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+        self._most_strangers = min(MOST_STRANGERS, files // 2)
         self._failure: int | None = None
         # Who hangs up at once may be gone before it can be asked; on loopback there is one answer.
         self._only_address = "127.0.0.1" if "//127.0.0.1:" in endpoint else ""
@@ -124,6 +129,7 @@ class CurveListener:
             except zmq.Again:
                 return
             if frames:
+                self._strangers.pop(frames[-1].get(zmq.SRCFD), None)
                 key = _property(frames[-1], "User-Id") if self._secured else ""
                 address = _property(frames[-1], "Peer-Address")
                 self._receive(Received(connection.bytes, key, address, [frame.bytes for frame in frames]))
@@ -141,7 +147,11 @@ class CurveListener:
     def _on_event(self, event: int, value: int) -> None:
         """Follow a connection; a failure comes first, then, by the same thread, whose it was."""
         if event == zmq.EVENT_ACCEPTED:
-            self._pending[value] = _peer_of(value)
+            peer = _peer_of(value)
+            self._pending[value], self._strangers[value] = peer[0], peer
+            if len(self._strangers) > self._most_strangers:
+                oldest = next(iter(self._strangers))
+                _cut(oldest, self._strangers.pop(oldest))
         elif event == zmq.EVENT_HANDSHAKE_SUCCEEDED:
             if self._pending:  # which one is not known; the oldest is the likeliest
                 del self._pending[next(iter(self._pending))]
@@ -150,6 +160,7 @@ class CurveListener:
         elif event in (zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL, zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL):
             self._failure = value
         elif event == zmq.EVENT_DISCONNECTED:
+            self._strangers.pop(value, None)
             address, failure = self._pending.pop(value, None), self._failure
             self._failure = None
             shown_address = address or self._only_address
@@ -303,18 +314,29 @@ def _property(frame: zmq.Frame, name: str) -> str:
         return ""
 
 
-def _peer_of(descriptor: int) -> str:
-    """Return the address at the other end of a connection that may be gone already."""
-    try:
-        copy = os.dup(descriptor)
-    except OSError:
-        return ""
+def _peer_of(descriptor: int) -> tuple[str, int]:
+    """Return address and port of the other end of a connection that may be gone already."""
+    with contextlib.suppress(OSError), _connection(descriptor) as connection:
+        if connection.family in (sockets.AF_INET, sockets.AF_INET6):  # else: another file's by now
+            host, port, *_ = connection.getpeername()
+            return str(host), int(port)
+    return "", 0
+
+
+def _cut(descriptor: int, peer: tuple[str, int]) -> None:
+    """End a connection, for ZeroMQ to close, unless its number is another's by now."""
+    if _peer_of(descriptor) == peer:
+        with contextlib.suppress(OSError), _connection(descriptor) as connection:
+            connection.shutdown(sockets.SHUT_RDWR)
+
+
+@contextlib.contextmanager
+def _connection(descriptor: int) -> Iterator[sockets.socket]:
+    copy = os.dup(descriptor)
     try:
         connection = sockets.socket(fileno=copy)
     except OSError:  # the number is another file's by now
         os.close(copy)
-        return ""
-    with contextlib.closing(connection), contextlib.suppress(OSError):
-        if connection.family in (sockets.AF_INET, sockets.AF_INET6):  # else: also another's by now
-            return str(connection.getpeername()[0])
-    return ""
+        raise
+    with connection:
+        yield connection
