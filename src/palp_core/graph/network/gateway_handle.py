@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import select
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -17,7 +16,7 @@ from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode
 from palp_core.graph.network import join_protocol
-from palp_core.graph.network.address import ListenPlan, plan_listening
+from palp_core.graph.network.address import plan_listening
 from palp_core.graph.network.join_protocol import GraphView, JoinRequest
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.node.loading import endpoints
@@ -60,94 +59,78 @@ def view_of(checked: CheckedGraph) -> GraphView:
     )
 
 
-def open_gateway(
-    address: str, checked: CheckedGraph, folder: Path, report: Report, changed: Callable[[], None]
-) -> GatewayHandle:
-    """Let other hosts call a graph before any of its nodes starts.
+class GatewayHandle:
+    """A graph's gateway as its launcher sees it; it can be called before any node starts.
 
     Args:
         address: ``tcp://HOST:PORT``.
         checked: The graph.
         folder: The run directory.
-        report: Publishes an event.
-        changed: Is called when somebody has joined or left.
-
-    Raises:
-        SecurityError: Others could reach the address and there are no keys, or they are exposed.
-        GraphError: Nobody can listen there, or the graph runs in simulated time.
-    """
-    if not address:
-        names = ", ".join(spec.name for spec in checked.expected)
-        raise GraphError(f"{names} joins from another host; say where it can: --listen tcp://HOST:PORT")
-    if checked.clock != "wall":
-        raise GraphError(
-            f"graph '{checked.graph}' runs in simulated time; only one with clock: wall can be joined"
-        )
-    gateway = GatewayHandle(address, folder, report)
-    gateway.changed = changed
-    gateway.show(view_of(checked))
-    return gateway
-
-
-class GatewayHandle:
-    """A graph's gateway as its launcher sees it.
-
-    Args:
-        address: ``tcp://HOST:PORT``.
-        folder: The run directory.
         report: Takes kind, node, text and data of each event: ``joined``, ``left``, ``refused``, ``failed``,
-            ``restarted``.
-        keys: This host's.
+            ``restarted``, ``unresponsive``, ``responsive``.
+        changed: Called when a node has joined or left.
 
     Attributes:
         endpoint: Where other hosts call, with the port that was chosen.
-        warnings: What the user should know.
-        joined: Who has joined, by name.
 
     Raises:
         SecurityError: Others could reach the address and there are no keys, or they are exposed.
-        GraphError: Nobody can listen there.
+        GraphError: It cannot listen there, or the graph runs in simulated time.
     """
 
-    def __init__(self, address: str, folder: Path, report: Report, keys: KeyFolder | None = None) -> None:
-        planned = plan_listening(address, keys or KeyFolder())
-        self.warnings = planned.warnings
-        self.joined: dict[str, JoinRequest] = {}
-        self.changed: Callable[[], None] = lambda: None
-        self._plan, self._folder, self._publish_event = planned, folder, report
+    def __init__(
+        self,
+        address: str,
+        checked: CheckedGraph,
+        folder: Path,
+        report: Report,
+        changed: Callable[[], None],
+    ) -> None:
+        if not address:
+            names = ", ".join(spec.name for spec in checked.expected)
+            raise GraphError(f"{names} joins from another host; say where it can: --listen tcp://HOST:PORT")
+        if checked.clock != "wall":
+            raise GraphError(
+                f"graph '{checked.graph}' runs in simulated time; only one with clock: wall can be joined"
+            )
+        self._plan = plan_listening(address, KeyFolder())
+        self._folder, self._publish_event, self._changed = folder, report, changed
+        self._joined: dict[str, JoinRequest] = {}
         self._liveness = Liveness[str]()
         self._epochs: dict[str, int] = {}
-        self._view: GraphView | None = None
+        self._view = view_of(checked)
         self._start_ns: int | None = None
         self._restart_count = 0
-        self._say: Callable[[str], None] = lambda _: None
+        self._show: Callable[[str], None] = lambda _: None
         self._supervisor: Supervisor | None = None
         self._closed = False
-        self._sidecar, self.endpoint = self._start_process(planned)
+        self._sidecar, self.endpoint = self._start_process(self._plan.endpoint)
 
-    def _start_process(self, planned: ListenPlan) -> tuple[Sidecar[join_protocol.FromGateway], str]:
+    def _start_process(self, endpoint: str) -> tuple[Sidecar[join_protocol.FromGateway], str]:
+        """Start the gateway and show it the graph; return it, and where it listens."""
         log = self._folder / "log" / "gateway.log"
         sidecar = Sidecar("palp_core.graph.network.gateway", _DECODER, log)
+        listen_on = join_protocol.ListenOn(
+            run_dir=str(self._folder), endpoint=endpoint, secured=self._plan.secured, epochs=self._epochs
+        )
         try:
-            sidecar.send(
-                join_protocol.ListenOn(
-                    run_dir=str(self._folder),
-                    endpoint=planned.endpoint,
-                    secured=planned.secured,
-                    epochs=self._epochs,
-                )
-            )
-            if not select.select((sidecar.descriptor,), (), (), START_TIMEOUT_S)[0]:
+            sidecar.send(listen_on)
+            if not sidecar.wait(START_TIMEOUT_S):
                 raise GraphError(f"the gateway did not start within {START_TIMEOUT_S:g} s (log: {log})")
             (answer,) = sidecar.receive()
-            if isinstance(answer, join_protocol.Listening):
-                return sidecar, answer.endpoint
-            raise GraphError(getattr(answer, "text", ""))
-        except (ChannelClosed, GraphError) as error:
+            if isinstance(answer, join_protocol.JoinRefused):
+                raise GraphError(answer.text)
+            assert isinstance(answer, join_protocol.Listening)
+            sidecar.send(join_protocol.GraphUpdate(view=self._view))
+            if self._start_ns is not None:
+                sidecar.send(join_protocol.Active(start_ns=self._start_ns))
+        except GraphError:
             sidecar.close()
-            if isinstance(error, GraphError):
-                raise
+            raise
+        except ChannelClosed as error:
+            sidecar.close()
             raise GraphError(f"the gateway ended while it started (log: {log})") from error
+        return sidecar, answer.endpoint
 
     def follow(self, supervisor: Supervisor) -> None:
         """Receive what the gateway sends within the supervisor's loop."""
@@ -158,36 +141,26 @@ class GatewayHandle:
         if self._supervisor is not None:
             self._supervisor.forget(self._sidecar.descriptor)
 
-    def announce_to(self, say: Callable[[str], None]) -> None:
+    def announce_to(self, show: Callable[[str], None]) -> None:
         """Show a person where the gateway listens, what to know of it, and from now on what happens."""
-        self._say = say
-        say(f"listening on {self.endpoint}")
-        for warning in self.warnings:
-            say(f"warning: {warning}")
-        for spec in self._view.expected.values() if self._view is not None else ():
-            if spec.name not in self.joined:
-                key = " --server-key KEY" if self._plan.secured else ""
-                say(
-                    f"/{spec.name} is to join; on its host: palp run {spec.run} --name {spec.name} "
-                    f"--join {self.endpoint}{key}"
-                )
+        self._show = show
+        show(f"listening on {self.endpoint}")
+        for warning in self._plan.warnings:
+            show(f"warning: {warning}")
+        key = " --server-key KEY" if self._plan.secured else ""
+        for spec in self._view.expected.values():
+            if spec.name not in self._joined:
+                command = f"palp run {spec.run} --name {spec.name} --join {self.endpoint}{key}"
+                show(f"/{spec.name} is to join; on its host: {command}")
 
     def _report(self, kind: str, node: str, text: str, **data: object) -> None:
         self._publish_event(kind, node, text, **data)
-        self._say(text)
-
-    def show(self, view: GraphView) -> None:
-        """Show the graph to those who call; again when it has changed."""
-        self._view = view
-        self._send(join_protocol.GraphUpdate(view=view))
+        self._show(text)
 
     def described(self, record: RunRecord) -> RunRecord:
-        """Return the record of the run with where it is called and who has joined it.
-
-        Those who have joined have endpoints in the run directory, as any other node.
-        """
+        """Return the record of the run with where it is called, and the joined nodes with their endpoints."""
         nodes, topics = list(record.nodes), {entry.name: entry for entry in record.topics}
-        for request in self.joined.values():
+        for request in self._joined.values():
             publish, serve = endpoints(str(self._folder), request.name)
             nodes.append(NodeEntry(request.name, request.run, 0, publish, serve))
             topics |= {name: info.as_topic(name, publish) for name, info in request.outputs.items()}
@@ -197,17 +170,17 @@ class GatewayHandle:
 
     @property
     def health(self) -> list[NodeHealth]:
-        """How those do that have joined, as they report it."""
+        """How the joined nodes do, as they report it."""
         return self._liveness.health
 
     def report_silence(self) -> None:
-        """Say of each that has joined and is silent that it is, once."""
+        """Report each joined node that is silent, once."""
         for name, silent_ns in self._liveness.unresponsive(monotonic_ns()):
             if text := self._liveness.newly_silent(name, silent_ns):
                 self._report("unresponsive", name, f"/{name} {text}", silent_s=silent_ns / 1e9)
 
     def activate(self, start_ns: int) -> None:
-        """Let joined nodes begin: the graph runs since then on the host's monotonic clock."""
+        """Let joined nodes begin; the time is on the host's monotonic clock."""
         self._start_ns = start_ns
         self._send(join_protocol.Active(start_ns=start_ns))
 
@@ -224,28 +197,22 @@ class GatewayHandle:
                 self._on_message(message)
         except ChannelClosed:
             self._forget()
-            self._report_death(self._sidecar.close())
-            if self._restart_count < MOST_RESTARTS and not self._closed:
-                self._restart()
+            self._restart(self._sidecar.close())
 
     def _on_message(self, message: join_protocol.FromGateway) -> None:
         if isinstance(message, join_protocol.NodeJoined):
             request = message.request
-            self.joined[request.name] = request
+            self._joined[request.name] = request
             self._epochs[request.name] = message.epoch
             self._liveness.expect(request.name, monotonic_ns())
             text = f"/{request.name} has joined from {request.host}"
             where = {"run": request.run, "host": request.host, "address": message.address}
             self._report("joined", request.name, text, **where, epoch=message.epoch)
-            self.changed()
+            self._changed()
         elif isinstance(message, join_protocol.NodeLeft):
-            self.joined.pop(message.name, None)
-            self._liveness.forget(message.name)
-            self._report(
-                "left", message.name, f"/{message.name} has left: {message.text}", exit_code=message.exit_code
-            )
-            self.changed()
-            expected = self._view.expected.get(message.name) if self._view is not None else None
+            self._remove(message.name, message.text, message.exit_code)
+            self._changed()
+            expected = self._view.expected.get(message.name)
             ends = expected is not None and expected.shutdown_on_exit and message.exit_code >= 0
             if ends and self._supervisor is not None:
                 self._supervisor.exit_code = message.exit_code
@@ -257,33 +224,31 @@ class GatewayHandle:
                 "refused", "", message.text, address=message.address, key=message.key, count=message.count
             )
 
-    def _report_death(self, status: int) -> None:
+    def _remove(self, name: str, text: str, exit_code: int) -> None:
+        self._joined.pop(name, None)
+        self._liveness.forget(name)
+        self._report("left", name, f"/{name} has left: {text}", exit_code=exit_code)
+
+    def _restart(self, status: int) -> None:
         text = f"the gateway has died (status {status}); joined nodes are lost, the others go on"
         self._report("failed", "gateway", text, status=status)
-        for name in list(self.joined):
-            del self.joined[name]
-            self._liveness.forget(name)
-            self._report("left", name, f"/{name} has left: the gateway has died", exit_code=-1)
-        self.changed()
-
-    def _restart(self) -> None:
+        for name in list(self._joined):
+            self._remove(name, "the gateway has died", -1)
+        self._changed()
         self._restart_count += 1
-        again = self._plan._replace(endpoint=self.endpoint)
+        if self._restart_count > MOST_RESTARTS or self._closed:
+            return
         try:
-            self._sidecar, self.endpoint = self._start_process(again)
+            self._sidecar, self.endpoint = self._start_process(self.endpoint)
         except GraphError as error:
             self._report("failed", "gateway", f"the gateway cannot be started again: {error}")
             return
         if self._supervisor is not None:
             self._supervisor.watch(self._sidecar.descriptor, self._receive)
-        if self._view is not None:
-            self._send(join_protocol.GraphUpdate(view=self._view))
-        if self._start_ns is not None:
-            self._send(join_protocol.Active(start_ns=self._start_ns))
         self._report("restarted", "gateway", f"the gateway listens again on {self.endpoint}")
 
     def close(self, text: str, *, finished: bool) -> None:
-        """Tell who has joined that the graph ends, ``finished``: by itself; end the gateway."""
+        """Tell the joined nodes that the graph ends, ``finished``: by itself; end the gateway."""
         if self._closed:
             return
         self._closed = True

@@ -210,11 +210,7 @@ def _placed(
 
 
 def _run_and_name(run: str, name: str | None) -> tuple[str, str]:
-    """Return what to run, with the whole path of a file, and the running name.
-
-    Raises:
-        GraphError: Neither ``module:Class`` nor ``path.py:Class``, or not a node's name.
-    """
+    """Return what to run, with the whole path of a file, and the running name."""
     module, _, class_name = run.rpartition(":")
     if module.endswith(".py"):
         run = f"{Path(module).resolve()}:{class_name}"
@@ -235,19 +231,7 @@ def _supervise(supervisor: Supervisor) -> int:
 
 def _supervise_joined(supervisor: Supervisor, remote: _BridgeHandle, say: Say) -> int:
     """Run a node as part of the graph it has joined; return its exit status, and leave what to say there."""
-    try:
-        code = _run_joined(supervisor, remote)
-    except (NodeError, Interrupted) as error:
-        remote.goodbye = join_protocol.LeaveGraph(text=str(error), exit_code=-1)
-        raise
-    text = "its work is done" if code == 0 else f"it ended with status {code}"
-    remote.goodbye = join_protocol.LeaveGraph(text=text, exit_code=code)
-    if remote.lost is not None:
-        say(f"{remote.lost.text}; /{supervisor.processes[0].spec.name} goes to its safe state and ends")
-    return code
 
-
-def _run_joined(supervisor: Supervisor, remote: _BridgeHandle) -> int:
     def receive() -> None:
         remote.receive()
         if remote.lost is not None:
@@ -256,8 +240,18 @@ def _run_joined(supervisor: Supervisor, remote: _BridgeHandle) -> int:
 
     supervisor.on_health = remote.report_health
     supervisor.watch(remote.descriptor, receive)
-    supervisor.start()
-    supervisor.wait_until(lambda: remote.start_ns is not None or remote.lost is not None)
+    try:
+        supervisor.start()
+        supervisor.wait_until(lambda: remote.start_ns is not None or remote.lost is not None)
+        if remote.lost is None:
+            code = supervisor.run_wall(start_ns=remote.start_ns)
+        else:
+            code = 0 if remote.lost.finished else 1
+    except (NodeError, Interrupted) as error:
+        remote.goodbye = join_protocol.LeaveGraph(text=str(error), exit_code=-1)
+        raise
+    text = "its work is done" if code == 0 else f"it ended with status {code}"
+    remote.goodbye = join_protocol.LeaveGraph(text=text, exit_code=code)
     if remote.lost is not None:
-        return 0 if remote.lost.finished else 1
-    return supervisor.run_wall(start_ns=remote.start_ns)
+        say(f"{remote.lost.text}; /{supervisor.processes[0].spec.name} goes to its safe state and ends")
+    return code
