@@ -1,31 +1,30 @@
-"""The joined host's end of the connection to a gateway: a process that stands for the graph's nodes.
+"""The joined host's end of the connection to a gateway: a thread that stands for the graph's nodes.
 
-The joined node runs as any node does, in a run directory of its own, where this process has bound the
-endpoints of every node of the graph. It knows nothing of tcp either.
-
-Run as ``python -m palp_core.graph.network.bridge <descriptor of the channel>``.
+The joined node runs as any node does, in a run directory of its own, where the thread has bound the endpoints
+of every node of the graph. It knows nothing of tcp either.
 """
 
 import contextlib
 import logging
-import signal
-import socket
-import sys
+import os
+import select
+import threading
 from collections import deque
-from typing import NamedTuple
+from collections.abc import Callable
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, NamedTuple, TypeVar
 
-import msgspec
-
-from palp_core.errors import PalpError, SchemaMismatch
+from palp_core.errors import GraphError, SchemaMismatch, in_words
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.network import join_protocol
+from palp_core.graph.network.address import Address
 from palp_core.graph.network.curve import CurveCaller
 from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.network.keys import KeyFolder
 from palp_core.graph.network.relay import Peer, Relay
 from palp_core.graph.node.spec import NAME
-from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
-from palp_core.graph.process.parent_death import die_with_parent
+from palp_core.graph.supervision.interrupt import Interrupt
 
 EXCHANGES = 16
 FOUND_WITHIN_S = 5.0
@@ -33,8 +32,34 @@ ANSWER_WITHIN_S = 20.0
 """After the handshake (assumed: the gateway of a busy host has had its turn by then)."""
 
 DRIFT_NS = 1_000_000
+CLOSE_TIMEOUT_S = 2.0
 _GATEWAY = b"gateway"
 _LOG = logging.getLogger("palp.bridge")
+Wanted = TypeVar("Wanted")
+
+
+class GraphReached(NamedTuple):
+    """The graph as it is now, and by how many ns at most the estimate of its clock is wrong."""
+
+    view: join_protocol.GraphView
+    uncertainty_ns: int
+
+
+class _Mailbox:
+    """Messages from one thread to another, whose descriptor becomes readable."""
+
+    def __init__(self) -> None:
+        self.descriptor = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
+        self._messages: SimpleQueue[Any] = SimpleQueue()
+
+    def put(self, message: object) -> None:
+        self._messages.put(message)
+        os.eventfd_write(self.descriptor, 1)
+
+    def take(self) -> list[Any]:
+        with contextlib.suppress(BlockingIOError):
+            os.eventfd_read(self.descriptor)
+        return [self._messages.get() for _ in range(self._messages.qsize())]
 
 
 class Offset(NamedTuple):
@@ -72,25 +97,90 @@ class OffsetEstimate:
         return min(self._latest, key=lambda offset: offset.uncertainty_ns)
 
 
-class Bridge:
-    """One connection to a gateway.
+class JoinedGraph:
+    """A graph elsewhere, as ``palp run`` sees it.
 
     Args:
-        channel: To ``palp run``.
-        call: Where to call.
-        keys: This host's.
+        address: Where it is called.
+        folder: The run directory of the node.
+        interrupt: Ends the waiting for an answer.
+
+    Attributes:
+        start_ns: Since when the graph runs, on this host's monotonic clock; None: not yet.
+        lost: Why this host was not let in, or is not any more.
+        goodbye: What is sent at the end.
 
     Raises:
         PalpError: The address cannot be called, or there is no own pair.
     """
 
+    def __init__(self, address: Address, folder: Path, interrupt: Interrupt) -> None:
+        self._interrupt = interrupt
+        self._received: list[Any] = []
+        self.start_ns: int | None = None
+        self.lost: join_protocol.JoinRefused | None = None
+        self.goodbye = join_protocol.LeaveGraph(text="it could not start", exit_code=-1)
+        self._inbox, self._outbox = _Mailbox(), _Mailbox()
+        bridge = _Bridge(address, folder, self._outbox, self._inbox.put)
+        self._thread = threading.Thread(target=bridge.run, name="bridge", daemon=True)
+        self._thread.start()
+
+    @property
+    def descriptor(self) -> int:
+        """Becomes readable when something has come."""
+        return self._inbox.descriptor
+
+    def send(self, message: join_protocol.JoinMessage) -> None:
+        """Send a message to the graph."""
+        self._outbox.put(message)
+
+    def receive(self) -> None:
+        """Take in what has come."""
+        for message in self._inbox.take():
+            self._received.append(message)
+            if isinstance(message, join_protocol.Active):
+                self.start_ns = message.start_ns
+            elif isinstance(message, join_protocol.JoinRefused) and self.lost is None:
+                self.lost = message
+
+    def wait_for(self, kind: type[Wanted]) -> Wanted:
+        """Wait for a message of a kind.
+
+        Raises:
+            GraphError: The graph cannot be reached or refuses.
+            Interrupted: The user asked for the end.
+        """
+        while True:
+            for message in self._received:
+                if isinstance(message, kind):
+                    return message
+            if self.lost is not None:
+                raise GraphError(self.lost.text)
+            select.select((self.descriptor, self._interrupt.descriptor), (), ())
+            self._interrupt.check()
+            self.receive()
+
+    def close(self) -> None:
+        """Say goodbye and end the connection."""
+        self.send(self.goodbye)
+        self._thread.join(CLOSE_TIMEOUT_S)
+
+
+class _Bridge:
+    """One connection to a gateway.
+
+    Args:
+        address: Where to call.
+        folder: Where absent nodes get their endpoints.
+        outbox: What is to be sent.
+        report: Takes what has come.
+    """
+
     def __init__(
-        self,
-        channel: MessageChannel[join_protocol.ToBridge],
-        call: join_protocol.CallGateway,
-        keys: KeyFolder,
+        self, address: Address, folder: Path, outbox: _Mailbox, report: Callable[[object], None]
     ) -> None:
-        self._channel, self._call = channel, call
+        keys = KeyFolder()
+        self._endpoint, self._outbox, self._report = address.endpoint, outbox, report
         self._view: join_protocol.GraphView | None = None
         self._request: join_protocol.JoinRequest | None = None
         self._offsets = OffsetEstimate()
@@ -104,35 +194,39 @@ class Bridge:
         self._event_loop = EventLoop()
         self._relay = Relay(
             self._event_loop,
-            call.run_dir,
+            str(folder),
             is_local=lambda name: self._request is not None and name == self._request.name,
         )
         self._caller = CurveCaller(
             self._event_loop,
-            call.endpoint,
-            keys.own() if call.server_key else None,
-            call.server_key,
+            address.endpoint,
+            keys.own() if address.server_key else None,
+            address.server_key,
             receive=self._on_received,
             connected=self._on_connected,
             failed=self._report_lost,
         )
-        self._gateway = Peer(self._caller.send, call.server_key, call.endpoint)
+        self._gateway = Peer(self._caller.send, address.server_key, address.endpoint)
         self._relay.add_peer(_GATEWAY, self._gateway)
-        self._event_loop.watch(channel.socket.fileno(), self._on_channel)
+        self._event_loop.watch(outbox.descriptor, self._on_outbox)
 
     def run(self) -> None:
         """Relay until one of the ends is gone."""
-        while not self._ended:
-            self._event_loop.turn((self._next_beat_ns - monotonic_ns()) / 1e9)
-            if monotonic_ns() >= self._next_beat_ns:
-                self._next_beat_ns = monotonic_ns() + join_protocol.BEAT_NS
-                self._on_beat_due()
-            if self._start_ns is not None:
-                self._begin_when_read(self._start_ns)
-        self._event_loop.close(linger_ms=500)
+        try:
+            while not self._ended:
+                self._event_loop.turn((self._next_beat_ns - monotonic_ns()) / 1e9)
+                if monotonic_ns() >= self._next_beat_ns:
+                    self._next_beat_ns = monotonic_ns() + join_protocol.BEAT_NS
+                    self._on_beat_due()
+                if self._start_ns is not None:
+                    self._begin_when_read(self._start_ns)
+        except Exception as error:  # noqa: BLE001 - the node must reach its safe state
+            self._report_lost(f"the bridge to the graph has failed: {in_words(error)}")
+        finally:
+            self._event_loop.close(linger_ms=500)
 
     def _on_beat_due(self) -> None:
-        endpoint = self._call.endpoint
+        endpoint = self._endpoint
         if self._view is None:
             within_s, why = FOUND_WITHIN_S, "no host or no gateway is there"
             if self._connected:
@@ -155,35 +249,22 @@ class Bridge:
         """Let the node begin, once no message of it can miss its readers."""
         if self._request is not None and self._relay.all_read(self._request.outputs):
             self._start_ns, self._used = None, self._offsets.best()
-            self._send(join_protocol.Active(start_ns=start_ns - self._used.offset_ns))
+            self._report(join_protocol.Active(start_ns=start_ns - self._used.offset_ns))
 
     # palp run
 
-    def _send(self, message: ChannelMessage) -> None:
-        try:
-            self._channel.send(message)
-        except ChannelClosed:
-            self._ended = True
-
-    def _on_channel(self) -> None:
-        try:
-            self._channel.fill()
-        except ChannelClosed:  # the process is gone: the gateway sees the connection end
-            self._ended = True
-            return
-        while self._channel.buffered():
-            message = self._channel.receive()
+    def _on_outbox(self) -> None:
+        for message in self._outbox.take():
             if isinstance(message, join_protocol.Join):
                 self._request = message.request
                 self._add_proxies()
-            if not isinstance(message, join_protocol.CallGateway):
-                self._gateway.send(message)
+            self._gateway.send(message)
             self._ended = self._ended or isinstance(message, join_protocol.LeaveGraph)
 
     def _report_lost(self, text: str, *, finished: bool = False) -> None:
         if not self._ended:
             self._ended = True
-            self._send(join_protocol.JoinRefused(text=text, finished=finished))
+            self._report(join_protocol.JoinRefused(text=text, finished=finished))
 
     # The gateway
 
@@ -201,7 +282,7 @@ class Bridge:
                 case join_protocol.GraphUpdate(view=view):
                     self._on_graph(view)
                 case join_protocol.Joined() as joined:
-                    self._send(joined)
+                    self._report(joined)
                 case join_protocol.Active(start_ns=start_ns):
                     self._start_ns = start_ns
                 case join_protocol.JoinRefused(text=text, finished=finished):
@@ -237,7 +318,7 @@ class Bridge:
             self._ask_time()
         elif self._view is not None and len(self._offsets) == EXCHANGES and self._used is None:
             uncertainty_ns = self._offsets.best().uncertainty_ns
-            self._send(join_protocol.GraphReached(view=self._view, uncertainty_ns=uncertainty_ns))
+            self._report(GraphReached(self._view, uncertainty_ns))
         elif self._used is not None:
             self._watch_drift(self._used)
 
@@ -252,28 +333,3 @@ class Bridge:
                 "are off by as much. Start it again to set it right",
                 drift_ns / 1e6,
             )
-
-
-def main(connection: socket.socket) -> int:
-    """Relay until one of the ends is gone."""
-    die_with_parent()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    logging.basicConfig(level=logging.INFO, format="[%(levelname)s] [bridge]: %(message)s", stream=sys.stderr)
-    decoder = msgspec.msgpack.Decoder(join_protocol.ToBridge)
-    channel: MessageChannel[join_protocol.ToBridge] = MessageChannel(connection, decoder)
-    try:
-        call = channel.receive()
-        assert isinstance(call, join_protocol.CallGateway)
-        bridge = Bridge(channel, call, KeyFolder())
-    except ChannelClosed:
-        return 1
-    except PalpError as error:
-        with contextlib.suppress(ChannelClosed):
-            channel.send(join_protocol.JoinRefused(text=str(error)))
-        return 2
-    bridge.run()
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(socket.socket(fileno=int(sys.argv[1]))))

@@ -3,8 +3,8 @@
 A message that begins with ``/`` is a frame of a topic, as it is on the wire, in one part or two. Everything
 else is one map. The joined host sends first: ``hello``, some ``clock`` exchanges, then ``join``. A gateway
 answers ``refused`` to a connection that did not begin with ``hello``, or that it has dropped, and to what a
-host that has not joined yet sends by mistake. A launcher and its gateway, ``palp run`` and its bridge use the
-same messages on their private channels, and those below :class:`LocalMessage`.
+host that has not joined yet sends by mistake. A launcher and its gateway use the same messages on their
+private channel, and those below :class:`LocalMessage`.
 """
 
 import contextlib
@@ -113,7 +113,7 @@ class JoinRefused(JoinMessage, frozen=True, kw_only=True, tag="refused"):
 
 
 class Active(JoinMessage, frozen=True, kw_only=True):
-    """The graph runs since then, on the monotonic clock of the gateway (from a bridge: of its own host)."""
+    """The graph runs since then, on the monotonic clock of the gateway."""
 
     start_ns: int
 
@@ -172,7 +172,7 @@ _DECODER: msgspec.msgpack.Decoder[_Any] = msgspec.msgpack.Decoder(_Any)
 class LocalMessage(
     ChannelMessage, frozen=True, kw_only=True, array_like=False, tag_field="op", tag=str.lower
 ):
-    """Base of what travels on a private channel only."""
+    """Base of what only a launcher and its gateway exchange."""
 
 
 class ListenOn(LocalMessage, frozen=True, kw_only=True):
@@ -222,25 +222,8 @@ class PeerRejected(LocalMessage, frozen=True, kw_only=True):
     count: int
 
 
-class CallGateway(LocalMessage, frozen=True, kw_only=True):
-    """Call a gateway; absent nodes get their endpoints in ``run_dir``. Without CURVE the key is ""."""
-
-    endpoint: str
-    server_key: str
-    run_dir: str
-
-
-class GraphReached(LocalMessage, frozen=True, kw_only=True):
-    """The graph as it is now, and by how many ns at most the estimate of its clock is wrong."""
-
-    view: GraphView
-    uncertainty_ns: int
-
-
 ToGateway = ListenOn | GraphUpdate | Active | JoinRefused
 FromGateway = Listening | JoinRefused | NodeJoined | NodeLeft | NodeReported | PeerRejected
-ToBridge = CallGateway | Join | HealthReport | LeaveGraph
-FromBridge = GraphReached | Joined | Active | JoinRefused
 
 
 def decode_message(parts: list[bytes]) -> JoinMessage:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import re
-import select
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 
@@ -18,87 +17,16 @@ from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
 from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.network import join_protocol
 from palp_core.graph.network.address import Address
+from palp_core.graph.network.bridge import GraphReached, JoinedGraph
 from palp_core.graph.network.joining import join_request, outputs_of, standalone_spec, wired_spec
 from palp_core.graph.node.spec import NodeSpec, name_mistake
-from palp_core.graph.process.channel import ChannelClosed, ChannelMessage
 from palp_core.graph.supervision.fork_server import ForkServer
 from palp_core.graph.supervision.interrupt import Interrupt, Interrupted, ended_after
 from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.supervision.run_record import run_record_of_node
-from palp_core.graph.supervision.sidecar import Sidecar
 from palp_core.graph.supervision.supervisor import Supervisor
 
 Say = Callable[[str], None]
-Wanted = TypeVar("Wanted", join_protocol.GraphReached, join_protocol.Joined)
-_DECODER: msgspec.msgpack.Decoder[join_protocol.FromBridge] = msgspec.msgpack.Decoder(
-    join_protocol.FromBridge
-)
-
-
-class _BridgeHandle:
-    """The bridge to a graph elsewhere, as this process sees it."""
-
-    def __init__(self, address: Address, folder: Path, interrupt: Interrupt) -> None:
-        self._interrupt = interrupt
-        log = folder / "log" / "bridge.log"
-        self._bridge = Sidecar("palp_core.graph.network.bridge", _DECODER, log)
-        self._received: list[join_protocol.FromBridge] = []
-        self.start_ns: int | None = None
-        self.lost: join_protocol.JoinRefused | None = None
-        self.goodbye = join_protocol.LeaveGraph(text="it could not start", exit_code=-1)
-        self._send(join_protocol.CallGateway(**address._asdict(), run_dir=str(folder)))
-
-    def _send(self, message: ChannelMessage) -> None:
-        with contextlib.suppress(ChannelClosed):
-            self._bridge.send(message)
-
-    def report_health(self, health: bytes) -> None:
-        """Report how the node does; a bridge that does not take it keeps nobody waiting."""
-        if select.select((), (self.descriptor,), (), 0.0)[1]:
-            self._send(join_protocol.HealthReport(health=health))
-
-    @property
-    def descriptor(self) -> int:
-        return self._bridge.descriptor
-
-    def receive(self) -> None:
-        """Take in what it has sent."""
-        try:
-            self._received += self._bridge.receive()
-        except ChannelClosed:
-            self._received.append(join_protocol.JoinRefused(text="the bridge to the graph has died"))
-        for message in self._received:
-            if isinstance(message, join_protocol.Active):
-                self.start_ns = message.start_ns
-            elif isinstance(message, join_protocol.JoinRefused) and self.lost is None:
-                self.lost = message
-
-    def wait_for(self, kind: type[Wanted]) -> Wanted:
-        """Wait for a message of a kind.
-
-        Raises:
-            GraphError: The graph cannot be reached or refuses.
-            Interrupted: The user asked for the end.
-        """
-        while True:
-            for message in self._received:
-                if isinstance(message, kind):
-                    return message
-            if self.lost is not None:
-                raise GraphError(self.lost.text)
-            select.select((self.descriptor, self._interrupt.descriptor), (), ())
-            self._interrupt.check()
-            self.receive()
-
-    def ask_to_join(self, spec: NodeSpec, feeds: dict[str, str], described: NodeClass) -> int:
-        """Ask to be let in; return the epoch from which the node counts."""
-        self._send(join_protocol.Join(request=join_request(spec, feeds, described)))
-        return self.wait_for(join_protocol.Joined).epoch
-
-    def close(self) -> None:
-        """Say goodbye and end the bridge."""
-        self._send(self.goodbye)
-        self._bridge.close()
 
 
 def run_node(
@@ -133,7 +61,7 @@ def run_node(
         server = ForkServer(interrupt)
         stack.callback(server.close)
         try:
-            remote = _BridgeHandle(address, folder.path, interrupt) if address is not None else None
+            remote = JoinedGraph(address, folder.path, interrupt) if address is not None else None
             if remote is not None:
                 stack.callback(remote.close)
             described = _describe(server, name, run, params, workspace, folder.path)
@@ -185,7 +113,7 @@ def _placed(
     params: Mapping[str, Any],
     wires: Mapping[str, str],
     described: NodeClass,
-    remote: _BridgeHandle | None,
+    remote: JoinedGraph | None,
     say: Say,
 ) -> NodeSpec:
     """Return the node with its place in a graph; ask that graph for it."""
@@ -194,14 +122,15 @@ def _placed(
             raise GraphError("-r wires a node into a running graph; add --join tcp://HOST:PORT")
         say(f"/{name} runs alone; its inputs take messages from: palp topic pub")
         return standalone_spec(name, run, params, described)
-    reached = remote.wait_for(join_protocol.GraphReached)
+    reached = remote.wait_for(GraphReached)
     view = reached.view
     if view.clock != "wall":
         raise GraphError(
             f"graph '{view.graph}' runs in simulated time; only one with clock: wall can be joined"
         )
     spec, feeds = wired_spec(name, run, params, wires, described, view)
-    epoch = remote.ask_to_join(spec, feeds, described)
+    remote.send(join_protocol.Join(request=join_request(spec, feeds, described)))
+    epoch = remote.wait_for(join_protocol.Joined).epoch
     say(
         f"/{name} has joined graph '{view.graph}'; its clock is known to "
         f"{reached.uncertainty_ns / 1e6:.3f} ms"
@@ -229,7 +158,7 @@ def _supervise(supervisor: Supervisor) -> int:
     return supervisor.run_wall()
 
 
-def _supervise_joined(supervisor: Supervisor, remote: _BridgeHandle, say: Say) -> int:
+def _supervise_joined(supervisor: Supervisor, remote: JoinedGraph, say: Say) -> int:
     """Run a node as part of the graph it has joined; return its exit status, and leave what to say there."""
 
     def receive() -> None:
@@ -238,7 +167,7 @@ def _supervise_joined(supervisor: Supervisor, remote: _BridgeHandle, say: Say) -
             supervisor.forget(remote.descriptor)
             supervisor.exit_code = 0 if remote.lost.finished else 1
 
-    supervisor.on_health = remote.report_health
+    supervisor.on_health = lambda health: remote.send(join_protocol.HealthReport(health=health))
     supervisor.watch(remote.descriptor, receive)
     try:
         supervisor.start()
