@@ -93,19 +93,10 @@ def objection(head: str, policy: AccessPolicy) -> str:
 
 
 class Gate:
-    """Listens, in a thread of its own, until it is closed.
-
-    Args:
-        host: Where.
-        port: 0: any free one.
-        inner: Host and port of the server behind.
-        origins: Pages that are let in besides Foxglove's own and those of this host.
+    """Listens, in a thread of its own, until it is closed; ``inner`` is where the server behind is.
 
     Attributes:
         address: Where viewers connect, with the token.
-
-    Raises:
-        GraphError: The address cannot be had.
     """
 
     def __init__(self, host: str, port: int, inner: tuple[str, int], origins: Iterable[str] = ()) -> None:

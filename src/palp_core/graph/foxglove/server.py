@@ -145,7 +145,7 @@ class FoxgloveServer:
         self._take_description()
 
     def _broadcast_time(self) -> None:
-        """Broadcast the graph's time before what is shown of it: viewers take it for when that was."""
+        """Broadcast the graph's time before what is shown of it: viewers take it for the time of that."""
         now_ns = monotonic_ns()
         if self._clock_ns > self._broadcast_ns and now_ns >= self._next_time_ns:
             self._next_time_ns, self._broadcast_ns = now_ns + TIME_NS, self._clock_ns

@@ -45,12 +45,7 @@ class _Thinned:
 
 
 class WatchedTopics:
-    """The topics that are looked at.
-
-    Args:
-        reader: Reads the graph.
-        fastest_hz: Most messages of a topic per second of the machine's clock; 0: all.
-    """
+    """The topics that are looked at; of each, so many messages per second of the machine's clock, 0: all."""
 
     def __init__(self, reader: GraphReader, fastest_hz: float) -> None:
         self._reader, self._fastest_hz = reader, fastest_hz

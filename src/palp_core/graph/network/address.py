@@ -13,13 +13,7 @@ _ADDRESS = re.compile(r"tcp://(?P<host>\[[0-9A-Fa-f:.%\w]+\]|[^\s:/\[\]]+):(?P<p
 
 
 class ListenPlan(NamedTuple):
-    """Where to listen and how.
-
-    Attributes:
-        endpoint: With the host as a number.
-        secured: Behind CURVE.
-        warnings: What the user should know.
-    """
+    """Where to listen, with the host as a number, whether behind CURVE, and what the user should know."""
 
     endpoint: str
     secured: bool
@@ -27,11 +21,7 @@ class ListenPlan(NamedTuple):
 
 
 def host_and_port(address: str) -> tuple[str, int]:
-    """Split ``tcp://HOST:PORT``.
-
-    Raises:
-        SecurityError: It is not of that form.
-    """
+    """Split ``tcp://HOST:PORT``."""
     found = _ADDRESS.fullmatch(address)
     port = 0 if found is None or found["port"] == "*" else int(found["port"])
     if found is None or port > 65535:
@@ -40,11 +30,7 @@ def host_and_port(address: str) -> tuple[str, int]:
 
 
 def plan_listening(address: str, keys: KeyFolder) -> ListenPlan:
-    """Decide how to listen.
-
-    Args:
-        address: ``tcp://HOST:PORT``; host ``*`` or ``0.0.0.0`` is every interface, port 0 any free one.
-        keys: This host's.
+    """Decide how to listen at ``tcp://HOST:PORT``: host ``*`` is every interface, port 0 any free one.
 
     Raises:
         SecurityError: No such host, or an address that others can reach and no keys.
@@ -77,11 +63,7 @@ def plan_listening(address: str, keys: KeyFolder) -> ListenPlan:
 
 
 def resolve(host: str, address: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
-    """Return a host's address as a number.
-
-    Raises:
-        SecurityError: There is no such host; ``address`` is named.
-    """
+    """Return a host's address as a number; errors name ``address``."""
     try:
         found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
     except OSError as error:
@@ -99,12 +81,7 @@ class Address(NamedTuple):
 
 
 def plan_call(endpoint: str, server_key: str | None, keys: KeyFolder) -> Address:
-    """Find the keys for a call.
-
-    Args:
-        endpoint: ``tcp://HOST:PORT``.
-        server_key: The gateway's public key, a file that holds it, or the name of an allowed host.
-        keys: This host's.
+    """Find the keys for a call; ``server_key`` is a public key, a file that holds it, or an allowed host.
 
     Raises:
         SecurityError: Not an address, or the keys it takes are not there.

@@ -87,7 +87,6 @@ class OffsetEstimate:
         return len(self._latest)
 
     def add(self, sent_ns: int, there_ns: int, received_ns: int) -> None:
-        """Take an exchange into account."""
         if received_ns >= sent_ns:
             middle_ns = (sent_ns + received_ns) // 2
             self._latest.append(Offset(there_ns - middle_ns, (received_ns - sent_ns + 1) // 2))
@@ -100,18 +99,10 @@ class OffsetEstimate:
 class JoinedGraph:
     """A graph elsewhere, as ``palp run`` sees it.
 
-    Args:
-        address: Where it is called.
-        folder: The run directory of the node.
-        interrupt: Ends the waiting for an answer.
-
     Attributes:
         start_ns: Since when the graph runs, on this host's monotonic clock; None: not yet.
         lost: Why this host was not let in, or is not any more.
         goodbye: What is sent at the end.
-
-    Raises:
-        PalpError: The address cannot be called, or there is no own pair.
     """
 
     def __init__(self, address: Address, folder: Path, interrupt: Interrupt) -> None:
@@ -131,11 +122,9 @@ class JoinedGraph:
         return self._inbox.descriptor
 
     def send(self, message: join_protocol.JoinMessage) -> None:
-        """Send a message to the graph."""
         self._outbox.put(message)
 
     def receive(self) -> None:
-        """Take in what has come."""
         for message in self._inbox.take():
             self._received.append(message)
             if isinstance(message, join_protocol.Active):
@@ -167,14 +156,7 @@ class JoinedGraph:
 
 
 class _Bridge:
-    """One connection to a gateway.
-
-    Args:
-        address: Where to call.
-        folder: Where absent nodes get their endpoints.
-        outbox: What is to be sent.
-        report: Takes what has come.
-    """
+    """One connection to a gateway."""
 
     def __init__(
         self, address: Address, folder: Path, outbox: _Mailbox, report: Callable[[object], None]

@@ -58,19 +58,10 @@ class Received(NamedTuple):
 
 
 class CurveListener:
-    """A ROUTER on tcp.
+    """A ROUTER on tcp; without a pair of its own it lets anybody in.
 
-    Args:
-        event_loop: Watches it.
-        endpoint: Where to listen, ``tcp://ADDRESS:PORT``; port 0 is any free one.
-        own: The pair that callers must know the public part of; None: anybody is let in.
-        admits: Tells whether the owner of a public key is let in.
-        receive: Takes each message.
-        refused: Takes address, public key ("" if none was shown) and reason of who is turned away.
-        disconnected: Called when some connection has ended.
-
-    Raises:
-        GraphError: It cannot listen there.
+    ``refused`` takes address, public key ("" if none was shown) and reason of each that is turned away;
+    ``disconnected`` is called when some connection has ended.
     """
 
     def __init__(
@@ -114,7 +105,6 @@ class CurveListener:
         event_loop.watch(self._router, self._receive_pending)
 
     def send(self, connection: bytes, in_flight: InFlightBytes, parts: list[bytes]) -> Sent:
-        """Send without waiting; ``in_flight`` counts what waits for the connection."""
         try:
             return _send(self._router, [connection, *parts], in_flight)
         except zmq.ZMQError as error:
@@ -184,23 +174,11 @@ class CurveListener:
 
 
 class CurveCaller:
-    """A DEALER that calls a listener, and knows why if it is not let in.
-
-    Args:
-        event_loop: Watches it.
-        endpoint: Where to call.
-        own: The own pair; None: without CURVE.
-        server_key: The listener's public key.
-        receive: Takes each message.
-        connected: Called when the connection stands.
-        failed: Takes the reason for which the connection is refused or has ended.
+    """A DEALER that calls a listener; ``failed`` takes the reason why it is not let in, or not any more.
 
     Attributes:
         accepted: The call was taken; ``connected`` or ``failed`` is called when it is known by whom.
         attempt_count: Calls that were not taken.
-
-    Raises:
-        GraphError: Not an address.
     """
 
     def __init__(
@@ -235,7 +213,6 @@ class CurveCaller:
         event_loop.receive(self._dealer, receive)
 
     def send(self, parts: list[bytes]) -> Sent:
-        """Send without waiting."""
         outcome = _send(self._dealer, parts, self._in_flight)
         return Sent.GONE if outcome is Sent.FULL and not self._stands else outcome
 

@@ -38,16 +38,7 @@ _LOG = logging.getLogger("palp.gateway")
 
 
 class Gateway:
-    """A graph's gateway.
-
-    Args:
-        channel: To the launcher.
-        listen_on: Where to listen.
-        keys: This host's.
-
-    Raises:
-        PalpError: It cannot listen there.
-    """
+    """A graph's gateway."""
 
     def __init__(
         self,

@@ -62,13 +62,8 @@ def view_of(checked: CheckedGraph) -> GraphView:
 class GatewayHandle:
     """A graph's gateway as its launcher sees it; it can be called before any node starts.
 
-    Args:
-        address: ``tcp://HOST:PORT``.
-        checked: The graph.
-        folder: The run directory.
-        report: Takes kind, node, text and data of each event: ``joined``, ``left``, ``refused``, ``failed``,
-            ``restarted``, ``unresponsive``, ``responsive``.
-        changed: Called when a node has joined or left.
+    It reports the events ``joined``, ``left``, ``refused``, ``failed``, ``restarted``, ``unresponsive`` and
+    ``responsive``, and calls ``changed`` when a node has joined or left.
 
     Attributes:
         endpoint: Where other hosts call, with the port that was chosen.
@@ -170,7 +165,6 @@ class GatewayHandle:
 
     @property
     def health(self) -> list[NodeHealth]:
-        """How the joined nodes do, as they report it."""
         return self._liveness.health
 
     def report_silence(self) -> None:

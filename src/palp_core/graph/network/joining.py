@@ -58,7 +58,7 @@ def wired_spec(
         name: Running name.
         run: ``module:Class``.
         params: As given.
-        wires: Topic by port, as given: of an input what it reads, of an output the external port it feeds.
+        wires: Topic by port: of an input what it reads, of an output the external port that it feeds.
         described: What the class declares.
         view: The graph.
 

@@ -41,12 +41,8 @@ _LOG = logging.getLogger("palp.gateway")
 class Peer:
     """The other end of one connection.
 
-    Args:
-        transmit: Sends a message without waiting.
-        key: Its public key; "" without CURVE.
-        address: Where it is.
-
     Attributes:
+        key: Its public key; "" without CURVE.
         request: How it has joined; None before.
         topics: What it subscribes to.
         gone: It cannot be reached any more.
@@ -118,11 +114,8 @@ class Peer:
 class NodeProxy:
     """The local face of a node that lives elsewhere.
 
-    Args:
-        event_loop: Watches it.
-        endpoints: Where the node publishes and where it answers.
-        subscribed: Takes a topic, and whether a reader has begun (each time) or none goes on to read it.
-        requested: Takes the way back and a request.
+    ``subscribed`` takes a topic, and whether a reader has begun (each time) or none goes on to read it;
+    ``requested`` takes the way back and a request.
 
     Attributes:
         peer: Where the node is; None if it is not connected.
@@ -150,11 +143,9 @@ class NodeProxy:
         event_loop.receive(self._serve, self._on_request)
 
     def publish(self, parts: list[bytes]) -> None:
-        """Send a frame to the local readers."""
         self._publish.send_multipart(parts, copy=len(parts[-1]) < LARGE_BYTES)
 
     def answer(self, way_back: list[bytes], reply: bytes) -> None:
-        """Answer a request."""
         with contextlib.suppress(zmq.ZMQError):  # of a way back that another host has made up
             self._serve.send_multipart([*way_back, reply])
 
@@ -170,12 +161,7 @@ class NodeProxy:
 
 
 class Tap:
-    """Reads local topics that other hosts subscribe to, wherever their publishers move.
-
-    Args:
-        event_loop: Watches it.
-        received: Takes topic and frame, in the parts it came in.
-    """
+    """Reads local topics that other hosts subscribe to, wherever their publishers move."""
 
     def __init__(self, event_loop: EventLoop, received: Callable[[bytes, list[bytes]], None]) -> None:
         self._received = received
@@ -189,7 +175,6 @@ class Tap:
         event_loop.receive(self._socket, self._on_frame)
 
     def subscribe(self, topic: bytes, endpoint: str) -> None:
-        """Read a topic."""
         name = topic.decode()
         self._reorderers[name] = MoveReorderer(functools.partial(self._received, topic))
         self._migration.add(name, endpoint, "")
@@ -202,7 +187,6 @@ class Tap:
             self._socket.setsockopt(zmq.SUBSCRIBE, READER + NAME)
 
     def unsubscribe(self, topic: bytes) -> None:
-        """Read it no longer."""
         self._socket.setsockopt(zmq.UNSUBSCRIBE, topic + b"\0")
         self._reorderers.pop(topic.decode(), None)
         self._migration.remove(topic.decode())
@@ -212,13 +196,11 @@ class Tap:
         self._migration.tick(now_ns)
 
     def connect(self, endpoint: str) -> None:
-        """Read at an endpoint."""
         if endpoint not in self._connected:
             self._connected.add(endpoint)
             self._socket.connect(endpoint)
 
     def disconnect(self, endpoint: str) -> None:
-        """Read at an endpoint no longer."""
         if endpoint in self._connected:
             self._connected.discard(endpoint)
             self._socket.disconnect(endpoint)
@@ -263,7 +245,7 @@ class Relay:
         self.unfed_count = 0
 
     def add_peer(self, connection: bytes, peer: Peer) -> None:
-        """Pass on what a connection asks for; ``connection`` stands for it in envelopes."""
+        """Let a connection ask; ``connection`` stands for it in envelopes."""
         self._peers[connection] = peer
 
     def forget(self, peer: Peer) -> None:
@@ -321,7 +303,6 @@ class Relay:
                 peer.send(join_protocol.Subscribe(topic=topic.decode()))
 
     def has_proxy(self, name: str) -> bool:
-        """Tell whether a node has a proxy here."""
         return name in self._proxies
 
     @property
@@ -420,7 +401,6 @@ class Relay:
             peer.forward(parts)
 
     def _on_request(self, peer: Peer, request: join_protocol.Request) -> None:
-        """Ask a local node for another host."""
         refusal = self._objection(request)
         if not refusal and not self._is_local(request.node):
             refusal = f"no node '{request.node[:40]}' here"

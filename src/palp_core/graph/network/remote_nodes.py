@@ -29,18 +29,7 @@ _LOG = logging.getLogger("palp.gateway")
 
 
 class RemoteNodes:
-    """All connections of a gateway.
-
-    Args:
-        event_loop: Watches every socket.
-        listen_on: Where to listen.
-        keys: This host's.
-        report: Takes what the launcher should know.
-        refuse: Takes address, public key and reason of who is turned away.
-
-    Raises:
-        PalpError: It cannot listen there.
-    """
+    """All connections of a gateway."""
 
     def __init__(
         self,
@@ -75,11 +64,9 @@ class RemoteNodes:
 
     @property
     def endpoint(self) -> str:
-        """Where other hosts call."""
         return self._listener.endpoint
 
     def show(self, view: join_protocol.GraphView) -> None:
-        """Show them the graph; again when it has changed."""
         self._view = view
         for name in view.expected:
             if not self._relay.has_proxy(name):
@@ -87,24 +74,20 @@ class RemoteNodes:
         self._announce()
 
     def activate(self, start_ns: int) -> None:
-        """Let those who have joined begin."""
         self._start_ns = start_ns
         for peer in self.joined:
             peer.send(join_protocol.Active(start_ns=start_ns))
 
     @property
     def connected(self) -> bool:
-        """Whether any host is still connected."""
         return bool(self._peers)
 
     def end(self, ending: join_protocol.JoinRefused) -> None:
-        """Tell all of them that the graph ends."""
         for peer in self._peers.values():
             peer.send(ending)
 
     @property
     def joined(self) -> list[Peer]:
-        """Those who have a node in the graph."""
         return [peer for peer in self._peers.values() if peer.request is not None]
 
     def _requests(self) -> list[join_protocol.JoinRequest]:
@@ -232,7 +215,6 @@ class RemoteNodes:
                 peer.send(join_protocol.Beat())
 
     def remove_dead_peers(self) -> None:
-        """Remove those who are gone."""
         for peer in list(self._peers.values()):
             if peer.gone:
                 self._drop_peer(peer, "its connection has ended", -1)
