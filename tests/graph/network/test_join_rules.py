@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import socket
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,11 @@ from palp_core.graph.description.node_class import NodeClassRequest, inspect_cla
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode, encode
 from palp_core.graph.messages.qos import Qos
+from palp_core.graph.network import join_protocol
 from palp_core.graph.network.address import host_and_port, plan_listening
 from palp_core.graph.network.bridge import OffsetEstimate
 from palp_core.graph.network.curve import Received
-from palp_core.graph.network.event_loop import EventLoop
+from palp_core.graph.network.gateway import Gateway
 from palp_core.graph.network.gateway_handle import view_of
 from palp_core.graph.network.join_protocol import (
     PROTOCOL,
@@ -33,15 +35,13 @@ from palp_core.graph.network.join_protocol import (
     JoinMessage,
     JoinRequest,
     ListenOn,
-    NodeJoined,
-    NodeReported,
     decode_message,
 )
 from palp_core.graph.network.joining import join_request, objections, wired_spec
 from palp_core.graph.network.keys import KeyFolder
-from palp_core.graph.network.remote_nodes import RemoteNodes
 from palp_core.graph.node.spec import RESERVED_NAMES, name_mistake
 from palp_core.graph.problems import GraphProblems
+from palp_core.graph.process.channel import MessageChannel
 from tests.support.hosts import LAUNCH, TOYS
 from tests.support.rig_session import check_here
 
@@ -222,16 +222,13 @@ def health(node: str) -> bytes:
 
 
 def test_a_guest_says_of_itself_alone_how_it_does_and_not_too_often(tmp_path: Path) -> None:
-    told: list[object] = []
-    event_loop = EventLoop()
-    guests = RemoteNodes(
-        event_loop,
-        ListenOn(run_dir=str(tmp_path), endpoint="tcp://127.0.0.1:0", secured=False),
+    ours, theirs = socket.socketpair()
+    launcher = MessageChannel(ours, msgspec.msgpack.Decoder(join_protocol.FromGateway))
+    gateway = Gateway(
+        MessageChannel(theirs, msgspec.msgpack.Decoder(join_protocol.ToGateway)),
+        ListenOn(run_dir=str(tmp_path), endpoint="tcp://127.0.0.1:0", secured=False, view=VIEW),
         KeyFolder(tmp_path / "keys"),
-        told.append,
-        lambda *_: None,
     )
-    guests.show(VIEW)
     words = [
         JoinHello(),
         HealthReport(health=health("torque")),  # of nobody who has joined
@@ -241,15 +238,18 @@ def test_a_guest_says_of_itself_alone_how_it_does_and_not_too_often(tmp_path: Pa
         *[HealthReport(health=health("torque")) for _ in range(1000)],
     ]
     for word in words:
-        guests._on_received(Received(b"connection", "", "127.0.0.1", [msgspec.msgpack.encode(word)]))
-    assert isinstance(told.pop(0), NodeJoined)
-    said = told[0]
-    assert isinstance(said, NodeReported)
-    does = decode(NodeHealth, said.health)
-    assert (said.name, does.node, does.pid) == ("guest", "guest", 0)
+        gateway._on_received(Received(b"connection", "", "127.0.0.1", [msgspec.msgpack.encode(word)]))
+    gateway._report("last", "", "")
+    sent = list(iter(launcher.receive, join_protocol.GatewayEvent(kind="last", node="", text="", data={})))
+    assert [type(message) for message in sent[:2]] == [join_protocol.Listening, join_protocol.NodeJoined]
+    reports = [message for message in sent if isinstance(message, join_protocol.NodeReported)]
+    does = decode(NodeHealth, reports[0].health)
+    assert (reports[0].name, does.node, does.pid) == ("guest", "guest", 0)
     assert 0 < does.counted_ns <= monotonic_ns()  # it has not said when it counted
-    assert len(told) < 1000
-    event_loop.close()
+    assert 0 < len(reports) < 1000
+    gateway._event_loop.close()
+    for channel in (launcher, gateway._channel):
+        channel.close()
 
 
 @pytest.mark.parametrize(

@@ -189,7 +189,7 @@ class _Bridge:
             failed=self._report_lost,
         )
         self._gateway = Peer(self._caller.send, address.server_key, address.endpoint)
-        self._relay.add_peer(_GATEWAY, self._gateway)
+        self._relay.peers[_GATEWAY] = self._gateway
         self._event_loop.watch(outbox.descriptor, self._on_outbox)
 
     def run(self) -> None:

@@ -106,7 +106,12 @@ class GatewayHandle:
         log = self._folder / "log" / "gateway.log"
         sidecar = Sidecar("palp_core.graph.network.gateway", _DECODER, log)
         listen_on = join_protocol.ListenOn(
-            run_dir=str(self._folder), endpoint=endpoint, secured=self._plan.secured, epochs=self._epochs
+            run_dir=str(self._folder),
+            endpoint=endpoint,
+            secured=self._plan.secured,
+            view=self._view,
+            epochs=self._epochs,
+            start_ns=self._start_ns,
         )
         try:
             sidecar.send(listen_on)
@@ -116,9 +121,6 @@ class GatewayHandle:
             if isinstance(answer, join_protocol.JoinRefused):
                 raise GraphError(answer.text)
             assert isinstance(answer, join_protocol.Listening)
-            sidecar.send(join_protocol.GraphUpdate(view=self._view))
-            if self._start_ns is not None:
-                sidecar.send(join_protocol.Active(start_ns=self._start_ns))
         except GraphError:
             sidecar.close()
             raise
@@ -203,32 +205,29 @@ class GatewayHandle:
             where = {"run": request.run, "host": request.host, "address": message.address}
             self._report("joined", request.name, text, **where, epoch=message.epoch)
             self._changed()
-        elif isinstance(message, join_protocol.NodeLeft):
-            self._remove(message.name, message.text, message.exit_code)
-            self._changed()
-            expected = self._view.expected.get(message.name)
-            ends = expected is not None and expected.shutdown_on_exit and message.exit_code >= 0
-            if ends and self._supervisor is not None:
-                self._supervisor.exit_code = message.exit_code
         elif isinstance(message, join_protocol.NodeReported):
             if self._liveness.heard(message.name, decode(NodeHealth, message.health), monotonic_ns()):
                 self._report("responsive", message.name, f"/{message.name}: answers again")
-        elif isinstance(message, join_protocol.PeerRejected):
-            self._report(
-                "refused", "", message.text, address=message.address, key=message.key, count=message.count
-            )
+        elif isinstance(message, join_protocol.GatewayEvent):
+            self._report(message.kind, message.node, message.text, **message.data)
+            if message.kind == "left":
+                self._forget_node(message.node, int(message.data["exit_code"]))
 
-    def _remove(self, name: str, text: str, exit_code: int) -> None:
-        self._joined.pop(name, None)
+    def _forget_node(self, name: str, exit_code: int) -> None:
+        del self._joined[name]
         self._liveness.forget(name)
-        self._report("left", name, f"/{name} has left: {text}", exit_code=exit_code)
+        self._changed()
+        expected = self._view.expected.get(name)
+        ends = expected is not None and expected.shutdown_on_exit and exit_code >= 0
+        if ends and self._supervisor is not None:
+            self._supervisor.exit_code = exit_code
 
     def _restart(self, status: int) -> None:
         text = f"the gateway has died (status {status}); joined nodes are lost, the others go on"
         self._report("failed", "gateway", text, status=status)
         for name in list(self._joined):
-            self._remove(name, "the gateway has died", -1)
-        self._changed()
+            self._report("left", name, f"/{name} has left: the gateway has died", exit_code=-1)
+            self._forget_node(name, -1)
         self._restart_count += 1
         if self._restart_count > MOST_RESTARTS or self._closed:
             return

@@ -181,7 +181,9 @@ class ListenOn(LocalMessage, frozen=True, kw_only=True):
     run_dir: str
     endpoint: str
     secured: bool
+    view: GraphView
     epochs: dict[str, int] = {}
+    start_ns: int | None = None
 
 
 class Listening(LocalMessage, frozen=True, kw_only=True):
@@ -198,14 +200,6 @@ class NodeJoined(LocalMessage, frozen=True, kw_only=True):
     epoch: int
 
 
-class NodeLeft(LocalMessage, frozen=True, kw_only=True):
-    """A node of another host is gone; ``exit_code`` is -1 if its work was not done."""
-
-    name: str
-    text: str
-    exit_code: int
-
-
 class NodeReported(LocalMessage, frozen=True, kw_only=True):
     """How a joined node does, as it reports it: an encoded :class:`NodeHealth`."""
 
@@ -213,17 +207,17 @@ class NodeReported(LocalMessage, frozen=True, kw_only=True):
     health: bytes
 
 
-class PeerRejected(LocalMessage, frozen=True, kw_only=True):
-    """A stranger was refused; sent at a bounded rate."""
+class GatewayEvent(LocalMessage, frozen=True, kw_only=True):
+    """What the launcher publishes as it is: a node has left, a stranger was refused."""
 
+    kind: str
+    node: str
     text: str
-    address: str
-    key: str
-    count: int
+    data: dict[str, int | str]
 
 
-ToGateway = ListenOn | GraphUpdate | Active | JoinRefused
-FromGateway = Listening | JoinRefused | NodeJoined | NodeLeft | NodeReported | PeerRejected
+ToGateway = ListenOn | Active | JoinRefused
+FromGateway = Listening | JoinRefused | NodeJoined | NodeReported | GatewayEvent
 
 
 def decode_message(parts: list[bytes]) -> JoinMessage:

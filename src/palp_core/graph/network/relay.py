@@ -223,6 +223,9 @@ class Relay:
         is_local: Tells whether a node of that name has endpoints here, its own or a proxy's.
         type_hash_of: Type hash of a topic of an absent node, to greet its readers before it is there.
         objection: Returns why a request of another host is not passed on; "" if it is.
+
+    Attributes:
+        peers: The connections that are served, by what stands for them in envelopes.
     """
 
     def __init__(
@@ -239,14 +242,10 @@ class Relay:
         self._tap = Tap(event_loop, self._on_local_frame)
         self._requesters: dict[str, zmq.Socket[bytes]] = {}
         self._proxies: dict[str, NodeProxy] = {}
-        self._peers: dict[bytes, Peer] = {}
+        self.peers: dict[bytes, Peer] = {}
         self._subscribers: dict[bytes, set[Peer]] = {}
         self._read: set[bytes] = set()
         self.unfed_count = 0
-
-    def add_peer(self, connection: bytes, peer: Peer) -> None:
-        """Let a connection ask; ``connection`` stands for it in envelopes."""
-        self._peers[connection] = peer
 
     def forget(self, peer: Peer) -> None:
         """Pass nothing to a host that is gone; its node may return.
@@ -254,7 +253,7 @@ class Relay:
         The proxy's endpoints stay: to close a socket removes its file some time later, perhaps that of the
         next one.
         """
-        self._peers = {connection: known for connection, known in self._peers.items() if known is not peer}
+        self.peers = {connection: known for connection, known in self.peers.items() if known is not peer}
         for topic in list(peer.topics):
             self._unsubscribe(peer, topic)
         for proxy in self._proxies.values():
@@ -407,7 +406,7 @@ class Relay:
         if not refusal and len(request.body) > MAX_REQUEST_BYTES:
             refusal = f"a request of {len(request.body)} bytes; {MAX_REQUEST_BYTES} are allowed"
         if not refusal:
-            connection = next(known for known, other in self._peers.items() if other is peer)
+            connection = next(known for known, other in self.peers.items() if other is peer)
             if self._ask(request.node, [connection, *request.envelope], request.body):
                 return
             refusal = f"{request.node} has too many requests to answer"
@@ -431,8 +430,8 @@ class Relay:
         connection, *envelope, body = parts if len(parts) > 1 else [b"", b""]
         if connection == _FEED:
             self._on_fed(body)
-        elif connection in self._peers:
-            self._peers[connection].reply(envelope, body)
+        elif connection in self.peers:
+            self.peers[connection].reply(envelope, body)
 
     def _on_fed(self, body: bytes) -> None:
         reply: Any = None
