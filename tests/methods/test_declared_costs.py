@@ -7,8 +7,7 @@ import sys
 import pytest
 
 from palp_core.methods import find
-from palp_core.methods.machine import slowness
-from palp_core.methods.measured import Measured, cpu_s, measure_of, measured_tasks
+from palp_core.methods.measured import Measured, cpu_s, measured_tasks, measures_of, slowness
 from palp_core.palpation.mechanics import Scene
 
 FACTOR = 3.0
@@ -18,7 +17,7 @@ FACTOR = 3.0
 def costs(task: str) -> dict[str, Measured]:
     """Return the point of each method as it is taken, in the scene, or where it is declared if not there."""
     found: dict[str, Measured] = {}
-    for measure in measure_of(task):
+    for measure in measures_of(task)[0]:
         for one in measure(Scene()):
             if one.usual and not one.condition:
                 found[one.method] = one

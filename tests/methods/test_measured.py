@@ -139,8 +139,8 @@ def test_each_task_gets_a_point_before_any_has_its_next(toys: Any, monkeypatch: 
 
         return points
 
-    measures = {name: [measure(name)] for name in ("first", "second")}
-    monkeypatch.setattr(measured, "measure_of", measures.__getitem__)
+    measures = {name: ([measure(name)], list[str]()) for name in ("first", "second")}
+    monkeypatch.setattr(measured, "measures_of", measures.__getitem__)
     monkeypatch.setattr(measured, "names", lambda _: ["quick"])
     survey = measured.Survey(list(measures), Scene())
     survey.measure(1e6)
@@ -209,4 +209,4 @@ def test_whatever_is_measured_is_a_task_with_methods() -> None:
     known = {one.name for one in tasks()}
     assert set(measured_tasks()) <= known
     with pytest.raises(MethodError, match="nothing measures"):
-        measured.measure_of("no such task")
+        measured.measures_of("no such task")

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import sys
+import math
 from collections.abc import Iterator
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 
 from palp_core.errors import MethodError
 from palp_core.methods import (
+    QUANTITIES,
     Bound,
     choose,
     declare_quantity,
@@ -23,7 +25,6 @@ from palp_core.methods import (
     methods,
     names,
     outside,
-    quantities,
     register,
     weigh,
 )
@@ -118,11 +119,26 @@ def test_a_method_that_states_no_error_of_what_is_asked_says_what_it_states() ->
     assert fine.why == "no error bound for 'edge': it states errors of grip, weight only"
 
 
-@pytest.mark.usefixtures("empty")
-@pytest.mark.parametrize("cost_s", [0.0, -1.0, float("nan"), float("inf")])
-def test_a_method_without_a_cost_is_refused(cost_s: float) -> None:
-    with pytest.raises(MethodError, match="give the seconds of one use"):
-        declared("free", cost_s)
+@pytest.mark.parametrize(
+    ("claim", "words"),
+    [
+        *(({"cost_s": cost_s}, "give the seconds of one use") for cost_s in (0.0, -1.0, math.nan, math.inf)),
+        *(
+            ({"name": name}, "a name is of letters")
+            for name in ("", "auto", "my own", "lab:fine", "a\x1b[31m")
+        ),
+        ({"evidence": " "}, "'fine' of task 'sharpen' has no evidence"),
+        ({"fails": "often", "survivor": "fine"}, "cannot survive where it fails itself"),
+        ({"valid": {"steel": (1.0, 0.0)}}, r"steel in \[.*\], which is nowhere"),
+        ({"valid": {"steel": (math.nan, 1.0)}}, r"steel in \[.*\], which is nowhere"),
+        ({"valid": {"speed": (0.0, 1.0)}}, "did you mean speed_m_s"),
+    ],
+)
+def test_a_declaration_by_which_nothing_could_be_chosen_is_refused(claim: dict[str, Any], words: str) -> None:
+    sound: dict[str, Any] = {"task": TASK, "name": "fine", "cost_s": 1.0, "evidence": "here"}
+    method(**sound)
+    with pytest.raises(MethodError, match=words):
+        method(**{**sound, **claim})
 
 
 @pytest.mark.parametrize("error", [-0.1, float("nan"), float("inf")])
@@ -136,8 +152,6 @@ def test_a_bound_that_bounds_nothing_is_refused(error: float) -> None:
 def test_a_range_without_an_inside_is_refused(within: tuple[float, float]) -> None:
     with pytest.raises(MethodError, match=r"steel in \[.*\], which is nowhere"):
         Bound("edge", 0.1, within={"steel": within})
-    with pytest.raises(MethodError, match=r"steel in \[.*\], which is nowhere"):
-        method(task=TASK, name="fine", cost_s=1.0, evidence="here", valid={"steel": within})
 
 
 @pytest.mark.usefixtures("empty")
@@ -146,8 +160,6 @@ def test_a_range_in_a_quantity_that_nobody_declared_is_refused_with_those_that_a
     words = r"'fine' of task 'sharpen': 'dpeth_m' is no quantity that scenes tell; did you mean depth_m"
     with pytest.raises(MethodError, match=words):
         declared("fine", 1.0, Bound("edge", 0.1), Bound("edge", 0.01, within={"dpeth_m": (0.0, 0.004)}))
-    with pytest.raises(MethodError, match="did you mean speed_m_s"):
-        method(task=TASK, name="fine", cost_s=1.0, evidence="here", valid={"speed": (0.0, 1.0)})
     with pytest.raises(MethodError, match=r"a scene for task 'sharpen': 'dpeth_m' is no quantity"):
         choose(TASK, "edge", 0.05, {"dpeth_m": 0.5})
     with pytest.raises(MethodError, match=r"'steel' is declared already: how hard a blade is \(1\)"):
@@ -156,22 +168,8 @@ def test_a_range_in_a_quantity_that_nobody_declared_is_refused_with_those_that_a
 
 def test_every_quantity_that_a_session_tells_is_declared_and_every_one_has_unit_and_meaning() -> None:
     told = {*session_quantities(Scene()), *Scene(tolerance=Tolerance(output="separation")).quantities()}
-    known = {one.name: one for one in quantities()}
-    assert told <= known.keys()
-    assert all(one.unit and one.meaning for one in known.values())
-
-
-@pytest.mark.parametrize("name", ["", "auto", "my own", "lab:fine", "fine\x1b[31m"])
-def test_a_name_that_no_parameter_could_give_is_refused(name: str) -> None:
-    with pytest.raises(MethodError, match="a name is of letters"):
-        method(task=TASK, name=name, cost_s=1.0, evidence="here")
-
-
-def test_a_method_without_evidence_or_with_itself_as_survivor_is_refused() -> None:
-    with pytest.raises(MethodError, match="'fine' of task 'sharpen' has no evidence"):
-        method(task=TASK, name="fine", cost_s=1.0, evidence=" ")
-    with pytest.raises(MethodError, match="cannot survive where it fails itself"):
-        method(task=TASK, name="fine", cost_s=1.0, evidence="here", fails="often", survivor="fine")
+    assert told <= QUANTITIES.keys()
+    assert all(unit and meaning for unit, meaning in QUANTITIES.values())
 
 
 @pytest.mark.usefixtures("empty")
@@ -236,24 +234,6 @@ def test_a_broken_package_leaves_the_others_theirs_and_is_named_wherever_it_is_m
 
 
 @pytest.mark.usefixtures("empty")
-def test_survivors_that_lead_nowhere_leave_a_method_out_whoever_declared_it() -> None:
-    for name, survivor in (("a", "b"), ("b", "c"), ("c", "a"), ("lost", "nobody"), ("to_lost", "lost")):
-        declared(name, 1.0, fails="often", survivor=survivor)
-    declared("one", 2.0, fails="often", survivor="other")
-    declared("other", 3.0, fails="often", survivor="one")
-    declared("to_one", 4.0, fails="often", survivor="one")
-    assert names(TASK) == ["one", "other", "to_one"]
-    words = "\n".join(left_out(TASK))
-    assert "'a' of task 'sharpen'" in words
-    assert "its survivors lead nowhere: a -> b -> c -> 'a' again" in words
-    assert "lost -> 'nobody', which is no method of the task" in words
-    with pytest.raises(MethodError, match="to_lost -> lost -> 'nobody', which is no method"):
-        find(TASK, "to_lost")
-    declared("nobody", 5.0)
-    assert "lost" in names(TASK)
-
-
-@pytest.mark.usefixtures("empty")
 def test_a_name_is_taken_once_and_a_task_is_one_thing() -> None:
     declared("fine", 2.0)
     with pytest.raises(MethodError, match="'fine' of task 'sharpen' is declared twice, first in tests"):
@@ -264,25 +244,11 @@ def test_a_name_is_taken_once_and_a_task_is_one_thing() -> None:
         declare_task(TASK, "Why?", per="a knife", output="edge", tolerance=0.1)
 
 
-@pytest.mark.usefixtures("empty")
-def test_a_labs_own_method_is_found_by_its_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "lab_of_mine.py").write_text(
-        "from palp_core.methods import method\n\n"
-        "@method(task='contact', name='felt', cost_s=1e-3, evidence='the lab')\n"
-        "class Felt: ...\n",
-        encoding="utf-8",
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    assert find("contact", "lab_of_mine:felt").name == "felt"
-    assert "felt" in names("contact")
-    with pytest.raises(MethodError, match="no_such_lab cannot be imported"):
-        find("contact", "no_such_lab:felt")
-    sys.modules.pop("lab_of_mine", None)
-
-
 def test_what_is_not_declared_is_said_with_what_is() -> None:
     with pytest.raises(MethodError, match="no method 'l9' for task 'contact'; declared: l0, l2, "):
         find("contact", "l9")
+    with pytest.raises(MethodError, match="no_such_lab cannot be imported"):
+        find("contact", "no_such_lab:felt")
     with pytest.raises(MethodError, match="no task 'nothing'; there are "):
         register.task("nothing")
 

@@ -289,7 +289,7 @@ class Raw:
         while True:
             while not self.socket.poll(500):
                 assert monotonic_ns() < end_ns, f"no {op}"
-                self.say("beat", received_bytes=0)  # who says nothing for 3 s counts as dead
+                self.say("beat")  # who says nothing for 3 s counts as dead
             parts = self.socket.recv_multipart()
             if parts[0][:1] != b"/" and (word := msgpack.unpackb(parts[0]))["op"] == op:
                 return dict(word)

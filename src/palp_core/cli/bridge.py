@@ -57,7 +57,7 @@ def foxglove(
         raise GraphError("give either --read-only or --operate")
     try:
         from palp_core.graph.foxglove.server import FoxgloveServer
-        from palp_core.graph.network.listen_address import resolve
+        from palp_core.graph.network.address import resolve
     except ImportError as error:
         raise GraphError(f"foxglove-sdk cannot be used: {error}; {install_line('foxglove')}") from error
     with until_ctrl_c():

@@ -20,7 +20,7 @@ that brings methods of its own names the module that declares them as an entry p
 """
 
 from palp_core.methods.choice import Candidate, MethodChoice, choose, weigh
-from palp_core.methods.quantities import Quantity, declare_quantity, quantities
+from palp_core.methods.quantities import QUANTITIES, declare_quantity
 from palp_core.methods.register import (
     Bound,
     Method,
@@ -40,12 +40,12 @@ from palp_core.methods.register import (
 )
 
 __all__ = [
+    "QUANTITIES",
     "Bound",
     "Candidate",
     "Method",
     "MethodChoice",
     "Quantities",
-    "Quantity",
     "Range",
     "Task",
     "at_work",
@@ -58,7 +58,6 @@ __all__ = [
     "methods",
     "names",
     "outside",
-    "quantities",
     "task",
     "tasks",
     "weigh",

@@ -1,11 +1,10 @@
 """The one choice: the cheapest method that is accurate enough, or the one asked for."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from palp_core.errors import MethodError
 from palp_core.methods.quantities import require_declared
-from palp_core.methods.register import Method, Quantities, find, left_out, methods, values_of
+from palp_core.methods.register import Method, Quantities, find, in_words, left_out, methods
 
 CHOSEN = "chosen"
 DEFAULT = "default (published)"
@@ -90,23 +89,38 @@ def choose(
 
     Raises:
         MethodError: None is accurate enough, the cheapest takes longer than the budget, none has the name
-            asked for, or the scene tells a quantity that nobody declared; the message has each one's state.
+            asked for, or the scene has a quantity that is not declared; the message has each one's state.
     """
-    wanted = find(task, asked) if asked else None
+    chosen = find(task, asked) if asked else None
     candidates = weigh(task, output, tolerance, scene, asked=asked, uses=uses)
-    if wanted is not None:
-        bound = wanted.bound(output, scene)
-        reason = _named(wanted, output, bound)
-        return MethodChoice(wanted, bound, reason, output, tolerance, candidates, asked=True)
+    if chosen is not None:
+        bound = chosen.bound(output, scene)
+        stated = f"no bound on '{output}'" if bound is None else f"'{output}' within {amount(bound, output)}"
+        why = f"{chosen.name}: asked for by name; {stated} here, evidence {chosen.evidence}"
+        if bound is None and chosen.fails:
+            why += f"; it fails at: {chosen.fails}; finer: {chosen.survivor or 'none'}"
+        return MethodChoice(chosen, bound, why, output, tolerance, candidates, asked=True)
+    wanted = f"'{output}' within {amount(tolerance, output)}"
     found = next((c for c in candidates if c.mark == CHOSEN), None)
     if found is None:
-        raise MethodError(_none(task, output, tolerance, scene, candidates))
+        states = [*(f"{c.name} ({c.state})" for c in candidates), *left_out(task)]
+        raise MethodError(
+            f"no {task} method gives {wanted} at {_where(task, output, scene) or 'this'}: "
+            f"{'; '.join(states) or 'none is declared'}; relax the tolerance or add a finer method"
+        )
     if budget_s is not None and found.cost_s > budget_s:
-        raise MethodError(_too_dear(found, output, tolerance, candidates, budget_s))
+        affordable = [c for c in candidates if c.bound is not None and c.cost_s <= budget_s]
+        best = min(affordable, key=lambda c: c.bound or 0.0, default=None)
+        offer = "no method is accurate enough"
+        if best is not None:
+            offer = f"{best.name} gives {amount(best.bound or 0.0, output)}"
+        raise MethodError(
+            f"{wanted} takes {found.name}, about {found.cost_s:g} s with nothing cached; budget_s is "
+            f"{budget_s:g}, for which {offer}; raise budget_s or relax the tolerance"
+        )
     chosen = find(task, found.name)
-    asked_for = amount(tolerance, output)
-    why = f"{found.name}: '{output}' within {amount(found.bound or 0.0, output)} (asked: {asked_for})"
-    why += f", evidence {chosen.evidence}"
+    why = f"{found.name}: '{output}' within {amount(found.bound or 0.0, output)} "
+    why += f"(asked: {amount(tolerance, output)}), evidence {chosen.evidence}"
     if cheaper := [f"{c.name} ({c.state})" for c in candidates[: candidates.index(found)]]:
         why += f"; cheaper: {'; '.join(cheaper)}"
     why += "".join(f"; left out: {words}" for words in left_out(task))
@@ -121,101 +135,52 @@ def weigh(
     One of them is marked as chosen: the one asked for, or the cheapest that is accurate enough, if any is.
 
     Raises:
-        MethodError: The scene tells a quantity that nobody declared.
+        MethodError: The scene has a quantity that is not declared.
     """
     require_declared(scene, f"a scene for task '{task}'")
     name = asked.rpartition(":")[2]
     found: list[Candidate] = []
     chosen = False
-    for one in methods(task):
-        bound, cost_s = one.bound(output, scene), one.cost_s * uses
-        mark, why = _state(one, output, tolerance, scene)
+    for method in methods(task):
+        mark, why = _state(method, output, tolerance, scene)
         if name:
-            mark = CHOSEN if one.name == name else mark
+            mark = CHOSEN if method.name == name else mark
         elif not mark and not chosen:
             mark, why, chosen = CHOSEN, f"the cheapest within {amount(tolerance, output)}", True
-        found.append(Candidate(one.name, bound, cost_s, mark, why))
+        found.append(Candidate(method.name, method.bound(output, scene), method.cost_s * uses, mark, why))
     return tuple(found)
 
 
-def _state(one: Method, output: str, tolerance: float, scene: Quantities) -> tuple[str, str]:
+def _state(method: Method, output: str, tolerance: float, scene: Quantities) -> tuple[str, str]:
     """Return a method's state in a scene and why; no state where it is accurate enough."""
-    bound = one.bound(output, scene)
-    if one.reference:
-        return UNAVAILABLE, f"a reference: {one.reference}"
+    bound = method.bound(output, scene)
+    if method.reference:
+        return UNAVAILABLE, f"a reference: {method.reference}"
     if bound is not None:
         if bound > tolerance:
             return INACCURATE, f"within {amount(bound, output)} only"
         return "", "accurate enough, but more expensive"
-    finer = f"; {one.survivor} is the next finer one" if one.survivor else ""
-    if missed := one.missed(output, scene):
+    finer = f"; {method.survivor} is the next finer one" if method.survivor else ""
+    if missed := method.missed(output, scene):
         return UNAVAILABLE, f"no error bound for '{output}': {missed}{finer}"
-    others = ", ".join(dict.fromkeys(bound.output for bound in one.bounds))
+    others = ", ".join(dict.fromkeys(bound.output for bound in method.bounds))
     stated = f"it states errors of {others} only" if others else "it states no error"
     return INACCURATE, f"no error bound for '{output}': {stated}{finer}"
 
 
-def _named(one: Method, output: str, bound: float | None) -> str:
-    stated = (
-        f"'{output}' within {amount(bound, output)}" if bound is not None else f"no bound on '{output}' here"
-    )
-    reason = f"{one.name}: asked for by name; {stated}, evidence {one.evidence}"
-    if bound is None and one.fails:
-        reason += f"; it fails at: {one.fails}; finer: {one.survivor or 'none'}"
-    return reason
-
-
-def _none(
-    task: str, output: str, tolerance: float, scene: Quantities, candidates: Sequence[Candidate]
-) -> str:
-    told = _told_by(task, output)
-    where = ", ".join(
-        f"{name} = {' and '.join(f'{v:g}' for v in values_of(value))}"
-        for name, value in sorted(scene.items())
-        if name in told
-    )
-    states = (
-        "; ".join([*(f"{c.name} ({c.state})" for c in candidates), *left_out(task)]) or "none is declared"
-    )
-    return (
-        f"no {task} method gives '{output}' within {amount(tolerance, output)} at {where or 'this'}: "
-        f"{states}; "
-        "relax the tolerance or add a finer method"
-    )
-
-
-def _told_by(task: str, output: str) -> set[str]:
-    """Return the quantities by which a task's methods are told apart."""
-    ranges = [
-        range_
-        for one in methods(task)
-        for range_ in (one.valid, *(bound.within for bound in one.bounds if bound.output == output))
-    ]
-    return {name for one in ranges for name in one}
-
-
-def _too_dear(
-    found: Candidate, output: str, tolerance: float, candidates: Sequence[Candidate], budget_s: float
-) -> str:
-    affordable = [c for c in candidates if c.bound is not None and c.cost_s <= budget_s]
-    best = min(affordable, key=lambda c: c.bound or 0.0, default=None)
-    offer = (
-        f"{best.name} gives {amount(best.bound or 0.0, output)}" if best else "no method is accurate enough"
-    )
-    return (
-        f"'{output}' within {amount(tolerance, output)} takes {found.name}, about {found.cost_s:g} s with "
-        f"nothing cached; budget_s is {budget_s:g}, for which {offer}; raise budget_s or relax the tolerance"
-    )
+def _where(task: str, output: str, scene: Quantities) -> str:
+    """Return the quantities of a scene by which a task's methods differ, in words."""
+    named = set[str]()
+    for method in methods(task):
+        named.update(method.valid, *(bound.within for bound in method.bounds if bound.output == output))
+    return ", ".join(f"{name} = {in_words(scene[name])}" for name in sorted(named & scene.keys()))
 
 
 def amount(error: float, output: str) -> str:
     """Return an error of an output in words: a time if the output is one (``age_s``), else in per cent."""
-    return f"{error:.3g} s" if output.endswith("_s") else percent(error)
-
-
-def percent(share: float) -> str:
-    """Return a share in per cent, small ones with two digits."""
-    return f"{share:.1%}" if share >= 1e-3 else f"{100.0 * share:.2g}%"
+    if output.endswith("_s"):
+        return f"{error:.3g} s"
+    return f"{error:.1%}" if error >= 1e-3 else f"{100.0 * error:.2g}%"
 
 
 def seconds(time_s: float) -> str:

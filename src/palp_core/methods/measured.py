@@ -11,7 +11,9 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint, entry_points
+from functools import cache
+from importlib.metadata import entry_points
+from statistics import median
 from typing import Any
 
 from palp_core.errors import MethodError, PalpError
@@ -20,6 +22,9 @@ from palp_core.methods.register import names
 
 GROUP = "palp.measures"
 """Entry points by task: the functions that measure its methods."""
+
+UNIT_S = 0.0067
+"""CPU time of :func:`slowness`'s work on the machine where the declared costs were measured."""
 
 REFERENCE = "the reference"
 """Condition of what the others were held against, whose own error is 0 by definition."""
@@ -63,62 +68,52 @@ def measured_tasks() -> list[str]:
     return sorted({point.name for point in entry_points(group=GROUP)})
 
 
-def measure_of(task: str) -> list[Measure]:
-    """Return the functions that measure a task's methods; one that cannot be loaded leaves the others theirs.
+def measures_of(task: str) -> tuple[list[Measure], list[str]]:
+    """Return the functions that measure a task's methods, and why others cannot be loaded.
 
     Raises:
         MethodError: There is none, or none can be loaded.
     """
-    tried = _tried(task)
-    found = [one for one in tried if not isinstance(one, MethodError)]
+    found, missing = list[Measure](), list[str]()
+    for point in entry_points(group=GROUP):
+        if point.name == task:
+            try:
+                found.append(point.load())
+            except Exception as error:  # noqa: BLE001 -- whatever a package raises as it is imported
+                of = f" of package '{point.dist.name}'" if point.dist else ""
+                kind = "" if isinstance(error, PalpError) else f"{type(error).__name__}: "
+                missing.append(
+                    f"what measures task '{task}', {point.value}{of}, cannot be loaded: {kind}{error}"
+                )
     if not found:
-        raise next(
-            (one for one in tried if isinstance(one, MethodError)),
-            MethodError(
-                f"nothing measures the methods of task '{task}'; measured are {', '.join(measured_tasks())}"
-            ),
-        )
-    return found
-
-
-def _tried(task: str) -> list[Measure | MethodError]:
-    return [_loaded(point) for point in entry_points(group=GROUP) if point.name == task]
-
-
-def _loaded(point: EntryPoint) -> Measure | MethodError:
-    try:
-        measure: Measure = point.load()
-    except Exception as error:  # noqa: BLE001 -- whatever a package raises as it is imported
-        of = f" of package '{point.dist.name}'" if point.dist else ""
-        kind = "" if isinstance(error, PalpError) else f"{type(error).__name__}: "
-        return MethodError(
-            f"what measures task '{point.name}', {point.value}{of}, cannot be loaded: {kind}{error}"
-        )
-    return measure
+        known = ", ".join(measured_tasks())
+        none = f"nothing measures the methods of task '{task}'; measured are {known}"
+        raise MethodError(missing[0] if missing else none)
+    return found, missing
 
 
 class Survey:
     """The points of tasks, measured in turns.
 
     Args:
-        names: Of the tasks.
+        tasks: Their names.
         scene: What each measure is called with.
 
     Raises:
         MethodError: No measure of a task can be loaded.
     """
 
-    def __init__(self, names: Sequence[str], scene: object) -> None:
+    def __init__(self, tasks: Sequence[str], scene: object) -> None:
         self.failed = False
         """Whether a measure failed, or cannot be loaded."""
         self.missing: list[str] = []
         """What was not measured and why, in words."""
         self._found: dict[tuple[str, ...], Measured] = {}
         self._running: dict[str, Iterator[Measured]] = {}
-        for name in names:
-            measures = measure_of(name)
-            self._running[name] = itertools.chain.from_iterable(one(scene) for one in measures)
-            self.missing += [str(one) for one in _tried(name) if isinstance(one, MethodError)]
+        for task in tasks:
+            measures, missing = measures_of(task)
+            self._running[task] = itertools.chain.from_iterable(measure(scene) for measure in measures)
+            self.missing += missing
         self.failed = bool(self.missing)
 
     @property
@@ -130,29 +125,29 @@ class Survey:
         """Take a point of each task by turns, until all is measured or the time is up."""
         end_ns = time.monotonic_ns() + round(1e9 * budget_s)
         while self._running and time.monotonic_ns() < end_ns:
-            name = next(iter(self._running))
-            points = self._running.pop(name)
+            task = next(iter(self._running))
+            points = self._running.pop(task)
             try:
                 with catch_foreign("its measure", MethodError):
-                    one = next(points, None)
-                if one is not None:
-                    self._add(name, one)
-                    self._running[name] = points  # at the end of the turn
+                    point = next(points, None)
+                if point is not None:
+                    self._add(task, point)
+                    self._running[task] = points  # at the end of the turn
             except PalpError as error:
                 self.failed = True
-                self.missing.append(f"{name}: {error}")
-        self.missing += [f"{name}: time was up" for name in self._running]
+                self.missing.append(f"{task}: {error}")
+        self.missing += [f"{task}: time was up" for task in self._running]
 
-    def _add(self, name: str, one: Measured) -> None:
-        if one.task != name or one.method not in names(name):
+    def _add(self, task: str, point: Measured) -> None:
+        if point.task != task or point.method not in names(task):
             raise MethodError(
-                f"it measured '{one.method}' of task '{one.task}', which is not in the register"
+                f"it measured '{point.method}' of task '{point.task}', which is not in the register"
             )
-        if not 0.0 < one.cost_s < math.inf:
-            raise MethodError(f"it gave '{one.method}' a cost of {one.cost_s:g} s")
+        if not 0.0 < point.cost_s < math.inf:
+            raise MethodError(f"it gave '{point.method}' a cost of {point.cost_s:g} s")
         # a reference takes the place of what was held against another
-        condition = "" if one.condition == REFERENCE else one.condition
-        self._found[name, one.method, one.setting, one.output, condition] = one
+        condition = "" if point.condition == REFERENCE else point.condition
+        self._found[task, point.method, point.setting, point.output, condition] = point
 
 
 def cpu_s(
@@ -174,20 +169,43 @@ def cpu_s(
     """
     first_s, before, loaded = 0.0, -1, len(sys.modules)
     while loaded != before:  # to load modules takes longer than many a call, and only once
-        begun_ns, before = clock(), loaded
-        action()
-        first_s, loaded = (clock() - begun_ns) / 1e9, len(sys.modules)
+        before = loaded
+        first_s, loaded = _timed_s(action, 1, clock), len(sys.modules)
     if first_s > long_s:
         return first_s
-    count, best_s = 1, float("inf")
-    done = 0
-    while done < rounds:
-        begun_ns = clock()
-        for _ in range(count):
-            action()
-        taken_s = (clock() - begun_ns) / 1e9
+    count, times = 1, list[float]()
+    while len(times) < rounds:
+        taken_s = _timed_s(action, count, clock)
         if taken_s < least_s and count < 1 << 20:
             count = max(2 * count, round(count * least_s / max(taken_s, 1e-6)))
-            continue
-        best_s, done = min(best_s, taken_s / count), done + 1
-    return best_s
+        else:
+            times.append(taken_s / count)
+    return min(times)
+
+
+def _timed_s(action: Callable[[], object], count: int, clock: Callable[[], int]) -> float:
+    begun_ns = clock()
+    for _ in range(count):
+        action()
+    return (clock() - begun_ns) / 1e9
+
+
+@cache
+def slowness() -> float:
+    """Return by what declared costs are to be multiplied here: CPU time of fixed work over :data:`UNIT_S`.
+
+    Half interpreter, half arrays; median of five.
+    """
+    import numpy as np
+
+    values = np.linspace(0.0, 1.0, 20_000)
+
+    def work() -> None:
+        nonlocal values
+        total = 0
+        for i in range(100_000):
+            total += i & 7
+        for _ in range(20):
+            values = np.sort(np.sin(values) + 1e-3)
+
+    return median(_timed_s(work, 1, time.thread_time_ns) for _ in range(5)) / UNIT_S

@@ -1,112 +1,87 @@
 """The quantities that a scene can name: what the ranges of methods are in, each with unit and meaning.
 
-A range is checked only where the scene tells its quantity: bare gel has no bead's depth, and a bound on
-contrast need not hold there. So a name that no scene ever tells would bound nothing and look like a bound;
+A range is checked only where the scene has its quantity: bare gel has no bead's depth, and a bound on
+contrast need not hold there. So a name that no scene ever has would bound nothing and look like a bound;
 declared names are the only ones there are.
 """
 
 import difflib
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 from palp_core.errors import MethodError
 
-
-@dataclass(frozen=True)
-class Quantity:
-    """Something by which methods are told apart.
-
-    Attributes:
-        name: As scenes tell it and ranges name it.
-        unit: SI; ``1`` where it has none.
-        meaning: What it is, in words.
-    """
-
-    name: str
-    unit: str
-    meaning: str
-
-
-_QUANTITIES: dict[str, Quantity] = {}
+QUANTITIES: dict[str, tuple[str, str]] = {
+    # of what is touched, and with what
+    "modulus_pa": ("Pa", "Young's modulus of the gel"),
+    "poisson": ("1", "Poisson's ratio of the gel"),
+    "height_m": ("m", "thickness of the gel"),
+    "beads": ("1", "how many beads the gel holds"),
+    "bead_radius_m": ("m", "radius of the bead"),
+    "depth_m": ("m", "gel over the bead"),
+    "beside_m": ("m", "distance of the bead from the path, seen from above"),
+    "depth_per_tip": ("1", "gel over the bead, in radii of the ball"),
+    "depth_ratio": ("1", "least ratio of neighbouring depths that are compared"),
+    "tip_radius_m": ("m", "radius of the ball"),
+    "tip_mass_kg": ("kg", "mass of the tip link"),
+    "friction": ("1", "Coulomb's coefficient between ball and gel"),
+    "indentation_m": ("m", "nominal indentation"),
+    "ring_m": ("m", "position of the anchor ring over the pivot"),
+    "yielding": ("1", "moment of the gel's force over what the joint can hold"),
+    "pressed_share": ("1", "how deep the tip comes, over the ball's radius or the gel over the bead"),
+    "margin_m": ("m", "how far the path goes past the bead, on its shorter side"),
+    "speed_m_s": ("m/s", "speed of the stage in a sweep"),
+    # of a session and what is decided in it
+    "class_count": ("1", "depths told apart"),
+    "class_ratio": ("1", "each depth over the next smaller one"),
+    "class_gap_sd": ("1", "least distance of depths over a reading's spread, at the stiffest ring"),
+    "training_count": ("1", "palpations in training, per depth and ring"),
+    "probe_count": ("1", "palpations in a trial at most"),
+    "ring_sd_m": ("m", "spread of the ring's landing"),
+    "height_sd_m": ("m", "spread of a mounting's height"),
+    "stiffest_m": ("m", "largest position of the ring"),
+    "noise_n_m": ("N m", "noise of a sample of torque"),
+    "sample_hz": ("Hz", "samples a second"),
+    "outlier_share": ("1", "share of readings that are outliers"),
+    # of what a filter of whole traces is told to differ between sweeps
+    "trace_height_sd_m": ("m", "spread of the surface's height"),
+    "friction_sd": ("1", "spread of the friction, as a share of it"),
+    "modulus_sd": ("1", "spread of the gel's modulus, as a share of it"),
+    "place_sd_m": ("m", "spread of the bead's place along and beside the path"),
+    "tip_sd_m": ("m", "spread of the ball's radius"),
+    "slope_error": ("1", "what the mechanics' slopes are wrong by, as a share of them"),
+    "texture_sd_n_m": ("N m", "torque that the surface adds, where training does not tell it"),
+    "bin_m": ("m", "stretch of the path over which the torque is averaged"),
+}
+"""SI unit, ``1`` where it has none, and meaning, by name."""
 
 
 def declare_quantity(name: str, unit: str, meaning: str) -> None:
-    """Declare a quantity, before the methods whose ranges name it; see :class:`Quantity`.
+    """Declare a quantity, before the methods whose ranges name it.
+
+    Args:
+        name: As scenes and ranges name it.
+        unit: SI; ``1`` where it has none.
+        meaning: In words.
 
     Raises:
         MethodError: It is declared already, as something else.
     """
-    made = Quantity(name, unit, meaning)
-    held = _QUANTITIES.setdefault(name, made)
-    if held != made:
-        raise MethodError(f"quantity '{name}' is declared already: {held.meaning} ({held.unit})")
-
-
-def quantities() -> list[Quantity]:
-    """Return every quantity there is, by name."""
-    return sorted(_QUANTITIES.values(), key=lambda one: one.name)
+    known = QUANTITIES.setdefault(name, (unit, meaning))
+    if known != (unit, meaning):
+        raise MethodError(f"quantity '{name}' is declared already: {known[1]} ({known[0]})")
 
 
 def require_declared(names: Iterable[str], what: str) -> None:
-    """Refuse names that are no quantities.
-
-    Args:
-        names: What ranges or a scene name.
-        what: Whose, for the message.
+    """Refuse names that are no quantities; ``what`` says whose they are.
 
     Raises:
         MethodError: One is not declared; the message has the nearest that are.
     """
     for name in names:
-        if name not in _QUANTITIES:
-            near = difflib.get_close_matches(name, _QUANTITIES, n=3)
+        if name not in QUANTITIES:
+            near = difflib.get_close_matches(name, QUANTITIES, n=3)
             meant = f"did you mean {' or '.join(near)}? " if near else ""
             raise MethodError(
                 f"{what}: '{name}' is no quantity that scenes tell; {meant}"
                 f"declare_quantity('{name}', unit, meaning) makes it one"
             )
-
-
-for _name, _unit, _meaning in (
-    # of what is touched, and with what
-    ("modulus_pa", "Pa", "Young's modulus of the gel"),
-    ("poisson", "1", "Poisson's ratio of the gel"),
-    ("height_m", "m", "thickness of the gel"),
-    ("beads", "1", "how many beads the gel holds"),
-    ("bead_radius_m", "m", "radius of the bead"),
-    ("depth_m", "m", "gel over the bead"),
-    ("beside_m", "m", "distance of the bead from the path, seen from above"),
-    ("depth_per_tip", "1", "gel over the bead, in radii of the ball"),
-    ("depth_ratio", "1", "least ratio of neighbouring depths that are compared"),
-    ("tip_radius_m", "m", "radius of the ball"),
-    ("tip_mass_kg", "kg", "mass of the tip link"),
-    ("friction", "1", "Coulomb's coefficient between ball and gel"),
-    ("indentation_m", "m", "nominal indentation"),
-    ("ring_m", "m", "position of the anchor ring over the pivot"),
-    ("yielding", "1", "moment of the gel's force over what the joint can hold"),
-    ("pressed_share", "1", "how deep the tip comes, over the ball's radius or the gel over the bead"),
-    ("margin_m", "m", "how far the path goes past the bead, on its shorter side"),
-    ("speed_m_s", "m/s", "speed of the stage in a sweep"),
-    # of a session and what is decided in it
-    ("class_count", "1", "depths told apart"),
-    ("class_ratio", "1", "each depth over the next smaller one"),
-    ("class_gap_sd", "1", "least distance of depths over a reading's spread, at the stiffest ring"),
-    ("training_count", "1", "palpations in training, per depth and ring"),
-    ("probe_count", "1", "palpations in a trial at most"),
-    ("ring_sd_m", "m", "spread of the ring's landing"),
-    ("height_sd_m", "m", "spread of a mounting's height"),
-    ("stiffest_m", "m", "largest position of the ring"),
-    ("noise_n_m", "N m", "noise of a sample of torque"),
-    ("sample_hz", "Hz", "samples a second"),
-    ("outlier_share", "1", "share of readings that are outliers"),
-    # of what a filter of whole traces is told to differ between sweeps
-    ("trace_height_sd_m", "m", "spread of the surface's height"),
-    ("friction_sd", "1", "spread of the friction, as a share of it"),
-    ("modulus_sd", "1", "spread of the gel's modulus, as a share of it"),
-    ("place_sd_m", "m", "spread of the bead's place along and beside the path"),
-    ("tip_sd_m", "m", "spread of the ball's radius"),
-    ("slope_error", "1", "what the mechanics' slopes are wrong by, as a share of them"),
-    ("texture_sd_n_m", "N m", "torque that the surface adds, where training does not tell it"),
-    ("bin_m", "m", "stretch of the path over which the torque is averaged"),
-):
-    declare_quantity(_name, _unit, _meaning)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,11 +12,11 @@ import zmq
 
 from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.network import curve_listener
-from palp_core.graph.network.curve_caller import CurveCaller
-from palp_core.graph.network.curve_listener import CurveListener, Received, Sent, _peer_of
+from palp_core.graph.network import curve
+from palp_core.graph.network.curve import CurveCaller, CurveListener, Received, Sent, _peer_of
 from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.network.keys import KeyFolder, OwnKeys
+from palp_core.graph.network.relay import Peer
 from palp_core.graph.transport.in_flight_bytes import InFlightBytes
 
 PATIENCE_NS = 60_000_000_000
@@ -92,7 +93,7 @@ def ends(tmp_path: Path) -> Iterator[Ends]:
     made.close()
 
 
-def test_an_allowed_key_is_let_in_and_known_by_each_message(ends: Ends) -> None:
+def test_an_allowed_key_is_let_in_known_by_each_message_and_both_ends_notice_the_end(ends: Ends) -> None:
     server, mine = ends.keys("server"), ends.keys("mine")
     ends.allowed.add(mine.public)
     listener = ends.listen(server)
@@ -102,26 +103,16 @@ def test_an_allowed_key_is_let_in_and_known_by_each_message(ends: Ends) -> None:
     ends.until(lambda: ends.messages)
     (message,) = ends.messages
     assert (message.key, message.address, message.parts) == (mine.public, "127.0.0.1", [b"a", b"b" * 100_000])
-    assert listener.send(message.connection, InFlightBytes(1 << 20), [b"c"]) is Sent.QUEUED
+    in_flight = InFlightBytes(1 << 20)
+    assert listener.send(message.connection, in_flight, [b"c"]) is Sent.QUEUED
     ends.until(lambda: ends.replies)
     assert ends.replies == [[b"c"]]
     assert not ends.refused
     assert not ends.failures
-
-
-def test_a_connection_that_ends_is_noticed_at_both_ends(ends: Ends) -> None:
-    server, mine = ends.keys("server"), ends.keys("mine")
-    ends.allowed.add(mine.public)
-    listener = ends.listen(server)
-    caller = ends.call(mine, server.public)
-    ends.until(lambda: ends.greetings)
-    caller.send([b"a"])
-    ends.until(lambda: ends.messages)
     ends.reactors.pop().close()
     ends.until(lambda: ends.disconnected)
-    connection = ends.messages[0].connection
-    # The monitor may tell of it before the socket, which takes what it is given until it knows.
-    ends.until(lambda: listener.send(connection, InFlightBytes(1 << 20), [b"c"]) is Sent.GONE)
+    # The monitor may report it before the socket, which takes what it is given until it knows.
+    ends.until(lambda: listener.send(message.connection, in_flight, [b"c"]) is Sent.GONE)
     ends.call(mine, server.public)
     ends.until(lambda: ends.greetings == 2)
     ends.reactors.pop(0).close()
@@ -129,39 +120,62 @@ def test_a_connection_that_ends_is_noticed_at_both_ends(ends: Ends) -> None:
     assert "has ended" in ends.failures[0]
 
 
-def test_a_key_that_is_not_allowed_is_named_on_both_sides(ends: Ends) -> None:
-    server, mine = ends.keys("server"), ends.keys("mine")
-    ends.listen(server)
-    ends.call(mine, server.public)
+def test_no_more_than_a_window_waits_for_a_host_that_reads_nothing_and_what_is_dropped_is_counted(
+    ends: Ends,
+) -> None:
+    listener = ends.listen(None)
+    with zmq.Context() as context, context.socket(zmq.DEALER) as slow:
+        slow.setsockopt(zmq.RCVHWM, 1)
+        slow.setsockopt(zmq.LINGER, 0)
+        slow.connect(ends.endpoint)
+        slow.send(b"a")
+        ends.until(lambda: ends.messages)
+        connection, in_flight = ends.messages[0].connection, InFlightBytes(curve.WINDOW_BYTES)
+        peer = Peer(lambda parts: listener.send(connection, in_flight, parts))
+        frames = [[b"/a/b\0header", bytes(1 << 20)], [b"/a/b\0" + bytes(1 << 20)], [bytes(1 << 20), b"/a"]]
+        for number in range(600):  # the kernel's buffers hold some of them
+            peer.forward(frames[number % 3])
+        assert peer.dropped_count > 300
+        assert not in_flight.has_room(curve.WINDOW_BYTES)
+        assert in_flight.has_room(0)
+        assert not peer.gone
+        received = 0
+
+        def all_taken() -> bool:
+            nonlocal received
+            while slow.poll(10):
+                slow.recv_multipart()
+                received += 1
+            return in_flight.has_room(curve.WINDOW_BYTES)
+
+        ends.until(all_taken)
+        assert received == 600 - peer.dropped_count
+        peer.forward(frames[0])
+        assert slow.recv_multipart() == frames[0]
+
+
+@pytest.mark.parametrize(
+    ("listens", "calls", "knows", "there", "here"),
+    [
+        ("server", "mine", "server", "its key is not allowed here", "palp keys allow '{mine}'"),
+        ("server", "mine", "mine", "wrong server key", "--server-key is not its public key"),
+        ("server", None, "server", "no key", "palp keys generate"),
+        (None, "mine", "server", "", "leave out --server-key"),
+    ],
+)
+def test_a_caller_that_is_not_let_in_is_named_there_and_knows_why(
+    ends: Ends, listens: str | None, calls: str | None, knows: str, there: str, here: str
+) -> None:
+    pairs = {name: ends.keys(name) for name in ("server", "mine")}
+    ends.listen(pairs[listens] if listens else None)
+    ends.call(pairs[calls] if calls else None, pairs[knows].public)
     ends.until(lambda: ends.refused and ends.failures)
-    assert ends.refused[0][:2] == ("127.0.0.1", mine.public)
-    assert f"palp keys allow '{mine.public}'" in ends.failures[0]
+    address, key, reason = ends.refused[0]
+    assert address == "127.0.0.1"
+    assert key == (pairs["mine"].public if "not allowed" in there else "")
+    assert there in reason
+    assert here.format(mine=pairs["mine"].public) in ends.failures[0]
     assert not ends.greetings
-
-
-def test_a_wrong_server_key_is_told_apart(ends: Ends) -> None:
-    server, mine = ends.keys("server"), ends.keys("mine")
-    ends.allowed.add(mine.public)
-    ends.listen(server)
-    ends.call(mine, mine.public)
-    ends.until(lambda: ends.refused and ends.failures)
-    assert "wrong server key" in ends.refused[0][2]
-    assert "--server-key is not its public key" in ends.failures[0]
-
-
-def test_a_caller_without_a_key_is_refused(ends: Ends) -> None:
-    ends.listen(ends.keys("server"))
-    ends.call(None)
-    ends.until(lambda: ends.refused and ends.failures)
-    assert "no key" in ends.refused[0][2]
-    assert "palp keys generate" in ends.failures[0]
-
-
-def test_who_wants_a_key_where_there_is_none_is_refused(ends: Ends) -> None:
-    ends.listen(None)
-    ends.call(ends.keys("mine"), ends.keys("server").public)
-    ends.until(lambda: ends.refused and ends.failures)
-    assert "leave out --server-key" in ends.failures[0]
 
 
 def test_without_keys_anybody_on_loopback_is_let_in(ends: Ends) -> None:
@@ -185,8 +199,46 @@ def test_what_is_no_zeromq_is_refused(ends: Ends) -> None:
     assert not ends.messages
 
 
+def test_strangers_that_only_connect_are_cut_and_a_host_that_is_let_in_stays(
+    ends: Ends, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(curve, "MOST_STRANGERS", 5)
+    server, mine = ends.keys("server"), ends.keys("mine")
+    ends.allowed.add(mine.public)
+    ends.listen(server)
+    address = ("127.0.0.1", int(ends.endpoint.rpartition(":")[2]))
+    with contextlib.ExitStack() as stack:
+
+        def flood() -> None:
+            strangers = [stack.enter_context(socket.create_connection(address)) for _ in range(30)]
+            ends.until(lambda: len([one for one in strangers if _has_ended(one)]) >= 25)
+
+        flood()
+        caller = ends.call(mine, server.public)
+        ends.until(lambda: ends.greetings)
+        for word in (b"a", b"b", b"c"):
+            ends.messages.clear()
+            caller.send([word])
+            ends.until(lambda: ends.messages)
+            flood()
+    assert not ends.failures
+
+
+def _has_ended(stranger: socket.socket) -> bool:
+    """Tell whether the other end has hung up, after its greeting."""
+    stranger.setblocking(False)
+    try:
+        while stranger.recv(1024):
+            pass
+    except BlockingIOError:
+        return False
+    except ConnectionError:
+        pass
+    return True
+
+
 def test_a_message_too_large_ends_its_connection_only(ends: Ends, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("palp_core.graph.network.curve_listener.LARGEST_BYTES", 10_000)
+    monkeypatch.setattr("palp_core.graph.network.curve.LARGEST_BYTES", 10_000)
     ends.listen(None)
     caller, other = ends.call(None), ends.call(None)
     ends.until(lambda: ends.greetings == 2)
@@ -197,27 +249,19 @@ def test_a_message_too_large_ends_its_connection_only(ends: Ends, monkeypatch: p
     assert [message.parts for message in ends.messages] == [[b"a"]]
 
 
-def test_a_call_that_somebody_takes_is_told_from_one_that_nobody_takes(ends: Ends) -> None:
+def test_a_call_that_is_taken_and_not_answered_is_given_up_with_a_hint(
+    ends: Ends, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(curve, "HANDSHAKE_MS", 200)
     with socket.create_server(("127.0.0.1", 0)) as mute:
         ends.endpoint = f"tcp://127.0.0.1:{mute.getsockname()[1]}"
         caller = ends.call(None)
         ends.until(lambda: caller.accepted)
-        mute.accept()[0].close()
-    ends.until(lambda: not caller.accepted and caller.attempt_count)
-
-
-def test_a_call_that_is_taken_and_not_answered_is_given_up_with_a_hint(
-    ends: Ends, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(curve_listener, "HANDSHAKE_MS", 200)
-    with socket.create_server(("127.0.0.1", 0)) as mute:
-        ends.endpoint = f"tcp://127.0.0.1:{mute.getsockname()[1]}"
-        ends.call(None)
         ends.until(lambda: ends.failures)
     assert ends.failures[0].endswith("accepts the call but says nothing for 0.2 s: it is no palp gateway")
 
 
-def test_a_caller_of_nobody_says_how_often_it_has_tried(ends: Ends) -> None:
+def test_a_call_that_nobody_takes_is_counted(ends: Ends) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         ends.endpoint = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
     caller = ends.call(None)
@@ -256,7 +300,5 @@ def test_a_descriptor_that_is_another_files_by_now_has_no_address() -> None:
     before = len(list(Path("/proc/self/fd").iterdir()))
     one, other = socket.socketpair()
     with one, other, Path(__file__).open() as file:
-        assert [_peer_of(descriptor) for descriptor in (one.fileno(), file.fileno(), 9_999)] == ["", "", ""]
-    assert (
-        len(list(Path("/proc/self/fd").iterdir())) <= before
-    )  # what others have left may be closed meanwhile
+        assert [_peer_of(descriptor) for descriptor in (one.fileno(), file.fileno(), 9_999)] == [("", 0)] * 3
+    assert len(list(Path("/proc/self/fd").iterdir())) <= before  # what others have left may be closed

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import socket
 from pathlib import Path
 from typing import Any
 
@@ -19,37 +20,33 @@ from palp_core.graph.description.node_class import NodeClassRequest, inspect_cla
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode, encode
 from palp_core.graph.messages.qos import Qos
-from palp_core.graph.network.admission import objections
-from palp_core.graph.network.clock_offset import OffsetEstimate
-from palp_core.graph.network.curve_listener import Received, Sent
-from palp_core.graph.network.event_loop import EventLoop
+from palp_core.graph.network import join_protocol
+from palp_core.graph.network.address import host_and_port, plan_listening
+from palp_core.graph.network.bridge import OffsetEstimate
+from palp_core.graph.network.curve import Received
+from palp_core.graph.network.gateway import Gateway
 from palp_core.graph.network.gateway_handle import view_of
-from palp_core.graph.network.gateway_messages import ListenOn, NodeJoined, NodeReported
 from palp_core.graph.network.join_protocol import (
     PROTOCOL,
-    WINDOW_BYTES,
-    Beat,
     GraphView,
     HealthReport,
     Join,
     JoinHello,
     JoinMessage,
     JoinRequest,
+    ListenOn,
     decode_message,
-    encode_message,
 )
-from palp_core.graph.network.join_wiring import join_request, wired_spec
+from palp_core.graph.network.joining import join_request, objections, wired_spec
 from palp_core.graph.network.keys import KeyFolder
-from palp_core.graph.network.listen_address import host_and_port, plan_listening
-from palp_core.graph.network.peer import Peer
-from palp_core.graph.network.remote_nodes import RemoteNodes
 from palp_core.graph.node.spec import RESERVED_NAMES, name_mistake
 from palp_core.graph.problems import GraphProblems
+from palp_core.graph.process.channel import MessageChannel
 from tests.support.hosts import LAUNCH, TOYS
 from tests.support.rig_session import check_here
 
 NS = st.integers(0, 10**9)
-MESSAGES = (4, "8edfe54b08476532")
+MESSAGES = (5, "f23e44a1053930d1")
 
 
 def without_prose(schema: Any) -> Any:
@@ -215,34 +212,6 @@ def test_deep_nesting_is_refused() -> None:
         decode_message([b"\x81\xa1x" * 100_000])
 
 
-def test_a_word_survives_the_way() -> None:
-    word = Beat(received_bytes=7)
-    assert decode_message(encode_message(word)) == word
-
-
-def test_no_more_than_a_window_is_under_way_to_a_slow_host() -> None:
-    sent: list[int] = []
-
-    def transmit(parts: list[bytes]) -> Sent:
-        sent.append(sum(map(len, parts)))
-        return Sent.QUEUED
-
-    peer = Peer(transmit)
-    frame = [b"/a/b\0", bytes(1 << 20)]
-    for _ in range(100):
-        peer.forward(frame)
-    assert sum(sent) <= WINDOW_BYTES + 2 * sum(map(len, frame))
-    assert peer.dropped_count == 100 - len(sent) > 0
-    peer.on_beat(Beat(received_bytes=sum(sent)))
-    before = len(sent)
-    peer.forward(frame)
-    assert len(sent) == before + 1
-    peer.on_beat(Beat(received_bytes=1 << 62))  # more than was ever sent
-    for _ in range(100):
-        peer.forward(frame)
-    assert sum(sent[before + 1 :]) <= WINDOW_BYTES + 2 * sum(map(len, frame))
-
-
 def health(node: str) -> bytes:
     does = NodeHealth(
         node=node, pid=77, lifecycle="active", memory_bytes=1, cpu_s=0.0, tick_count=1, overrun_count=0,
@@ -253,18 +222,15 @@ def health(node: str) -> bytes:
 
 
 def test_a_guest_says_of_itself_alone_how_it_does_and_not_too_often(tmp_path: Path) -> None:
-    told: list[object] = []
-    event_loop = EventLoop()
-    guests = RemoteNodes(
-        event_loop,
-        ListenOn(str(tmp_path), "tcp://127.0.0.1:0", False, {}),
+    ours, theirs = socket.socketpair()
+    launcher = MessageChannel(ours, msgspec.msgpack.Decoder(join_protocol.FromGateway))
+    gateway = Gateway(
+        MessageChannel(theirs, msgspec.msgpack.Decoder(join_protocol.ToGateway)),
+        ListenOn(run_dir=str(tmp_path), endpoint="tcp://127.0.0.1:0", secured=False, view=VIEW),
         KeyFolder(tmp_path / "keys"),
-        told.append,
-        lambda *_: None,
     )
-    guests.show(VIEW)
     words = [
-        JoinHello(protocol=PROTOCOL),
+        JoinHello(),
         HealthReport(health=health("torque")),  # of nobody who has joined
         Join(request=JoinRequest(name="guest", run="x:Y", host="h", pid=1)),
         HealthReport(health=b"no health"),
@@ -272,15 +238,18 @@ def test_a_guest_says_of_itself_alone_how_it_does_and_not_too_often(tmp_path: Pa
         *[HealthReport(health=health("torque")) for _ in range(1000)],
     ]
     for word in words:
-        guests._on_received(Received(b"connection", "", "127.0.0.1", encode_message(word)))
-    assert isinstance(told.pop(0), NodeJoined)
-    said = told[0]
-    assert isinstance(said, NodeReported)
-    does = decode(NodeHealth, said.health)
-    assert (said.name, does.node, does.pid) == ("guest", "guest", 0)
+        gateway._on_received(Received(b"connection", "", "127.0.0.1", [msgspec.msgpack.encode(word)]))
+    gateway._report("last", "", "")
+    sent = list(iter(launcher.receive, join_protocol.GatewayEvent(kind="last", node="", text="", data={})))
+    assert [type(message) for message in sent[:2]] == [join_protocol.Listening, join_protocol.NodeJoined]
+    reports = [message for message in sent if isinstance(message, join_protocol.NodeReported)]
+    does = decode(NodeHealth, reports[0].health)
+    assert (reports[0].name, does.node, does.pid) == ("guest", "guest", 0)
     assert 0 < does.counted_ns <= monotonic_ns()  # it has not said when it counted
-    assert len(told) < 1000
-    event_loop.close()
+    assert 0 < len(reports) < 1000
+    gateway._event_loop.close()
+    for channel in (launcher, gateway._channel):
+        channel.close()
 
 
 @pytest.mark.parametrize(

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import contextlib
 import random
-from collections import deque
+import select
+import socket
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import msgpack
+import msgspec
 import psutil
 import pytest
 import zmq
@@ -21,15 +23,13 @@ from palp_core import Message, Node, Params, Pub, Qos, Srv, Sub, on, serve
 from palp_core.graph.clock import SimClock
 from palp_core.graph.messages.frame import pack
 from palp_core.graph.network import join_protocol
-from palp_core.graph.network.event_loop import EventLoop
-from palp_core.graph.network.gateway_messages import ListenOn
+from palp_core.graph.network.gateway import Gateway
 from palp_core.graph.network.keys import KeyFolder
-from palp_core.graph.network.remote_nodes import RemoteNodes
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Lifecycle, Transition
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.process.channel import ChannelMessage
+from palp_core.graph.process.channel import MessageChannel
 from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.swap.swap import AskToSwap
@@ -66,8 +66,8 @@ WORDS: dict[str, dict[str, Any]] = {
     "clock": {"sent_ns": 5, "gateway_ns": 0},
     "subscribe": {"topic": "/n/told"},
     "unsubscribe": {"topic": "/n/told"},
-    "reply": {"ticket": 1, "body": b"\x80"},
-    "beat": {"received_bytes": 0},
+    "reply": {"envelope": [b"n", b"1"], "body": b"\x80"},
+    "beat": {},
     "health": {"health": b"\x80"},
     "leave": {"text": "bye", "exit_code": 0},
     "refused": {"text": "no", "finished": True},
@@ -199,13 +199,19 @@ class Door:
     """
 
     def __init__(self, folder: Path, work: Callable[[], None]) -> None:
-        self._loop, self._work = EventLoop(), work
-        self.told: deque[ChannelMessage] = deque(maxlen=100)
-        listen_on = ListenOn(str(folder), "tcp://127.0.0.1:0", secured=False, epochs={})
-        self.nodes = RemoteNodes(self._loop, listen_on, KeyFolder(folder), self.told.append, lambda *_: None)
-        self.nodes.show(join_protocol.GraphView(graph="g", clock="wall", nodes=["n"], topics={}))
+        self._work = work
+        view = join_protocol.GraphView(graph="g", clock="wall", nodes=["n"], topics={})
+        listen_on = join_protocol.ListenOn(
+            run_dir=str(folder), endpoint="tcp://127.0.0.1:0", secured=False, view=view
+        )
+        self._launcher, theirs = socket.socketpair()
+        self.gateway = Gateway(
+            MessageChannel(theirs, msgspec.msgpack.Decoder(join_protocol.ToGateway)),
+            listen_on,
+            KeyFolder(folder),
+        )
         self._host: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
-        self._host.connect(self.nodes.endpoint)
+        self._host.connect(self.gateway.endpoint)
         self._samples = 0
 
     def say(self, words: Iterable[list[bytes]]) -> None:
@@ -219,13 +225,21 @@ class Door:
     def ask(self, body: bytes) -> dict[str, Any]:
         """Return what the launcher answers."""
         self._host.send(HELLO)
-        self._host.send(msgpack.packb({"op": "request", "ticket": 7, "node": "graph", "body": body}))
+        self._host.send(msgpack.packb({"op": "request", "envelope": [b"7"], "node": "graph", "body": body}))
         answer = self._until(lambda answer: answer["op"] == "reply")
         return dict(msgpack.unpackb(answer["body"]))
 
+    def refused(self, message: bytes) -> str:
+        """Return with which text a message is refused."""
+        self._host.send(HELLO)
+        self._host.send(message)
+        return str(self._until(lambda answer: answer["op"] == "refused")["text"])
+
     def _until(self, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
         while True:
-            self._loop.turn(0.01)
+            self.gateway.turn(0.01)
+            while select.select((self._launcher,), (), (), 0.0)[0]:
+                self._launcher.recv(1 << 16)
             self._work()
             while self._host.poll(0):
                 parts = self._host.recv_multipart()
@@ -234,7 +248,9 @@ class Door:
 
     def close(self) -> None:
         self._host.close(linger=0)
-        self._loop.close()
+        self.gateway._event_loop.close()
+        self.gateway._channel.close()
+        self._launcher.close()
 
 
 @pytest.fixture
@@ -270,14 +286,14 @@ def test_the_door_answers_or_refuses_whatever_another_host_says(door: Door, coun
     for words, bodies in zip(said.bursts(count), asked.bursts(10 * count), strict=False):
         tickets += len(bodies)
         requests = [
-            {"op": "request", "ticket": n, "node": rng.choice(("n", "graph", "x")), "body": body}
+            {"op": "request", "envelope": [b"%d" % n], "node": rng.choice(("n", "graph", "x")), "body": body}
             for n, body in enumerate(bodies)
         ]
         frames = [[_frame(rng, body)] for body in bodies] + [[b"a", b"b", b"c"], [_frame(rng, b""), b"x"]]
         door.say([[word] for word in words] + frames + [[msgpack.packb(request)] for request in requests])
         if not before_bytes and tickets > count / 4:
             before_bytes = psutil.Process().memory_info().rss
-    assert len(door.nodes.joined) <= 1
+    assert len(door.gateway.joined) <= 1
     assert psutil.Process().memory_info().rss - before_bytes < GROWTH_BYTES
 
 
@@ -292,7 +308,26 @@ def test_topics_that_are_listened_to_no_longer_are_forgotten(door: Door) -> None
     for n in range(10):
         for op in ("subscribe", "unsubscribe"):
             door.say([[msgpack.packb({"op": op, "topic": f"/n/never{n}"})]])
-    assert not door.nodes._router._tap._reorderers
-    assert not door.nodes._router._tap._migration.servers
+    assert not door.gateway._relay._tap._reorderers
+    assert not door.gateway._relay._tap._migration.servers
     door.say([[msgpack.packb({"op": "subscribe", "topic": "/n/" + "x" * 300})]])
-    assert not door.nodes._router._tap._reorderers
+    assert not door.gateway._relay._tap._reorderers
+
+
+@pytest.mark.parametrize(
+    ("malformed", "words"),
+    [
+        (msgpack.packb({"op": "join", "request": {**GUEST, "pid": "x"}}), "$.request.pid"),
+        (msgpack.packb({"op": "join"}), "missing required field `request`"),
+        (msgpack.packb({"op": "join", "request": {**GUEST, "host": "h" * 5000}}), "$.request.host"),
+        (msgpack.packb({"op": "nonsense"}), "nonsense"),
+        (msgpack.packb({"op": "subscribe", "topic": "/x/y"}), "/x/y"),
+        (b"\x81\xa2op", "not a message of this protocol"),
+    ],
+)
+def test_a_host_that_sends_a_malformed_join_is_answered_in_words(
+    door: Door, malformed: bytes, words: str
+) -> None:
+    assert words in door.refused(malformed)
+    door.say([[msgpack.packb({"op": "join", **WORDS["join"]})]])
+    assert [request.name for request, _ in door.gateway.joined] == ["guest"]

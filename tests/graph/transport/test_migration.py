@@ -14,7 +14,7 @@ from palp_core.graph.messages.frame import Frame, Kind, pack, raw_of
 from palp_core.graph.messages.message import encode_any
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.network.event_loop import EventLoop
-from palp_core.graph.network.proxies import Tap
+from palp_core.graph.network.relay import Tap
 from palp_core.graph.transport.migration import GIVE_UP_NS, LOOK_NS, Migration, Move
 
 TOPIC = "/a/b"

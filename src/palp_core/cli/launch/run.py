@@ -37,8 +37,9 @@ def run(
 ) -> None:
     """The exit status is the node's; 1 if it failed or its graph was lost, 2 if it could not run or join."""
     from palp_core.cli.words import assignments, value_of
+    from palp_core.graph.network.address import plan_call
     from palp_core.graph.network.keys import KeyFolder
-    from palp_core.graph.network.run_node import Address, run_node
+    from palp_core.graph.network.run_node import run_node
     from palp_core.graph.supervision.interrupt import Interrupted
 
     if server_key is not None and join is None:
@@ -49,7 +50,7 @@ def run(
             name=name,
             params={port: value_of(text) for port, text in assignments("-p", params).items()},
             wires=assignments("-r", remap),
-            address=Address.of(join, server_key, KeyFolder()) if join is not None else None,
+            address=plan_call(join, server_key, KeyFolder()) if join is not None else None,
             say=note,
         )
     except Interrupted as stop:

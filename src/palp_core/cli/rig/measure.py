@@ -43,8 +43,7 @@ def measure(
     """All tasks in turns, a point of each. When time is up, or on Ctrl-C, the tables have what there is."""
     from palp_core.methods import left_out
     from palp_core.methods import task as task_of
-    from palp_core.methods.machine import slowness
-    from palp_core.methods.measured import Survey, measured_tasks
+    from palp_core.methods.measured import Survey, measured_tasks, slowness
     from palp_core.palpation.mechanics.scene.file import read_scene
     from palp_core.palpation.mechanics.scene.scene import Scene
     from palp_core.palpation.session.method_choices import AUTO, choose_for, launch_defaults

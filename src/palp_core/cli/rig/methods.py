@@ -40,7 +40,7 @@ def list_methods(
     from palp_core.methods import left_out, tasks
     from palp_core.methods import task as task_of
     from palp_core.methods.choice import amount
-    from palp_core.methods.machine import UNIT_S, slowness
+    from palp_core.methods.measured import UNIT_S, slowness
     from palp_core.palpation.mechanics.scene.file import read_scene
     from palp_core.palpation.mechanics.scene.scene import Scene
     from palp_core.palpation.session.method_choices import AUTO, choose_for, launch_defaults

@@ -1,9 +1,7 @@
-"""Who may speak to the server: whoever knows the token.
+"""The door of the server: it lets in viewers that have the token.
 
-A web page that somebody has open may connect to any port of their own host, and the browser asks nobody. The
-SDK's server looks neither at a token nor at who asks, so it listens where no page finds it by trying, at one
-of 2^24 addresses and one of many ports, and this door, which does look, passes on what comes through: by the
-token, by the name that this host is called, and by the page that asks (``Origin``), if it is one.
+The SDK's server looks neither at a token nor at who asks, so it listens where no page finds it by trying, at
+one of 2^24 addresses and one of many ports, and this door, which does look, passes on what comes through.
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ from collections.abc import Iterable
 from urllib.parse import parse_qs, urlsplit
 
 from palp_core.errors import GraphError
-from palp_core.graph.local_access import LOOPBACK_NAMES, is_token, named_host, new_token
+from palp_core.graph.local_access import LOOPBACK_NAMES, AccessPolicy, Refusal, named_host, new_token
 
 HEAD_BYTES = 16 << 10
 HEAD_S = 5.0
@@ -57,63 +55,56 @@ def is_viewer(origin: str, others: frozenset[str] = frozenset()) -> bool:
     return host in LOOPBACK_NAMES or (parts.scheme == "https" and f".{host}".endswith(f".{FOXGLOVE}"))
 
 
-def objection(head: str, token: str, hosts: frozenset[str], origins: frozenset[str] = frozenset()) -> str:
+def objection(head: str, policy: AccessPolicy) -> str:
     r"""Return why a request is refused, in words; "" if it is not.
 
     Args:
         head: Request line and headers.
-        token: What the request's query must have.
-        hosts: By what names this host is called; a name beside them is another site's that leads here.
-        origins: Pages that are let in besides those of :func:`is_viewer`.
+        policy: Who is let in, by the token in the request's query.
 
     >>> asked = "GET /?token=abc HTTP/1.1\r\nHost: localhost:8765\r\n"
-    >>> objection(asked, "abc", frozenset({"localhost"}))
+    >>> objection(asked, AccessPolicy("abc", lambda *_: True))
     ''
-    >>> objection(asked, "xyz", frozenset({"localhost"}))
+    >>> objection(asked, AccessPolicy("xyz", lambda *_: True))
     'the token is missing or wrong: take the whole address that palp bridge foxglove printed'
-    >>> objection(asked, "abc", frozenset({"127.0.0.1"}))
+    >>> objection(asked, AccessPolicy("abc", lambda *_: True, {"127.0.0.1"}))
     "this is not 'localhost'"
     """
     request, *lines = head.split("\r\n")
     words = request.split(" ")
-    if len(words) != 3 or words[0] != "GET":
-        return "not a WebSocket's request"
     headers = [(name.strip().lower(), value.strip()) for name, _, value in (x.partition(":") for x in lines)]
-    host = named_host([value for name, value in headers if name == "host"])
+    hosts, origins = ([value for name, value in headers if name == wanted] for wanted in ("host", "origin"))
     try:
-        given = parse_qs(urlsplit(words[1]).query).get("token", [])
+        method, target, _ = words
+        tokens = parse_qs(urlsplit(target).query).get("token", [])
     except ValueError:
+        method, tokens = "", []
+    if method != "GET":
         return "not a WebSocket's request"
-    if host not in hosts:
-        return f"this is not '{host[:100]}'"
-    if foreign := [value for name, value in headers if name == "origin" and not is_viewer(value, origins)]:
-        return f"the page of '{foreign[0][:100]}' is no viewer that is known; if it is yours: --origin"
-    if len(given) != 1 or not is_token(given[0], token):
-        return "the token is missing or wrong: take the whole address that palp bridge foxglove printed"
+    match policy.refusal(hosts, origins, tokens):
+        case Refusal.HOST:
+            return f"this is not '{named_host(hosts)[:100]}'"
+        case Refusal.ORIGIN:
+            page = next(origin for origin in origins if not policy.admits(origin, hosts[0]))
+            return f"the page of '{page[:100]}' is no viewer that is known; if it is yours: --origin"
+        case Refusal.TOKEN:
+            return "the token is missing or wrong: take the whole address that palp bridge foxglove printed"
     return ""
 
 
 class Gate:
-    """Listens, in a thread of its own, until it is closed.
-
-    Args:
-        host: Where.
-        port: 0: any free one.
-        inner: Host and port of the server behind.
-        origins: Pages that are let in besides Foxglove's own and those of this host.
+    """Listens, in a thread of its own, until it is closed; ``inner`` is where the server behind is.
 
     Attributes:
         address: Where viewers connect, with the token.
-
-    Raises:
-        GraphError: The address cannot be had.
     """
 
     def __init__(self, host: str, port: int, inner: tuple[str, int], origins: Iterable[str] = ()) -> None:
         self._inner = inner
-        self._origins = frozenset(origin.lower().rstrip("/") for origin in origins)
-        self._token = new_token()
-        self._hosts = LOOPBACK_NAMES | {host.lower()}
+        others = frozenset(origin.lower().rstrip("/") for origin in origins)
+        self._policy = AccessPolicy(
+            new_token(), lambda origin, _: is_viewer(origin, others), LOOPBACK_NAMES | {host.lower()}
+        )
         self._tasks: set[asyncio.Task[None]] = set()
         self._loop = asyncio.new_event_loop()
         try:
@@ -128,7 +119,7 @@ class Gate:
             ) from error
         bound: int = self._server.sockets[0].getsockname()[1]
         shown = f"[{host}]" if ":" in host else host
-        self.address = f"ws://{shown}:{bound}/?token={self._token}"
+        self.address = f"ws://{shown}:{bound}/?token={self._policy.token}"
         self._thread = threading.Thread(target=self._loop.run_forever, name="gate", daemon=True)
         self._thread.start()
 
@@ -160,7 +151,7 @@ class Gate:
         try:
             async with asyncio.timeout(HEAD_S):
                 head = await reader.readuntil(_END_OF_HEAD)
-            refused = objection(head.decode("latin-1"), self._token, self._hosts, self._origins)
+            refused = objection(head.decode("latin-1"), self._policy)
         except asyncio.LimitOverrunError:
             refused = "the request is too long"
         if not refused and len(self._tasks) > MOST_VIEWERS:
@@ -172,17 +163,17 @@ class Gate:
             await writer.drain()
             return
         inner_reader, inner_writer = await asyncio.open_connection(*self._inner)
+        inner_writer.write(head)
+        ways = [
+            asyncio.ensure_future(_pass_on(*ends))
+            for ends in ((reader, inner_writer), (inner_reader, writer))
+        ]
         try:
-            inner_writer.write(head)
-            ways = (_pass_on(reader, inner_writer), _pass_on(inner_reader, writer))
-            running = [asyncio.ensure_future(way) for way in ways]
-            try:
-                await asyncio.wait(running, return_when=asyncio.FIRST_COMPLETED)
-            finally:
-                for way in running:
-                    way.cancel()
-                await asyncio.gather(*running, return_exceptions=True)
+            await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
         finally:
+            for way in ways:
+                way.cancel()
+            await asyncio.gather(*ways, return_exceptions=True)
             inner_writer.close()
 
 

@@ -56,10 +56,11 @@ def describe(graph: RunningGraph) -> Description:
         return Description(topics, {}, Answers({}, {}), frozenset())
     schemas, infos = (graph.ask_all(wanted, timeout_s=ASK_S) for wanted in ("schemas", "info"))
     services = [
-        _service(node, port, *described["types"])
+        ServiceType(node, port, asked["name"], asked["json_schema"], answer["name"], answer["json_schema"])
         for node, reply in schemas.replies.items()
         for port, described in reply["ports"].items()
         if described["kind"] == "srv"
+        for asked, answer in (described["types"],)
     ]
     shown = {service.name: service for service in services if not hidden(service.name)}
     return Description(topics, shown, infos, frozenset({*schemas.silent, *infos.silent}))
@@ -68,13 +69,7 @@ def describe(graph: RunningGraph) -> Description:
 class GraphAccess:
     """Asks the nodes of a running graph.
 
-    Args:
-        graph: The graph.
-        read_only: Nothing may be changed.
-        operate: Everything may be, where something real moves, too.
-
-    Attributes:
-        graph: The graph.
+    ``read_only``: nothing may be changed; ``operate``: everything may be, where something real moves, too.
     """
 
     def __init__(self, graph: RunningGraph, *, read_only: bool, operate: bool) -> None:
@@ -146,9 +141,3 @@ def _split(name: str) -> tuple[str, str]:
     """Return node and parameter of ``/node.parameter``."""
     node, _, parameter = name.removeprefix("/").partition(".")
     return node, parameter
-
-
-def _service(node: str, port: str, request: dict[str, Any], reply: dict[str, Any]) -> ServiceType:
-    return ServiceType(
-        node, port, request["name"], request["json_schema"], reply["name"], reply["json_schema"]
-    )

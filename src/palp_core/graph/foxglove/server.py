@@ -131,10 +131,12 @@ class FoxgloveServer:
 
     def turn(self) -> None:
         """Show what has arrived, after waiting for it a little; see whether the graph has changed."""
-        for change in self._viewers.subscription_changes():
-            self._on_subscription(change)
-        for reason in self._viewers.refused():
-            self._server.publish_status(reason, foxglove.StatusLevel.Error)
+        while not self._viewers.wanted.empty():
+            wanted = self._viewers.wanted.get()
+            if isinstance(wanted, str):
+                self._server.publish_status(wanted, foxglove.StatusLevel.Error)
+            else:
+                self._on_subscription(wanted)
         for frame in self._watched.receive(WAIT_MS):
             self._clock_ns = max(self._clock_ns, frame.stamp_ns)
             self._broadcast_time()
@@ -143,7 +145,7 @@ class FoxgloveServer:
         self._take_description()
 
     def _broadcast_time(self) -> None:
-        """Broadcast the graph's time before what is shown of it: viewers take it for when that was."""
+        """Broadcast the graph's time before what is shown of it: viewers take it for the time of that."""
         now_ns = monotonic_ns()
         if self._clock_ns > self._broadcast_ns and now_ns >= self._next_time_ns:
             self._next_time_ns, self._broadcast_ns = now_ns + TIME_NS, self._clock_ns

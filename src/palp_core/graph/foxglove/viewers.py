@@ -1,10 +1,10 @@
-"""What viewers ask for, from the SDK's threads: noted for the server's own, or answered by the graph."""
+"""What viewers ask for, from the SDK's threads: queued for the server's own, or answered by the graph."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 from typing import Any, NamedTuple
 
 from foxglove import Parameter
@@ -23,30 +23,24 @@ class SubscriptionChange(NamedTuple):
 
 
 class Viewers(ServerListener):
-    """Hears what viewers want.
+    """Takes what viewers want.
 
     Args:
         access: Answers for the graph.
+
+    Attributes:
+        wanted: In order, who has begun or ceased to look at what, and why parameters were not set.
     """
 
     def __init__(self, access: GraphAccess) -> None:
         self._access = access
-        self._changes: SimpleQueue[SubscriptionChange] = SimpleQueue()
-        self._refused: SimpleQueue[str] = SimpleQueue()
-
-    def subscription_changes(self) -> list[SubscriptionChange]:
-        """Return who has begun or ceased to look at what since the last call, in order."""
-        return _drained(self._changes)
-
-    def refused(self) -> list[str]:
-        """Return why parameters were not set since the last call."""
-        return _drained(self._refused)
+        self.wanted: SimpleQueue[SubscriptionChange | str] = SimpleQueue()
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
-        self._changes.put(SubscriptionChange(client.id, channel.topic, begins=True))
+        self.wanted.put(SubscriptionChange(client.id, channel.topic, begins=True))
 
     def on_unsubscribe(self, client: Client, channel: ChannelView) -> None:
-        self._changes.put(SubscriptionChange(client.id, channel.topic, begins=False))
+        self.wanted.put(SubscriptionChange(client.id, channel.topic, begins=False))
 
     def on_get_parameters(
         self, client: Client, param_names: list[str], request_id: str | None = None
@@ -61,26 +55,16 @@ class Viewers(ServerListener):
         try:
             self._access.set_parameters(wanted)
         except GraphError as error:
-            self._refused.put(str(error))
+            self.wanted.put(str(error))
         return as_parameters(self._access.parameters(wanted))
 
 
 def as_parameters(values: Mapping[str, Any]) -> list[Parameter]:
     """Return parameters as the SDK has them; what it has no way to say stands as JSON text."""
-    return [_parameter(name, value) for name, value in values.items()]
-
-
-def _parameter(name: str, value: Any) -> Parameter:
-    try:
-        return Parameter(name, value=value)
-    except TypeError:  # a null within a mapping, say
-        return Parameter(name, value=json.dumps(value))
-
-
-def _drained(waiting: SimpleQueue[Any]) -> list[Any]:
     found = []
-    while True:
+    for name, value in values.items():
         try:
-            found.append(waiting.get_nowait())
-        except Empty:
-            return found
+            found.append(Parameter(name, value=value))
+        except TypeError:  # a null within a mapping, say
+            found.append(Parameter(name, value=json.dumps(value)))
+    return found

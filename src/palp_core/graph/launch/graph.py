@@ -227,10 +227,10 @@ class Graph:
 
     def _open_gateway(self, stack: contextlib.ExitStack) -> None:
         if (address := self._listen or self.checked.listen) or self.checked.expected:
-            from palp_core.graph.network.gateway_handle import open_gateway
+            from palp_core.graph.network.gateway_handle import GatewayHandle
 
             report = lambda *event, **data: self.launcher_node.report(*event, **data)  # noqa: E731
-            self.gateway = open_gateway(address, self.checked, self.directory.path, report, self._announce)
+            self.gateway = GatewayHandle(address, self.checked, self.directory.path, report, self._announce)
             stack.callback(self.gateway.close, "the graph has failed", finished=False)
 
     def _showing_log(self) -> contextlib.AbstractContextManager[None]:

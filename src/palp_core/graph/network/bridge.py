@@ -1,29 +1,30 @@
-"""The joined host's end of the connection to a gateway: a process that stands for the graph's nodes.
+"""The joined host's end of the connection to a gateway: a thread that stands for the graph's nodes.
 
-The joined node runs as any node does, in a run directory of its own, where this process has bound the
-endpoints of every node of the graph. It knows nothing of tcp either.
-
-Run as ``python -m palp_core.graph.network.bridge <descriptor of the channel>``.
+The joined node runs as any node does, in a run directory of its own, where the thread has bound the endpoints
+of every node of the graph. It knows nothing of tcp either.
 """
 
 import contextlib
 import logging
-import signal
-import socket
-import sys
+import os
+import select
+import threading
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, NamedTuple, TypeVar
 
-from palp_core.errors import PalpError, SchemaMismatch
+from palp_core.errors import GraphError, SchemaMismatch, in_words
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.network import bridge_messages, join_protocol
-from palp_core.graph.network.clock_offset import Offset, OffsetEstimate
-from palp_core.graph.network.curve_caller import CurveCaller
+from palp_core.graph.network import join_protocol
+from palp_core.graph.network.address import Address
+from palp_core.graph.network.curve import CurveCaller
 from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.network.keys import KeyFolder
-from palp_core.graph.network.peer import Peer
-from palp_core.graph.network.router import Router
+from palp_core.graph.network.relay import Peer, Relay
 from palp_core.graph.node.spec import NAME
-from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
-from palp_core.graph.process.parent_death import die_with_parent
+from palp_core.graph.supervision.interrupt import Interrupt
 
 EXCHANGES = 16
 FOUND_WITHIN_S = 5.0
@@ -31,68 +32,183 @@ ANSWER_WITHIN_S = 20.0
 """After the handshake (assumed: the gateway of a busy host has had its turn by then)."""
 
 DRIFT_NS = 1_000_000
+CLOSE_TIMEOUT_S = 2.0
+_GATEWAY = b"gateway"
 _LOG = logging.getLogger("palp.bridge")
+Wanted = TypeVar("Wanted")
 
 
-class Bridge:
-    """One connection to a gateway.
+class GraphReached(NamedTuple):
+    """The graph as it is now, and by how many ns at most the estimate of its clock is wrong."""
+
+    view: join_protocol.GraphView
+    uncertainty_ns: int
+
+
+class _Mailbox:
+    """Messages from one thread to another, whose descriptor becomes readable."""
+
+    def __init__(self) -> None:
+        self.descriptor = os.eventfd(0, os.EFD_CLOEXEC | os.EFD_NONBLOCK)
+        self._messages: SimpleQueue[Any] = SimpleQueue()
+
+    def put(self, message: object) -> None:
+        self._messages.put(message)
+        os.eventfd_write(self.descriptor, 1)
+
+    def take(self) -> list[Any]:
+        with contextlib.suppress(BlockingIOError):
+            os.eventfd_read(self.descriptor)
+        return [self._messages.get() for _ in range(self._messages.qsize())]
+
+
+class Offset(NamedTuple):
+    """The other clock minus this one, and the most that can be wrong about it, both in ns."""
+
+    offset_ns: int
+    uncertainty_ns: int
+
+
+class OffsetEstimate:
+    """How far another host's clock is ahead: exchanges of times, of which the shortest round trip counts.
+
+    A round trip that begins at t0 and ends at t3 on this clock and passes t1 on the other (RFC 5905, section
+    8, with t1 = t2) gives the offset t1 - (t0 + t3) / 2, wrong by at most half its length whatever each way
+    took.
 
     Args:
-        channel: To ``palp run``.
-        call: Whom to call.
-        keys: This host's.
-
-    Raises:
-        PalpError: The address cannot be called, or there is no own pair.
+        window: Exchanges that count; the clocks' rates differ, so that old ones mislead.
     """
 
+    def __init__(self, window: int = 32) -> None:
+        self._latest: deque[Offset] = deque(maxlen=window)
+
+    def __len__(self) -> int:
+        return len(self._latest)
+
+    def add(self, sent_ns: int, there_ns: int, received_ns: int) -> None:
+        if received_ns >= sent_ns:
+            middle_ns = (sent_ns + received_ns) // 2
+            self._latest.append(Offset(there_ns - middle_ns, (received_ns - sent_ns + 1) // 2))
+
+    def best(self) -> Offset:
+        """Return the estimate of the shortest round trip; there must have been one."""
+        return min(self._latest, key=lambda offset: offset.uncertainty_ns)
+
+
+class JoinedGraph:
+    """A graph elsewhere, as ``palp run`` sees it.
+
+    Attributes:
+        start_ns: Since when the graph runs, on this host's monotonic clock; None: not yet.
+        lost: Why this host was not let in, or is not any more.
+        goodbye: What is sent at the end.
+    """
+
+    def __init__(self, address: Address, folder: Path, interrupt: Interrupt) -> None:
+        self._interrupt = interrupt
+        self._received: list[Any] = []
+        self.start_ns: int | None = None
+        self.lost: join_protocol.JoinRefused | None = None
+        self.goodbye = join_protocol.LeaveGraph(text="it could not start", exit_code=-1)
+        self._inbox, self._outbox = _Mailbox(), _Mailbox()
+        bridge = _Bridge(address, folder, self._outbox, self._inbox.put)
+        self._thread = threading.Thread(target=bridge.run, name="bridge", daemon=True)
+        self._thread.start()
+
+    @property
+    def descriptor(self) -> int:
+        """Becomes readable when something has come."""
+        return self._inbox.descriptor
+
+    def send(self, message: join_protocol.JoinMessage) -> None:
+        self._outbox.put(message)
+
+    def receive(self) -> None:
+        for message in self._inbox.take():
+            self._received.append(message)
+            if isinstance(message, join_protocol.Active):
+                self.start_ns = message.start_ns
+            elif isinstance(message, join_protocol.JoinRefused) and self.lost is None:
+                self.lost = message
+
+    def wait_for(self, kind: type[Wanted]) -> Wanted:
+        """Wait for a message of a kind.
+
+        Raises:
+            GraphError: The graph cannot be reached or refuses.
+            Interrupted: The user asked for the end.
+        """
+        while True:
+            for message in self._received:
+                if isinstance(message, kind):
+                    return message
+            if self.lost is not None:
+                raise GraphError(self.lost.text)
+            select.select((self.descriptor, self._interrupt.descriptor), (), ())
+            self._interrupt.check()
+            self.receive()
+
+    def close(self) -> None:
+        """Say goodbye and end the connection."""
+        self.send(self.goodbye)
+        self._thread.join(CLOSE_TIMEOUT_S)
+
+
+class _Bridge:
+    """One connection to a gateway."""
+
     def __init__(
-        self,
-        channel: MessageChannel[bridge_messages.ToBridge],
-        call: bridge_messages.CallGateway,
-        keys: KeyFolder,
+        self, address: Address, folder: Path, outbox: _Mailbox, report: Callable[[object], None]
     ) -> None:
-        self._channel, self._call = channel, call
+        keys = KeyFolder()
+        self._endpoint, self._outbox, self._report = address.endpoint, outbox, report
         self._view: join_protocol.GraphView | None = None
-        self._own_name = ""
         self._request: join_protocol.JoinRequest | None = None
         self._offsets = OffsetEstimate()
         self._used: Offset | None = None
         self._start_ns: int | None = None
-        self._drift_said_ns = DRIFT_NS
+        self._reported_drift_ns = DRIFT_NS
         self._ended = False
         self._began_ns = monotonic_ns()
         self._next_beat_ns = 0
         self._connected = False
         self._event_loop = EventLoop()
-        self._router = Router(
-            self._event_loop, call.run_dir, is_local=lambda name: bool(name) and name == self._own_name
+        self._relay = Relay(
+            self._event_loop,
+            str(folder),
+            is_local=lambda name: self._request is not None and name == self._request.name,
         )
         self._caller = CurveCaller(
             self._event_loop,
-            call.endpoint,
-            keys.own() if call.server_key else None,
-            call.server_key,
+            address.endpoint,
+            keys.own() if address.server_key else None,
+            address.server_key,
             receive=self._on_received,
             connected=self._on_connected,
             failed=self._report_lost,
         )
-        self._gateway = Peer(self._caller.send, call.server_key, call.endpoint)
-        self._event_loop.watch(channel.socket.fileno(), self._on_channel)
+        self._gateway = Peer(self._caller.send, address.server_key, address.endpoint)
+        self._relay.peers[_GATEWAY] = self._gateway
+        self._event_loop.watch(outbox.descriptor, self._on_outbox)
 
     def run(self) -> None:
         """Relay until one of the ends is gone."""
-        while not self._ended:
-            self._event_loop.turn((self._next_beat_ns - monotonic_ns()) / 1e9)
-            if monotonic_ns() >= self._next_beat_ns:
-                self._next_beat_ns = monotonic_ns() + join_protocol.BEAT_NS
-                self._on_beat_due()
-            if self._start_ns is not None:
-                self._begin_when_heard(self._start_ns)
-        self._event_loop.close(linger_ms=500)
+        try:
+            while not self._ended:
+                self._event_loop.turn((self._next_beat_ns - monotonic_ns()) / 1e9)
+                if monotonic_ns() >= self._next_beat_ns:
+                    self._next_beat_ns = monotonic_ns() + join_protocol.BEAT_NS
+                    self._on_beat_due()
+                if self._start_ns is not None:
+                    self._begin_when_read(self._start_ns)
+        except Exception as error:  # noqa: BLE001 - the node must reach its safe state
+            self._report_lost(f"the bridge to the graph has failed: {in_words(error)}")
+        finally:
+            self._event_loop.close(linger_ms=500)
 
     def _on_beat_due(self) -> None:
-        endpoint = self._call.endpoint
+        endpoint = self._endpoint
         if self._view is None:
             within_s, why = FOUND_WITHIN_S, "no host or no gateway is there"
             if self._connected:
@@ -105,105 +221,75 @@ class Bridge:
                     "no firewall between?"
                 )
             return
-        self._router.tick(monotonic_ns())
-        self._gateway.beat()
+        self._relay.tick(monotonic_ns())
+        self._gateway.send(join_protocol.Beat())
         self._ask_time()
         if self._gateway.gone or self._gateway.silent:
             self._report_lost(f"the gateway at {endpoint} is not heard any more")
 
-    def _begin_when_heard(self, start_ns: int) -> None:
-        """Let the node begin, once nothing it publishes can miss those who listen."""
-        if self._request is not None and self._router.all_heard(self._request.outputs):
+    def _begin_when_read(self, start_ns: int) -> None:
+        """Let the node begin, once no message of it can miss its readers."""
+        if self._request is not None and self._relay.all_read(self._request.outputs):
             self._start_ns, self._used = None, self._offsets.best()
-            self._send(bridge_messages.GraphStarted(start_ns - self._used.offset_ns))
+            self._report(join_protocol.Active(start_ns=start_ns - self._used.offset_ns))
 
     # palp run
 
-    def _send(self, message: ChannelMessage) -> None:
-        try:
-            self._channel.send(message)
-        except ChannelClosed:
-            self._ended = True
-
-    def _on_channel(self) -> None:
-        try:
-            self._channel.fill()
-        except ChannelClosed:  # the process is gone; whoever hears the connection end knows that it died
-            self._ended = True
-            return
-        while self._channel.buffered():
-            message = self._channel.receive()
-            if isinstance(message, bridge_messages.AskToJoin):
-                self._request, self._own_name = message.request, message.request.name
+    def _on_outbox(self) -> None:
+        for message in self._outbox.take():
+            if isinstance(message, join_protocol.Join):
+                self._request = message.request
                 self._add_proxies()
-                self._gateway.send(join_protocol.Join(request=message.request))
-            elif isinstance(message, bridge_messages.HealthChanged):
-                self._gateway.send(join_protocol.HealthReport(health=message.health))
-            elif isinstance(message, bridge_messages.Goodbye):
-                self._gateway.send(join_protocol.LeaveGraph(text=message.text, exit_code=message.exit_code))
-                self._ended = True
+            self._gateway.send(message)
+            self._ended = self._ended or isinstance(message, join_protocol.LeaveGraph)
 
     def _report_lost(self, text: str, *, finished: bool = False) -> None:
         if not self._ended:
             self._ended = True
-            self._send(bridge_messages.ConnectionLost(text, finished))
+            self._report(join_protocol.JoinRefused(text=text, finished=finished))
 
     # The gateway
 
     def _on_connected(self) -> None:
         self._connected = True
-        self._gateway.send(join_protocol.JoinHello(protocol=join_protocol.PROTOCOL))
+        self._gateway.send(join_protocol.JoinHello())
 
     def _on_received(self, parts: list[bytes]) -> None:
-        self._gateway.note_alive()
         try:
-            if join_protocol.is_frame(parts):
-                self._router.on_frame(self._gateway, parts)
-            else:
-                self._on_message(parts)
+            match self._relay.receive(self._gateway, parts):
+                case None:
+                    pass
+                case join_protocol.ClockSample(sent_ns=sent_ns, gateway_ns=gateway_ns):
+                    self._on_time(sent_ns, gateway_ns)
+                case join_protocol.GraphUpdate(view=view):
+                    self._on_graph(view)
+                case join_protocol.Joined() as joined:
+                    self._report(joined)
+                case join_protocol.Active(start_ns=start_ns):
+                    self._start_ns = start_ns
+                case join_protocol.JoinRefused(text=text, finished=finished):
+                    self._report_lost(text, finished=finished)
+                case other:
+                    self._gateway.reject(f"a message that only a joining host sends: {type(other).__name__}")
         except SchemaMismatch as error:
             self._gateway.reject(str(error))
-
-    def _on_message(self, parts: list[bytes]) -> None:
-        match join_protocol.decode_message(parts):
-            case join_protocol.Beat() as beat:
-                self._gateway.on_beat(beat)
-            case join_protocol.Request() as request:
-                self._router.on_request(self._gateway, request)
-            case join_protocol.Reply() as reply:
-                self._router.on_reply(self._gateway, reply)
-            case join_protocol.Subscribe(topic=topic):
-                self._router.subscribe(self._gateway, topic)
-            case join_protocol.Unsubscribe(topic=topic):
-                self._router.unsubscribe(self._gateway, topic)
-            case join_protocol.ClockSample(sent_ns=sent_ns, gateway_ns=gateway_ns):
-                self._on_time(sent_ns, gateway_ns)
-            case join_protocol.GraphUpdate(view=view):
-                self._on_graph(view)
-            case join_protocol.Joined(epoch=epoch):
-                self._send(bridge_messages.Admitted(epoch))
-            case join_protocol.Active(start_ns=start_ns):
-                self._start_ns = start_ns
-            case join_protocol.JoinRefused(text=text, finished=finished):
-                self._report_lost(text, finished=finished)
-            case other:
-                self._gateway.reject(f"a message that only a joining host sends: {type(other).__name__}")
 
     def _on_graph(self, view: join_protocol.GraphView) -> None:
         first = self._view is None
         self._view = view
         if first:
             self._ask_time()
-        elif self._own_name:
+        elif self._request is not None:
             self._add_proxies()
 
     def _add_proxies(self) -> None:
         """Give every other node of the graph endpoints here."""
         assert self._view is not None
+        assert self._request is not None
         for name in sorted(set(self._view.nodes) | set(self._view.expected)):
-            known = name == self._own_name or self._router.has_proxy(name)
+            known = name == self._request.name or self._relay.has_proxy(name)
             if not known and NAME.fullmatch(name) is not None:
-                self._router.add_proxy(name, self._gateway)
+                self._relay.add_proxy(name, self._gateway)
 
     def _ask_time(self) -> None:
         self._gateway.send(join_protocol.ClockSample(sent_ns=monotonic_ns()))
@@ -213,42 +299,19 @@ class Bridge:
         if self._view is not None and len(self._offsets) < EXCHANGES:
             self._ask_time()
         elif self._view is not None and len(self._offsets) == EXCHANGES and self._used is None:
-            self._send(bridge_messages.GraphReached(self._view, self._offsets.best().uncertainty_ns))
+            uncertainty_ns = self._offsets.best().uncertainty_ns
+            self._report(GraphReached(self._view, uncertainty_ns))
         elif self._used is not None:
             self._watch_drift(self._used)
 
     def _watch_drift(self, used: Offset) -> None:
-        """Say when the clocks have run apart; the node goes on counting from where it began."""
+        """Warn when the clocks have run apart; the node goes on counting from where it began."""
         best = self._offsets.best()
         drift_ns = best.offset_ns - used.offset_ns
-        if abs(drift_ns) - best.uncertainty_ns - used.uncertainty_ns > self._drift_said_ns:
-            self._drift_said_ns *= 2
+        if abs(drift_ns) - best.uncertainty_ns - used.uncertainty_ns > self._reported_drift_ns:
+            self._reported_drift_ns *= 2
             _LOG.warning(
                 "the clocks of the two hosts have run apart by %.1f ms since this node joined; its stamps "
                 "are off by as much. Start it again to set it right",
                 drift_ns / 1e6,
             )
-
-
-def main(connection: socket.socket) -> int:
-    """Relay until one of the ends is gone."""
-    die_with_parent()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    logging.basicConfig(level=logging.INFO, format="[%(levelname)s] [bridge]: %(message)s", stream=sys.stderr)
-    channel = MessageChannel(connection, bridge_messages.bridge_decoder())
-    try:
-        call = channel.receive()
-        assert isinstance(call, bridge_messages.CallGateway)
-        bridge = Bridge(channel, call, KeyFolder())
-    except ChannelClosed:
-        return 1
-    except PalpError as error:
-        with contextlib.suppress(ChannelClosed):
-            channel.send(bridge_messages.ConnectionLost(str(error), finished=False))
-        return 2
-    bridge.run()
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(socket.socket(fileno=int(sys.argv[1]))))

@@ -1,4 +1,4 @@
-"""Wait for many sockets in one place and call who is in charge of each that has something."""
+"""Wait for many sockets in one place and call the handler of each that has something."""
 
 import struct
 from collections.abc import Callable
@@ -16,10 +16,10 @@ class EventLoop:
         self.context = zmq.Context()
         self._poller = zmq.Poller()
         self._handlers: dict[Any, Callable[[], None]] = {}
-        self._sockets: set[zmq.Socket[bytes]] = set()  # nobody else may have kept one when an error came
+        self._sockets: set[zmq.Socket[bytes]] = set()  # nothing else may have kept one when an error came
 
     def socket(self, kind: int) -> zmq.Socket[bytes]:
-        """Return a socket that does not wait for anybody when it is closed."""
+        """Return a socket that does not linger when it is closed."""
         made = self.context.socket(kind)
         made.setsockopt(zmq.LINGER, 0)
         self._sockets.add(made)
@@ -35,8 +35,11 @@ class EventLoop:
         self.watch(socket, lambda: drain(socket, take))
 
     def observe(self, socket: zmq.Socket[bytes], events: int, take: Callable[[int, int], None]) -> None:
-        """Hand what happens to a socket's connections to a function: the event and its value."""
-        self.receive(socket.get_monitor_socket(events), lambda parts: take(*_event(parts)))
+        """Hand each event of a socket's connections and its value to a function.
+
+        The reader of pyzmq loads asyncio, a sixth of a gateway's start.
+        """
+        self.receive(socket.get_monitor_socket(events), lambda parts: take(*struct.unpack("=hi", parts[0])))
 
     def forget(self, socket: zmq.Socket[bytes] | int) -> None:
         """Watch it no longer; a socket is closed."""
@@ -47,7 +50,7 @@ class EventLoop:
             socket.close()
 
     def turn(self, timeout_s: float) -> None:
-        """Wait until something can be read, or for a while, and let whoever is in charge read it."""
+        """Wait until something can be read, or for a while, and call the handlers."""
         for socket, _ in self._poller.poll(max(round(timeout_s * 1e3), 0)):
             handle = self._handlers.get(socket)
             if handle is not None:  # an earlier handler of this turn may have closed it
@@ -67,9 +70,3 @@ def drain(socket: zmq.Socket[bytes], take: Callable[[list[bytes]], None]) -> Non
         except zmq.Again:
             return
         take(parts)
-
-
-def _event(parts: list[bytes]) -> tuple[int, int]:
-    """Read what a monitor says; the reader of pyzmq loads asyncio, a sixth of a gateway's start."""
-    event, value = struct.unpack("=hi", parts[0])
-    return event, value

@@ -1,123 +1,177 @@
 """The gateway of a graph: the one process that is reachable over tcp, and stands for nodes that join.
 
-It lets allowed keys in, tells who was turned away, passes frames and requests on, and gives each joined node
-endpoints in the run directory, so that local readers and tools use it as any other. Nodes of the graph have
-nothing to do with tcp; if the gateway dies, they do not notice.
+It lets allowed keys in, reports who was turned away, passes frames and requests on, and gives each joined
+node endpoints in the run directory, so that local readers and tools use it as any other. Nodes of the graph
+have nothing to do with tcp; if the gateway dies, they do not notice.
 
 Run as ``python -m palp_core.graph.network.gateway <descriptor of the launcher's channel>``.
 """
 
 import contextlib
+import functools
 import logging
 import os
 import resource
 import signal
 import socket
 import sys
+from collections.abc import Iterator
+from typing import Any
 
 import msgspec
 
-from palp_core.errors import PalpError, SchemaMismatch
+from palp_core.errors import PalpError, SchemaMismatch, in_words
 from palp_core.graph.clock import monotonic_ns, unix_ns
-from palp_core.graph.messages.message import decode_any
-from palp_core.graph.network import gateway_messages
+from palp_core.graph.messages.builtin import NodeHealth
+from palp_core.graph.messages.message import decode, decode_any, encode
+from palp_core.graph.network import join_protocol
+from palp_core.graph.network.curve import WINDOW_BYTES, CurveListener, Received
 from palp_core.graph.network.event_loop import EventLoop
-from palp_core.graph.network.join_protocol import BEAT_NS
+from palp_core.graph.network.joining import objections
 from palp_core.graph.network.keys import KeyFolder
-from palp_core.graph.network.peer import Peer
-from palp_core.graph.network.proxies import NodeProxy
 from palp_core.graph.network.rejected_peers import RejectedPeers
-from palp_core.graph.network.remote_nodes import RemoteNodes
+from palp_core.graph.network.relay import NodeProxy, Peer, Relay
 from palp_core.graph.node.loading import endpoints
-from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
+from palp_core.graph.node.spec import LAUNCHER
+from palp_core.graph.process.channel import ChannelClosed, MessageChannel
 from palp_core.graph.process.parent_death import die_with_parent
+from palp_core.graph.transport.in_flight_bytes import InFlightBytes
 from palp_core.graph.transport.request_server import NodeRequest
 
 MEMORY_BYTES = 1 << 30
-SEE_OFF_NS = 500_000_000  # for whoever does not hang up
+DRAIN_TIMEOUT_NS = 500_000_000  # for a host that does not hang up
+MOST_PEERS = 64
+MOST_HEALTH_BYTES = 256 << 10
+NOT_CONNECTED = "this graph has dropped the connection: nothing came for 3 s"
+# What another host may ask the launcher itself: to look, never to start or stop anything.
+_LOOKING = frozenset({"graph", "info", "history"})
 _LOG = logging.getLogger("palp.gateway")
 
 
 class Gateway:
-    """A graph's gateway.
-
-    Args:
-        channel: To the launcher.
-        listen_on: Where to listen.
-        keys: This host's.
-
-    Raises:
-        PalpError: It cannot listen there.
-    """
+    """A graph's gateway."""
 
     def __init__(
         self,
-        channel: MessageChannel[gateway_messages.ToGateway],
-        listen_on: gateway_messages.ListenOn,
+        channel: MessageChannel[join_protocol.ToGateway],
+        listen_on: join_protocol.ListenOn,
         keys: KeyFolder,
     ) -> None:
         self._channel, self._keys, self._secured = channel, keys, listen_on.secured
+        self._view, self._start_ns = listen_on.view, listen_on.start_ns
+        self._epochs = dict(listen_on.epochs)
         self._ended = False
         self._rejected = RejectedPeers()
         self._next_beat_ns = 0
         self._event_loop = EventLoop()
-        self._remote_nodes = RemoteNodes(self._event_loop, listen_on, keys, self._send, self._refuse)
+        self._relay = Relay(
+            self._event_loop,
+            listen_on.run_dir,
+            is_local=self._is_local,
+            type_hash_of=self._type_hash_of,
+            objection=_objection,
+        )
+        for name in self._view.expected:
+            self._relay.add_proxy(name, None)
+        self._listener = CurveListener(
+            self._event_loop,
+            listen_on.endpoint,
+            keys.own() if listen_on.secured else None,
+            admits=lambda key: bool(keys.name_of(key)),
+            receive=self._on_received,
+            refused=self._refuse,
+            disconnected=self._beat,
+        )
         self._tools = NodeProxy(
             self._event_loop, endpoints(listen_on.run_dir, "gateway"), lambda *_: None, self._on_tool
         )
         self._event_loop.watch(channel.socket.fileno(), self._on_channel)
-        self._send(gateway_messages.GatewayReady(self._remote_nodes.endpoint))
-        _LOG.info("listening on %s%s", self._remote_nodes.endpoint, "" if self._secured else " without keys")
+        self.endpoint = self._listener.endpoint
+        self._send(join_protocol.Listening(endpoint=self.endpoint))
+        _LOG.info("listening on %s%s", self.endpoint, "" if self._secured else " without keys")
 
     def run(self) -> None:
         """Relay until the launcher ends it or is gone."""
         while not self._ended:
-            self._event_loop.turn((self._next_beat_ns - monotonic_ns()) / 1e9)
-            if monotonic_ns() >= self._next_beat_ns:
-                self._remote_nodes.beat()
-                self._next_beat_ns = monotonic_ns() + BEAT_NS
-            self._remote_nodes.remove_dead_peers()
-        self._see_off()
+            self.turn((self._next_beat_ns - monotonic_ns()) / 1e9)
+        until_ns = monotonic_ns() + DRAIN_TIMEOUT_NS
+        # Others hang up first: closing a connection with unread messages in it loses our last ones.
+        while self._relay.peers and (left_ns := until_ns - monotonic_ns()) > 0:
+            self._event_loop.turn(left_ns / 1e9)
+            self._remove_dead_peers()
         self._event_loop.close(linger_ms=500)
 
-    def _see_off(self) -> None:
-        """Let others hang up first: a connection closed on words that nobody read loses our last ones."""
-        until_ns = monotonic_ns() + SEE_OFF_NS
-        while self._remote_nodes.are_there and (left_ns := until_ns - monotonic_ns()) > 0:
-            self._event_loop.turn(left_ns / 1e9)
-            self._remote_nodes.remove_dead_peers()
+    def turn(self, timeout_s: float) -> None:
+        """Wait for what comes, or for a while, and handle it."""
+        self._event_loop.turn(timeout_s)
+        if monotonic_ns() >= self._next_beat_ns:
+            self._beat()
+            self._next_beat_ns = monotonic_ns() + join_protocol.BEAT_NS
+        self._remove_dead_peers()
+
+    def _beat(self) -> None:
+        """Send a sign of life to all, which shows who is gone; a key that was denied since is cut off."""
+        self._relay.tick(monotonic_ns())
+        allowed = set(self._keys.allowed().values()) if self._secured else set()
+        for peer in self._relay.peers.values():
+            if self._secured and peer.key not in allowed:
+                peer.send(join_protocol.JoinRefused(text="this host's key is no longer allowed"))
+                self._refuse(peer.address, peer.key, "its key was denied while it was connected")
+                peer.gone = True
+            else:
+                peer.send(join_protocol.Beat())
+
+    def _remove_dead_peers(self) -> None:
+        for peer in list(self._relay.peers.values()):
+            if peer.gone:
+                self._drop_peer(peer, "its connection has ended", -1)
+            elif peer.silent:
+                self._drop_peer(peer, "it has not been heard for 3 s", -1)
+
+    def _drop_peer(self, peer: Peer, text: str, exit_code: int) -> None:
+        self._relay.forget(peer)
+        if peer.request is not None:
+            name = peer.request.name
+            level = logging.INFO if exit_code == 0 else logging.WARNING
+            _LOG.log(level, "/%s on %s has left: %s", name, peer.request.host, text)
+            self._report("left", name, f"/{name} has left: {text}", exit_code=exit_code)
+            self._announce()
 
     # The launcher
 
-    def _send(self, message: ChannelMessage) -> None:
-        if self._ended:
-            return
-        try:
-            self._channel.send(message)
-        except ChannelClosed:
-            self._end("the graph's launcher has died", finished=False)
+    def _send(self, message: join_protocol.LocalMessage) -> None:
+        if not self._ended:
+            with self._ending_with_launcher():
+                self._channel.send(message)
+
+    def _report(self, kind: str, node: str, text: str, **data: Any) -> None:
+        self._send(join_protocol.GatewayEvent(kind=kind, node=node, text=text, data=data))
 
     def _on_channel(self) -> None:
-        try:
+        with self._ending_with_launcher():
             self._channel.fill()
+            while self._channel.buffered():
+                message = self._channel.receive()
+                if isinstance(message, join_protocol.Active):
+                    self._start_ns = message.start_ns
+                    for peer in self._relay.peers.values():
+                        if peer.request is not None:
+                            peer.send(message)
+                elif isinstance(message, join_protocol.JoinRefused):
+                    self._end(message)
+
+    @contextlib.contextmanager
+    def _ending_with_launcher(self) -> Iterator[None]:
+        try:
+            yield
         except ChannelClosed:
-            self._end("the graph's launcher has died", finished=False)
-            return
-        while self._channel.buffered():
-            self._on_command(self._channel.receive())
+            self._end(join_protocol.JoinRefused(text="the graph's launcher has died"))
 
-    def _on_command(self, message: gateway_messages.ToGateway) -> None:
-        if isinstance(message, gateway_messages.GraphChanged):
-            self._remote_nodes.show(message.view)
-        elif isinstance(message, gateway_messages.Activated):
-            self._remote_nodes.activate(message.start_ns)
-        elif isinstance(message, gateway_messages.EndGraph):
-            self._end(message.text, finished=message.finished)
-
-    def _end(self, text: str, *, finished: bool) -> None:
+    def _end(self, ending: join_protocol.JoinRefused) -> None:
         self._ended = True
         self._event_loop.forget(self._channel.socket.fileno())
-        self._remote_nodes.end(text, finished=finished)
+        for peer in self._relay.peers.values():
+            peer.send(ending)
 
     def _refuse(self, address: str, key: str, reason: str) -> None:
         if key:
@@ -125,7 +179,120 @@ class Gateway:
         entry = self._rejected.note(address, key, reason, unix_ns())
         if entry is not None:
             _LOG.warning("%s", entry)
-            self._send(gateway_messages.PeerRejected(str(entry), address, key, entry.count))
+            self._report("refused", "", str(entry), address=address, key=key, count=entry.count)
+
+    # Other hosts
+
+    @property
+    def joined(self) -> list[tuple[join_protocol.JoinRequest, Peer]]:
+        """The nodes of other hosts, and where they are."""
+        return [(peer.request, peer) for peer in self._relay.peers.values() if peer.request is not None]
+
+    def _names(self) -> set[str]:
+        return {*self._view.nodes, *(request.name for request, _ in self.joined)}
+
+    def _is_local(self, node: str) -> bool:
+        return node == LAUNCHER or node in self._names() or self._relay.has_proxy(node)
+
+    def _type_hash_of(self, topic: str) -> int | None:
+        known = self._view.topics.get(topic)
+        return int(known.type_hash, 16) if known is not None else None
+
+    def _whole(self) -> join_protocol.GraphView:
+        """Return the graph with those who have joined it."""
+        nodes, topics = list(self._view.nodes), dict(self._view.topics)
+        for request, _ in self.joined:
+            nodes.append(request.name)
+            topics.update(request.outputs)
+        return msgspec.structs.replace(self._view, nodes=nodes, topics=topics)
+
+    def _announce(self) -> None:
+        update = join_protocol.GraphUpdate(view=self._whole())
+        for peer in self._relay.peers.values():
+            peer.send(update)
+
+    def _on_received(self, message: Received) -> None:
+        peer = self._relay.peers.get(message.connection) or self._new_peer(message)
+        if peer is None:
+            return
+        try:
+            other = self._relay.receive(peer, message.parts)
+            if other is not None:
+                self._on_message(peer, other)
+        except Exception as error:  # noqa: BLE001 - whatever another host sends must harm nothing
+            peer.reject(in_words(error))
+            if peer.request is None:  # one that has joined would take it for the end
+                peer.send(join_protocol.JoinRefused(text=in_words(error)[: join_protocol.LONGEST_TEXT]))
+
+    def _new_peer(self, message: Received) -> Peer | None:
+        if self._secured and not self._keys.name_of(message.key):
+            return None  # it was denied while it was connected, and was told so
+        if len(self._relay.peers) >= MOST_PEERS:
+            self._refuse(message.address, message.key, f"{MOST_PEERS} hosts are connected already")
+            return None
+        in_flight = InFlightBytes(WINDOW_BYTES)
+        send = functools.partial(self._listener.send, message.connection, in_flight)
+        peer = Peer(send, message.key, message.address)
+        if not join_protocol.is_hello(message.parts):  # it was dropped, and cannot know it
+            peer.send(join_protocol.JoinRefused(text=NOT_CONNECTED))
+            return None
+        self._relay.peers[message.connection] = peer
+        return peer
+
+    def _on_message(self, peer: Peer, message: join_protocol.JoinMessage) -> None:
+        match message:
+            case join_protocol.ClockSample(sent_ns=sent_ns):
+                peer.send(join_protocol.ClockSample(sent_ns=sent_ns, gateway_ns=monotonic_ns()))
+            case join_protocol.JoinHello(protocol=protocol):
+                self._on_hello(peer, protocol)
+            case join_protocol.Join(request=request):
+                self._on_join(peer, request)
+            case join_protocol.HealthReport(health=health):
+                self._on_health(peer, health)
+            case join_protocol.LeaveGraph(text=text, exit_code=exit_code):
+                self._drop_peer(peer, text[: join_protocol.LONGEST_TEXT], exit_code)
+            case other:
+                raise SchemaMismatch(f"a message that only a gateway sends: {type(other).__name__}")
+
+    def _on_hello(self, peer: Peer, protocol: int) -> None:
+        known = join_protocol.PROTOCOL
+        if protocol == known:
+            peer.send(join_protocol.GraphUpdate(view=self._whole()))
+        else:
+            text = f"this graph speaks version {known} of joining, not {protocol}: update palp"
+            peer.send(join_protocol.JoinRefused(text=text))
+
+    def _on_join(self, peer: Peer, request: join_protocol.JoinRequest) -> None:
+        if peer.request is not None:
+            raise SchemaMismatch("it asked to join twice")
+        name = request.name
+        found = objections(request, self._whole(), self._names())
+        if self._relay.full and not self._relay.has_proxy(name):
+            found.append("too many names have joined this graph; take one of those that have left")
+        if found:
+            _LOG.warning("/%s on %s may not join: %s", name, request.host, "; ".join(found))
+            peer.send(join_protocol.JoinRefused(text="\n".join(found)))
+            return
+        peer.request = request
+        epoch = self._epochs[name] = self._epochs.get(name, 0) + 1
+        peer.send(join_protocol.Joined(epoch=epoch))
+        self._relay.add_proxy(name, peer)
+        if self._start_ns is not None:
+            peer.send(join_protocol.Active(start_ns=self._start_ns))
+        _LOG.info("/%s has joined from %s (%s)", name, request.host, peer.address)
+        self._send(join_protocol.NodeJoined(request=request, address=peer.address, epoch=epoch))
+        self._announce()
+
+    def _on_health(self, peer: Peer, health: bytes) -> None:
+        """Pass on how a joined node does, no faster than a node reports it."""
+        if peer.request is None or len(health) > MOST_HEALTH_BYTES:
+            raise SchemaMismatch("a health report that is too large, or of a node that has not joined")
+        # Its process number means nothing here, and its name is the one it was let in by.
+        report = msgspec.structs.replace(decode(NodeHealth, health), node=peer.request.name, pid=0)
+        if not report.counted_ns:  # a client in another language that leaves it out: as it arrives, then
+            report = msgspec.structs.replace(report, counted_ns=monotonic_ns())
+        if peer.health_is_due(monotonic_ns()):
+            self._send(join_protocol.NodeReported(name=peer.request.name, health=encode(report)))
 
     # Tools of this host
 
@@ -141,24 +308,41 @@ class Gateway:
             latest = [msgspec.to_builtins(entry) for entry in self._rejected.latest()]
             return {"count": self._rejected.total_count, "refusals": latest}
         if operation == "guests":
-            return {"guests": [self._remote_info(peer) for peer in self._remote_nodes.joined]}
+            return {
+                "guests": [
+                    {
+                        "name": request.name,
+                        "run": request.run,
+                        "host": request.host,
+                        "pid": request.pid,
+                        "address": peer.address,
+                        "key": self._keys.name_of(peer.key),
+                        "dropped": peer.dropped_count,
+                        "rejected": peer.rejected_count,
+                    }
+                    for request, peer in self.joined
+                ]
+            }
         if operation == "info":
-            reply: dict[str, object] = {"name": "gateway", "pid": os.getpid(), "secured": self._secured}
-            return reply | {"listen": self._remote_nodes.endpoint, "guests": len(self._remote_nodes.joined)}
+            return {
+                "name": "gateway",
+                "pid": os.getpid(),
+                "secured": self._secured,
+                "listen": self.endpoint,
+                "guests": len(self.joined),
+            }
         return {"error": "unknown operation; operations: guests, info, refusals"}
 
-    def _remote_info(self, peer: Peer) -> dict[str, object]:
-        assert peer.request is not None
-        return {
-            "name": peer.request.name,
-            "run": peer.request.run,
-            "host": peer.request.host,
-            "pid": peer.request.pid,
-            "address": peer.address,
-            "key": self._keys.name_of(peer.key),
-            "dropped": peer.dropped_count,
-            "rejected": peer.rejected_count,
-        }
+
+def _objection(request: join_protocol.Request) -> str:
+    """What concerns the launcher is asked on its own host, but for looking."""
+    try:
+        asked = decode_any(NodeRequest, request.body)
+    except SchemaMismatch as error:
+        return str(error)
+    if request.node != LAUNCHER or asked.op in _LOOKING:
+        return ""
+    return "a graph is commanded on its own host; another may only look"
 
 
 def main(connection: socket.socket) -> int:
@@ -173,16 +357,17 @@ def main(connection: socket.socket) -> int:
     logging.basicConfig(
         level=logging.INFO, format="[%(levelname)s] [gateway]: %(message)s", stream=sys.stderr
     )
-    channel = MessageChannel(connection, gateway_messages.gateway_decoder())
+    decoder = msgspec.msgpack.Decoder(join_protocol.ToGateway)
+    channel: MessageChannel[join_protocol.ToGateway] = MessageChannel(connection, decoder)
     try:
         listen_on = channel.receive()
-        assert isinstance(listen_on, gateway_messages.ListenOn)
+        assert isinstance(listen_on, join_protocol.ListenOn)
         gateway = Gateway(channel, listen_on, KeyFolder())
     except ChannelClosed:
         return 1
     except PalpError as error:
         with contextlib.suppress(ChannelClosed):
-            channel.send(gateway_messages.GatewayFailed(str(error)))
+            channel.send(join_protocol.JoinRefused(text=str(error)))
         return 2
     gateway.run()
     return 0

@@ -1,8 +1,10 @@
-"""What a gateway and a joined host say to each other over tcp: plain msgpack maps with a key ``op``.
+"""What hosts of a graph send each other over tcp: plain msgpack maps with a key ``op``.
 
 A message that begins with ``/`` is a frame of a topic, as it is on the wire, in one part or two. Everything
-else is one map. The joined host speaks first: ``hello``, some ``clock`` exchanges, then ``join``. A gateway
-answers ``refused`` to a connection that did not begin with ``hello``, or that it has dropped.
+else is one map. The joined host sends first: ``hello``, some ``clock`` exchanges, then ``join``. A gateway
+answers ``refused`` to a connection that did not begin with ``hello``, or that it has dropped, and to what a
+host that has not joined yet sends by mistake. A launcher and its gateway use the same messages on their
+private channel, and those below :class:`LocalMessage`.
 """
 
 import contextlib
@@ -13,14 +15,17 @@ import msgspec
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.description.checked import TopicInfo
 from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.process.channel import ChannelMessage
 
-PROTOCOL = 4
+PROTOCOL = 5
 """Grows when a message here does: hosts with other versions of palp refuse each other by it."""
 BEAT_NS = 500_000_000
 SILENCE_NS = 3_000_000_000  # six beats
 LARGEST_MESSAGE_BYTES = 16 << 20
 LONGEST_TEXT = 4096  # characters that another host may let a person here read
-WINDOW_BYTES = 32 << 20  # what may be on its way to one host; more is dropped, and the reader counts it
+
+Text = Annotated[str, msgspec.Meta(max_length=LONGEST_TEXT)]
+Envelope = Annotated[list[Annotated[bytes, msgspec.Meta(max_length=255)]], msgspec.Meta(max_length=8)]
 
 
 class GraphView(msgspec.Struct, frozen=True, kw_only=True):
@@ -55,8 +60,8 @@ class JoinRequest(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     name: str
-    run: Annotated[str, msgspec.Meta(max_length=LONGEST_TEXT)]
-    host: Annotated[str, msgspec.Meta(max_length=LONGEST_TEXT)]
+    run: Text
+    host: Text
     pid: int
     outputs: dict[str, TopicInfo] = {}
     inputs: dict[str, TopicInfo] = {}
@@ -64,21 +69,21 @@ class JoinRequest(msgspec.Struct, frozen=True, kw_only=True):
     reads_truth: bool = False
 
 
-class JoinMessage(msgspec.Struct, frozen=True, kw_only=True, tag_field="op", tag=str.lower):
-    """Base of the messages."""
+class JoinMessage(ChannelMessage, frozen=True, kw_only=True, array_like=False, tag_field="op", tag=str.lower):
+    """Base of what travels between hosts."""
 
 
 class JoinHello(JoinMessage, frozen=True, kw_only=True, tag="hello"):
     """The first message of a caller."""
 
-    protocol: int
+    protocol: int = PROTOCOL
 
 
 class GraphUpdate(JoinMessage, frozen=True, kw_only=True, tag="graph"):
-    """The answer to it, said again whenever the graph has changed."""
+    """The graph as it is now: the answer to the first message, sent again whenever the graph has changed."""
 
-    protocol: int
     view: GraphView
+    protocol: int = PROTOCOL
 
 
 class ClockSample(JoinMessage, frozen=True, kw_only=True, tag="clock"):
@@ -108,27 +113,27 @@ class JoinRefused(JoinMessage, frozen=True, kw_only=True, tag="refused"):
 
 
 class Active(JoinMessage, frozen=True, kw_only=True):
-    """The graph runs since then, on the gateway's monotonic clock."""
+    """The graph runs since then, on the monotonic clock of the gateway."""
 
     start_ns: int
 
 
 class Subscribe(JoinMessage, frozen=True, kw_only=True):
-    """Somebody here listens to a topic of yours."""
+    """Send a topic of yours."""
 
     topic: str
 
 
 class Unsubscribe(JoinMessage, frozen=True, kw_only=True):
-    """Nobody here does any longer."""
+    """Send it no longer."""
 
     topic: str
 
 
 class Request(JoinMessage, frozen=True, kw_only=True):
-    """A request to a node on the other side, as its ROUTER takes it."""
+    """A request to a node on the other side, as its ROUTER takes it; the reply has the same envelope."""
 
-    ticket: int
+    envelope: Envelope
     node: str
     body: bytes
 
@@ -136,14 +141,12 @@ class Request(JoinMessage, frozen=True, kw_only=True):
 class Reply(JoinMessage, frozen=True, kw_only=True):
     """The answer to it."""
 
-    ticket: int
+    envelope: Envelope
     body: bytes
 
 
 class Beat(JoinMessage, frozen=True, kw_only=True):
-    """I am alive; I have received so many bytes of frames from you so far."""
-
-    received_bytes: int
+    """This end is alive."""
 
 
 class HealthReport(JoinMessage, frozen=True, kw_only=True, tag="health"):
@@ -163,13 +166,58 @@ _Any = (
     JoinHello | GraphUpdate | ClockSample | Join | Joined | JoinRefused | Active | Subscribe | Unsubscribe
     | Request | Reply | Beat | HealthReport | LeaveGraph
 )  # fmt: skip
-_ENCODER = msgspec.msgpack.Encoder()
 _DECODER: msgspec.msgpack.Decoder[_Any] = msgspec.msgpack.Decoder(_Any)
 
 
-def encode_message(message: JoinMessage) -> list[bytes]:
-    """Return a message as it travels."""
-    return [_ENCODER.encode(message)]
+class LocalMessage(
+    ChannelMessage, frozen=True, kw_only=True, array_like=False, tag_field="op", tag=str.lower
+):
+    """Base of what only a launcher and its gateway exchange."""
+
+
+class ListenOn(LocalMessage, frozen=True, kw_only=True):
+    """Listen; ``epochs`` has how often each name has joined so far."""
+
+    run_dir: str
+    endpoint: str
+    secured: bool
+    view: GraphView
+    epochs: dict[str, int] = {}
+    start_ns: int | None = None
+
+
+class Listening(LocalMessage, frozen=True, kw_only=True):
+    """The gateway can be called there."""
+
+    endpoint: str
+
+
+class NodeJoined(LocalMessage, frozen=True, kw_only=True):
+    """A node of another host has joined."""
+
+    request: JoinRequest
+    address: str
+    epoch: int
+
+
+class NodeReported(LocalMessage, frozen=True, kw_only=True):
+    """How a joined node does, as it reports it: an encoded :class:`NodeHealth`."""
+
+    name: str
+    health: bytes
+
+
+class GatewayEvent(LocalMessage, frozen=True, kw_only=True):
+    """What the launcher publishes as it is: a node has left, a stranger was refused."""
+
+    kind: str
+    node: str
+    text: str
+    data: dict[str, int | str]
+
+
+ToGateway = ListenOn | Active | JoinRefused
+FromGateway = Listening | JoinRefused | NodeJoined | NodeReported | GatewayEvent
 
 
 def decode_message(parts: list[bytes]) -> JoinMessage:

@@ -49,11 +49,7 @@ def is_key(text: str) -> bool:
 
 
 class KeyFolder:
-    """The folder of keys of a user on a host.
-
-    Args:
-        path: Where; by default what the environment says.
-    """
+    """The folder of keys of a user on a host; by default where the environment says."""
 
     def __init__(self, path: Path | None = None) -> None:
         self.path = path or keys_folder()
@@ -128,20 +124,15 @@ class KeyFolder:
         return next((name for name, key in self.allowed().items() if key == public), "")
 
     def allow(self, what: str, name: str | None = None) -> tuple[str, str]:
-        """Let the owner of a public key in.
+        """Let the owner of a public key in, given by the key or a file that holds it; return name and key.
 
-        Args:
-            what: A public key, or a file that holds one.
-            name: To call it; by default the name in the file.
-
-        Returns:
-            Name and key.
+        By default it is called by the name in the file.
 
         Raises:
             SecurityError: Not a public key, or the name or the key is taken.
         """
-        key, said = self._read_public(what)
-        name = name or said
+        key, named = self._read_public(what)
+        name = name or named
         if not name:
             raise SecurityError("say whose key this is: palp keys allow KEY --name NAME")
         _check_name(name)
@@ -160,13 +151,10 @@ class KeyFolder:
         return name, key
 
     def deny(self, what: str) -> tuple[str, str]:
-        """Let somebody in no longer.
-
-        Args:
-            what: A name, a public key or a file that holds one.
+        """Let a host in no longer, given by its name, its public key or a file that holds it.
 
         Raises:
-            SecurityError: Nobody of that name or key was let in.
+            SecurityError: It was not let in.
         """
         allowed = self.allowed()
         name = what if what in allowed else ""
@@ -260,11 +248,7 @@ def _text(file: Path) -> str:
 
 
 def _load(file: Path) -> tuple[str, str]:
-    """Return the public and the secret key of a certificate, "" where there is none.
-
-    Raises:
-        SecurityError: It cannot be read.
-    """
+    """Return the public and the secret key of a certificate, "" where there is none."""
     try:
         check_regular(file)
         if file.stat().st_size > _LARGEST_BYTES:

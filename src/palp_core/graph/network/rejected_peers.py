@@ -1,4 +1,4 @@
-"""Who was turned away, why and how often; said at a bounded rate, remembered in bounded memory."""
+"""Who was turned away, why and how often; logged at a bounded rate, remembered in bounded memory."""
 
 from collections import OrderedDict
 
@@ -34,7 +34,7 @@ class RejectedPeer(msgspec.Struct, kw_only=True):
 
 
 class RejectedPeers:
-    """Counts strangers, and says which of them are worth a line in the log."""
+    """Counts strangers."""
 
     def __init__(self) -> None:
         self.total_count = 0
@@ -43,11 +43,9 @@ class RejectedPeers:
         self._refilled_ns = 0
 
     def note(self, address: str, key: str, reason: str, now_unix_ns: int) -> RejectedPeer | None:
-        """Count a refusal.
+        """Count a refusal; return it if it is worth a line in the log.
 
-        Returns:
-            What to say: the 1st, 2nd, 4th, 8th ... of a kind, no more than ten at once and one a second on
-            average; otherwise None.
+        That is the 1st, 2nd, 4th, 8th ... of a kind, no more than ten at once and one a second on average.
         """
         self.total_count += 1
         kind = (address, key, reason)

@@ -1,9 +1,8 @@
 """Who is let in to the pages: this host only, by the token, from the page's own address.
 
 An ASGI application around that of the pages. It looks at every request and every WebSocket before anything
-else does: ``Host`` must be this host's own name (DNS rebinding), ``Origin`` the page's own address (requests
-of other sites), and the first part of the path the token, compared in constant time. So neither cookies nor
-what a browser sends of itself opens anything.
+else does: ``Host`` must be this host's own name, ``Origin`` the page's own address, and the first part of the
+path the token. So neither cookies nor what a browser sends of itself opens anything.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from urllib.parse import parse_qs, quote
 
-from palp_core.graph.local_access import LOOPBACK_NAMES, is_token, named_host
+from palp_core.graph.local_access import AccessPolicy, Refusal
 from palp_core.view.server.asgi import App, Message, Receive, Scope, Send
 
 MOST_SOCKETS = 16
@@ -47,7 +46,7 @@ class PageGate:
 
     def __init__(self, app: App, token: str) -> None:
         self.app = app
-        self._token = token
+        self._policy = AccessPolicy(token, lambda origin, host: origin == f"http://{host}")
         self._sockets = self._requests = 0
         self.refused_count = 0
 
@@ -80,21 +79,22 @@ class PageGate:
     def _judge(self, scope: Scope) -> tuple[int, str]:
         """Return the status and the words with which somebody is sent away; 0 who is let in."""
         headers = {name: value.decode("latin-1") for name, value in scope["headers"]}
-        hosts = [value.decode("latin-1") for name, value in scope["headers"] if name == b"host"]
-        if named_host(hosts) not in LOOPBACK_NAMES:
-            return 421, "this server answers to 127.0.0.1 and localhost only"
-        origin = headers.get(b"origin")
-        if origin is not None or scope["type"] == "websocket":
-            if origin != f"http://{hosts[0]}":
-                return 403, "another site's page asked for this"
-        elif _is_fetched_elsewhere(scope, headers):
-            return 403, "another site's page asked for this"
+        hosts, origins = (
+            [value.decode("latin-1") for name, value in scope["headers"] if name == wanted]
+            for wanted in (b"host", b"origin")
+        )
+        if scope["type"] == "websocket" and not origins:
+            origins = [""]
         path = str(scope["path"])
-        given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
-        if path == "/" and is_token(given, self._token):
-            return 303, f"/{quote(given)}/"
         _, first, *rest = path.split("/") if path.startswith("/") else ("", "")
-        if not is_token(first, self._token):
+        if path == "/":
+            first, rest = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0], []
+        refusal = self._policy.refusal(hosts, origins, [first])
+        if refusal is Refusal.HOST:
+            return 421, "this server answers to 127.0.0.1 and localhost only"
+        if refusal is Refusal.ORIGIN or (not origins and _is_fetched_elsewhere(scope, headers)):
+            return 403, "another site's page asked for this"
+        if refusal is Refusal.TOKEN:
             return 403, "no token, or a wrong one: open the address that palp view has printed"
         if not rest:
             return 303, f"/{quote(first)}/"

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from palp_core.methods import Quantities, find, names
-from palp_core.methods.measured import measure_of
+from palp_core.methods.measured import measures_of
 from palp_core.palpation.mechanics import Scene, run_scene
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.stopping import FixedNumber, stop_rule
@@ -311,7 +311,7 @@ def test_sweeps_have_the_truth_of_their_own() -> None:
 
 @pytest.mark.nightly
 def test_a_stop_rule_is_measured_in_seconds_on_the_rig_too() -> None:
-    (measure,) = measure_of("stop")
+    ((measure,), _) = measures_of("stop")
     seconds = {one.method: one.error for one in measure(Scene()) if one.output == "rig_s"}
     assert set(seconds) == set(names("stop"))
     assert seconds["fixed_number"] > seconds["paper"] > 8.0

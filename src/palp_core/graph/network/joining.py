@@ -1,4 +1,7 @@
-"""What a node that joins a running graph says of itself, and how it is wired there."""
+"""How a node joins a running graph: what it asks for, how it is wired there, and who may.
+
+The launch file's rules hold for a node that comes later, too.
+"""
 
 import os
 import socket
@@ -10,20 +13,18 @@ import msgspec
 from palp_core.errors import GraphError
 from palp_core.graph.description.checked import TopicInfo
 from palp_core.graph.description.node_class import NodeClass, NodePort
+from palp_core.graph.description.wire_check import misfit, type_misfit
 from palp_core.graph.messages.qos import on_edge
 from palp_core.graph.network.join_protocol import GraphView, JoinRequest
-from palp_core.graph.node.spec import NodeSpec, topic
+from palp_core.graph.node.spec import NodeSpec, name_mistake, topic
 from palp_core.graph.problems import hint
+
+_MOST_PORTS = 256
+_OLDER = "; update the older host"
 
 
 def outputs_of(name: str, described: NodeClass, external: Collection[str] = ()) -> dict[str, TopicInfo]:
-    """Return what a node publishes, by topic.
-
-    Args:
-        name: Of the node.
-        described: What its class declares.
-        external: Inputs on whose topics it publishes what comes from outside.
-    """
+    """Return what a node publishes, by topic; on those of its external inputs, what comes from outside."""
     taken = [described.ports[port] for port in external]
     return {topic(name, port.name): TopicInfo.of(name, port) for port in (*_ports(described, "pub"), *taken)}
 
@@ -51,15 +52,15 @@ def wired_spec(
     described: NodeClass,
     view: GraphView,
 ) -> tuple[NodeSpec, dict[str, str]]:
-    """Wire a node into a running graph.
+    """Wire a node into a running graph; what the launch file expects, it has wired already.
 
     Args:
         name: Running name.
         run: ``module:Class``.
         params: As given.
-        wires: Topic by port, as given: of an input what it reads, of an output the external port it feeds.
+        wires: Topic by port: of an input what it reads, of an output the external port that it feeds.
         described: What the class declares.
-        view: The graph; where the launch file expects a node of this name, it has wired it already.
+        view: The graph.
 
     Returns:
         The node, and the external port by the own topic that feeds it.
@@ -137,3 +138,67 @@ def _ports(described: NodeClass, *kinds: str) -> list[NodePort]:
 
 def _params(described: NodeClass, given: Mapping[str, Any]) -> dict[str, Any]:
     return {name: p.default for name, p in described.params.items() if not p.required} | dict(given)
+
+
+def objections(request: JoinRequest, view: GraphView, taken: Collection[str]) -> list[str]:
+    """Return every reason why a node cannot join; ``taken`` are the names of the nodes that run."""
+    name = request.name
+    found = []
+    if mistake := name_mistake(name):
+        return [mistake]
+    if len(request.inputs) + len(request.outputs) > _MOST_PORTS:
+        return [f"a node of more than {_MOST_PORTS} ports cannot join"]
+    if name in taken:
+        found.append(f"a node '{name}' is in graph '{view.graph}' already; choose another with --name")
+    strange = [output for output in request.outputs if not output.startswith(f"/{name}/")]
+    if strange:
+        found.append(f"a node publishes under its own name only, not {', '.join(strange)}")
+    found += _expected(request, view)
+    for port, wanted in request.inputs.items():
+        found += [
+            f"input '{port}': {reason}" for reason in _input(wanted, view, reads_truth=request.reads_truth)
+        ]
+    for source, target in request.feeds.items():
+        found += _feed(source, target, request, view)
+    return found
+
+
+def _expected(request: JoinRequest, view: GraphView) -> list[str]:
+    """A node that others are wired to must publish what they were checked against."""
+    if request.name not in view.expected:
+        return []
+    found = []
+    for name, promised in view.topics.items():
+        if promised.node != request.name:
+            continue
+        offered = request.outputs.get(name)
+        if offered is None:
+            found.append(f"{request.run} lacks output '{promised.port}', which the launch file relies on")
+        elif (other := type_misfit(promised, offered)) is not None:
+            found.append(other.text + _OLDER)
+    return found
+
+
+def _input(wanted: TopicInfo, view: GraphView, *, reads_truth: bool) -> list[str]:
+    name = topic(wanted.node, wanted.port)
+    offered = view.topics.get(name)
+    if offered is None:
+        return [f"no topic '{name}' in graph '{view.graph}'{hint(name, view.topics)}"]
+    found = misfit(wanted, offered, reads_truth=reads_truth)
+    if found is None:
+        return []
+    same_name = found.part == "type" and wanted.type == offered.type
+    return [found.text + (_OLDER if same_name else "")]
+
+
+def _feed(source: str, target: str, request: JoinRequest, view: GraphView) -> list[str]:
+    offered = request.outputs.get(source)
+    if offered is None:
+        return [f"{request.run} publishes no {source}"]
+    if target not in view.external:
+        known = f"; it has: {', '.join(view.external)}" if view.external else "; it declares none"
+        return [f"{target} is no port that graph '{view.graph}' declares external{known}"]
+    wanted = view.external[target]
+    if wanted not in ("", offered.type_hash):
+        return [f"{target} takes another type than {offered.type}, which {source} carries"]
+    return []

@@ -1,4 +1,4 @@
-"""Where a graph may be called from other hosts: beyond this one only with keys."""
+"""Where a graph is called from other hosts, and how: beyond this host only with keys."""
 
 import ipaddress
 import re
@@ -13,13 +13,7 @@ _ADDRESS = re.compile(r"tcp://(?P<host>\[[0-9A-Fa-f:.%\w]+\]|[^\s:/\[\]]+):(?P<p
 
 
 class ListenPlan(NamedTuple):
-    """Where to listen and how.
-
-    Attributes:
-        endpoint: With the host as a number.
-        secured: Behind CURVE.
-        warnings: What the user should know.
-    """
+    """Where to listen, with the host as a number, whether behind CURVE, and what the user should know."""
 
     endpoint: str
     secured: bool
@@ -27,11 +21,7 @@ class ListenPlan(NamedTuple):
 
 
 def host_and_port(address: str) -> tuple[str, int]:
-    """Split ``tcp://HOST:PORT``.
-
-    Raises:
-        SecurityError: It is not of that form.
-    """
+    """Split ``tcp://HOST:PORT``."""
     found = _ADDRESS.fullmatch(address)
     port = 0 if found is None or found["port"] == "*" else int(found["port"])
     if found is None or port > 65535:
@@ -40,11 +30,7 @@ def host_and_port(address: str) -> tuple[str, int]:
 
 
 def plan_listening(address: str, keys: KeyFolder) -> ListenPlan:
-    """Decide how to listen.
-
-    Args:
-        address: ``tcp://HOST:PORT``; host ``*`` or ``0.0.0.0`` is every interface, port 0 any free one.
-        keys: This host's.
+    """Decide how to listen at ``tcp://HOST:PORT``: host ``*`` is every interface, port 0 any free one.
 
     Raises:
         SecurityError: No such host, or an address that others can reach and no keys.
@@ -77,11 +63,7 @@ def plan_listening(address: str, keys: KeyFolder) -> ListenPlan:
 
 
 def resolve(host: str, address: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
-    """Return a host's address as a number.
-
-    Raises:
-        SecurityError: There is no such host; ``address`` is named.
-    """
+    """Return a host's address as a number; errors name ``address``."""
     try:
         found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
     except OSError as error:
@@ -89,3 +71,34 @@ def resolve(host: str, address: str) -> ipaddress.IPv4Address | ipaddress.IPv6Ad
             raise SecurityError(f"{address}: write the address of interface {host}, not its name") from error
         raise SecurityError(f"{address}: no host '{host}' ({error.strerror})") from error
     return ipaddress.ip_address(str(found[0][4][0]).partition("%")[0])
+
+
+class Address(NamedTuple):
+    """Where a graph is called; without CURVE the key is ""."""
+
+    endpoint: str
+    server_key: str
+
+
+def plan_call(endpoint: str, server_key: str | None, keys: KeyFolder) -> Address:
+    """Find the keys for a call; ``server_key`` is a public key, a file that holds it, or an allowed host.
+
+    Raises:
+        SecurityError: Not an address, or the keys it takes are not there.
+    """
+    host, _ = host_and_port(endpoint)
+    number = resolve(host, endpoint)
+    if server_key is None:
+        if not number.is_loopback:
+            raise SecurityError(
+                f"{endpoint} is another host: give its public key with --server-key KEY or FILE; it is "
+                "shown there by: palp keys list"
+            )
+        return Address(endpoint, "")
+    own, key = keys.own(), keys.find(server_key)
+    if own is None:
+        raise SecurityError(
+            f"this host has no keys in {keys.path}; make a pair: palp keys generate; then, where the "
+            "graph runs: palp keys allow FILE"
+        )
+    return Address(endpoint, key)
