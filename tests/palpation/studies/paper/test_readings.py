@@ -13,7 +13,7 @@ from palp_core.palpation.studies.paper.readings import (
     gathered,
     side_by_side,
 )
-from palp_core.palpation.studies.simulation.reading_table import Gel
+from palp_core.palpation.studies.simulation.gel import Gel
 from palp_core.palpation.studies.toolkit.parallel import Runner
 from tests.palpation.studies.paper.made_readings import made_session
 

@@ -27,13 +27,7 @@ from palp_core.palpation.studies.perception.beliefs import REMOUNTED, decide, mi
 from palp_core.palpation.studies.perception.traces import RIG, TraceCase
 from palp_core.palpation.studies.perception.trials import Trials, trials_by_policy
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.reading_table import (
-    RATE_HZ,
-    SPEED_M_PER_S,
-    Gel,
-    scene_of,
-    tabulate,
-)
+from palp_core.palpation.studies.simulation.gel import RATE_HZ, SPEED_M_PER_S, Gel
 from palp_core.palpation.world.model import LAB, PAPER
 
 RINGS_M = (0.004, 0.016)
@@ -76,7 +70,7 @@ def quantities(gel: Gel, conditions: Conditions | None = None) -> Quantities:
     """Return what methods may know of a simulated touch, and of its session if there is one."""
     depths_m = sorted(gel.depths_m)
     found: Quantities = {
-        **scene_of(gel, depths_m[0]).quantities(),
+        **gel.scene(depths_m[0]).quantities(),
         "depth_m": gel.depths_m,
         "speed_m_s": SPEED_M_PER_S,
         "sample_hz": RATE_HZ,
@@ -165,7 +159,7 @@ def test_filters_keep_their_bounds(spread_m: tuple[float, float], training: int)
     """Worst of the best fixed ring, where readings share most, uniform draws, and the human chain."""
     ring_m, height_m = spread_m
     rig = replace(REMOUNTED, repeatability_m=ring_m, height_sd_m=height_m, training=training)
-    begun = sessions(tabulate(Gel()), rig, 100)
+    begun = sessions(Gel(), rig, 100)
     errors = {
         name: {
             "calibration": max(
@@ -186,7 +180,7 @@ def test_filters_keep_their_bounds(spread_m: tuple[float, float], training: int)
 def test_stop_rules_keep_their_bounds(spread_m: tuple[float, float]) -> None:
     """What each loses against going on to the last probe; worst of policies and filters."""
     rig = replace(REMOUNTED, repeatability_m=spread_m[0], height_sd_m=spread_m[1])
-    begun = sessions(tabulate(Gel()), rig, 100)
+    begun = sessions(Gel(), rig, 100)
     errors = {name: {"decision": 0.0, "calibration": 0.0} for name in names("stop")}
     policies: tuple[StiffnessPolicy, ...] = (FixedRing(), UniformRings())
     for policy, known in itertools.product(policies, ("naive", "latent")):
@@ -202,7 +196,7 @@ def test_stop_rules_keep_their_bounds(spread_m: tuple[float, float]) -> None:
 def test_policies_keep_their_bounds(spread_m: tuple[float, float]) -> None:
     """Which share of decisions each gets wrong beyond the best one; worst of the filters."""
     rig = replace(REMOUNTED, repeatability_m=spread_m[0], height_sd_m=spread_m[1])
-    begun = sessions(tabulate(Gel()), rig, 60)
+    begun = sessions(Gel(), rig, 60)
     wrong = [
         {name: one.wrong for name, one in trials_by_policy(begun, known).items()}
         for known in ("naive", "latent")

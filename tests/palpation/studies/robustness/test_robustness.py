@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from scipy.interpolate import RectBivariateSpline
 
 from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.probe import Probe
@@ -23,16 +22,13 @@ from palp_core.palpation.studies.robustness.differences import DIFFERENCES, SCHE
 from palp_core.palpation.studies.robustness.heat_maps import to_best_chart
 from palp_core.palpation.studies.robustness.jobs import DESIGNS, POLICIES, CellJob, run_cell
 from palp_core.palpation.studies.robustness.study import RobustnessSize
-from palp_core.palpation.studies.simulation.policies import begin_session, run_policy
-from palp_core.palpation.studies.simulation.reading_table import ERRORS_M, Gel, ReadingTable, tabulate
+from palp_core.palpation.studies.simulation.gel import Gel
+from palp_core.palpation.studies.simulation.policies import begin_trained, run_policy
+from palp_core.palpation.studies.simulation.session import WorldPlan
+from palp_core.palpation.studies.simulation.trace_table import TraceTable
 from palp_core.palpation.studies.toolkit.parallel import seeds
 
 PAPER = (("paper", DESIGNS["paper"]),)
-
-
-@pytest.fixture(scope="module")
-def felt() -> ReadingTable:
-    return tabulate(Gel())
 
 
 def named(name: str, trials: int = 10) -> RobustnessCell:
@@ -90,17 +86,13 @@ CONDITIONS = sorted({cell.conditions for cell in cells(trials=40)}, key=repr)
 
 
 @pytest.mark.parametrize("number", range(len(CONDITIONS)))
-def test_a_slack_joint_without_weight_is_at_chance_in_every_cell(number: int, felt: ReadingTable) -> None:
-    nothing = RectBivariateSpline(ERRORS_M, felt.gel.heights_m, np.zeros((5, 5)))
-    flat = replace(
-        felt,
-        splines=tuple(nothing if i % 5 == 0 else one for i, one in enumerate(felt.splines)),
-        noise_sd=np.full_like(felt.noise_sd, 1e-5),
-        bias=np.zeros_like(felt.bias),
-    )
+def test_a_joint_that_feels_nothing_is_at_chance_in_every_cell(
+    number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(TraceTable, "_cell", lambda table, i, j, rows: np.zeros((len(rows), 80)))
+    plan = WorldPlan(gel=Gel(rings_m=(0.0,)), conditions=CONDITIONS[number])
     right = [
-        run_policy("fixed_0", begin_session(flat, CONDITIONS[number], (1, n)), PaperVerbatim()).correct.mean()
-        for n in range(6)
+        run_policy("fixed_0", begin_trained(plan, (1, n)), PaperVerbatim()).correct.mean() for n in range(6)
     ]
     assert np.mean(right) == pytest.approx(1 / 3, abs=0.07)  # 720 trials, four standard errors
 
@@ -110,7 +102,7 @@ def test_a_slack_joint_without_weight_is_at_chance_in_every_cell(number: int, fe
 def test_without_shared_errors_every_stiff_position_is_right(name: str) -> None:
     gel = replace(named(name).gel, rings_m=figure5.RINGS_M[1:])
     steady = replace(CENTRE.conditions, repeatability_m=0.0, height_sd_m=0.0, trials=30)
-    session = begin_session(tabulate(gel, noisy_sweeps=8), steady, (2,))
+    session = begin_trained(WorldPlan(gel=gel, conditions=steady), (2,))
     for mm in (4, 8, 12, 16):
         assert run_policy(f"fixed_{mm}", session, PaperVerbatim()).correct.mean() >= 0.99
 

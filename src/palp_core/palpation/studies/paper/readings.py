@@ -14,8 +14,8 @@ from palp_core.palpation.studies.frontier.depth_error import DEPTH_SCHEMES, dept
 from palp_core.palpation.studies.frontier.schemes import SCHEMES, TRACE, Scheme, run_plan
 from palp_core.palpation.studies.frontier.study import SEEDS
 from palp_core.palpation.studies.frontier.tables import Runs, compared, depth_rows, scheme_rows
-from palp_core.palpation.studies.frontier.world_session import WorldPlan, worlds
-from palp_core.palpation.studies.paper.jobs import SCENES
+from palp_core.palpation.studies.paper.scenes import SCENES
+from palp_core.palpation.studies.simulation.session import WorldPlan, worlds
 from palp_core.palpation.studies.toolkit.parallel import Runner
 
 SHOWN = tuple(one for one in SCHEMES if one.protocol == "paper" or one.reading == TRACE)
@@ -93,10 +93,7 @@ def gathered(
 
 def _plans(scenes: bool) -> dict[str, WorldPlan]:
     """Return the worlds, and the scenes in the paper's own, by name."""
-    plain = WORLDS["paper"]
-    more = {
-        name: replace(plain, gel=gel, conditions=conditions) for name, (gel, conditions) in SCENES.items()
-    }
+    more = {name: replace(plan, gel=replace(plan.gel, reading="trace")) for name, plan in SCENES.items()}
     return WORLDS | (more if scenes else {})
 
 

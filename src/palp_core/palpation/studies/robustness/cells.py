@@ -6,7 +6,7 @@ from typing import Any
 from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.perception.strategy.policies import MarkovPolicy
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.reading_table import Gel
+from palp_core.palpation.studies.simulation.gel import Gel
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,13 @@ from palp_core.palpation.perception.statistics.resampling import cluster_bootstr
 from palp_core.palpation.studies.robustness.cells import RobustnessCell
 from palp_core.palpation.studies.simulation.policies import (
     FIXED,
-    SimulatedSession,
-    begin_session,
+    TrainedFeature,
+    begin_trained,
     fixed_name,
     run_policy,
 )
 from palp_core.palpation.studies.simulation.policy_summary import joined, summarise
-from palp_core.palpation.studies.simulation.reading_table import ReadingTable, tabulate
+from palp_core.palpation.studies.simulation.session import WorldPlan
 from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
 
 POLICIES = (
@@ -68,12 +68,11 @@ def run_cell(job: CellJob) -> dict[str, dict[str, Any]]:
 
     With 95 % intervals over sessions as ``accuracy_ci``, ``probes_ci``, ``seconds_ci`` and ``ece_ci``.
     """
-    felt = tabulate(job.cell.gel)
     lines = {}
     for name, design in job.designs:
-        sessions = dict(sessions_of(job.cell, felt, design, job.seeds))
+        sessions = dict(sessions_of(job.cell, design, job.seeds))
         sessions["fixed_average"] = joined({one: sessions[one] for one in FIXED})
-        lines[name] = {one: _line(sessions[one], felt.gel.depths_m) for one in POLICIES}
+        lines[name] = {one: _line(sessions[one], job.cell.gel.depths_m) for one in POLICIES}
     return lines
 
 
@@ -91,27 +90,27 @@ def _line(sessions: Sequence[Outcomes], depths_m: Sequence[float]) -> dict[str, 
 
 
 def sessions_of(
-    cell: RobustnessCell, felt: ReadingTable, design: FilterDesign, seeds: Sequence[tuple[int, ...]]
+    cell: RobustnessCell, design: FilterDesign, seeds: Sequence[tuple[int, ...]]
 ) -> Mapping[str, Sequence[Outcomes]]:
     """Return the outcomes of every policy, a session each; ``fixed_average`` is not one."""
     every: dict[str, list[Outcomes]] = {name: [] for name in POLICIES if name != "fixed_average"}
     for seed in seeds:
-        session = begin_session(felt, cell.conditions, seed)
+        trained = begin_trained(WorldPlan(gel=cell.gel, conditions=cell.conditions), seed)
         for name, kept in every.items():
-            kept.append(_run(name, cell, session, design, every))
+            kept.append(_run(name, cell, trained, design, every))
     return every
 
 
 def _run(
     name: str,
     cell: RobustnessCell,
-    session: SimulatedSession,
+    trained: TrainedFeature,
     design: FilterDesign,
     done: Mapping[str, Sequence[Outcomes]],
 ) -> Outcomes:
     if name == "fixed_best":  # it met the same luck as the position it is
-        return done[fixed_name(session.best_ring_m)][-1]
+        return done[fixed_name(trained.best_ring_m)][-1]
     if name == "markov":
-        model = session.naive if design.filter_name == "naive" else session.latent
-        return run_trials(session.felt, model, cell.markov(), design.stop)
-    return run_policy(name, session, design.stop, filter_name=design.filter_name)
+        model = trained.naive if design.filter_name == "naive" else trained.latent
+        return run_trials(trained.trials, model, cell.markov(), design.stop)
+    return run_policy(name, trained, design.stop, filter_name=design.filter_name)
