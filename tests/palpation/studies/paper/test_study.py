@@ -28,7 +28,6 @@ from palp_core.palpation.studies.simulation.gel import Gel
 from palp_core.palpation.studies.simulation.session import WorldPlan
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import Runner, run_jobs
-from tests.palpation.studies.paper.made_readings import made_readings
 from tests.support.drawing import render_nothing
 
 NAMES = {
@@ -51,7 +50,6 @@ def run_few(folder: Path, scene_sessions: int) -> Path:
         if not scene_sessions:
             render_nothing(patch)
         patch.setattr(paper_study, "QUICK", PaperSize(2, scene_sessions, 0, trials=6))
-        patch.setattr(paper_study, "by_readings", lambda *_, **__: made_readings())
         patch.setattr(paper_study, "_why", lambda *_: {"hypotheses": {"H1": "one"}, "cells": [WHY]})
         page = study("paper").run(folder, quick=True)
     assert page == folder / "index.html"
@@ -242,24 +240,6 @@ def test_the_papers_counts_carry_its_statements_or_not() -> None:
     assert found["varied stiffness better than fixed", "fixed 10 of 15 cells, varied 271 of 300"].p < 0.05
     assert not found["fixed: depth has a significant influence", "fixed 10 of 15 cells"].holds
     assert found["fixed: depth has a significant influence", "fixed 200 of 300 trials"].holds
-
-
-def test_peak_contrast_and_trace_stand_side_by_side_and_varying_comes_first(out: Path) -> None:
-    page = (out / "index.html").read_text(encoding="utf-8")
-    report = json.loads((out / "paper.json").read_text(encoding="utf-8"))["readings"]
-    lead = page[page.index('class="lead"') :]
-    for one in report["worth"]:
-        assert one["reading"] in {"contrast", "trace"}
-        said = f"{100 * one['difference']:+.1f} points ("
-        assert said in lead[: lead.index("</p>")]
-    assert [(one["world"], one["reading"]) for one in report["worth"]] == [
-        (world, reading) for world in ("paper", "lab") for reading in ("contrast", "trace")
-    ]
-    table = page[page.index("The same question by other readings") :]
-    for place in ("world:=lab", "the paper&#39;s own design", "the scene easy"):
-        assert place in table
-    assert "79.2 %" in table  # the peak, best fixed
-    assert "31 depths of which training knew three" in table
 
 
 def test_the_matrices_have_a_scale_of_colours() -> None:

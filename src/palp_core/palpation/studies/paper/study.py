@@ -1,7 +1,7 @@
 """The study ``paper``: the argument of the paper re-run, figure by figure, next to what it published."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,6 @@ from palp_core.palpation.reporting.html_page import picture, write_page
 from palp_core.palpation.studies.paper import charts_human, charts_probe, charts_results
 from palp_core.palpation.studies.paper.numbers import PUBLISHED, TABLE_3, TABLE_4, TABLE_6, statements
 from palp_core.palpation.studies.paper.power import power_report
-from palp_core.palpation.studies.paper.readings import ReadingSize, by_readings
 from palp_core.palpation.studies.paper.scenes import SCENES, judge, scene_session
 from palp_core.palpation.studies.paper.tests import analyses, comparisons, iterations
 from palp_core.palpation.studies.paper.why import HYPOTHESES, positions, why_rows
@@ -38,14 +37,12 @@ class PaperSize:
         scene_sessions: Sessions of each scene.
         why_sessions: Sessions of each hypothesis; 0 leaves them out.
         trials: Trials per depth and session; 100 as published.
-        readings: How much is run by peak, contrast and trace.
     """
 
     sessions: int = 40
     scene_sessions: int = 100
     why_sessions: int = 20
     trials: int = 100
-    readings: ReadingSize = field(default_factory=ReadingSize)
 
 
 QUICK = PaperSize(
@@ -53,7 +50,6 @@ QUICK = PaperSize(
     scene_sessions=0,
     why_sessions=0,
     trials=40,
-    readings=ReadingSize(sessions=2, depth_sessions=0, trials=20, scenes=False),
 )
 
 
@@ -83,7 +79,6 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         "positions": positions(plan),
         "scenes": _scenes(size, runner),
         "why": _why(size, runner),
-        "readings": by_readings(size.readings, runner),
     }
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "paper.json", report)
