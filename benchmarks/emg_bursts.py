@@ -1,16 +1,15 @@
 """EMG whose bursts and levels are known: how many are found, how many are false, how many levels are right.
 
 By three models (noise in a band, noise shaped as surface EMG, a pool of motor units) under conditions that
-were not used to set a threshold, and under conditions drawn anew for every subject; by two public generators
-(``--peers``, see ``emg_peers.py``). Beside it: what somebody reads who is told the contractions' times, or
-their course; what other rules make of the plain condition; crosstalk that is kept and removed; whether what
-is held for long stays one burst; and how often ``palp emg fit-policy``'s 95 % intervals hold the chain that
-made
-the EMG. Shares come with Wilson's 95 % interval; contractions of one subject share an MVC, so of levels it is
-too narrow. Tables are written as they grow: what was measured stays when it is ended early.
+were not used to set a threshold, and under conditions drawn anew for every subject. For comparison: what
+somebody reads who knows the contractions' times, or their course; what other rules make of the plain
+condition; crosstalk that is kept and removed; whether what is held for long stays one burst; and how often
+the 95 % intervals of ``palp emg fit-policy`` hold the chain that made the EMG. Shares come with Wilson's 95 %
+interval; contractions of one subject share an MVC, so of levels it is too narrow. Tables are written as they
+grow: what was measured stays when it is ended early.
 
 Run: .venv/bin/python -m benchmarks.emg_bursts [--out DIR] [--subjects 15] [--count 40] [--fits 10]
-     [--seed 4000] [--models "motor units"] [--only known crosstalk] [--workers 1] [--peers] [--quick]
+     [--seed 4000] [--models "motor units"] [--only known crosstalk] [--workers 1] [--quick]
 """
 
 from __future__ import annotations
@@ -232,10 +231,6 @@ def _size(options: argparse.Namespace) -> dict[str, int]:
 def measure(job: tuple[str, str, str, argparse.Namespace]) -> tuple[str, dict[str, Any]]:
     """Return a line of a table."""
     table, model, name, options = job
-    if table == "peers":
-        from benchmarks.emg_peers import judge_peer
-
-        return table, row_of(table, model, name, judge_peer(model, **_size(options)))
     return table, TABLES[table][0](model, name, options)
 
 
@@ -255,7 +250,7 @@ def line(row: dict[str, Any]) -> str:
 def write(found: dict[str, list[dict[str, Any]]], folder: Path) -> None:
     """Write what there is so far: JSON, CSV, and the chart where a model has every condition."""
     (folder / "emg_bursts.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    rows = [row for name in ("known", "anew", "crosstalk", "rules", "peers") for row in found.get(name, [])]
+    rows = [row for name in ("known", "anew", "crosstalk", "rules") for row in found.get(name, [])]
     if not rows:
         return
     with (folder / "emg_bursts.csv").open("w", encoding="utf-8", newline="") as file:
@@ -311,9 +306,6 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=SEED, help="of the first subject")
     parser.add_argument("--models", nargs="+", choices=list(MODELS), default=list(MODELS))
     parser.add_argument("--only", nargs="+", choices=list(TABLES), default=list(TABLES), help="tables")
-    parser.add_argument(
-        "--peers", action="store_true", help="public generators, too; they are to be installed"
-    )
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--quick", action="store_true", help="2 subjects of 10, 1 fit")
     options = parser.parse_args()
@@ -325,10 +317,6 @@ def main() -> None:
         for model in options.models
         for name in TABLES[table][1]
     ]
-    if options.peers:
-        from benchmarks.emg_peers import PEERS
-
-        jobs += [("peers", name, "1000 Hz, its own noise", options) for name in PEERS]
     options.out.mkdir(parents=True, exist_ok=True)
     found: dict[str, list[dict[str, Any]]] = {}
     with ProcessPoolExecutor(options.workers) as pool:

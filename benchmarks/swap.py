@@ -7,7 +7,7 @@ number of one maker and the first of the other (the stream's own period of 1 ms 
 stands the pause that the runtime itself reports. The command's time is from the request to the old process's
 end. Then come swaps whose new node does well on probation, and as many whose new node raises or dies after a
 hundred numbers: the gap before its first number is that of the change of hands, the one after its last that
-of the return to the old node. With ``--rival`` the same stream goes through ``dora node replace``.
+of the return to the old node.
 
 ``--storm N`` swaps N times and kills or stops a process each time, at a step or instant drawn by ``--seed``:
 see :mod:`swap_bench.storm`. ``--busy`` keeps so many cores busy meanwhile. A turn that went wrong leaves its
@@ -16,7 +16,6 @@ tapes and logs in the folder of ``--out``, and is repeated by ``--storm 1 --firs
 Run: .venv/bin/python benchmarks/swap.py [--quick] [--json] [--swaps N] [--faults N] [--probations N]
          [--out DIR]
      .venv/bin/python benchmarks/swap.py --storm 300 --busy 2 [--seed S] [--first K] [--json] [--out DIR]
-     .venv/bin/python benchmarks/swap.py --rival DORA      beside dora-rs; DORA is its executable
 """
 
 from __future__ import annotations
@@ -177,7 +176,6 @@ def main() -> None:
     parser.add_argument("--swaps", type=int)
     parser.add_argument("--faults", type=int)
     parser.add_argument("--probations", type=int)
-    parser.add_argument("--rival", type=Path, metavar="DORA", help="executable of dora-rs-cli")
     parser.add_argument("--out", type=Path, help="folder for swap.json, or storm.json (default there: storm)")
     parser.add_argument("--storm", type=int, metavar="N", help="swap so often, with a fault each time")
     parser.add_argument("--seed", type=int, default=1, help="of the faults")
@@ -194,10 +192,6 @@ def main() -> None:
     probations = given.probations if given.probations is not None else 4 if given.quick else 100
     with tempfile.TemporaryDirectory(prefix="palp-swap-") as folder:
         found = measure(swaps, faults, probations, Path(folder))
-    if given.rival:
-        from swap_bench.rival import measure as measure_rival
-
-        found["rival"] = measure_rival(20, given.rival)
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
         (given.out / "swap.json").write_text(json.dumps(found, indent=2))

@@ -1,18 +1,13 @@
-"""What ``palp view`` costs a graph, how soon it shows a sample, and how soon its stop arrives.
+"""How soon ``palp view`` shows a sample, and how soon its stop arrives.
 
-Two viewers are two processes, each with a page of Chromium: one shows the graph, one plots torque. Browsers
-get what time the host has left, as if they were on another one; with ``--beside`` they have the graph's own
-priority. Each number is a median over rounds, with the least and the largest. The machine should be otherwise
-idle.
+Each viewer has a page of Chromium. Browsers get what time the host has left, as if they were on another one;
+with ``--beside`` they have the graph's own priority. Each number is a median over rounds, with the least and
+the largest. The machine should be otherwise idle.
 
 Run: .venv/bin/python -m benchmarks.view [WHAT ...] [--quick] [--rounds N] [--beside] [--json]
 
-composed, lockstep: sweep seconds per wall second, viewed over alone, and over that alone beside a stranger
-that computes as much as viewers and browsers. wall: p50 and p99 of the torque edge, likewise, and what was
-lost. screen: from sample to screen, and frames a second, the emulated rig at work.
-first: wall seconds from ``palp view`` to its first page. extra: the extra on disk, and to import. stop,
-stop-loaded: from a click to ABORT on the wire; loaded: while swaps and page loads run. answer:
-how long the server takes to answer a press meanwhile. memory: of viewers and pages over --minutes.
+screen: from sample to screen, and frames a second, the emulated rig at work. stop, stop-loaded: from a click
+to ABORT on the wire; loaded: while swaps and page loads run.
 """
 
 from __future__ import annotations
@@ -25,7 +20,7 @@ from collections.abc import Callable
 from typing import Any
 
 from benchmarks.rig_bench.host import host_words
-from benchmarks.view_bench import costs, effect, screen, stop
+from benchmarks.view_bench import screen, stop
 
 Measure = Callable[[argparse.Namespace], dict[str, Any]]
 
@@ -33,16 +28,9 @@ Measure = Callable[[argparse.Namespace], dict[str, Any]]
 def measures() -> dict[str, Measure]:
     """Return what can be measured, by its word."""
     return {
-        "extra": lambda o: costs.extra(o.rounds),
-        "first": lambda o: costs.first_page(o.rounds, beside=o.beside),
-        "composed": lambda o: effect.speed(o.rounds, o.window, compose=True, beside=o.beside),
-        "lockstep": lambda o: effect.speed(o.rounds, o.window, compose=False, beside=o.beside),
-        "wall": lambda o: effect.latency(o.rounds, o.window, beside=o.beside),
         "screen": lambda o: screen.to_screen(o.window, o.rounds, beside=o.beside),
         "stop": lambda o: stop.stops(o.clicks, loaded=False, beside=o.beside),
         "stop-loaded": lambda o: stop.stops(o.clicks, loaded=True, beside=o.beside),
-        "answer": lambda o: stop.answers(o.window, o.rounds, beside=o.beside),
-        "memory": lambda o: costs.memory(o.minutes, o.window / 2, beside=o.beside),
     }
 
 
@@ -56,7 +44,6 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="a round or two of a few seconds")
     parser.add_argument("--rounds", type=int, help="5; quick: 2")
     parser.add_argument("--window", type=float, help="seconds of each measurement; 20, quick: 4")
-    parser.add_argument("--minutes", type=float, help="of memory; 30, quick: 0.5")
     parser.add_argument("--clicks", type=int, help="on stop; 200, quick: 5")
     parser.add_argument("--beside", action="store_true", help="browsers with the graph's own priority")
     parser.add_argument("--json", action="store_true", help="one object for machines")
@@ -64,8 +51,8 @@ def main() -> None:
     if unknown := set(options.what) - known.keys():
         parser.error(f"there is no {', '.join(sorted(unknown))}; there are {', '.join(known)}")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that nothing is left behind
-    small = {"rounds": 2, "window": 4.0, "minutes": 0.5, "clicks": 5}
-    whole = {"rounds": 5, "window": 20.0, "minutes": 30.0, "clicks": 200}
+    small = {"rounds": 2, "window": 4.0, "clicks": 5}
+    whole = {"rounds": 5, "window": 20.0, "clicks": 200}
     for name, value in (small if options.quick else whole).items():
         if getattr(options, name) is None:
             setattr(options, name, value)

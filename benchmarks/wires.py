@@ -14,8 +14,6 @@ its own. One that cannot be installed, or that fails, is left out by name, with 
 Run: .venv/bin/python benchmarks/wires.py [--quick] [--json] [--only latency] [--out DIR]
      .venv/bin/python benchmarks/wires.py --peer all      beside raw_three, zenoh, ros2, ezmsg and iceoryx2
      .venv/bin/python benchmarks/wires.py --peer ros2     beside ROS 2, installed from PyPI (Python 3.11)
-     .venv/bin/python benchmarks/wires.py --profile       what palp's own time is made of
-     .venv/bin/python benchmarks/wires.py --steady 600    the rig's rates: losses, overruns, memory
 """
 
 from __future__ import annotations
@@ -124,23 +122,8 @@ def measure(only: set[str], rounds: int, quick: bool, found: Contenders, budget_
 
 
 def write(out: Path, name: str, found: dict[str, Any]) -> None:
-    """Write an object beside its charts."""
+    """Write an object as JSON."""
     (out / f"{name}.json").write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-
-
-def long_run(seconds: float, out: Path | None, as_json: bool) -> None:
-    """Run the steady graph and show how it did."""
-    from wire_bench.steady import steady
-    from wire_bench.tables import show_steady
-
-    say(f"torque at 1 kHz and EMG at 1.5 kHz for {seconds:g} s")
-    found = steady(seconds, out)
-    if out is not None:
-        write(out, "steady", found)
-    if as_json:
-        print(json.dumps(found))
-    else:
-        show_steady(Console(), found)
 
 
 def main() -> None:
@@ -152,7 +135,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="one object for machines")
     parser.add_argument("--only", action="append", choices=KINDS, help="measure only this; may be repeated")
     parser.add_argument("--rounds", type=int, help="interleaved rounds (up to 3 if quick, else 7)")
-    parser.add_argument("--out", type=Path, help="write chart, CSV and JSON to this folder")
+    parser.add_argument("--out", type=Path, help="write CSV and JSON to this folder")
     parser.add_argument(
         "--peer",
         action="append",
@@ -169,22 +152,10 @@ def main() -> None:
         default=CACHE,
         help="folder of the contenders' virtual environments, made if they are not there (%(default)s)",
     )
-    parser.add_argument("--profile", action="store_true", help="show what palp's own time is made of")
-    parser.add_argument(
-        "--steady", type=float, nargs="?", const=600.0, metavar="SECONDS", help="the long run (600 s)"
-    )
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that no contender is left behind
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
-    if options.steady is not None:
-        long_run(options.steady, options.out, options.json)
-        return
-    if options.profile:
-        from wire_bench.profiling import profile
-
-        profile(Console())
-        return
     chosen = PEERS if "all" in options.peer else (*DEFAULT, *options.peer)
     who = contenders((name for name in chosen if name not in options.without), options.cache, say)
     rounds = options.rounds or (3 if options.quick else 7)
@@ -195,9 +166,6 @@ def main() -> None:
     found["versions"] = versions(who.runners, options.cache)
     found["left_out"] = who.left_out
     if options.out is not None:
-        from wire_bench.charts import wires_chart
-
-        wires_chart(results, options.out / "wires.png")
         write_csv(results, options.out / "wires.csv")
         write(options.out, "wires", found)
     if options.json:

@@ -18,7 +18,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from palp_core.palpation.reporting.charts import BLUE, GREY, VERMILION, Chart, save, tidy
-from palp_core.palpation.studies.simulation.reading_table import Gel, scene_of
+from palp_core.palpation.studies.simulation.gel import Gel
 from palp_core.palpation.studies.simulation.trace_table import TraceTable, tabulate_traces
 from palp_core.palpation.world.drag import drag
 from palp_core.palpation.world.draws import latent_spread
@@ -45,7 +45,7 @@ def main() -> None:
     given = parser.parse_args()
     by_ring()
     start_ns = process_time_ns()
-    table = tabulate_traces(Gel())
+    table = tabulate_traces(Gel(reading="trace"))
     print(f"\ntable of traces: {(process_time_ns() - start_ns) * 1e-9:.1f} s")
     timed(table, given.count)
     errors(table)
@@ -56,7 +56,7 @@ def by_ring() -> None:
     """Print how far a probe lags before it drags, and where the tip sticks and slips."""
     gel = Gel()
     rings_m = np.asarray(gel.rings_m)
-    scene = scene_of(gel, 0.004)
+    scene = gel.scene(0.004)
     felt = touch(scene.phantom, scene.probe, "l2", tips=False)
     rows = latents(len(rings_m))
     found = drag(felt, rows, rings_m, gel.indentation_m, STAGE_M)
@@ -108,7 +108,7 @@ def errors(table: TraceTable) -> None:
     weights[[0, -1]] /= 2
     print("depth_m ring_m  spread of the lab, its double, its triple: rms / most, N mm")
     for i, depth_m in enumerate(table.gel.depths_m):
-        scene = scene_of(table.gel, depth_m)
+        scene = table.gel.scene(depth_m)
         felt = touch(scene.phantom, scene.probe, table.rungs[i])
         for j, ring_m in enumerate(table.gel.rings_m):
             words = []
@@ -124,7 +124,7 @@ def errors(table: TraceTable) -> None:
 
 def picture(folder: Path) -> None:
     """Draw a sweep over 4 mm of gel in both worlds, on and back."""
-    scene = scene_of(Gel(), 0.004)
+    scene = Gel().scene(0.004)
     felt = touch(scene.phantom, scene.probe, "l2")
     luck = track(np.random.default_rng(3), 1)[0]
     fine_m = np.arange(-0.03, 0.05, 2e-5)

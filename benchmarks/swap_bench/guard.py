@@ -1,8 +1,7 @@
 """End a run's processes for certain: wait for the end of standard input, then kill until none is left.
 
 Standard input ends when the bench closes it or is itself gone, by ``kill -9`` too. A run's processes are
-known by a variable in their environment: dora starts each node in a process group of its own, so no group
-has all of them.
+known by a variable in their environment, as no process group has all of them.
 
 Run by the bench: ``python guard.py VARIABLE VALUE``.
 """

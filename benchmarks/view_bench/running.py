@@ -15,19 +15,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import psutil
-
 from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from tests.support.palp import PATIENCE_S, Palp, own_palp
 from tests.support.view.accounts import running_graph
-from tests.support.view.browser import Page, Viewing, chromium, chromium_running
+from tests.support.view.browser import Page, chromium, chromium_running
 
 ROOT = Path(__file__).resolve().parents[2]
 SIM, EMULATED = ROOT / "launch" / "sim.yaml", ROOT / "launch" / "emulated.yaml"
-PAGES = ("/", "/topic/torque/block")
-"""What two viewers look at: the graph, and torque as it comes, plotted."""
 LENIENT = ("shared.stale_ms:=10000.0", "shared.beat_ms:=10000.0", "shared.link_ms:=20000.0", "answer_s:=20.0")
 """Of the emulated rig: a busy host is no fault of its devices."""
 
@@ -80,10 +76,6 @@ class Launched:
         info = self.graph.ask(topic.split("/")[1], "info", timeout_s=30.0)
         return int(info["published"].get(topic, 0))
 
-    def edge(self, node: str, topic: str, window: int = 0) -> dict[str, Any]:
-        """Return a reader's account of a topic, with the latencies of its last messages."""
-        return dict(self.graph.ask(node, "info", timeout_s=30.0, window=window)["inputs"][topic])
-
     def view(self, *options: str) -> subprocess.Popen[str]:
         """Start a viewer of it; what its pages record is left in the graph's folder."""
         with contextlib.chdir(self.folder):
@@ -110,14 +102,6 @@ def launched(*arguments: object) -> Iterator[Launched]:
 
 
 @contextmanager
-def simulated(*, compose: bool) -> Iterator[Launched]:
-    """The simulated rig, with work for longer than anybody looks."""
-    words = ("--compose",) if compose else ()
-    with launched(SIM, *words, "trials:=20000", "training:=5") as found:
-        yield found
-
-
-@contextmanager
 def emulated(*arguments: str) -> Iterator[Launched]:
     """The emulated rig on the machine's clock: torque at 1 kHz, EMG at 1.5 kHz."""
     host = f"127.{os.getpid() >> 8 & 255}.{os.getpid() & 255}.11"
@@ -140,22 +124,6 @@ def browser(folder: Path, *, beside: bool) -> Iterator[Any]:
         yield found
 
 
-@contextmanager
-def two_viewers(run: Launched, chrome: Any) -> Iterator[list[Viewing]]:
-    """Two people look: one at the graph, one at torque as it comes."""
-    found = [Viewing(chrome, run.view()) for _ in PAGES]
-    try:
-        for viewing, page in zip(found, PAGES, strict=True):
-            viewing.go(page)
-        found[0].page.wait_for_selector("[data-node]")
-        found[1].plot("torque_n_m")
-        yield found
-    finally:
-        for viewing in found:
-            viewing.page.close()
-            end(viewing.process)
-
-
 def end(process: subprocess.Popen[str]) -> None:
     """End a process, and let go of its pipes."""
     process.kill()
@@ -163,35 +131,6 @@ def end(process: subprocess.Popen[str]) -> None:
     for pipe in (process.stdout, process.stderr):
         if pipe is not None:
             pipe.close()
-
-
-def memory_mib(pid: int) -> float:
-    """Return what a process has in memory."""
-    return float(psutil.Process(pid).memory_info().rss) / 2**20
-
-
-def cpu_s(pid: int) -> float:
-    """Return the CPU seconds of a process and of those below it."""
-    return sum(_used_s(one) for one in [psutil.Process(pid), *psutil.Process(pid).children(recursive=True)])
-
-
-def browsers_cpu_s() -> float:
-    """Return the CPU seconds of the browsers that this process has started."""
-    below = psutil.Process().children(recursive=True)
-    return sum(_used_s(one) for one in below if any("chrom" in word for word in _command(one)[:1]))
-
-
-def _used_s(process: psutil.Process) -> float:
-    with contextlib.suppress(psutil.Error):
-        times = process.cpu_times()
-        return float(times.user + times.system)
-    return 0.0
-
-
-def _command(process: psutil.Process) -> list[str]:
-    with contextlib.suppress(psutil.Error):
-        return list(process.cmdline())
-    return []
 
 
 def spread(values: Sequence[float], digits: int = 3) -> dict[str, Any]:

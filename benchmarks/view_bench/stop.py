@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import http.client
 import os
 import subprocess
 import sys
@@ -17,12 +16,11 @@ import numpy as np
 
 from benchmarks.rig_bench.running import RunningRig
 from benchmarks.rig_bench.trips import acknowledged
-from benchmarks.view_bench.running import ROOT, browser, emulated, end, spread, stop_button, wait
+from benchmarks.view_bench.running import ROOT, browser, end, stop_button
 from benchmarks.view_bench.screen import BEHIND
 from tests.support.palp import PATIENCE_S
 from tests.support.view.browser import Viewing
 
-ASK_EVERY_S = 0.02
 SHORT = ("trials:=1", "training:=1")
 CLICKS = """() => {
   window.clicks = [];
@@ -59,42 +57,6 @@ def stops(clicks: int, *, loaded: bool, beside: bool) -> dict[str, Any]:
         **{f"p{p}_ms": round(float(np.percentile(took_ms, p)), 1) for p in (50, 99)},
         "max_ms": round(max(took_ms), 1),
     }
-
-
-def answers(seconds: float, rounds: int, *, beside: bool) -> dict[str, Any]:
-    """Return how long the server takes to answer, over a second person's swaps and page loads.
-
-    It is asked for a button that there is not, as a press asks: what the graph takes is not in it.
-    """
-    found: dict[str, list[float]] = {"p50_ms": [], "p99_ms": [], "max_ms": []}
-    with (
-        tempfile.TemporaryDirectory() as name,
-        emulated() as run,
-        browser(Path(name), beside=beside) as chrome,
-    ):
-        process = run.view("--operate")
-        viewing = Viewing(chrome, process)
-        with _others(viewing.address):
-            for _ in range(rounds):
-                took_ms = _answers_ms(viewing.base, seconds)
-                found["p50_ms"].append(float(np.median(took_ms)))
-                found["p99_ms"].append(float(np.percentile(took_ms, 99)))
-                found["max_ms"].append(max(took_ms))
-        end(process)
-    return {what: spread(values, 1) for what, values in found.items()}
-
-
-def _answers_ms(base: str, seconds: float) -> list[float]:
-    host, _, token = base.removeprefix("http://").partition("/")
-    connection, took_ms = http.client.HTTPConnection(host), list[float]()
-    end_ns = time.monotonic_ns() + round(seconds * 1e9)
-    while (begun_ns := time.monotonic_ns()) < end_ns:
-        connection.request("POST", f"/{token}/press/none", headers={"Origin": f"http://{host}"})
-        assert connection.getresponse().read() == b"no such button"
-        took_ms.append((time.monotonic_ns() - begun_ns) / 1e6)
-        wait(ASK_EVERY_S)
-    connection.close()
-    return took_ms
 
 
 def _stop_ms(rig: RunningRig, viewing: Viewing, button: Any) -> float:

@@ -104,22 +104,20 @@ def _of_phase(rows: Rows, at: int) -> Rows:
     return chosen
 
 
-def run_palp(phases: list[Phase], readers: int = 1, profile: Path | None = None) -> Outcome:
+def run_palp(phases: list[Phase], readers: int = 1) -> Outcome:
     """Run a graph of real nodes, as a user does, and return its outcome.
 
     Args:
         phases: What to do.
         readers: One or five.
-        profile: Folder for the nodes' profiles.
 
     Raises:
         RuntimeError: The graph failed.
     """
     with _folder(phases) as folder:
         launch = HERE / "launch" / ("edge.yaml" if readers == 1 else "fan.yaml")
-        arguments = ["launch", launch, f"out:={folder}", *(["profile:=true"] if profile else [])]
         done = subprocess.run(
-            palp_command(*arguments),
+            palp_command("launch", launch, f"out:={folder}"),
             env=environment(folder),
             capture_output=True,
             text=True,
@@ -128,8 +126,6 @@ def run_palp(phases: list[Phase], readers: int = 1, profile: Path | None = None)
         )
         if done.returncode:
             raise RuntimeError(f"palp launch {launch.name} ended with {done.returncode}: {done.stderr}")
-        for path in folder.glob("*.prof") if profile else ():
-            path.rename(profile / path.name)  # type: ignore[operator]
         return _read(folder, phases, readers)
 
 

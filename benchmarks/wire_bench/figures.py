@@ -94,14 +94,10 @@ class Results:
 
     Attributes:
         rounds: ``rounds[contender][measure]`` is a list of figures, one a round.
-        latencies_s: Every latency, for the chart.
         lost: Messages that did not arrive, by contender.
     """
 
     rounds: dict[str, dict[str, list[dict[str, float]]]] = field(default_factory=dict)
-    latencies_s: dict[str, dict[str, list[np.ndarray[Any, np.dtype[np.float64]]]]] = field(
-        default_factory=dict
-    )
     lost: dict[str, int] = field(default_factory=dict)
     startup_s: list[float] = field(default_factory=list)
 
@@ -115,13 +111,11 @@ class Results:
                 times_s = (outcome.latencies_s if measure.phase.kind == "stream" else outcome.trips_s)[at]
                 found = {f"{name}_s": float(np.quantile(times_s, q)) for name, q in QUANTILES.items()}
                 found["cpu_s"] = outcome.cpu_s[at]
-                kept = self.latencies_s.setdefault(contender, {}).setdefault(measure.name, [])
-                kept.append(times_s)
             self.rounds.setdefault(contender, {}).setdefault(measure.name, []).append(found)
 
     def drop(self, contender: str) -> None:
         """Forget a contender that failed on the way."""
-        for kept in (self.lost, self.rounds, self.latencies_s):
+        for kept in (self.lost, self.rounds):
             kept.pop(contender, None)
 
     def ratios(self, peer: str) -> dict[str, list[float]]:

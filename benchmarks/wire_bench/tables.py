@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 from wire_bench.figures import OWN, RATIOS, Results
 
-__all__ = ["show_steady", "show_wires"]
+__all__ = ["show_wires"]
 
 STARTUP_TARGET_S = 1.0
 
@@ -83,24 +83,3 @@ def show_wires(console: Console, results: Results, found: dict[str, Any]) -> Non
         console.print(f"ten nodes, from command to first message at the end: {took_s:.2f} s ({kept})")
     lost = ", ".join(f"{name} {count}" for name, count in found["lost_by_contender"].items())
     console.print(f"lost: {lost or 'nothing'}; machine: {found['machine']}")
-
-
-def show_steady(console: Console, found: dict[str, Any]) -> None:
-    """Print the long run."""
-    table = Table("timer of", "ticks", "overruns", "%", "late p50", "p99", "p99.9", "max")
-    for node, timer in found["timers"].items():
-        times = [f"{timer[f'late_{name}_us']:.0f} µs" for name in ("p50", "p99", "p99_9", "max")]
-        row = (str(timer["ticks"]), str(timer["overruns"]), f"{timer['overruns_percent']:.4f}", *times)
-        table.add_row(node, *row)
-    console.print(table)
-    table = Table("process", "memory", "grown", "slope", "of a core")
-    for node, process in found["processes"].items():
-        table.add_row(
-            node,
-            f"{process['rss_mib']:.1f} MiB",
-            f"{process['grown_kib']:.0f} KiB",
-            f"{process['kib_per_min']:.1f} KiB/min",
-            f"{process['core_share']:.0%}",
-        )
-    console.print(table)
-    console.print(f"sent {found['sent']} in {found['seconds']:g} s, lost {found['lost']}")

@@ -9,7 +9,6 @@ from meter import sign_in
 from plan import Arrivals
 
 from msgs.load import Block, Reply
-from nodes.profiled import Profile
 from palp_core import Node, Params, Pub, Srv, State, Sub, on, serve
 
 
@@ -18,7 +17,6 @@ class CatcherParams(Params):
 
     out: str = ""
     number: int = 0
-    profile: bool = False
 
 
 class Catcher(Node):
@@ -33,15 +31,10 @@ class Catcher(Node):
     def on_configure(self) -> None:
         folder, number = Path(self.params.out), self.params.number
         self.path = folder / f"arrivals{number}.npy"
-        self.profile = Profile(folder / f"catcher{number}.prof" if self.params.profile else None)
         self.arrivals = Arrivals()
         sign_in(folder)
 
-    def on_activate(self) -> None:
-        self.profile.begin()
-
     def on_deactivate(self) -> None:
-        self.profile.end()
         self.arrivals.write(self.path)
 
     @on(block)

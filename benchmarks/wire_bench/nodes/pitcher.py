@@ -11,7 +11,6 @@ from meter import Meter
 from plan import Phase, Search, index_of, read_plan, samples
 
 from msgs.load import Block, Reply
-from nodes.profiled import Profile
 from palp_core import Alarm, Client, Node, Params, Pub, State, Sub, Timer, on
 from palp_core.units import HertzPositive
 
@@ -22,7 +21,6 @@ class PitcherParams(Params):
     """``out`` is the folder of the plan and of what is found; the rates are those of the three timers."""
 
     out: str = ""
-    profile: bool = False
     fast_hz: HertzPositive = 1000.0
     slow_hz: HertzPositive = 100.0
 
@@ -45,7 +43,6 @@ class Pitcher(Node):
         self.phases = read_plan(self.folder)
         self.values = [samples(phase.size) for phase in self.phases]
         self.meter = Meter(self.folder)
-        self.profile = Profile(self.folder / "pitcher.prof" if self.params.profile else None)
         self.at = -1
         self.number = 0
         self.begin_ns = 0
@@ -55,10 +52,8 @@ class Pitcher(Node):
 
     def on_activate(self) -> None:
         self.pause.set(self.now_ns() + PAUSE_NS)
-        self.profile.begin()
 
     def on_deactivate(self) -> None:
-        self.profile.end()
         np.save(self.folder / "trips.npy", np.frombuffer(self.round_trips, dtype=np.int64).reshape(-1, 3))
         np.save(self.folder / "rates.npy", np.array(sorted(self.rates.items()), dtype=float).reshape(-1, 2))
         self.meter.write()

@@ -107,6 +107,15 @@ class WorldModel:
         """Whether it is the paper's own design: nothing is on, whatever its name."""
         return all(getattr(self, item.name) == 0.0 for item in _quantities())
 
+    @property
+    def shifts_latents(self) -> bool:
+        """Whether sweeps differ by more than the ring's landing and the surface's height."""
+        return any(
+            getattr(self, item.name) != 0.0
+            for item in _quantities()
+            if item.name.partition("_")[0] in ("friction", "bead", "modulus", "layer", "tip")
+        )
+
     def values(self) -> dict[str, float]:
         """Return its parameters by name, SI."""
         return {item.name: getattr(self, item.name) for item in _quantities()}

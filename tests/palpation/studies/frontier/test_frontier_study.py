@@ -30,22 +30,22 @@ from palp_core.palpation.studies.frontier.trace_trials import (
     run_trace_trials,
     settings_of,
 )
-from palp_core.palpation.studies.frontier.world_session import (
+from palp_core.palpation.studies.robustness.differences import WorldDifference, differing
+from palp_core.palpation.studies.simulation.conditions import Conditions
+from palp_core.palpation.studies.simulation.gel import Gel
+from palp_core.palpation.studies.simulation.session import (
     Stopwatch,
     WorldPlan,
     WorldSession,
     begin,
     worlds,
 )
-from palp_core.palpation.studies.robustness.differences import WorldDifference, differing
-from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.reading_table import Gel
 from palp_core.palpation.studies.simulation.trace_table import TraceTable
 from palp_core.palpation.world.model import LAB
 from palp_core.units import Float64Array
 
 LAUNCH = Path(__file__).parents[4] / "launch"
-RINGS = Gel(rings_m=(0.004, 0.016))
+RINGS = Gel(rings_m=(0.004, 0.016), reading="trace")
 PLAN = WorldPlan(
     world=LAB,
     conditions=Conditions(training=25, trials=20, specimens="other", phantoms=3, mounting="each_trial"),
@@ -60,7 +60,7 @@ def whole() -> WorldSession:
 
 
 def test_a_decision_in_the_sweep_is_that_of_the_whole_sweep_sooner() -> None:
-    stiff = Gel(rings_m=RINGS.rings_m[1:])
+    stiff = replace(RINGS, rings_m=RINGS.rings_m[1:])
     session = begin(replace(PLAN, gel=stiff, path_m=SWIFT.path_m), (3, 1))
     model = model_of(session, settings_of(session))
     early = run_trace_trials(session, model, SWIFT, asking=Keep(0))
@@ -159,7 +159,7 @@ def coarse_depths(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("coarse_depths")
 def test_every_scheme_tells_a_depth_after_one_sweep_and_more() -> None:
     schemes = (Scheme("contrast", "uniform", "paper"), Scheme("trace", "fixed_best", "threshold"))
-    plan = replace(PLAN, gel=Gel(rings_m=(0.012, 0.016)))
+    plan = replace(PLAN, gel=replace(RINGS, rings_m=(0.012, 0.016)))
     found = depth_error.depth_errors(plan, (3, 8), schemes=schemes)
     assert set(found) == {(one.name, sweeps) for one in schemes for sweeps in (1, 2)}
     for one in schemes:

@@ -11,8 +11,9 @@ from palp_core.palpation.studies.paper.why import (
     conditions_of,
     why_session,
 )
+from palp_core.palpation.studies.simulation.gel import Gel
 from palp_core.palpation.studies.simulation.policies import FIXED
-from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
+from palp_core.palpation.studies.simulation.session import WorldPlan
 from palp_core.palpation.studies.toolkit.parallel import Runner
 
 
@@ -35,8 +36,8 @@ def test_what_is_left_out_is_gone() -> None:
 
 
 def test_without_shared_errors_every_stiff_position_makes_progress_or_is_right_at_once() -> None:
-    felt = tabulate(Gel())
-    found = why_session(WhyCase(felt, conditions_of((), 20), FIXED[1:], correlation_stop=False), (1,))
+    plan = WorldPlan(gel=Gel(), conditions=conditions_of((), 20))
+    found = why_session(WhyCase(plan, FIXED[1:], correlation_stop=False), (1,))
     for one in found.values():
         assert one.right[:, -1].mean() >= max(0.99, one.right[:, 0].mean())
 

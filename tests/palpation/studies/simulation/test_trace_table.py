@@ -1,16 +1,24 @@
 """The table of traces against whole sweeps, and the slopes of a filter against the table."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from palp_core.palpation.mechanics import Bead, Phantom
-from palp_core.palpation.mechanics.scene.choice import choose_rung
+from palp_core.methods import find
+from palp_core.palpation.mechanics import Bead, Phantom, Scene
+from palp_core.palpation.mechanics.contact.model import ContactModel
+from palp_core.palpation.mechanics.scene.choice import choose_rung, rung_model
 from palp_core.palpation.nano17 import RESOLUTION_N_M
+from palp_core.palpation.session.filters import height_slope
 from palp_core.palpation.session.trace.settings import TraceSettings
-from palp_core.palpation.studies.simulation.reading_table import Gel, scene_of
-from palp_core.palpation.studies.simulation.trace_table import TraceTable, tabulate_traces
+from palp_core.palpation.studies.simulation.gel import Gel, sweep_torque
+from palp_core.palpation.studies.simulation.trace_table import (
+    TraceTable,
+    ring_and_height,
+    tabulate_traces,
+)
 from palp_core.palpation.world.drag import drag
 from palp_core.palpation.world.draws import latent_spread
 from palp_core.palpation.world.latents import LATENTS, LOWEST, REACH, latents
@@ -19,7 +27,7 @@ from palp_core.palpation.world.slopes import trace_slopes
 from palp_core.palpation.world.texture import track
 from palp_core.palpation.world.touch import touch
 
-GEL = Gel(depths_m=(0.002, 0.004), rings_m=(0.008, 0.016))
+GEL = Gel(depths_m=(0.002, 0.004), rings_m=(0.008, 0.016), reading="trace")
 FINE_M = np.linspace(-0.03, 0.05, 321)
 
 
@@ -37,7 +45,7 @@ def of_the_lab(count: int, scale: float = 1.0) -> np.ndarray:
 
 def whole(table: TraceTable, i: int, j: int, rows: np.ndarray) -> np.ndarray:
     """Means over the bins of sweeps solved every quarter of a millimetre, without the table's splines."""
-    scene = scene_of(table.gel, table.gel.depths_m[i])
+    scene = table.gel.scene(table.gel.depths_m[i])
     stage_m = FINE_M if table.forward else FINE_M[::-1]
     rings_m = np.full(len(rows), table.gel.rings_m[j])
     found = drag(touch(scene.phantom, scene.probe, table.rungs[i]), rows, rings_m, 0.004, stage_m)
@@ -61,10 +69,19 @@ def test_the_table_is_the_sweep_it_stands_for(
     assert np.abs(error).max() < most
 
 
+@pytest.mark.parametrize(("error_m", "height_m"), [(0.0, 0.0), (0.25e-3, -0.3e-3), (-0.6e-3, 0.9e-3)])
+def test_a_table_of_landing_and_height_alone_is_the_sweep_too(error_m: float, height_m: float) -> None:
+    gel = Gel(depths_m=(0.004,), rings_m=(0.004, 0.016))
+    plain = tabulate_traces(gel, basis=ring_and_height(1.5e-3), run_in=False)
+    one = np.ones(1, dtype=np.int64)
+    found = plain.traces(0 * one, one, latents(ring_m=error_m, height_m=height_m))[0]
+    torque = sweep_torque(gel, 0.004, 0.016 + error_m, height_m)
+    whole = torque.reshape(-1, 100).mean(axis=1)
+    np.testing.assert_allclose(found[1:], whole[1:], atol=4e-5)
+
+
 def test_slopes_of_the_scene_file_alone_are_those_of_the_table(table: TraceTable) -> None:
-    known = trace_slopes(
-        scene_of(GEL, 0.004).read_by("trace"), GEL.depths_m[1:], GEL.rings_m, forward=table.forward
-    )
+    known = trace_slopes(GEL.scene(0.004), GEL.depths_m[1:], GEL.rings_m, forward=table.forward)
     step = 0.05 * REACH
     for latent in range(len(LATENTS)):
         up, down = latents(1), latents(1)
@@ -78,13 +95,13 @@ def test_slopes_of_the_scene_file_alone_are_those_of_the_table(table: TraceTable
 
 
 def test_what_a_filter_knows_of_traces_is_of_a_contact_model_that_is_right_in_them() -> None:
-    scene, _ = TraceSettings().of_rig(scene=scene_of(GEL, 0.004))
-    assert scene == scene_of(GEL, 0.004).read_by("trace")
+    scene, _ = TraceSettings().of_rig(scene=GEL.scene(0.004, "peak"))
+    assert scene == GEL.scene(0.004)
     assert choose_rung(scene).rung == "l4"
 
 
 def test_a_scene_whose_bead_is_beside_the_path_has_its_traces_there(table: TraceTable) -> None:
-    scene = scene_of(GEL, 0.004).read_by("trace")
+    scene = GEL.scene(0.004)
     aside = replace(scene, phantom=Phantom(bead=Bead(depth_m=0.004, beside_m=0.002)))
     known = trace_slopes(aside, GEL.depths_m[1:], GEL.rings_m, forward=table.forward, run_in=True)
     at = np.array([1, 1]), np.array([0, 1])
@@ -103,7 +120,7 @@ def test_traces_do_not_depend_on_who_is_asked_with_whom(table: TraceTable) -> No
 
 def test_the_run_in_is_in_it_and_can_be_left_out(table: TraceTable) -> None:
     at = np.array([1]), np.array([1])
-    only = Gel(depths_m=GEL.depths_m[1:], rings_m=GEL.rings_m[1:])
+    only = replace(GEL, depths_m=GEL.depths_m[1:], rings_m=GEL.rings_m[1:])
     alone = tabulate_traces(only, forward=table.forward, run_in=False)
     dragged = alone.traces(np.array([0]), np.array([0]), latents())[0]
     felt = table.traces(*at, latents())[0]
@@ -141,3 +158,33 @@ def test_stick_slip_is_there_where_the_sweep_has_it(table: TraceTable) -> None:
     late = made[16:, 12:] if table.forward else made[16:, :-12]
     assert 0.03e-3 < late.std(axis=0).mean() < 0.25e-3  # a bin holds a cycle and a half of 1.5 N mm
     assert not table.stick_slip(PAPER, depth, ring, np.zeros(32)).any()
+
+
+def test_the_register_is_asked_with_the_rings_and_what_the_joint_gives_way() -> None:
+    """A soft gel under a stiff joint: there L2's peak is as wrong as its force."""
+    soft, usual = Gel(modulus_pa=8e3), Gel()
+    asked = soft.scene(0.004).quantities()
+    assert asked["ring_m"] == soft.rings_m
+    assert asked["depth_per_tip"] == pytest.approx(0.004 / 0.006)
+    assert np.min(asked["yielding"]) < 0.4
+    bounds = [find("contact", "l2").bound("peak", gel.scene(0.004).quantities()) for gel in (usual, soft)]
+    assert [bound is not None and bound <= 0.02 for bound in bounds] == [True, False]
+
+
+@pytest.mark.parametrize(("reading", "rung"), [("peak", "l2"), ("contrast", "l4")])
+def test_tables_and_slopes_are_of_the_contact_model_that_the_reading_needs(
+    reading: str, rung: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    used: list[str] = []
+
+    def note_rung(name: str, *given: Any) -> ContactModel:
+        used.append(name)
+        return rung_model(name, *given)
+
+    for module in ("session.filters", "studies.simulation.gel"):
+        monkeypatch.setattr(f"palp_core.palpation.{module}.rung_model", note_rung)
+    gel = Gel(depths_m=(0.004,), rings_m=(0.016,), reading=reading)
+    sweep_torque(gel, 0.004, 0.016)
+    height_slope(gel.depths_m, gel.rings_m, reading, Scene(ring_m=gel.rings_m))
+    assert used == [rung, rung]
+    assert tabulate_traces(gel, basis=ring_and_height(1e-4), run_in=False).rungs == (rung,)

@@ -8,7 +8,7 @@ import numpy as np
 
 from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, sessions_by_protocol
 from palp_core.palpation.studies.frontier.schemes import SCHEMES, TRACE, DepthTask, Scheme, run_schemes
-from palp_core.palpation.studies.frontier.world_session import WorldPlan
+from palp_core.palpation.studies.simulation.session import WorldPlan
 
 GRID_M = tuple(np.round(np.linspace(0.002, 0.008, 31), 9).tolist())
 """Depths to decide among."""

@@ -11,7 +11,7 @@ import numpy as np
 from palp_core.palpation.devices.motion_profile import MotionProfile
 from palp_core.palpation.devices.sim.stage import SimStage
 from palp_core.palpation.perception.strategy.policies_informed import Timing
-from palp_core.palpation.studies.frontier.world_session import PATH_M, WorldPlan, WorldSession, begin
+from palp_core.palpation.studies.simulation.session import PATH_M, WorldPlan, WorldSession, begin
 from palp_core.units import Float64Array
 
 

@@ -9,15 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palp_core.methods import find
-from palp_core.palpation.nano17 import RESOLUTION_N_M
-from palp_core.palpation.perception.belief.latent import OffsetModel
-from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
-from palp_core.palpation.perception.belief.rig_noise import (
-    assumed_noise,
-    independent_model,
-    latent_model,
-    on_depths,
-)
+from palp_core.palpation.perception.belief.rig_noise import assumed_noise
 from palp_core.palpation.perception.belief.session_check import (
     LOOK_P,
     Projected,
@@ -40,7 +32,6 @@ from palp_core.palpation.perception.strategy.policies import (
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
 from palp_core.palpation.perception.trace.model import TraceModel
 from palp_core.palpation.perception.trace.training import TrainedTraces
-from palp_core.palpation.session.filters import height_slope
 from palp_core.palpation.session.unlike_training import by_readings
 from palp_core.palpation.studies.frontier.protocols import (
     PAPER_PROTOCOL,
@@ -58,14 +49,14 @@ from palp_core.palpation.studies.frontier.trace_trials import (
     run_trace_trials,
     settings_of,
 )
-from palp_core.palpation.studies.frontier.world_session import FeatureTrials, WorldPlan, WorldSession
-from palp_core.palpation.studies.simulation.policies import best_ring
-from palp_core.palpation.studies.simulation.reading_table import scene_of
+from palp_core.palpation.studies.simulation.policies import TrainedFeature, train_feature
+from palp_core.palpation.studies.simulation.session import WorldPlan, WorldSession
 from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
 from palp_core.units import Float64Array
 
 TRACE = "trace"
-RING_SD_M, HEIGHT_SD_M = 0.3e-3 / 3**0.5, 0.2e-3
+RING_SD_M = 0.3e-3 / 3**0.5
+ASSUMED = assumed_noise(RING_SD_M, 0.2e-3)
 """Landing by the data sheet and height, of the filter of features, as of that of the trace."""
 THRESHOLD = 0.95
 SURE = 0.99
@@ -115,25 +106,6 @@ SCHEMES = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Taught:
-    """What a session's training leaves to schemes of one feature.
-
-    Attributes:
-        trials: The trials, as readings of the feature.
-        primitives: Fitted to the readings of training.
-        best_ring: Index of the position whose single readings are best decided within training.
-        naive: The paper's filter.
-        latent: The one that knows what stays.
-    """
-
-    trials: FeatureTrials
-    primitives: Primitives
-    best_ring: int
-    naive: OffsetModel
-    latent: OffsetModel
-
-
 @dataclass(frozen=True)
 class DepthTask:
     """A depth to be told in millimetres, after so many sweeps.
@@ -145,40 +117,6 @@ class DepthTask:
 
     grid_m: tuple[float, ...]
     sweeps: int
-
-
-def taught(session: WorldSession, feature: str, grid_m: tuple[float, ...] = ()) -> Taught:
-    """Return what training leaves, as the estimator on a rig has it: from its readings and a scene file.
-
-    Args:
-        session: The session.
-        feature: What is read off its sweeps.
-        grid_m: Depths of the filters, where these are not the trained ones.
-    """
-    training, gel, trials = session.training, session.plan.gel, session.feature(feature, grid_m)
-    readings = trials.training()
-    primitives = fit(
-        readings,
-        training.depth.tolist(),
-        training.ring.tolist(),
-        depths_m=gel.depths_m,
-        rings_m=gel.rings_m,
-        floor=quantisation_sd(RESOLUTION_N_M),
-    )
-    cells = readings.reshape(len(gel.depths_m), len(gel.rings_m), -1)
-    slope = height_slope(gel.depths_m, gel.rings_m, feature, scene_of(gel, gel.depths_m[0]))
-    if grid_m:
-        grid = np.asarray(grid_m)
-        primitives = primitives.interpolated(grid)
-        slope = on_depths(slope, np.asarray(gel.depths_m), grid)
-    noise = assumed_noise(RING_SD_M, HEIGHT_SD_M)
-    return Taught(
-        trials,
-        primitives,
-        best_ring(cells),
-        independent_model(primitives),
-        latent_model(primitives, noise, slope),
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +153,7 @@ def run_schemes(
         task: A depth in place of a class; then a scheme's rule is its filter alone.
     """
     found: dict[str, SchemeRun] = {}
-    features: dict[str, Taught] = {}
+    features: dict[str, TrainedFeature] = {}
     traces: dict[tuple[str, str], tuple[TraceModel, TrainedTraces]] = {}
     whole = sessions(PAPER_PROTOCOL)
     for scheme in schemes:
@@ -228,7 +166,9 @@ def run_schemes(
         key = f"{scheme.reading}, {scheme.protocol}"
         if key not in features:
             grid_m = () if task is None else task.grid_m
-            features[key] = taught(sessions(scheme.steps), scheme.reading, grid_m)
+            features[key] = train_feature(
+                sessions(scheme.steps), scheme.reading, grid_m=grid_m, noise=ASSUMED
+            )
         found[scheme.name] = _by_feature(features[key], scheme, task)
     return found
 
@@ -236,14 +176,14 @@ def run_schemes(
 _CONTRAST = "contrast, paper"
 
 
-def _best_ring(features: dict[str, Taught], session: WorldSession) -> int:
+def _best_ring(features: dict[str, TrainedFeature], session: WorldSession) -> int:
     """Return the position at which training's contrasts are best decided: a trace's too."""
     if _CONTRAST not in features:
-        features[_CONTRAST] = taught(session, "contrast")
+        features[_CONTRAST] = train_feature(session, "contrast", noise=ASSUMED)
     return features[_CONTRAST].best_ring
 
 
-def _by_feature(known: Taught, scheme: Scheme, task: DepthTask | None) -> SchemeRun:
+def _by_feature(known: TrainedFeature, scheme: Scheme, task: DepthTask | None) -> SchemeRun:
     naive = scheme.rule == "paper"
     model = known.naive if naive else find("filter", "latent").target(known.latent)
     stop = _stop(scheme, task) or PosteriorThreshold(THRESHOLD)
@@ -268,12 +208,12 @@ def _by_feature(known: Taught, scheme: Scheme, task: DepthTask | None) -> Scheme
     return SchemeRun(ended, np.ones(count), shift, spent_s / count)
 
 
-def _read(known: Taught, ended: Outcomes) -> list[tuple[NDArray[np.int64], Projected]]:
+def _read(known: TrainedFeature, ended: Outcomes) -> list[tuple[NDArray[np.int64], Projected]]:
     """Return trials at the best ring, by their first reading, as their session is held against training."""
     trials, ring = known.trials, known.best_ring
     every = np.arange(len(ended.depth))
     rings = np.full(len(every), ring)
-    landed_m = trials.landing_m(every, rings, 0, fixed=not trials.session.plan.conditions.rehome)
+    landed_m = trials.landing_m(every, 0, fixed=not trials.session.plan.conditions.rehome)
     values = trials.reading(every, rings, landed_m, 0)
     found = []
     for trial, (value, of) in enumerate(zip(values.tolist(), ended.estimate.tolist(), strict=True)):

@@ -30,9 +30,9 @@ from palp_core.palpation.studies.frontier.trace_trials import (
     run_trace_trials,
     settings_of,
 )
-from palp_core.palpation.studies.frontier.world_session import WorldPlan, worlds
+from palp_core.palpation.studies.simulation.gel import Gel
 from palp_core.palpation.studies.simulation.policy_summary import summarise
-from palp_core.palpation.studies.simulation.reading_table import Gel, scene_of
+from palp_core.palpation.studies.simulation.session import WorldPlan, worlds
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import Runner
 from palp_core.units import Float64Array
@@ -93,7 +93,7 @@ def gel_rows(found: Mapping[str, Runs]) -> list[dict[str, Any]]:
     rows = []
     for rung, sessions in found.items():
         for row in scheme_rows("lab", sessions):
-            scenes = [scene_of(Gel(), depth_m).read_by(row["reading"]) for depth_m in Gel().depths_m]
+            scenes = [Gel().scene(depth_m, row["reading"]) for depth_m in Gel().depths_m]
             chosen = ", ".join(dict.fromkeys(choose_rung(scene).rung for scene in scenes))
             rows.append({"gel": rung, "filter": chosen, **row})
     return rows
@@ -150,7 +150,7 @@ def run(
     few = max(1, count // 4)
     off = runner.run(depth_errors, cases, few, stream=SEEDS, label="sessions, 31 depths")
     depths = [row for world, own in zip(plans, off, strict=True) for row in depth_rows(world, own)]
-    of_gels = [replace(plans["lab"], gel=Gel(rung=rung)) for rung in GEL_RUNGS]
+    of_gels = [replace(plans["lab"], gel=Gel(rung=rung, reading="trace")) for rung in GEL_RUNGS]
     of_gel = partial(run_plan, schemes=GEL_SCHEMES)
     done = runner.run(of_gel, of_gels, few, stream=SEEDS, label="sessions, gels")
     gels = gel_rows(dict(zip(GEL_RUNGS, done, strict=True)))

@@ -26,8 +26,7 @@ from palp_core.palpation.perception.trace.model import TraceModel
 from palp_core.palpation.perception.trace.training import TrainedTraces, learn
 from palp_core.palpation.session.trace.settings import TraceSettings
 from palp_core.palpation.studies.frontier.protocols import Protocol
-from palp_core.palpation.studies.frontier.world_session import FINE_M, WorldSession
-from palp_core.palpation.studies.simulation.reading_table import scene_of
+from palp_core.palpation.studies.simulation.session import FINE_M, WorldSession
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.units import Float64Array
 
@@ -70,7 +69,7 @@ def model_of(
 ) -> TraceModel:
     """Return the trace filter's model after the session's training, by the nominal scene."""
     gel = session.plan.gel
-    return settings.model(learnt or learnt_of(session, settings), scene=scene_of(gel, gel.depths_m[0]))
+    return settings.model(learnt or learnt_of(session, settings), scene=gel.scene(gel.depths_m[0], "trace"))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,14 +10,22 @@ from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.reporting.charts import Chart, depth_style, legend, ring_colours, tidy
-from palp_core.palpation.studies.simulation import reading_table
 from palp_core.palpation.studies.simulation.conditions import Conditions
+from palp_core.palpation.studies.simulation.gel import (
+    FROM_M,
+    RATE_HZ,
+    SPEED_M_PER_S,
+    TO_M,
+    Gel,
+    add_noise,
+    sweep_torque,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def figure_7b(gel: reading_table.Gel) -> Chart:
+def figure_7b(gel: Gel) -> Chart:
     """Joint stiffness over the joint's angle, eq. (6)."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, 91)
     probe = Probe()
@@ -42,29 +50,17 @@ def figure_7b(gel: reading_table.Gel) -> Chart:
     )
 
 
-def figure_8(gel: reading_table.Gel, conditions: Conditions, seed: int, count: int = 25) -> Chart:
+def figure_8(gel: Gel, conditions: Conditions, seed: int, count: int = 25) -> Chart:
     """Mean and spread of de-noised sweeps at 8 mm, per ring position."""
     rng = np.random.default_rng(seed)
-    stage_mm = 1e3 * (
-        reading_table.FROM_M
-        + np.arange(0, int(0.08 / reading_table.SPEED_M_PER_S * reading_table.RATE_HZ))
-        * reading_table.SPEED_M_PER_S
-        / reading_table.RATE_HZ
-    )
+    stage_mm = 1e3 * np.arange(FROM_M, TO_M, SPEED_M_PER_S / RATE_HZ)
     inside = slice(edge_cone(), len(stage_mm) - edge_cone())
     step = 20
     bands = []
     for ring_m in gel.rings_m:
-        sweeps = [
-            denoise(
-                reading_table.measured(
-                    reading_table.sweep_torque(gel, gel.depths_m[-1], ring_m + float(error_m)), gel, rng
-                ),
-                rule=gel.denoising,
-            )
-            for error_m in conditions.landings_m(rng, (count,))
-        ]
-        found = 1e3 * np.array(sweeps)[:, : len(stage_mm)]
+        landed_m = ring_m + conditions.landings_m(rng, (count,))
+        true = [sweep_torque(gel, gel.depths_m[-1], at_m) for at_m in landed_m.tolist()]
+        found = 1e3 * np.array([denoise(add_noise(one, gel, rng)) for one in true])
         bands.append((found.mean(axis=0), found.std(axis=0, ddof=1)))
     rows = [
         [float(stage_mm[i]), *(float(x[i]) for band in bands for x in band)]

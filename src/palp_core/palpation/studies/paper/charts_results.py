@@ -179,35 +179,3 @@ def calibration_chart(table: Mapping[str, dict[str, Any]]) -> Chart:
         rows,
         draw,
     )
-
-
-def grid_chart(curves: Mapping[str, Mapping[str, Sequence[float]]]) -> Chart:
-    """Root mean square error of the depth against probes, on 31 depths."""
-
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        for i, (name, line) in enumerate(curves.items()):
-            style, probes = depth_style(i), range(1, len(line["value"]) + 1)
-            axes.plot(probes, line["value"], **style, markersize=3.5, label=name.replace("_", " "))
-            axes.fill_between(
-                probes, line["low"], line["high"], color=style["color"], alpha=0.15, linewidth=0
-            )
-        legend(axes)
-        axes.set_ylim(bottom=0)
-        tidy(axes, "", "probes", "root mean square error, mm")
-
-    return Chart(
-        "grid_31_depths",
-        "Depth as a quantity: 31 depths from 2 to 8 mm",
-        "By the peak. Training knew three depths; the primitives are interpolated in between. Nodules lie at "
-        "any of 31. The latent filter is handed the slopes of the objects that make the readings. Shaded: "
-        "95 % intervals over sessions.",
-        3.4,
-        ["filter", "probes", "rmse_mm", "low_mm", "high_mm"],
-        [
-            [name, t + 1, *values]
-            for name, line in curves.items()
-            for t, values in enumerate(zip(line["value"], line["low"], line["high"], strict=True))
-        ],
-        draw,
-    )

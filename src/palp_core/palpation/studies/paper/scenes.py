@@ -6,10 +6,54 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palp_core.palpation.perception.belief.stopping import FixedNumber, PosteriorThreshold
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap, share_interval, sign_flip
+from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.perception.strategy.policies_informed import Timing
+from palp_core.palpation.studies.simulation.conditions import Conditions
+from palp_core.palpation.studies.simulation.gel import Gel
+from palp_core.palpation.studies.simulation.policies import begin_trained, fixed_name, run_policy
 from palp_core.palpation.studies.simulation.policy_summary import accuracies, summarise
+from palp_core.palpation.studies.simulation.session import WorldPlan
 from palp_core.palpation.studies.simulation.trials import Outcomes
+
+SCENES: dict[str, WorldPlan] = {
+    "easy": WorldPlan(gel=Gel(), conditions=Conditions(height_sd_m=0.0, mounting="each_trial")),
+    "noisy": WorldPlan(
+        gel=Gel(modulus_pa=30e3, noise_factor=5.0),
+        conditions=Conditions(height_sd_m=0.1e-3, mounting="each_trial", training_lands="cell"),
+    ),
+    "unknown_height": WorldPlan(gel=Gel(), conditions=Conditions(height_sd_m=0.2e-3, mounting="each_trial")),
+    "noisy_re_homed": WorldPlan(
+        gel=Gel(modulus_pa=30e3, noise_factor=5.0),
+        conditions=Conditions(height_sd_m=0.1e-3, mounting="each_trial"),
+    ),
+}
+"""Fixed in advance: ring error only; noise, stiff gel and blocked training as well; height not known.
+
+The last is a control, added afterwards: the noisy scene with a training that lands anew each time.
+"""
+
+
+def scene_session(plan: WorldPlan, seed: tuple[int, ...]) -> dict[str, Outcomes]:
+    """Return the informed policies under the latent filter, and every fixed ring after 1, 2, ... probes."""
+    trained, stop = begin_trained(plan, seed), PosteriorThreshold()
+
+    def run(name: str, **how: Any) -> Outcomes:
+        return run_policy(name, trained, stop, **({"filter_name": "latent"} | how))
+
+    found = {
+        "information_gain_latent": run("information_gain_latent"),
+        "per_second": run("information_gain_latent", per_second=True),
+        "naive": run("information_gain", filter_name="naive"),
+        **{name: run(name) for name in ("uniform", "reposition_best", "fixed_best")},
+    }
+    last = FixedNumber(plan.conditions.max_probes)
+    for ring_m in figure5.RINGS_M[1:]:
+        name = fixed_name(ring_m)
+        for filter_name in ("naive", "latent"):
+            found[f"{name}/{filter_name}"] = run_policy(name, trained, last, filter_name=filter_name)
+    return found
 
 
 def judge(sessions: Sequence[Mapping[str, Outcomes]], depths_m: Sequence[float]) -> dict[str, Any]:

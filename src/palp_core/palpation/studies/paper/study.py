@@ -1,41 +1,31 @@
-"""The study ``paper``: the whole argument of the paper re-run, figure by figure, beside what it published."""
+"""The study ``paper``: the argument of the paper re-run, figure by figure, next to what it published."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
+from palp_core.palpation.perception.belief.stopping import PaperVerbatim
 from palp_core.palpation.perception.strategy import figure5, markov
 from palp_core.palpation.reporting.charts import Chart
 from palp_core.palpation.reporting.html_page import picture, write_page
-from palp_core.palpation.studies.paper import charts_human, charts_probe, charts_results, words
-from palp_core.palpation.studies.paper.jobs import (
-    GRID_M,
-    READINGS,
-    SCENES,
-    GridCase,
-    grid_session,
-    paper_session,
-    scene_session,
-)
+from palp_core.palpation.studies.paper import charts_human, charts_probe, charts_results
 from palp_core.palpation.studies.paper.numbers import PUBLISHED, TABLE_3, TABLE_4, TABLE_6, statements
-from palp_core.palpation.studies.paper.positions import positions
 from palp_core.palpation.studies.paper.power import power_report
-from palp_core.palpation.studies.paper.readings import ReadingSize, by_readings
-from palp_core.palpation.studies.paper.scenes import judge
-from palp_core.palpation.studies.paper.tests import analyses, comparisons
-from palp_core.palpation.studies.paper.why import HYPOTHESES, why_rows
+from palp_core.palpation.studies.paper.scenes import SCENES, judge, scene_session
+from palp_core.palpation.studies.paper.tests import analyses, comparisons, iterations
+from palp_core.palpation.studies.paper.why import HYPOTHESES, positions, why_rows
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.policies import FIXED, NAMES, SessionCase
+from palp_core.palpation.studies.simulation.gel import Gel
+from palp_core.palpation.studies.simulation.policies import FIXED, NAMES, begin_trained, run_policy
 from palp_core.palpation.studies.simulation.policy_summary import average_of, summarise
-from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
+from palp_core.palpation.studies.simulation.session import WorldPlan
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import Runner
-from palp_core.units import Float64Array
 from palp_core.whole_file import write_json
+
+READINGS = ("markov", "markov_gaussian_reset", "markov_mean")
+"""Readings of eqs. (4) and (5)."""
 
 
 @dataclass(frozen=True)
@@ -45,27 +35,21 @@ class PaperSize:
     Attributes:
         sessions: Sessions of the paper's design.
         scene_sessions: Sessions of each scene.
-        grid_sessions: Sessions on 31 depths; 0 leaves them out.
         why_sessions: Sessions of each hypothesis; 0 leaves them out.
         trials: Trials per depth and session; 100 as published.
-        readings: How much is run by peak, contrast and trace.
     """
 
     sessions: int = 40
     scene_sessions: int = 100
-    grid_sessions: int = 10
     why_sessions: int = 20
     trials: int = 100
-    readings: ReadingSize = field(default_factory=ReadingSize)
 
 
 QUICK = PaperSize(
     sessions=8,
     scene_sessions=0,
-    grid_sessions=0,
     why_sessions=0,
     trials=40,
-    readings=ReadingSize(sessions=2, depth_sessions=0, trials=20, scenes=False),
 )
 
 
@@ -74,7 +58,7 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
 
     Args:
         out: Folder for the files; made if missing.
-        quick: Few sessions, no scenes, no hypotheses, no depths between the trained ones.
+        quick: Few sessions, no scenes, no hypotheses.
         workers: Local processes.
         dask: Address of a Dask scheduler instead.
         seed: Of everything; results do not depend on the workers.
@@ -84,23 +68,21 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
     """
     size = QUICK if quick else PaperSize()
     gel, conditions = Gel(), Conditions(trials=size.trials)
-    felt = tabulate(gel)
-    case, runner = SessionCase(felt, conditions), Runner(seed, workers, dask)
-    (found,) = runner.run(paper_session, [case], size.sessions, stream=0, label="sessions")
+    plan, runner = WorldPlan(gel=gel, conditions=conditions), Runner(seed, workers, dask)
+    (found,) = runner.run(paper_session, [plan], size.sessions, stream=0, label="sessions")
     sessions = {name: [one[name] for one in found] for name in found[0]}
+    contacts = {gel.chosen_rung(depth_m) for depth_m in gel.depths_m}
     report = results(sessions, gel.depths_m) | {
         "quick": quick,
         "seed": seed,
-        "conditions": asdict(conditions) | {"contact_model": sorted(set(felt.rungs)), **asdict(gel)},
-        "positions": positions(felt, conditions),
+        "conditions": asdict(conditions) | asdict(gel) | {"contact_model": sorted(contacts)},
+        "positions": positions(plan),
         "scenes": _scenes(size, runner),
         "why": _why(size, runner),
-        "grid_31_depths_rmse_mm": _grid(size, runner),
-        "readings": by_readings(size.readings, runner),
     }
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "paper.json", report)
-    trained = case.begin((0, seed, 0)).trained
+    trained = begin_trained(plan, (0, seed, 0))
     charts: list[Chart] = [
         charts_human.figure_3(seed),
         charts_human.figure_4(),
@@ -113,10 +95,14 @@ def run(out: Path, *, quick: bool = False, workers: int = 1, dask: str = "", see
         charts_results.policies_chart(report["policies"]),
         charts_results.calibration_chart(report["policies"]),
     ]
-    if report["grid_31_depths_rmse_mm"]:
-        charts.append(charts_results.grid_chart(report["grid_31_depths_rmse_mm"]))
     pictures = [picture(chart, out) for chart in charts]
     return write_page(out / "index.html", "studies/paper.html", report=report, pictures=pictures)
+
+
+def paper_session(plan: WorldPlan, seed: tuple[int, ...]) -> dict[str, Outcomes]:
+    """Return what every policy does in a session: peak, the paper's filter, its stop rule verbatim."""
+    trained = begin_trained(plan, seed)
+    return {name: run_policy(name, trained, PaperVerbatim()) for name in (*NAMES, *READINGS[1:])}
 
 
 def results(sessions: Mapping[str, Sequence[Outcomes]], depths_m: Sequence[float]) -> dict[str, Any]:
@@ -128,7 +114,6 @@ def results(sessions: Mapping[str, Sequence[Outcomes]], depths_m: Sequence[float
     """
     average = average_of({name: sessions[name] for name in FIXED}, depths_m)
     lines = {name: summarise(sessions[name], depths_m) for name in NAMES}
-    took, tested = words.iterations(sessions["markov"], depths_m), analyses(sessions, depths_m)
     at = NAMES.index("fixed_best")
     ordered = [*NAMES[:at], "fixed_average", *NAMES[at:]]
     return {
@@ -136,9 +121,8 @@ def results(sessions: Mapping[str, Sequence[Outcomes]], depths_m: Sequence[float
         "readings_of_4_and_5": {name: summarise(sessions[name], depths_m) for name in READINGS},
         "published": PUBLISHED,
         "statements_from_published_counts": [asdict(one) for one in statements()],
-        "analyses_of_variance": tested,
-        "iterations": took,
-        "words_beside_ours": words.beside_ours(took, tested),
+        "analyses_of_variance": analyses(sessions, depths_m),
+        "iterations": iterations(sessions["markov"], depths_m),
         "comparisons": comparisons(sessions, average["per_session"]),
         "power": power_report(sessions, len(depths_m)),
         "tables": _tables(),
@@ -161,10 +145,10 @@ def _tables() -> dict[str, Any]:
 
 def _scenes(size: PaperSize, runner: Runner) -> dict[str, Any]:
     judged = {}
-    for number, (name, (gel, conditions)) in enumerate(SCENES.items() if size.scene_sessions else ()):
-        case, label = SessionCase(tabulate(gel), conditions), f"sessions, scene {name}"
-        (found,) = runner.run(scene_session, [case], size.scene_sessions, stream=1 + number, label=label)
-        judged[name] = judge(found, gel.depths_m)
+    for number, (name, plan) in enumerate(SCENES.items() if size.scene_sessions else ()):
+        label = f"sessions, scene {name}"
+        (found,) = runner.run(scene_session, [plan], size.scene_sessions, stream=1 + number, label=label)
+        judged[name] = judge(found, plan.gel.depths_m)
     return judged
 
 
@@ -175,26 +159,6 @@ def _why(size: PaperSize, runner: Runner) -> dict[str, Any]:
     return {
         "hypotheses": {name: words for name, (words, _) in HYPOTHESES.items()},
         "cells": why_rows(size.why_sessions, 40, runner),
-    }
-
-
-def _grid(size: PaperSize, runner: Runner) -> dict[str, dict[str, list[float]]]:
-    """Return the root mean square error in mm after each probe, by filter, with 95 % intervals."""
-    if not size.grid_sessions:
-        return {}
-    conditions = Conditions(height_sd_m=0.2e-3, mounting="each_trial")
-    trained, grid = runner.run_jobs(tabulate, [Gel(), Gel(depths_m=GRID_M)], label="gels")
-    case, label = GridCase(trained, grid, conditions), "sessions, 31 depths"
-    (found,) = runner.run(grid_session, [case], size.grid_sessions, stream=9, label=label)
-    return {name: _root_mean(np.array([one[name] for one in found])) for name in found[0]}
-
-
-def _root_mean(squares_m2: Float64Array) -> dict[str, list[float]]:
-    """Return the root of the mean over sessions, mm, of errors squared, shape (s, t)."""
-    rng = np.random.default_rng(16)
-    found = [cluster_bootstrap(column, rng, within=(0.0, np.inf)) for column in squares_m2.T]
-    return {
-        end: [1e3 * float(np.sqrt(getattr(one, end))) for one in found] for end in ("value", "low", "high")
     }
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from palp_core.palpation.perception.statistics.anova import NotTestable, bonferroni, permutation, two_way
 from palp_core.palpation.perception.statistics.mixed_logit import mixed_logit
-from palp_core.palpation.perception.statistics.resampling import compare
+from palp_core.palpation.perception.statistics.resampling import SessionMean, cluster_bootstrap, compare
 from palp_core.palpation.studies.paper.numbers import HUMAN_OF, HUMAN_RIGHT
 from palp_core.palpation.studies.simulation.policies import FIXED
 from palp_core.palpation.studies.simulation.policy_summary import accuracies, depth_key, joined
@@ -85,6 +85,8 @@ def analyses(sessions: Sessions, depths_m: Sequence[float]) -> dict[str, Any]:
     }
 
 
+_SOON = 5  # iterations within which most of the paper's trials ended
+
 Columns = tuple[list[float], list[str], list[str]]
 
 
@@ -136,3 +138,31 @@ def _columns(
             kind += [name] * len(one.depth)
             session += [number] * len(one.depth)
     return right, depth, kind, session
+
+
+def iterations(sessions: Sequence[Outcomes], depths_m: Sequence[float]) -> dict[str, Any]:
+    """Return the iterations that trials took, by depth, with 95 % intervals over sessions.
+
+    Args:
+        sessions: Outcomes of the human strategy, a session each.
+        depths_m: Depth of each class, increasing.
+
+    Returns:
+        ``by_depth`` in mm: ``value`` and ``ci``; ``deepest_minus_shallowest``, likewise, within sessions;
+        ``within_5``, the share of trials that took five or fewer.
+    """
+    rng = np.random.default_rng(14)
+    means = np.array([[one.probes[one.depth == c].mean() for c in range(len(depths_m))] for one in sessions])
+    every = np.concatenate([one.probes for one in sessions])
+    return {
+        "by_depth": {
+            depth_key(depth_m): _ends(cluster_bootstrap(column, rng, within=(0.0, np.inf)))
+            for depth_m, column in zip(depths_m, means.T, strict=True)
+        },
+        "deepest_minus_shallowest": _ends(cluster_bootstrap(means[:, -1] - means[:, 0], rng)),
+        "within_5": float(np.mean(every <= _SOON)),
+    }
+
+
+def _ends(of: SessionMean) -> dict[str, Any]:
+    return {"value": of.value, "ci": [of.low, of.high]}

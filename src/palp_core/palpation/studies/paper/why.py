@@ -13,12 +13,16 @@ import numpy as np
 
 from palp_core.palpation.perception.belief.stopping import FixedNumber, PaperVerbatim
 from palp_core.palpation.perception.statistics.resampling import cluster_bootstrap
+from palp_core.palpation.perception.strategy import figure5, markov
+from palp_core.palpation.studies.simulation.cells import cell_readings, reading_slopes
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.policies import FIXED, SessionCase, run_policy
+from palp_core.palpation.studies.simulation.gel import Gel
+from palp_core.palpation.studies.simulation.policies import FIXED, begin_trained, run_policy
 from palp_core.palpation.studies.simulation.policy_summary import average_of
-from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
+from palp_core.palpation.studies.simulation.session import WorldPlan
 from palp_core.palpation.studies.simulation.trials import Outcomes
 from palp_core.palpation.studies.toolkit.parallel import Runner
+from palp_core.units import Float64Array
 
 NONE = Conditions(repeatability_m=0.0, height_sd_m=0.0)
 """The control: no shared error at all."""
@@ -49,10 +53,11 @@ def conditions_of(names: Sequence[str], trials: int) -> Conditions:
     return replace(NONE, trials=trials, **merged)
 
 
-@dataclass(frozen=True, eq=False)
-class WhyCase(SessionCase):
+@dataclass(frozen=True)
+class WhyCase:
     """Sessions alike, and what is run in them."""
 
+    plan: WorldPlan
     policies: tuple[str, ...]
     correlation_stop: bool
 
@@ -60,8 +65,8 @@ class WhyCase(SessionCase):
 def why_session(case: WhyCase, seed: tuple[int, ...]) -> dict[str, Outcomes]:
     """Return what each policy does in a session."""
     stop = PaperVerbatim() if case.correlation_stop else FixedNumber(PROBES)
-    session = case.begin(seed)
-    return {name: run_policy(name, session, stop) for name in case.policies}
+    trained = begin_trained(case.plan, seed)
+    return {name: run_policy(name, trained, stop) for name in case.policies}
 
 
 HOLDS = {"H2": "H1"}
@@ -90,16 +95,19 @@ def why_rows(session_count: int, trials: int, runner: Runner) -> list[dict[str, 
         trials: Per depth and session.
         runner: Of the sessions.
     """
-    felt = tabulate(Gel())
     cases = [
-        WhyCase(felt, conditions_of(held, trials), FIXED if "H3" in held else FIXED[1:], "H4" in held)
+        WhyCase(
+            WorldPlan(gel=Gel(), conditions=conditions_of(held, trials)),
+            FIXED if "H3" in held else FIXED[1:],
+            "H4" in held,
+        )
         for held in cells().values()
     ]
     found = runner.run(why_session, cases, session_count, stream=30, label="sessions, hypotheses")
     rows = []
     for name, sessions in zip(cells(), found, strict=True):
         by_policy = {policy: [one[policy] for one in sessions] for policy in sessions[0]}
-        rows.append({"cell": name, **_line(by_policy, felt.gel.depths_m)})
+        rows.append({"cell": name, **_line(by_policy, Gel().depths_m)})
     return rows
 
 
@@ -119,3 +127,26 @@ def _line(sessions: dict[str, list[Outcomes]], depths_m: Sequence[float]) -> dic
         "progress": progress.value,
         "progress_ci": [progress.low, progress.high],
     }
+
+
+def positions(plan: WorldPlan) -> list[dict[str, float]]:
+    """Return a line per ring position: what it tells, and how often people are there.
+
+    Args:
+        plan: The paper's design, at the paper's ring positions.
+
+    Returns:
+        ``ring_mm``; ``gap_n_mm``, the least between neighbouring depths' readings; ``landing_n_mm`` and
+        ``height_n_mm``, standard deviations of a reading by either, mean over depths; ``human``, the share of
+        palpations that the reconstructed human strategy makes there in the long run.
+    """
+    spread, gel = plan.conditions, plan.gel
+    landing, height = reading_slopes(plan, gel.reading)
+    columns: dict[str, Float64Array] = {
+        "ring_mm": 1e3 * np.asarray(gel.rings_m),
+        "gap_n_mm": 1e3 * np.abs(np.diff(cell_readings(plan, gel.reading), axis=0)).min(axis=0),
+        "landing_n_mm": 1e3 * np.abs(landing).mean(axis=0) * spread.ring_sd_m,
+        "height_n_mm": 1e3 * np.abs(height).mean(axis=0) * spread.height_sd_m,
+        "human": markov.stationary(np.mean(figure5.matrices(), axis=0)),
+    }
+    return [dict(zip(columns, map(float, line), strict=True)) for line in zip(*columns.values(), strict=True)]

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from palp_core.methods import find
-from palp_core.palpation.perception.belief.latent import OffsetModel
 from palp_core.palpation.perception.belief.likelihoods import Cells
-from palp_core.palpation.perception.belief.rig_noise import assumed_noise, latent_model
+from palp_core.palpation.perception.belief.rig_noise import assumed_noise
 from palp_core.palpation.perception.belief.stopping import FixedNumber, PosteriorThreshold, StopRule
 from palp_core.palpation.perception.statistics.statistics import calibration
 from palp_core.palpation.perception.strategy.policies import (
@@ -18,9 +17,10 @@ from palp_core.palpation.perception.strategy.policies import (
     StiffnessPolicy,
 )
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.policies import SimulatedSession, begin_session
-from palp_core.palpation.studies.simulation.reading_table import Gel, ReadingTable, tabulate
-from palp_core.palpation.studies.simulation.trials import Outcomes, TabledTrials, run_trials
+from palp_core.palpation.studies.simulation.gel import Gel
+from palp_core.palpation.studies.simulation.policies import TrainedFeature, train_feature
+from palp_core.palpation.studies.simulation.session import WorldPlan, begin
+from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
 from palp_core.palpation.studies.toolkit.parallel import seeds
 from palp_core.units import Float64Array
 
@@ -29,9 +29,11 @@ REMOUNTED = Conditions(mounting="each_trial", trials=50)
 _SEED = 32
 
 
-def sessions(felt: ReadingTable, conditions: Conditions, count: int) -> list[SimulatedSession]:
+def sessions(gel: Gel, conditions: Conditions, count: int) -> list[TrainedFeature]:
     """Return sessions, each with a training and trials of its own."""
-    return [begin_session(felt, conditions, seed) for seed in seeds(_SEED, 1, count)]
+    plan = WorldPlan(gel=gel, conditions=conditions)
+    noise = assumed_noise(conditions.ring_sd_m, conditions.height_sd_m)
+    return [train_feature(begin(plan, seed), gel.reading, noise=noise) for seed in seeds(_SEED, 1, count)]
 
 
 # feature: wrong decisions from one reading at the stiffest ring, that of all which tells most
@@ -46,11 +48,10 @@ def one_reading(feature: str, touch: Gel, conditions: Conditions, count: int) ->
         conditions: The rig.
         count: Sessions.
     """
-    felt = tabulate(replace(touch, feature=feature))
     policy, stop = FixedRing(max(touch.rings_m)), FixedNumber(1)
     ended = [
-        run_trials(TabledTrials(felt, conditions, one.draws), one.naive, policy, stop)
-        for one in sessions(felt, conditions, count)
+        run_trials(one.trials, one.naive, policy, stop)
+        for one in sessions(replace(touch, reading=feature), conditions, count)
     ]
     return float(np.mean([~one.correct for one in ended]))
 
@@ -110,17 +111,10 @@ def overtrust(
 RULES: Sequence[StopRule] = (PosteriorThreshold(), FixedNumber())
 
 
-def informed_model(session: SimulatedSession) -> OffsetModel:
-    """Return what a node that knows the rig's spreads makes of a training, as :mod:`.rig_noise` does."""
-    knows, table = session.conditions, session.table
-    noise = assumed_noise(knows.ring_sd_m, knows.height_sd_m)
-    return latent_model(session.trained.primitives, noise, table.height_slope())
-
-
-def decide(session: SimulatedSession, name: str, policy: StiffnessPolicy, rule: StopRule) -> Outcomes:
+def decide(trained: TrainedFeature, name: str, policy: StiffnessPolicy, rule: StopRule) -> Outcomes:
     """Return how a session's trials end under a filter of task ``filter``, told what the rig does."""
-    model = session.naive if name == "naive" else find("filter", name).target(informed_model(session))
-    return run_trials(session.felt, model, policy, rule)
+    model = trained.naive if name == "naive" else find("filter", name).target(trained.latent)
+    return run_trials(trained.trials, model, policy, rule)
 
 
 def miscalibrated(ended: Sequence[Outcomes]) -> float:

@@ -8,6 +8,7 @@ wrong, as ``wrong``.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -30,7 +31,6 @@ from palp_core.palpation.studies.perception.beliefs import (
     REMOUNTED,
     RULES,
     decide,
-    informed_model,
     miscalibrated,
     one_reading,
     overtrust,
@@ -44,8 +44,8 @@ from palp_core.palpation.studies.perception.trials import (
     policy_of,
     trials_by_policy,
 )
-from palp_core.palpation.studies.simulation.policies import SimulatedSession
-from palp_core.palpation.studies.simulation.reading_table import Gel, tabulate
+from palp_core.palpation.studies.simulation.gel import Gel
+from palp_core.palpation.studies.simulation.policies import TrainedFeature
 from palp_core.units import Float64Array
 
 _FEW, _SWEEPS = 10, 10
@@ -93,8 +93,8 @@ def measure_features(scene: Scene) -> Iterator[Measured]:
 
 def measure_likelihoods(scene: Scene) -> Iterator[Measured]:
     """Measure every likelihood with few, the published and many training readings a class."""
-    begun = sessions(tabulate(gel_of(scene)), REMOUNTED, 1)[0]
-    known = begun.trained.primitives
+    begun = sessions(gel_of(scene), REMOUNTED, 1)[0]
+    known = begun.primitives
     for count in (25, 5, 100):
         for name in names("likelihood"):
             cost_s = cpu_s(
@@ -108,10 +108,10 @@ def measure_likelihoods(scene: Scene) -> Iterator[Measured]:
 
 def measure_filters(scene: Scene) -> Iterator[Measured]:
     """Measure every filter: the confidence at the end of trials on the rig."""
-    begun = sessions(tabulate(gel_of(scene)), REMOUNTED, _FEW)
+    begun = sessions(gel_of(scene), REMOUNTED, _FEW)
     for name in names("filter"):
         model: OffsetModel = (
-            begun[0].naive if name == "naive" else find("filter", name).target(informed_model(begun[0]))
+            begun[0].naive if name == "naive" else find("filter", name).target(begun[0].latent)
         )
         at = float(model.mean[0, -1, 0])
         cost_s = cpu_s(partial(update, model, start(model), at, model.mean.shape[1] - 1, moved=True))
@@ -125,7 +125,7 @@ def measure_filters(scene: Scene) -> Iterator[Measured]:
 
 def measure_trace_filters(scene: Scene) -> Iterator[Measured]:
     """Measure every filter of whole traces in the lab's world: one sweep a trial, at the stiffest ring."""
-    case = TraceCase(gel_of(scene))
+    case = TraceCase(replace(gel_of(scene), reading="trace"))
     begun = traces.sessions(case, 2)
     found = traces.errors(traces.by_filter(case, begun))
     for name in names(traces.TASK):
@@ -139,9 +139,9 @@ def measure_trace_filters(scene: Scene) -> Iterator[Measured]:
 
 def measure_stops(scene: Scene) -> Iterator[Measured]:
     """Measure every stop rule under uniform draws and the filter that knows what stays."""
-    begun = sessions(tabulate(gel_of(scene)), REMOUNTED, _FEW)
+    begun = sessions(gel_of(scene), REMOUNTED, _FEW)
     last = Trials.of([decide(one, "latent", UniformRings(), LAST) for one in begun])
-    classes = len(begun[0].table.gel.depths_m)
+    classes = len(begun[0].trials.depths_m)
     flat, sure = np.full(classes, 1.0 / classes), np.full(classes, 0.1 / (classes - 1))
     sure[0] = 0.9
     for name in names("stop"):
@@ -153,17 +153,17 @@ def measure_stops(scene: Scene) -> Iterator[Measured]:
 
 def measure_policies(scene: Scene) -> Iterator[Measured]:
     """Measure every policy that takes no person, under the filter that knows what stays."""
-    begun = sessions(tabulate(gel_of(scene)), REMOUNTED, _FEW)
+    begun = sessions(gel_of(scene), REMOUNTED, _FEW)
     came = trials_by_policy(begun, "latent")
     best = min(one.wrong for one in came.values())
     for name, one in came.items():
         yield from _outputs("policy", name, _step_s(name, begun[0]), one.wrong - best, one)
 
 
-def _step_s(name: str, session: SimulatedSession) -> float:
-    policy = policy_of(name, session)
+def _step_s(name: str, trained: TrainedFeature) -> float:
+    policy = policy_of(name, trained)
     assert policy is not None
-    belief = start(informed_model(session) if name == "information_gain_latent" else session.naive)
+    belief = start(trained.latent if name == "information_gain_latent" else trained.naive)
     at = policy.start(given(0.5))
     return cpu_s(partial(policy.step, at, belief, given(0.5)))
 

@@ -10,7 +10,7 @@ import numpy as np
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.signal.features import contrast, peak
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
-from palp_core.palpation.studies.simulation.reading_table import Gel, sweep_torque
+from palp_core.palpation.studies.simulation.gel import Gel, sweep_torque
 from palp_core.units import Float64Array
 
 FEATURES: dict[str, Callable[[Float64Array], float]] = {

@@ -15,9 +15,9 @@ from palp_core.palpation.perception.trace.belief import along, begin_sweep, star
 from palp_core.palpation.session.trace.settings import TraceSettings
 from palp_core.palpation.studies.frontier.protocols import SWIFT
 from palp_core.palpation.studies.frontier.trace_trials import coarse, model_of, nearest, settings_of
-from palp_core.palpation.studies.frontier.world_session import WorldPlan, WorldSession, begin
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.reading_table import Gel
+from palp_core.palpation.studies.simulation.gel import Gel
+from palp_core.palpation.studies.simulation.session import WorldPlan, WorldSession, begin
 from palp_core.palpation.studies.toolkit.parallel import seeds
 from palp_core.palpation.world.model import LAB, WorldModel
 from palp_core.units import Float64Array
@@ -41,7 +41,7 @@ class TraceCase:
         assumed: Spreads that the filter assumes, where they are not its usual ones: parameters by name.
     """
 
-    gel: Gel = field(default_factory=Gel)
+    gel: Gel = field(default_factory=lambda: Gel(reading="trace"))
     world: WorldModel = LAB
     conditions: Conditions = RIG
     assumed: Mapping[str, float] = field(default_factory=dict)

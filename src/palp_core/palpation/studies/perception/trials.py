@@ -11,8 +11,8 @@ from palp_core.methods import find, names
 from palp_core.palpation.perception.belief.stopping import FixedNumber, PosteriorThreshold
 from palp_core.palpation.perception.strategy.policies import StiffnessPolicy
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
-from palp_core.palpation.studies.perception.beliefs import decide, informed_model
-from palp_core.palpation.studies.simulation.policies import SimulatedSession
+from palp_core.palpation.studies.perception.beliefs import decide
+from palp_core.palpation.studies.simulation.policies import TrainedFeature
 from palp_core.palpation.studies.simulation.trials import Outcomes
 
 LAST = FixedNumber(15)
@@ -45,7 +45,7 @@ class Trials:
         return cls(wrong, float(probes.mean()), float(seconds.mean()), float(stated.mean() - 1.0 + wrong))
 
 
-def policy_of(name: str, session: SimulatedSession) -> StiffnessPolicy | None:
+def policy_of(name: str, trained: TrainedFeature) -> StiffnessPolicy | None:
     """Return a declared policy as a session has it; None where it takes a person, or whole traces.
 
     A fixed ring is the stiffest that was trained, a chain that of the paper's humans.
@@ -55,18 +55,18 @@ def policy_of(name: str, session: SimulatedSession) -> StiffnessPolicy | None:
         case "emg_driven":
             return None
         case "fixed" | "reposition":
-            made = target(max(session.table.gel.rings_m))
+            made = target(max(trained.trials.rings_m))
         case "information_gain":
-            made = target(session.trained.primitives)
+            made = target(trained.primitives)
         case "information_gain_latent":
-            made = InformationGainLatent(informed_model(session), session.table.gel.rings_m)
+            made = InformationGainLatent(trained.latent, trained.trials.rings_m)
         case _:
             made = target()
     found: StiffnessPolicy = made
     return found
 
 
-def trials_by_policy(begun: Sequence[SimulatedSession], known: str) -> dict[str, Trials]:
+def trials_by_policy(begun: Sequence[TrainedFeature], known: str) -> dict[str, Trials]:
     """Return what trials come to under every policy that needs no person, stopped at a probability of 0.95.
 
     Args:

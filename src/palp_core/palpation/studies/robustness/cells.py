@@ -6,7 +6,8 @@ from typing import Any
 from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.perception.strategy.policies import MarkovPolicy
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.reading_table import Gel
+from palp_core.palpation.studies.simulation.gel import Gel
+from palp_core.palpation.studies.simulation.session import WorldPlan
 
 
 @dataclass(frozen=True)
@@ -16,15 +17,13 @@ class RobustnessCell:
     Attributes:
         factor: What is varied; empty for the centre.
         value: To what, as shown.
-        gel: What is touched.
-        conditions: The rig and the experiment.
+        plan: What is touched, the rig and the experiment.
         chain: How the human strategy is read: ``reconstruction, reading, mixture``.
     """
 
     factor: str
     value: str
-    gel: Gel
-    conditions: Conditions
+    plan: WorldPlan
     chain: tuple[str, str, str] = ("ar1", "column", "average")
 
     @property
@@ -140,7 +139,7 @@ FACTORS = (
     ),
 )
 
-CENTRE = RobustnessCell("", "", Gel(), Conditions())
+CENTRE = RobustnessCell("", "", WorldPlan(gel=Gel()))
 """The paper's design."""
 
 
@@ -151,7 +150,7 @@ def cells(*, quick: bool = False, trials: int = 100) -> list[RobustnessCell]:
         quick: The two ends of each factor only.
         trials: Trials per depth.
     """
-    centre = replace(CENTRE, conditions=replace(CENTRE.conditions, trials=trials))
+    centre = replace(CENTRE, plan=replace(CENTRE.plan, conditions=Conditions(trials=trials)))
     found = [centre]
     for factor in FACTORS:
         varied = [_cell(centre, factor, value, sets) for value, sets in factor.values]
@@ -164,11 +163,9 @@ def cells(*, quick: bool = False, trials: int = 100) -> list[RobustnessCell]:
 def _cell(centre: RobustnessCell, factor: Factor, value: str, sets: dict[str, Any]) -> RobustnessCell:
     gel = {k: v for k, v in sets.items() if k in Gel.__dataclass_fields__}
     conditions = {k: v for k, v in sets.items() if k in Conditions.__dataclass_fields__}
-    return replace(
-        centre,
-        factor=factor.name,
-        value=value,
-        gel=replace(centre.gel, **gel),
-        conditions=replace(centre.conditions, **conditions),
-        chain=sets.get("chain", centre.chain),
+    plan = replace(
+        centre.plan,
+        gel=replace(centre.plan.gel, **gel),
+        conditions=replace(centre.plan.conditions, **conditions),
     )
+    return RobustnessCell(factor.name, value, plan, sets.get("chain", centre.chain))

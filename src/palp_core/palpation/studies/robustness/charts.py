@@ -1,4 +1,4 @@
-"""Charts of the study ``robustness``: accuracy over every factor, a panel each."""
+"""Charts of the study ``robustness``: accuracy over every factor, and each policy's lead over the best."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from palp_core.palpation.reporting.charts import (
     Chart,
     in_percent,
     legend,
+    number,
     tidy,
 )
 from palp_core.palpation.studies.robustness.cells import FACTORS, Factor
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Okabe and Ito's palette; line style and marker say the same again
+Records = Sequence[Mapping[str, Any]]
 _LOOKS: dict[str, tuple[str, str, str]] = {
     "fixed_average": (GREY, ":", "x"),
     "fixed_best": (INK, "-", "s"),
@@ -36,31 +37,28 @@ _LOOKS: dict[str, tuple[str, str, str]] = {
     "information_gain_latent": (GREEN, "-", "D"),
     "reposition_best": (VERMILION, "--", "P"),
 }
+"""Okabe and Ito's palette; line style and marker say the same again."""
+SHOWN = tuple(_LOOKS)
 _COLUMNS = 3
+_MOST = 50.0
+"""Points at which the colours of a lead end."""
 
 
-def factors_chart(name: str, title: str, cells: Sequence[Mapping[str, Any]], design: str) -> Chart:
-    """Draw the accuracy of every policy over every factor, a panel each.
-
-    Args:
-        name: Stem of the files.
-        title: Of the chart.
-        cells: Cells of the report.
-        design: Which design.
-    """
-    points = {factor.name: _points(factor, cells) for factor in FACTORS}
+def factors_chart(records: Records, design: str, title: str) -> Chart:
+    """Draw the accuracy of every policy over every factor, a panel each."""
+    own = [one for one in records if one["design"] == design and one["policy"] in _LOOKS]
+    points = {factor.name: _points(factor, own) for factor in FACTORS}
     rows = [
-        [factor, value, policy, line["accuracy"], *line["accuracy_ci"]]
+        [factor, value, one["policy"], one["accuracy"], one["accuracy_low"], one["accuracy_high"]]
         for factor, found in points.items()
-        for value, cell in found
-        for policy, line in cell["designs"][design].items()
-        if policy in _LOOKS
+        for value, lines in found.items()
+        for one in lines.values()
     ]
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(-(-(len(FACTORS) + 1) // _COLUMNS), _COLUMNS, sharey=True)
         for axes, factor in zip(panels.flat, FACTORS, strict=False):
-            _panel(axes, factor, points[factor.name], design)
+            _panel(axes, factor, points[factor.name])
         for axes in panels[:, 0]:
             axes.set_ylabel("right, %")
             in_percent(axes.yaxis)
@@ -74,33 +72,29 @@ def factors_chart(name: str, title: str, cells: Sequence[Mapping[str, Any]], des
         "33.3 %. Positions are shifted a little so that intervals do not overlap."
     )
     columns = ["factor", "value", "policy", "accuracy", "low", "high"]
-    return Chart(name, title, caption, 9.0, columns, rows, draw)
+    return Chart(f"robustness_accuracy_{design}", title, caption, 9.0, columns, rows, draw)
 
 
-def _points(factor: Factor, cells: Sequence[Mapping[str, Any]]) -> list[tuple[str, Mapping[str, Any]]]:
-    """Return the factor's values that were run, in order, the centre among them."""
-    by_value = {cell["value"]: cell for cell in cells if cell["factor"] == factor.name}
-    centre = next(cell for cell in cells if not cell["factor"])
-    found = []
+def _points(factor: Factor, records: Records) -> dict[str, dict[str, Mapping[str, Any]]]:
+    """Return records by value and policy, of the factor's values that were run, the centre among them."""
+    found: dict[str, dict[str, Mapping[str, Any]]] = {}
     for value, _ in factor.values:
-        if value in by_value:
-            found.append((value, by_value[value]))
-        elif value == factor.centre:
-            found.append((value, centre))
+        here = "centre" if value == factor.centre else f"{factor.name}: {value}"
+        if lines := {one["policy"]: one for one in records if one["cell"] == here}:
+            found[value] = lines
     return found
 
 
-def _panel(axes: Axes, factor: Factor, points: Sequence[tuple[str, Mapping[str, Any]]], design: str) -> None:
-    at = np.array([float(value) for value, _ in points]) if factor.numeric else np.arange(len(points))
+def _panel(axes: Axes, factor: Factor, points: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> None:
+    at = np.array([float(value) for value in points]) if factor.numeric else np.arange(len(points))
     step = float(np.ptp(at)) * (0.008 if factor.numeric else 0.025)
     for place, (policy, (colour, line, marker)) in enumerate(_LOOKS.items()):
-        lines = [cell["designs"][design][policy] for _, cell in points]
-        mean = np.array([one["accuracy"] for one in lines])
-        span = np.array([one["accuracy_ci"] for one in lines]).T
+        keys = ("accuracy", "accuracy_low", "accuracy_high")
+        mean, low, high = np.array([[lines[policy][key] for key in keys] for lines in points.values()]).T
         axes.errorbar(
             at + (place - 3) * step,
             mean,
-            np.abs(span - mean),
+            np.abs(np.stack([low, high]) - mean),
             color=colour,
             linestyle=line if factor.numeric else "none",
             marker=marker,
@@ -110,7 +104,48 @@ def _panel(axes: Axes, factor: Factor, points: Sequence[tuple[str, Mapping[str, 
             label=policy.replace("_", " "),
         )
     if not factor.numeric:
-        words = [value.replace(" ", "\n", 1) if len(value) > 6 else value for value, _ in points]
+        words = [value.replace(" ", "\n", 1) if len(value) > 6 else value for value in points]
         axes.set_xticks(at, words, fontsize=7 if len(points) > 2 else 8)
         axes.margins(x=0.15)
     tidy(axes, "", factor.label, "")
+
+
+def lead_chart(records: Records, design: str, title: str) -> Chart:
+    """Return the heat map of a design: leads over the best of the others, a row a cell, a column a policy."""
+    own = {(one["cell"], one["policy"]): one for one in records if one["design"] == design}
+    own = {key: one for key, one in own.items() if key[1] in _LOOKS}
+    cells, policies = (list(dict.fromkeys(key[place] for key in own)) for place in (0, 1))
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        points = np.array([[100.0 * own[cell, name]["lead"] for name in policies] for cell in cells])
+        image = axes.imshow(points, vmin=-_MOST, vmax=_MOST, cmap="PuOr", aspect="auto")
+        for y, cell in enumerate(cells):
+            for x, name in enumerate(policies):
+                number(axes, x, y, f"{points[y, x]:+.0f}" + (" ×" if _is_behind(own[cell, name]) else ""))
+        axes.set_xticks(range(len(policies)), [name.replace("_", "\n") for name in policies])
+        axes.set_yticks(range(len(cells)), cells)
+        axes.tick_params(labelsize=8, length=0)
+        axes.xaxis.tick_top()
+        axes.grid(visible=False)
+        figure.colorbar(image, ax=axes, shrink=0.5, label="percentage points to the best", extend="both")
+
+    return Chart(
+        f"robustness_to_best_{design}",
+        title,
+        "Accuracy less that of the best of the other policies, in percentage points; the best is chosen for "
+        "each session by all other sessions. Orange: behind, violet: ahead. A cross: the 95 % interval over "
+        "sessions lies below 0, so the policy is behind; this is each interval alone, so that of 40 one is "
+        "marked by chance.",
+        1.4 + 0.24 * len(cells),
+        ("cell", "policy", "difference", "low", "high", "behind"),
+        [
+            (*key, one["lead"], one["lead_low"], one["lead_high"], int(_is_behind(one)))
+            for key, one in own.items()
+        ],
+        draw,
+    )
+
+
+def _is_behind(record: Mapping[str, Any]) -> bool:
+    return bool(record["lead_high"] < 0.0)

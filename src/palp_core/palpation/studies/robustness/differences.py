@@ -14,8 +14,8 @@ from typing import Any
 from palp_core.palpation.perception.statistics.statistics import wilson
 from palp_core.palpation.perception.strategy.figure5 import DEPTHS_M
 from palp_core.palpation.studies.frontier.schemes import Scheme, SchemeRun, run_plan
-from palp_core.palpation.studies.frontier.world_session import Shift, WorldPlan, worlds
 from palp_core.palpation.studies.simulation.policy_summary import summarise
+from palp_core.palpation.studies.simulation.session import Shift, WorldPlan, worlds
 from palp_core.palpation.studies.toolkit.parallel import Runner
 
 SCHEMES = (

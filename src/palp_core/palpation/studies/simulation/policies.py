@@ -3,15 +3,22 @@
 The names are those of ``paper.json``. Each policy meets the same trials with the same luck.
 """
 
-from collections.abc import Sequence
+import functools
 from dataclasses import dataclass
 
 import numpy as np
 
 from palp_core.errors import PalpError
 from palp_core.methods import find
-from palp_core.palpation.perception.belief import latent
-from palp_core.palpation.perception.belief.rig_noise import independent_model
+from palp_core.palpation.nano17 import RESOLUTION_N_M
+from palp_core.palpation.perception.belief.latent import OffsetModel
+from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
+from palp_core.palpation.perception.belief.rig_noise import (
+    RigNoise,
+    independent_model,
+    latent_model,
+    on_depths,
+)
 from palp_core.palpation.perception.belief.stopping import FixedNumber, StopRule
 from palp_core.palpation.perception.strategy import figure5, markov
 from palp_core.palpation.perception.strategy.policies import (
@@ -21,16 +28,11 @@ from palp_core.palpation.perception.strategy.policies import (
     UniformRings,
 )
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent, Reposition
-from palp_core.palpation.studies.simulation.conditions import (
-    Conditions,
-    Draws,
-    Trained,
-    draw,
-    offset_model,
-    train,
-)
-from palp_core.palpation.studies.simulation.reading_table import ReadingTable
-from palp_core.palpation.studies.simulation.trials import Outcomes, TabledTrials, run_trials
+from palp_core.palpation.session.filters import height_slope
+from palp_core.palpation.studies.simulation.cells import informed_model
+from palp_core.palpation.studies.simulation.gel import Gel
+from palp_core.palpation.studies.simulation.session import FeatureTrials, WorldPlan, WorldSession, begin
+from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
 from palp_core.units import Float64Array
 
 
@@ -63,69 +65,73 @@ STIFF_M = (0.008, 0.012, 0.016)
 
 
 @dataclass(frozen=True, eq=False)
-class SimulatedSession:
-    """A session after its training.
+class TrainedFeature:
+    """What a session's training leaves to decisions by one feature.
 
     Attributes:
-        table: What is felt.
-        conditions: The rig and the experiment.
-        trained: What training left.
-        draws: The luck of the trials.
+        trials: The trials, as readings of the feature.
+        primitives: Fitted to the readings of training.
+        best_ring: Index of the position whose single readings are best decided within training.
         naive: The paper's filter.
-        latent: The filter that knows what stays.
-        best_ring_m: The best ring position by validation within training.
-        order: A permutation of levels, neither the identity nor its reversal.
+        latent: The one that knows what stays.
     """
 
-    table: ReadingTable
-    conditions: Conditions
-    trained: Trained
-    draws: Draws
-    naive: latent.OffsetModel
-    latent: latent.OffsetModel
-    best_ring_m: float
-    order: tuple[int, ...]
+    trials: FeatureTrials
+    primitives: Primitives
+    best_ring: int
+    naive: OffsetModel
+    latent: OffsetModel
 
     @property
-    def felt(self) -> TabledTrials:
-        """Its trials."""
-        return TabledTrials(self.table, self.conditions, self.draws)
+    def best_ring_m(self) -> float:
+        """Position whose single readings are best decided within training."""
+        return self.trials.rings_m[self.best_ring]
 
 
-def begin_session(table: ReadingTable, conditions: Conditions, seed: Sequence[int]) -> SimulatedSession:
-    """Train a session and draw its trials.
+def train_feature(
+    session: WorldSession, feature: str, *, grid_m: tuple[float, ...] = (), noise: RigNoise | None = None
+) -> TrainedFeature:
+    """Return what training leaves, as the estimator on a rig has it: from its readings and a scene file.
 
     Args:
-        table: What is felt.
-        conditions: The rig and the experiment.
-        seed: Numbers that name the session; training and trials have streams of their own.
+        session: The session.
+        feature: What is read off its sweeps.
+        grid_m: Depths of the filters, where these are not the trained ones; with ``noise``.
+        noise: What the latent filter assumes of the rig; None: it is handed what is true of the objects that
+            make the readings.
     """
-    training, estimation, shuffling = (
-        np.random.default_rng(s) for s in np.random.SeedSequence(list(seed)).spawn(3)
+    training, plan, trials = session.training, session.plan, session.feature(feature, grid_m)
+    gel, readings = plan.gel, trials.training()
+    primitives = fit(
+        readings,
+        training.depth.tolist(),
+        training.ring.tolist(),
+        depths_m=gel.depths_m,
+        rings_m=gel.rings_m,
+        floor=quantisation_sd(RESOLUTION_N_M),
     )
-    trained = train(table, conditions, training)
-    return SimulatedSession(
-        table,
-        conditions,
-        trained,
-        draw(table, conditions, estimation),
-        independent_model(trained.primitives),
-        offset_model(trained, table, conditions),
-        table.gel.rings_m[best_ring(trained.readings)],
-        _order(len(figure5.LEVELS), shuffling),
-    )
+    cells = readings.reshape(len(gel.depths_m), len(gel.rings_m), -1)
+    if noise is None:
+        latent = informed_model(primitives, plan, feature)
+    else:
+        slope = _height_slope(gel, feature)
+        if grid_m:
+            grid = np.asarray(grid_m)
+            primitives = primitives.interpolated(grid)
+            slope = on_depths(slope, np.asarray(gel.depths_m), grid)
+        latent = latent_model(primitives, noise, slope)
+    naive = independent_model(primitives)
+    return TrainedFeature(trials, primitives, best_ring(cells), naive, latent)
 
 
-@dataclass(frozen=True, eq=False)
-class SessionCase:
-    """Sessions alike: what is felt, and the rig and the experiment."""
+@functools.lru_cache(maxsize=64)
+def _height_slope(gel: Gel, feature: str) -> Float64Array:
+    return height_slope(gel.depths_m, gel.rings_m, feature, gel.scene(gel.depths_m[0]))
 
-    table: ReadingTable
-    conditions: Conditions
 
-    def begin(self, seed: tuple[int, ...]) -> SimulatedSession:
-        """Train a session and draw its trials."""
-        return begin_session(self.table, self.conditions, seed)
+def begin_trained(plan: WorldPlan, seed: tuple[int, ...]) -> TrainedFeature:
+    """Draw a session, and return what its training leaves to decisions by its gel's feature."""
+    return train_feature(begin(plan, seed), plan.gel.reading)
 
 
 def best_ring(readings: Float64Array) -> int:
@@ -152,47 +158,39 @@ def best_ring(readings: Float64Array) -> int:
     return int(np.lexsort((sure, share))[-1])
 
 
-def _order(count: int, rng: np.random.Generator) -> tuple[int, ...]:
-    """Draw a permutation of the levels that is neither the identity nor the reversal."""
-    while True:
-        order = tuple(int(i) for i in rng.permutation(count))
-        if order not in (tuple(range(count)), tuple(reversed(range(count)))):
-            return order
-
-
-def policy(name: str, session: SimulatedSession, *, per_second: bool = False) -> StiffnessPolicy:
+def policy(name: str, trained: TrainedFeature, *, per_second: bool = False) -> StiffnessPolicy:
     """Return a policy by the name it has in every table.
 
     Args:
         name: As in ``paper.json``.
-        session: Where its knowledge comes from.
+        trained: Where its knowledge comes from.
         per_second: Whether the informed ones weigh seconds.
 
     Raises:
         PalpError: There is none of that name.
     """
-    rings_m = session.table.gel.rings_m
+    rings_m = trained.trials.rings_m
     if name.startswith("fixed_") and name.removeprefix("fixed_").replace(".", "").isdigit():
         return FixedRing(round(float(name.removeprefix("fixed_")) * 1e-3, 9))
     if name.startswith("markov"):
-        return _chain(name, session)
+        return _chain(name, trained)
     match name:
         case "fixed_best" | "best_single_probe":
-            return FixedRing(session.best_ring_m)
+            return FixedRing(trained.best_ring_m)
         case "reposition_best":
-            return Reposition(session.best_ring_m)
+            return Reposition(trained.best_ring_m)
         case "uniform":
             return UniformRings(rings_m)
         case "uniform_stiff":
             return UniformRings(STIFF_M)
         case "information_gain":
-            return InformationGainLatent(session.naive, rings_m, per_second=per_second)
+            return InformationGainLatent(trained.naive, rings_m, per_second=per_second)
         case "information_gain_latent":
-            return InformationGainLatent(session.latent, rings_m, per_second=per_second)
+            return InformationGainLatent(trained.latent, rings_m, per_second=per_second)
     raise PalpError(f"there is no policy '{name}'; there are {', '.join(NAMES)}")
 
 
-def _chain(name: str, session: SimulatedSession) -> MarkovPolicy:
+def _chain(name: str, trained: TrainedFeature) -> MarkovPolicy:
     matrix = MarkovPolicy().matrices.mean(axis=0)
     match name:
         case "markov":
@@ -202,7 +200,7 @@ def _chain(name: str, session: SimulatedSession) -> MarkovPolicy:
         case "markov_reversed":
             return MarkovPolicy(markov.time_reversed(matrix)[None])
         case "markov_permuted":
-            return MarkovPolicy(markov.permuted(matrix, session.order)[None])
+            return MarkovPolicy(markov.permuted(matrix, trained.trials.session.order)[None])
         case "markov_gaussian_reset":
             return MarkovPolicy(reading="gaussian_reset")
         case "markov_mean":
@@ -212,7 +210,7 @@ def _chain(name: str, session: SimulatedSession) -> MarkovPolicy:
 
 def run_policy(
     name: str,
-    session: SimulatedSession,
+    trained: TrainedFeature,
     stop: StopRule,
     *,
     filter_name: str = "naive",
@@ -222,34 +220,34 @@ def run_policy(
 
     Args:
         name: As in ``paper.json``.
-        session: The session.
+        trained: The session, after its training.
         stop: The stop rule; a single probe has its own.
         filter_name: Task ``filter``.
         per_second: Whether the informed policies weigh seconds.
     """
     if name == "chance":
-        return chance(session)
+        return chance(trained)
     known = find("filter", filter_name).target
-    model = session.naive if filter_name == "naive" else known(session.latent)
-    chosen = policy(name, session, per_second=per_second)
+    model = trained.naive if filter_name == "naive" else known(trained.latent)
+    chosen = policy(name, trained, per_second=per_second)
     rule = FixedNumber(1) if name == "best_single_probe" else stop
-    return run_trials(session.felt, model, chosen, rule)
+    return run_trials(trained.trials, model, chosen, rule)
 
 
-def chance(session: SimulatedSession) -> Outcomes:
+def chance(trained: TrainedFeature) -> Outcomes:
     """Return the outcomes of guessing without a probe."""
-    draws, m = session.draws, len(session.table.gel.depths_m)
-    count, most = draws.uniforms.shape
-    guess = (draws.uniforms[:, 0] * m).astype(np.int64)
+    trials, m = trained.trials, len(trained.trials.depths_m)
+    count, most = trials.uniforms.shape
+    guess = (trials.uniforms[:, 0] * m).astype(np.int64)
     none = np.zeros(count, dtype=np.int64)
     return Outcomes(
-        draws.depth,
+        trials.depth,
         guess,
         np.full(count, 1.0 / m),
         none,
         none,
         np.zeros(count),
         np.ones(count, dtype=bool),
-        np.full((count, most), float(np.mean(session.table.gel.depths_m))),
-        np.repeat((guess == draws.depth)[:, None], most, axis=1),
+        np.full((count, most), float(np.mean(trials.depths_m))),
+        np.repeat((guess == trials.depth)[:, None], most, axis=1),
     )

@@ -1,8 +1,8 @@
 """What the probe feels along a sweep, tabulated: the trace in bins of the stage position over the latents.
 
 A study takes hundreds of thousands of sweeps. Each is two curves, of a tip that slides and of one that still
-sticks where it was lowered, and the place at which it breaks loose. All three are polynomials of third degree
-in the seven latents, with every cross term, fitted to solved sweeps spread over what the latents may be. A
+sticks where it was lowered, and the place at which it breaks loose. All three are polynomials in the latents
+that a world moves, with every cross term, fitted to solved sweeps spread over what the latents may be. A
 test holds the table against whole sweeps.
 """
 
@@ -17,16 +17,8 @@ import scipy
 from numpy.typing import NDArray
 
 from palp_core.errors import OutOfRange
-from palp_core.palpation.mechanics.scene.choice import choose_rung
 from palp_core.palpation.nano17 import RESOLUTION_N_M
-from palp_core.palpation.studies.simulation.reading_table import (
-    FROM_M,
-    RATE_HZ,
-    SPEED_M_PER_S,
-    TO_M,
-    Gel,
-    scene_of,
-)
+from palp_core.palpation.studies.simulation.gel import FROM_M, RATE_HZ, SPEED_M_PER_S, TO_M, Gel
 from palp_core.palpation.world.drag import drag
 from palp_core.palpation.world.joints import joints_of
 from palp_core.palpation.world.latents import LATENTS, LOWEST, REACH, latents
@@ -44,9 +36,64 @@ _CHUNK = 20_000
 PHASES = 16
 """Shares of a cycle at which a sweep's stick-slip may begin."""
 _CYCLE_M = 0.05e-3  # a cycle of stick-slip is about a millimetre of the stage's way
-_TERMS = tuple(
-    powers for degree in range(4) for powers in itertools.combinations_with_replacement(range(7), degree)
-)
+
+
+@dataclass(frozen=True)
+class LatentBasis:
+    """Products of scaled latents, which a table is linear in.
+
+    Attributes:
+        active: Indices of the latents that move; the others are nominal.
+        reach: How far each of these may go; beyond it counts as that.
+        degree: Of the products.
+    """
+
+    active: tuple[int, ...]
+    reach: tuple[float, ...]
+    degree: int
+
+    @functools.cached_property
+    def terms(self) -> tuple[tuple[int, ...], ...]:
+        """Factors of each product, by place in ``active``."""
+        places = range(len(self.active))
+        return tuple(
+            powers
+            for degree in range(self.degree + 1)
+            for powers in itertools.combinations_with_replacement(places, degree)
+        )
+
+    def products(self, rows: Float64Array) -> Float64Array:
+        """Return every product for rows of latents of shape (n, 7), shape (n, terms)."""
+        active, reach = list(self.active), np.array(self.reach)
+        share = np.clip(rows[:, active], np.where(LOWEST[active] < 0.0, -reach, 0.0), reach) / reach
+        made = np.empty((len(self.terms), len(rows)))
+        made[0] = 1.0
+        place = {powers: k for k, powers in enumerate(self.terms)}
+        for k, powers in enumerate(self.terms[1:], start=1):
+            np.multiply(made[place[powers[:-1]]], share[:, powers[-1]], out=made[k])
+        return made.T
+
+    def design(self) -> Float64Array:
+        """Return rows of latents spread over their reach, shape (samples, 7)."""
+        rows = np.zeros((_SAMPLES, len(LATENTS)))
+        if len(self.active) == len(LATENTS):  # denser in the middle of the reach
+            sobol = scipy.stats.qmc.Sobol(len(LATENTS), scramble=True, rng=np.random.default_rng(7))
+            ends, even = 1.0 / _SPREAD, sobol.random(512)[:_SAMPLES]
+            share = scipy.stats.truncnorm.ppf(even, -ends, ends, scale=_SPREAD)
+            return np.asarray(np.where(LOWEST < 0.0, share, np.abs(share)) * self.reach)
+        nodes = np.cos(np.pi * (np.arange(self.degree + 2) + 0.5) / (self.degree + 2))
+        grid = np.stack([x.ravel() for x in np.meshgrid(*[nodes] * len(self.active))], axis=-1)
+        rows = rows[: len(grid)]
+        rows[:, list(self.active)] = grid * self.reach
+        return rows
+
+
+EVERY_LATENT = LatentBasis(tuple(range(len(LATENTS))), tuple(REACH.tolist()), 3)
+
+
+def ring_and_height(height_reach_m: float) -> LatentBasis:
+    """Return the basis of a world in which landing and height alone move."""
+    return LatentBasis((0, 1), (float(REACH[0]), height_reach_m), 5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +101,8 @@ class TraceTable:
     """Binned traces of every cell of depth class and ring as functions of the latents.
 
     Attributes:
-        gel: What it was made from; its feature and denoising play no part.
+        gel: What it was made from.
+        basis: Latents that it answers to.
         pressed_m: Nominal indentation of the sweeps.
         bins: Bins of the stage position, rising, whichever way it is swept.
         forward: Whether the stage goes towards +Y; torques of a sweep back are negative.
@@ -68,6 +116,7 @@ class TraceTable:
     """
 
     gel: Gel
+    basis: LatentBasis
     pressed_m: float
     bins: Bins
     forward: bool
@@ -85,7 +134,7 @@ class TraceTable:
         Args:
             depth: Class, shape (n,).
             ring: Index of the ring position, shape (n,).
-            rows: Latents, shape (n, 7); one beyond its reach counts as that.
+            rows: Latents, shape (n, 7).
         """
         made = np.empty((len(depth), len(self.bins.mean)))
         cell = depth * len(self.gel.rings_m) + ring
@@ -110,7 +159,9 @@ class TraceTable:
             ring: Index of the ring position, shape (n,).
             luck: Tracks of the mountings, of :func:`.track`, shape (n, 2, places).
         """
-        made = np.empty((len(depth), len(self.bins.mean)))
+        made = np.zeros((len(depth), len(self.bins.mean)))
+        if world.texture_sd_n_m == 0.0:
+            return made
         cell = depth * len(self.gel.rings_m) + ring
         for number in np.unique(cell):
             (here,) = np.nonzero(cell == number)
@@ -161,8 +212,10 @@ class TraceTable:
             speed_m_per_s: Of the stage: a faster one leaves fewer samples a bin.
         """
         bins, bin_s = len(self.bins.mean), self.bin_m / speed_m_per_s
-        zero = bias(world, luck[:, : bins + 2], bin_s, since_tare_s)
         white = white_sd_n_m(noise_sd_n_m, RESOLUTION_N_M, round(bin_s * RATE_HZ)) * luck[:, bins + 2 :]
+        if world.tare_sd_n_m == world.bias_walk_n_m_per_sqrt_s == 0.0:
+            return white
+        zero = bias(world, luck[:, : bins + 2], bin_s, since_tare_s)
         return (zero if self.forward else zero[:, ::-1]) + white
 
     @property
@@ -171,7 +224,7 @@ class TraceTable:
         return float(self.bins.edges_m[1] - self.bins.edges_m[0])
 
     def _cell(self, i: int, j: int, rows: Float64Array) -> Float64Array:
-        basis = latent_basis(rows)
+        basis = self.basis.products(rows)
         parts = self._parts
         made = np.asarray(basis @ (self.sliding[i, j] @ parts.to_bins.T))
         if self.run_in:
@@ -219,20 +272,10 @@ def _parts(bins: Bins, held_nodes: int) -> _Parts:
     )
 
 
-def latent_basis(rows: Float64Array) -> Float64Array:
-    """Return every product of up to three scaled latents, shape (n, terms)."""
-    share = np.clip(rows, LOWEST, REACH) / REACH
-    made = np.empty((len(_TERMS), len(rows)))
-    made[0] = 1.0
-    place = {powers: k for k, powers in enumerate(_TERMS)}
-    for k, powers in enumerate(_TERMS[1:], start=1):
-        np.multiply(made[place[powers[:-1]]], share[:, powers[-1]], out=made[k])
-    return made.T
-
-
 def tabulate_traces(
     gel: Gel,
     *,
+    basis: LatentBasis = EVERY_LATENT,
     forward: bool = True,
     run_in: bool = True,
     width_m: float = 0.002,
@@ -242,7 +285,8 @@ def tabulate_traces(
     """Solve sweeps of every cell all over the latents' reach and fit the polynomials.
 
     Args:
-        gel: What is touched.
+        gel: What is touched; its contact is chosen by its reading.
+        basis: Latents that move.
         forward: Whether the stage goes towards +Y.
         run_in: Whether a sweep begins upright, with a tip that sticks.
         width_m: Of a bin.
@@ -257,30 +301,36 @@ def tabulate_traces(
     if not 0.5e-3 <= width_m <= 0.02:
         raise OutOfRange("width_m", f"bins of {width_m:g} m; use 0.5 mm to 20 mm")
     pressed_m = gel.indentation_m if indentation_m is None else indentation_m
-    return _tabulated(gel, pressed_m, forward, run_in, width_m, path_m)
+    return _tabulated(gel, basis, pressed_m, forward, run_in, width_m, path_m)
 
 
 @functools.lru_cache(maxsize=32)
 def _tabulated(
-    gel: Gel, pressed_m: float, forward: bool, run_in: bool, width_m: float, path_m: tuple[float, float]
+    gel: Gel,
+    basis: LatentBasis,
+    pressed_m: float,
+    forward: bool,
+    run_in: bool,
+    width_m: float,
+    path_m: tuple[float, float],
 ) -> TraceTable:
     bins = bins_of(bin_edges_m(*path_m, width_m), forward=forward)
-    rows = _design()
-    basis = latent_basis(rows)
-    solver = np.linalg.pinv(basis)
+    rows = basis.design()
+    solver = np.linalg.pinv(basis.products(rows))
+    terms = len(basis.terms)
     nodes, held_nodes = (
         len(bins.node_m),
         int(np.searchsorted(np.abs(bins.node_m - bins.node_m[0]), _RUN_IN_M, side="right")),
     )
     k, count = len(gel.rings_m), len(rows) + 1
     shape = (len(gel.depths_m), k)
-    sliding, sticking = np.empty((*shape, len(_TERMS), nodes)), np.empty((*shape, len(_TERMS), held_nodes))
-    loose = np.empty((*shape, len(_TERMS)))
+    sliding, sticking = np.empty((*shape, terms, nodes)), np.empty((*shape, terms, held_nodes))
+    loose = np.empty((*shape, terms))
     tip_m, normal_n = np.empty((*shape, nodes)), np.empty((*shape, nodes))
     every = np.concatenate([np.zeros((1, len(LATENTS))), rows])
     rungs = []
     for i, depth_m in enumerate(gel.depths_m):
-        felt = _touch(gel, depth_m)
+        felt = _touch(gel, depth_m, tips=basis is EVERY_LATENT)
         rungs.append(felt.models[0].rung)
         for j, ring_m in enumerate(gel.rings_m):
             found = drag(felt, every, np.full(count, ring_m), pressed_m, bins.node_m, run_in=run_in)
@@ -289,15 +339,8 @@ def _tabulated(
             sticking[i, j] = solver @ found.sticking_n_m[1:, :held_nodes]
             tip_m[i, j], normal_n[i, j] = found.tip_m[0], found.normal_n[0]
     return TraceTable(
-        gel, pressed_m, bins, forward, run_in, tuple(rungs), sliding, sticking, loose, tip_m, normal_n
+        gel, basis, pressed_m, bins, forward, run_in, tuple(rungs), sliding, sticking, loose, tip_m, normal_n
     )
-
-
-def _design() -> Float64Array:
-    """Return latents spread over their reach, denser in its middle, shape (samples, 7)."""
-    even = scipy.stats.qmc.Sobol(len(LATENTS), scramble=True, rng=np.random.default_rng(7)).random(512)
-    share = scipy.stats.truncnorm.ppf(even[:_SAMPLES], -1.0 / _SPREAD, 1.0 / _SPREAD, scale=_SPREAD)
-    return np.asarray(np.where(LOWEST < 0.0, share, np.abs(share)) * REACH)
 
 
 @functools.lru_cache(maxsize=64)
@@ -356,5 +399,5 @@ def _stick_slip(
 
 
 def _touch(gel: Gel, depth_m: float, *, tips: bool = True) -> Touch:
-    scene = scene_of(gel, depth_m).read_by("trace")
-    return touch(scene.phantom, scene.probe, choose_rung(scene, gel.rung or None).rung, tips=tips)
+    scene = gel.scene(depth_m)
+    return touch(scene.phantom, scene.probe, gel.chosen_rung(depth_m), tips=tips)

@@ -1,7 +1,6 @@
 """Decide many trials at once: probe, update, stop or go on, all policies and filters by the same lines."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +10,7 @@ from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.stopping import BeliefStep, StopRule
 from palp_core.palpation.perception.strategy.policies import FixedRing, StiffnessPolicy, given
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent, Timing
-from palp_core.palpation.studies.simulation.conditions import Conditions, Draws
-from palp_core.palpation.studies.simulation.reading_table import ReadingTable
+from palp_core.palpation.studies.simulation.session import FeatureTrials
 from palp_core.units import Float64Array
 
 
@@ -48,92 +46,8 @@ class Outcomes:
         return np.asarray(self.estimate == self.depth)
 
 
-class FeltTrials(Protocol):
-    """Trials of a session, before anything was chosen: what each would feel, whatever is done.
-
-    Attributes:
-        depths_m: Depth of each class.
-        rings_m: Trained positions of the ring.
-        depth: True class of each trial, shape (n,).
-        uniforms: For the policy, shape (n, most probes).
-        repeats: Whether later probes repeat the first reading wherever the ring is the same.
-    """
-
-    @property
-    def depths_m(self) -> tuple[float, ...]: ...
-    @property
-    def rings_m(self) -> tuple[float, ...]: ...
-    @property
-    def depth(self) -> NDArray[np.int64]: ...
-    @property
-    def uniforms(self) -> Float64Array: ...
-    @property
-    def repeats(self) -> bool: ...
-
-    def landing_m(
-        self, trials: NDArray[np.int64], ring: NDArray[np.int64], probe: int, *, fixed: bool
-    ) -> Float64Array:
-        """Return where the ring would land, as an error; ``fixed``: by a policy that never moves it."""
-
-    def reading(
-        self, trials: NDArray[np.int64], ring: NDArray[np.int64], error_m: Float64Array, probe: int
-    ) -> Float64Array:
-        """Return the reading of a probe, N m."""
-
-
-@dataclass(frozen=True, eq=False)
-class TabledTrials:
-    """Trials on the rig of the paper: one feature, tabulated over landing and height.
-
-    Attributes:
-        table: What is felt.
-        conditions: The rig and the experiment.
-        draws: The trials' luck.
-    """
-
-    table: ReadingTable
-    conditions: Conditions
-    draws: Draws
-
-    @property
-    def depths_m(self) -> tuple[float, ...]:
-        return self.table.gel.depths_m
-
-    @property
-    def rings_m(self) -> tuple[float, ...]:
-        return self.table.gel.rings_m
-
-    @property
-    def depth(self) -> NDArray[np.int64]:
-        return self.draws.depth
-
-    @property
-    def uniforms(self) -> Float64Array:
-        return self.draws.uniforms
-
-    @property
-    def repeats(self) -> bool:
-        return self.conditions.same_reading
-
-    def landing_m(
-        self, trials: NDArray[np.int64], ring: NDArray[np.int64], probe: int, *, fixed: bool
-    ) -> Float64Array:
-        if self.conditions.landing == "level":
-            return self.draws.level_landing_m[ring]
-        # a fixed ring lands before its first probe only
-        return self.draws.fixed_landing_m[trials] if fixed else self.draws.landing_m[trials, probe]
-
-    def reading(
-        self, trials: NDArray[np.int64], ring: NDArray[np.int64], error_m: Float64Array, probe: int
-    ) -> Float64Array:
-        draws = self.draws
-        return draws.bias_n_m + self.table.reading(
-            draws.depth[trials], ring, error_m, draws.height_m[trials], draws.noise[trials, probe]
-        )
-
-
 def run_trials(
-    felt_trials: FeltTrials,
+    trials: FeatureTrials,
     model: latent.OffsetModel,
     policy: StiffnessPolicy,
     stop: StopRule,
@@ -143,7 +57,7 @@ def run_trials(
     """Run every trial to its verdict.
 
     Args:
-        felt_trials: The trials.
+        trials: The trials, as readings of a feature.
         model: The filter: readings and what it knows to stay.
         policy: Where to probe. One that knows offsets keeps a belief of its own.
         stop: When to stop.
@@ -154,10 +68,10 @@ def run_trials(
         PerceptionError: The stop rule cannot decide among so few classes.
     """
     timing = timing or Timing()
-    slot = _slots(policy, felt_trials.rings_m)
-    uniforms = felt_trials.uniforms
+    slot = _slots(policy, trials.rings_m)
+    uniforms = trials.uniforms
     count, most = uniforms.shape
-    rings_m, depths_m = np.asarray(felt_trials.rings_m), np.asarray(felt_trials.depths_m)
+    rings_m, depths_m = np.asarray(trials.rings_m), np.asarray(trials.depths_m)
     prior = np.full(len(depths_m), 1.0 / len(depths_m))
     active = np.arange(count)
     belief = latent.start(model, count)
@@ -176,10 +90,10 @@ def run_trials(
         moved = (ring != here) | at.renew
         seconds[active] += timing.sweep_s + _travel_s(timing, rings_m, here, ring, at.renew)
         moves[active] += moved & (here >= 0)
-        landing = felt_trials.landing_m(active, ring, t, fixed=isinstance(policy, FixedRing))
+        landing = trials.landing_m(active, t, fixed=isinstance(policy, FixedRing))
         error_m[active] = np.where(moved, landing, error_m[active])
-        felt = felt_trials.reading(active, ring, error_m[active], t)
-        if felt_trials.repeats:
+        felt = trials.reading(active, ring, error_m[active], t)
+        if trials.session.plan.conditions.same_reading:
             felt = np.where(moved, felt, reading[active])
         reading[active], before_ring[active] = felt, ring
         belief = latent.update(model, belief, felt[:, None], ring, moved)
@@ -200,7 +114,7 @@ def run_trials(
         at = policy.step(at[going], own, given(uniforms[active, t + 1]))
     estimate = np.argmax(end_posterior, axis=1)
     return Outcomes(
-        felt_trials.depth,
+        trials.depth,
         estimate,
         end_posterior.max(axis=1),
         probes,
@@ -208,7 +122,7 @@ def run_trials(
         seconds,
         decided,
         np.transpose(posteriors @ depths_m),
-        np.transpose(np.argmax(posteriors, axis=2) == felt_trials.depth),
+        np.transpose(np.argmax(posteriors, axis=2) == trials.depth),
     )
 
 

@@ -1,4 +1,4 @@
-"""A session in a world: training sweeps and the trials to be decided, felt as whole traces.
+"""A session without a graph: sweeps of training and the trials to be decided, as whole traces.
 
 All randomness is drawn before anything is chosen. Features are read off the same traces, so that schemes that
 go by a peak, a contrast or the whole trace meet the same mountings, landings, tracks and noise.
@@ -17,12 +17,19 @@ from numpy.typing import NDArray
 from palp_core.errors import PalpError
 from palp_core.palpation.mechanics.scene.phantom_file import CAST_COUNT
 from palp_core.palpation.nano17 import RESOLUTION_N_M
+from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.session.orders import GROUPED
 from palp_core.palpation.session.plan import Specimens
-from palp_core.palpation.studies.frontier.trace_features import FEATURES, feature_of
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.reading_table import FROM_M, SPEED_M_PER_S, TO_M, Gel
-from palp_core.palpation.studies.simulation.trace_table import TraceTable, tabulate_traces
+from palp_core.palpation.studies.simulation.features import FEATURES, feature_of
+from palp_core.palpation.studies.simulation.gel import FROM_M, SPEED_M_PER_S, TO_M, Gel
+from palp_core.palpation.studies.simulation.trace_table import (
+    EVERY_LATENT,
+    LatentBasis,
+    TraceTable,
+    ring_and_height,
+    tabulate_traces,
+)
 from palp_core.palpation.world.draws import (
     PARTS,
     mounting_parts,
@@ -62,18 +69,12 @@ class WorldPlan:
 
     world: WorldModel = PAPER
     conditions: Conditions = field(default_factory=Conditions)
-    gel: Gel = field(default_factory=Gel)
+    gel: Gel = field(default_factory=lambda: Gel(reading="trace"))
     shift: Shift = ()
     test_rung: str = ""
     test_repeatability_m: float = -1.0
     path_m: tuple[float, float] = PATH_M
     test_depths_m: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        usual, ours = Conditions(), self.conditions
-        for name in ("landing", "drift_n_m", "same_reading"):
-            if getattr(ours, name) != getattr(usual, name):
-                raise PalpError(f"whole sweeps know no {name} '{getattr(ours, name)}'; leave it out")
 
     @property
     def run_in(self) -> bool:
@@ -86,9 +87,16 @@ class WorldPlan:
         depths_m = self.test_depths_m or self.gel.depths_m
         return replace(self.gel, rung=self.test_rung or self.gel.rung, depths_m=depths_m)
 
+    @property
+    def basis(self) -> LatentBasis:
+        """Latents that move in it."""
+        if self.world.shifts_latents or self.shift:
+            return EVERY_LATENT
+        return ring_and_height(self.gel.height_reach_m)
+
     def table(self, gel: Gel) -> TraceTable:
         """Return what is felt."""
-        return tabulate_traces(gel, run_in=self.run_in, width_m=FINE_M, path_m=self.path_m)
+        return tabulate_traces(gel, basis=self.basis, run_in=self.run_in, width_m=FINE_M, path_m=self.path_m)
 
 
 def worlds(mounting: str = GROUPED, specimens: Specimens = "same") -> dict[str, WorldPlan]:
@@ -160,6 +168,8 @@ class WorldSession:
         noise: Luck of the sensor, shape (n, t, numbers).
         phases: Share of a cycle of stick-slip at which each sweep begins, shape (n, t).
         uniforms: For the policy, shape (n, t).
+        bias_n_m: What drifted between training and estimation.
+        order: A permutation of the policies' levels, neither the identity nor its reversal.
         simulating: What feeling the sweeps cost, which a rig has for nothing.
     """
 
@@ -173,6 +183,8 @@ class WorldSession:
     noise: Float64Array
     phases: Float64Array
     uniforms: Float64Array
+    bias_n_m: float
+    order: tuple[int, ...]
     simulating: Stopwatch = field(default_factory=Stopwatch)
 
     @property
@@ -215,7 +227,7 @@ class WorldSession:
         with self.simulating:
             plan, depth = self.plan, self.depth[trials]
             rows = together(self.parts[trials], ring_part(error_m))
-            felt = table.traces(depth, ring, rows)
+            felt = table.traces(depth, ring, rows) + self.bias_n_m
             felt += table.texture(plan.world, depth, ring, self.tracks[trials])
             felt += _hum(plan, table, depth, ring, self.phases[trials, probe], speed_m_per_s)
             felt += table.sensor(
@@ -252,33 +264,33 @@ class FeatureTrials:
 
     @property
     def depths_m(self) -> tuple[float, ...]:
+        """Depths to decide among."""
         return self.grid_m or self.session.depths_m
 
     @property
     def rings_m(self) -> tuple[float, ...]:
+        """Trained positions of the ring."""
         return self.session.rings_m
 
     @property
     def depth(self) -> NDArray[np.int64]:
+        """True class of each trial, shape (n,)."""
         apart_m = np.abs(np.subtract.outer(self.session.depths_m, self.depths_m))
         return np.asarray(apart_m.argmin(axis=1)[self.session.depth], dtype=np.int64)
 
     @property
     def uniforms(self) -> Float64Array:
+        """For the policy, shape (n, most probes)."""
         return self.session.uniforms
 
-    @property
-    def repeats(self) -> bool:
-        return False
-
-    def landing_m(
-        self, trials: NDArray[np.int64], ring: NDArray[np.int64], probe: int, *, fixed: bool
-    ) -> Float64Array:
+    def landing_m(self, trials: NDArray[np.int64], probe: int, *, fixed: bool) -> Float64Array:
+        """Return where the ring would land, as an error; ``fixed``: by a policy that never moves it."""
         return self.session.kept_landing_m[trials] if fixed else self.session.landings_m[trials, probe]
 
     def reading(
         self, trials: NDArray[np.int64], ring: NDArray[np.int64], error_m: Float64Array, probe: int
     ) -> Float64Array:
+        """Return the reading of a probe, N m."""
         return feature_of(self.name, self.session.traces(trials, ring, error_m, probe))
 
     def training(self) -> Float64Array:
@@ -288,8 +300,8 @@ class FeatureTrials:
 
 def begin(plan: WorldPlan, seed: tuple[int, ...]) -> WorldSession:
     """Draw a session: its gel and ball, its phantoms, training, and the luck of its trials."""
-    pouring, training, estimation = (
-        np.random.default_rng(s) for s in np.random.SeedSequence(list(seed)).spawn(3)
+    pouring, training, estimation, shuffling = (
+        np.random.default_rng(s) for s in np.random.SeedSequence(list(seed)).spawn(4)
     )
     shared = session_part(plan.world, pouring)
     trained = shared + _phantoms(plan, pouring, plan.gel.depths_m)
@@ -297,7 +309,15 @@ def begin(plan: WorldPlan, seed: tuple[int, ...]) -> WorldSession:
     if plan.conditions.specimens == "other" or plan.test_depths_m:
         felt = shared + _phantoms(plan, pouring, plan.test_gel.depths_m)
     swept = _train(plan, training, trained)
-    return _draw(plan, estimation, felt, swept, len(swept.depth) * _length_m(plan))
+    return _draw(plan, estimation, felt, swept, shuffle_levels(len(figure5.LEVELS), shuffling))
+
+
+def shuffle_levels(count: int, rng: np.random.Generator) -> tuple[int, ...]:
+    """Draw a permutation of levels that is neither the identity nor the reversal."""
+    while True:
+        order = tuple(rng.permutation(count).tolist())
+        if order not in (tuple(range(count)), tuple(reversed(range(count)))):
+            return order
 
 
 def _phantoms(plan: WorldPlan, rng: np.random.Generator, depths_m: tuple[float, ...]) -> Float64Array:
@@ -338,7 +358,11 @@ def _train(plan: WorldPlan, rng: np.random.Generator, specimens: Float64Array) -
 
 
 def _draw(
-    plan: WorldPlan, rng: np.random.Generator, specimens: Float64Array, swept: TrainingSweeps, path_m: float
+    plan: WorldPlan,
+    rng: np.random.Generator,
+    specimens: Float64Array,
+    swept: TrainingSweeps,
+    order: tuple[int, ...],
 ) -> WorldSession:
     conditions = plan.conditions
     m, count = len(specimens), conditions.trials
@@ -349,6 +373,7 @@ def _draw(
     if conditions.mounting == GROUPED:  # the first trial of a phantom mounts it for all of its own
         first = depth * count + which
         mounted, tracks = mounted[first], tracks[first]
+    path_m = len(swept.depth) * _length_m(plan)
     worn = wear_part(plan.world, path_m + rng.permutation(m * count) * _length_m(plan))
     shift = np.zeros(len(PARTS))
     for name, value in plan.shift:
@@ -371,6 +396,8 @@ def _draw(
         rng.standard_normal((*shape, 2 * fine + 2)),
         rng.random(shape),
         rng.random(shape),
+        conditions.drift_n_m * float(rng.standard_normal()),
+        order,
     )
 
 

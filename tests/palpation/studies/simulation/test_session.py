@@ -16,15 +16,15 @@ from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.session import plan
 from palp_core.palpation.session.orders import MOUNTINGS
 from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, SWIFT
-from palp_core.palpation.studies.frontier.trace_features import feature_of
-from palp_core.palpation.studies.frontier.world_session import WorldPlan, begin, worlds
 from palp_core.palpation.studies.simulation.conditions import Conditions
-from palp_core.palpation.studies.simulation.reading_table import Gel, sweep_torque
+from palp_core.palpation.studies.simulation.features import feature_of
+from palp_core.palpation.studies.simulation.gel import Gel, sweep_torque
+from palp_core.palpation.studies.simulation.session import WorldPlan, begin, worlds
 from palp_core.palpation.world.draws import PARTS
 from palp_core.palpation.world.latents import LATENTS
 from palp_core.palpation.world.model import LAB, PAPER
 
-SMALL = Gel(rings_m=(0.016,))
+SMALL = Gel(rings_m=(0.016,), reading="trace")
 FEW = Conditions(training=4, trials=3, specimens="other", phantoms=2, mounting="each_trial")
 
 
@@ -113,6 +113,24 @@ def test_trials_feel_the_phantoms_of_training_or_others(specimens: plan.Specimen
     assert (off < 1e-3).all() if specimens == "same" else (off > 1e-3).all()
 
 
+def test_a_grouped_mounting_is_one_phantoms() -> None:
+    grouped = replace(FEW, trials=4, mounting="grouped", repeatability_m=0.0)
+    met = begin(WorldPlan(conditions=grouped, gel=SMALL), (3, 4)).parts[:, 1].reshape(3, 4)
+    assert np.array_equal(met[:, :2], met[:, 2:])
+    assert (met[:, 0] != met[:, 1]).all()
+
+
+def test_what_drifts_after_training_is_in_every_sweep_of_the_trials() -> None:
+    still, drifted = (
+        begin(WorldPlan(conditions=replace(FEW, drift_n_m=drift), gel=SMALL), (3, 6)) for drift in (0.0, 1e-3)
+    )
+    every, ring = np.arange(9), np.zeros(9, dtype=np.int64)
+    apart = [s.traces(every, ring, np.zeros(9), 0) for s in (drifted, still)]
+    np.testing.assert_allclose(apart[0] - apart[1], drifted.bias_n_m, atol=1e-12)
+    assert drifted.bias_n_m != 0.0
+    np.testing.assert_array_equal(still.training.traces, drifted.training.traces)
+
+
 def test_the_papers_world_has_no_texture_and_the_lab_has() -> None:
     def roughness(world: object) -> float:
         session = begin(WorldPlan(world=world, conditions=FEW, gel=SMALL), (1, 4))  # type: ignore[arg-type]
@@ -137,11 +155,6 @@ def test_training_that_lands_once_a_cell_does_not_scatter_by_landing() -> None:
         shallow = session.training.depth == 0
         spread[lands] = float(session.feature("peak").training()[shallow].std())
     assert spread["cell"] < 0.3 * spread["each"]
-
-
-def test_conditions_that_whole_sweeps_do_not_know_are_refused() -> None:
-    with pytest.raises(PalpError, match="whole sweeps know no landing 'level'; leave it out"):
-        WorldPlan(conditions=replace(FEW, landing="level"))
 
 
 def test_nodules_may_be_decided_among_more_depths_than_there_are() -> None:
