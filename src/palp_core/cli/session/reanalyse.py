@@ -28,9 +28,7 @@ def reanalyse(
     likelihood: Annotated[str, typer.Option(help="Of the naive filter; as above.")] = "normal",
     trace_filter: Annotated[
         str,
-        typer.Option(
-            help="Read whole traces by this filter (linear, second_order, grid), in place of the four above."
-        ),
+        typer.Option(help="Read whole traces by this filter (second_order), in place of the four above."),
     ] = "",
     stop: Annotated[
         str | None,

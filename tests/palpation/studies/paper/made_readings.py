@@ -36,7 +36,7 @@ def made_session(number: int, right: Mapping[str, float] = RIGHT) -> dict[str, S
             flat[:, None],
             ~wrong[:, None],
         )
-        found[scheme.name] = SchemeRun(ended, flat, None, 1e-4)
+        found[scheme.name] = SchemeRun(ended, flat, 1e-4)
     return found
 
 

@@ -8,7 +8,7 @@ import pytest
 from palp_core.palpation.mechanics import Bead, Phantom
 from palp_core.palpation.mechanics.scene.choice import choose_rung
 from palp_core.palpation.nano17 import RESOLUTION_N_M
-from palp_core.palpation.session.trace.settings import TraceSettings
+from palp_core.palpation.session.trace_settings import TraceSettings
 from palp_core.palpation.studies.simulation.reading_table import Gel, scene_of
 from palp_core.palpation.studies.simulation.trace_table import TraceTable, tabulate_traces
 from palp_core.palpation.world.drag import drag
