@@ -33,7 +33,7 @@ def report(
         bool, typer.Option("--charts", help="Keep each chart as PNG, SVG and CSV, too, in charts/.")
     ] = False,
 ) -> None:
-    """That is result.json and report.html, from the session's rows and sweeps (human.json and
+    """Write result.json and report.html with all charts, from the session's rows and sweeps (human.json and
     human.html, of a session with a person). Of a bag the rows and sweeps are made first, from what the nodes
     said.
     """
@@ -47,7 +47,7 @@ def report(
     if is_bag(path):
         whole = path.resolve()
         folder = out or path.parent / f"{whole.name.removesuffix('.mcap')}_report"
-        print_text(write(folder, write_record(path, folder, overwrite=overwrite), charts=charts))
+        print_text(write(folder, write_record(path, folder, overwrite=overwrite), files=charts))
     elif out is not None or overwrite:
         raise PalpError(
             f"{path} is no bag: the report of a session's folder is made in it, without --out or --overwrite"
@@ -55,4 +55,4 @@ def report(
     elif is_by_hand(path):
         print_text(write_human([path], path, sheet_of(read_note(path)), charts=charts))
     else:
-        print_text(write(path, read_note(path), charts=charts))
+        print_text(write(path, read_note(path), files=charts))
