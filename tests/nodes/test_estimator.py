@@ -190,7 +190,7 @@ def test_it_learns_from_labelled_training_and_from_nothing_else() -> None:
     bench.feed(Estimator.trial, trial(91, "estimation"))
     probe(bench, MEAN_N_M[0.002][0.016])
     bench.feed(Estimator.trial, trial(92, "estimation"))
-    assert len(bench.node.state.training) == 12
+    assert len(bench.node.state.memory.training) == 12
     assert len(bench.sent(Estimator.primitives)) == 1
     np.testing.assert_array_equal(bench.sent(Estimator.primitives)[0].count, 2.0)
 
@@ -301,8 +301,7 @@ AUTO = dict.fromkeys(("denoise", "feature", "filter", "likelihood", "stop"), "au
 def test_the_registers_choice_is_made_once_said_and_used(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
     bench = Bench(Estimator, AUTO)
-    assert bench.node.used is not None
-    assert bench.node.used[1] == {
+    assert bench.node.reading.methods == {
         "denoise": "approximation",
         "feature": "contrast",
         "filter": "latent",
@@ -449,38 +448,3 @@ def test_it_says_its_methods_at_the_beginning_and_when_one_is_changed() -> None:
     changed = first | {"stop": "posterior_threshold"}
     latent = {task: name for task, name in changed.items() if task != "likelihood"} | {"filter": "latent"}
     assert said == [first, changed, latent]  # and nothing of what is no method
-
-
-def felt_alike(bench: Bench[Estimator], trials: int, share: float) -> None:
-    """Go through trials of one probe each, whose readings are all a share of what training had."""
-    for number in range(500, 500 + trials):
-        bench.feed(Estimator.trial, trial(number, "estimation"))
-        depth_m = DEPTHS_M[number % 3]
-        bench.feed(Estimator.ring, ring(0.016, number))
-        palpate(bench, sweep(share * MEAN_N_M[depth_m][0.016], seed=number))
-
-
-def test_a_session_unlike_its_training_is_told_once_and_again_by_a_successor(  # type: ignore[no-untyped-def]
-    successor, caplog: pytest.LogCaptureFixture
-) -> None:
-    usual, off = (
-        Bench(Estimator, {"stop": "fixed_number", "stop_value": 1.0, "ring_sd_mm": 0.0}) for _ in "ab"
-    )
-    for bench in (usual, off):
-        train(bench, spread_n_m=2e-5)
-    felt_alike(usual, 45, 1.0)
-    assert not usual.sent(Estimator.diagnostics)
-    felt_alike(off, 29, 1.01)
-    assert not off.sent(Estimator.diagnostics)
-    second = successor(off)
-    felt_alike(second, 1, 1.01)
-    (said,) = second.sent(Estimator.diagnostics)
-    assert said.level == "warn"
-    assert "30 trials do not fit what training taught" in said.text
-    assert "their readings were larger" in said.text
-    assert "train anew" in said.advice
-    assert sum("do not fit what training" in line for line in caplog.messages) == 1
-    felt_alike(second, 95, 1.01)
-    assert len(second.sent(Estimator.diagnostics)) == 1
-    (again,) = successor(second).sent(Estimator.diagnostics)
-    assert again.text == said.text

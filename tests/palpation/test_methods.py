@@ -14,7 +14,7 @@ from palp_core.graph.problems import GraphProblems
 from palp_core.methods import names, tasks
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.session.method_choices import AUTO, choose_for, chosen_method, launch_defaults
-from palp_core.palpation.session.methods.estimating import TASKS
+from palp_core.palpation.session.reading_params import TASKS
 from palp_core.palpation.session.reanalysis import Methods
 from palp_core.palpation.studies.perception import signals
 from palp_core.palpation.studies.simulation.policies import NAMES

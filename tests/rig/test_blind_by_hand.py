@@ -28,7 +28,7 @@ from palp_core.palpation.session.many.overview import find_sessions
 from palp_core.palpation.session.many.page import rows_of
 from palp_core.palpation.session.run_note import read_note, refuse_resuming
 from palp_core.sealing import opened, sealed
-from palp_core.whole_file import write_whole
+from palp_core.whole_file import is_locked, write_whole
 from tests.rig.test_human import HUMAN, session
 from tests.support.palp import ROOT
 from tests.support.rig_session import check_here
@@ -122,6 +122,7 @@ def test_unsealing_that_was_cut_off_is_finished_by_the_next_run(
     left = [done]
 
     def write_some(path: Path, content: str | bytes) -> None:
+        assert is_locked(copy / HUMAN_TABLE)  # no other opens the session meanwhile
         if not left[0]:
             raise OSError("disk full")
         left[0] -= 1
@@ -132,6 +133,8 @@ def test_unsealing_that_was_cut_off_is_finished_by_the_next_run(
         unseal(copy, "all is done")
     monkeypatch.undo()
     unseal(copy, "all is done")
+    with pytest.raises(PalpError, match="is not sealed"):
+        unseal(copy, "all is done twice")
     for name in (HUMAN_TABLE, sealed_name(Path(HUMAN_TABLE)).name, "key.json"):
         assert (copy / name).read_bytes() == (whole / name).read_bytes()
 

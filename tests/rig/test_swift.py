@@ -12,11 +12,8 @@ import pytest
 from nodes.experiment import Experiment
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.replay.replay import replay
-from palp_core.palpation.perception.belief.stopping import stop_rule
 from palp_core.palpation.session.reanalysis import Methods, reanalyse
 from palp_core.palpation.session.recorded_sweeps import read_sweeps
-from palp_core.palpation.session.trace.again import decide_again, trace_reader
-from palp_core.palpation.session.trace.settings import TraceSettings
 from palp_core.palpation.session.trials_csv import Row, read_rows
 from tests.support.palp import Palp, palp
 from tests.support.rig_session import ComposedGraph, check_here
@@ -26,7 +23,7 @@ __all__ = ["palp"]
 ROOT = Path(__file__).resolve().parents[2]
 SIM = ROOT / "launch" / "sim.yaml"
 WHOLE_S = 2.5
-SWIFT = Methods(stop="posterior_threshold", stop_value=0.99, trace_filter="linear")
+SWIFT = Methods(stop="posterior_threshold", stop_value=0.99, trace_filter="second_order")
 
 
 @pytest.fixture(scope="module")
@@ -67,22 +64,11 @@ def test_trials_end_within_a_sweep_and_the_record_has_what_was_swept(folder: Pat
 @pytest.mark.parametrize("kind", ["out", "bag"])
 def test_the_nodes_own_verdicts_are_found_again_bit_by_bit(folder: Path, rows: list[Row], kind: str) -> None:
     session = read_sweeps(folder / kind)
-    settings = TraceSettings.of(session.read_by)
-    assert (settings.from_m, settings.to_m) == (-0.026, 0.034)
-    reader, rule = trace_reader(session, settings, None, None), stop_rule("posterior_threshold", 0.99)
-    again = list(decide_again(session, reader, settings, rule, 15))
-    found = [one for trial in again for one in trial.posteriors]
-    assert [one.tolist() for one in found] == [row.posterior for row in rows]
-    assert [trial.word for trial in again] == ["decided"] * 6
-    whole = reanalyse(session, SWIFT)
-    assert [t.estimate_m for t in whole.trials] == [r.estimate_m for r in rows if r.verdict == "decided"]
-
-
-def test_another_filter_decides_the_same_sweeps(folder: Path) -> None:
-    session = read_sweeps(folder / "out")
-    grid = reanalyse(session, Methods(stop="posterior_threshold", stop_value=0.9, trace_filter="grid"))
-    assert {trial.verdict for trial in grid.trials} <= {"decided", "ran_out"}
-    assert sum(trial.estimate_m == trial.depth_m for trial in grid.trials) >= 5
+    again = reanalyse(session, SWIFT)
+    found = [list(posterior) for trial in again.trials for posterior in trial.posteriors]
+    assert found == [row.posterior for row in rows]
+    assert [trial.verdict for trial in again.trials] == ["decided"] * 6
+    assert [t.estimate_m for t in again.trials] == [r.estimate_m for r in rows if r.verdict == "decided"]
 
 
 def by_topic(bag: Path) -> dict[str, list[Any]]:
@@ -156,7 +142,7 @@ def test_on_emulated_devices_it_decides_within_the_sweep_and_nothing_trips(
     few = (
         "trials:=1",
         "training:=1",
-        "shared.trace_filter:=linear",
+        "shared.trace_filter:=second_order",
     )  # for so little training none is vouched for
     small = ("policy:=fixed", *few, "rings_mm:=8, 16", f"host:={host}", f"out:={out}")
     emulated = ROOT / "launch" / "emulated.yaml"

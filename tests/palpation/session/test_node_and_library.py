@@ -19,11 +19,13 @@ from msgs.stage import SweepStatus
 from msgs.torque import TorqueBlock
 from nodes.estimator import Estimator
 from palp_core import Bench
+from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief import latent
+from palp_core.palpation.perception.belief.primitives import fit_cells, quantisation_sd
 from palp_core.palpation.perception.belief.rig_noise import Component, RigNoise, write_noise
 from palp_core.palpation.perception.belief.trial_filter import TrialReading
 from palp_core.palpation.session.filters import filter_of
-from palp_core.palpation.session.reanalysis import Methods, learn, readings, reanalyse
+from palp_core.palpation.session.reanalysis import Methods, readings, reanalyse
 from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.recorded_sweeps import RecordedSweeps, read_sweeps
 from palp_core.palpation.session.trials_csv import read_rows
@@ -130,7 +132,12 @@ def test_node_and_library_have_the_same_beliefs_to_the_last_bit(
     methods = Methods(
         filter=name, feature=feature, likelihood=likelihood, depth_count=depths, stop="fixed_number"
     )
-    primitives = learn(session.phase("training"), readings(session.phase("training"), methods), "here")
+    training = session.phase("training")
+    values = readings(training, methods).tolist()
+    cells = [
+        (sweep.depth_m or 0.0, sweep.ring_m, value) for sweep, value in zip(training, values, strict=True)
+    ]
+    primitives = fit_cells(cells, quantisation_sd(RESOLUTION_N_M))
     belief = filter_of(
         primitives, name, likelihood=likelihood, depth_count=depths, feature=feature, noise=NOISE
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -120,11 +121,24 @@ def test_a_damaged_row_is_named_by_its_line(
         read_rows(writer.folder)
 
 
-def test_a_sweep_that_is_missing_or_damaged_is_named(writer: SessionWriter) -> None:
-    target = writer.folder / "sweeps" / "000001.npz"
-    target.write_bytes(target.read_bytes()[:100])
-    with pytest.raises(PalpError, match=r"000001.npz: the sweep of row 1 cannot be read"):
-        read_sweep(writer.folder, 1)
-    target.unlink()
-    with pytest.raises(PalpError, match=r"000001.npz: the sweep of row 1 cannot be read"):
+def inflating(path: Path) -> None:
+    """Write a few kB that unpack to 160 MiB."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("x.npy", "w") as file:
+        for _ in range(160):
+            file.write(bytes(1 << 20))
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (lambda path: path.write_bytes(path.read_bytes()[:100]), "the sweep of row 1 cannot be read"),
+        (Path.unlink, "the sweep of row 1 cannot be read"),
+        (inflating, "row 1 cannot be read: .*it unpacks to more than 128 MiB"),
+    ],
+)
+def test_a_sweep_that_is_missing_damaged_or_too_large_is_named(
+    writer: SessionWriter, damage: Callable[[Path], object], words: str
+) -> None:
+    damage(writer.folder / "sweeps" / "000001.npz")
+    with pytest.raises(PalpError, match=rf"000001.npz: .*{words}"):
         read_sweep(writer.folder, 1)

@@ -8,7 +8,6 @@ app = lazy_app(
     {
         "new": Verb(f"{_HERE}.sheet:new", "Write a session sheet to fill in."),
         "show": Verb(f"{_HERE}.sheet:show", "Show and check the sheet of a session, a bag or a file."),
-        "redact": Verb(f"{_HERE}.sheet:redact", "Copy a session without the names in its sheet."),
         "plan": Verb(f"{_HERE}.sheet:plan", "Show the trials of a session with a person."),
         "operate": Verb(f"{_HERE}.operate:operate", "Show the operator's tasks, and send what is typed."),
         "redo": Verb(f"{_HERE}.decide:redo", "Mark a trial to be done again; it does not count."),

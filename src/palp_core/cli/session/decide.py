@@ -91,9 +91,7 @@ def seal(
     from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
     from palp_core.palpation.mechanics.scene.sealed import seal as write_key
 
-    if key.exists():
-        raise PalpError(f"{key} exists; a key is drawn once")
-    given = write_key(key, load_phantoms(phantoms))
+    given = write_key(key, load_phantoms(phantoms), new=True)
     print_table([["phantom", "sticker"], *sorted([own, code] for code, own in given.items())])
     note(f"sealed: {key}; whoever takes part in the session must not see the lines above")
 

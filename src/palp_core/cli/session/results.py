@@ -67,7 +67,7 @@ def report(
         bool, option("Keep each chart as PNG, SVG and CSV, too, in charts/.", "--charts")
     ] = False,
 ) -> None:
-    """That is result.json and report.html, from the session's rows and sweeps (human.json and
+    """Write result.json and report.html with all charts, from the session's rows and sweeps (human.json and
     human.html, of a session with a person). Of a bag the rows and sweeps are made first, from what the nodes
     said.
     """
@@ -81,7 +81,7 @@ def report(
     if is_bag(path):
         whole = path.resolve()
         folder = out or path.parent / f"{whole.name.removesuffix('.mcap')}_report"
-        print_text(write(folder, write_record(path, folder, overwrite=overwrite), charts=charts))
+        print_text(write(folder, write_record(path, folder, overwrite=overwrite), files=charts))
     elif out is not None or overwrite:
         raise PalpError(
             f"{path} is no bag: the report of a session's folder is made in it, without --out or --overwrite"
@@ -89,7 +89,7 @@ def report(
     elif is_by_hand(path):
         print_text(write_human([path], path, sheet_of(read_note(path)), charts=charts))
     else:
-        print_text(write(path, read_note(path), charts=charts))
+        print_text(write(path, read_note(path), files=charts))
 
 
 def reanalyse(
@@ -99,7 +99,7 @@ def reanalyse(
     feature: Annotated[str, option("What is read off a sweep; as above.")] = "peak",
     filter: Annotated[str, option("What is known to stay; as above.")] = "naive",
     likelihood: Annotated[str, option("Of the naive filter; as above.")] = "normal",
-    trace_filter: Annotated[str, option("Filter of whole traces instead: linear, second_order, grid.")] = "",
+    trace_filter: Annotated[str, option("Filter of whole traces instead: second_order.")] = "",
     stop: Annotated[str | None, option("Stop rule; default: paper_guarded; of traces .99 posterior.")] = None,
     stop_value: Annotated[float, option("The stop rule's number; 0: its default.")] = 0.0,
     depths: Annotated[int, option("Size of the grid of depths; 0: the trained ones.", min=0)] = 0,

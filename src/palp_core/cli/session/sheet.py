@@ -1,16 +1,13 @@
-"""``palp session new``, ``show``, ``redact`` and ``plan``: the sheet and the trials of a session."""
+"""``palp session new``, ``show``, and ``plan``: the sheet and the trials of a session."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
-
 from palp_core.cli.options import JsonOption, argument, option
-from palp_core.cli.output import note, print_json, print_table, print_text
+from palp_core.cli.output import print_json, print_table, print_text
 from palp_core.counted import counted
 from palp_core.errors import PalpError
 
@@ -59,51 +56,6 @@ def show(
         print_json(sheet)
     else:
         print_table(sheet_lines(sheet))
-
-
-def redact(
-    folder: Annotated[Path, argument("A session's folder, or a bag of its run.", "DIR|BAG")],
-    out: Annotated[Path, option("For the copy.", "--out", "-o", metavar="DIR")],
-    also: Annotated[
-        str, option("Beside operator, subject, ethics and note: lab, began.", metavar="FIELD,...")
-    ] = "",
-) -> None:
-    """Files that are no part of the session stay behind. Status 1: the copy still has a word of them."""
-    from palp_core.palpation.session.bag_record import is_bag
-    from palp_core.palpation.session.human.record import is_by_hand
-    from palp_core.palpation.session.report import write
-    from palp_core.palpation.session.run_note import read_note
-    from palp_core.palpation.session.sheet import redact as redaction
-    from palp_core.palpation.session.sheet.of_run import sheet_of
-
-    fields = [*redaction.FIELDS, *(word.strip() for word in also.split(",") if word.strip())]
-    if is_bag(folder):
-        from palp_core.palpation.session.sheet.redact_bag import redact_bag
-
-        told = redact_bag(folder, out, fields)
-        print_text(f"{out}: a copy of {folder} without them")
-        _tell(out, told)
-        return
-    if is_by_hand(folder):
-        raise PalpError(
-            f"{folder}: is of a session with a person, whose record has the subject's code in every row and "
-            "name of a file: give it away by palp session export, or its bag redacted"
-        )
-    summary = read_note(folder)
-    copied = redaction.redact(folder, summary, out, fields)
-    print_text(write(out, copied))
-    if names := redaction.left_out(folder):
-        note(f"not copied, no part of the session: {', '.join(names)}")
-    sheet = sheet_of(summary)
-    _tell(out, list(redaction.still_told(out, sheet, fields)) if sheet is not None else [])
-
-
-def _tell(out: Path, told: Sequence[str]) -> None:
-    """Say what a copy still tells; status 1 if anything."""
-    for words in told:
-        note(f"{out}: {words}")
-    if told:
-        raise typer.Exit(1)
 
 
 def _sheet_at(path: Path, *, by_hand: bool) -> SessionSheet:

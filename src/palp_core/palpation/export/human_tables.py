@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from palp_core.errors import PalpError
 from palp_core.palpation.export.tables import ExportTable, Values, joined, table_of
 from palp_core.palpation.session.audit import TrialKey
 from palp_core.palpation.session.human.record import EMG, HumanRow
+from palp_core.palpation.session.trials_csv import read_arrays
 from palp_core.units import Float64Array
 
 
@@ -53,12 +53,9 @@ def human_recordings(folder: Path, rows: Sequence[HumanRow]) -> list[HumanRecord
 
 
 def _read(folder: Path, file: str, subject: str, phase: str, trial: int) -> HumanRecording:
-    try:
-        with np.load(folder / file, allow_pickle=False) as kept:
-            samples_v = np.array([kept["fds_v"], kept["edc_v"]], dtype=np.float64)
-            return HumanRecording(file, subject, phase, trial, samples_v, float(kept["rate_hz"]))
-    except (OSError, ValueError, KeyError) as error:
-        raise PalpError(f"{folder / file}: this EMG cannot be read: {error}") from error
+    kept = read_arrays(folder / file, "this EMG", ("fds_v", "edc_v", "rate_hz"))
+    samples_v = np.array([kept["fds_v"], kept["edc_v"]], dtype=np.float64)
+    return HumanRecording(file, subject, phase, trial, samples_v, float(kept["rate_hz"]))
 
 
 def human_tables(

@@ -1,35 +1,20 @@
 """How a reading answers to the phantom's height, by the mechanics; and the filters that need to know it."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from palp_core.methods import find
 from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
 from palp_core.palpation.mechanics.scene.choice import choose_rung, rung_model
-from palp_core.palpation.mechanics.scene.file import read_scene
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.belief.primitives import Primitives
-from palp_core.palpation.perception.belief.rig_noise import RigNoise, noise_of
+from palp_core.palpation.perception.belief.rig_noise import RigNoise
 from palp_core.palpation.perception.belief.trial_filter import NAIVE, TrialFilter, trial_filter
 from palp_core.units import Float64Array
 
 _HEIGHT_STEP_M = 1e-4
 _STAGE_STEP_M = 2e-5  # one sample at 20 mm/s and 1 kHz
-
-
-def filter_by(params: Any, primitives: Primitives, used: Mapping[str, str]) -> TrialFilter:
-    """Return the filter that a node's parameters describe, with each task's method; as :func:`filter_of`."""
-    return filter_of(
-        primitives,
-        used["filter"],
-        likelihood=used["likelihood"],
-        depth_count=params.depths,
-        feature=used["feature"],
-        noise=noise_of(params.noise, params.ring_sd_mm * 1e-3, params.height_sd_mm * 1e-3),
-        scene=read_scene(params.scene) if params.scene else None,
-    )
 
 
 def filter_of(

@@ -7,7 +7,4 @@ efficacy of haptic perception?", IEEE Transactions on Haptics.
 FIXED = {"2": 0.80, "4": 0.60, "8": 0.60, "overall": 0.667}
 """Accuracy at a fixed ring position by depth in mm, average over the five positions."""
 
-HUMAN_STRATEGY = 0.90
-"""Overall accuracy with the human strategy; the text says slightly above 90 %, better at every depth."""
-
 HUMAN_STRATEGY_TEXT = "slightly above 90 %"

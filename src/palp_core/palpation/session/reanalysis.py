@@ -1,27 +1,24 @@
 """Decide stored sessions again with other methods, without the rig: the sweeps are what was felt."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass
 from itertools import groupby
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from palp_core.errors import PalpError, PerceptionError
 from palp_core.methods import find
 from palp_core.palpation.mechanics.scene.scene import Scene
-from palp_core.palpation.nano17 import RESOLUTION_N_M
-from palp_core.palpation.perception.belief import bayes
-from palp_core.palpation.perception.belief.information import gain_vector
-from palp_core.palpation.perception.belief.primitives import Primitives, fit, quantisation_sd
+from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.palpation.perception.belief.rig_noise import RigNoise
-from palp_core.palpation.perception.belief.stopping import decide, stop_rule
-from palp_core.palpation.perception.belief.trial_filter import NAIVE, TrialFilter, TrialReading
-from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
-from palp_core.palpation.perception.strategy.trained_rings import untrained
-from palp_core.palpation.session.filters import filter_of
+from palp_core.palpation.perception.belief.trial_filter import NAIVE
+from palp_core.palpation.session.reading import FeatureReading, ReadingMemory, reading_of
+from palp_core.palpation.session.reading_params import ReadingParams
 from palp_core.palpation.session.recorded_sweeps import RecordedSweep, RecordedSweeps
-from palp_core.palpation.session.trace.again import decide_again, trace_reader
-from palp_core.palpation.session.trace.settings import TraceSettings
+from palp_core.palpation.session.trace_settings import TraceSettings
 from palp_core.units import Float64Array
 
 
@@ -71,6 +68,7 @@ class ReanalysedTrial:
         probe_count: Stored sweeps that were used.
         verdict: ``decided``, ``undecided``, or ``ran_out`` where the rule wanted more sweeps than there are.
         expected_m: Mean depth of the belief.
+        posteriors: The belief after each sweep.
     """
 
     trial: int
@@ -80,6 +78,7 @@ class ReanalysedTrial:
     probe_count: int
     verdict: str
     expected_m: float
+    posteriors: tuple[tuple[float, ...], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,29 +97,12 @@ def readings(sweeps: Sequence[RecordedSweep], methods: Methods) -> Float64Array:
     Raises:
         PerceptionError: A sweep is too short, or holds NaN.
     """
-    feature, edge = find("feature", methods.feature).target, edge_cone()
-    clean = (denoise(sweep.torque_n_m, rule=methods.denoise) for sweep in sweeps)
-    return np.array([feature(torque_n_m, edge=edge).value_n_m for torque_n_m in clean])
-
-
-def learn(sweeps: Sequence[RecordedSweep], values: Float64Array, where: object) -> Primitives:
-    """Return the memory primitives of training sweeps."""
-    known = [(s, v) for s, v in zip(sweeps, values.tolist(), strict=True) if s.depth_m is not None]
-    if not known:
-        raise PalpError(f"{where}: has no training sweeps with known depths; there is nothing to learn from")
-    depths_m = sorted({float(s.depth_m or 0.0) for s, _ in known})
-    rings_m = sorted({s.ring_m for s, _ in known})
-    try:
-        return fit(
-            np.array([v for _, v in known]),
-            [depths_m.index(float(s.depth_m or 0.0)) for s, _ in known],
-            [rings_m.index(s.ring_m) for s, _ in known],
-            depths_m=depths_m,
-            rings_m=rings_m,
-            floor=quantisation_sd(RESOLUTION_N_M),
-        )
-    except PerceptionError as error:
-        raise PalpError(f"{where}: {error}") from error
+    reading, memory = _reading(RecordedSweeps(Path(), ()), methods, None, None), ReadingMemory()
+    values = []
+    for sweep in sweeps:
+        _feel(reading, memory, sweep)
+        values.append(reading.feature(memory).value_n_m)
+    return np.array(values)
 
 
 def reanalyse(
@@ -135,109 +117,92 @@ def reanalyse(
         scene: Gel, probe and indentation, from which the latent filter takes how a reading answers to the
             phantom's height; None: the default scene, assumed.
     """
-    training, estimation = session.phase("training"), session.phase("estimation")
-    primitives = learn(training, readings(training, methods), session.path)
-    if not estimation:
-        raise PalpError(f"{session.path}: has no trial of estimation to decide again")
-    if methods.trace_filter:
-        return _by_traces(session, methods, primitives, noise, scene)
-    values = dict(zip(map(id, estimation), readings(estimation, methods).tolist(), strict=True))
-    if methods.filter != NAIVE and noise is None:
+    if methods.filter != NAIVE and noise is None and not methods.trace_filter:
         raise PalpError(
             f"the filter '{methods.filter}' needs to know what stays: name a noise file with --noise "
             "(palp launch FILE plan:=repeatability writes one)"
         )
-    belief = filter_of(
-        primitives,
-        methods.filter,
-        likelihood=methods.likelihood,
-        depth_count=methods.depth_count,
-        feature=methods.feature,
-        noise=noise,
-        scene=scene,
-    )
-    trials = []
-    left_out = []
-    for number, group in groupby(estimation, key=lambda sweep: sweep.trial):
-        sweeps = sorted(group, key=lambda sweep: sweep.iteration)
-        if untrained([sweep.ring_m for sweep in sweeps], primitives.rings_m.tolist()):
-            left_out.append(number)  # the session dropped it, too
-            continue
-        trials.append(_decide(number, sweeps, [values[id(s)] for s in sweeps], belief, methods))
-    return ReanalysedSession(session, primitives, tuple(trials), tuple(left_out))
-
-
-def _by_traces(
-    session: RecordedSweeps,
-    methods: Methods,
-    primitives: Primitives,
-    noise: RigNoise | None,
-    scene: Scene | None,
-) -> ReanalysedSession:
-    """Decide the trials by their whole traces, along the path and with the spreads that it states."""
-    if not session.read_by:
-        raise PalpError(
-            f"{session.path}: does not say over which path it swept (run.json is missing): nothing lays its "
-            "traces along one"
-        )
-    settings = replace(
-        TraceSettings.of(session.read_by), depths=methods.depth_count, trace_filter=methods.trace_filter
-    )
+    reading, memory = _reading(session, methods, noise, scene), ReadingMemory()
     try:
-        reader = trace_reader(session, settings, noise, scene)
+        primitives = _learn(reading, memory, session)
+        trials, left_out = [], []
+        for number, group in groupby(session.phase("estimation"), key=attrgetter("trial")):
+            sweeps = sorted(group, key=attrgetter("iteration"))
+            if any(reading.setting(memory, sweep.ring_m) is None for sweep in sweeps):
+                left_out.append(number)  # the session dropped it, too
+            else:
+                trials.append(_decide(reading, memory, sweeps, methods.max_probes))
     except PerceptionError as error:
         raise PalpError(f"{session.path}: {error}") from error
-    rule, depths_m = stop_rule(methods.stop, methods.stop_value), reader.depths_m
-    trials, left_out = [], []
-    for one in decide_again(session, reader, settings, rule, methods.max_probes):
-        if not one.posteriors:
-            left_out.append(one.trial)
-            continue
-        last = one.posteriors[-1]
-        best = int(np.argmax(last))
-        trials.append(
-            ReanalysedTrial(
-                one.trial,
-                one.sweeps[0].depth_m,
-                float(depths_m[best]),
-                float(last[best]),
-                len(one.posteriors),
-                one.word,
-                float(last @ depths_m),
-            )
-        )
+    if not trials and not left_out:
+        raise PalpError(f"{session.path}: has no trial of estimation to decide again")
     return ReanalysedSession(session, primitives, tuple(trials), tuple(left_out))
+
+
+def _reading(
+    session: RecordedSweeps, methods: Methods, noise: RigNoise | None, scene: Scene | None
+) -> FeatureReading:
+    """Return the reading of methods; of whole traces along the path and with the spreads that it states."""
+    known: dict[str, Any] = {}
+    if methods.trace_filter:
+        if not session.read_by:
+            raise PalpError(
+                f"{session.path}: run.json is missing, and with it the path of the sweeps; traces need it"
+            )
+        names = TraceSettings.__struct_fields__
+        known = {name: value for name, value in session.read_by.items() if name in names}
+        known["reading"] = "trace"
+    params = ReadingParams(**known | {"stop_value": methods.stop_value, "depths": methods.depth_count})
+    return reading_of(params, asdict(methods), noise, scene)
+
+
+def _learn(reading: FeatureReading, memory: ReadingMemory, session: RecordedSweeps) -> Primitives:
+    known = [(sweep, sweep.depth_m) for sweep in session.phase("training") if sweep.depth_m is not None]
+    if not known:
+        raise PalpError(
+            f"{session.path}: has no training sweeps with known depths; there is nothing to learn from"
+        )
+    for sweep, depth_m in known:
+        memory.begin_trial(sweep.phantom)
+        _feel(reading, memory, sweep)
+        reading.teach(memory, depth_m, sweep.ring_m, reading.feature(memory).value_n_m)
+    return reading.learn(memory)
+
+
+def _feel(reading: FeatureReading, memory: ReadingMemory, sweep: RecordedSweep) -> None:
+    """Have a reading take a stored sweep, as far as it goes or is needed."""
+    enter_ns, leave_ns = sweep.enter_ns or 0, sweep.leave_ns or 0
+    if reading.follows and not (leave_ns and sweep.start_ns is not None):
+        raise PerceptionError("the times at which a sweep was over the path are missing; traces need them")
+    reading.begin(memory, enter_ns, leave_ns)
+    reading.add(memory, sweep.start_ns or 0, sweep.rate_hz, sweep.torque_n_m)
+    reading.end(memory)
 
 
 def _decide(
-    number: int,
-    sweeps: Sequence[RecordedSweep],
-    values: Sequence[float],
-    belief: TrialFilter,
-    methods: Methods,
+    reading: FeatureReading, memory: ReadingMemory, sweeps: Sequence[RecordedSweep], max_probes: int
 ) -> ReanalysedTrial:
-    rings_m, depths_m = belief.primitives.rings_m, belief.primitives.depths_m
-    rule, flat = stop_rule(methods.stop, methods.stop_value), np.exp(bayes.flat_prior(depths_m.size))
-    probes: list[TrialReading] = []
-    posteriors: list[Float64Array] = []
-    gains: list[Float64Array] = []
+    memory.begin_trial()
     word = "ran_out"
-    for sweep, value in zip(sweeps, values, strict=True):
-        ring = int(np.flatnonzero(np.isclose(rings_m, sweep.ring_m, atol=1e-9))[0])
-        probes.append(TrialReading(value, ring, sweep.landed or not probes or ring != probes[-1].setting))
-        posteriors.append(belief.posterior(probes))
-        gains.append(gain_vector(posteriors[-1], flat))
-        verdict = decide(rule, posteriors, gains, max_probes=methods.max_probes)
+    for sweep in sweeps:
+        _feel(reading, memory, sweep)
+        reading.look(memory, sweep.ring_m, landed=sweep.landed)
+        # one that was decided early may be too short for a feature, which a trace has no use for
+        value_n_m = 0.0 if reading.follows else reading.feature(memory).value_n_m
+        reading.posterior(memory, sweep.ring_m, value_n_m, landed=sweep.landed)
+        verdict = reading.verdict(memory, max_probes)
         if verdict.word != "continue":
             word = verdict.word
             break
-    best = int(np.argmax(posteriors[-1]))
+    last, depths_m = np.array(memory.posteriors[-1]), reading.depths_m(memory)
+    best = int(np.argmax(last))
     return ReanalysedTrial(
-        number,
+        sweeps[0].trial,
         sweeps[0].depth_m,
         float(depths_m[best]),
-        float(posteriors[-1][best]),
-        len(posteriors),
+        float(last[best]),
+        len(memory.posteriors),
         word,
-        float(posteriors[-1] @ depths_m),
+        float(last @ depths_m),
+        tuple(tuple(row) for row in memory.posteriors),
     )

@@ -24,7 +24,9 @@ from palp_core.palpation.session.sheet.of_run import (
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
+    from palp_core.palpation.reporting.html_page import Picture
     from palp_core.palpation.session.recorded_session import RecordedSession
+    from palp_core.palpation.session.result import SessionResult
 
 
 class SessionReport:
@@ -62,19 +64,20 @@ class SessionReport:
                 return f"Nothing is kept: the session in '{folder}' had not begun."
         except OSError as error:
             raise _cannot_report(folder, error) from error
-        return write(folder, summary)
+        return write(folder, summary, charts=False)
 
 
 session = SessionReport()
 
 
-def write(folder: Path, summary: RunSummary, *, charts: bool = False) -> str:
+def write(folder: Path, summary: RunSummary, *, charts: bool = True, files: bool = False) -> str:
     """Write the result and the page of the session in a folder.
 
     Args:
         folder: Where the record is now.
         summary: How its run went.
-        charts: Each chart is kept as PNG, SVG and CSV, too, in ``charts/``.
+        charts: Whether the page has all charts; drawing them takes two seconds. Without it has accuracies.
+        files: Whether each chart is kept as PNG, SVG and CSV, too, in ``charts/``.
 
     Returns:
         The result in words, what is kept, and where.
@@ -94,7 +97,7 @@ def write(folder: Path, summary: RunSummary, *, charts: bool = False) -> str:
         )
     try:
         write_copy(summary, folder)
-        said = _write(found, summary, charts=charts)
+        said = _write(found, summary, charts=charts, files=files)
     except OSError as error:
         raise _cannot_report(folder, error) from error
     page = f". Report: {folder / 'report.html'}" if (folder / "report.html").exists() else ""
@@ -111,9 +114,7 @@ def _cannot_report(folder: Path, error: OSError) -> PalpError:
     )
 
 
-def _write(found: RecordedSession, summary: RunSummary, *, charts: bool) -> str:
-    from palp_core.palpation.reporting.html_page import picture
-    from palp_core.palpation.session.charts.of_session import charts_of
+def _write(found: RecordedSession, summary: RunSummary, *, charts: bool, files: bool) -> str:
     from palp_core.palpation.session.plan_repeatability import is_repeatability
     from palp_core.palpation.session.report_page import headline, write_report
     from palp_core.palpation.session.result import write_result
@@ -123,12 +124,21 @@ def _write(found: RecordedSession, summary: RunSummary, *, charts: bool) -> str:
     write_result(result, found.folder)
     if is_repeatability([row.phase for row in found.rows]):
         return _repeatability(found, summary, result.unfinished_words())
-    folder = found.folder / "charts" if charts else None
-    pictures = [picture(chart, folder) for chart in charts_of(found, summary, result)]
+    pictures = _pictures(found, summary, result, files=files) if charts else []
     page = found.folder / "report.html"
     sheet = sheet_of(summary)
     write_report(page, result, pictures, trials=found.trials, given=summary.given, sheet=sheet)
     return headline(result)
+
+
+def _pictures(
+    found: RecordedSession, summary: RunSummary, result: SessionResult, *, files: bool
+) -> list[Picture]:
+    from palp_core.palpation.reporting.html_page import picture
+    from palp_core.palpation.session.charts.of_session import charts_of
+
+    folder = found.folder / "charts" if files else None
+    return [picture(chart, folder) for chart in charts_of(found, summary, result)]
 
 
 def _repeatability(found: RecordedSession, summary: RunSummary, unfinished: str) -> str:

@@ -78,6 +78,8 @@ def write_report(
     """
     mechanics, confusion = result.mechanics, result.confusion
     depths = [f"{depth:g} mm" for depth in confusion.depths_mm]
+    accuracy = result.accuracy
+    bars = [(f"{depth} mm", share) for depth, share in accuracy.per_depth_mm.items() if share.of]
     return write_page(
         path,
         "session.html",
@@ -85,6 +87,9 @@ def write_report(
         label=result.policy_label(),
         unfinished=result.unfinished_words(),
         headline=headline(result),
+        folder=path.parent.resolve(),
+        bars=[*bars, ("overall", accuracy.overall)] if accuracy.overall.of else [],
+        marks={name if name == "overall" else f"{name} mm": share for name, share in FIXED.items()},
         pictures=pictures,
         sheet=sheet_lines(sheet) if sheet is not None else [],
         command=command(result, given),

@@ -288,9 +288,21 @@ def _value(kind: Any, text: str) -> Any:
 def read_sweep(out: str | Path, row: int) -> tuple[Float64Array, float]:
     """Return torque in N m, shape (n,), and sampling rate in Hz of a row."""
     path = Path(out) / SWEEPS / f"{row:06d}.npz"
+    found = read_arrays(path, f"the sweep of row {row}", ("torque_n_m", "rate_hz"))
+    return found["torque_n_m"], float(found["rate_hz"])
+
+
+def read_arrays(path: Path, what: str, names: Sequence[str]) -> dict[str, Any]:
+    """Return arrays of an NPZ file by name; one that unpacks to more than 128 MiB is refused before it does.
+
+    Raises:
+        PalpError: It is missing, damaged, too large, or lacks an array.
+    """
     try:
         check_regular(path, LARGEST_BYTES)
-        with path.open("rb") as file, np.load(file) as content:
-            return content["torque_n_m"], float(content["rate_hz"])
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise PalpError(f"{path}: the sweep of row {row} cannot be read: {in_words(error)}") from error
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
+            if sum(entry.file_size for entry in content.zip.infolist()) > LARGEST_BYTES:
+                raise ValueError(f"it unpacks to more than {LARGEST_BYTES >> 20} MiB")
+            return {name: content[name] for name in names}
+    except (OSError, ValueError, KeyError, EOFError, MemoryError, zipfile.BadZipFile) as error:
+        raise PalpError(f"{path}: {what} cannot be read: {in_words(error)}") from error

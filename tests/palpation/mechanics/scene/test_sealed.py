@@ -61,6 +61,8 @@ def test_a_pipe_in_the_place_of_phantoms_is_refused_and_not_waited_for(tmp_path:
 def test_whoever_comes_second_finds_the_codes_of_the_first(tmp_path: Path) -> None:
     first = seal(tmp_path / "key", PHANTOMS)
     assert seal(tmp_path / "key", PHANTOMS) == first
+    with pytest.raises(MechanicsError, match="exists; a key is drawn once"):
+        seal(tmp_path / "key", PHANTOMS, new=True)
     assert [path.name for path in tmp_path.iterdir()] == ["key"]
 
 

@@ -27,7 +27,7 @@ from palp_core.palpation.perception.belief.stopping import (
     stop_rule,
     total_variation,
 )
-from palp_core.palpation.session.methods.estimating import mistakes
+from palp_core.palpation.session.reading_params import mistakes
 from palp_core.palpation.session.reanalysis import Methods as DecisionMethods
 
 FLAT = np.full(3, 1 / 3)

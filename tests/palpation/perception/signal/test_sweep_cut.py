@@ -29,10 +29,10 @@ def test_a_cut_is_the_stream_between_entering_and_leaving(size: int, enter: int,
     fed(cut, 200, 1500, size)
     cut.bound(enter * MS, (enter + length) * MS)
     assert cut.complete
-    found = cut.cut(1000.0)
-    assert found.start_ns == enter * MS
-    np.testing.assert_allclose(found.torque_n_m, np.arange(enter, enter + length + 1) * 1e-3, atol=1e-9)
-    assert found.largest_gap_s == pytest.approx(1e-3)
+    start_ns, torque_n_m = cut.since(1000.0, 0)
+    assert start_ns == enter * MS
+    np.testing.assert_allclose(torque_n_m, np.arange(enter, enter + length + 1) * 1e-3, atol=1e-9)
+    assert cut.largest_gap_s(1000.0) == pytest.approx(1e-3)
 
 
 def test_it_waits_until_the_stream_has_passed_the_end() -> None:
@@ -63,9 +63,9 @@ def test_a_gap_is_bridged_and_its_length_told() -> None:
     fed(cut, 0, 200, 20)
     fed(cut, 250, 500, 20)
     cut.bound(100 * MS, 300 * MS)
-    found = cut.cut(1000.0)
-    np.testing.assert_allclose(found.torque_n_m, np.arange(100, 301) * 1e-3, atol=1e-9)
-    assert found.largest_gap_s == pytest.approx(0.051)
+    _, torque_n_m = cut.since(1000.0, 0)
+    np.testing.assert_allclose(torque_n_m, np.arange(100, 301) * 1e-3, atol=1e-9)
+    assert cut.largest_gap_s(1000.0) == pytest.approx(0.051)
 
 
 def test_a_stream_that_was_silent_is_refused() -> None:
@@ -74,7 +74,7 @@ def test_a_stream_that_was_silent_is_refused() -> None:
     fed(cut, 400, 500, 20)
     cut.bound(100 * MS, 300 * MS)
     with pytest.raises(ValueError, match="no torque came"):
-        cut.cut(1000.0)
+        cut.since(1000.0, 0)
 
 
 def test_a_successor_goes_on_with_it() -> None:
@@ -83,4 +83,4 @@ def test_a_successor_goes_on_with_it() -> None:
     fed(cut, 0, 500, 20)
     kept = msgspec.msgpack.decode(msgspec.msgpack.encode(cut), type=SweepCut)
     kept.bound(100 * MS, 300 * MS)
-    assert len(kept.cut(1000.0).torque_n_m) == 201
+    assert len(kept.since(1000.0, 0)[1]) == 201

@@ -1,4 +1,4 @@
-"""Filters over traces: straight and over a grid, against touches whose answers are known."""
+"""The filter over traces, against touches whose answers are known."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -6,11 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palp_core.errors import MethodError, PerceptionError
-from palp_core.methods import names
+from palp_core.errors import MethodError
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.trace.belief import begin_sweep, classes, observe, start
-from palp_core.palpation.perception.trace.filters import NODES, DepthGrid, TraceKnowledge, model_of
+from palp_core.palpation.perception.trace.filters import DepthGrid, TraceKnowledge, model_of
 from palp_core.palpation.perception.trace.model import Stays, TraceModel
 from palp_core.palpation.perception.trace.texture import Texture
 from palp_core.palpation.perception.trace.training import TrainedTraces, learn
@@ -47,7 +46,6 @@ def known(names: tuple[str, ...] = tuple(SD), depths_m: tuple[float, ...] = DEPT
     bends = np.stack(bend, -1)
     bends[np.abs(bends) * sd**2 < 1e-9] = 0.0  # rounding of what is straight
     return TraceKnowledge(
-        names,
         sd,
         stays,
         touch({}, depths_m),
@@ -80,33 +78,23 @@ def stated_and_right(model: TraceModel, count: int = 3000) -> tuple[float, float
     felt = np.array([touch({"friction": f})[d, 1] for d, f in zip(truth, frictions, strict=True)])
     felt += rng.normal(0.0, NOISE_N_M, felt.shape)
     belief = observe(model, begin_sweep(start(model, count), 1, landed=True), felt)
-    found = classes(model, belief.log_density)
+    found = classes(belief.log_density)
     return float(found.max(axis=1).mean()), float((found.argmax(axis=1) == truth).mean())
 
 
 def test_slopes_are_those_of_the_touch_and_count_against_training() -> None:
-    model = model_of("linear", trained(), known())
+    model = model_of("second_order", trained(), known())
     twice = np.sqrt(2.0)  # one mounting a class: the offset counts against training's own
     np.testing.assert_allclose(model.slope[..., 1], 2.0 * twice, rtol=1e-9)
     bump = np.exp(-(((PLACE_M - 0.012) / 0.004) ** 2))
     np.testing.assert_allclose(model.slope[0, 0, :, 2], 0.4 * 5e-3 * bump * twice, rtol=1e-9)
     np.testing.assert_allclose(model.slope[..., 0], 0.6 * np.sqrt(1.0 + 1.0 / 20.0), rtol=1e-9)
-    assert model.stays == ("landing", "trial", "trial")
-
-
-def test_a_grid_over_the_most_curved_offset_beats_the_line_there() -> None:
-    straight = model_of("linear", trained(), known())
-    nodes = model_of("grid", trained(), known())
-    assert known().names[known().most_curved()] == "friction"
-    assert len(nodes.class_of) == NODES * len(straight.class_of)
-    (of_line, line_right), (of_grid, grid_right) = stated_and_right(straight), stated_and_right(nodes)
-    assert abs(of_grid - grid_right) < abs(of_line - line_right)
-    assert grid_right > line_right
+    assert model.stays == ("landing", "trial", "trial", "trial")
 
 
 def test_squares_of_offsets_are_offsets_whose_variance_is_that_of_the_touch() -> None:
     bent = model_of("second_order", trained(), known())
-    assert known().bent.names == (*known().names, "friction squared")
+    assert len(bent.stays) == len(known().sd) + 1  # the friction squared
     frictions = SD["friction"] * np.random.default_rng(3).standard_normal(20000)
     top = np.array([touch({"friction": f})[0, 1, 6] for f in frictions])
     of_friction = [2, 3]
@@ -140,28 +128,25 @@ def test_the_texture_is_that_of_trainings_mountings_where_there_are_several() ->
         [8 * d + m for d, _, m in cells],
         floor_n_m=1e-6,
     )
-    model = model_of("linear", several, known((LANDING,)))
+    model = model_of("second_order", several, known((LANDING,)))
     assert model.texture.sd_n_m == pytest.approx(1.048 * 2e-4 * np.sqrt(1.0 + 1.0 / 8.0), rel=2e-3)
     assert model.texture.length_m == pytest.approx(1.024 * 3e-3, rel=2e-3)
-    assert model_of("linear", trained(), known((LANDING,))).texture.sd_n_m == pytest.approx(
+    assert model_of("second_order", trained(), known((LANDING,))).texture.sd_n_m == pytest.approx(
         1e-6 * np.sqrt(2.0)
     )
 
 
-@pytest.mark.parametrize(("share", "name"), [(0.5, "linear"), (1.0, "second_order"), (2.0, ""), (4.0, "")])
-def test_the_register_chooses_by_how_much_a_filter_is_told_to_differ(share: float, name: str) -> None:
+@pytest.mark.parametrize(("share", "good"), [(0.5, True), (1.0, True), (2.0, False), (4.0, False)])
+def test_the_register_goes_by_how_much_is_told_to_differ(share: float, good: bool) -> None:
     spreads = ("trace_height_sd_m", "friction_sd", "modulus_sd", "place_sd_m", "tip_sd_m")
     given = {**PUBLISHED, **{one: share * PUBLISHED[one] for one in spreads}}
-    if name:
-        assert chosen_method("trace_filter", Scene(), given=given).name == name
+    if good:
+        assert chosen_method("trace_filter", Scene(), given=given).name == "second_order"
     else:
         with pytest.raises(MethodError, match="no trace_filter method gives 'decision'"):
             chosen_method("trace_filter", Scene(), given=given)
 
 
-def test_what_it_cannot_know_is_said() -> None:
-    assert set(names("trace_filter")) >= {"linear", "second_order", "grid"}
+def test_an_unknown_filter_is_refused() -> None:
     with pytest.raises(MethodError, match="no method 'magic'"):
         model_of("magic", trained(), known())
-    with pytest.raises(PerceptionError, match="a grid needs an offset"):
-        model_of("grid", trained(), known((LANDING,)))

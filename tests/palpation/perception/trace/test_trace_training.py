@@ -8,15 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.perception.trace.bins import BinnedSweep, PositionBins, binned
+from palp_core.palpation.perception.trace.bins import BinnedSweep, PositionBins
 from palp_core.palpation.perception.trace.texture import Texture, fit_texture
-from palp_core.palpation.perception.trace.training import (
-    TraceOffsets,
-    learn,
-    shrunk_covariance,
-    sticking,
-    trace_model,
-)
+from palp_core.palpation.perception.trace.training import learn, shrunk_covariance, sticking
 
 PATH = PositionBins.over(-0.03, 0.05, 0.002)
 
@@ -28,16 +22,17 @@ def test_blocks_give_the_bins_of_the_whole(cuts: list[int], backward: bool) -> N
     if backward:
         position, bins = position[::-1], PositionBins.over(position[-1], -0.03, 0.002)
     torque = np.sin(position * 300.0) + 0.01 * np.random.default_rng(1).standard_normal(4000)
-    whole = binned(bins, position, torque)
-    sweep = BinnedSweep()
+    whole, sweep = BinnedSweep(), BinnedSweep()
+    whole.add(bins, position, torque)
+    whole.finish(bins)
     ends = [0, *sorted(cuts), 4000]
     for low, high in itertools.pairwise(ends):
         sweep.add(bins, position[low:high], torque[low:high])
     sweep.finish(bins)
-    assert np.array_equal(whole, sweep.done)
-    assert len(whole) == bins.count
+    assert whole.done == sweep.done
+    assert len(whole.done) == bins.count
     index = bins.index(position)
-    np.testing.assert_allclose(whole, [torque[index == b].mean() for b in range(bins.count)], rtol=1e-12)
+    np.testing.assert_allclose(whole.done, [torque[index == b].mean() for b in range(bins.count)], rtol=1e-12)
 
 
 def test_a_bin_without_a_sample_lies_between_its_neighbours() -> None:
@@ -61,7 +56,7 @@ def test_bad_bins_and_samples_are_refused() -> None:
 )
 def test_the_texture_of_residuals_is_found_again(form: str, sd_n_m: float, length_m: float) -> None:
     """What 30 rows tell of a spread of 2e-4 and a length of 5e-3."""
-    rng, true = np.random.default_rng(2), Texture(2e-4, 5e-3, 0.5, form)
+    rng, true = np.random.default_rng(2), Texture(2e-4, 5e-3, form)
     place = PATH.middle_m
     slope = np.broadcast_to(np.cos(place * 60.0)[:, None], (30, len(place), 1))
     covariance = true.covariance(place, place) + 1e-10 * np.eye(len(place))
@@ -101,11 +96,6 @@ def test_training_teaches_the_mean_of_mountings_and_the_scatter_without_the_land
     np.testing.assert_allclose(learnt.mean, wanted, atol=3e-4)
     steep = np.array([0.1 / (1.0 + 1e3 * d) for d in depths])[:, None, None] * shape
     np.testing.assert_allclose(learnt.ring_slope, np.broadcast_to(steep, learnt.mean.shape), atol=2e-3)
-    ones = np.ones((2, 3, PATH.count, 2))
-    offsets = TraceOffsets(("height", "landing"), np.array([1e-4, 1.7e-4]), ("trial", "landing"), ones)
-    model = trace_model(learnt, offsets, Texture(), np.tile(place, (2, 3, 1)))
-    np.testing.assert_allclose(model.slope[..., 0], np.sqrt(1.0 + 1.0 / 3.0))
-    np.testing.assert_allclose(model.slope[..., 1], np.sqrt(1.0 + 1.0 / 60.0))
 
 
 def test_a_cell_without_a_sweep_is_named() -> None:

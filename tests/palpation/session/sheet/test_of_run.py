@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -16,12 +15,10 @@ from palp_core.errors import PalpError
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.launch.checking import check_start
 from palp_core.graph.launch.summary import RunSummary
-from palp_core.palpation.session.audit import left_out
 from palp_core.palpation.session.bag_record import launch_of
 from palp_core.palpation.session.report import session
 from palp_core.palpation.session.run_note import read_note
-from palp_core.palpation.session.sheet.of_run import asked_sheet, sheet_of, texts_to_keep
-from palp_core.whole_file import write_json
+from palp_core.palpation.session.sheet.of_run import asked_sheet, sheet_of
 from tests.palpation.session.sheet.filled import FILLED
 from tests.support.palp import ROOT
 from tests.support.rig_session import RigSession, check_here
@@ -145,48 +142,3 @@ def test_a_sheet_is_shown_of_file_folder_and_bag(sheet: str, rig_session: RigSes
         assert code == 0
         assert "simulation" in said
         assert json.loads(run("show", path, "--json")[1])["simulated"] is True
-
-
-@pytest.fixture
-def named(tmp_path: Path, sheet: str) -> Path:
-    """A session's folder whose sheet, name and paths tell of people."""
-    out = writer(tmp_path)("Smith", trials=[(0, [[0.8, 0.1, 0.1]]), (1, [[0.1, 0.8, 0.1]])])
-    Path(sheet).write_text(FILLED.replace("ÅB", "Smith"), encoding="utf-8")
-    summary = with_sheet(describe(out), sheet)
-    summary = msgspec.structs.replace(summary, attached=texts_to_keep(asked_sheet(summary)))
-    write_json(out / "run.json", summary)
-    (out / "audit.csv").write_text(
-        "phase,trial,deed,reason,time,user\nestimation,1000,exclude,slipped,t,Smith\n", encoding="utf-8"
-    )
-    session(summary)
-    (out / "notes.txt").write_text("Smith was late", encoding="utf-8")
-    return out
-
-
-def test_a_redacted_copy_has_the_numbers_and_no_word_of_the_people(named: Path, tmp_path: Path) -> None:
-    code, said = run("redact", named, "--out", tmp_path / "copy")
-    assert code == 0, said
-    assert "not copied, no part of the session: notes.txt" in said
-    copy = tmp_path / "copy"
-    for path in (one for one in copy.rglob("*") if one.is_file()):
-        read = re.sub(rb"base64,[\w+/=]+", b"", path.read_bytes())  # pictures, in which any letters may stand
-        for word in (b"Smith", b"S01", b"17-204", b"mounted twice"):
-            assert word not in read or path.suffix in (".png", ".npz"), path
-    assert left_out(copy) == left_out(named) == {("estimation", 1000): "exclude: slipped"}
-    assert (copy / "trials.csv").read_bytes() == (named / "trials.csv").read_bytes()
-    before, after = (json.loads((one / "result.json").read_text(encoding="utf-8")) for one in (named, copy))
-    assert after["accuracy"] == before["accuracy"]
-    assert after["session"]["subject"] == after["session"]["operator"] == "redacted"
-    assert after["session"]["phantoms"] == before["session"]["phantoms"]
-
-
-def test_a_word_that_stays_is_told(named: Path, tmp_path: Path) -> None:
-    code, said = run("redact", named, "--out", tmp_path / "Smith2" / "S01")
-    assert code == 1
-    assert "run.json still has 'S01'" in said
-
-
-def test_what_cannot_be_redacted_is_refused(named: Path, tmp_path: Path, rig_session: RigSession) -> None:
-    assert "holds a session already" in run("redact", named, "--out", named)[1]
-    assert "no text 'colour'" in run("redact", named, "--out", tmp_path / "c", "--also", "colour")[1]
-    assert "is there already" in run("redact", rig_session.bag, "--out", rig_session.bag)[1]

@@ -38,7 +38,6 @@ from palp_core.palpation.studies.simulation.session import (
     WorldPlan,
     WorldSession,
     begin,
-    worlds,
 )
 from palp_core.palpation.studies.simulation.trace_table import TraceTable
 from palp_core.palpation.world.model import LAB
@@ -240,19 +239,6 @@ def test_a_filter_chooses_its_contact_model_by_what_it_reads_whatever_the_gel_is
     chosen = {(row["reading"], row["filter"]) for row in rows}
     assert chosen == {("peak", "l2"), ("contrast", "l4"), ("trace", "l4, l2")}
     assert set(whole.table.rungs) == {"l4", "l2"}  # what is felt has to be right all along the sweep
-
-
-@pytest.mark.slow
-def test_trials_whose_friction_is_off_are_told_and_those_of_training_are_not() -> None:
-    schemes = (Scheme("peak", "fixed_best", "paper"), Scheme("trace", "fixed_best", "threshold", "swift"))
-    seeds, less = [(23, 1, number) for number in range(4)], WorldDifference("", (("friction", -0.25),))
-    plan = worlds("each_trial", "other")["lab"]
-    usual = [run_plan(plan, one, schemes=schemes) for one in seeds]
-    assert sum(run.shift is not None for one in usual for run in one.values()) <= 1
-    off = [run_plan(differing(plan, less), one, schemes=schemes) for one in seeds]
-    told = [shift for one in off if (shift := one[schemes[1].name].shift)]
-    assert len(told) >= 2
-    assert all(one.scores < 0.0 for one in told if one.name in ("friction", "modulus", "height_m"))
 
 
 @pytest.mark.slow

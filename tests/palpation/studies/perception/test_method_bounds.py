@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from msgspec import structs
 
 from palp_core.methods import Quantities, find, names
 from palp_core.methods.measured import measures_of
@@ -21,7 +22,7 @@ from palp_core.palpation.perception.strategy.policies import (
     UniformRings,
 )
 from palp_core.palpation.session.method_choices import of_traces
-from palp_core.palpation.session.trace.settings import TraceSettings
+from palp_core.palpation.session.trace_settings import TraceSettings
 from palp_core.palpation.studies.perception import beliefs, signals, traces
 from palp_core.palpation.studies.perception.beliefs import REMOUNTED, decide, miscalibrated, sessions
 from palp_core.palpation.studies.perception.traces import RIG, TraceCase
@@ -267,7 +268,7 @@ def traced() -> list[TraceCase]:
 @pytest.mark.parametrize("case", at_night(traced()))
 def test_filters_of_traces_keep_their_bounds(case: TraceCase) -> None:
     errors = traces.errors(traces.by_filter(case, traces.sessions(case, 6)))
-    settings = replace(TraceSettings(), **case.assumed)  # type: ignore[arg-type]
+    settings = structs.replace(TraceSettings(), **case.assumed)
     grid = {"class_count": float(settings.depths)} if settings.depths else {}
     told = of_traces(settings)
     if case.conditions.phantoms == 1:  # others differ from the one of training by more than phantoms scatter

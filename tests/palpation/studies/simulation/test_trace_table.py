@@ -12,7 +12,7 @@ from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.scene.choice import choose_rung, rung_model
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.session.filters import height_slope
-from palp_core.palpation.session.trace.settings import TraceSettings
+from palp_core.palpation.session.trace_settings import TraceSettings
 from palp_core.palpation.studies.simulation.gel import Gel, sweep_torque
 from palp_core.palpation.studies.simulation.trace_table import (
     TraceTable,

@@ -42,14 +42,20 @@ def require_sealable(phantoms: Mapping[str, Phantom]) -> None:
         )
 
 
-def seal(path: Path, phantoms: Mapping[str, Phantom]) -> dict[str, str]:
+def seal(path: Path, phantoms: Mapping[str, Phantom], *, new: bool = False) -> dict[str, str]:
     """Draw new codes for phantoms and write who is who; an older file stays, and its codes hold.
+
+    Args:
+        path: The key.
+        phantoms: By their own codes.
+        new: An older file is refused.
 
     Returns:
         The phantom's own code by its new one: what to write on which sticker.
 
     Raises:
-        MechanicsError: It cannot be written, or two phantoms are of one depth, so that codes tell too much.
+        MechanicsError: It cannot be written, is there and is to be new, or two phantoms are of one depth, so
+            that codes tell too much.
     """
     require_sealable(phantoms)
     codes: set[str] = set()
@@ -67,7 +73,9 @@ def seal(path: Path, phantoms: Mapping[str, Phantom]) -> dict[str, str]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, data, mode=0o600, new=True)
-    except FileExistsError:  # another node was first
+    except FileExistsError as error:
+        if new:
+            raise MechanicsError(f"{path} exists; a key is drawn once") from error
         return dict(_content(path)["was"])
     except OSError as error:
         raise MechanicsError(f"{path}: the key cannot be written: {error.strerror or error}") from error

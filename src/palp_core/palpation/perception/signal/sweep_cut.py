@@ -1,30 +1,11 @@
 """Cut the torque of one sweep out of a stream, on an even grid of time."""
 
-from dataclasses import dataclass
-
 import msgspec
 import numpy as np
 
 from palp_core.units import Float64Array
 
 _KEEP_NS = 1_000_000_000
-
-
-@dataclass(frozen=True, eq=False)
-class Cut:
-    """The torque of a sweep.
-
-    Attributes:
-        start_ns: Time of the first sample.
-        rate_hz: Of the grid.
-        torque_n_m: Torque, shape (n,).
-        largest_gap_s: Longest time between two samples of the stream that the grid spans.
-    """
-
-    start_ns: int
-    rate_hz: float
-    torque_n_m: Float64Array
-    largest_gap_s: float
 
 
 class SweepCut(msgspec.Struct):
@@ -77,7 +58,10 @@ class SweepCut(msgspec.Struct):
     def since(self, rate_hz: float, count: int) -> tuple[int, Float64Array]:
         """Return the time of the grid's first sample, and its samples after the first ``count``, so far.
 
-        A sample is there once the stream has one at or beyond it, and is what :meth:`cut` will give.
+        A sample is there once the stream has one at or beyond it, and is linear between those.
+
+        Raises:
+            ValueError: The stream began after the sweep.
         """
         first = int(-(-self.enter_ns * rate_hz // 1e9))
         last = int(min(self.leave_ns, self.last_ns) * rate_hz // 1e9)
@@ -90,25 +74,18 @@ class SweepCut(msgspec.Struct):
             raise ValueError("no torque came while the stage swept; is the sensor's stream running?")
         return start_ns, np.interp(grid_s, times_s, torque_n_m)
 
-    def cut(self, rate_hz: float) -> Cut:
-        """Return the samples between entering and leaving, linear between those of the stream.
+    def largest_gap_s(self, rate_hz: float) -> float:
+        """Return the longest time between two samples of the stream that the grid spans.
 
         Raises:
-            ValueError: The stream began after the sweep, or was silent.
+            ValueError: The stream was silent.
         """
-        times_s, torque_n_m = self._samples()
-        first_ns = -(-self.enter_ns * rate_hz // 1e9)
-        grid_s = np.arange(first_ns, self.leave_ns * rate_hz // 1e9 + 1) / rate_hz
-        grid_s -= self.enter_ns * 1e-9
-        within = (times_s >= grid_s[0] - 1.0 / rate_hz) & (times_s <= grid_s[-1] + 1.0 / rate_hz)
-        if np.count_nonzero(within) < 2 or times_s[0] > grid_s[0]:
+        times_s, _ = self._samples()
+        most_s, step_s = (min(self.leave_ns, self.last_ns) - self.enter_ns) * 1e-9, 1.0 / rate_hz
+        within = times_s[(times_s >= -step_s) & (times_s <= most_s + step_s)]
+        if len(within) < 2:
             raise ValueError("no torque came while the stage swept; is the sensor's stream running?")
-        return Cut(
-            self.enter_ns + round(float(grid_s[0]) * 1e9),
-            rate_hz,
-            np.interp(grid_s, times_s, torque_n_m),
-            float(np.max(np.diff(times_s[within]))),
-        )
+        return float(np.max(np.diff(within)))
 
     def _samples(self) -> tuple[Float64Array, Float64Array]:
         """Return times in s from entering, and torques, both in order."""

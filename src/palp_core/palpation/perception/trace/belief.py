@@ -1,6 +1,6 @@
 """A belief that follows a sweep bin by bin: many trials side by side, or one as it happens.
 
-All torques of a trial are jointly normal given the component, with a covariance that no reading changes. A
+All torques of a trial are jointly normal given the class, with a covariance that no reading changes. A
 bin less what those before it foretell, over the spread that they leave, is standard normal; the squares of
 these innovations add up to the likelihood. Sums are taken in one order whatever the number of trials, so that
 a node and a study find the same belief to the last bit.
@@ -29,7 +29,7 @@ class TraceBelief:
     Attributes:
         sweeps: The sweeps so far, the last under way or done.
         innovation: Of every bin so far, shape (n, c, bins so far).
-        log_density: Of all torques so far given each component, shape (n, c).
+        log_density: Of all torques so far given each class, shape (n, c).
     """
 
     sweeps: tuple[SweepOf, ...]
@@ -43,8 +43,8 @@ class TraceBelief:
 
 def start(model: TraceModel, trial_count: int = 1) -> TraceBelief:
     """Return the belief before the first sweep."""
-    components = len(model.class_of)
-    return TraceBelief((), np.zeros((trial_count, components, 0)), np.zeros((trial_count, components)))
+    shape = (trial_count, model.class_count)
+    return TraceBelief((), np.zeros((*shape, 0)), np.zeros(shape))
 
 
 def begin_sweep(belief: TraceBelief, setting: int, *, landed: bool) -> TraceBelief:
@@ -71,10 +71,12 @@ def observe(model: TraceModel, belief: TraceBelief, torque_n_m: ArrayLike) -> Tr
     Raises:
         PerceptionError: No sweep was begun, it has no such bins, or a torque is not finite.
     """
-    return along(model, belief, torque_n_m)[0]
+    return observe_stepwise(model, belief, torque_n_m)[0]
 
 
-def along(model: TraceModel, belief: TraceBelief, torque_n_m: ArrayLike) -> tuple[TraceBelief, Float64Array]:
+def observe_stepwise(
+    model: TraceModel, belief: TraceBelief, torque_n_m: ArrayLike
+) -> tuple[TraceBelief, Float64Array]:
     """Return :func:`observe` and the probabilities of the classes after each bin, shape (n, bins, m)."""
     felt = np.atleast_2d(np.asarray(torque_n_m, dtype=np.float64))
     if not belief.sweeps:
@@ -89,10 +91,10 @@ def along(model: TraceModel, belief: TraceBelief, torque_n_m: ArrayLike) -> tupl
     count = len(belief.log_density)
     felt = np.broadcast_to(felt, (count, felt.shape[1]))
     factor = model.factor(tuple(earlier), last._replace(bins=model.bin_count))
-    past, components = belief.innovation.shape[2], len(model.class_of)
-    innovation = np.empty((count, components, past + felt.shape[1]))
+    past, of = belief.innovation.shape[2], model.class_count
+    innovation = np.empty((count, of, past + felt.shape[1]))
     innovation[:, :, :past] = belief.innovation
-    densities = np.empty((count, felt.shape[1], components))
+    densities = np.empty((count, felt.shape[1], of))
     for low in range(0, count, _CHUNK):
         part = slice(low, low + _CHUNK)
         _whiten(factor, last.bins, felt[part], innovation[part], belief.log_density[part], densities[part])
@@ -101,7 +103,7 @@ def along(model: TraceModel, belief: TraceBelief, torque_n_m: ArrayLike) -> tupl
         innovation,
         densities[:, -1] if felt.shape[1] else belief.log_density,
     )
-    return after, classes(model, densities)
+    return after, classes(densities)
 
 
 def _whiten(
@@ -129,15 +131,10 @@ def _nats(innovation: Float64Array, log_diagonal: Float64Array) -> Float64Array:
     return 0.5 * (innovation**2 + _LOG_2PI) + log_diagonal
 
 
-def classes(model: TraceModel, log_density: Float64Array) -> Float64Array:
-    """Return the probabilities of the classes, flat before the first sweep, shape (..., m), from (..., c)."""
-    joint = log_density + model.log_weight
-    joint = joint - joint.max(axis=-1, keepdims=True)
-    share = np.exp(joint)
-    found = np.stack(
-        [share[..., model.class_of == m].sum(axis=-1) for m in range(model.class_count)], axis=-1
-    )
-    return np.asarray(found / found.sum(axis=-1, keepdims=True))
+def classes(log_density: Float64Array) -> Float64Array:
+    """Return the probabilities of the classes, flat before the first sweep, shape (..., c), from (..., c)."""
+    share = np.exp(log_density - log_density.max(axis=-1, keepdims=True))
+    return np.asarray(share / share.sum(axis=-1, keepdims=True))
 
 
 def cut(model: TraceModel, belief: TraceBelief, bins: int) -> TraceBelief:
@@ -155,39 +152,43 @@ def cut(model: TraceModel, belief: TraceBelief, bins: int) -> TraceBelief:
     return TraceBelief(sweeps, innovation, density)
 
 
-def fit_probability(model: TraceModel, belief: TraceBelief) -> Float64Array:
-    """Return how probable torques that fit no better are, shape (n,): chi-squared under the best component.
+def fit_probability(belief: TraceBelief) -> Float64Array:
+    """Return how probable torques that fit no better are, shape (n,): chi-squared under the best class.
 
-    The best of several components fits a little better than the true one: small values are rarer than that.
+    The best of several classes fits a little better than the true one: small values are rarer than that.
     """
-    best = np.argmax(belief.log_density + model.log_weight, axis=1)
+    best = np.argmax(belief.log_density, axis=1)
     own = belief.innovation[np.arange(len(best)), best]
     return np.asarray(scipy.special.chdtrc(max(own.shape[-1], 1), (own**2).sum(axis=-1)))
 
 
-def offset_weights(
-    model: TraceModel, sweeps: tuple[SweepOf, ...], component: int
-) -> tuple[Float64Array, Float64Array]:
-    """Return what takes torques to innovations, and innovations to the mean of each offset, of a component.
+def expected_bits(model: TraceModel, belief: TraceBelief, setting: int, *, landed: bool) -> Float64Array:
+    """Return a lower bound on the bits that a sweep tells about the class, shape (n,).
 
-    Offsets of a sweep or a landing are those of the last one.
+    The entropy of a mixture is not had in closed form; with the Bhattacharyya distances D between its parts
+    it is at least -sum_i w_i log sum_j w_j exp(-D_ij) above their own (Kolchinsky and Tracey, Entropy 19,
+    2017).
 
-    Returns:
-        The triangle of the torques, shape (past, past), and weights, shape (past, l).
+    Args:
+        model: What sweeps look like.
+        belief: What trials know.
+        setting: Of the sweep.
+        landed: Whether the ring is moved, or re-homed, for it.
     """
-    cross, last = [], len(sweeps) - 1
-    for number, one in enumerate(sweeps):
-        shared = model.shared(one, sweeps[last], same=number == last)
-        cross.append(model.slope[component, one.setting, : one.bins] * (model.offset_sd**2 * shared))
-    rows = model.triangle(sweeps)[component]
-    return rows, scipy.linalg.solve_triangular(rows, np.concatenate(cross), lower=True)
-
-
-def offsets(model: TraceModel, belief: TraceBelief, component: int) -> tuple[Float64Array, Float64Array]:
-    """Return mean (n, l) and spread (l,) of the offsets that stay for the trial, given a component.
-
-    Those of a sweep or a landing are of the last one.
-    """
-    _, weights = offset_weights(model, belief.sweeps, component)
-    mean = belief.innovation[:, component] @ weights
-    return mean, np.sqrt(np.maximum(model.offset_sd**2 - (weights**2).sum(axis=0), 0.0))
+    last = begin_sweep(belief, setting, landed=landed).sweeps[-1]
+    factor = model.factor(belief.sweeps, last._replace(bins=model.bin_count))
+    past = belief.innovation.shape[2]
+    mean = factor.mean + np.einsum("cbp,ncp->ncb", factor.rows[..., :past], belief.innovation)
+    own = factor.rows[..., past:]
+    spread = own @ np.swapaxes(own, 1, 2)
+    log_volume = factor.log_diagonal.sum(axis=1)
+    weight, parts = classes(belief.log_density), model.class_count
+    alike = np.ones((len(weight), parts, parts))
+    for i in range(parts):
+        for j in range(i):
+            lower = np.linalg.cholesky(0.5 * (spread[i] + spread[j]))
+            apart = scipy.linalg.solve_triangular(lower, (mean[:, i] - mean[:, j]).T, lower=True)
+            volume = np.log(np.diag(lower)).sum() - 0.5 * (log_volume[i] + log_volume[j])
+            alike[:, i, j] = alike[:, j, i] = np.exp(-0.125 * (apart**2).sum(axis=0) - volume)
+    met = np.einsum("nij,nj->ni", alike, weight)
+    return np.asarray(-(weight * np.log2(met)).sum(axis=1))

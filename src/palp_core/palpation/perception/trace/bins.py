@@ -116,15 +116,3 @@ def sample_times_ns(start_ns: int, rate_hz: float, first: int, count: int) -> In
     """Return the times of samples ``first`` and on, shape (count,), of a sweep begun at ``start_ns``."""
     since = np.rint(np.arange(first, first + count) * (1e9 / rate_hz)).astype(np.int64)
     return np.asarray(start_ns + since)
-
-
-def binned(bins: PositionBins, position_m: Float64Array, torque_n_m: Float64Array) -> Float64Array:
-    """Return the mean torque of each bin of a whole sweep, shape (count,); a sweep that ends early has fewer.
-
-    Raises:
-        PerceptionError: As for :meth:`BinnedSweep.add`.
-    """
-    sweep = BinnedSweep()
-    sweep.add(bins, position_m, torque_n_m)
-    sweep.finish(bins)
-    return np.array(sweep.done)

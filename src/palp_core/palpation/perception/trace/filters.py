@@ -1,4 +1,4 @@
-"""Models by which a belief follows a sweep, as methods of the register: task ``trace_filter``."""
+"""The model by which a belief follows a sweep, as a method of the register: task ``trace_filter``."""
 
 from __future__ import annotations
 
@@ -7,28 +7,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palp_core.errors import PerceptionError
 from palp_core.methods import Bound, Range, declare_task, find, method
 from palp_core.palpation.perception.belief.rig_noise import on_depths
 from palp_core.palpation.perception.ranges import ABOUT, ENDLESS, LANDS_M, STEP_N_M, USUAL
-from palp_core.palpation.perception.trace.model import Stays, TraceModel, on_grid
+from palp_core.palpation.perception.trace.model import Stays, TraceModel
 from palp_core.palpation.perception.trace.texture import Texture, fit_texture
-from palp_core.palpation.perception.trace.training import TraceOffsets, TrainedTraces, trace_model
+from palp_core.palpation.perception.trace.training import TrainedTraces, sticking
 from palp_core.units import Float64Array
 
-NODES = 5
-"""Of a grid over an offset: they stand one standard deviation apart."""
 FEW = 4
 """Mountings, of classes with several, from which a texture is fitted; from fewer it is assumed."""
+UNREAD_N_M = 1.0
+"""Spread of a bin that says nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class TraceKnowledge:
-    """What is known of a rig beside what its training taught: how sweeps differ, and by how much.
+    """What is known of a rig in addition to what its training taught: how sweeps differ, and by how much.
 
     Attributes:
-        names: Of the offsets.
-        sd: Spread of each, in its unit, shape (l,).
+        sd: Spread of each offset, in its unit, shape (l,).
         stays: How long each stays.
         mean_n_m: The trace by the mechanics, shape (m, k, b).
         slope: Its change by a unit of each offset, shape (m, k, b, l).
@@ -38,7 +36,6 @@ class TraceKnowledge:
         place_m: Where the ball touches in each bin, shape (m, k, b): where it does not move, it sticks.
     """
 
-    names: tuple[str, ...]
     sd: Float64Array
     stays: tuple[Stays, ...]
     mean_n_m: Float64Array
@@ -48,38 +45,19 @@ class TraceKnowledge:
     texture: Texture
     place_m: Float64Array
 
-    @property
-    def straight(self) -> TraceOffsets:
-        """The offsets, to which the torque answers in straight lines."""
-        return TraceOffsets(self.names, self.sd, self.stays, self.slope, self.slope_error)
-
-    @property
-    def bent(self) -> TraceOffsets:
-        """The offsets and, as further ones, the squares of those whose answer bends.
+    def with_squares(self) -> TraceKnowledge:
+        """Return it with the squares of those offsets whose answer bends as further offsets.
 
         The square of a normal number of spread s has the spread sqrt(2) s^2 about its mean, which training's
         own mean has in it.
         """
-        which = [i for i in range(len(self.names)) if self.bend[..., i].any()]
-        return TraceOffsets(
-            (*self.names, *(f"{self.names[i]} squared" for i in which)),
-            np.concatenate([self.sd, 2**0.5 * self.sd[which] ** 2]),
-            (*self.stays, *(self.stays[i] for i in which)),
-            np.concatenate([self.slope, self.bend[..., which]], axis=-1),
-            self.slope_error,
+        which = [i for i in range(len(self.sd)) if self.bend[..., i].any()]
+        return replace(
+            self,
+            sd=np.concatenate([self.sd, 2**0.5 * self.sd[which] ** 2]),
+            stays=(*self.stays, *(self.stays[i] for i in which)),
+            slope=np.concatenate([self.slope, self.bend[..., which]], axis=-1),
         )
-
-    def most_curved(self) -> int:
-        """Return the index of the offset to which the torque answers least in a straight line.
-
-        Raises:
-            PerceptionError: Nothing that stays for a trial answers in a curve.
-        """
-        curved = np.abs(self.bend).max(axis=(0, 1, 2)) * self.sd**2
-        curved = np.where([stays == "trial" for stays in self.stays], curved, 0.0)
-        if not (curved > 0.0).any():
-            raise PerceptionError("a grid needs an offset that stays; give one a spread, as friction_sd: 0.1")
-        return int(np.argmax(curved))
 
 
 declare_task(
@@ -132,29 +110,9 @@ _ABOUT = _within(
     training_count=(2.0, ENDLESS),
 )
 _TRAINED = {**_ABOUT, "training_count": (6.0, ENDLESS)}  # of fewer palpations a cell beliefs are too sure
-_USUAL, _LITTLE = _within(USUAL, 0.0, 1.0), _within(USUAL, 0.0, 0.5)
-_MUCH, _WIDE = _within(USUAL, 0.0, 2.0), _within(USUAL, 0.1, 2.0)
+_USUAL, _MUCH = _within(USUAL, 0.0, 1.0), _within(USUAL, 0.0, 2.0)
 _ONE_PHANTOM = _within(USUAL, 0.0, 1.5, training_count=(2.0, ENDLESS))
 # trials of other phantoms than the one of training differ from it by sqrt(2) times what phantoms scatter
-
-
-@method(
-    task="trace_filter",
-    name="linear",
-    cost_s=2.5e-4,
-    bounds=[
-        Bound("decision", 0.005, _LITTLE),
-        Bound("calibration", 0.005, _LITTLE),
-        Bound("decision", 0.056, _ABOUT),
-        Bound("calibration", 0.11, _TRAINED),
-    ],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="offsets to which the torque does not answer in a straight line: it states more than it knows",
-    survivor="second_order",
-)
-def linear(trained: TrainedTraces, known: TraceKnowledge) -> TraceModel:
-    """Return a model with one component a class: the torque answers to every offset in a straight line."""
-    return trace_model(trained, known.straight, known.texture, known.place_m)
 
 
 @method(
@@ -173,33 +131,31 @@ def linear(trained: TrainedTraces, known: TraceKnowledge) -> TraceModel:
     evidence="tests/palpation/studies/perception/test_method_bounds.py",
     fails="answers that a parabola over two spreads of an offset does not follow, or two offsets at once; "
     "trained on one phantom and asked about others, unless it is told half as much spread again",
-    survivor="grid",
 )
 def second_order(trained: TrainedTraces, known: TraceKnowledge) -> TraceModel:
-    """Return a model with one component a class, in which squares of offsets are offsets of their own."""
-    return trace_model(trained, known.bent, known.texture, known.place_m)
+    """Return a model in which squares of offsets are offsets of their own.
 
-
-@method(
-    task="trace_filter",
-    name="grid",
-    cost_s=2.8e-4,
-    bounds=[Bound("decision", 0.028, _WIDE), Bound("calibration", 0.15, _WIDE)],
-    evidence="tests/palpation/studies/perception/test_method_bounds.py",
-    fails="two offsets at once to which the torque answers in a curve",
-)
-def grid(trained: TrainedTraces, known: TraceKnowledge) -> TraceModel:
-    """Return a model that is straight only about nodes of the offset with the most curved answer."""
-    of, straight = known.most_curved(), linear(trained, known)
-    # an offset counts against that of training's mountings: of few of them it spreads more
-    scale = float(np.sqrt(1.0 + 1.0 / trained.mountings.min()))
-    slope_of, bend_of = known.slope[..., of], known.bend[..., of]
-    nodes = []
-    for at in known.sd[of] * scale * (np.arange(NODES) - 0.5 * (NODES - 1)):
-        slope = straight.slope.copy()
-        slope[..., of] = scale * (slope_of + 2.0 * bend_of * at)
-        nodes.append((slope_of * at + bend_of * at**2, slope))
-    return on_grid(straight, of, nodes, 0.5 * float(known.sd[of]))
+    A trial's offset counts against the mean of those that training had: of few mountings, or landings, its
+    variance is larger by their share. So is the texture's.
+    """
+    offsets = known.with_squares()
+    share = np.sqrt(1.0 + 1.0 / trained.mountings)[:, None]
+    slope = offsets.slope.copy()
+    for number, stays in enumerate(offsets.stays):
+        scale = np.sqrt(1.0 + 1.0 / trained.landings) if stays != "trial" else share
+        slope[..., number] *= scale[..., None]
+    unread = np.array([np.diag(np.where(held, UNREAD_N_M**2, 0.0)) for held in sticking(known.place_m)])
+    more = float(np.sqrt(1.0 + 1.0 / trained.mountings.min()))
+    return TraceModel(
+        trained.mean,
+        slope,
+        offsets.sd,
+        offsets.stays,
+        trained.scatter + unread,
+        replace(known.texture, sd_n_m=known.texture.sd_n_m * more),
+        known.place_m,
+        known.slope_error,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,30 +186,19 @@ def model_of(
 
     Raises:
         MethodError: There is no such method.
-        PerceptionError: It needs to know of an offset and is told of none.
-    """
-    model: TraceModel = find("trace_filter", name).target(*settled(trained, known, grid))
-    return model
-
-
-def settled(
-    trained: TrainedTraces, known: TraceKnowledge, grid: DepthGrid | None = None
-) -> tuple[TrainedTraces, TraceKnowledge]:
-    """Return what a method of task ``trace_filter`` is given: at the depths to decide among, with a texture.
-
-    Arguments as of :func:`model_of`.
     """
     texture = _texture(trained, known)
     if grid is not None:
         trained, known = _between(trained, known, grid), grid.known
-    return trained, replace(known, texture=texture)
+    model: TraceModel = find("trace_filter", name).target(trained, replace(known, texture=texture))
+    return model
 
 
 def _texture(trained: TrainedTraces, known: TraceKnowledge) -> Texture:
     """Return the texture of the mountings at the stiffest ring, or the assumed one."""
     if len(trained.between) < FEW:
         return known.texture
-    of, stiffest, offsets = trained.between_class, len(trained.rings_m) - 1, known.bent
+    of, stiffest, offsets = trained.between_class, len(trained.rings_m) - 1, known.with_squares()
     shrunk = np.sqrt(
         1.0 - 1.0 / trained.mountings[of]
     )  # a mounting is part of the mean that it is held against

@@ -19,40 +19,29 @@ class Texture:
     Attributes:
         sd_n_m: Standard deviation of the torque that it adds.
         length_m: Correlation length.
-        reversing: Share of its variance that turns its sign with the sweep's direction, as friction does; the
-            rest is of the surface's form and pushes the same way in both.
         form: k(x): ``exponential``, exp(-x), rough; ``matern``, (1 + sqrt(3) x) exp(-sqrt(3) x), which has a
             slope; ``gaussian``, exp(-x^2 / 2), smooth, as what a contact of some width feels.
 
     Raises:
-        PerceptionError: A negative spread, no length, a share outside 0 to 1, or no such form.
+        PerceptionError: A negative spread, no length, or no such form.
     """
 
     sd_n_m: float = 0.0
     length_m: float = 0.004
-    reversing: float = 0.5
     form: str = "gaussian"
 
     def __post_init__(self) -> None:
         if self.form not in FORMS:
             raise PerceptionError(f"no form of texture '{self.form}'; use one of {', '.join(FORMS)}")
-        if not (0.0 <= self.sd_n_m < 1.0 and 0.0 < self.length_m < 10.0 and 0.0 <= self.reversing <= 1.0):
+        if not (0.0 <= self.sd_n_m < 1.0 and 0.0 < self.length_m < 10.0):
             raise PerceptionError(
-                f"texture of {self.sd_n_m} N m over {self.length_m} m, {self.reversing} reversing: spread "
-                "0 or more, length positive, share 0 to 1"
+                f"texture of {self.sd_n_m} N m over {self.length_m} m: spread 0 or more, length positive"
             )
 
-    def covariance(self, at_m: Float64Array, other_m: Float64Array, *, same_way: bool = True) -> Float64Array:
-        """Return the covariance between places, N^2 m^2, shape (..., n, o), of torques against the sweep.
-
-        Args:
-            at_m: Places of one sweep, or of several, shape (..., n).
-            other_m: Places of another, or the same, shape (..., o).
-            same_way: Whether both go the same way.
-        """
+    def covariance(self, at_m: Float64Array, other_m: Float64Array) -> Float64Array:
+        """Return the covariance between places, N^2 m^2, shape (..., n, o), of (..., n) and (..., o)."""
         apart = np.abs(np.asarray(at_m)[..., :, None] - np.asarray(other_m)[..., None, :]) / self.length_m
-        share = 1.0 if same_way else 2.0 * self.reversing - 1.0
-        return np.asarray(share * self.sd_n_m**2 * FORMS[self.form](apart))
+        return np.asarray(self.sd_n_m**2 * FORMS[self.form](apart))
 
 
 FORMS: dict[str, Callable[[Float64Array], Float64Array]] = {
@@ -94,7 +83,7 @@ def fit_texture(
         def cost(log_of: Float64Array, form: str = form) -> float:
             """Return minus the log density of the residuals, but for a constant."""
             sd, length = np.exp(log_of)
-            field = Texture(float(sd), float(length), 0.5, form)
+            field = Texture(float(sd), float(length), form)
             lower = np.linalg.cholesky(known + field.covariance(place_m, place_m))
             white = np.linalg.solve(lower, residual_n_m[..., None])
             return float(0.5 * (white**2).sum() + np.log(np.diagonal(lower, axis1=1, axis2=2)).sum())
@@ -105,5 +94,5 @@ def fit_texture(
                 found = scipy.optimize.minimize(cost, begun, bounds=ends, method="L-BFGS-B")
                 if found.fun < least:
                     sd, long = np.exp(found.x)
-                    best, least = Texture(float(sd), float(long), 0.5, form), float(found.fun)
+                    best, least = Texture(float(sd), float(long), form), float(found.fun)
     return best

@@ -9,12 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palp_core.errors import PerceptionError
-from palp_core.palpation.perception.trace.model import Stays, TraceModel
-from palp_core.palpation.perception.trace.texture import Texture
 from palp_core.units import Float64Array
 
-UNREAD_N_M = 1.0
-"""Spread of a bin that says nothing."""
 _HELD = 1.25
 
 
@@ -33,8 +29,6 @@ class TrainedTraces:
         between: Mean traces of mountings less those of their class, shape (r, k, b); none where every class
             was mounted once.
         between_class: Class of each, shape (r,).
-        repeats: Sweeps of each of those less its mean, as many as there are in the cell with the fewest,
-            shape (r, k, repeats, b).
     """
 
     depths_m: Float64Array
@@ -45,7 +39,6 @@ class TrainedTraces:
     scatter: Float64Array
     between: Float64Array
     between_class: NDArray[np.int64]
-    repeats: Float64Array
 
     @property
     def ring_slope(self) -> Float64Array:
@@ -87,7 +80,6 @@ def learn(
     mountings = np.array([len(np.unique(mounted[depth == d])) for d in range(shape[0])], dtype=np.int64)
     scattered: list[tuple[int, int, Float64Array]] = []
     of_mounting: dict[tuple[int, int], Float64Array] = {}
-    swept: dict[tuple[int, int], list[Float64Array]] = {}
     for d, r in np.ndindex(shape[:2]):
         here = (depth == d) & (ring == r)
         if not here.any():
@@ -101,14 +93,12 @@ def learn(
             own = felt[here & (mounted == number)]
             means.append(own.mean(axis=0))
             of_mounting.setdefault((d, int(number)), np.full(shape[1:], np.nan))[r] = means[-1]
-            swept.setdefault((d, int(number)), []).append(own - means[-1])
             if len(own) > 1:
                 scattered.append((d, r, own - means[-1]))
         mean[d, r] = np.mean(means, axis=0)
     several = [
         one for one, found in of_mounting.items() if mountings[one[0]] > 1 and np.isfinite(found).all()
     ]
-    fewest = min((len(own) for one in several for own in swept[one]), default=0)
     trained = TrainedTraces(
         depths_m,
         rings_m,
@@ -118,9 +108,6 @@ def learn(
         np.tile(floor_n_m**2 * np.eye(shape[2]), (shape[1], 1, 1)),
         np.array([of_mounting[one] - mean[one[0]] for one in several]).reshape(len(several), *shape[1:]),
         np.array([d for d, _ in several], dtype=np.int64),
-        np.array([[own[:fewest] for own in swept[one]] for one in several]).reshape(
-            len(several), shape[1], fewest, shape[2]
-        ),
     )
     return _with_scatter(trained, scattered, floor_n_m)
 
@@ -179,64 +166,3 @@ def sticking(place_m: Float64Array) -> NDArray[np.bool_]:
     slides = steps > 0.5 * np.median(steps, axis=2, keepdims=True)
     begun = np.argmax(slides, axis=2).max(axis=0)  # the last bin in which any class's tip sticks
     return np.asarray(np.arange(place_m.shape[2]) < np.ceil(_HELD * begun)[:, None])
-
-
-@dataclass(frozen=True, eq=False)
-class TraceOffsets:
-    """What a sweep answers to beside depth and ring, and how much of it there is.
-
-    Attributes:
-        names: One each.
-        sd: Spread of each, in its unit, shape (l,).
-        stays: How long each stays.
-        slope: Change of the trace by a unit of each by the mechanics, shape (m, k, b, l).
-        slope_error: What slopes are taken to be wrong by, relative (assumed: a fifth).
-    """
-
-    names: tuple[str, ...]
-    sd: Float64Array
-    stays: tuple[Stays, ...]
-    slope: Float64Array
-    slope_error: float = 0.2
-
-
-def trace_model(
-    trained: TrainedTraces, offsets: TraceOffsets, texture: Texture, place_m: Float64Array
-) -> TraceModel:
-    """Return the model of a trial's sweeps by what training taught and what is known of the rig.
-
-    A trial's offset counts against the mean of those that training had: of few mountings, or landings, its
-    variance is larger by their share.
-
-    Args:
-        trained: Mean traces of the cells.
-        offsets: What else a sweep answers to.
-        texture: Of a track; training's part in it too.
-        place_m: Where the ball touches in each bin, shape (m, k, b).
-    """
-    share = np.sqrt(1.0 + 1.0 / trained.mountings)[:, None]
-    slope = offsets.slope.copy()
-    for number, stays in enumerate(offsets.stays):
-        scale = np.sqrt(1.0 + 1.0 / trained.landings) if stays != "trial" else share
-        slope[..., number] *= scale[..., None]
-    classes = len(trained.depths_m)
-    unread = np.array([np.diag(np.where(held, UNREAD_N_M**2, 0.0)) for held in sticking(place_m)])
-    return TraceModel(
-        np.arange(classes),
-        np.zeros(classes),
-        trained.mean,
-        slope,
-        offsets.sd,
-        offsets.stays,
-        trained.scatter + unread,
-        Texture(
-            texture.sd_n_m * float(np.sqrt(1.0 + 1.0 / trained.mountings.min())),
-            texture.length_m,
-            texture.reversing,
-            texture.form,
-        ),
-        place_m,
-        np.zeros(len(trained.rings_m), dtype=bool),
-        offsets.slope_error,
-        offsets.names,
-    )

@@ -1,4 +1,4 @@
-"""Charts of what came of estimation: the belief over iterations, accuracy, calibration, ring positions."""
+"""Charts of what came of estimation: the belief over iterations, calibration, ring positions."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palp_core.palpation.perception.statistics import statistics
-from palp_core.palpation.perception.statistics.statistics import wilson
 from palp_core.palpation.reporting import charts
-from palp_core.palpation.session.published import FIXED, HUMAN_STRATEGY
 from palp_core.palpation.session.recorded_session import RecordedSession, mm
 from palp_core.units import Float64Array
 
@@ -83,67 +81,6 @@ def _standard_error(curves: Float64Array) -> Float64Array:
         return np.zeros(curves.shape[1])
     error: Float64Array = curves.std(axis=0, ddof=1) / np.sqrt(count)
     return error
-
-
-def accuracy_chart(session: RecordedSession) -> charts.Chart | None:
-    """Return accuracy per depth with intervals, Figure 12; None without a trial."""
-    if not session.trials:
-        return None
-    groups = [(mm(depth_m), session.at_depth(depth_m)) for depth_m in session.tried_m]
-    groups.append(("overall", list(session.trials)))
-    shares = [(name, wilson(sum(trial.right for trial in trials), len(trials))) for name, trials in groups]
-    chance = 100.0 / len(session.depths_m)
-
-    def draw(figure: Figure) -> None:
-        axes, beside = figure.subplots(), 0.36
-        for x, (_, share) in enumerate(shares):
-            value = 100.0 * share.value
-            reach = [[value - 100.0 * share.low], [100.0 * share.high - value]]
-            axes.bar(
-                x, value, width=0.5, color=charts.BLUE, alpha=0.85, label="this session" if x == 0 else None
-            )
-            axes.errorbar(x, value, yerr=reach, color=charts.INK, capsize=5, lw=1.4)
-            axes.annotate(f"{value:.0f} %", (x, 3), ha="center", color="white", fontweight="bold")
-        published = [(x + beside, 100.0 * FIXED[name]) for x, (name, _) in enumerate(shares) if name in FIXED]
-        if published:
-            axes.plot(
-                *zip(*published, strict=True),
-                "D",
-                ms=7,
-                mfc="white",
-                mec=charts.VERMILION,
-                mew=1.6,
-                label="paper: fixed\n(average of five $r_a$)",
-            )
-        axes.plot(
-            len(shares) - 1 + beside,
-            100.0 * HUMAN_STRATEGY,
-            "*",
-            ms=12,
-            mfc="white",
-            mec=charts.GREEN,
-            mew=1.4,
-        )
-        axes.lines[-1].set_label("paper: human strategy\n(slightly above 90 %)")
-        axes.axhline(chance, color=charts.GREY, ls="--", lw=1.3, label=f"chance, {chance:.0f} %")
-        axes.set_xticks(range(len(shares)), [f"{n} mm" if n != "overall" else n for n, _ in shares])
-        axes.set_ylim(0.0, 105.0)
-        axes.grid(axis="x", visible=False)
-        charts.legend(axes)
-        charts.tidy(
-            axes, "Right estimates with 95 % intervals (this session only)", "true depth", "accuracy, %"
-        )
-
-    return charts.Chart(
-        "accuracy",
-        "Accuracy",
-        "Share of trials whose last estimate was the true depth, undecided trials included, with Wilson's "
-        "95 % interval over this session's trials (as Figure 12 of the paper).",
-        3.4,
-        ("depth_mm", "right", "trials", "accuracy", "low", "high"),
-        [(name, s.success_count, s.trial_count, s.value, s.low, s.high) for name, s in shares],
-        draw,
-    )
 
 
 def calibration_chart(session: RecordedSession) -> charts.Chart | None:

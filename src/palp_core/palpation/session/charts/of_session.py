@@ -8,7 +8,6 @@ from typing import Any
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.reporting.charts import Chart
 from palp_core.palpation.session.charts.estimation import (
-    accuracy_chart,
     belief_chart,
     calibration_chart,
     rings_chart,
@@ -30,7 +29,6 @@ def charts_of(found: RecordedSession, summary: RunSummary, result: SessionResult
         "speed_m_s": roles.params("stage").get("sweep_speed_m_s", 0.020),
     }
     found_charts = (
-        accuracy_chart(found),
         _drawing(found, summary, result),
         steps_chart(found, **sweeps),
         belief_chart(found),

@@ -24,7 +24,7 @@ from palp_core.palpation.session.audit import WHOLE_SESSION, decide
 from palp_core.palpation.session.human.record import HUMAN_TABLE, human_table_text, read_human
 from palp_core.palpation.session.run_note import read_note
 from palp_core.palpation.session.session_folder import CHECKPOINT, OPENED, is_being_written
-from palp_core.whole_file import read_whole, write_json, write_whole
+from palp_core.whole_file import locked_path, read_whole, write_json, write_whole
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
@@ -95,10 +95,17 @@ def unseal(folder: Path, reason: str, key: Path | None = None) -> list[tuple[str
         Code, the phantom's own code, and depth, m.
     """
     _refuse_unfinished(folder)
+    table = folder / HUMAN_TABLE
+    if not table.exists():
+        read_human(folder)  # it says what the folder is
+    with locked_path(table):  # who is second finds the table of the first
+        return _unseal(folder, reason, key or folder / KEY)
+
+
+def _unseal(folder: Path, reason: str, key: Path) -> list[tuple[str, str, float]]:
     rows = read_human(folder)
     if all(row.depth_m is not None for row in rows):
         raise PalpError(f"'{folder}' is not sealed")
-    key = key or folder / KEY
     if not is_sealed(key):
         raise PalpError(f"{key} is no sealed key; name the session's with --key")
     _require_own(key, read_note(folder))

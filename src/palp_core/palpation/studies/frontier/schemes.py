@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palp_core.methods import find
-from palp_core.palpation.perception.belief.rig_noise import assumed_noise
-from palp_core.palpation.perception.belief.session_check import (
-    LOOK_P,
-    Projected,
-    SessionTrials,
-    Shifted,
-    shifted,
+from palp_core.palpation.perception.belief.rig_noise import (
+    assumed_noise,
 )
 from palp_core.palpation.perception.belief.stopping import (
     FixedNumber,
@@ -31,8 +25,6 @@ from palp_core.palpation.perception.strategy.policies import (
 )
 from palp_core.palpation.perception.strategy.policies_informed import InformationGainLatent
 from palp_core.palpation.perception.trace.model import TraceModel
-from palp_core.palpation.perception.trace.training import TrainedTraces
-from palp_core.palpation.session.unlike_training import by_readings
 from palp_core.palpation.studies.frontier.protocols import (
     PAPER_PROTOCOL,
     SWIFT,
@@ -44,7 +36,6 @@ from palp_core.palpation.studies.frontier.trace_trials import (
     Keep,
     MostBits,
     drawn,
-    learnt_of,
     model_of,
     run_trace_trials,
     settings_of,
@@ -74,21 +65,18 @@ class Scheme:
             takes its bins for independent is not one); ``threshold``: the filter that knows what stays,
             and a threshold on the posterior.
         protocol: ``paper`` or ``swift``.
-        trace_filter: Method of task ``trace_filter``, of the trace.
     """
 
     reading: str
     policy: str
     rule: str
     protocol: str = "paper"
-    trace_filter: str = "second_order"
 
     @property
     def name(self) -> str:
         """As in tables: ``trace, fixed_best, threshold, swift``."""
         words = [self.reading, self.policy, self.rule]
         words += [self.protocol] * (self.protocol != "paper")
-        words += [self.trace_filter] * (self.trace_filter != "second_order")
         return ", ".join(words)
 
     @property
@@ -126,14 +114,12 @@ class SchemeRun:
     Attributes:
         ended: Its trials.
         fit: Of traces: how probable worse ones are, shape (n,); of features ones.
-        shift: What was told of the session, if anything was; of policies that keep their ring, or traces.
         cpu_s: Seconds of one core a trial that deciding took, all trials at once; simulating what was felt is
             not in it.
     """
 
     ended: Outcomes
     fit: Float64Array
-    shift: Shifted | None
     cpu_s: float
 
 
@@ -154,14 +140,14 @@ def run_schemes(
     """
     found: dict[str, SchemeRun] = {}
     features: dict[str, TrainedFeature] = {}
-    traces: dict[tuple[str, str], tuple[TraceModel, TrainedTraces]] = {}
+    traces: dict[str, TraceModel] = {}
     whole = sessions(PAPER_PROTOCOL)
     for scheme in schemes:
         if scheme.reading == TRACE:
-            session, of = sessions(scheme.steps), (scheme.protocol, scheme.trace_filter)
+            session, of = sessions(scheme.steps), scheme.protocol
             if of not in traces:
-                traces[of] = _trained(session, scheme, task)
-            found[scheme.name] = _by_trace(session, scheme, _best_ring(features, whole), task, *traces[of])
+                traces[of] = _trained(session, task)
+            found[scheme.name] = _by_trace(session, scheme, _best_ring(features, whole), task, traces[of])
             continue
         key = f"{scheme.reading}, {scheme.protocol}"
         if key not in features:
@@ -203,23 +189,7 @@ def _by_feature(known: TrainedFeature, scheme: Scheme, task: DepthTask | None) -
     ended = run_trials(known.trials, model, policy, stop, timing=scheme.steps.timing)
     spent_s = session.simulating.outside() - before
     count = len(ended.depth)
-    keeps = scheme.policy == "fixed_best" and task is None
-    shift = told(session, _read(known, ended)) if keeps else None
-    return SchemeRun(ended, np.ones(count), shift, spent_s / count)
-
-
-def _read(known: TrainedFeature, ended: Outcomes) -> list[tuple[NDArray[np.int64], Projected]]:
-    """Return trials at the best ring, by their first reading, as their session is held against training."""
-    trials, ring = known.trials, known.best_ring
-    every = np.arange(len(ended.depth))
-    rings = np.full(len(every), ring)
-    landed_m = trials.landing_m(every, 0, fixed=not trials.session.plan.conditions.rehome)
-    values = trials.reading(every, rings, landed_m, 0)
-    found = []
-    for trial, (value, of) in enumerate(zip(values.tolist(), ended.estimate.tolist(), strict=True)):
-        if one := by_readings(known.primitives, [(value, ring, True)], of, RING_SD_M):
-            found.append((np.array([trial]), one))
-    return found
+    return SchemeRun(ended, np.ones(count), spent_s / count)
 
 
 def _stop(scheme: Scheme, task: DepthTask | None) -> StopRule | None:
@@ -229,14 +199,9 @@ def _stop(scheme: Scheme, task: DepthTask | None) -> StopRule | None:
     return PaperVerbatim() if scheme.rule == "paper" else None
 
 
-def _trained(
-    session: WorldSession, scheme: Scheme, task: DepthTask | None
-) -> tuple[TraceModel, TrainedTraces]:
-    settings = settings_of(
-        session, depths=0 if task is None else len(task.grid_m), trace_filter=scheme.trace_filter
-    )
-    learnt = learnt_of(session, settings)
-    return model_of(session, settings, learnt), learnt
+def _trained(session: WorldSession, task: DepthTask | None) -> TraceModel:
+    settings = settings_of(session, depths=0 if task is None else len(task.grid_m))
+    return model_of(session, settings)
 
 
 def _by_trace(
@@ -245,7 +210,6 @@ def _by_trace(
     ring: int,
     task: DepthTask | None,
     model: TraceModel,
-    learnt: TrainedTraces,
 ) -> SchemeRun:
     grid_m = () if task is None else task.grid_m
     asking: Asking
@@ -268,21 +232,6 @@ def _by_trace(
         threshold=SURE,
         stop=stop,
         grid_m=grid_m,
-        learnt=learnt if task is None else None,
     )
     spent_s = session.simulating.outside() - before
-    count, shift = len(done.ended.depth), told(session, done.projected)
-    return SchemeRun(done.ended, done.fit, shift, spent_s / count)
-
-
-def told(session: WorldSession, projected: Sequence[tuple[NDArray[np.int64], Projected]]) -> Shifted | None:
-    """Return what is told of a session whose trials come in an order drawn by chance; None: nothing."""
-    of = {int(trial): (one, row) for trials, one in projected for row, trial in enumerate(trials)}
-    so_far = SessionTrials()
-    for trial in np.random.default_rng(len(of)).permutation(sorted(of)).tolist():
-        one, row = of[trial]
-        so_far.add(one, str(session.phantom[trial]), row)
-        found = shifted(so_far, one) if so_far.due else None
-        if found is not None and found.p < LOOK_P:
-            return found
-    return None
+    return SchemeRun(done.ended, done.fit, spent_s / len(done.ended.depth))

@@ -9,22 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palp_core.palpation.perception.belief.latent import of_classes
-from palp_core.palpation.perception.belief.session_check import Projected
 from palp_core.palpation.perception.belief.stopping import BeliefStep, StopRule
 from palp_core.palpation.perception.strategy.policies import StiffnessPolicy, given
 from palp_core.palpation.perception.trace.belief import (
     TraceBelief,
-    along,
     begin_sweep,
     cut,
+    expected_bits,
     fit_probability,
+    observe_stepwise,
     start,
 )
-from palp_core.palpation.perception.trace.check import projected
-from palp_core.palpation.perception.trace.information import expected_bits
 from palp_core.palpation.perception.trace.model import TraceModel
 from palp_core.palpation.perception.trace.training import TrainedTraces, learn
-from palp_core.palpation.session.trace.settings import TraceSettings
+from palp_core.palpation.session.trace_settings import TraceSettings
 from palp_core.palpation.studies.frontier.protocols import Protocol
 from palp_core.palpation.studies.simulation.session import FINE_M, WorldSession
 from palp_core.palpation.studies.simulation.trials import Outcomes
@@ -42,14 +40,10 @@ def coarse(traces: Float64Array) -> Float64Array:
     return np.asarray(traces[:, : count * _TOGETHER].reshape(len(traces), count, _TOGETHER).mean(axis=2))
 
 
-def settings_of(
-    session: WorldSession, *, depths: int = 0, trace_filter: str = "second_order"
-) -> TraceSettings:
+def settings_of(session: WorldSession, *, depths: int = 0) -> TraceSettings:
     """Return the estimator's settings on this rig: its path, and spreads as a lab states them beforehand."""
     low_m, high_m = session.plan.path_m
-    return TraceSettings(
-        from_m=low_m, to_m=high_m, run_in=session.plan.run_in, depths=depths, trace_filter=trace_filter
-    )
+    return TraceSettings(from_m=low_m, to_m=high_m, run_in=session.plan.run_in, depths=depths)
 
 
 def learnt_of(session: WorldSession, settings: TraceSettings) -> TrainedTraces:
@@ -65,11 +59,12 @@ def learnt_of(session: WorldSession, settings: TraceSettings) -> TrainedTraces:
 
 
 def model_of(
-    session: WorldSession, settings: TraceSettings, learnt: TrainedTraces | None = None
+    session: WorldSession, settings: TraceSettings, trace_filter: str = "second_order"
 ) -> TraceModel:
     """Return the trace filter's model after the session's training, by the nominal scene."""
     gel = session.plan.gel
-    return settings.model(learnt or learnt_of(session, settings), scene=gel.scene(gel.depths_m[0], "trace"))
+    scene = gel.scene(gel.depths_m[0], "trace")
+    return settings.model(learnt_of(session, settings), scene=scene, trace_filter=trace_filter)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,13 +75,11 @@ class TraceOutcomes:
         ended: As of any trials.
         fit: How probable torques are that fit no better, shape (n,).
         way_m: Way swept in the last sweep, shape (n,).
-        projected: Trials as they are held against training, and which these are; none where it is not given.
     """
 
     ended: Outcomes
     fit: Float64Array
     way_m: Float64Array
-    projected: list[tuple[NDArray[np.int64], Projected]]
 
 
 def run_trace_trials(
@@ -99,7 +92,6 @@ def run_trace_trials(
     stop: StopRule | None = None,
     most: int = MOST,
     grid_m: tuple[float, ...] = (),
-    learnt: TrainedTraces | None = None,
 ) -> TraceOutcomes:
     """Run every trial to its verdict.
 
@@ -112,14 +104,13 @@ def run_trace_trials(
         stop: Rule that says so in its place, of whole sweeps.
         most: Sweeps after which it is undecided.
         grid_m: Depths of the model's classes, where these are not the session's.
-        learnt: Training, where trials are to be held against it.
     """
     rings_m, depths_m = np.asarray(session.rings_m), np.asarray(grid_m or session.depths_m)
     count, m = len(session.depth), model.class_count
     end = np.full((count, m), 1.0 / m)
     probes, moves = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
     seconds, decided = np.zeros(count), np.zeros(count, dtype=bool)
-    fit, way, found = np.ones(count), np.zeros(count), list[tuple[NDArray[np.int64], Projected]]()
+    fit, way = np.ones(count), np.zeros(count)
     error_m = np.zeros(count)
     groups: list[tuple[NDArray[np.int64], TraceBelief, int]] = [(np.arange(count), start(model, count), -1)]
     for t in range(most):
@@ -138,7 +129,7 @@ def run_trace_trials(
                     )
                 known = begin_sweep(known, int(setting), landed=bool(moved))
                 felt = coarse(session.traces(some, np.full(len(some), setting), error_m[some], t))
-                after, posterior = along(model, known, felt)
+                after, posterior = observe_stepwise(model, known, felt)
                 if stop is None:
                     sure = posterior.max(axis=2) >= threshold
                 else:
@@ -151,17 +142,13 @@ def run_trace_trials(
                 way[some] = (last + 1) * BIN_M
                 seconds[some] += protocol.sweep_s(way[some]) + protocol.back_s(way[some])
                 fit[some] = _fits(model, after, last + 1)
-                ends = halt if t + 1 < most else np.ones(len(some), dtype=bool)
-                if learnt is not None:
-                    over = some[ends]
-                    found += _projected(model, learnt, after[ends], over, end[over], last[ends] + 1)
                 if (~halt).any():
                     following.append((some[~halt], after[~halt], int(setting)))
         groups = following
         if not groups:
             break
     ended = outcomes(session, depths_m, end, probes, moves, seconds, decided)
-    return TraceOutcomes(ended, fit, way, found)
+    return TraceOutcomes(ended, fit, way)
 
 
 def first_sure(sure: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
@@ -219,25 +206,8 @@ def _fits(model: TraceModel, after: TraceBelief, bins: NDArray[np.int64]) -> Flo
     fit = np.empty(len(bins))
     for number in np.unique(bins):
         here = bins == number
-        fit[here] = fit_probability(model, cut(model, after[here], int(number)))
+        fit[here] = fit_probability(cut(model, after[here], int(number)))
     return fit
-
-
-def _projected(
-    model: TraceModel,
-    learnt: TrainedTraces,
-    after: TraceBelief,
-    trials: NDArray[np.int64],
-    end: Float64Array,
-    bins: NDArray[np.int64],
-) -> list[tuple[NDArray[np.int64], Projected]]:
-    """Return what trials that ended differ from training by, those that ended alike together."""
-    found, taken = [], end.argmax(axis=1)
-    for number, of in {*zip(bins.tolist(), taken.tolist(), strict=True)}:
-        here = (bins == number) & (taken == of)
-        then = cut(model, after[here], number)
-        found.append((trials[here], projected(model, learnt, then, of)))
-    return found
 
 
 @dataclass(frozen=True)

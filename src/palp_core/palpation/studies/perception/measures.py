@@ -23,7 +23,7 @@ from palp_core.palpation.perception.belief.stopping import BeliefStep, stop_rule
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.perception.strategy.figure5 import RINGS_M
 from palp_core.palpation.perception.strategy.policies import FixedRing, UniformRings, given
-from palp_core.palpation.perception.trace.belief import along, begin_sweep
+from palp_core.palpation.perception.trace.belief import begin_sweep, observe_stepwise
 from palp_core.palpation.perception.trace.belief import start as trace_start
 from palp_core.palpation.studies.frontier.trace_trials import model_of
 from palp_core.palpation.studies.perception import traces
@@ -129,10 +129,10 @@ def measure_trace_filters(scene: Scene) -> Iterator[Measured]:
     begun = traces.sessions(case, 2)
     found = traces.errors(traces.by_filter(case, begun))
     for name in names(traces.TASK):
-        model = model_of(begun[0], case.settings(begun[0], name))
+        model = model_of(begun[0], case.settings(begun[0]), name)
         ring = model.mean.shape[1] - 1
         sweep = begin_sweep(trace_start(model), ring, landed=True)
-        cost_s = cpu_s(partial(along, model, sweep, model.mean[0, ring]))
+        cost_s = cpu_s(partial(observe_stepwise, model, sweep, model.mean[0, ring]))
         for output, error in found[name].items():
             yield Measured(traces.TASK, name, "", cost_s, error, output, _TRUTH)
 

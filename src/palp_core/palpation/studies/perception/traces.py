@@ -6,13 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
 from palp_core.methods import names
 from palp_core.palpation.perception.belief.trial_filter import classes_of
 from palp_core.palpation.perception.statistics.statistics import calibration
-from palp_core.palpation.perception.trace.belief import along, begin_sweep, start
-from palp_core.palpation.session.trace.settings import TraceSettings
+from palp_core.palpation.perception.trace.belief import begin_sweep, observe_stepwise, start
+from palp_core.palpation.perception.trace.model import TraceModel
+from palp_core.palpation.session.trace_settings import TraceSettings
 from palp_core.palpation.studies.frontier.protocols import SWIFT
 from palp_core.palpation.studies.frontier.trace_trials import coarse, model_of, nearest, settings_of
 from palp_core.palpation.studies.simulation.conditions import Conditions
@@ -22,7 +24,7 @@ from palp_core.palpation.studies.toolkit.parallel import seeds
 from palp_core.palpation.world.model import LAB, WorldModel
 from palp_core.units import Float64Array
 
-TASK = "trace_filter"
+TASK, STRAIGHT = "trace_filter", "straight"
 SURE = 0.99
 """Belief at which a sweep that is read as it comes is decided."""
 RIG = Conditions(mounting="each_trial", specimens="other", phantoms=3, trials=60)
@@ -46,10 +48,10 @@ class TraceCase:
     conditions: Conditions = RIG
     assumed: Mapping[str, float] = field(default_factory=dict)
 
-    def settings(self, session: WorldSession, name: str = "") -> TraceSettings:
-        """Return how a filter reads a session."""
+    def settings(self, session: WorldSession) -> TraceSettings:
+        """Return how a session is read."""
         assumed = {"ring_sd_mm": max(1e3 * self.conditions.ring_sd_m, 0.01), **self.assumed}
-        return replace(settings_of(session), trace_filter=name, **assumed)  # type: ignore[arg-type]
+        return structs.replace(settings_of(session), **assumed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +67,12 @@ class Read:
     stated: Float64Array
 
 
-def read(session: WorldSession, settings: TraceSettings) -> Read:
+def read(session: WorldSession, settings: TraceSettings, model: TraceModel) -> Read:
     """Return what a filter makes of one sweep a trial, at the stiffest ring."""
     count, ring = len(session.depth), len(session.rings_m) - 1
-    model, every = model_of(session, settings), np.arange(count)
+    every = np.arange(count)
     felt = coarse(session.traces(every, np.full(count, ring), session.landings_m[:, 0], 0))
-    _, posterior = along(model, begin_sweep(start(model, count), ring, landed=True), felt)
+    _, posterior = observe_stepwise(model, begin_sweep(start(model, count), ring, landed=True), felt)
     posterior = _of_depths(posterior, session, settings)
     sure = posterior.max(axis=2) >= SURE
     halt = np.where(sure.any(axis=1), np.argmax(sure, axis=1), felt.shape[1] - 1)
@@ -104,15 +106,33 @@ def miscalibrated(reads: Sequence[Read]) -> float:
 
 
 def by_filter(case: TraceCase, begun: Sequence[WorldSession]) -> dict[str, list[Read]]:
-    """Return what each filter made of sessions."""
-    return {name: [read(one, case.settings(one, name)) for one in begun] for name in names(TASK)}
+    """Return what each filter made of sessions, and ``straight``: one that takes every answer for a line."""
+    found: dict[str, list[Read]] = {name: [] for name in (*names(TASK), STRAIGHT)}
+    for session in begun:
+        settings = case.settings(session)
+        for name in names(TASK):
+            model = model_of(session, settings, name)
+            found[name].append(read(session, settings, model))
+        found[STRAIGHT].append(read(session, settings, _without_squares(model)))
+    return found
+
+
+def _without_squares(model: TraceModel) -> TraceModel:
+    count = model.stays.index("sweep") + 1  # the sensor's zero is the last offset that is no square
+    return replace(
+        model,
+        slope=model.slope[..., :count],
+        offset_sd=model.offset_sd[:count],
+        stays=model.stays[:count],
+    )
 
 
 def errors(reads: Mapping[str, Sequence[Read]]) -> dict[str, dict[str, float]]:
-    """Return each filter's error by output: wrong decisions beyond the best filter's, and calibration."""
+    """Return each filter's error by output: wrong decisions beyond the best of all, and calibration."""
     shares = {name: wrong(own).mean(axis=0) for name, own in reads.items()}
     best = np.min(list(shares.values()), axis=0)
     return {
         name: {"decision": float((share - best).max()), "calibration": miscalibrated(reads[name])}
         for name, share in shares.items()
+        if name != STRAIGHT
     }
