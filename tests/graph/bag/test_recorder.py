@@ -10,10 +10,10 @@ from palp_core.graph.bag.info import bag_info
 from palp_core.graph.bag.reader import Bag, read
 from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.bag.selection import topic_selection
-from palp_core.graph.bag.snapshot import FrameHistory
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.builtin import Progress
 from palp_core.graph.messages.frame import Kind, parse
+from palp_core.graph.recording.snapshot import SnapshotRecorder
 
 
 def mode(kit: Any, sequence: int, **options: Any) -> bytes:
@@ -128,11 +128,11 @@ def test_the_runtimes_own_messages_need_no_description(tmp_path: Path, kit: Any)
 
 
 def test_a_snapshot_holds_the_last_seconds_and_the_latched_values(tmp_path: Path, kit: Any) -> None:
-    snapshot = FrameHistory(20_000_000, latched=["/policy/mode"])
+    snapshot = SnapshotRecorder(20_000_000, kit.TOPICS)
     for now_ns, raw in kit.run_frames(100):
         snapshot(now_ns, raw)
     recorder = BagRecorder(BagWriter(tmp_path / "run"), kit.TOPICS, from_start=False)
-    assert snapshot.save(recorder) == 22
+    snapshot.save(recorder)
     assert recorder.close().complete
     found = [(m.topic, m.sequence) for m in read(tmp_path / "run")]
     assert found == [("/policy/mode", 2), *(("/torque/block", s) for s in range(80, 101))]

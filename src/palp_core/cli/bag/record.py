@@ -50,8 +50,8 @@ def record(
     The exit status is 1 if anything is missing: it is said per topic.
     """
     from palp_core.graph.clock import unix_ns
-    from palp_core.graph.recording.recorder_messages import RecordOptions
-    from palp_core.graph.recording.recorder_run import record_until_asked
+    from palp_core.graph.recording.attached_recorder import record_until_asked
+    from palp_core.graph.recording.recorder_params import RecorderParams
 
     if not every and not topics and regex is None:
         raise BagError(
@@ -60,17 +60,17 @@ def record(
     if every and (topics or regex is not None):
         raise BagError("-a records every topic: leave out topics and -e, or leave out -a")
     running = find_graph(graph)
-    options = RecordOptions(
+    params = RecorderParams(
         out=str((output or Path(f"{running.record.graph}-{unix_ns() // 10**9}")).absolute()),
-        topics=[name if name.startswith("/") else f"/{name}" for name in topics or []],
-        regex=regex,
-        exclude_regex=exclude_regex,
-        max_bytes=max_bag_size,
-        max_duration_s=max_bag_duration,
+        topics=topics or [],
+        regex=regex or "",
+        exclude_regex=exclude_regex or "",
+        max_bag_size=max_bag_size,
+        max_bag_duration_s=max_bag_duration,
         snapshot_s=snapshot,
         compression=compression.value,
     )
-    complete, text = record_until_asked(running, options, note)
+    complete, text = record_until_asked(running, params, note)
     print_text(text)
     if not complete:
         raise typer.Exit(1)
@@ -78,7 +78,7 @@ def record(
 
 def snapshot(graph: GraphOption = None) -> None:
     """Write the last seconds that recorders keep into bags."""
-    from palp_core.graph.recording.recorder_run import save_snapshots
+    from palp_core.graph.recording.attached_recorder import save_snapshots
 
     for line in save_snapshots(find_graph(graph, changes=True)):
         print_text(line)

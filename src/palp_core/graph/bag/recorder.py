@@ -50,11 +50,17 @@ class RecordingSummary(msgspec.Struct, frozen=True, kw_only=True):
     topics: dict[str, TopicRecording]
     unreadable: int = 0
     """Frames that are not of this wire version, or no frames at all."""
+    unheard: list[str] = []
+    """Topics of which no frame came."""
 
     @property
     def complete(self) -> bool:
         """Nothing is missing."""
-        return not self.unreadable and not any(t.lost or t.refused for t in self.topics.values())
+        return (
+            not self.unreadable
+            and not self.unheard
+            and not any(t.lost or t.refused for t in self.topics.values())
+        )
 
     def text(self) -> str:
         """Say per topic what is missing."""
@@ -72,6 +78,8 @@ class RecordingSummary(msgspec.Struct, frozen=True, kw_only=True):
                 lines.append(f"{name}: {topic.refused} stamped before the graph's start, not recorded")
         if self.unreadable:
             lines.append(f"{counted(self.unreadable, 'frame')} could not be read")
+        if self.unheard:
+            lines.append(f"never heard: {', '.join(self.unheard)}")
         return "\n".join(lines if not self.complete else [lines[0] + ", nothing missing"])
 
 
@@ -110,6 +118,7 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
     Attributes:
         missed: Is told of each gap when it shows: topic, epoch, first and last sequence; who can, hands the
             messages to :meth:`fill`.
+        unheard: Topics of which no frame came, for the account.
     """
 
     def __init__(
@@ -131,12 +140,9 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
         self._unreadable = 0
         self._summary: RecordingSummary | None = None
         self.missed: Callable[[str, int, int, int], None] = lambda *_: None
+        self.unheard: list[str] = []
         for name, data in (attachments or {}).items():
             writer.attach(name, data, media_type_of(name))
-
-    def has_heard(self, topic: str) -> bool:
-        """Tell whether anything of a topic was heard."""
-        return topic in self._accounts
 
     @property
     def taken(self) -> int:
@@ -220,7 +226,7 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
                 refused=refused,
                 described=name in self._topics,
             )
-        return RecordingSummary(topics=topics, unreadable=self._unreadable)
+        return RecordingSummary(topics=topics, unreadable=self._unreadable, unheard=self.unheard)
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -30,7 +30,6 @@ from palp_core.graph.launch.checkpoint_file import (
     write_checkpoint,
 )
 from palp_core.graph.node.loading import source_of
-from palp_core.graph.recording.recorders import Recorders
 from palp_core.graph.swap.compatibility import incompatibilities, replaced
 
 Inspect = Callable[[list[NodeClassRequest], Path], list[NodeClass]]
@@ -112,18 +111,6 @@ class Checkpoints:
     def resumed_count(self) -> int:
         """How often the run was interrupted."""
         return 0 if self.resumed is None else self.resumed.resumed_count + 1
-
-    def recorders(self, graph: CheckedGraph, record: Path | None) -> Recorders:
-        """Return the recorders of a run that begins, or goes on.
-
-        Args:
-            graph: The graph about to run.
-            record: The bag for all of it; None: only what the launch file says.
-
-        Raises:
-            BagError: A bag exists, or a recorder's flags make no sense.
-        """
-        return Recorders(graph, record, resumed=self.resumed is not None)
 
     @property
     def attached(self) -> dict[str, str] | None:

@@ -19,7 +19,7 @@ import msgspec
 from palp_core.errors import GraphError, PalpError, in_words
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.check import load
-from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.description.checked import RECORDER, CheckedGraph
 from palp_core.graph.discovery.choice import check_free
 from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.launch.changes_told import ChangesTold
@@ -213,7 +213,9 @@ class Graph:
                 )
                 kept = self.checkpoints.attached or _tell(self.checked, "attach", self._summary()) or {}
                 self.checked = msgspec.structs.replace(self.checked, attached=kept)
-                self.recorders = self.checkpoints.recorders(self.checked, self.record)
+                resumed = self.checkpoints.resumed is not None
+                self.recorders = Recorders(self.checked, self.record, resumed=resumed)
+                self.checked = msgspec.structs.replace(self.checked, nodes=self.recorders.nodes)
                 self.observers.follow(self.checked)
                 self.checkpoints.on_trouble = lambda words: self.diagnostics.tell(
                     words, RESUMES, self._now_ns()
@@ -227,6 +229,7 @@ class Graph:
             stack.enter_context(self._showing_log())
             self.launcher_node = LauncherNode(str(self.directory.path), self._now_ns)
             stack.callback(self.launcher_node.close)
+            self.recorders.launcher_node = self.launcher_node
             if (gateway := self.gateway) is not None:
                 self.launcher_node.joined = lambda: gateway.health
             self.launcher_node.record_event = lambda frame: self._keep_frame(self._now_ns(), frame)
@@ -253,7 +256,8 @@ class Graph:
             self.launcher_node.answer("swap_progress", lambda _: self.swaps.progress())
             self.launcher_node.defer("swap", AskToSwap, self.swaps.answer)
             self._announce()
-            self.recorders.start(self.directory.path, self.launcher_node, self._supervisor)
+            if self._supervisor is not None:
+                self._supervisor.prepare_recorders()
             self._stack = stack.pop_all()
         return self
 
@@ -460,9 +464,9 @@ class Graph:
             self.launcher_node.poll()  # the supervisor does it where there is one
 
     def _end_order(self) -> list[int]:
-        """Nodes that move something first, then graph order."""
+        """Nodes that move something first, then graph order; recorders when all others have ended."""
         nodes = self.checked.spawned
-        return sorted(range(len(nodes)), key=lambda i: (not nodes[i].moves, i))
+        return sorted(range(len(nodes)), key=lambda i: (nodes[i].run == RECORDER, not nodes[i].moves, i))
 
 
 def _scalar(value: Any) -> str:

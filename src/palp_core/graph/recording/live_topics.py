@@ -4,6 +4,7 @@ from typing import Any
 
 import msgspec
 
+from palp_core.graph.description.checked import RECORDER
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.topic import Topic
@@ -20,13 +21,19 @@ def is_order(name: str) -> bool:
     return name.endswith(f"/{ORDER_PORT}")
 
 
+def recorded_nodes(graph: RunningGraph) -> list[str]:
+    """Return the nodes of a running graph but its recorders: none records itself, or waits for another."""
+    return [node.name for node in graph.record.nodes if node.run != RECORDER]
+
+
 def live_topics(graph: RunningGraph) -> dict[str, Topic]:
-    """Return every topic of a running graph, the hidden ones and the launcher's among them, by name.
+    """Return every topic of a running graph but its recorders', hidden ones and the launcher's too, by name.
 
     The nodes are asked how much they keep; of one that does not answer no topic is known to be latched.
     """
+    nodes = recorded_nodes(graph)
     outputs: dict[str, dict[str, Any]] = {}
-    for info in graph.ask_all("info", timeout_s=ASK_S).replies.values() if graph.node_names else ():
+    for info in graph.ask_all("info", nodes, timeout_s=ASK_S).replies.values() if nodes else ():
         outputs |= info.get("outputs", {})
     return {
         entry.name: msgspec.structs.replace(
@@ -35,6 +42,7 @@ def live_topics(graph: RunningGraph) -> dict[str, Topic]:
             latched_depth=_LATCHED.get(entry.name, _latched_depth(outputs.get(entry.name, {}))),
         )
         for entry in graph.topics(include_hidden=True)
+        if (entry.node or LAUNCHER) in (*nodes, LAUNCHER)
     }
 
 
