@@ -94,7 +94,7 @@ class Bag(AbstractContextManager["Bag"]):
         spans = named_files(self.path) if len(self.files) > 1 else {}
         for file in self.files:
             if file.statistics is not None:
-                span = file.statistics.start_ns, file.statistics.end_ns
+                span = file.statistics.message_start_time, file.statistics.message_end_time
                 others = [name for name, known in spans.items() if known == span]
                 if others and file.path.name not in others:
                     found.append(f"{file.path.name}: it is {others[0]} by metadata.yaml; rename it")

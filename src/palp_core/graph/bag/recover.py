@@ -103,7 +103,7 @@ def recover(bag: str | Path, out: str | Path, compression: Compression = "zstd")
                     writer.attach(attachment.name, attachment.data, attachment.media_type)
             for metadata in found.metadata.values():
                 if place == len(files) - 1:
-                    writer.add_metadata(metadata.name, metadata.values)
+                    writer.add_metadata(metadata.name, metadata.metadata)
         report.gaps = {name: account.lost for name, account in sorted(accounts.items())}
         report.message_count = {name: account.count for name, account in sorted(accounts.items())}
         report.complete = not (

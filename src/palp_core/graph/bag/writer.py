@@ -142,7 +142,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         self, name: str, data: bytes, media_type: str = "application/octet-stream", *, every_file: bool = True
     ) -> None:
         """Add an attachment, to this file and to each later one."""
-        attachment = Attachment(name, data, media_type)
+        attachment = Attachment(0, 0, name, media_type, data)
         self._file.attach(attachment)
         if every_file:
             self._extras.append(attachment)
@@ -193,7 +193,8 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         stream = self._streams[number - 1]
         schema = stream.schema(number)
         schema_id = self._schema_ids.setdefault((schema.name, schema.encoding, schema.data), number)
-        self._file.add_schema(msgspec.structs.replace(schema, id=schema_id))
+        schema.id = schema_id
+        self._file.add_schema(schema)
         self._file.add_channel(stream.channel(number, schema_id))
 
     def _split(self, log_ns: int) -> FileWriter:

@@ -56,8 +56,9 @@ def span_ns(bag: Bag) -> tuple[int, int]:
     """Return the log times of a bag's first and last message, in ns; (0, 0) of an empty one."""
     known = [file.statistics for file in bag.files if file.statistics is not None]
     if len(known) == len(bag.files):
-        filled = [s for s in known if sum(s.counts.values())]
-        return min((s.start_ns for s in filled), default=0), max((s.end_ns for s in filled), default=0)
+        filled = [s for s in known if s.message_count]
+        first_ns = min((s.message_start_time for s in filled), default=0)
+        return first_ns, max((s.message_end_time for s in filled), default=0)
     first = last = None
     for message in bag.recorded():  # another tool's file may have no statistics
         first = message.log_ns if first is None else min(first, message.log_ns)
