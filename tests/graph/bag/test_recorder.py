@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 
 from palp_core.graph.bag.account import Gap, TopicAccount
 from palp_core.graph.bag.info import bag_info
-from palp_core.graph.bag.reader import Bag, read
+from palp_core.graph.bag.reader import Bag, read, topic_selection
 from palp_core.graph.bag.recorder import BagRecorder
-from palp_core.graph.bag.selection import topic_selection
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.builtin import Progress
 from palp_core.graph.messages.frame import Kind, parse

@@ -7,6 +7,7 @@ import signal
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 
@@ -176,7 +177,7 @@ def test_answers_of_a_publisher_that_is_gone_are_waited_for_once_and_not_for_eac
     directory = RunDirectory("gone")
     gone = topic_of("/source/sample", Sample, "source", f"ipc://{directory.path}/source.pub")
     graph = RunningGraph(directory.record("gone", "", "wall", f"ipc://{directory.path}/graph.srv", [], []))
-    feed = LiveFeed(graph, BagRecorderOfNothing(), from_start=True)
+    feed = LiveFeed(graph, cast(Any, BagRecorderOfNothing()), from_start=True)
     feed.follow({gone.name: gone})
     for first in range(1, 60, 2):
         feed.ask(gone.name, 0, first, first)

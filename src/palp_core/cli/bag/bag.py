@@ -93,7 +93,7 @@ def filter_(
 ) -> None:
     """Write some topics or some time of a bag into a new one."""
     from palp_core.graph.bag.edit import filter_bag
-    from palp_core.graph.bag.selection import topic_selection
+    from palp_core.graph.bag.reader import topic_selection
 
     select = topic_selection(topics or (), regex, exclude_regex)
     check_topics(topics or (), bag)

@@ -53,8 +53,8 @@ def convert_bag(
     if types is not None and to is not BagForm.ROS2:
         raise BagError("--types is for --to ros2")
     if from_ is not None:
+        from palp_core.graph.bag.reader import topic_selection
         from palp_core.graph.bag.ros2.import_bag import import_bag
-        from palp_core.graph.bag.selection import topic_selection
 
         count = import_bag(bag, out, select=topic_selection((), regex, exclude_regex))
     elif regex or exclude_regex:

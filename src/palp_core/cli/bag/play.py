@@ -74,8 +74,7 @@ def play(
     late it ever was.
     """
     from palp_core.cli.bag.play_loop import PlayLoop
-    from palp_core.graph.bag.reader import Bag
-    from palp_core.graph.bag.selection import topic_selection
+    from palp_core.graph.bag.reader import Bag, topic_selection
     from palp_core.graph.replay.play import Playback, PlayRun, external_ports, publish_into
 
     if start_paused and (disable_keyboard_controls or not attended(standard_input())):

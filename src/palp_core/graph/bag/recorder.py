@@ -4,6 +4,7 @@ import struct
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 
@@ -83,26 +84,15 @@ class RecordingSummary(msgspec.Struct, frozen=True, kw_only=True):
         return "\n".join(lines if not self.complete else [lines[0] + ", nothing missing"])
 
 
-class _Route:
+class _Route(NamedTuple):
     """Where a stream's messages go."""
 
-    __slots__ = ("account", "payload_offset", "sequence_high", "stream", "topic", "type_hash")
-
-    def __init__(
-        self,
-        topic: str,
-        stream: int,
-        account: EpochAccount,
-        payload_offset: int,
-        type_hash: int,
-        sequence_high: int,
-    ) -> None:
-        self.topic = topic
-        self.stream = stream
-        self.account = account
-        self.payload_offset = payload_offset
-        self.type_hash = type_hash
-        self.sequence_high = sequence_high
+    topic: str
+    stream: int
+    account: EpochAccount
+    payload_offset: int
+    type_hash: int
+    sequence_high: int
 
 
 class BagRecorder(AbstractContextManager["BagRecorder"]):
@@ -159,23 +149,14 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
         account.epochs.setdefault(epoch, EpochAccount(epoch, first))
 
     def fill(self, now_ns: int, frame: bytes) -> None:
-        """Record a frame that was asked for, if it is missing still.
-
-        Raises:
-            SchemaMismatch: It is no frame.
-        """
+        """Record a frame that was asked for, if it is missing still."""
         parsed = parse(frame)
         account = self._accounts.get(parsed.topic)
         if account is not None and account.epoch(parsed.epoch).lacks(parsed.sequence):
             self(now_ns, frame)
 
     def __call__(self, now_ns: int, frame: bytes) -> None:
-        """Record a frame.
-
-        Args:
-            now_ns: Now, on the graph's clock.
-            frame: As on the wire.
-        """
+        """Record a frame as it is on the wire; now on the graph's clock."""
         end = frame.find(0)
         route = self._routes.get(frame[: end + _KEY_BYTES])
         if route is None:

@@ -82,11 +82,7 @@ class Stream(msgspec.Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, channel: Channel, schema: Schema | None) -> Stream:
-        """Return the stream that a channel's records stand for; they may be another tool's.
-
-        Raises:
-            ValueError: Numbers or a schema that cannot be read.
-        """
+        """Return the stream that a channel's records stand for; they may be another tool's."""
         metadata = channel.metadata
         json_schema, foreign = ANY_SCHEMA, b""
         if schema is not None and schema.encoding == SCHEMA_ENCODING:
@@ -118,9 +114,6 @@ def decoder_for(stream: Stream) -> Callable[[bytes], Any]:
 
     Structs where the bag has a schema, dicts where it has none, the bytes themselves where the encoding is
     neither msgpack nor JSON.
-
-    Raises:
-        BagError: The bag's schema has what no message can have.
     """
     if stream.encoding == "json":
         return msgspec.json.decode

@@ -28,11 +28,7 @@ PLACE = "recorder-"
 
 
 class AttachedRecorder:
-    """A recorder with its signals: SIGINT, SIGTERM and SIGHUP end it, SIGUSR1 writes a snapshot.
-
-    Args:
-        say: Takes what a person should know.
-    """
+    """A recorder with its signals: SIGINT, SIGTERM and SIGHUP end it, SIGUSR1 writes a snapshot."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self.ending = False
@@ -56,14 +52,7 @@ class AttachedRecorder:
                 signal.signal(number, handler)
 
     def record(self, graph: RunningGraph, params: RecorderParams) -> tuple[bool, str]:
-        """Record until the end is asked for, or the graph has ended.
-
-        Returns:
-            Whether nothing is missing, and what to say.
-
-        Raises:
-            PalpError: It cannot be recorded, or the disk is full.
-        """
+        """Record until the end is asked for, or the graph has ended."""
         recorder = LiveRecorder(graph, params, self._say, from_start=False)
         with self._serving(graph, recorder) if params.snapshot_s else contextlib.nullcontext() as sockets:
             recorder.await_topics(lambda: self.ending)
@@ -110,22 +99,14 @@ class AttachedRecorder:
 def record_until_asked(
     graph: RunningGraph, params: RecorderParams, say: Callable[[str], None]
 ) -> tuple[bool, str]:
-    """Record a running graph; return whether nothing is missing, and what to say.
-
-    Raises:
-        PalpError: It cannot be recorded.
-    """
+    """Record a running graph; return whether nothing is missing, and what to say."""
     recorder = AttachedRecorder(say)
     with recorder.signals():
         return recorder.record(graph, params)
 
 
 def save_snapshots(graph: RunningGraph) -> list[str]:
-    """Let every recorder that keeps a graph's last seconds write them; return what each answers.
-
-    Raises:
-        BagError: There is none, or one does not answer.
-    """
+    """Let every recorder that keeps a graph's last seconds write them; return what each answers."""
     places = {node.name: node.serve for node in graph.record.nodes if node.run == RECORDER}
     for path in sorted(graph.folder.glob(f"{PLACE}*.srv")):
         if psutil.pid_exists(int(path.stem.removeprefix(PLACE))):

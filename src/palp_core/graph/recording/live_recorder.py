@@ -9,8 +9,8 @@ import msgspec
 
 from palp_core.counted import counted
 from palp_core.errors import BagError, GraphError
+from palp_core.graph.bag.reader import topic_selection
 from palp_core.graph.bag.recorder import BagRecorder, RecordingSummary
-from palp_core.graph.bag.selection import topic_selection
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.topic import Topic
@@ -30,18 +30,7 @@ QUIET_TURNS = 4
 
 
 class LiveRecorder:
-    """Follows a graph and records it.
-
-    Args:
-        graph: The running graph.
-        params: What and how.
-        say: Takes what a person should know.
-        from_start: The graph has yet to begin: every topic's first message must be in the bag.
-
-    Raises:
-        BagError: Nothing to record, a graph in simulated time, or the bag exists.
-        GraphError: The launcher does not answer.
-    """
+    """Follows a graph and records it."""
 
     def __init__(
         self, graph: RunningGraph, params: RecorderParams, say: Callable[[str], None], *, from_start: bool
@@ -102,11 +91,7 @@ class LiveRecorder:
         )
 
     def turn(self, wait_ms: int = WAIT_MS) -> bool:
-        """Take what comes, for a moment; return whether there may be more.
-
-        Raises:
-            BagError: The bag cannot be written any more.
-        """
+        """Take what comes, for a moment; return whether there may be more."""
         with self._writing():
             more = self._feed.receive(wait_ms)
             self._sink.tick(monotonic_ns())

@@ -39,11 +39,7 @@ class Recorder(Node):
     _recorder: LiveRecorder | None = None
 
     def on_graph_ready(self, run_dir: str) -> None:
-        """Hear every topic.
-
-        Raises:
-            BagError: There is nothing to record, or the bag exists or cannot be written.
-        """
+        """Hear every topic."""
         record = read_record(Path(run_dir))
         assert record is not None
         self._recorder = LiveRecorder(

@@ -42,11 +42,7 @@ def rooted(topics: Iterable[str]) -> list[str]:
 
 
 def new_writer(params: RecorderParams, out: str | Path) -> BagWriter:
-    """Return the writer of a recorder's bag.
-
-    Raises:
-        BagError: The bag exists or cannot be made.
-    """
+    """Return the writer of a recorder's bag."""
     return BagWriter(
         out,
         compression=params.compression,

@@ -14,9 +14,8 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import BagError, NodeError
-from palp_core.graph.bag.reader import Bag
+from palp_core.graph.bag.reader import Bag, topic_selection
 from palp_core.graph.bag.recorder import SUMMARY_NAME, BagRecorder, RecordingSummary
-from palp_core.graph.bag.selection import topic_selection
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.checked import RECORDER, CheckedGraph
 from palp_core.graph.node.spec import NodeSpec
@@ -45,9 +44,6 @@ class Recorders:
 
     Attributes:
         nodes: On the wall clock, the nodes of the graph with its recorders.
-
-    Raises:
-        BagError: A bag exists, or a recorder's flags make no sense.
     """
 
     def __init__(
@@ -76,11 +72,7 @@ class Recorders:
                 self._bags.append(spec.params["out"])
 
     def observe(self, now_ns: int, frame: bytes) -> None:
-        """Simulated clock: take a frame.
-
-        Raises:
-            NodeError: It cannot be recorded, and the launch file wants the graph to end with its recorder.
-        """
+        """Simulated clock: take a frame."""
         for writer in self._writers:
             try:
                 writer(now_ns, frame)
@@ -88,11 +80,7 @@ class Recorders:
                 self._lose(writer, error)
 
     def follow(self, graph: CheckedGraph) -> None:
-        """Simulated clock: keep what the graph has become by a swap; other recorders ask for it.
-
-        Raises:
-            NodeError: As of :meth:`observe`.
-        """
+        """Simulated clock: keep what the graph has become by a swap; other recorders ask for it."""
         for writer in self._writers:
             try:
                 writer.follow(graph)
@@ -128,15 +116,7 @@ class Recorders:
 
 
 class LockstepRecorder:
-    """Observes a lockstep graph and writes its bag.
-
-    Args:
-        spec: Its name, and what to record.
-        graph: The graph about to run.
-
-    Raises:
-        BagError: The bag cannot be made; or snapshots are wanted, for which nobody asks in time.
-    """
+    """Observes a lockstep graph and writes its bag."""
 
     def __init__(self, spec: NodeSpec, graph: CheckedGraph) -> None:
         params = msgspec.convert(spec.params, RecorderParams)
@@ -182,11 +162,7 @@ class LockstepRecorder:
 
 
 def _prepared(spec: NodeSpec, *, resumed: bool = False) -> NodeSpec:
-    """Return a recorder with the bag that it is to write.
-
-    Raises:
-        BagError: The bag exists.
-    """
+    """Return a recorder with the bag that it is to write."""
     out = str(Path(spec.params["out"]).absolute())
     names = itertools.chain([out], (f"{out}_{number}" for number in itertools.count(2)))
     out = next(name for name in names if not (resumed and Path(name).exists()))

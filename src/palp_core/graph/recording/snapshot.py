@@ -11,12 +11,7 @@ from palp_core.graph.messages.topic import Topic
 
 
 class SnapshotRecorder(BagRecorder):
-    """Accounts for every frame, and keeps it for a while; the last message of a latched topic for good.
-
-    Args:
-        duration_ns: How far back, on the graph's clock.
-        topics: What is known of the topics.
-    """
+    """Accounts for every frame, and keeps it for a while; the last message of a latched topic for good."""
 
     def __init__(self, duration_ns: int, topics: Iterable[Topic]) -> None:
         writer: Any = _NoBag()

@@ -57,9 +57,6 @@ class Playback(contextlib.AbstractContextManager["Playback"]):
         span_ns: How much is played, in the bag's time.
         lateness: Of each instant at which there were messages.
         send: Takes each frame.
-
-    Raises:
-        BagError: There is nothing between beginning and end, or a topic cannot be played.
     """
 
     def __init__(
@@ -190,11 +187,6 @@ class Playback(contextlib.AbstractContextManager["Playback"]):
 class PlayRun:
     """A run of its own, in which the recorded nodes seem to run: tools find them, their topics, their types.
 
-    Args:
-        source: The bag, for the record.
-        topics: What is played, by the names under which it is.
-        playback: The players.
-
     Attributes:
         file_descriptors: Become readable when :meth:`poll` has something to do.
     """
@@ -258,11 +250,7 @@ class PlayRun:
 
 
 def external_ports(graph: RunningGraph, topics: Mapping[str, Topic]) -> list[str]:
-    """Return those of the topics that are ports of a running graph which take messages from outside.
-
-    Raises:
-        GraphError: None of them is, or one takes another type.
-    """
+    """Return those of the topics that are ports of a running graph which take messages from outside."""
     known: dict[str, str] = {}
     for node, info in graph.ask_all("info").replies.items():
         ports = graph.ask(node, "schemas")["ports"] if info.get("external") else {}
@@ -283,11 +271,7 @@ def external_ports(graph: RunningGraph, topics: Mapping[str, Topic]) -> list[str
 
 
 def publish_into(graph: RunningGraph, topics: Mapping[str, Topic], frame: bytes) -> None:
-    """Publish a player's frame in a running graph, if it is of one of the topics.
-
-    Raises:
-        GraphError: Its node refuses it.
-    """
+    """Publish a player's frame in a running graph, if it is of one of the topics."""
     parsed = parse(frame)
     if parsed.kind == Kind.DATA and parsed.topic in topics:
         _, node, port = parsed.topic.split("/")

@@ -38,9 +38,6 @@ def playable(bag: Bag) -> dict[str, Topic]:
     """Return the topics of a bag that a node published of its own will; the runtime's own are not among them.
 
     Orders, events and health are the runtime's, and replies to services belong to who asked.
-
-    Raises:
-        BagError: A file was never closed, so that what is in it is not known before it is read.
     """
     if torn := [file.path.name for file in bag.files if not file.closed]:
         raise BagError(f"{bag.path}: {torn[0]} was never closed; mend it first: palp bag recover BAG -o NEW")
@@ -73,11 +70,7 @@ def begin_ns(bag: Bag, start_offset_s: float) -> int:
 
 
 def _player_class(base: type[Node], node: str, topics: Mapping[str, Topic]) -> type[Node]:
-    """Return the class of a player whose outputs are recorded topics, by port.
-
-    Raises:
-        BagError: A topic that cannot be played: no schema, or a name that is the runtime's.
-    """
+    """Return the class of a player whose outputs are recorded topics, by port."""
     ports = {port: Pub(recorded_class(topic), qos=_offer(topic)) for port, topic in topics.items()}
     own = sorted(port for port in ports if hasattr(base, port))
     if own:
@@ -95,11 +88,7 @@ def _player_class(base: type[Node], node: str, topics: Mapping[str, Topic]) -> t
 
 
 def recorded_class(topic: Topic) -> type[Message]:
-    """Return a message class like the one whose messages a topic of a bag has.
-
-    Raises:
-        BagError: The bag does not say what the messages are made of, or the class would not be that type.
-    """
+    """Return a message class like the one whose messages a topic of a bag has."""
     where = f"{topic.name} cannot be played"
     if "properties" not in topic.json_schema:
         raise BagError(f"{where}: the bag has no schema of palp's for it; leave the topic out")

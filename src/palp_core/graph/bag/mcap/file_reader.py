@@ -52,19 +52,12 @@ def extend_places(places: list[ChunkPlace], offset: int, length: int) -> None:
 class FileReader(AbstractContextManager["FileReader"]):
     """Reads one file.
 
-    Args:
-        path: The file.
-
     Attributes:
         closed: It has a whole summary: its writer came to its end.
         schemas, channels: Definitions known so far; all of them if ``closed``.
         statistics: Counts of the whole file, if ``closed`` and written.
         chunks: Every chunk found, and every stretch of messages outside chunks, in file order.
         problems: What is wrong with the file, in words.
-
-    Raises:
-        BagError: No such file.
-        BagDamaged: Not an MCAP file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -114,11 +107,6 @@ class FileReader(AbstractContextManager["FileReader"]):
     ) -> Iterator[list[RawMessage]]:
         """Iterate messages in file order, chunk by chunk.
 
-        Args:
-            channels: Only these; None: all.
-            start_ns: Only from this log time on.
-            end_ns: Only before this log time.
-
         Raises:
             BagDamaged: A chunk is not what was written, or the file ends amid a record; every whole chunk
                 before it has been yielded.
@@ -157,20 +145,12 @@ class FileReader(AbstractContextManager["FileReader"]):
         return [*self._attachments, *self._metadata]
 
     def attachments(self) -> dict[str, bytes]:
-        """Return the attachments by name; the last one of a name counts.
-
-        Raises:
-            BagDamaged: One of them does not match its CRC.
-        """
+        """Return the attachments by name; the last one of a name counts."""
         found = [self._parsed(records.parse_attachment, *place) for place in self._attachments]
         return {attachment.name: attachment.data for attachment in found}
 
     def metadata(self) -> dict[str, dict[str, str]]:
-        """Return the metadata records by name; the last one of a name counts.
-
-        Raises:
-            BagDamaged: One of them does not match its CRC.
-        """
+        """Return the metadata records by name; the last one of a name counts."""
         found = [self._parsed(records.parse_metadata, *place) for place in self._metadata]
         return {metadata.name: metadata.metadata for metadata in found}
 

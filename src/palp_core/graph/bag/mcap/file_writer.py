@@ -36,9 +36,6 @@ class FileWriter:
         chunk_bytes: A chunk is closed when it holds this much, before compression.
         chunk_ns: A chunk is closed when it is this old on the clock that ``tick`` is given; the first one of
             a file earlier, so that a file that is cut off soon has something in it.
-
-    Raises:
-        BagError: The file exists.
     """
 
     def __init__(
@@ -90,11 +87,7 @@ class FileWriter:
     def write(
         self, channel: int, sequence: int, log_ns: int, publish_ns: int, payload: bytes | memoryview
     ) -> None:
-        """Add a message; of the sequence, 32 bits are kept.
-
-        Raises:
-            BagError: An unknown channel, or a number that the format cannot hold.
-        """
+        """Add a message; of the sequence, 32 bits are kept."""
         buffer = self._buffer
         try:
             head = records.MESSAGE.pack(
