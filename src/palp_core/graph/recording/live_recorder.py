@@ -50,7 +50,7 @@ class LiveRecorder:
             graph.topic(unknown[0])  # says which name is near
         if not any(map(self._chosen, self._known)):
             raise BagError("no topic of the graph is chosen: name topics, or record all with -a")
-        self._graph = graph
+        self._graph, self._from_start = graph, from_start
         self._saved_count = 0
         topics = list(self._known.values())
         self._attached = self._attachments()
@@ -95,9 +95,13 @@ class LiveRecorder:
         with self._writing():
             more = self._feed.receive(wait_ms)
             self._sink.tick(monotonic_ns())
-        if self._feed.start_ns is None:
+        if self._feed.start_ns is None and not self._from_start:
             self._feed.find_start()
         return more
+
+    def begin(self, start_ns: int) -> None:
+        """Begin with the graph, whose start is this on the machine's monotonic clock."""
+        self._feed.start_ns = start_ns
 
     def save(self) -> str:
         """Write the messages that are kept in memory into a bag of their own; return what to say."""

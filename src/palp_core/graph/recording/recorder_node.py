@@ -7,6 +7,7 @@ shut down when all others are. In lockstep the launcher records instead (:mod:`.
 from pathlib import Path
 
 from palp_core.errors import BagError, GraphError
+from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import read_record
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.message import Message
@@ -42,14 +43,13 @@ class Recorder(Node):
         """Hear every topic."""
         record = read_record(Path(run_dir))
         assert record is not None
-        self._recorder = LiveRecorder(
-            RunningGraph(record), self.params, self.log.info, from_start=not self.params.snapshot_s
-        )
+        self._recorder = LiveRecorder(RunningGraph(record), self.params, self.log.info, from_start=True)
         self._recorder.await_topics(lambda: False)
 
     def on_activate(self) -> None:
         if self._recorder is None:
             raise GraphError("a recorder begins with its graph; record a running one with palp bag record")
+        self._recorder.begin(monotonic_ns() - self.now_ns())
         self.turn.set(self.now_ns())
 
     @on(turn)
