@@ -41,7 +41,7 @@ from rosbags.rosbag2 import Writer as RosWriter
 from palp_core.graph.bag.convert import BagForm, convert
 from palp_core.graph.bag.mcap.file_reader import FileReader
 from palp_core.graph.bag.mcap.file_writer import FileWriter
-from palp_core.graph.bag.mcap.records import ChannelRecord, SchemaRecord
+from palp_core.graph.bag.mcap.records import Channel, Schema
 from palp_core.graph.bag.reader import Bag, read
 from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.bag.recover import recover
@@ -175,8 +175,8 @@ def write_palp(path: Path, payloads: list[bytes]) -> None:
     """Write ready payloads with palp's writer, which closes chunks by time."""
     path.unlink(missing_ok=True)
     writer = FileWriter(path)
-    writer.add_schema(SchemaRecord(1, "TorqueBlock", "jsonschema", json.dumps(SCHEMA).encode()))
-    writer.add_channel(ChannelRecord(1, 1, NAME, "msgpack"))
+    writer.add_schema(Schema(1, json.dumps(SCHEMA).encode(), "jsonschema", "TorqueBlock"))
+    writer.add_channel(Channel(1, NAME, "msgpack", {}, 1))
     for i, payload in enumerate(payloads):
         if i % CHUNK_MESSAGES == 0:
             writer.tick(i * BLOCK_NS)

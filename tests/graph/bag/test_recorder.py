@@ -7,13 +7,14 @@ from hypothesis import strategies as st
 
 from palp_core.graph.bag.account import Gap, TopicAccount
 from palp_core.graph.bag.info import bag_info
-from palp_core.graph.bag.reader import Bag, read
+from palp_core.graph.bag.reader import Bag, read, topic_selection
 from palp_core.graph.bag.recorder import BagRecorder
-from palp_core.graph.bag.selection import topic_selection
-from palp_core.graph.bag.snapshot import FrameHistory
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.builtin import Progress
 from palp_core.graph.messages.frame import Kind, parse
+from palp_core.graph.recording.snapshot import SnapshotRecorder
+
+MODE = "/policy/mode"
 
 
 def mode(kit: Any, sequence: int, **options: Any) -> bytes:
@@ -40,46 +41,59 @@ def test_payloads_sequences_and_times_are_those_of_the_wire(tmp_path: Path, kit:
             assert (message.log_ns, message.publish_ns) == (now_ns, wire.stamp_ns)
 
 
-def test_a_gap_is_named_and_a_restart_is_none(tmp_path: Path, kit: Any) -> None:
-    frames = [mode(kit, s) for s in (1, 2, 5, 6)] + [mode(kit, s, epoch=1) for s in (1, 2)]
-    summary = recorded(kit, tmp_path / "run", frames)
-    topic = summary.topics["/policy/mode"]
-    assert (topic.count, topic.lost, topic.gaps) == (6, 2, [Gap(0, 3, 4)])
-    assert "/policy/mode: 2 missing of 8: 3..4" in summary.text()
+BEAT, MOVED = Kind.HEARTBEAT, Kind.MOVED
+
+
+@pytest.mark.parametrize(
+    ("heard", "late", "count", "gaps"),
+    [
+        pytest.param([1, 2, 5, 6, (1, 1), (1, 2)], False, 6, [Gap(0, 3, 4)], id="a restart is no gap"),
+        pytest.param([1, (1, 3)], False, 2, [Gap(1, 1, 2)], id="a restart that begins late"),
+        pytest.param([1, (0, 4, BEAT)], False, 1, [Gap(0, 2, 4)], id="a heartbeat reveals a lost tail"),
+        pytest.param([(0, 4, BEAT)], False, 0, [Gap(0, 1, 4)], id="a topic that was lost whole"),
+        pytest.param([1, (0, 3, MOVED)], False, 1, [Gap(0, 2, 3)], id="a publisher that moves"),
+        pytest.param([7, 8], True, 2, [], id="a late recorder counts from what it meets"),
+        pytest.param([7], False, 1, [Gap(0, 1, 6)], id="one that is not late misses the beginning"),
+        pytest.param([(0, 4, BEAT), 6], True, 1, [Gap(0, 5, 5)], id="a late one meets a heartbeat"),
+        pytest.param([1, 4, 2, 3, 3], False, 4, [], id="late fillings and repeats are told apart"),
+    ],
+)
+def test_each_message_is_in_the_bag_or_in_a_gap_that_was_named_once(
+    tmp_path: Path, kit: Any, heard: list[Any], late: bool, count: int, gaps: list[Gap]
+) -> None:
+    recorder = BagRecorder(BagWriter(tmp_path / "run"), kit.TOPICS, from_start=not late)
+    missed: list[Gap] = []
+    recorder.missed = lambda _, *gap: missed.append(Gap(*gap))
+    for now_ns, entry in enumerate(heard):
+        epoch, sequence, kind = (0, entry, Kind.DATA) if isinstance(entry, int) else (*entry, Kind.DATA)[:3]
+        for _ in range(1 if kind == Kind.DATA else 2):
+            recorder(now_ns, mode(kit, sequence, epoch=epoch, kind=kind))
+    summary = recorder.close()
+    topic = summary.topics[MODE]
+    assert (topic.count, topic.lost, topic.gaps) == (count, sum(gap.count for gap in gaps), gaps)
+    numbers = [entry for entry in heard if isinstance(entry, int)]
+    assert topic.repeated == len(numbers) - len(set(numbers))
+    assert set(gaps) <= set(missed)
+    assert len(set(missed)) == len(missed)
+    assert all(f"{gap.first}..{gap.last}" in summary.text() for gap in gaps)
     info = bag_info(tmp_path / "run")
-    assert info.topics["/policy/mode"].epochs == 2
-    assert info.topics["/policy/mode"].gaps == [Gap(0, 3, 4)]
-    assert info.healthy
-    assert not info.complete
+    assert info.complete == (not gaps)
+    if count:
+        assert (info.healthy, info.topics[MODE].gaps) == (True, gaps)
+    else:
+        assert info.problems == [f"{MODE}: all of 4 messages missing"]
 
 
-def test_a_restart_that_begins_late_has_lost_its_head(tmp_path: Path, kit: Any) -> None:
-    summary = recorded(kit, tmp_path / "run", [mode(kit, 1), mode(kit, 3, epoch=1)])
-    assert summary.topics["/policy/mode"].gaps == [Gap(1, 1, 2)]
-
-
-def test_a_heartbeat_reveals_a_lost_tail_and_a_topic_lost_whole(tmp_path: Path, kit: Any) -> None:
-    beat = mode(kit, 4, kind=Kind.HEARTBEAT)
-    summary = recorded(kit, tmp_path / "a", [mode(kit, 1), beat])
-    assert summary.topics["/policy/mode"].gaps == [Gap(0, 2, 4)]
-    assert bag_info(tmp_path / "a").topics["/policy/mode"].lost == 3
-    assert recorded(kit, tmp_path / "b", [beat]).topics["/policy/mode"].lost == 4
-    assert any("all of 4 messages missing" in problem for problem in bag_info(tmp_path / "b").problems)
-
-
-def test_a_recorder_that_comes_late_counts_from_what_it_meets(tmp_path: Path, kit: Any) -> None:
-    late = recorded(kit, tmp_path / "a", [mode(kit, 7), mode(kit, 8)], from_start=False)
-    assert late.complete
-    assert recorded(kit, tmp_path / "b", [mode(kit, 7)]).topics["/policy/mode"].gaps == [Gap(0, 1, 6)]
-    beat = mode(kit, 4, kind=Kind.HEARTBEAT)
-    met = recorded(kit, tmp_path / "c", [beat, mode(kit, 6)], from_start=False)
-    assert met.topics["/policy/mode"].gaps == [Gap(0, 5, 5)]
-
-
-def test_late_fillings_and_repeats_are_told_apart(tmp_path: Path, kit: Any) -> None:
-    summary = recorded(kit, tmp_path / "run", [mode(kit, s) for s in (1, 4, 2, 3, 3)])
-    topic = summary.topics["/policy/mode"]
-    assert (topic.count, topic.lost, topic.repeated) == (4, 0, 1)
+def test_what_was_asked_for_is_taken_where_it_is_missing_and_only_there(tmp_path: Path, kit: Any) -> None:
+    recorder = BagRecorder(BagWriter(tmp_path / "run"), kit.TOPICS, from_start=False)
+    recorder.expect_from(MODE, 0, 1)
+    for sequence in (2, 5):
+        recorder(0, mode(kit, sequence))
+    for sequence in (1, 2, 3, 4, 4, 5):
+        recorder.fill(1, mode(kit, sequence))
+    assert recorder.taken == 5
+    topic = recorder.close().topics[MODE]
+    assert (topic.count, topic.lost, topic.repeated) == (5, 0, 0)
 
 
 def test_sequences_beyond_32_bits_keep_their_value(tmp_path: Path, kit: Any) -> None:
@@ -128,11 +142,11 @@ def test_the_runtimes_own_messages_need_no_description(tmp_path: Path, kit: Any)
 
 
 def test_a_snapshot_holds_the_last_seconds_and_the_latched_values(tmp_path: Path, kit: Any) -> None:
-    snapshot = FrameHistory(20_000_000, latched=["/policy/mode"])
+    snapshot = SnapshotRecorder(20_000_000, kit.TOPICS)
     for now_ns, raw in kit.run_frames(100):
         snapshot(now_ns, raw)
     recorder = BagRecorder(BagWriter(tmp_path / "run"), kit.TOPICS, from_start=False)
-    assert snapshot.save(recorder) == 22
+    snapshot.save(recorder)
     assert recorder.close().complete
     found = [(m.topic, m.sequence) for m in read(tmp_path / "run")]
     assert found == [("/policy/mode", 2), *(("/torque/block", s) for s in range(80, 101))]
@@ -158,12 +172,11 @@ def test_topics_are_chosen_by_name_and_expression(arguments: Any, expected: list
 )
 def test_the_account_is_a_set_of_sequences(order: list[int], kept: set[int], again: set[int]) -> None:
     account = TopicAccount(from_start=True)
-    seen = [s for s in order if s in kept]
-    for sequence in [*seen, *(kept & again)]:
-        account.epoch(0).add(sequence)
-    account.epoch(0).expect(11)
+    epoch = account.epoch(0)
+    for sequence in [*(s for s in order if s in kept), *(kept & again)]:
+        epoch.add(sequence)
+    epoch.expect(11)
     missing = {s for gap in account.gaps for s in range(gap.first, gap.last + 1)}
     assert missing == set(range(1, 12)) - kept
-    assert account.lost == len(missing)
-    assert account.count == len(kept)
-    assert account.repeated == len(kept & again)
+    assert all(epoch.lacks(s) == (s in missing) for s in range(13))
+    assert (account.lost, account.count, account.repeated) == (len(missing), len(kept), len(kept & again))

@@ -14,7 +14,7 @@ from mcap.stream_reader import StreamReader
 
 from palp_core.errors import BagError
 from palp_core.graph.bag.mcap.file_writer import FileWriter
-from palp_core.graph.bag.mcap.records import ChannelRecord, SchemaRecord
+from palp_core.graph.bag.mcap.records import Channel, Schema
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
@@ -130,8 +130,8 @@ def test_what_is_written_is_what_is_read(
 
 def test_the_first_tick_closes_the_first_chunk_and_others_within_half_a_second(tmp_path: Path) -> None:
     writer = FileWriter(tmp_path / "x.mcap")
-    writer.add_schema(SchemaRecord(1, "", "jsonschema", b"{}"))
-    writer.add_channel(ChannelRecord(1, 1, "/t", "msgpack"))
+    writer.add_schema(Schema(1, b"{}", "jsonschema", ""))
+    writer.add_channel(Channel(1, "/t", "msgpack", {}, 1))
     writer.tick(0)
     writer.write(1, 1, 0, 0, b"x")
     sizes = []
@@ -157,8 +157,8 @@ def test_a_crash_costs_at_most_0_6_s_of_wall_time(
 ) -> None:
     path = tmp_path_factory.mktemp("crash") / "x.mcap"
     writer = FileWriter(path)
-    writer.add_schema(SchemaRecord(1, "", "jsonschema", b"{}"))
-    writer.add_channel(ChannelRecord(1, 1, "/t", "msgpack"))
+    writer.add_schema(Schema(1, b"{}", "jsonschema", ""))
+    writer.add_channel(Channel(1, "/t", "msgpack", {}, 1))
     wall_ns, sequence, written = 0, 0, []
     if not silent:
         writer.tick(0)

@@ -14,10 +14,9 @@ from typing import Any, NoReturn
 import psutil
 import pytest
 
-from palp_core.errors import BagError, GraphError
+from palp_core.errors import GraphError
 from palp_core.graph.discovery import run_directory
 from palp_core.graph.discovery.run_directory import KEEP_ENDED, RunDirectory, running
-from palp_core.graph.recording import recorder_run
 from palp_core.graph.supervision.fork_server import death_in_words
 from palp_core.graph.transport.offsets import Offsets
 from palp_core.user_folders import runtime_folder
@@ -136,14 +135,6 @@ def test_an_import_that_a_full_disk_has_ended_is_not_blamed_on_the_module(
 def test_a_node_that_cannot_note_its_place_says_where(tmp_path: Path, full_disk: None) -> None:
     with pytest.raises(GraphError, match=f"{tmp_path}: No space left on device"):
         Offsets(tmp_path / "relay.offsets", ["/source/sample"])
-
-
-def test_a_snapshot_recorder_without_room_for_its_socket_names_the_runs_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(Path, "mkdir", full)
-    with pytest.raises(BagError, match=f"{tmp_path}/recorders: No space left on device"):
-        recorder_run.SnapshotRequests(tmp_path)
 
 
 def ended(logged_bytes: int, age_s: int) -> Path:

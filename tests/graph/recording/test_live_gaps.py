@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import json
-import select
 import signal
 import subprocess
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, cast
 
-import psutil
 import pytest
 
 from palp_core.graph.bag.reader import read
@@ -22,7 +18,6 @@ from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.topic import topic_of
 from palp_core.graph.recording import live_feed
 from palp_core.graph.recording.live_feed import ANSWER_NS, LiveFeed
-from palp_core.graph.recording.recorders import Recorders
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 from tests.support.fake_graph import FakeGraph, FakeNode, Sample
 from tests.support.palp import Palp
@@ -182,7 +177,7 @@ def test_answers_of_a_publisher_that_is_gone_are_waited_for_once_and_not_for_eac
     directory = RunDirectory("gone")
     gone = topic_of("/source/sample", Sample, "source", f"ipc://{directory.path}/source.pub")
     graph = RunningGraph(directory.record("gone", "", "wall", f"ipc://{directory.path}/graph.srv", [], []))
-    feed = LiveFeed(graph, BagRecorderOfNothing(), from_start=True)
+    feed = LiveFeed(graph, cast(Any, BagRecorderOfNothing()), from_start=True)
     feed.follow({gone.name: gone})
     for first in range(1, 60, 2):
         feed.ask(gone.name, 0, first, first)
@@ -204,47 +199,3 @@ class BagRecorderOfNothing:
 
     def expect_from(self, topic: str, epoch: int, first: int) -> None:
         raise AssertionError
-
-
-class Watching:
-    """In a supervisor's place: lets recorders be heard while the graph answers."""
-
-    def __init__(self, graph: FakeGraph) -> None:
-        self._graph = graph
-        self._watched: dict[int, Callable[[], None]] = {}
-
-    def watch(self, descriptor: int, receive: Callable[[], None]) -> None:
-        self._watched[descriptor] = receive
-
-    def forget(self, descriptor: int) -> None:
-        del self._watched[descriptor]
-
-    def wait_until(self, so: Callable[[], bool]) -> None:
-        def heard_so() -> bool:
-            for descriptor in select.select(list(self._watched), (), (), 0.0)[0]:
-                self._watched[descriptor]()
-            return so()
-
-        self._graph.until(heard_so)
-
-
-def test_a_recorder_that_hangs_keeps_no_other_from_finishing_its_bag(
-    palp: Palp, graph: FakeGraph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("PALP_TEST_MARK", palp.mark)
-    graph.announce(graph.node("source", depth=10))
-    wanted = [
-        SimpleNamespace(name=name, params={"out": str(tmp_path / name), "topics": ["/source/sample"]})
-        for name in ("one", "other")
-    ]
-    recorders = Recorders(cast(Any, SimpleNamespace(clock="wall", recorders=wanted)))
-    recorders.start(graph.directory.path, graph.bus, cast(Any, Watching(graph)))
-    hanging, other = sorted(palp.running("recorder_process"), key=lambda process: process.create_time())
-    hanging.suspend()
-    closing = threading.Thread(target=recorders.close)
-    closing.start()
-    graph.until(lambda: other.status() == psutil.STATUS_ZOMBIE)
-    assert closing.is_alive()
-    hanging.resume()
-    graph.until(lambda: not closing.is_alive())
-    assert recorders.complete, recorders.text

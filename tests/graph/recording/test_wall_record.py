@@ -26,10 +26,9 @@ MOST_LOST_S = 0.6
 """Where nothing else is at work; on a given clock the same is held of the writer of bags."""
 
 
-def recorder_of(palp: Palp) -> psutil.Process:
+def recorder_of(palp: Palp, name: str = "recorder") -> psutil.Process:
     """The recorder's process."""
-    (found,) = palp.running("palp_core.graph.recording.recorder_process")
-    return found
+    return Running(palp).process(name)
 
 
 @pytest.fixture
@@ -40,11 +39,13 @@ def workspace(tmp_path: Path) -> Path:
     launch = folder / "launch" / "chain.yaml"
     text = launch.read_text().replace(
         "nodes:\n",
-        "  required: {default: false, help: the recorder}\n  bag: {default: bag, help: its bag}\nnodes:\n",
+        "  required: {default: false, help: the recorder}\n  bag: {default: bag, help: its bag}\n"
+        "  keep_s: {default: 0.0, help: seconds in memory}\nnodes:\n",
     )
     entry = (
         "  tape:\n    run: palp_core.graph.recording.recorder_node:Recorder\n"
-        "    params: {out: $(var bag), exclude_regex: /progress$, required: $(var required)}\n"
+        "    params: {out: $(var bag), exclude_regex: /progress$, required: $(var required), "
+        "snapshot_s: $(var keep_s)}\n"
     )
     launch.write_text(text + entry)
     return launch
@@ -146,10 +147,10 @@ def test_a_launch_file_may_have_a_recorder_among_its_nodes(
 def test_a_graph_that_requires_its_recorder_ends_with_it(palp: Palp, workspace: Path, tmp_path: Path) -> None:
     graph = palp.start("launch", workspace, "count:=1000000", "required:=true", f"bag:={tmp_path / 'bag'}")
     wait_for_line(graph, "blocks: 1/")
-    recorder_of(palp).kill()
+    recorder_of(palp, "tape").kill()
     _, errors = graph.communicate(timeout=PATIENCE_S)
     assert graph.returncode == 1
-    assert "tape: the recorder has ended" in errors
+    assert "tape: its process" in errors
     assert palp.all_gone()
 
 
@@ -163,3 +164,33 @@ def test_a_killed_launcher_leaves_a_finished_bag(palp: Palp, tmp_path: Path) -> 
     info = json.loads(palp.run("bag", "info", bag, "--json").stdout)
     assert info["healthy"]
     assert info["accounted"]
+
+
+def test_a_recorder_among_the_nodes_writes_its_last_seconds_when_asked(
+    palp: Palp, workspace: Path, tmp_path: Path
+) -> None:
+    bag = tmp_path / "last"
+    graph = palp.start("launch", workspace, "count:=1000000", "keep_s:=5.0", f"bag:={bag}")
+    wait_for_line(graph, "blocks: 1/")
+    asked = palp.run("bag", "snapshot")
+    assert asked.returncode == 0, asked.stderr
+    assert "nothing missing" in asked.stdout
+    assert palp.here("service", "call", "/tape/save").returncode == 0
+    for folder in (bag, bag.with_name("last-1")):
+        assert len(to_numpy(folder, "/source/sample", "index")) > 0
+    assert palp.here("graph", "end").returncode == 0
+    assert graph.wait(PATIENCE_S) == 130
+
+
+def test_a_recorder_that_hangs_keeps_no_other_from_finishing_its_bag(
+    palp: Palp, workspace: Path, tmp_path: Path
+) -> None:
+    palp.constants["palp_core.graph.supervision.supervisor:FINISH_NS"] = 100_000_000
+    bags = tmp_path / "tape", tmp_path / "other"
+    graph = palp.start("launch", workspace, "count:=1000000", f"bag:={bags[0]}", "--record", bags[1])
+    wait_for_line(graph, "blocks: 1/")
+    recorder_of(palp, "tape").suspend()
+    assert palp.here("graph", "end").returncode == 0
+    out, _ = graph.communicate(timeout=PATIENCE_S)
+    assert out.count(", nothing missing\n") == 2  # the other at once, the first when it was continued
+    assert palp.all_gone()

@@ -132,7 +132,7 @@ def test_what_is_played_comes_as_recorded_from_the_recorded_nodes(
 
 def test_tools_see_the_recorded_nodes(palp: Palp, recorded: tuple[Path, Path]) -> None:
     bag, _ = recorded
-    process = palp.start("bag", "play", bag, "-w", "1", "-t", "/source/sample", "--clock", "50", "-r", "3")
+    process = palp.start("bag", "play", bag, "-w", "1", "-t", "/source/sample", "-r", "3")
     begun(process, palp)
     assert palp.run("topic", "type", "/source/sample").stdout == "Sample\n"
     assert "/source" in palp.run("node", "list").stdout
@@ -148,19 +148,16 @@ def test_tools_see_the_recorded_nodes(palp: Palp, recorded: tuple[Path, Path]) -
     assert not list(palp.runtime_dir.glob("palp/play-*"))
 
 
-def test_the_bags_time_is_published_where_asked_for(palp: Palp, recorded: tuple[Path, Path]) -> None:
+def test_a_topic_is_played_under_another_name(palp: Palp, recorded: tuple[Path, Path]) -> None:
     bag, _ = recorded
-    process = palp.start("bag", "play", bag, "-w", "1", "--clock", "100", "--remap", "/source/sample:=/a/b")
+    process = palp.start("bag", "play", bag, "-w", "1", "-r", "5", "--remap", "/source/sample:=/a/b")
     record = begun(process, palp)
-    assert "/a/b" in {entry.name for entry in record.topics}
-    with hearing(record, "/player/clock") as heard:
-        told = [msgspec.msgpack.decode(frame.payload) for frame in heard(10)]
-    assert [message["stamp_ns"] for message in told] == sorted(message["stamp_ns"] for message in told)
-    assert told[-1]["rate"] == 1.0
+    with hearing(record, "/a/b") as heard:
+        assert [bytes(frame.payload) for frame in heard(COUNT)] == payloads(bag, "/source/sample")
     assert process.wait(PATIENCE_S) == 0
 
 
-def test_keys_pause_step_change_the_speed_and_seek(palp: Palp, recorded: tuple[Path, Path]) -> None:
+def test_keys_pause_and_change_the_speed(palp: Palp, recorded: tuple[Path, Path]) -> None:
     bag, _ = recorded
     ours, theirs = pty.openpty()
     process = subprocess.Popen(
@@ -188,24 +185,16 @@ def test_keys_pause_step_change_the_speed_and_seek(palp: Palp, recorded: tuple[P
         recorded_payloads = payloads(bag, "/source/sample")
         with hearing(record, "/source/sample") as heard:
             until("paused")
-            os.write(ours, b"\x1b[C\x1b[C")
-            assert [bytes(frame.payload) for frame in heard(2)] == recorded_payloads[:2]
             os.write(ours, b"\x1b[A")
             until("5.5 times real time, paused")
             os.write(ours, b"\x1b[B")
             until("5 times real time, paused")
-            os.write(ours, b"5\x1b[C")
-            (half,) = heard(1)
-            assert bytes(half.payload) in recorded_payloads[25:35]
-            os.write(ours, b"\x1b[D\x1b[C")  # 5 s back is the beginning
-            assert bytes(heard(1)[0].payload) == recorded_payloads[0]
             os.write(ours, b" ")
-            rest = [bytes(frame.payload) for frame in heard(COUNT - 1)]
-        assert rest == recorded_payloads[1:]
+            assert [bytes(frame.payload) for frame in heard(COUNT)] == recorded_payloads
         until("playing")
         assert process.wait(PATIENCE_S) == 0
         assert process.stdout is not None
-        assert f"played {COUNT + 3} messages of 1 topic; never more than" in process.stdout.read()
+        assert f"played {COUNT} messages of 1 topic; never more than" in process.stdout.read()
     finally:
         process.kill()
         process.wait()

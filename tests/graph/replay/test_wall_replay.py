@@ -18,6 +18,7 @@ from palp_core.graph.bag.reader import Bag
 from palp_core.graph.bag.writer import BagWriter
 from tests.support.live import ended, recording
 from tests.support.palp import CHAIN, PATIENCE_S, SIM, Palp, wait_for_line
+from tests.support.supervised import Running
 
 RIG = ("estimator", "policy", "actuator", "stage", "phantom", "torque", "emg", "cocontraction")
 
@@ -113,8 +114,7 @@ def test_a_bag_whose_recorder_was_killed_replays_as_far_as_it_reaches(palp: Palp
     while sum(file.stat().st_size for file in (tmp_path / "bag").glob("*.mcap")) < 400_000:
         with pytest.raises(subprocess.TimeoutExpired):
             graph.wait(0.02)
-    for process in palp.running("palp_core.graph.recording.recorder_process"):
-        process.kill()
+    Running(palp).process("recorder").kill()
     saved = palp.run("bag", "recover", tmp_path / "bag", "-o", tmp_path / "saved")
     assert saved.returncode == 0, saved.stderr
     for node in replayed(palp, tmp_path / "saved", "source,relay,sink"):

@@ -15,8 +15,7 @@ from typer.testing import CliRunner
 from palp_core.cli.main import app
 from palp_core.errors import PalpError
 from palp_core.graph.bag.edit import copy_messages, filter_bag
-from palp_core.graph.bag.reader import Bag
-from palp_core.graph.bag.selection import topic_selection
+from palp_core.graph.bag.reader import Bag, topic_selection
 from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.builtin import DiagnosticStatus

@@ -57,8 +57,8 @@ def record(
     The exit status is 1 if anything is missing: it is said per topic.
     """
     from palp_core.graph.clock import unix_ns
-    from palp_core.graph.recording.recorder_messages import RecordOptions
-    from palp_core.graph.recording.recorder_run import record_until_asked
+    from palp_core.graph.recording.attached_recorder import record_until_asked
+    from palp_core.graph.recording.recorder_params import RecorderParams
 
     if not every and not topics and regex is None:
         raise BagError(
@@ -67,17 +67,17 @@ def record(
     if every and (topics or regex is not None):
         raise BagError("-a records every topic: leave out topics and -e, or leave out -a")
     running = find_graph(graph)
-    options = RecordOptions(
+    params = RecorderParams(
         out=str((output or Path(f"{running.record.graph}-{unix_ns() // 10**9}")).absolute()),
-        topics=[name if name.startswith("/") else f"/{name}" for name in topics or []],
-        regex=regex,
-        exclude_regex=exclude_regex,
-        max_bytes=max_bag_size,
-        max_duration_s=max_bag_duration,
+        topics=topics or [],
+        regex=regex or "",
+        exclude_regex=exclude_regex or "",
+        max_bag_size=max_bag_size,
+        max_bag_duration_s=max_bag_duration,
         snapshot_s=snapshot,
         compression=compression.value,
     )
-    complete, text = record_until_asked(running, options, note)
+    complete, text = record_until_asked(running, params, note)
     print_text(text)
     if not complete:
         raise typer.Exit(1)
@@ -86,7 +86,7 @@ def record(
 @app.command("snapshot")
 def snapshot(graph: GraphOption = None) -> None:
     """Write the last seconds that recorders keep into bags."""
-    from palp_core.graph.recording.recorder_run import save_snapshots
+    from palp_core.graph.recording.attached_recorder import save_snapshots
 
     for line in save_snapshots(find_graph(graph, changes=True)):
         print_text(line)
@@ -171,8 +171,8 @@ def convert_bag(
     if types is not None and to is not BagForm.ROS2:
         raise BagError("--types is for --to ros2")
     if from_ is not None:
+        from palp_core.graph.bag.reader import topic_selection
         from palp_core.graph.bag.ros2.import_bag import import_bag
-        from palp_core.graph.bag.selection import topic_selection
 
         count = import_bag(bag, out, select=topic_selection((), regex, exclude_regex))
     elif regex or exclude_regex:
@@ -260,7 +260,7 @@ def filter_(
 ) -> None:
     """Write some topics or some time of a bag into a new one."""
     from palp_core.graph.bag.edit import filter_bag
-    from palp_core.graph.bag.selection import topic_selection
+    from palp_core.graph.bag.reader import topic_selection
 
     select = topic_selection(topics or (), regex, exclude_regex)
     check_topics(topics or (), bag)

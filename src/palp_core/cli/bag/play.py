@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -45,9 +47,6 @@ def play(
     remap: Annotated[
         list[str] | None, option("Another name; repeatable.", "--remap", "-m", metavar="OLD:=NEW")
     ] = None,
-    clock: Annotated[
-        float, option("Publish the bag's time; 0: not.", "--clock", min=0.0, max=1000.0, metavar="HZ")
-    ] = 0.0,
     wait_matching: Annotated[
         int, option("Begin when so many topics are read.", "--wait-matching-subscriptions", "-w", min=0)
     ] = 0,
@@ -60,56 +59,56 @@ def play(
     The recorded nodes appear as a graph of their own called 'play': palp topic, node and top see them. With
     --graph NAME messages go into ports of that graph which take messages from outside instead.
 
-    Keys: space pauses and goes on, right plays the next message while paused, up and down change the speed by
-    a tenth, left goes 5 s back, 0 to 9 go to so many tenths, q ends. At the end it says how late it ever was.
+    Keys: space pauses and goes on, up and down change the speed by a tenth, q ends. At the end it says how
+    late it ever was.
     """
-    from palp_core.cli.bag.play_loop import CLOCK_TOPIC, BagClock, PlayLoop
-    from palp_core.graph.bag.reader import Bag
-    from palp_core.graph.bag.selection import topic_selection
-    from palp_core.graph.messages.topic import topic_of
-    from palp_core.graph.replay.play import GraphSink, PlayRun, PlaySink
-    from palp_core.graph.replay.playback import Playback
+    from palp_core.cli.bag.play_loop import PlayLoop
+    from palp_core.graph.bag.reader import Bag, topic_selection
+    from palp_core.graph.replay.play import Playback, PlayRun, external_ports, publish_into
 
     if start_paused and (disable_keyboard_controls or not attended(standard_input())):
         raise BagError(
             "--start-paused needs a keyboard: nothing else ends the pause; see also --delay and -w"
         )
     check_topics(topics or (), bag)
-    with Bag(bag) as opened:
+    with contextlib.ExitStack() as stack:
+        opened = stack.enter_context(Bag(bag))
         names = _names(opened, topic_selection(topics or (), regex, exclude_regex), remap or [])
         described = {new: _renamed(opened, old, new) for old, new in names.items()}
-        if graph is not None:
-            into = GraphSink(find_graph(graph, changes=True), described)
-            left_out = [old for old, new in names.items() if new not in into.taken]
+        running = None if graph is None else find_graph(graph, changes=True)
+        if running is not None:
+            taken = external_ports(running, described)
+            left_out = [old for old, new in names.items() if new not in taken]
             if left_out:
                 note(f"no port of graph '{graph}' takes {', '.join(left_out)}; they are not played")
-            names = {old: new for old, new in names.items() if new in into.taken}
-            if clock:
-                raise BagError("--clock needs a run of the player's own; leave out --graph")
+            names = {old: new for old, new in names.items() if new in taken}
         playback = Playback(
             opened,
-            list(names),
+            names,
             rate=rate,
             start_offset_s=start_offset,
             duration_s=playback_duration if playback_duration >= 0 else None,
             until_s=playback_until_sec if playback_until_sec >= 0 else None,
             loop=loop,
         )
+        stack.enter_context(playback)
         playback.paused = start_paused
-        if clock:
-            described[CLOCK_TOPIC] = topic_of(CLOCK_TOPIC, BagClock)
-        sink: PlaySink = into if graph is not None else PlayRun(bag, described)
-        looping = PlayLoop(playback, sink, names, clock_hz=clock, keys=not disable_keyboard_controls)
-        where = f"into graph '{graph}'" if graph is not None else "as graph 'play'"
+        run = None
+        if running is None:
+            run = PlayRun(bag, described, playback)
+            stack.callback(run.close)
+        else:
+            playback.send = partial(publish_into, running, described)
+        where = "as graph 'play'" if graph is None else f"into graph '{graph}'"
         note(f"{bag}: {counted(len(names), 'topic')}, {where}")
         signal.signal(signal.SIGTERM, _end)  # the terminal and the run directory are put in order then, too
         interrupted = False
         try:
-            looping.run(delay_s=delay, readers=wait_matching)
+            PlayLoop(playback, run, keys=not disable_keyboard_controls).run(
+                delay_s=delay, readers=wait_matching
+            )
         except KeyboardInterrupt:
             interrupted = True
-        finally:
-            sink.close()
     late = playback.lateness
     p99_s = late.percentile_s(99)
     account = {

@@ -1,6 +1,6 @@
 """Turn a bag into what other tools open.
 
-Another form is a name here and the module of that name in ``forms``, which has a function ``write``.
+Another form is a name here and a function in ``forms``.
 """
 
 from contextlib import AbstractContextManager
@@ -21,21 +21,19 @@ class BagForm(StrEnum):
     PARQUET = "parquet"
 
 
+_WRITERS = {
+    BagForm.ROS2: ("ros2", "write"),
+    BagForm.JSON: ("json", "write"),
+    BagForm.CSV: ("tables", "write_csv"),
+    BagForm.PARQUET: ("tables", "write_parquet"),
+}
+
+
 def convert(bag: str | Path, out: str | Path, form: BagForm) -> int:
-    """Write a bag in another form; return how many messages there are.
-
-    Args:
-        bag: A bag's folder or one of its files.
-        out: The new bag or the folder of tables, which must not exist.
-        form: Which form.
-
-    Raises:
-        BagError: No such bag, ``out`` exists or cannot be written, or a library that the form needs is not
-            installed.
-        BagDamaged: The bag is damaged.
-    """
+    """Write a bag in another form; return how many messages there are."""
     with writing(bag, out):
-        count: int = import_module(f"palp_core.graph.bag.forms.{form}").write(bag, out)
+        module, function = _WRITERS[form]
+        count: int = getattr(import_module(f"palp_core.graph.bag.forms.{module}"), function)(bag, out)
     return count
 
 

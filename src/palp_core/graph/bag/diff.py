@@ -63,13 +63,6 @@ def diff_bags(
         tolerance: Largest difference of two numbers that passes, in their own unit.
         relative: Largest difference that passes, as a part of the larger number.
         ignore: Fields that do not count, by name.
-
-    Returns:
-        Per topic, sorted, how it compares.
-
-    Raises:
-        BagError: No such bag.
-        BagDamaged: A bag is damaged.
     """
 
     def close(x: float, y: float) -> bool:
@@ -107,26 +100,22 @@ def _compare(
     ignore: Collection[str],
     decoders: dict[int, Callable[[bytes], Any]],
 ) -> Difference | None:
-    if x is None or y is None:
-        known = x or y
-        assert known is not None
-        names = ("missing", "there") if x is None else ("there", "missing")
+    known = x or y
+    assert known is not None
+
+    def differs(field: str, left: Any, right: Any) -> Difference:
         return Difference(
-            place=place,
-            epoch=known.stream.epoch,
-            sequence=known.sequence,
-            field="",
-            a=names[0],
-            b=names[1],
+            place=place, epoch=known.stream.epoch, sequence=known.sequence, field=field, a=left, b=right
         )
+
+    if x is None or y is None:
+        return differs("", *("missing", "there") if x is None else ("there", "missing"))
     for field, left, right in (
         ("epoch", x.stream.epoch, y.stream.epoch),
         ("sequence", x.sequence, y.sequence),
     ):
         if left != right:
-            return Difference(
-                place=place, epoch=x.stream.epoch, sequence=x.sequence, field=field, a=left, b=right
-            )
+            return differs(field, left, right)
     if x.payload == y.payload and x.stream.encoding == y.stream.encoding:
         diff.equal_count += 1
         return None
@@ -140,14 +129,7 @@ def _compare(
         diff.close_count += 1
         return None
     field, left, right = found
-    return Difference(
-        place=place,
-        epoch=x.stream.epoch,
-        sequence=x.sequence,
-        field=field or "value",
-        a=plain(left),
-        b=plain(right),
-    )
+    return differs(field or "value", plain(left), plain(right))
 
 
 def first_difference(

@@ -21,23 +21,7 @@ def filter_bag(
     end_ns: int | None = None,
     compression: Compression = "zstd",
 ) -> int:
-    """Write some topics or some time of a bag into a new one.
-
-    Args:
-        bag: A bag's folder or one of its files.
-        out: The new bag, which must not exist.
-        select: Says of a topic whether to keep it; None: all.
-        start_ns: Keep from this log time on; None: from the start.
-        end_ns: Keep what is before this log time; None: to the end.
-        compression: Of the new bag.
-
-    Returns:
-        How many messages were kept.
-
-    Raises:
-        BagError: No such bag, or the new one exists.
-        BagDamaged: The bag is damaged.
-    """
+    """Write some topics or some time of a bag into a new one; return how many messages."""
     with Bag(bag) as opened, BagWriter(out, compression=compression) as writer:
         _copy_extras(opened, writer, account=False)
         messages = opened.recorded(None, start_ns, end_ns)
@@ -47,16 +31,9 @@ def filter_bag(
 
 
 def merge_bags(bags: Sequence[str | Path], out: str | Path, compression: Compression = "zstd") -> int:
-    """Merge bags into a new one in the order of log time; among equal times in the order of ``bags``.
+    """Merge bags into a new one by log time, then in the order of ``bags``; return how many messages.
 
     Attachments keep their names in the first bag that has them, others get the name of their bag before it.
-
-    Returns:
-        How many messages there are.
-
-    Raises:
-        BagError: No such bag, or the new one exists.
-        BagDamaged: A bag is damaged.
     """
     opened: list[Bag] = []
     try:
@@ -85,14 +62,9 @@ def split_bag(
     max_duration_ns: int = 0,
     compression: Compression = "zstd",
 ) -> int:
-    """Write a bag again with files of limited size or duration; each repeats the latched messages.
+    """Write a bag again in files of limited size or duration; return how many messages there are.
 
-    Returns:
-        How many messages there are.
-
-    Raises:
-        BagError: No limit is given, no such bag, or the new one exists.
-        BagDamaged: The bag is damaged.
+    Each file repeats the latched messages.
     """
     if not max_bytes and not max_duration_ns:
         raise BagError("a split needs a largest size or a longest duration")

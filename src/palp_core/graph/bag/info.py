@@ -118,11 +118,7 @@ class _TopicTally:
 
 
 def bag_info(path: str | Path) -> BagInfo:
-    """Read a whole bag, check every CRC and account for every message.
-
-    Raises:
-        BagError: No such bag, or not a bag.
-    """
+    """Read a whole bag, check every CRC and account for every message."""
     with Bag(path) as bag:
         problems = bag.problems
         tallies, start_ns, end_ns = _tally(bag, problems)

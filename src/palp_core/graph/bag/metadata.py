@@ -32,14 +32,7 @@ def write_metadata(
     files: Sequence[FilePart],
     custom: Mapping[str, str],
 ) -> None:
-    """Write the file whole or not at all.
-
-    Args:
-        folder: The bag.
-        topics: Per topic its description, encoding and number of messages.
-        files: In order.
-        custom: Further facts, as text.
-    """
+    """Write the file whole or not at all."""
     filled = [part for part in files if part.message_count]
     start_ns = min((part.start_ns for part in filled), default=0)
     end_ns = max((part.end_ns for part in filled), default=0)
@@ -86,9 +79,6 @@ def bag_files(path: Path) -> list[Path]:
 
     What counts is what lies in the folder, so a bag without ``metadata.yaml`` (a crash) is whole as well; a
     file that ``metadata.yaml`` names and that is gone is an error.
-
-    Raises:
-        BagError: Nothing there, no MCAP file in the folder, or one of them is missing.
     """
     if path.is_file():
         if path.suffix != ".mcap" and not _begins_as_mcap(path):

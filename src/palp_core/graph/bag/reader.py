@@ -8,6 +8,7 @@
     torque_n_m = to_numpy("bags/session", "/torque/block", "torque_n_m")
 """
 
+import re
 from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -94,7 +95,7 @@ class Bag(AbstractContextManager["Bag"]):
         spans = named_files(self.path) if len(self.files) > 1 else {}
         for file in self.files:
             if file.statistics is not None:
-                span = file.statistics.start_ns, file.statistics.end_ns
+                span = file.statistics.message_start_time, file.statistics.message_end_time
                 others = [name for name, known in spans.items() if known == span]
                 if others and file.path.name not in others:
                     found.append(f"{file.path.name}: it is {others[0]} by metadata.yaml; rename it")
@@ -135,14 +136,7 @@ class Bag(AbstractContextManager["Bag"]):
         *,
         repeated: bool = False,
     ) -> Iterator[RecordedMessage]:
-        """Iterate messages undecoded, in the order of the recording; see :func:`read`.
-
-        Args:
-            topics: Only these; None: all.
-            start_ns: Only from this log time on.
-            end_ns: Only before this log time.
-            repeated: Show latched messages again where a later file of the bag repeats them.
-        """
+        """Iterate messages undecoded, in the order of the recording; see :func:`read`."""
         for place, raw in self._raw(topics, start_ns, end_ns, repeated):
             streams = self._streams[place]
             for channel, sequence, log_ns, publish_ns, payload in raw:
@@ -286,3 +280,33 @@ def _dig(message: BagMessage, field: str) -> Any:
             has = value.__struct_fields__ if isinstance(value, msgspec.Struct) else ()
             raise BagError(f"{message.topic} has no field '{field}'; it has: {', '.join(has)}")
     return value
+
+
+def topic_selection(
+    topics: Collection[str] = (), regex: str | None = None, exclude_regex: str | None = None
+) -> Callable[[str], bool]:
+    """Return the function that says of a topic whether it is chosen.
+
+    Args:
+        topics: Names; none and no ``regex``: every topic.
+        regex: Topics in which it is found are chosen as well.
+        exclude_regex: Topics in which it is found are not.
+    """
+    names = set(topics)
+    wanted, unwanted = _compiled(regex), _compiled(exclude_regex)
+
+    def chosen(topic: str) -> bool:
+        if unwanted is not None and unwanted.search(topic):
+            return False
+        if not names and wanted is None:
+            return True
+        return topic in names or (wanted is not None and wanted.search(topic) is not None)
+
+    return chosen
+
+
+def _compiled(text: str | None) -> re.Pattern[str] | None:
+    try:
+        return None if text is None else re.compile(text)
+    except re.error as error:
+        raise BagError(f"'{text}' is not a regular expression: {error}") from error

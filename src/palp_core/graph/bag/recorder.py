@@ -4,6 +4,7 @@ import struct
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 
@@ -50,11 +51,17 @@ class RecordingSummary(msgspec.Struct, frozen=True, kw_only=True):
     topics: dict[str, TopicRecording]
     unreadable: int = 0
     """Frames that are not of this wire version, or no frames at all."""
+    unheard: list[str] = []
+    """Topics of which no frame came."""
 
     @property
     def complete(self) -> bool:
         """Nothing is missing."""
-        return not self.unreadable and not any(t.lost or t.refused for t in self.topics.values())
+        return (
+            not self.unreadable
+            and not self.unheard
+            and not any(t.lost or t.refused for t in self.topics.values())
+        )
 
     def text(self) -> str:
         """Say per topic what is missing."""
@@ -72,29 +79,20 @@ class RecordingSummary(msgspec.Struct, frozen=True, kw_only=True):
                 lines.append(f"{name}: {topic.refused} stamped before the graph's start, not recorded")
         if self.unreadable:
             lines.append(f"{counted(self.unreadable, 'frame')} could not be read")
+        if self.unheard:
+            lines.append(f"never heard: {', '.join(self.unheard)}")
         return "\n".join(lines if not self.complete else [lines[0] + ", nothing missing"])
 
 
-class _Route:
+class _Route(NamedTuple):
     """Where a stream's messages go."""
 
-    __slots__ = ("account", "payload_offset", "sequence_high", "stream", "topic", "type_hash")
-
-    def __init__(
-        self,
-        topic: str,
-        stream: int,
-        account: EpochAccount,
-        payload_offset: int,
-        type_hash: int,
-        sequence_high: int,
-    ) -> None:
-        self.topic = topic
-        self.stream = stream
-        self.account = account
-        self.payload_offset = payload_offset
-        self.type_hash = type_hash
-        self.sequence_high = sequence_high
+    topic: str
+    stream: int
+    account: EpochAccount
+    payload_offset: int
+    type_hash: int
+    sequence_high: int
 
 
 class BagRecorder(AbstractContextManager["BagRecorder"]):
@@ -110,6 +108,7 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
     Attributes:
         missed: Is told of each gap when it shows: topic, epoch, first and last sequence; who can, hands the
             messages to :meth:`fill`.
+        unheard: Topics of which no frame came, for the account.
     """
 
     def __init__(
@@ -131,12 +130,9 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
         self._unreadable = 0
         self._summary: RecordingSummary | None = None
         self.missed: Callable[[str, int, int, int], None] = lambda *_: None
+        self.unheard: list[str] = []
         for name, data in (attachments or {}).items():
             writer.attach(name, data, media_type_of(name))
-
-    def has_heard(self, topic: str) -> bool:
-        """Tell whether anything of a topic was heard."""
-        return topic in self._accounts
 
     @property
     def taken(self) -> int:
@@ -153,23 +149,14 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
         account.epochs.setdefault(epoch, EpochAccount(epoch, first))
 
     def fill(self, now_ns: int, frame: bytes) -> None:
-        """Record a frame that was asked for, if it is missing still.
-
-        Raises:
-            SchemaMismatch: It is no frame.
-        """
+        """Record a frame that was asked for, if it is missing still."""
         parsed = parse(frame)
         account = self._accounts.get(parsed.topic)
         if account is not None and account.epoch(parsed.epoch).lacks(parsed.sequence):
             self(now_ns, frame)
 
     def __call__(self, now_ns: int, frame: bytes) -> None:
-        """Record a frame.
-
-        Args:
-            now_ns: Now, on the graph's clock.
-            frame: As on the wire.
-        """
+        """Record a frame as it is on the wire; now on the graph's clock."""
         end = frame.find(0)
         route = self._routes.get(frame[: end + _KEY_BYTES])
         if route is None:
@@ -220,7 +207,7 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
                 refused=refused,
                 described=name in self._topics,
             )
-        return RecordingSummary(topics=topics, unreadable=self._unreadable)
+        return RecordingSummary(topics=topics, unreadable=self._unreadable, unheard=self.unheard)
 
     def __exit__(self, *_: object) -> None:
         self.close()

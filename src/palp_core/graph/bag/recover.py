@@ -68,14 +68,6 @@ def recover(bag: str | Path, out: str | Path, compression: Compression = "zstd")
     """Write everything intact of a bag into a new bag; a bag that is whole comes out whole.
 
     Nothing is left of the new bag where nothing could be saved of a bag that has data.
-
-    Args:
-        bag: A bag's folder or one of its files, in whatever state.
-        out: The new bag, which must not exist.
-        compression: Of the new bag.
-
-    Raises:
-        BagError: No such bag, the new one exists, or the bag has data and no message could be saved.
     """
     report = RecoverReport(missing_files=missing_files(Path(bag)))
     accounts: dict[str, TopicAccount] = {}
@@ -103,7 +95,7 @@ def recover(bag: str | Path, out: str | Path, compression: Compression = "zstd")
                     writer.attach(attachment.name, attachment.data, attachment.media_type)
             for metadata in found.metadata.values():
                 if place == len(files) - 1:
-                    writer.add_metadata(metadata.name, metadata.values)
+                    writer.add_metadata(metadata.name, metadata.metadata)
         report.gaps = {name: account.lost for name, account in sorted(accounts.items())}
         report.message_count = {name: account.count for name, account in sorted(accounts.items())}
         report.complete = not (

@@ -25,12 +25,7 @@ class _RecordedNode(msgspec.Struct, frozen=True):
 
 
 class Rounds:
-    """Says of each message in the order of the recording in which round of its instant it was published.
-
-    Args:
-        nodes: The graph's nodes in its order.
-        reads: The topics that each of them reads.
-    """
+    """Says of each message in the order of the recording in which round of its instant it was published."""
 
     def __init__(self, nodes: Sequence[str] = (), reads: Mapping[str, Collection[str]] | None = None) -> None:
         self._place = {name: i for i, name in enumerate(nodes)}

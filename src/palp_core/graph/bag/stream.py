@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import BagError, SchemaMismatch
-from palp_core.graph.bag.mcap.records import ChannelRecord, SchemaRecord
+from palp_core.graph.bag.mcap.records import Channel, Schema
 from palp_core.graph.messages.schema_types import payload_decoder
 from palp_core.graph.messages.topic import ANY_SCHEMA, Topic
 
@@ -54,14 +54,14 @@ class Stream(msgspec.Struct, frozen=True, kw_only=True):
             self.encoding,
         )
 
-    def schema(self, id_: int) -> SchemaRecord:
+    def schema(self, id_: int) -> Schema:
         """Return the schema's record."""
         data = self.foreign_schema
         if self.schema_encoding == SCHEMA_ENCODING:
             data = json.dumps(self.topic.json_schema, separators=(",", ":")).encode()
-        return SchemaRecord(id_, self.topic.type, self.schema_encoding, data)
+        return Schema(id=id_, name=self.topic.type, encoding=self.schema_encoding, data=data)
 
-    def channel(self, id_: int, schema_id: int) -> ChannelRecord:
+    def channel(self, id_: int, schema_id: int) -> Channel:
         """Return the channel's record."""
         metadata = {"epoch": str(self.epoch)}
         if self.topic.type_hash:
@@ -72,15 +72,17 @@ class Stream(msgspec.Struct, frozen=True, kw_only=True):
             metadata["sequence_high"] = str(self.sequence_high)
         if self.repeated:
             metadata["repeated"] = "true"
-        return ChannelRecord(id_, schema_id, self.topic.name, self.encoding, metadata)
+        return Channel(
+            id=id_,
+            schema_id=schema_id,
+            topic=self.topic.name,
+            message_encoding=self.encoding,
+            metadata=metadata,
+        )
 
     @classmethod
-    def of(cls, channel: ChannelRecord, schema: SchemaRecord | None) -> Stream:
-        """Return the stream that a channel's records stand for; they may be another tool's.
-
-        Raises:
-            ValueError: Numbers or a schema that cannot be read.
-        """
+    def of(cls, channel: Channel, schema: Schema | None) -> Stream:
+        """Return the stream that a channel's records stand for; they may be another tool's."""
         metadata = channel.metadata
         json_schema, foreign = ANY_SCHEMA, b""
         if schema is not None and schema.encoding == SCHEMA_ENCODING:
@@ -112,9 +114,6 @@ def decoder_for(stream: Stream) -> Callable[[bytes], Any]:
 
     Structs where the bag has a schema, dicts where it has none, the bytes themselves where the encoding is
     neither msgpack nor JSON.
-
-    Raises:
-        BagError: The bag's schema has what no message can have.
     """
     if stream.encoding == "json":
         return msgspec.json.decode

@@ -34,9 +34,6 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         chunk_bytes: Size of a chunk before compression.
         chunk_ns: Age of a chunk on the clock that ``tick`` is given.
         custom: Facts for ``metadata.yaml``.
-
-    Raises:
-        BagError: The folder exists, or it cannot be made or written.
     """
 
     def __init__(
@@ -80,11 +77,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
             raise BagError(f"{self.folder} cannot be written: {error.strerror}") from error
 
     def stream(self, stream: Stream) -> int:
-        """Return the number of a stream, by which messages are written.
-
-        Raises:
-            BagError: More streams than a bag can hold.
-        """
+        """Return the number of a stream, by which messages are written."""
         number = self._ids.get(stream.key)
         if number is None:
             number = len(self._streams) + 1
@@ -108,18 +101,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
     def write(
         self, stream: int, sequence: int, log_ns: int, publish_ns: int, payload: bytes | memoryview
     ) -> None:
-        """Add a message.
-
-        Args:
-            stream: Number from :meth:`stream`.
-            sequence: Its place in its topic and epoch.
-            log_ns: When it was recorded, on the graph's clock.
-            publish_ns: When it was published, on the graph's clock.
-            payload: The bytes as on the wire.
-
-        Raises:
-            BagError: A time before the graph's start.
-        """
+        """Add a message; both times are on the graph's clock."""
         file = self._file
         if log_ns >= self._split_ns or file.written_bytes >= self._split_bytes:
             file = self._split(log_ns)
@@ -142,7 +124,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         self, name: str, data: bytes, media_type: str = "application/octet-stream", *, every_file: bool = True
     ) -> None:
         """Add an attachment, to this file and to each later one."""
-        attachment = Attachment(name, data, media_type)
+        attachment = Attachment(0, 0, name, media_type, data)
         self._file.attach(attachment)
         if every_file:
             self._extras.append(attachment)
@@ -193,7 +175,8 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         stream = self._streams[number - 1]
         schema = stream.schema(number)
         schema_id = self._schema_ids.setdefault((schema.name, schema.encoding, schema.data), number)
-        self._file.add_schema(msgspec.structs.replace(schema, id=schema_id))
+        schema.id = schema_id
+        self._file.add_schema(schema)
         self._file.add_channel(stream.channel(number, schema_id))
 
     def _split(self, log_ns: int) -> FileWriter:

@@ -83,7 +83,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
         file: The launch file, absolute.
         workspace: Folder that goes first on the nodes' module path, absolute.
         nodes: Nodes in the file's order, those of an included file where ``include`` stands.
-        recorders: Entries of the file that record the graph.
+        recorders: In lockstep, entries of the file that record the graph; on the wall clock they are nodes.
         readings: Wired inputs by node and port.
         edges: Readers of each topic as [node, port], requests and replies among them: a client's requests
             travel on ``/<client>/<port>``, the replies on ``/<server>/<service>/<client>/<port>``.
@@ -153,7 +153,9 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def recorders_apart(graph: CheckedGraph) -> CheckedGraph:
-    """Return a graph whose recorders are no longer among its nodes: they take no part in its time."""
+    """Return a lockstep graph whose recorders are no longer among its nodes: its launcher records."""
+    if graph.clock == "wall":
+        return graph
     return msgspec.structs.replace(
         graph,
         nodes=[spec for spec in graph.nodes if spec.run != RECORDER],

@@ -133,11 +133,13 @@ class Graph:
             stack.enter_context(self._showing_log())
             self.launcher_node = LauncherNode(str(self.directory.path), self._now_ns)
             stack.callback(self.launcher_node.close)
+            self.recorders.launcher_node = self.launcher_node
             self._answer_tools()
             self._run = self._start_composed(stack, server) if self._compose else self._start(stack, server)
             self._open_swaps(self._run)
             self._announce()
-            self.recorders.start(self.directory.path, self.launcher_node, self._supervisor)
+            if self._supervisor is not None:
+                self._supervisor.prepare_recorders()
             self._stack = stack.pop_all()
         return self
 
@@ -172,6 +174,7 @@ class Graph:
         kept = kept or ask_report(self.checked, "attach", self._summary()) or {}
         self.checked = msgspec.structs.replace(self.checked, attached=kept)
         self.recorders = Recorders(self.checked, self.record, resumed=resumed is not None)
+        self.checked = msgspec.structs.replace(self.checked, nodes=self.recorders.nodes)
         self.observers.follow(self.checked)
         self.checkpoints.on_trouble = lambda text: self.journal.add_own(text, RESUMES, self._now_ns())
         self._open_gateway(stack)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.description.checked import RECORDER, CheckedGraph
 from palp_core.graph.lockstep.conductor import Conductor, LockstepNodes, Observer
 from palp_core.graph.lockstep.simulated_time import SimulatedTime
 from palp_core.graph.node.spec import NodeSpec
@@ -114,8 +114,8 @@ class WallRun:
 
 
 def end_order(nodes: Sequence[NodeSpec]) -> list[int]:
-    """Return the order in which nodes end: those that move something first, then graph order."""
-    return sorted(range(len(nodes)), key=lambda i: (not nodes[i].moves, i))
+    """Return the order in which nodes end: those that move something first, recorders last."""
+    return sorted(range(len(nodes)), key=lambda i: (nodes[i].run == RECORDER, not nodes[i].moves, i))
 
 
 def _between_processes(

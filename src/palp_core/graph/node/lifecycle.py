@@ -54,6 +54,9 @@ class LifecycleHooks:
     def on_configure(self) -> None:
         """Prepare what does not move: load files, build tables."""
 
+    def on_graph_ready(self, run_dir: str) -> None:
+        """Wall clock, recorders only: every node is configured and connected, none is active yet."""
+
     def on_activate(self) -> None:
         """Begin work: open the device, publish the first value."""
 

@@ -32,6 +32,10 @@ class Spawn(ChannelMessage, frozen=True, kw_only=True):
     log_level: str = "info"
 
 
+class Prepare(ChannelMessage, frozen=True):
+    """Wall clock, to a recorder: hear every topic before the first node is active."""
+
+
 class Activate(ChannelMessage, frozen=True):
     """Become active; ``start_ns`` is the graph's start on the host's monotonic clock."""
 
@@ -125,7 +129,7 @@ class Raised(ChannelMessage, frozen=True):
     action: str
 
 
-ToNode = Activate | Round | Shutdown | Restore | ToSwapped
+ToNode = Prepare | Activate | Round | Shutdown | Restore | ToSwapped
 FromNode = Hello | Configured | Matched | Done | Failed | Kept | Relay | Knock | Pulse | Raised | FromSwapped
 
 

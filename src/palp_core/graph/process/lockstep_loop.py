@@ -83,7 +83,7 @@ class LockstepLoop:
                 self.clock.set(message.now_ns)
                 self.executor.transition(Transition.SHUTDOWN)
             else:
-                assert not isinstance(message, control_messages.Restore)  # of the wall clock
+                assert not isinstance(message, control_messages.Restore | control_messages.Prepare)
                 self._change_over(message)
                 if self.participant.left:
                     self.channel.send(control_messages.Done([], -1, None))

@@ -40,6 +40,7 @@ class WallLoop:
         self, order: control_messages.Spawn, channel: MessageChannel[control_messages.ToNode]
     ) -> None:
         self.channel = channel
+        self._run_dir = order.run_dir
         self.sockets = NodeSockets(*endpoints(order.run_dir, order.place))
         self.clock = WallClock(monotonic_ns())
         node_class = load_class(order.spec.run, order.workspace, fresh=order.fresh)
@@ -229,7 +230,10 @@ class WallLoop:
     def _command(self) -> bool:
         """Obey the supervisor; return True when the node has ended."""
         message = self.channel.receive()
-        if isinstance(message, control_messages.Activate):
+        if isinstance(message, control_messages.Prepare):
+            self.executor.node.on_graph_ready(self._run_dir)
+            self.channel.send(control_messages.Done([], -1, None))
+        elif isinstance(message, control_messages.Activate):
             self._begin(message.start_ns)
             self.executor.transition(Transition.ACTIVATE)
         elif isinstance(message, control_messages.Restore):

@@ -7,9 +7,10 @@ asked for comes after what was published later; sequences tell the order.
 import os
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from palp_core.errors import GraphError, SchemaMismatch
+from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.graph_reader import GraphReader
 from palp_core.graph.discovery.running_graph import RunningGraph
@@ -22,19 +23,6 @@ ANSWER_NS = 4_000_000_000
 
 Nothing waits for it here as in a reader; it is less than what a replay allows a message to come late.
 """
-
-
-class FrameSink(Protocol):
-    """What takes frames and keeps an account of them: a recorder."""
-
-    def __call__(self, now_ns: int, frame: bytes) -> None:
-        """Take a frame."""
-
-    def fill(self, now_ns: int, frame: bytes) -> None:
-        """Take a frame that was asked for, if it is missing still."""
-
-    def expect_from(self, topic: str, epoch: int, first: int) -> None:
-        """Expect a topic to begin with a sequence."""
 
 
 class _Question(NamedTuple):
@@ -62,7 +50,7 @@ class LiveFeed:
     def __init__(
         self,
         graph: RunningGraph,
-        sink: FrameSink,
+        sink: BagRecorder,
         *,
         from_start: bool,
         on_change: Callable[[], None] = lambda: None,
@@ -81,12 +69,7 @@ class LiveFeed:
         self._answered_ns = 0
 
     def follow(self, topics: Mapping[str, Topic], *, new: bool = False) -> None:
-        """Listen to more topics.
-
-        Args:
-            topics: By name.
-            new: They have just come to be: their first messages are wanted.
-        """
+        """Listen to more topics; of new ones the first messages are wanted."""
         self._new |= topics.keys() if new else set()
         self._topics.update(topics)
         self.unmatched |= {name.encode(): live for name, live in topics.items()}

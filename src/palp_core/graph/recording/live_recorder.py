@@ -2,24 +2,23 @@
 
 import contextlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import msgspec
 
 from palp_core.counted import counted
 from palp_core.errors import BagError, GraphError
+from palp_core.graph.bag.reader import topic_selection
 from palp_core.graph.bag.recorder import BagRecorder, RecordingSummary
-from palp_core.graph.bag.selection import topic_selection
-from palp_core.graph.bag.writer import BagWriter
-from palp_core.graph.clock import monotonic_ns, unix_ns
+from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.recording.live_feed import ANSWER_NS, LiveFeed
-from palp_core.graph.recording.live_snapshot import LiveSnapshot
-from palp_core.graph.recording.live_topics import ASK_S, is_order, live_topics
+from palp_core.graph.recording.live_topics import ASK_S, is_order, live_topics, recorded_nodes
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT, attachments, launch_attachment
-from palp_core.graph.recording.recorder_messages import RecordOptions
+from palp_core.graph.recording.recorder_params import RecorderParams, cannot_write, new_writer, rooted
+from palp_core.graph.recording.snapshot import SnapshotRecorder
 
 WAIT_MS = 50
 ANSWER_S = 0.5
@@ -31,113 +30,95 @@ QUIET_TURNS = 4
 
 
 class LiveRecorder:
-    """Follows a graph and records it.
+    """Follows a graph and records it."""
 
-    Args:
-        graph: The running graph.
-        options: What and how.
-        say: Takes what a person should know.
-
-    Attributes:
-        saved: Snapshots that were written.
-        unmatched: Topics that were waited for, and of which no frame came.
-
-    Raises:
-        BagError: Nothing to record, a graph in simulated time, or the bag exists.
-        GraphError: The launcher does not answer.
-    """
-
-    def __init__(self, graph: RunningGraph, options: RecordOptions, say: Callable[[str], None]) -> None:
+    def __init__(
+        self, graph: RunningGraph, params: RecorderParams, say: Callable[[str], None], *, from_start: bool
+    ) -> None:
         if graph.record.clock != "wall":
             raise BagError(
                 f"graph '{graph.record.graph}' runs in simulated time: "
                 "record it with palp launch FILE --record DIR"
             )
-        self._options, self._say = options, say
-        self._chosen = topic_selection(options.topics, options.regex, options.exclude_regex)
+        self._params, self._say = params, say
+        self._out = Path(params.out).absolute()
+        names = rooted(params.topics)
+        self._chosen = topic_selection(names, params.regex or None, params.exclude_regex or None)
         self._known = live_topics(graph)
-        unknown = [name for name in options.topics if name not in self._known]
+        unknown = [name for name in names if name not in self._known]
         if unknown:
             graph.topic(unknown[0])  # says which name is near
         if not any(map(self._chosen, self._known)):
             raise BagError("no topic of the graph is chosen: name topics, or record all with -a")
-        self._graph = graph
-        self.saved: list[str] = []
-        self.unmatched: list[str] = []
+        self._graph, self._from_start = graph, from_start
+        self._saved_count = 0
         topics = list(self._known.values())
         self._attached = self._attachments()
-        sink: BagRecorder | LiveSnapshot
-        if options.snapshot_s:
-            sink = LiveSnapshot(round(options.snapshot_s * 1e9), topics)
-        else:
-            sink = self._bag(Path(options.out), from_start=options.from_start)
-        self._sink = sink
-        self._feed = LiveFeed(graph, sink, from_start=options.from_start, on_change=self._follow_changes)
-        sink.missed = self._feed.ask
+        self._sink = (
+            SnapshotRecorder(round(params.snapshot_s * 1e9), topics)
+            if params.snapshot_s
+            else self._bag(self._out, from_start=from_start)
+        )
+        self._feed = LiveFeed(graph, self._sink, from_start=from_start, on_change=self._follow_changes)
+        self._sink.missed = self._feed.ask
 
     @property
     def ended(self) -> bool:
         return self._feed.ended
 
-    def await_topics(self, end_wanted: Callable[[], bool]) -> bool:
-        """Listen until every topic has been heard; return whether that was so before the end was wanted.
+    def await_topics(self, end_wanted: Callable[[], bool]) -> None:
+        """Listen until every topic has been heard, the end is wanted, or some have been silent for long.
 
-        What a node consumes comes last: it begins with the node's state, and everything that the node takes
-        up after that is in the bag.
+        The order of what a node consumes comes last: it begins with the node's state, and everything that the
+        node takes up after that is in the bag.
         """
-        chosen = {name: live for name, live in self._known.items() if self._chosen(name)}
-        orders = {name: live for name, live in chosen.items() if is_order(name)}
-        rest = {name: live for name, live in chosen.items() if name not in orders}
-        self.unmatched = sorted(chosen)
+        chosen = {name: topic for name, topic in self._known.items() if self._chosen(name)}
+        orders = {name: topic for name, topic in chosen.items() if is_order(name)}
+        rest = {name: topic for name, topic in chosen.items() if name not in orders}
+        begin_ns = monotonic_ns()
         for part in (rest, orders):
             self._feed.follow(part)
-            if not self._await_heard(end_wanted):
-                return False
-        self.unmatched = []
-        kept = f"; the last {self._options.snapshot_s:g} s are kept" if self._options.snapshot_s else ""
+            while self._feed.unmatched and monotonic_ns() - begin_ns < NOTE_WAITING_NS:
+                self.turn()
+                if end_wanted() or self.ended:
+                    break
+        if self._feed.unmatched:
+            names = ", ".join(sorted(name.decode() for name in self._feed.unmatched))
+            self._say(f"not heard yet, recording what comes: {names}")
+        kept = f"; the last {self._params.snapshot_s:g} s are kept" if self._params.snapshot_s else ""
         self._say(
-            f"recording {counted(len(chosen), 'topic')} of '{self._graph.record.graph}' to "
-            f"{self._options.out}{kept}"
+            f"recording {counted(len(chosen), 'topic')} of '{self._graph.record.graph}' to {self._out}{kept}"
         )
-        return True
 
-    def _await_heard(self, end_wanted: Callable[[], bool]) -> bool:
-        begin_ns, is_noted = monotonic_ns(), False
-        while self._feed.unmatched:
-            self.turn()
-            self.unmatched = [name for name in self.unmatched if not self._sink.has_heard(name)]
-            if end_wanted() or self.ended:
-                return False
-            if not is_noted and monotonic_ns() - begin_ns > NOTE_WAITING_NS:
-                is_noted = True
-                names = ", ".join(sorted(name.decode() for name in self._feed.unmatched))
-                self._say(f"not heard yet, recording what comes: {names}")
-        return True
-
-    def turn(self) -> None:
-        """Take what comes, for a moment."""
-        self._feed.receive(WAIT_MS)
-        now_ns = monotonic_ns()
-        self._sink.tick(now_ns)
-        if self._feed.start_ns is None:
+    def turn(self, wait_ms: int = WAIT_MS) -> bool:
+        """Take what comes, for a moment; return whether there may be more."""
+        with self._writing():
+            more = self._feed.receive(wait_ms)
+            self._sink.tick(monotonic_ns())
+        if self._feed.start_ns is None and not self._from_start:
             self._feed.find_start()
+        return more
 
-    def run(self, end_wanted: Callable[[], bool]) -> None:
-        """Record until the end is wanted or the graph has ended."""
-        while not end_wanted() and not self.ended:
-            self.turn()
+    def begin(self, start_ns: int) -> None:
+        """Begin with the graph, whose start is this on the machine's monotonic clock."""
+        self._feed.start_ns = start_ns
 
     def save(self) -> str:
-        """Snapshot mode: write what is kept into a bag of its own; return what to say."""
-        if not isinstance(self._sink, LiveSnapshot):
+        """Write the messages that are kept in memory into a bag of their own; return what to say."""
+        if not isinstance(self._sink, SnapshotRecorder):
             raise BagError("this recorder keeps nothing in memory: start it with --snapshot S")
-        count = len(self.saved)
-        out = Path(self._options.out + (f"-{count}" if count else ""))
+        suffix = f"-{self._saved_count}" if self._saved_count else ""
+        out = self._out.with_name(self._out.name + suffix)
         recorder = self._bag(out, from_start=False)
         self._sink.save(recorder)
         summary = recorder.close()
-        self.saved.append(str(out))
+        self._saved_count += 1
         return f"{out}: {summary.text()}"
+
+    def abandon(self) -> None:
+        """Leave a bag that cannot be written any more."""
+        self._sink.abandon()
+        self._feed.close()
 
     def close(self, *, patient: bool) -> RecordingSummary:
         """Take what is still on its way, finish the bag, and return its account.
@@ -148,27 +129,29 @@ class LiveRecorder:
         """
         end_ns = monotonic_ns() + (LONGEST_DRAIN_NS if patient else DRAIN_NS)
         quiet_ns, quiet_turns, before = monotonic_ns(), 0, self._sink.taken
-        while (now_ns := monotonic_ns()) < end_ns or self._feed.answered_since(now_ns - ANSWER_NS):
-            if quiet_turns >= QUIET_TURNS and now_ns - quiet_ns > DRAIN_NS and not self._feed.asking:
-                break
-            self._feed.receive(WAIT_MS)
-            self._sink.tick(now_ns)
-            quiet_turns += 1
-            if self._sink.taken != before:
-                before, quiet_ns, quiet_turns = self._sink.taken, now_ns, 0
-        summary = self._sink.close()
+        with self._writing():
+            while (now_ns := monotonic_ns()) < end_ns or self._feed.answered_since(now_ns - ANSWER_NS):
+                if quiet_turns >= QUIET_TURNS and now_ns - quiet_ns > DRAIN_NS and not self._feed.asking:
+                    break
+                self._feed.receive(WAIT_MS)
+                self._sink.tick(now_ns)
+                quiet_turns += 1
+                if self._sink.taken != before:
+                    before, quiet_ns, quiet_turns = self._sink.taken, now_ns, 0
+            self._sink.unheard = sorted(name.decode() for name in self._feed.unmatched)
+            summary = self._sink.close()
         self._feed.close()
         return summary
 
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise BagError(cannot_write(self._out, error)) from error
+
     def _bag(self, out: Path, *, from_start: bool) -> BagRecorder:
-        options = self._options
-        writer = BagWriter(
-            out,
-            compression=options.compression,
-            max_bytes=options.max_bytes,
-            max_duration_ns=round(options.max_duration_s * 1e9),
-            custom={"start_unix_ns": str(unix_ns())},
-        )
+        writer = new_writer(self._params, out)
         record = self._graph.record
         run = {
             "graph": record.graph,
@@ -182,8 +165,9 @@ class LiveRecorder:
 
     def _attachments(self) -> dict[str, bytes]:
         provenance = self._graph.ask("graph", "launch")
-        answers = self._graph.ask_all("get_parameters", timeout_s=ASK_S) if self._graph.node_names else None
-        params = {name: reply["parameters"] for name, reply in answers.replies.items()} if answers else {}
+        nodes = recorded_nodes(self._graph)
+        replies = self._graph.ask_all("get_parameters", nodes, timeout_s=ASK_S).replies if nodes else {}
+        params = {name: reply["parameters"] for name, reply in replies.items()}
         return {
             **attachments(provenance, params),
             "palp/run.json": json.dumps(msgspec.to_builtins(self._graph.record), indent=1).encode(),
@@ -202,8 +186,7 @@ class LiveRecorder:
             now = launch_attachment(self._graph.ask("graph", "launch", timeout_s=ANSWER_S))
             if now != self._attached[LAUNCH_ATTACHMENT]:
                 self._attached[LAUNCH_ATTACHMENT] = now
-                if isinstance(self._sink, BagRecorder):
-                    self._sink.attach(LAUNCH_ATTACHMENT, now)
+                self._sink.attach(LAUNCH_ATTACHMENT, now)
 
     def _add(self, new: dict[str, Topic]) -> None:
         self._known |= new

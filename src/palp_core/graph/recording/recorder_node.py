@@ -1,43 +1,80 @@
-"""A recorder as an entry of a launch file.
+"""A recorder as a node: it records the graph that it is in, from a process of its own.
 
-The launcher gives it a process of its own kind: it takes no part in the graph's time, and is ready before the
-first node is active, so that every topic's first message is in the bag.
+It hears every topic before the first other node is active, so that each first message is in the bag, and is
+shut down when all others are. In lockstep the launcher records instead (:mod:`.recorders`).
 """
 
-from typing import Annotated, Literal
+from pathlib import Path
 
-from msgspec import Meta
+from palp_core.errors import BagError, GraphError
+from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.discovery.run_directory import read_record
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.messages.message import Message
+from palp_core.graph.node.node import Node
+from palp_core.graph.node.ports import Alarm, Srv, on, serve
+from palp_core.graph.recording.live_recorder import LiveRecorder
+from palp_core.graph.recording.recorder_params import RecorderParams
 
-from palp_core.graph.node.node import Node, Params, ReadOnly
-from palp_core.units import Count, Seconds
+PERIOD_NS = 50_000_000
 
 
-class RecorderParams(Params):
-    """What to record, and how; the flags of ``palp bag record``.
+class SaveSnapshot(Message):
+    """Write the messages that are kept in memory."""
 
-    Attributes:
-        out: The bag, from where you are; it must not exist.
-        topics: Names; none and no ``regex``: every topic, the hidden ones too.
-        regex: Topics in which it is found are recorded as well.
-        exclude_regex: Topics in which it is found are not.
-        max_bag_size: Bytes of a file, after which another is begun; 0: one file.
-        max_bag_duration_s: The same by time.
-        snapshot_s: Keep so much in memory and write it on ``palp bag snapshot``; 0: write at once.
-        required: The graph ends if the recorder does.
-    """
 
-    out: ReadOnly[Annotated[str, Meta(min_length=1)]]
-    topics: ReadOnly[list[str]] = []
-    regex: ReadOnly[str] = ""
-    exclude_regex: ReadOnly[str] = ""
-    max_bag_size: ReadOnly[Count] = 0
-    max_bag_duration_s: ReadOnly[Seconds] = 0.0
-    snapshot_s: ReadOnly[Seconds] = 0.0
-    compression: ReadOnly[Literal["zstd", "lz4", "none"]] = "zstd"
-    required: ReadOnly[bool] = False
+class SnapshotSaved(Message):
+    """The bag that was written and its account; "" if none are kept."""
+
+    text: str
 
 
 class Recorder(Node):
     """Record the graph into a bag."""
 
     params: RecorderParams
+
+    save = Srv(SaveSnapshot, SnapshotSaved)
+    turn = Alarm()
+
+    _recorder: LiveRecorder | None = None
+
+    def on_graph_ready(self, run_dir: str) -> None:
+        """Hear every topic."""
+        record = read_record(Path(run_dir))
+        assert record is not None
+        self._recorder = LiveRecorder(RunningGraph(record), self.params, self.log.info, from_start=True)
+        self._recorder.await_topics(lambda: False)
+
+    def on_activate(self) -> None:
+        if self._recorder is None:
+            raise GraphError("a recorder begins with its graph; record a running one with palp bag record")
+        self._recorder.begin(monotonic_ns() - self.now_ns())
+        self.turn.set(self.now_ns())
+
+    @on(turn)
+    def receive(self) -> None:
+        """Record what has arrived."""
+        assert self._recorder is not None
+        more = self._recorder.turn(wait_ms=0)
+        self.turn.set(self.now_ns() + (0 if more else PERIOD_NS))
+
+    @serve(save)
+    def save_snapshot(self, _: SaveSnapshot) -> SnapshotSaved:
+        """Write the messages that are kept in memory, if any are."""
+        assert self._recorder is not None
+        return SnapshotSaved(text=self._recorder.save() if self.params.snapshot_s else "")
+
+    def on_error(self, error: Exception) -> None:
+        if isinstance(error, BagError) and self._recorder is not None:
+            self._recorder.abandon()
+            self._recorder = None
+
+    def on_deactivate(self) -> None:
+        """Finish the bag with what is still on its way."""
+        if self._recorder is not None:
+            recorder, self._recorder = self._recorder, None
+            self.log.info("%s", recorder.close(patient=True).text())
+
+    def on_shutdown(self) -> None:
+        self.on_deactivate()

@@ -1,84 +1,78 @@
-"""The recorders of a graph: of ``palp launch --record`` and of the launch file's entries."""
+"""The recorders of a graph as its launcher sees them: of ``palp launch --record`` and of the launch file.
+
+On the wall clock each is a node in a process of its own. In lockstep the launcher writes the bags, as every
+message passes through it.
+"""
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import logging
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import msgspec
 
 from palp_core.errors import BagError, NodeError
+from palp_core.graph.bag.reader import Bag, topic_selection
+from palp_core.graph.bag.recorder import SUMMARY_NAME, BagRecorder, RecordingSummary
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.description.checked import CheckedGraph
-from palp_core.graph.discovery.run_directory import RunRecord
-from palp_core.graph.process.channel import ChannelClosed
-from palp_core.graph.recording import recorder_messages
-from palp_core.graph.recording.recorder_node import RecorderParams
+from palp_core.graph.description.checked import RECORDER, CheckedGraph
+from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.recording.provenance import (
+    LAUNCH_ATTACHMENT,
+    attachments,
+    launch_attachment,
+    launch_provenance,
+)
+from palp_core.graph.recording.recorder_params import RecorderParams, cannot_write, new_writer, rooted
 from palp_core.graph.supervision.launcher_node import LauncherNode
-from palp_core.graph.supervision.sidecar import Sidecar
-
-if TYPE_CHECKING:
-    from palp_core.graph.recording.lockstep_recorder import LockstepRecorder
-    from palp_core.graph.supervision.supervisor import Supervisor
 
 DEFAULT_NAME = "recorder"
-FINISH_NS = 60_000_000_000
+TICK_FRAMES = 64
 _LOG = logging.getLogger("palp.supervisor")
 
 
 class Recorders:
     """Every recorder of one graph.
 
-    On the simulated clock the launcher itself writes the bags, as every message passes through it; on the
-    wall clock each recorder is a process.
-
     Args:
         graph: The graph about to run; None: there is none yet, and nothing to record.
         out: A bag for all of it; None: only what the launch file says.
         resumed: The run was interrupted: each recorder of the launch file begins another bag
-            beside the one that is there, ``bag_2`` beside ``bag``.
+            next to the one that is there, ``bag_2`` next to ``bag``.
 
-    Raises:
-        BagError: A bag exists, or a recorder's flags make no sense.
+    Attributes:
+        nodes: On the wall clock, the nodes of the graph with its recorders.
     """
 
     def __init__(
-        self,
-        graph: CheckedGraph | None = None,
-        out: Path | None = None,
-        *,
-        resumed: bool = False,
+        self, graph: CheckedGraph | None = None, out: Path | None = None, *, resumed: bool = False
     ) -> None:
+        self.nodes: list[NodeSpec] = []
+        self.launcher_node: LauncherNode | None = None
         self._results: list[tuple[bool, str]] = []
         self._writers: list[LockstepRecorder] = []
-        self._processes: list[RecorderProcess] = []
-        self._wanted: list[tuple[str, recorder_messages.RecordOptions, bool]] = []
-        self._launcher_node: LauncherNode | None = None
+        self._bags: list[str] = []
+        if graph is None:
+            return
+        wanted = [spec for spec in (*graph.nodes, *graph.recorders) if spec.run == RECORDER]
+        found = {spec.name: _prepared(spec, resumed=resumed) for spec in wanted}
         if out is not None:
-            options = recorder_messages.RecordOptions(out=str(out.absolute()), from_start=True)
-            self._wanted.append((DEFAULT_NAME, options, False))
-        for spec in graph.recorders if graph is not None else ():
-            params = msgspec.convert(spec.params, RecorderParams)
-            if resumed:
-                params = msgspec.structs.replace(params, out=_free(params.out))
-            self._wanted.append((spec.name, _options(params), params.required))
-        for name, options, _ in self._wanted:
-            if Path(options.out).exists():
-                raise BagError(f"{options.out} exists already: choose another name")
-            if graph is not None and graph.clock == "sim":
-                from palp_core.graph.recording.lockstep_recorder import LockstepRecorder
-
-                self._writers.append(LockstepRecorder(name, graph, options))
+            taken = {spec.name for spec in graph.nodes} | found.keys()
+            spec = NodeSpec(name=_free_name(taken), run=RECORDER, params={"out": str(out)}, seed=graph.seed)
+            found[spec.name] = _prepared(spec)
+        self.nodes = [spec for spec in graph.nodes if spec.run != RECORDER]
+        if graph.clock == "sim":
+            self._writers = [LockstepRecorder(spec, graph) for spec in found.values()]
+            return
+        self.nodes += found.values()
+        for spec in found.values():
+            if not spec.params.get("snapshot_s"):
+                self._bags.append(spec.params["out"])
 
     def observe(self, now_ns: int, frame: bytes) -> None:
-        """Simulated clock: take a frame.
-
-        Raises:
-            NodeError: It cannot be recorded, and the launch file wants the graph to end with its recorder.
-        """
+        """Simulated clock: take a frame."""
         for writer in self._writers:
             try:
                 writer(now_ns, frame)
@@ -86,11 +80,7 @@ class Recorders:
                 self._lose(writer, error)
 
     def follow(self, graph: CheckedGraph) -> None:
-        """Simulated clock: keep what the graph has become by a swap; other recorders ask for it.
-
-        Raises:
-            NodeError: As of :meth:`observe`.
-        """
+        """Simulated clock: keep what the graph has become by a swap; other recorders ask for it."""
         for writer in self._writers:
             try:
                 writer.follow(graph)
@@ -102,44 +92,17 @@ class Recorders:
         self._writers = [other for other in self._writers if other is not writer]
         text = writer.fail(error)
         self._results.append((False, text))
-        if self._launcher_node is not None:
-            self._launcher_node.report("recorder", writer.name, text)
+        if self.launcher_node is not None:
+            self.launcher_node.report("recorder", writer.name, text)
         _LOG.warning("%s: %s", writer.name, text)
-        if writer.name in {name for name, _, required in self._wanted if required}:
+        if writer.required:
             raise NodeError(writer.name, text)
 
-    def start(self, folder: Path, launcher_node: LauncherNode, supervisor: Supervisor | None) -> None:
-        """Wall clock: start the recorders; return when each hears every topic.
-
-        Args:
-            folder: The run directory.
-            launcher_node: Knows where everything is, and is told when one ends.
-            supervisor: Waits for what they say; None where all nodes are in this process.
-
-        Raises:
-            BagError: One cannot record.
-        """
-        self._launcher_node = launcher_node
-        if self._writers or not self._wanted or supervisor is None or launcher_node.record is None:
-            return
-        for name, options, required in self._wanted:
-            self._processes.append(
-                RecorderProcess(
-                    name, launcher_node.record, options, folder, launcher_node, supervisor, required=required
-                )
-            )
-        for process in self._processes:
-            supervisor.wait_until(lambda process=process: process.ready)  # type: ignore[misc]
-            if process.refused:
-                raise BagError(f"recorder '{process.name}': {process.refused}")
-
     def close(self) -> None:
+        """Close the launcher's bags, and look what became of the others."""
         self._results += [writer.close() for writer in self._writers]
-        for process in self._processes:
-            process.finish()
-        end_ns = monotonic_ns() + FINISH_NS  # of all together: a graph with two must not take twice as long
-        self._results += [process.close(end_ns) for process in self._processes]
-        self._writers, self._processes = [], []
+        self._results += [_result_of(bag) for bag in self._bags]
+        self._writers, self._bags = [], []
 
     @property
     def complete(self) -> bool:
@@ -152,119 +115,70 @@ class Recorders:
         return "\n".join(text for _, text in self._results)
 
 
-class RecorderProcess:
-    """One recorder's process, as the launcher sees it.
+class LockstepRecorder:
+    """Observes a lockstep graph and writes its bag."""
 
-    Attributes:
-        ready: It records, or it never will.
-        refused: Why it cannot record; "" if it can.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        record: RunRecord,
-        options: recorder_messages.RecordOptions,
-        folder: Path,
-        launcher_node: LauncherNode,
-        supervisor: Supervisor,
-        *,
-        required: bool,
-    ) -> None:
-        self.name = name
-        self.ready = False
-        self.refused = ""
-        self._options, self._required = options, required
-        self._launcher_node, self._supervisor = launcher_node, supervisor
-        self._result: tuple[bool, str] | None = None
-        self._sidecar: Sidecar[recorder_messages.FromRecorder] = Sidecar(
-            "palp_core.graph.recording.recorder_process",
-            recorder_messages.from_recorder(),
-            folder / "log" / f"{name}.log",
-        )
-        self._began = self._gone = False
-        supervisor.watch(self._sidecar.descriptor, self._receive)
-        with contextlib.suppress(ChannelClosed):
-            self._sidecar.send(recorder_messages.StartRecording(record, options))
-
-    def _receive(self) -> None:
-        """Take what it says.
-
-        Raises:
-            NodeError: It is gone, and the launch file wants the graph to end with it.
-        """
+    def __init__(self, spec: NodeSpec, graph: CheckedGraph) -> None:
+        params = msgspec.convert(spec.params, RecorderParams)
+        if params.snapshot_s:
+            raise BagError(f"{graph.file}: a recorder keeps the last seconds on the wall clock only")
+        topics = [info.as_topic(name) for name, info in graph.topics.items()]
+        writer = new_writer(params, params.out)
+        select = topic_selection(rooted(params.topics), params.regex or None, params.exclude_regex or None)
+        attached = attachments(launch_provenance(graph))
         try:
-            for message in self._sidecar.receive():
-                self._on_message(message)
-        except ChannelClosed:
-            self._on_gone()
+            self._recorder = BagRecorder(writer, topics, select=select, attachments=attached)
+        except OSError as error:
+            writer.abandon()
+            raise BagError(f"{params.out} cannot be written: {error.strerror}") from error
+        self.name, self.required, self._out = spec.name, params.required, params.out
+        self._count = 0
 
-    def _on_message(self, message: recorder_messages.FromRecorder) -> None:
-        if isinstance(message, recorder_messages.RecordingStarted):
-            self.ready = self._began = True
-        elif isinstance(message, recorder_messages.RecorderNote):
-            _LOG.log(logging.INFO if self.ready else logging.WARNING, "%s: %s", self.name, message.text)
-        elif isinstance(message, recorder_messages.RecordingFinished):
-            self._result = (message.complete, message.text)
-        elif self._began:
-            self._fail(message.text)
-        else:
-            self.ready, self.refused = True, message.text
+    def __call__(self, now_ns: int, frame: bytes) -> None:
+        self._recorder(now_ns, frame)
+        self._count += 1
+        if self._count % TICK_FRAMES == 0:
+            self._recorder.tick(monotonic_ns())
 
-    def _on_gone(self) -> None:
-        self._supervisor.forget(self._sidecar.descriptor)
-        self._gone = self.ready = True
-        if self._result is None and not self.refused:
-            out = self._options.out
-            self._fail(f"the recorder has ended; save what it has written: palp bag recover {out} -o NEW")
+    def follow(self, graph: CheckedGraph) -> None:
+        """Keep what the graph has become by a swap."""
+        self._recorder.attach(LAUNCH_ATTACHMENT, launch_attachment(launch_provenance(graph)))
 
-    def _fail(self, text: str) -> None:
-        """Say that there will be no whole bag.
+    def close(self) -> tuple[bool, str]:
+        """Close the bag; return whether nothing is missing, and what to say."""
+        try:
+            summary = self._recorder.close()
+        except OSError as error:
+            return False, self.fail(error)
+        return summary.complete, f"{self._out}: {summary.text()}"
 
-        Raises:
-            NodeError: The launch file wants the graph to end with its recorder.
-        """
-        out = self._options.out
-        self._result = (False, text if text.startswith(out) else f"{out}: {text}")
-        self._launcher_node.report("recorder", self.name, text)
-        _LOG.warning("%s: %s", self.name, text)
-        if not self._began:
-            self.refused = "its process has ended"
-        elif self._required:
-            raise NodeError(self.name, text)
-
-    def finish(self) -> None:
-        self._required = False  # the graph has ended
-        if not self._gone:
-            self._supervisor.forget(self._sidecar.descriptor)
-            self._sidecar.close_sending()
-
-    def close(self, end_ns: int) -> tuple[bool, str]:
-        """Wait for the bag's end, until then at most; return whether nothing is missing, and what to say."""
-        if not self._gone:
-            with contextlib.suppress(ChannelClosed):
-                while self._result is None and self._sidecar.wait((end_ns - monotonic_ns()) / 1e9):
-                    for message in self._sidecar.receive():
-                        self._on_message(message)
-        self._sidecar.close()
-        return self._result or (False, f"{self._options.out}: the recorder did not finish its bag")
+    def fail(self, error: OSError) -> str:
+        """Leave a bag that cannot be written any more; return what to say."""
+        self._recorder.abandon()
+        return cannot_write(self._out, error)
 
 
-def _options(params: RecorderParams) -> recorder_messages.RecordOptions:
-    return recorder_messages.RecordOptions(
-        out=str(Path(params.out).absolute()),
-        topics=[name if name.startswith("/") else f"/{name}" for name in params.topics],
-        regex=params.regex or None,
-        exclude_regex=params.exclude_regex or None,
-        max_bytes=params.max_bag_size,
-        max_duration_s=params.max_bag_duration_s,
-        snapshot_s=params.snapshot_s,
-        compression=params.compression,
-        from_start=not params.snapshot_s,
-    )
-
-
-def _free(out: str) -> str:
-    """Return a bag's name, or with a number that none beside it has."""
+def _prepared(spec: NodeSpec, *, resumed: bool = False) -> NodeSpec:
+    """Return a recorder with the bag that it is to write."""
+    out = str(Path(spec.params["out"]).absolute())
     names = itertools.chain([out], (f"{out}_{number}" for number in itertools.count(2)))
-    return next(name for name in names if not Path(name).exists())
+    out = next(name for name in names if not (resumed and Path(name).exists()))
+    if Path(out).exists():
+        raise BagError(f"{out} exists already: choose another name")
+    params: dict[str, Any] = {**spec.params, "out": out}
+    return msgspec.structs.replace(spec, params=params, required=params.get("required", False))
+
+
+def _free_name(taken: set[str]) -> str:
+    names = itertools.chain([DEFAULT_NAME], (f"{DEFAULT_NAME}_{number}" for number in itertools.count(2)))
+    return next(name for name in names if name not in taken)
+
+
+def _result_of(bag: str) -> tuple[bool, str]:
+    """Return whether nothing is missing in a recorder's bag, and what to say."""
+    try:
+        with Bag(bag) as opened:
+            summary = msgspec.json.decode(opened.attachments()[SUMMARY_NAME], type=RecordingSummary)
+    except (BagError, KeyError, msgspec.MsgspecError):
+        return False, f"{bag}: its recorder has not finished it; save it: palp bag recover {bag} -o NEW"
+    return summary.complete, f"{bag}: {summary.text()}"

@@ -1,215 +1,278 @@
-"""Where played messages go: into a run of their own, or into ports of a running graph."""
+"""Play a bag: a :class:`Player` for each recorded node, all in this process, in simulated time with a pace.
+
+So messages come in the recorded rounds as in a lockstep graph, and pause and rate are those of the clock.
+They go into a run of their own, or into ports of a running graph.
+"""
 
 import contextlib
+import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Protocol
 
 import msgspec
 
 from palp_core.counted import counted
-from palp_core.errors import GraphError
-from palp_core.graph.clock import WallClock, monotonic_ns
+from palp_core.errors import BagError, GraphError
+from palp_core.graph.bag.reader import Bag
+from palp_core.graph.clock import SimClock
 from palp_core.graph.discovery.run_directory import NodeEntry, RunDirectory
 from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.latency import Latency
+from palp_core.graph.messages.frame import Kind, parse
 from palp_core.graph.messages.topic import Topic, topic_of
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.loading import endpoints
-from palp_core.graph.node.node import class_name
 from palp_core.graph.node.spec import LAUNCHER, NodeSpec
 from palp_core.graph.process.node_services import CHANGING, NodeServices
-from palp_core.graph.replay.player import Replayed, replayed_class
+from palp_core.graph.replay.player import TOGETHER_NS, Player, begin_ns, span_ns
 from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.publisher_socket import HEARTBEAT_NS
 
 GRAPH = "play"
 PROCESS = "player"
+RUN = "palp_core.graph.replay.player:Player"
+SLOWEST, FASTEST = 1e-2, 1e3
+SLICE = 100  # instants that are due at once, before anybody who asks is answered
 
 
-class PlaySink(Protocol):
-    """Takes what is played."""
+class Playback(contextlib.AbstractContextManager["Playback"]):
+    """The players of a bag, and the clock that they share.
+
+    Args:
+        bag: The bag.
+        names: Recorded topics, and the names under which they are played.
+        rate: Times the recorded speed.
+        start_offset_s: What to leave out from the bag's beginning.
+        duration_s: Play so much of the bag; None: all.
+        until_s: Play to this log time; None: to the end. Of both limits the earlier one counts.
+        loop: Begin again at the end.
+
+    Attributes:
+        executors: The players, by node.
+        rate: At present.
+        paused: Nothing is due.
+        span_ns: How much is played, in the bag's time.
+        lateness: Of each instant at which there were messages.
+        send: Takes each frame.
+    """
+
+    def __init__(
+        self,
+        bag: Bag,
+        names: Mapping[str, str],
+        *,
+        rate: float = 1.0,
+        start_offset_s: float = 0.0,
+        duration_s: float | None = None,
+        until_s: float | None = None,
+        loop: bool = False,
+    ) -> None:
+        first_ns, last_ns = span_ns(bag)
+        start_ns = begin_ns(bag, start_offset_s)
+        limits_s = [last_ns / 1e9 if until_s is None else until_s]
+        if duration_s is not None:
+            limits_s.append(start_ns / 1e9 + duration_s)
+        self.span_ns = round(min(limits_s) * 1e9) - start_ns
+        if next(bag.recorded(names, start_ns=start_ns, end_ns=start_ns + self.span_ns + 1), None) is None:
+            span = f"{first_ns / 1e9:.3f} .. {last_ns / 1e9:.3f} s"
+            raise BagError(f"{bag.path}: no message of the chosen topics and time; the bag has {span}")
+        by_node: dict[str, dict[str, str]] = {}
+        for old, new in names.items():
+            _, node, port = new.split("/")
+            by_node.setdefault(node, {})[port] = old
+        self.rate, self.paused = rate, False
+        self.lateness = Latency()
+        self.send: Callable[[bytes], None] = lambda _: None
+        self._loop = loop
+        self._begin_ns = 0  # of this turn of a loop, on the players' clock
+        self._at_ns = self._now_ns = 0  # a moment on the players' clock and on the machine's
+        self.clock = SimClock()
+        self.executors = {
+            node: Executor(Player, self._spec(bag, node, ports, start_offset_s), self.clock, self._send)
+            for node, ports in by_node.items()
+        }
+        for executor in self.executors.values():
+            executor.resend = self._send
+            executor.transition(Transition.CONFIGURE)
+
+    @staticmethod
+    def _spec(bag: Bag, node: str, ports: Mapping[str, str], start_offset_s: float) -> NodeSpec:
+        params = {"bag": str(bag.path), "topics": ports, "start_offset_s": start_offset_s, "hold_s": 0.0}
+        return NodeSpec(name=node, run=RUN, params=params)
+
+    def _send(self, frame: bytes) -> None:
+        self.send(frame)
+
+    def __exit__(self, *_: object) -> None:
+        for executor in self.executors.values():
+            executor.transition(Transition.SHUTDOWN)
 
     @property
-    def file_descriptors(self) -> tuple[int, ...]:
-        """Become readable when :meth:`poll` has something to do."""
+    def played_count(self) -> int:
+        return sum(executor.node.state.played_count for executor in self.executors.values())  # type: ignore[attr-defined]
 
-    def publish(self, topic: str, payload: bytes) -> None:
-        """Publish a message with these bytes."""
+    def start(self, now_ns: int) -> None:
+        """Begin, at this time of the machine's monotonic clock."""
+        self._at_ns, self._now_ns = self.clock.now_ns(), now_ns
+        for executor in self.executors.values():
+            executor.transition(Transition.ACTIVATE)
 
-    def poll(self) -> bool:
-        """Answer whoever asks, without waiting; return whether there may be more."""
+    def _next_ns(self) -> int | None:
+        """Return when a player has something to do, on their clock; None: this turn is over."""
+        due_ns = [due for executor in self.executors.values() if (due := executor.next_due_ns()) is not None]
+        soonest = min(due_ns, default=None)
+        return None if soonest is None or soonest > self._begin_ns + self.span_ns else soonest
 
-    def reader_count(self) -> int:
-        """Return how many subscriptions there are."""
+    @property
+    def finished(self) -> bool:
+        return not self._loop and self._next_ns() is None
 
-    def close(self) -> None:
-        """End."""
+    def due_ns(self) -> int | None:
+        """Return when :meth:`play_due` has something to do, on the machine's clock; None: not in a pause."""
+        next_ns = self._next_ns()
+        if self.paused or next_ns is None:
+            return None if self.paused or not self._loop else self._now_ns
+        return self._now_ns + math.ceil((next_ns - self._at_ns) / self.rate)
+
+    def play_due(self, now_ns: int) -> None:
+        """Publish what is due, for a slice."""
+        for _ in range(SLICE):
+            due_ns = self.due_ns()
+            if due_ns is None or due_ns > now_ns:
+                return
+            if (next_ns := self._next_ns()) is None:
+                self._begin_again(now_ns)
+                continue
+            self.lateness.add(now_ns - due_ns)
+            self.clock.set(max(next_ns, self.clock.now_ns()))
+            for executor in self.executors.values():
+                executor.run_timers()
+
+    def _begin_again(self, now_ns: int) -> None:
+        self.clock.set(max(self.clock.now_ns(), TOGETHER_NS + 1))
+        self._begin_ns = self.clock.now_ns()
+        for executor in self.executors.values():
+            for transition in (Transition.DEACTIVATE, Transition.CLEANUP, Transition.CONFIGURE):
+                executor.transition(transition)
+            executor.exit_code = None
+        self.start(now_ns)
+
+    def position_ns(self, now_ns: int) -> int:
+        """Return how far playing is, in the bag's time; one that is late has not passed what is due."""
+        next_ns = self._next_ns()
+        moved_ns = 0 if self.paused else round((now_ns - self._now_ns) * self.rate)
+        at_ns = self._at_ns + moved_ns
+        return min(at_ns if next_ns is None else min(at_ns, next_ns), self._begin_ns + self.span_ns) - (
+            self._begin_ns
+        )
+
+    def toggle(self, now_ns: int) -> None:
+        """Pause, or go on."""
+        self._rebase(now_ns)
+        self.paused = not self.paused
+
+    def set_rate(self, rate: float, now_ns: int) -> None:
+        """Go on at another speed, within what is sensible."""
+        self._rebase(now_ns)
+        self.rate = min(max(rate, SLOWEST), FASTEST)
+
+    def _rebase(self, now_ns: int) -> None:
+        self._at_ns = self._begin_ns + self.position_ns(now_ns)
+        self._now_ns = now_ns
 
 
 class PlayRun:
     """A run of its own, in which the recorded nodes seem to run: tools find them, their topics, their types.
 
-    Args:
-        source: The bag, for the record.
-        topics: What will be played, by the names under which it is.
-
-    Raises:
-        BagError: A topic that cannot be played.
+    Attributes:
+        file_descriptors: Become readable when :meth:`poll` has something to do.
     """
 
-    def __init__(self, source: Path, topics: Mapping[str, Topic]) -> None:
-        by_node: dict[str, dict[str, Topic]] = {}
-        for name, topic in topics.items():
-            _, node, port = name.split("/")
-            by_node.setdefault(node, {})[port] = topic
-        classes = {node: replayed_class(Replayed, node, ports) for node, ports in by_node.items()}
+    def __init__(self, source: Path, topics: Mapping[str, Topic], playback: Playback) -> None:
         with contextlib.ExitStack() as stack:
-            self._clock = WallClock(monotonic_ns())
-            self._directory = RunDirectory(GRAPH)
-            stack.callback(self._directory.remove)
-            where = str(self._directory.path)
-            self._sockets = NodeSockets(*endpoints(where, PROCESS))
+            directory = RunDirectory(GRAPH)
+            stack.callback(directory.remove)
+            where = str(directory.path)
+            at = endpoints(where, PROCESS)
+            self._sockets = NodeSockets(*at)
             stack.callback(self._sockets.close)
-            self._bus = LauncherNode(where, self._clock.now_ns)
-            stack.callback(self._bus.close)
-            self._bus.answer("stop", lambda _: self._stop())
-            self._executors = {
-                node: Executor(
-                    node_class,
-                    NodeSpec(name=node, run=class_name(node_class)),
-                    self._clock,
-                    self._send,
-                    resend=self._send,
-                )
-                for node, node_class in classes.items()
-            }
-            self._publishers = {
-                out.topic: (executor, out)
-                for executor in self._executors.values()
-                for out in executor.ends.publishers.values()
-            }
-            for node, executor in self._executors.items():
-                executor.transition(Transition.CONFIGURE)
-                executor.transition(Transition.ACTIVATE)
-                self._sockets.publisher.offer(executor.ends.publishers.values())
+            self._launcher = LauncherNode(where, playback.clock.now_ns)
+            stack.callback(self._launcher.close)
+            self._launcher.answer("stop", lambda _: self._stop())
+            playback.send = self._sockets.publisher.send
+            messages = {}
+            for node, executor in playback.executors.items():
+                outputs = executor.ends.publishers.values()
+                messages.update({out.topic: out.message for out in outputs})
+                self._sockets.publisher.offer(outputs)
                 self._sockets.requests.add(node, NodeServices(executor).operations(), CHANGING)
-            self._announce(source, where, topics)
-            self._bus.report(
-                "started",
-                "",
-                f"{source}: {counted(len(classes), 'recorded node is', 'recorded nodes are')} played",
-            )
+            nodes = [NodeEntry(node, RUN, os.getpid(), *at) for node in playback.executors]
+            entries = [
+                msgspec.structs.replace(
+                    topic_of(name, messages[name], name.split("/")[1], at[0]), json_schema=topic.json_schema
+                )
+                for name, topic in topics.items()
+            ]
+            entries += LauncherNode.topics(where)
+            serve = endpoints(where, LAUNCHER)[1]
+            self._launcher.record = directory.record(GRAPH, str(source), "wall", serve, nodes, entries)
+            directory.write(self._launcher.record)
+            text = f"{source}: {counted(len(nodes), 'recorded node is', 'recorded nodes are')} played"
+            self._launcher.report("started", "", text)
+            self.file_descriptors = (*self._sockets.file_descriptors, *self._launcher.file_descriptors)
             self._stack = stack.pop_all()
         self._next_beat_ns = 0
-
-    def _send(self, frame: bytes) -> None:
-        self._sockets.publisher.send(frame)
 
     def _stop(self) -> dict[str, str]:
         raise GraphError("a bag is played here; end it where it was started, with Ctrl-C")
 
-    def _announce(self, source: Path, where: str, topics: Mapping[str, Topic]) -> None:
-        at = endpoints(where, PROCESS)
-        nodes = [NodeEntry(n, executor.spec.run, os.getpid(), *at) for n, executor in self._executors.items()]
-        entries = [
-            msgspec.structs.replace(
-                topic_of(name, self._publishers[name][1].message, name.split("/")[1], at[0]),
-                json_schema=topic.json_schema,
-                latched_depth=topic.latched_depth,
-            )
-            for name, topic in topics.items()
-        ]
-        entries += LauncherNode.topics(where)
-        self._bus.record = self._directory.record(
-            GRAPH, str(source), "wall", endpoints(where, LAUNCHER)[1], nodes, entries
-        )
-        self._directory.write(self._bus.record)
-
-    @property
-    def file_descriptors(self) -> tuple[int, ...]:
-        """As of :class:`PlaySink`."""
-        return (*self._sockets.file_descriptors, *self._bus.file_descriptors)
-
-    def publish(self, topic: str, payload: bytes) -> None:
-        """As of :class:`PlaySink`."""
-        executor, publisher = self._publishers[topic]
-        executor.begin_request()
-        publisher.forward(payload)
-
-    def poll(self) -> bool:
-        """As of :class:`PlaySink`."""
-        now_ns = monotonic_ns()
+    def poll(self, now_ns: int) -> bool:
+        """Answer whoever asks, without waiting; return whether there may be more."""
         if now_ns >= self._next_beat_ns:
             self._next_beat_ns = now_ns + HEARTBEAT_NS
             self._sockets.publisher.send_heartbeats()
         self._sockets.poll()
         self._sockets.requests.perform()
-        self._bus.poll()
+        self._launcher.poll()
         return self._sockets.pending()
 
     def reader_count(self) -> int:
-        """As of :class:`PlaySink`."""
+        """Return how many subscriptions there are."""
         return self._sockets.publisher.subscription_count
 
     def close(self) -> None:
-        """As of :class:`PlaySink`."""
-        self._bus.report("ending", "", "the bag has come to its end")
+        self._launcher.report("ending", "", "the bag has come to its end")
         self._sockets.publisher.send_heartbeats()
         self._stack.close()
 
 
-class GraphSink:
-    """Ports of a running graph that its launch file declares external.
+def external_ports(graph: RunningGraph, topics: Mapping[str, Topic]) -> list[str]:
+    """Return those of the topics that are ports of a running graph which take messages from outside."""
+    known: dict[str, str] = {}
+    for node, info in graph.ask_all("info").replies.items():
+        ports = graph.ask(node, "schemas")["ports"] if info.get("external") else {}
+        known |= {
+            f"/{node}/{port}": ports[port]["types"][0]["type_hash"] for port in info.get("external", [])
+        }
+    taken = [name for name in topics if name in known]
+    if not taken:
+        raise GraphError(
+            f"graph '{graph.record.graph}' takes none of the bag's topics from outside; it takes: "
+            f"{', '.join(known) or 'none'}. Declare an input external: true in the launch file, or name "
+            "one with --remap RECORDED:=/node/port"
+        )
+    for name in taken:
+        if topics[name].type_hash not in ("", known[name]):
+            raise GraphError(f"{name} takes another type than {topics[name].type}; remap another topic to it")
+    return taken
 
-    Args:
-        graph: The graph.
-        topics: What is to be played.
 
-    Attributes:
-        taken: Those of the topics that are such ports.
-
-    Raises:
-        GraphError: None of them is.
-    """
-
-    file_descriptors: tuple[int, ...] = ()
-
-    def __init__(self, graph: RunningGraph, topics: Mapping[str, Topic]) -> None:
-        self._graph = graph
-        known: dict[str, str] = {}
-        for node, info in graph.ask_all("info").replies.items():
-            ports = graph.ask(node, "schemas")["ports"] if info.get("external") else {}
-            known |= {
-                f"/{node}/{port}": ports[port]["types"][0]["type_hash"] for port in info.get("external", [])
-            }
-        self.taken = [name for name in topics if name in known]
-        if not self.taken:
-            raise GraphError(
-                f"graph '{graph.record.graph}' takes none of the bag's topics from outside; it takes: "
-                f"{', '.join(known) or 'none'}. Declare an input external: true in the launch file, or name "
-                "one with --remap RECORDED:=/node/port"
-            )
-        for name in self.taken:
-            if topics[name].type_hash not in ("", known[name]):
-                raise GraphError(
-                    f"{name} takes another type than {topics[name].type}; remap another topic to it"
-                )
-
-    def publish(self, topic: str, payload: bytes) -> None:
-        """As of :class:`PlaySink`; what the node refuses is an error."""
-        _, node, port = topic.split("/")
-        self._graph.ask(node, "publish", port=port, message=msgspec.msgpack.decode(payload))
-
-    def poll(self) -> bool:
-        """As of :class:`PlaySink`."""
-        return False
-
-    def reader_count(self) -> int:
-        """As of :class:`PlaySink`: a port's node reads it."""
-        return len(self.taken)
-
-    def close(self) -> None:
-        """As of :class:`PlaySink`: the graph goes on."""
+def publish_into(graph: RunningGraph, topics: Mapping[str, Topic], frame: bytes) -> None:
+    """Publish a player's frame in a running graph, if it is of one of the topics."""
+    parsed = parse(frame)
+    if parsed.kind == Kind.DATA and parsed.topic in topics:
+        _, node, port = parsed.topic.split("/")
+        graph.ask(node, "publish", port=port, message=msgspec.msgpack.decode(parsed.payload))

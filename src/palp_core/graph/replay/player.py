@@ -38,9 +38,6 @@ def playable(bag: Bag) -> dict[str, Topic]:
     """Return the topics of a bag that a node published of its own will; the runtime's own are not among them.
 
     Orders, events and health are the runtime's, and replies to services belong to who asked.
-
-    Raises:
-        BagError: A file was never closed, so that what is in it is not known before it is read.
     """
     if torn := [file.path.name for file in bag.files if not file.closed]:
         raise BagError(f"{bag.path}: {torn[0]} was never closed; mend it first: palp bag recover BAG -o NEW")
@@ -56,8 +53,9 @@ def span_ns(bag: Bag) -> tuple[int, int]:
     """Return the log times of a bag's first and last message, in ns; (0, 0) of an empty one."""
     known = [file.statistics for file in bag.files if file.statistics is not None]
     if len(known) == len(bag.files):
-        filled = [s for s in known if sum(s.counts.values())]
-        return min((s.start_ns for s in filled), default=0), max((s.end_ns for s in filled), default=0)
+        filled = [s for s in known if s.message_count]
+        first_ns = min((s.message_start_time for s in filled), default=0)
+        return first_ns, max((s.message_end_time for s in filled), default=0)
     first = last = None
     for message in bag.recorded():  # another tool's file may have no statistics
         first = message.log_ns if first is None else min(first, message.log_ns)
@@ -65,17 +63,14 @@ def span_ns(bag: Bag) -> tuple[int, int]:
     return first or 0, last or 0
 
 
-def replayed_class(base: type[Node], node: str, topics: Mapping[str, Topic]) -> type[Node]:
-    """Return a node class whose outputs are recorded topics.
+def begin_ns(bag: Bag, start_offset_s: float) -> int:
+    """Return the log time that players count from, in ns."""
+    first_ns, _ = span_ns(bag)
+    return (first_ns if first_ns > TOGETHER_NS else 0) + round(start_offset_s * 1e9)
 
-    Args:
-        base: What it does.
-        node: The name it runs under.
-        topics: By port.
 
-    Raises:
-        BagError: A topic that cannot be played: no schema, or a name that is the runtime's.
-    """
+def _player_class(base: type[Node], node: str, topics: Mapping[str, Topic]) -> type[Node]:
+    """Return the class of a player whose outputs are recorded topics, by port."""
     ports = {port: Pub(recorded_class(topic), qos=_offer(topic)) for port, topic in topics.items()}
     own = sorted(port for port in ports if hasattr(base, port))
     if own:
@@ -93,11 +88,7 @@ def replayed_class(base: type[Node], node: str, topics: Mapping[str, Topic]) -> 
 
 
 def recorded_class(topic: Topic) -> type[Message]:
-    """Return a message class like the one whose messages a topic of a bag has.
-
-    Raises:
-        BagError: The bag does not say what the messages are made of, or the class would not be that type.
-    """
+    """Return a message class like the one whose messages a topic of a bag has."""
     where = f"{topic.name} cannot be played"
     if "properties" not in topic.json_schema:
         raise BagError(f"{where}: the bag has no schema of palp's for it; leave the topic out")
@@ -113,14 +104,15 @@ def recorded_class(topic: Topic) -> type[Message]:
     return made
 
 
+def _outputs(node: str, params: Mapping[str, Any], known: Mapping[str, Topic]) -> dict[str, str]:
+    """Return the recorded topic of each output of a player."""
+    return params.get("topics") or {n.split("/")[2]: n for n in known if n.split("/")[1] == node}
+
+
 def _offer(topic: Topic) -> Qos:
     if topic.latched_depth:
         return Qos(durability="transient_local", depth=topic.latched_depth)
     return Qos(depth=100)
-
-
-class Replayed(Node):
-    """Stands for a recorded node and does nothing by itself: whoever plays the bag publishes for it."""
 
 
 class PlayerParams(Params):
@@ -130,13 +122,16 @@ class PlayerParams(Params):
         bag: Its folder or one of its files, from where you are.
         rate: Times the recorded speed.
         start_offset_s: What to leave out from the bag's beginning.
-        hold_s: Time on the graph's clock from the last message of the bag to the end of the player's work.
+        hold_s: Time on the graph's clock from the last message of the bag to the end of the player's work; 0:
+            that ends with the player's own last message.
+        topics: Recorded topic of each output; none: those of the node of this name.
     """
 
     bag: ReadOnly[str]
     rate: ReadOnly[Rate] = 1.0
     start_offset_s: ReadOnly[Seconds] = 0.0
     hold_s: ReadOnly[Seconds] = 0.5
+    topics: ReadOnly[dict[str, str]] = {}
 
 
 class PlayerState(State):
@@ -161,6 +156,7 @@ class Player(Node):
     _messages: Iterator[tuple[int, RecordedMessage]]
     _next: tuple[int, RecordedMessage] | None
     _bag: Bag | None = None
+    _ports: Mapping[str, str] = {}
     _instant_ns = -1
     _round = 0
 
@@ -171,14 +167,14 @@ class Player(Node):
             return cls  # the check of the parameters says what is wrong
         with Bag(path) as bag:
             known = playable(bag)
-            mine = {t.split("/")[2]: topic for t, topic in known.items() if t.split("/")[1] == name}
+            mine = {port: known[topic] for port, topic in _outputs(name, params, known).items()}
             if not mine:
                 there = sorted({topic.split("/")[1] for topic in known})
                 raise BagError(
                     f"{path} has no messages of a node '{name}' that could be played; it has those of: "
                     f"{', '.join(there) or 'none'}"
                 )
-            return replayed_class(cls, name, mine)
+            return _player_class(cls, name, mine)
 
     def on_configure(self) -> None:
         self._open()
@@ -208,20 +204,21 @@ class Player(Node):
 
     def _open(self) -> None:
         self._bag = Bag(self.params.bag)
-        first_ns, self._last_ns = span_ns(self._bag)
-        begin_ns = first_ns if first_ns > TOGETHER_NS else 0
-        self._first_ns = begin_ns + round(self.params.start_offset_s * 1e9)
+        self._last_ns = span_ns(self._bag)[1]
+        self._first_ns = begin_ns(self._bag, self.params.start_offset_s)
+        outputs = _outputs(self.name, {"topics": self.params.topics}, playable(self._bag))
+        self._ports = {topic: port for port, topic in outputs.items()}
         self._messages = self._mine(self._bag)
         self._next = next(self._messages, None)
 
     def _mine(self, bag: Bag) -> Iterator[tuple[int, RecordedMessage]]:
         """Yield this node's messages, each with the round of its instant."""
-        rounds, known = Rounds.of(bag), playable(bag)
+        rounds = Rounds.of(bag)
         shown = [topic for topic in bag.topics() if topic.startswith("/") and "/_" not in topic]
         for message in bag.recorded(shown, start_ns=self._first_ns):
             name = message.stream.topic.name
             place = rounds(message.log_ns, name)
-            if name in known and name.split("/")[1] == self.name:
+            if name in self._ports:
                 yield place, message
 
     def _close(self) -> None:
@@ -242,12 +239,12 @@ class Player(Node):
                 late = self.now_ns() > due_ns  # as always on the wall clock and never in lockstep
                 self.next_message_is_due.set(self.now_ns() + (ROUND_GAP_NS if late else 0))
                 return
-            publisher: PublisherEnd[Any] = getattr(self, message.stream.topic.name.split("/")[2])
-            publisher.forward(message.payload)
             self.state.played_count += 1
+            publisher: PublisherEnd[Any] = getattr(self, self._ports[message.stream.topic.name])
+            publisher.forward(message.payload)
             self._next = next(self._messages, None)
         end_ns = self._due_ns(self._last_ns) + round(self.params.hold_s * 1e9)
-        if end_ns > self.now_ns():
+        if self.params.hold_s and end_ns > self.now_ns():
             self.next_message_is_due.set(end_ns)
         else:
             self.finish()

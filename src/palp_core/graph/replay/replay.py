@@ -324,11 +324,7 @@ class _Replay:
 
 
 def _executor(spec: NodeSpec, workspace: str, clock: SimClock, frames: list[bytes]) -> Executor:
-    """Return a configured node that can be driven without harm.
-
-    Raises:
-        BagError: It writes files or moves a device.
-    """
+    """Return a configured node that can be driven without harm."""
     node_class = load_class(spec.run, workspace)
     if node_class.records:
         raise BagError(f"node '{spec.name}' keeps a record on disk; replaying it would write it again")

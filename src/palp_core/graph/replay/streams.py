@@ -19,12 +19,7 @@ def key_of(message: RecordedMessage) -> Key:
 
 
 class OrderedMessages:
-    """Iterates one topic by epoch and sequence, each message once.
-
-    Args:
-        bag: The bag.
-        topic: The topic's name.
-    """
+    """Iterates one topic by epoch and sequence, each message once."""
 
     def __init__(self, bag: Bag, topic: str) -> None:
         self._source = bag.recorded([topic])
@@ -63,11 +58,7 @@ class OrderedMessages:
 
 
 class RecordedInputs:
-    """Finds what a node consumed; it consumes each topic nearly in order.
-
-    Args:
-        bag: The bag.
-    """
+    """Finds what a node consumed; it consumes each topic nearly in order."""
 
     def __init__(self, bag: Bag) -> None:
         self._bag = bag

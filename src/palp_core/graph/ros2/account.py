@@ -13,9 +13,6 @@ REPORT_NS = 1_000_000_000
 class Account:
     """The account of one entry of a map; any thread may write it.
 
-    Args:
-        name: Both ends, ``/torque/block -> /torque``.
-
     Attributes:
         crossed: Messages that have crossed.
         lost: Those that are missing for good.

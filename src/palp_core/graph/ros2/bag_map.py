@@ -16,16 +16,7 @@ from palp_core.graph.ros2.plan import check_type
 
 
 def outlets_of(name: str, bag: str | Path) -> OutletsOf:
-    """Return what a map makes of a bag's topics; those that it does not name are left out.
-
-    Args:
-        name: The map.
-        bag: The bag.
-
-    Raises:
-        GraphError: The map has mistakes, or none of its topics is in the bag.
-        BagError: rosbags is not installed, or there is no such bag.
-    """
+    """Return what a map makes of a bag's topics; those that it does not name are left out."""
     entries = [entry for entry in read_map(name) if entry.kind == "to_ros2"]
     with Bag(bag) as opened:
         topics = opened.topics()

@@ -55,20 +55,11 @@ def clock_offset_ns(graph: RunningGraph) -> int:
 class Ros2Bridge:
     """The bridge, from its beginning to its end.
 
-    Args:
-        graph: The graph.
-        crossings: What crosses from the beginning.
-        joining: Plans what crosses later.
-        report: Takes lines on what is lost, refused or left out.
-
     Attributes:
         name: Of its node in ROS 2.
         accounts: Of everything that crosses.
         ended: The graph has ended.
         interrupted: Somebody wants the bridge to end.
-
-    Raises:
-        GraphError: ROS 2 cannot be begun.
     """
 
     def __init__(
@@ -148,11 +139,7 @@ class Ros2Bridge:
         raise KeyboardInterrupt
 
     def run(self) -> None:
-        """Carry messages over until the graph ends.
-
-        Raises:
-            KeyboardInterrupt: :attr:`interrupted` was set, even if a library has swallowed the exception.
-        """
+        """Carry messages over until the graph ends."""
         while not self._reader.ended:
             self._reader.turn(self._take)
             self._report_losses()

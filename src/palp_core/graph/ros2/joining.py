@@ -19,10 +19,6 @@ LOOK_NS = 500_000_000
 class Joining:
     """Plans what crosses: at once of the nodes that are there, later of those that join.
 
-    Args:
-        graph: The graph.
-        entries: Of the map.
-
     Attributes:
         awaited: Entries of nodes that may yet join.
     """

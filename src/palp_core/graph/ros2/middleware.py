@@ -21,11 +21,7 @@ Arrived = Callable[[bytes, dict[str, Any]], None]
 
 
 def require() -> None:
-    """Check that rclpy can be imported.
-
-    Raises:
-        GraphError: It cannot.
-    """
+    """Check that rclpy can be imported."""
     try:
         import rclpy.executors
         import rclpy.qos  # noqa: F401
@@ -47,11 +43,7 @@ def beyond_this_host() -> str:
 
 
 def installed_type(name: str) -> Any:
-    """Return rclpy's class of a message or service type.
-
-    Raises:
-        GraphError: It is not installed for Python.
-    """
+    """Return rclpy's class of a message or service type."""
     package, kind, title = name.split("/")
     try:
         return getattr(import_module(f"{package}.{kind}"), title)
@@ -90,15 +82,8 @@ def profile(qos: Qos) -> Any:
 class Middleware:
     """The bridge's nodes in ROS 2, each served by one of two threads: topics, and services.
 
-    Args:
-        name: Of the node for topics.
-        report: Takes a line on what a handler failed at.
-
     Attributes:
         topics: The node for topics.
-
-    Raises:
-        GraphError: ROS 2 cannot be begun.
     """
 
     def __init__(self, name: str, report: Callable[[str], None]) -> None:

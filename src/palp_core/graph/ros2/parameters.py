@@ -12,13 +12,7 @@ ASK_S = 5.0
 
 
 class NodeParameters:
-    """ROS 2's six services for the parameters of a node.
-
-    Args:
-        graph: The graph.
-        name: The node of the graph.
-        node: That of ROS 2.
-    """
+    """ROS 2's six services for the parameters of a node."""
 
     def __init__(self, graph: RunningGraph, name: str, node: Any) -> None:
         from rcl_interfaces import srv

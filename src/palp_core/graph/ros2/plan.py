@@ -39,11 +39,7 @@ class Ports(NamedTuple):
         return [f"/{node}/{port}" for node, info in self.infos.items() for port in info.get(what, ())]
 
     def check(self, name: str, kinds: Sequence[type[Message]]) -> None:
-        """Check that the messages of a port are of these classes; of a silent node nothing is known.
-
-        Raises:
-            GraphError: They are of others.
-        """
+        """Check that the messages of a port are of these classes; of a silent node nothing is known."""
         _, node, port = name.split("/")
         types = self.schemas.get(node, {}).get(port, {}).get("types", ())
         for kind, described in zip(kinds, types, strict=False):
@@ -70,11 +66,7 @@ def plan_crossings(
 
 
 def check_type(name: str, kind: type[Message], type_hash: str) -> None:
-    """Check that messages of a type are of a class; one without a hash is not known.
-
-    Raises:
-        GraphError: They are of another.
-    """
+    """Check that messages of a type are of a class; one without a hash is not known."""
     wanted = schema_of(kind).hash_text
     if type_hash not in ("", wanted):
         raise GraphError(

@@ -17,18 +17,7 @@ ASK_S = 5.0
 
 
 def offer(graph: RunningGraph, entry: Entry, node: Any, now: Callable[[], Times], account: Account) -> None:
-    """Serve a service of the graph at a node of ROS 2.
-
-    Args:
-        graph: The graph.
-        entry: Its entry in the map.
-        node: The node.
-        now: Returns the present time.
-        account: Of what crosses.
-
-    Raises:
-        GraphError: The service's type is not installed for Python.
-    """
+    """Serve a service of the graph at a node of ROS 2."""
     _, name, port = entry.palp.split("/")
 
     def answer(request: Any, response: Any) -> Any:

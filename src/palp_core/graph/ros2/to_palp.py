@@ -26,9 +26,6 @@ class Ports:
 
     A message has crossed when its node confirms it. What is not confirmed within some seconds is lost; so is
     what comes while too many wait for their answers.
-
-    Args:
-        graph: The graph.
     """
 
     def __init__(self, graph: RunningGraph) -> None:

@@ -28,6 +28,7 @@ class ManagedProcess:
         place: Under which name its process reports and has its endpoints.
         missing: Readers of its last process that do not listen to this one, which has waited for them.
         handed_over: It has handed over everything to a successor, which can go on without it.
+        given_up: It has failed, and the graph goes on without it.
         is_silent: It has not been heard for longer than a node at work is silent.
         replies: What it has sent in a swap and nothing has taken yet.
         begun_ns: When its process was asked for, and when it was activated.
@@ -44,7 +45,7 @@ class ManagedProcess:
         """Forget the process, before a start or a restart."""
         self.pid = 0
         self.configured = self.matched = self.active = self.done = self.ended = False
-        self.handed_over = self.is_silent = False
+        self.handed_over = self.is_silent = self.given_up = False
         self.missing: list[str] = []
         self.replies: list[FromNode] = []
         self.begun_ns = self.active_ns = now_ns

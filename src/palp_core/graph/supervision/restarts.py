@@ -134,7 +134,10 @@ class Restarts:
     def restart(self, index: int, cause: str, *numbers: signal.Signals) -> bool:
         """Plan a node's next process if its rule allows one; return whether it does."""
         process = self._processes[index]
-        if process.respawn_at_ns is not None:
+        if process.respawn_at_ns is not None or process.given_up:
+            return True
+        if process.active and not process.spec.required:
+            self._give_up(index, cause)
             return True
         planned = process.plan_restart(monotonic_ns(), cause) if self._restarts else ""
         if planned:
@@ -147,6 +150,14 @@ class Restarts:
             )
             _LOG.warning("%s: %s", process.spec.name, planned)
         return bool(planned)
+
+    def _give_up(self, index: int, cause: str) -> None:
+        """Go on without a node that the graph does not need."""
+        process = self._processes[index]
+        process.given_up = True
+        self._liveness.forget(index)
+        self._launcher_node.report("recorder", process.spec.name, cause)
+        _LOG.warning("%s: %s", process.spec.name, cause)
 
     # What nodes say
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from palp_core.errors import GraphError, NodeError
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.description.checked import RECORDER
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process import control_messages
 from palp_core.graph.process.channel import ChannelClosed
@@ -27,6 +28,8 @@ from palp_core.graph.supervision.standby import Standby, Standbys
 STILL_WAITING_S = 10.0
 ROUND_NS = 1_000_000_000
 """So long the end that the user asks for waits for a round in lockstep, to find all nodes at rest."""
+FINISH_NS = 60_000_000_000
+"""In which the recorders must have finished their bags when the graph has ended: all of them together."""
 ENDING_SIGNALS = ((), (signal.SIGTERM, signal.SIGCONT), (signal.SIGKILL,))
 _LOG = logging.getLogger("palp.supervisor")
 
@@ -74,7 +77,7 @@ class Supervisor:
     ) -> None:
         self.names = [spec.name for spec in specs]
         self.processes = [ManagedProcess(spec, folder / "log" / f"{spec.name}.log") for spec in specs]
-        self.start_ns = 0
+        self.start_ns = self._finish_by_ns = 0
         self.exit_code: int | None = None
         self.on_turn: Callable[[], None] = lambda: None
         self.on_new_process: Callable[[], None] = lambda: None
@@ -122,6 +125,18 @@ class Supervisor:
                     text = f"was not {what} within {READY_NS // 10**9} s{process.log_tail()}"
                     raise NodeError(process.spec.name, text)
                 self._pump(1.0)
+
+    def prepare_recorders(self) -> None:
+        """Let every recorder hear all topics, before the first node is active.
+
+        Raises:
+            NodeError: One cannot record.
+        """
+        for index in self._recorders():
+            self.work({index: control_messages.Prepare()})
+
+    def _recorders(self) -> list[int]:
+        return [index for index, p in enumerate(self.processes) if p.spec.run == RECORDER]
 
     def _activate_on_wall(self, index: int) -> None:
         node = self.restores.pop(self.names[index], None)
@@ -362,10 +377,15 @@ class Supervisor:
         self._grace.start()
         if not self._channels.connected(index) or process.ended:
             return control_messages.Done([], -1, None)
+        if process.spec.run == RECORDER and not self._finish_by_ns:
+            self._finish_by_ns = monotonic_ns() + FINISH_NS
+        finish_by_ns = self._finish_by_ns if process.spec.run == RECORDER else 0
         self._replies.clear()
         with contextlib.suppress(NodeError, GraphError, ChannelClosed):
             self._channels.send(index, control_messages.Shutdown(now_ns))
-            while not (process.done or process.ended) and not self._grace.expired:
+            while not (process.done or process.ended):
+                if monotonic_ns() >= finish_by_ns and self._grace.expired:
+                    break
                 self._pump(0.2)
         if not process.done:
             why = "its process ended" if process.ended else "it takes too long"

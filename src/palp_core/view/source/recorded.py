@@ -235,7 +235,7 @@ def _times(bag: Bag) -> Iterator[tuple[int, int]]:
     for file in bag.files:
         for place in file.chunks:
             if place.entry is not None:
-                yield place.entry.start_ns, place.entry.end_ns
+                yield place.entry.message_start_time, place.entry.message_end_time
                 continue
             with contextlib.suppress(BagDamaged):
                 stamps = [message[2] for message in file.read_chunk(place)]

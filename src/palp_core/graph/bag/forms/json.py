@@ -18,13 +18,6 @@ def write(bag: str | Path, out: str | Path, compression: Compression = "zstd") -
     """Write a bag of JSON messages; arrays become lists of numbers.
 
     JSON has no NaN and no infinity: they become null.
-
-    Returns:
-        How many messages there are.
-
-    Raises:
-        BagError: No such bag, or the new one exists.
-        BagDamaged: The bag is damaged.
     """
     ways: dict[int, tuple[Stream, int, Callable[[bytes], Any]]] = {}
     count = 0

@@ -52,11 +52,7 @@ class _Way(NamedTuple):
 
 
 def message_texts(schema: schema_reader.JsonSchema) -> dict[str, str]:
-    """Return the ``.msg`` text of a message and of all within it, by type name; units are comments.
-
-    Raises:
-        BagError: The schema says what a ``.msg`` cannot.
-    """
+    """Return the ``.msg`` text of a message and of all within it, by type name; units are comments."""
     texts: dict[str, str] = {}
     for one in (*schema_reader.nested(schema), schema):
         name = _type_name(one)
@@ -81,20 +77,6 @@ def write(
     """Write a ROS 2 bag, version 9, that ``ros2 bag`` and ``rosbags`` read.
 
     Times are those of the graph's clock. Needs ``rosbags``.
-
-    Args:
-        bag: A bag's folder or one of its files.
-        out: The new bag, which must not exist.
-        outlets: Returns what becomes of a topic; None: the same, of the type that derives from its schema.
-        definitions: Of the outlets' types.
-
-    Returns:
-        How many messages there are.
-
-    Raises:
-        BagError: rosbags is not installed, no such bag, the new one exists, two message types share a name,
-            a topic has no schema, or a value does not fit.
-        BagDamaged: The bag is damaged.
     """
     definitions = definitions or empty()
     try:

@@ -1,22 +1,87 @@
-"""A bag as flat tables, one per topic: the rows, and where they go."""
+"""A bag as flat tables, one per topic: CSV and Parquet."""
 
+import contextlib
+import csv
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from palp_core.errors import BagError
+from palp_core.extras import install_line
 from palp_core.graph.bag.reader import Bag
 from palp_core.graph.messages.schema_types import plain
 
 HEAD = ("log_ns", "publish_ns", "epoch", "sequence")
+PARQUET_ROWS = 8192
 
 
-def new_folder(out: str | Path) -> Path:
-    """Make the folder of the tables.
+def write_csv(bag: str | Path, out: str | Path) -> int:
+    """Write one CSV file per topic into a folder; a list is one cell, its elements separated by spaces.
 
-    Raises:
-        BagError: It exists.
+    Numbers are written so that they read back as they were.
     """
+    folder = _new_folder(out)
+    tables: dict[str, Any] = {}
+    count = 0
+    with Bag(bag) as opened, contextlib.ExitStack() as stack:
+        for topic, row in _rows(opened):
+            table = tables.get(topic)
+            if table is None:
+                path = folder / f"{_table_name(topic)}.csv"
+                file = stack.enter_context(path.open("x", newline="", encoding="utf-8"))
+                table = tables[topic] = csv.DictWriter(file, list(row), restval="")
+                table.writeheader()
+            try:
+                table.writerow({name: _cell(value) for name, value in row.items()})
+            except ValueError as error:
+                raise BagError(
+                    f"{topic}: without a schema, a later message has other fields: {error}"
+                ) from error
+            count += 1
+    return count
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, list):
+        simple = all(isinstance(item, int | float) for item in value)
+        return " ".join(map(repr, value)) if simple else msgspec.json.encode(value).decode()
+    return value
+
+
+def write_parquet(bag: str | Path, out: str | Path) -> int:
+    """Write one Parquet file per topic into a folder; needs ``pyarrow``."""
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError as error:
+        raise BagError(f"Parquet needs pyarrow; type: {install_line('parquet')}") from error
+    folder = _new_folder(out)
+    tables: dict[str, Any] = {}
+    waiting: dict[str, list[dict[str, Any]]] = {}
+
+    def flush(topic: str) -> None:
+        table = pa.Table.from_pylist(waiting.pop(topic), tables[topic].schema if topic in tables else None)
+        if topic not in tables:
+            path = folder / f"{_table_name(topic)}.parquet"
+            tables[topic] = stack.enter_context(pq.ParquetWriter(path, table.schema))
+        tables[topic].write_table(table)
+
+    count = 0
+    with Bag(bag) as opened, contextlib.ExitStack() as stack:
+        for topic, row in _rows(opened):
+            waiting.setdefault(topic, []).append(row)
+            count += 1
+            if len(waiting[topic]) >= PARQUET_ROWS:
+                flush(topic)
+        for topic in list(waiting):
+            flush(topic)
+    return count
+
+
+def _new_folder(out: str | Path) -> Path:
+    """Make the folder of the tables."""
     folder = Path(out)
     try:
         folder.mkdir(parents=True)
@@ -25,12 +90,12 @@ def new_folder(out: str | Path) -> Path:
     return folder
 
 
-def table_name(topic: str) -> str:
+def _table_name(topic: str) -> str:
     """Return the file name of a topic's table, without ending."""
     return topic.strip("/").replace("/", ".") or "root"
 
 
-def rows(bag: Bag) -> Iterator[tuple[str, dict[str, Any]]]:
+def _rows(bag: Bag) -> Iterator[tuple[str, dict[str, Any]]]:
     """Iterate messages as flat rows with their topic; a nested field is ``outer.inner``."""
     for message in bag.messages():
         row: dict[str, Any] = {name: getattr(message, name) for name in HEAD}

@@ -5,7 +5,6 @@ import zlib
 from collections.abc import Callable
 
 from palp_core.graph.bag.mcap.compression import decompress
-from palp_core.graph.bag.mcap.index_records import ChunkIndex
 from palp_core.graph.bag.mcap.records import (
     LIBRARY,
     MAGIC,
@@ -13,8 +12,10 @@ from palp_core.graph.bag.mcap.records import (
     MESSAGE_BYTES,
     RECORD,
     RECORD_BYTES,
-    Cursor,
+    ChunkIndex,
+    Header,
     Op,
+    parse,
 )
 
 RawMessage = tuple[int, int, int, int, bytes]
@@ -24,26 +25,28 @@ ChunkHead = tuple[int, int, int, int, str, memoryview]
 
 _PAYLOAD_OFFSET = MESSAGE_BYTES - RECORD_BYTES
 MESSAGE_OP, DEFINITIONS = int(Op.MESSAGE), (int(Op.SCHEMA), int(Op.CHANNEL))
-_NUMBERS = struct.Struct("<QQQI")
+_NUMBERS = struct.Struct("<BQQQQII")
+_SIZE = struct.Struct("<Q")
 
 
 def read_chunk_head(data: bytes | memoryview, *, torn: bool = False) -> ChunkHead:
     """Split a chunk's whole record into its fields; of a torn one, take what is there.
 
     Raises:
-        ValueError: Not a chunk, or its lengths contradict each other.
+        ValueError, struct.error: Not a chunk, or its lengths contradict each other.
     """
-    cursor = Cursor(data)
-    op, length = RECORD.unpack(cursor.raw(RECORD_BYTES))
+    op, length, start_ns, end_ns, size, crc, name_bytes = _NUMBERS.unpack_from(data)
     if op != Op.CHUNK:
         raise ValueError(f"record {op} stands where a chunk should be")
-    start_ns, end_ns, size, crc = _NUMBERS.unpack(cursor.raw(_NUMBERS.size))
-    compression, stored_bytes = cursor.text(), cursor.u64()
-    head_bytes = cursor.offset - RECORD_BYTES
-    if head_bytes + stored_bytes != length:
+    name_end = _NUMBERS.size + name_bytes
+    (stored_bytes,) = _SIZE.unpack_from(data, name_end)
+    begin = name_end + _SIZE.size
+    if begin - RECORD_BYTES + stored_bytes != length:
         raise ValueError("its lengths contradict each other")
-    stored = cursor.raw(min(stored_bytes, len(data) - cursor.offset) if torn else stored_bytes)
-    return start_ns, end_ns, size, crc, compression, stored
+    stored = memoryview(data)[begin : begin + stored_bytes]
+    if len(stored) != stored_bytes and not torn:
+        raise ValueError(f"{stored_bytes} bytes expected, {len(stored)} left")
+    return start_ns, end_ns, size, crc, str(data[_NUMBERS.size : name_end], "utf-8"), stored
 
 
 def made_by_palp(start: bytes) -> bool:
@@ -51,14 +54,13 @@ def made_by_palp(start: bytes) -> bool:
 
     In another's file a CRC of 0 says that there is none.
     """
-    cursor = Cursor(start)
+    begin = len(MAGIC) + RECORD_BYTES
+    if start[: len(MAGIC)] != MAGIC or start[len(MAGIC) : len(MAGIC) + 1] != bytes([Op.HEADER]):
+        return False
     try:
-        if cursor.raw(len(MAGIC)) != MAGIC or RECORD.unpack(cursor.raw(RECORD_BYTES))[0] != Op.HEADER:
-            return False
-        _profile, library = cursor.text(), cursor.text()
+        return bool(parse(Header, start[begin:]).library == LIBRARY)
     except ValueError:
         return False
-    return library == LIBRARY
 
 
 def open_chunk(data: bytes | memoryview, index: ChunkIndex | None = None, *, has_crc: bool = False) -> bytes:
@@ -76,11 +78,11 @@ def open_chunk(data: bytes | memoryview, index: ChunkIndex | None = None, *, has
     if index is not None:
         claimed = (start_ns, end_ns, size, compression, len(stored))
         if claimed != (
-            index.start_ns,
-            index.end_ns,
-            index.uncompressed_bytes,
+            index.message_start_time,
+            index.message_end_time,
+            index.uncompressed_size,
             index.compression,
-            index.compressed_bytes,
+            index.compressed_size,
         ):
             raise ValueError("it is not the chunk that the summary describes")
     records = decompress(compression, stored, size)

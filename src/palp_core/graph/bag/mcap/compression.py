@@ -43,11 +43,6 @@ _OWN = _OfThread()
 def decompress(name: str, data: bytes | memoryview, size: int) -> bytes:
     """Return a chunk's records.
 
-    Args:
-        name: As the format has it; "" for none.
-        data: The compressed bytes.
-        size: What they must come to, in bytes.
-
     Raises:
         ValueError: Not such bytes, or another size.
     """

@@ -15,7 +15,6 @@ from typing import NamedTuple, TypeVar
 from palp_core.errors import BagDamaged, BagError
 from palp_core.graph.bag.mcap import records
 from palp_core.graph.bag.mcap.chunk import DEFINITIONS, RawMessage, made_by_palp, open_chunk, split_chunk
-from palp_core.graph.bag.mcap.index_records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 
 T = TypeVar("T", records.Attachment, records.Metadata)
 _FOOTER_BYTES = records.RECORD_BYTES + 20
@@ -33,7 +32,7 @@ class ChunkPlace(NamedTuple):
 
     offset: int
     length: int
-    entry: ChunkIndex | None = None
+    entry: records.ChunkIndex | None = None
     bare: bool = False
 
     def open(self, data: bytes, *, has_crc: bool) -> bytes:
@@ -53,27 +52,20 @@ def extend_places(places: list[ChunkPlace], offset: int, length: int) -> None:
 class FileReader(AbstractContextManager["FileReader"]):
     """Reads one file.
 
-    Args:
-        path: The file.
-
     Attributes:
         closed: It has a whole summary: its writer came to its end.
         schemas, channels: Definitions known so far; all of them if ``closed``.
         statistics: Counts of the whole file, if ``closed`` and written.
         chunks: Every chunk found, and every stretch of messages outside chunks, in file order.
         problems: What is wrong with the file, in words.
-
-    Raises:
-        BagError: No such file.
-        BagDamaged: Not an MCAP file.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.closed = False
-        self.schemas: dict[int, records.SchemaRecord] = {}
-        self.channels: dict[int, records.ChannelRecord] = {}
-        self.statistics: Statistics | None = None
+        self.schemas: dict[int, records.Schema] = {}
+        self.channels: dict[int, records.Channel] = {}
+        self.statistics: records.Statistics | None = None
         self.chunks: list[ChunkPlace] = []
         self.problems: list[str] = []
         self._attachments: list[tuple[int, int]] = []
@@ -115,11 +107,6 @@ class FileReader(AbstractContextManager["FileReader"]):
     ) -> Iterator[list[RawMessage]]:
         """Iterate messages in file order, chunk by chunk.
 
-        Args:
-            channels: Only these; None: all.
-            start_ns: Only from this log time on.
-            end_ns: Only before this log time.
-
         Raises:
             BagDamaged: A chunk is not what was written, or the file ends amid a record; every whole chunk
                 before it has been yielded.
@@ -128,9 +115,10 @@ class FileReader(AbstractContextManager["FileReader"]):
         low, high = start_ns or 0, 1 << 64 if end_ns is None else end_ns
         for place in self.chunks:
             if (index := place.entry) is not None:
-                if index.end_ns < low or index.start_ns >= high:
+                if index.message_end_time < low or index.message_start_time >= high:
                     continue
-                if channels is not None and index.channels and not any(c in channels for c in index.channels):
+                listed = index.message_index_offsets
+                if channels is not None and listed and not any(c in channels for c in listed):
                     continue
             found = self.read_chunk(place)
             if timed or channels is not None:
@@ -157,22 +145,14 @@ class FileReader(AbstractContextManager["FileReader"]):
         return [*self._attachments, *self._metadata]
 
     def attachments(self) -> dict[str, bytes]:
-        """Return the attachments by name; the last one of a name counts.
-
-        Raises:
-            BagDamaged: One of them does not match its CRC.
-        """
-        found = [self._parsed(records.Attachment.parse, *place) for place in self._attachments]
+        """Return the attachments by name; the last one of a name counts."""
+        found = [self._parsed(records.parse_attachment, *place) for place in self._attachments]
         return {attachment.name: attachment.data for attachment in found}
 
     def metadata(self) -> dict[str, dict[str, str]]:
-        """Return the metadata records by name; the last one of a name counts.
-
-        Raises:
-            BagDamaged: One of them does not match its CRC.
-        """
-        found = [self._parsed(records.Metadata.parse, *place) for place in self._metadata]
-        return {metadata.name: metadata.values for metadata in found}
+        """Return the metadata records by name; the last one of a name counts."""
+        found = [self._parsed(records.parse_metadata, *place) for place in self._metadata]
+        return {metadata.name: metadata.metadata for metadata in found}
 
     def _read_at(self, offset: int, size: int) -> bytes:
         self._file.seek(offset)
@@ -180,11 +160,11 @@ class FileReader(AbstractContextManager["FileReader"]):
 
     def _define(self, op: int, content: memoryview) -> None:
         if op == records.Op.SCHEMA:
-            schema = records.SchemaRecord.parse(content)
+            schema = records.parse(records.Schema, content)
             if self.schemas.setdefault(schema.id, schema) != schema:
                 raise ValueError(f"two definitions of schema {schema.id}")
         else:
-            channel = records.ChannelRecord.parse(content)
+            channel = records.parse(records.Channel, content)
             if self.channels.setdefault(channel.id, channel) != channel:
                 raise ValueError(f"two definitions of channel {channel.id}")
 
@@ -226,17 +206,18 @@ class FileReader(AbstractContextManager["FileReader"]):
             if op in DEFINITIONS:
                 self._define(op, content)
             elif op == records.Op.STATISTICS:
-                self.statistics = Statistics.parse(content)
+                self.statistics = records.parse(records.Statistics, content)
             elif op == records.Op.CHUNK_INDEX:
-                index = ChunkIndex.parse(content)
-                self.chunks.append(ChunkPlace(index.offset, index.length, index))
-                known.append((index.offset, index.offset + index.length + index.index_bytes))
+                index = records.parse(records.ChunkIndex, content)
+                begin, length = index.chunk_start_offset, index.chunk_length
+                self.chunks.append(ChunkPlace(begin, length, index))
+                known.append((begin, begin + length + index.message_index_length))
             elif op == records.Op.ATTACHMENT_INDEX:
-                attachment = AttachmentIndex.parse(content)
+                attachment = records.parse(records.AttachmentIndex, content)
                 self._attachments.append((attachment.offset, attachment.length))
                 known.append((attachment.offset, attachment.offset + attachment.length))
             elif op == records.Op.METADATA_INDEX:
-                metadata = MetadataIndex.parse(content)
+                metadata = records.parse(records.MetadataIndex, content)
                 self._metadata.append((metadata.offset, metadata.length))
                 known.append((metadata.offset, metadata.offset + metadata.length))
         end = len(records.MAGIC)
@@ -248,9 +229,11 @@ class FileReader(AbstractContextManager["FileReader"]):
 
     def _find_definitions(self) -> None:
         """Read chunks until every channel is defined: a summary need not repeat the definitions."""
-        wanted = {channel for place in self.chunks if place.entry for channel in place.entry.channels}
+        wanted = {
+            channel for place in self.chunks if place.entry for channel in place.entry.message_index_offsets
+        }
         if self.statistics is not None:
-            wanted |= self.statistics.counts.keys()
+            wanted |= self.statistics.channel_message_counts.keys()
         for place in self.chunks:
             listed = place.bare or place.entry or self.statistics
             if not (listed and wanted <= self.channels.keys()):

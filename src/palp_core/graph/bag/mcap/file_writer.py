@@ -19,13 +19,12 @@ import numpy as np
 from palp_core.errors import BagError
 from palp_core.graph.bag.mcap import records
 from palp_core.graph.bag.mcap.compression import Compression, compressor
-from palp_core.graph.bag.mcap.index_records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 
 CHUNK_BYTES = 1 << 20
 CHUNK_NS = 500_000_000
 _DEFINED_TIMES = 2
 _PAYLOAD_OFFSET = records.MESSAGE.size - records.RECORD_BYTES
-MESSAGE_OP = int(records.Op.MESSAGE)
+MESSAGE_OP, _INDEX_OP = int(records.Op.MESSAGE), int(records.Op.MESSAGE_INDEX)
 
 
 class FileWriter:
@@ -37,9 +36,6 @@ class FileWriter:
         chunk_bytes: A chunk is closed when it holds this much, before compression.
         chunk_ns: A chunk is closed when it is this old on the clock that ``tick`` is given; the first one of
             a file earlier, so that a file that is cut off soon has something in it.
-
-    Raises:
-        BagError: The file exists.
     """
 
     def __init__(
@@ -59,9 +55,9 @@ class FileWriter:
         self._crc = 0
         self._schemas: dict[int, bytes] = {}
         self._channels: dict[int, tuple[int, bytes]] = {}
-        self._chunks: list[ChunkIndex] = []
-        self._attachments: list[AttachmentIndex] = []
-        self._metadata: list[MetadataIndex] = []
+        self._chunks: list[records.ChunkIndex] = []
+        self._attachments: list[records.AttachmentIndex] = []
+        self._metadata: list[records.MetadataIndex] = []
         self._defined: dict[int, int] = {}
         self._buffer = bytearray()
         self._index: dict[int, tuple[list[int], list[int]]] = {}
@@ -72,31 +68,26 @@ class FileWriter:
         except FileExistsError as error:
             raise BagError(f"{path} exists already: choose another name") from error
         try:
-            head = records.record(records.Op.HEADER, records.text(""), records.text(records.LIBRARY))
-            self._write_bytes(records.MAGIC + head)
+            self._write_bytes(records.MAGIC + records.pack(records.Header("", records.LIBRARY)))
         except OSError:
             self._file.close()
             raise
 
-    def add_schema(self, schema: records.SchemaRecord) -> None:
+    def add_schema(self, schema: records.Schema) -> None:
         """Make a schema known; its id is 1 or more."""
-        self._schemas[schema.id] = schema.pack()
+        self._schemas[schema.id] = records.pack(schema)
 
-    def add_channel(self, channel: records.ChannelRecord) -> None:
+    def add_channel(self, channel: records.Channel) -> None:
         """Make a channel known; its schema must be."""
         if channel.schema_id not in self._schemas:
             raise BagError(f"{channel.topic}: its schema {channel.schema_id} is not known to {self.path}")
-        self._channels[channel.id] = (channel.schema_id, channel.pack())
+        self._channels[channel.id] = (channel.schema_id, records.pack(channel))
         self.counts[channel.id] = 0
 
     def write(
         self, channel: int, sequence: int, log_ns: int, publish_ns: int, payload: bytes | memoryview
     ) -> None:
-        """Add a message; of the sequence, 32 bits are kept.
-
-        Raises:
-            BagError: An unknown channel, or a number that the format cannot hold.
-        """
+        """Add a message; of the sequence, 32 bits are kept."""
         buffer = self._buffer
         try:
             head = records.MESSAGE.pack(
@@ -127,11 +118,11 @@ class FileWriter:
         """Write the open chunk, if anything is in it."""
         if not self._index:
             return
-        buffer, compression = self._buffer, records.text(self._compression)
+        buffer, compression = self._buffer, self._compression.encode()
         start_ns = min(min(times) for times, _ in self._index.values())
         end_ns = max(max(times) for times, _ in self._index.values())
         data = self._compress(buffer)
-        head = struct.pack("<QQQI", start_ns, end_ns, len(buffer), zlib.crc32(buffer))
+        head = struct.pack("<QQQII", start_ns, end_ns, len(buffer), zlib.crc32(buffer), len(compression))
         size = struct.pack("<Q", len(data))
         length = len(head) + len(compression) + len(size) + len(data)
         parts: list[Any] = [records.RECORD.pack(records.Op.CHUNK, length), head, compression, size, data]
@@ -140,23 +131,21 @@ class FileWriter:
         for channel, (times, offsets) in self._index.items():
             pairs = np.array((times, offsets), dtype="<u8").T.tobytes()
             channels[channel] = place
-            parts.append(
-                records.record(records.Op.MESSAGE_INDEX, struct.pack("<HI", channel, len(pairs)), pairs)
-            )
-            place += len(parts[-1])
+            parts += [records.MESSAGE_INDEX.pack(_INDEX_OP, 6 + len(pairs), channel, len(pairs)), pairs]
+            place += records.MESSAGE_INDEX.size + len(pairs)
             self.counts[channel] += len(times)
         self.start_ns = start_ns if not self._chunks else min(self.start_ns, start_ns)
         self.end_ns = max(self.end_ns, end_ns)
-        index = ChunkIndex(
-            start_ns,
-            end_ns,
-            self.written_bytes,
-            begin - self.written_bytes,
-            channels,
-            place - begin,
-            self._compression,
-            len(data),
-            len(buffer),
+        index = records.ChunkIndex(
+            chunk_length=begin - self.written_bytes,
+            chunk_start_offset=self.written_bytes,
+            compression=self._compression,
+            compressed_size=len(data),
+            message_end_time=end_ns,
+            message_index_length=place - begin,
+            message_index_offsets=channels,
+            message_start_time=start_ns,
+            uncompressed_size=len(buffer),
         )
         self._write_bytes(b"".join(parts))
         self._chunks.append(index)
@@ -166,19 +155,18 @@ class FileWriter:
 
     def attach(self, attachment: records.Attachment) -> None:
         """Add an attachment; it is in the file at once."""
-        data = attachment.pack()
-        a = attachment
+        data, a = records.pack(attachment), attachment
         self._attachments.append(
-            AttachmentIndex(
-                self.written_bytes, len(data), a.log_ns, a.create_ns, len(a.data), a.name, a.media_type
+            records.AttachmentIndex(
+                self.written_bytes, len(data), a.log_time, a.create_time, len(a.data), a.name, a.media_type
             )
         )
         self._write_bytes(data)
 
     def add_metadata(self, metadata: records.Metadata) -> None:
         """Add a metadata record; it is in the file at once."""
-        data = metadata.pack()
-        self._metadata.append(MetadataIndex(self.written_bytes, len(data), metadata.name))
+        data = records.pack_metadata(metadata)
+        self._metadata.append(records.MetadataIndex(self.written_bytes, len(data), metadata.name))
         self._write_bytes(data)
 
     def close(self) -> None:
@@ -186,37 +174,37 @@ class FileWriter:
         if self._file.closed:
             return
         self.close_chunk()
-        self._write_bytes(records.record(records.Op.DATA_END, struct.pack("<I", self._crc)))
+        self._write_bytes(records.pack(records.DataEnd(self._crc)))
         start = self.written_bytes
-        statistics = Statistics(
-            self.start_ns,
-            self.end_ns,
-            len(self._schemas),
-            len(self._attachments),
-            len(self._metadata),
-            len(self._chunks),
-            self.counts,
+        statistics = records.Statistics(
+            attachment_count=len(self._attachments),
+            channel_count=len(self.counts),
+            channel_message_counts=self.counts,
+            chunk_count=len(self._chunks),
+            message_count=sum(self.counts.values()),
+            message_end_time=self.end_ns,
+            message_start_time=self.start_ns,
+            metadata_count=len(self._metadata),
+            schema_count=len(self._schemas),
         )
         groups = [
             (records.Op.SCHEMA, list(self._schemas.values())),
             (records.Op.CHANNEL, [packed for _, packed in self._channels.values()]),
-            (records.Op.STATISTICS, [statistics.pack()]),
-            (records.Op.CHUNK_INDEX, [chunk.pack() for chunk in self._chunks]),
-            (records.Op.ATTACHMENT_INDEX, [index.pack() for index in self._attachments]),
-            (records.Op.METADATA_INDEX, [index.pack() for index in self._metadata]),
+            (records.Op.STATISTICS, [records.pack(statistics)]),
+            (records.Op.CHUNK_INDEX, [records.pack(chunk) for chunk in self._chunks]),
+            (records.Op.ATTACHMENT_INDEX, [records.pack(index) for index in self._attachments]),
+            (records.Op.METADATA_INDEX, [records.pack(index) for index in self._metadata]),
         ]
         summary = bytearray()
         offsets = b""
         for op, packed in groups:
             if packed:
                 body = b"".join(packed)
-                offsets += records.record(
-                    records.Op.SUMMARY_OFFSET, struct.pack("<BQQ", op, start + len(summary), len(body))
-                )
+                offsets += records.pack(records.SummaryOffset(op, start + len(summary), len(body)))
                 summary += body
         offset_start = start + len(summary)
         summary += offsets
-        summary += records.RECORD.pack(records.Op.FOOTER, 20) + struct.pack("<QQ", start, offset_start)
+        summary += records.pack(records.Footer(start, offset_start, 0))[:-4]
         summary += struct.pack("<I", zlib.crc32(summary)) + records.MAGIC
         self._write_bytes(bytes(summary))
         os.fsync(self._file.fileno())

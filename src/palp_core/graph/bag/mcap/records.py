@@ -1,17 +1,36 @@
 """The records of an MCAP file as bytes: https://mcap.dev/spec, version 0.
 
-Every record is ``opcode u8 | length u64 | content``; all numbers are little-endian, a string is its length
-(u32) and UTF-8, a map is its length in bytes (u32) and pairs.
+The library ``mcap`` knows their fields; the bounds against damaged and hostile files, and the CRCs, are here.
+Every record is ``opcode u8 | length u64 | content``; all numbers are little-endian.
 """
-
-from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Mapping
-from enum import IntEnum
+from io import BytesIO
+from typing import Protocol, TypeVar
 
-import msgspec
+from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.opcode import Opcode as Op
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+
+__all__ = [
+    "Attachment", "AttachmentIndex", "Channel", "ChunkIndex", "DataEnd", "Footer", "Header", "Metadata",
+    "MetadataIndex", "Op", "Schema", "Statistics", "SummaryOffset",
+]  # fmt: skip
 
 MAGIC = b"\x89MCAP0\r\n"
 LIBRARY = "palp"
@@ -25,184 +44,81 @@ RECORD_BYTES = RECORD.size
 MESSAGE = struct.Struct("<BQHIQQ")
 """Opcode, length, channel, sequence, log time, publish time; the payload follows."""
 MESSAGE_BYTES = MESSAGE.size
-_U16, _U32, _U64 = struct.Struct("<H"), struct.Struct("<I"), struct.Struct("<Q")
+MESSAGE_INDEX = struct.Struct("<BQHI")
+"""Opcode, length, channel, bytes of the pairs (log time, offset in the chunk) that follow."""
+CRC_KEY = "crc32"
+"""Of metadata: palp adds a CRC over the other values, as the format has none."""
+
+T = TypeVar("T", covariant=True)
 
 
-class Op(IntEnum):
-    """What a record is."""
+class RecordKind(Protocol[T]):
+    """A class of records that can be read."""
 
-    HEADER = 1
-    FOOTER = 2
-    SCHEMA = 3
-    CHANNEL = 4
-    MESSAGE = 5
-    CHUNK = 6
-    MESSAGE_INDEX = 7
-    CHUNK_INDEX = 8
-    ATTACHMENT = 9
-    ATTACHMENT_INDEX = 10
-    STATISTICS = 11
-    METADATA = 12
-    METADATA_INDEX = 13
-    SUMMARY_OFFSET = 14
-    DATA_END = 15
+    def read(self, stream: ReadDataStream, /) -> T:
+        """Take a record apart."""
 
 
-def record(op: int, *parts: bytes) -> bytes:
-    """Return one record."""
-    content = b"".join(parts)
-    return RECORD.pack(op, len(content)) + content
-
-
-def text(value: str) -> bytes:
-    """Return a string with its length before it."""
-    data = value.encode()
-    return _U32.pack(len(data)) + data
-
-
-def mapping(values: Mapping[str, str]) -> bytes:
-    """Return a map of strings."""
-    data = b"".join(text(key) + text(value) for key, value in values.items())
-    return _U32.pack(len(data)) + data
-
-
-class Cursor:
-    """Takes a record's content apart; whatever does not fit is a ValueError."""
+class _Content(ReadDataStream):
+    """A record's content; whatever does not fit is a ValueError."""
 
     def __init__(self, data: bytes | memoryview) -> None:
-        self._data = memoryview(data)
-        self.offset = 0
+        super().__init__(BytesIO(data))
+        self.size = len(data)
 
-    def raw(self, size: int) -> memoryview:
-        """Take ``size`` bytes."""
-        end = self.offset + size
-        if end > len(self._data):
-            raise ValueError(f"{size} bytes expected, {len(self._data) - self.offset} left")
-        data = self._data[self.offset : end]
-        self.offset = end
-        return data
-
-    def u16(self) -> int:
-        value: int = _U16.unpack(self.raw(2))[0]
-        return value
-
-    def u32(self) -> int:
-        value: int = _U32.unpack(self.raw(4))[0]
-        return value
-
-    def u64(self) -> int:
-        value: int = _U64.unpack(self.raw(8))[0]
-        return value
-
-    def text(self) -> str:
-        return str(self.raw(self.u32()), "utf-8")
-
-    def mapping(self) -> dict[str, str]:
-        inner = Cursor(self.raw(self.u32()))
-        values = {}
-        while inner.more():
-            key = inner.text()
-            values[key] = inner.text()
-        return values
-
-    def more(self) -> bool:
-        """Say whether anything is left."""
-        return self.offset < len(self._data)
+    def read(self, length: int) -> bytes:
+        if length > self.size - self.count:
+            raise ValueError(f"{length} bytes expected, {self.size - self.count} left")
+        return super().read(length)
 
 
-class SchemaRecord(msgspec.Struct, frozen=True):
-    """What the messages of a channel are made of."""
-
-    id: int
-    name: str
-    encoding: str
-    data: bytes
-
-    def pack(self) -> bytes:
-        parts = (
-            _U16.pack(self.id),
-            text(self.name),
-            text(self.encoding),
-            _U32.pack(len(self.data)),
-            self.data,
-        )
-        return record(Op.SCHEMA, *parts)
-
-    @classmethod
-    def parse(cls, content: bytes | memoryview) -> SchemaRecord:
-        cursor = Cursor(content)
-        return cls(cursor.u16(), cursor.text(), cursor.text(), bytes(cursor.raw(cursor.u32())))
+def pack(record: McapRecord) -> bytes:
+    """Return a record as bytes."""
+    builder = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]
 
 
-class ChannelRecord(msgspec.Struct, frozen=True):
-    """One stream of messages."""
+def parse(kind: RecordKind[T], content: bytes | memoryview) -> T:
+    """Take a record's content apart.
 
-    id: int
-    schema_id: int
-    topic: str
-    message_encoding: str
-    metadata: dict[str, str] = {}
-
-    def pack(self) -> bytes:
-        ids = _U16.pack(self.id) + _U16.pack(self.schema_id)
-        return record(Op.CHANNEL, ids, text(self.topic), text(self.message_encoding), mapping(self.metadata))
-
-    @classmethod
-    def parse(cls, content: bytes | memoryview) -> ChannelRecord:
-        cursor = Cursor(content)
-        return cls(cursor.u16(), cursor.u16(), cursor.text(), cursor.text(), cursor.mapping())
+    Raises:
+        ValueError: It is not whole.
+    """
+    return kind.read(_Content(content))
 
 
-class Attachment(msgspec.Struct, frozen=True):
-    """A file within the file, with a CRC of its own."""
+def parse_attachment(content: bytes | memoryview) -> Attachment:
+    """Take an attachment apart.
 
-    name: str
-    data: bytes
-    media_type: str = "application/octet-stream"
-    log_ns: int = 0
-    create_ns: int = 0
-
-    def pack(self) -> bytes:
-        content = b"".join(
-            (
-                struct.pack("<QQ", self.log_ns, self.create_ns),
-                text(self.name) + text(self.media_type),
-                _U64.pack(len(self.data)),
-                self.data,
-            )
-        )
-        return record(Op.ATTACHMENT, content, _U32.pack(zlib.crc32(content)))
-
-    @classmethod
-    def parse(cls, content: bytes | memoryview) -> Attachment:
-        cursor = Cursor(content)
-        log_ns, create_ns, name, media_type = cursor.u64(), cursor.u64(), cursor.text(), cursor.text()
-        data = bytes(cursor.raw(cursor.u64()))
-        crc = zlib.crc32(memoryview(content)[: cursor.offset])
-        if crc != cursor.u32():
-            raise ValueError(f"attachment '{name}': the CRC does not match")
-        return cls(name, data, media_type, log_ns, create_ns)
+    Raises:
+        ValueError: It is not whole, or its CRC does not match.
+    """
+    stream = _Content(content)
+    found: Attachment = Attachment.read(stream)
+    end = stream.count - 4
+    if zlib.crc32(content[:end]) != int.from_bytes(content[end : stream.count], "little"):
+        raise ValueError(f"attachment '{found.name}': the CRC does not match")
+    return found
 
 
-class Metadata(msgspec.Struct, frozen=True):
-    """A named map of strings; palp adds the key ``crc32`` over the others, as the format has none."""
-
-    name: str
-    values: dict[str, str]
-
-    def pack(self) -> bytes:
-        values = {**self.values, "crc32": _crc(self.name, self.values)}
-        return record(Op.METADATA, text(self.name), mapping(values))
-
-    @classmethod
-    def parse(cls, content: bytes | memoryview) -> Metadata:
-        cursor = Cursor(content)
-        name, values = cursor.text(), cursor.mapping()
-        crc = values.pop("crc32", None)
-        if crc is not None and crc != _crc(name, values):
-            raise ValueError(f"metadata '{name}': the CRC does not match")
-        return cls(name, values)
+def pack_metadata(metadata: Metadata) -> bytes:
+    """Return a metadata record as bytes, with a CRC."""
+    return pack(Metadata(metadata.name, {**metadata.metadata, CRC_KEY: _crc_of(metadata)}))
 
 
-def _crc(name: str, values: Mapping[str, str]) -> str:
-    return f"{zlib.crc32(text(name) + mapping(values)):08x}"
+def parse_metadata(content: bytes | memoryview) -> Metadata:
+    """Take a metadata record apart.
+
+    Raises:
+        ValueError: It is not whole, or its CRC does not match; another program's has none.
+    """
+    found: Metadata = parse(Metadata, content)
+    crc = found.metadata.pop(CRC_KEY, None)
+    if crc is not None and crc != _crc_of(found):
+        raise ValueError(f"metadata '{found.name}': the CRC does not match")
+    return found
+
+
+def _crc_of(metadata: Metadata) -> str:
+    return f"{zlib.crc32(pack(metadata)[RECORD_BYTES:]):08x}"

@@ -49,8 +49,8 @@ class Salvage(msgspec.Struct, kw_only=True):
     damaged_chunk_count: int = 0
     damaged_bytes: int = 0
     problems: list[str] = []
-    schemas: dict[int, records.SchemaRecord] = {}
-    channels: dict[int, records.ChannelRecord] = {}
+    schemas: dict[int, records.Schema] = {}
+    channels: dict[int, records.Channel] = {}
     attachments: dict[str, records.Attachment] = {}
     metadata: dict[str, records.Metadata] = {}
 
@@ -81,10 +81,10 @@ class Salvage(msgspec.Struct, kw_only=True):
             ValueError: It makes no sense.
         """
         if op == records.Op.SCHEMA:
-            schema = records.SchemaRecord.parse(content)
+            schema = records.parse(records.Schema, content)
             self.schemas.setdefault(schema.id, schema)
         else:
-            channel = records.ChannelRecord.parse(content)
+            channel = records.parse(records.Channel, content)
             self.channels.setdefault(channel.id, channel)
 
 
@@ -243,10 +243,10 @@ def _take_extra(found: Salvage, data: mmap.mmap, offset: int, length: int) -> bo
     content = memoryview(data[offset + records.RECORD_BYTES : offset + length])
     try:
         if data[offset] == records.Op.ATTACHMENT:
-            attachment = records.Attachment.parse(content)
+            attachment = records.parse_attachment(content)
             found.attachments[attachment.name] = attachment
         else:
-            metadata = records.Metadata.parse(content)
+            metadata = records.parse_metadata(content)
             found.metadata[metadata.name] = metadata
     except (ValueError, struct.error):
         return False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -50,11 +51,7 @@ class FieldType(NamedTuple):
 
 
 class Definitions:
-    """Message types by their full names, with what reads and writes their bytes (CDR).
-
-    Args:
-        store: Types to begin with, as rosbags has them.
-    """
+    """Message types by their full names, with what reads and writes their bytes (CDR)."""
 
     def __init__(self, store: Any) -> None:
         self.store = store
@@ -71,11 +68,7 @@ class Definitions:
         return sorted(self.store.fielddefs)
 
     def fields(self, name: str) -> dict[str, FieldType]:
-        """Return the fields of a message type by name, in order.
-
-        Raises:
-            BagError: It is nested in itself, or beyond a bound.
-        """
+        """Return the fields of a message type by name, in order."""
         self._count_fields(name, ())
         return self._fields[name]
 
@@ -97,11 +90,7 @@ class Definitions:
         return count
 
     def message_class(self, name: str) -> Any:
-        """Return the dataclass of a message type; a field that is not given is zero or empty.
-
-        Raises:
-            BagError: The type is nested in itself, or beyond a bound.
-        """
+        """Return the dataclass of a message type; a field that is not given is zero or empty."""
         if name not in self._classes:
             self._classes[name] = dataclasses.make_dataclass(
                 name.rpartition("/")[2],
@@ -123,11 +112,7 @@ class Definitions:
         return (lambda: np.zeros(kind.length, kind.dtype)) if kind.many else kind.dtype.type(0).item
 
     def add(self, texts: Mapping[str, str]) -> None:
-        """Add message types: their ``.msg`` texts, perhaps with those that they need, by full name.
-
-        Raises:
-            BagError: A text cannot be read, or differs from what is known of the type.
-        """
+        """Add message types: their ``.msg`` texts, perhaps with those that they need, by full name."""
         from rosbags.typesys import get_types_from_msg
 
         found: dict[str, Any] = {}
@@ -137,11 +122,7 @@ class Definitions:
         self.take(found)
 
     def take(self, found: Mapping[str, Any]) -> None:
-        """Add message types as rosbags reads them.
-
-        Raises:
-            BagError: One of them differs from what is known of it.
-        """
+        """Add message types as rosbags reads them."""
         new = {name: described for name, described in found.items() if name not in self}
         for name, described in found.items():
             if name in self and self.store.fielddefs[name][1] != described[1]:
@@ -156,20 +137,12 @@ class Definitions:
 
 
 def empty() -> Definitions:
-    """Return no message types at all.
-
-    Raises:
-        BagError: rosbags is not installed.
-    """
+    """Return no message types at all."""
     return Definitions(_store("EMPTY"))
 
 
 def standard() -> Definitions:
-    """Return those that come with ROS 2: std_msgs, sensor_msgs, geometry_msgs, tf2_msgs and others.
-
-    Raises:
-        BagError: rosbags is not installed.
-    """
+    """Return those that come with ROS 2: std_msgs, sensor_msgs, geometry_msgs, tf2_msgs and others."""
     return Definitions(_store("LATEST"))
 
 
@@ -196,6 +169,7 @@ def _field_type(described: Any) -> FieldType:
     return _field_type(inner[0])._replace(many=True, length=length)
 
 
+@functools.cache
 def attribute(name: str) -> str:
     """Return the attribute of a dataclass that has a field: Python's own words get an underscore."""
     from rosbags.typesys.base import normalize_fieldname

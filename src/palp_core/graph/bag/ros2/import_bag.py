@@ -38,18 +38,6 @@ def import_bag(bag: str | Path, out: str | Path, *, select: Callable[[str], bool
     """Write a rosbag2 as a palp bag.
 
     Log times are kept; a message's time of publication, which rosbag2 lacks, is its log time.
-
-    Args:
-        bag: Folder of a rosbag2, or one of its files (``.mcap``, ``.db3``).
-        out: The new bag, which must not exist.
-        select: Returns whether to keep a topic; None: all.
-
-    Returns:
-        How many messages there are.
-
-    Raises:
-        BagError: rosbags is not installed, there is no such bag, it is damaged, a type is not known or is not
-            ROS 2's, or the new bag exists.
     """
     bag = Path(bag)
     if Path(out).exists():
@@ -169,11 +157,7 @@ def _idl_types(text: str) -> dict[str, Any]:
 
 @contextmanager
 def _opened(bag: Path) -> Iterator[Any]:
-    """Open a rosbag2; a file is a bag of itself.
-
-    Raises:
-        BagError: rosbags is not installed, or it cannot open this.
-    """
+    """Open a rosbag2; a file is a bag of itself."""
     try:
         from rosbags.rosbag2 import Reader
     except ImportError as error:

@@ -17,15 +17,14 @@ def reader(definitions: Definitions, name: str) -> Callable[[bytes], dict[str, A
 
     It raises BagError if the bytes are not such a message.
     """
-    decode, to_map = definitions.store.deserialize_cdr, _map_of(definitions, name)
 
     def read(data: bytes) -> dict[str, Any]:
         try:
-            found: dict[str, Any] = to_map(decode(data, name))
+            return _map_of(definitions, name, definitions.store.deserialize_cdr(data, name))
         except Exception as error:  # rosbags decodes by code that it generates, whose errors have no base
             raise BagError(f"no {name}: {describe_foreign(error)}") from error
-        return found
 
+    definitions.fields(name)  # a type beyond bounds is refused before its first message
     return read
 
 
@@ -34,79 +33,56 @@ def writer(definitions: Definitions, name: str) -> Callable[[Any], bytes]:
 
     What a map lacks is zero or empty. It raises BagError if a value does not fit its field.
     """
-    encode, to_message = definitions.store.serialize_cdr, _message_of(definitions, name)
+    definitions.message_class(name)
 
     def write(value: Any) -> bytes:
         try:
-            return bytes(encode(to_message(value), name))
+            return bytes(definitions.store.serialize_cdr(_message_of(definitions, name, value), name))
         except Exception as error:  # as above
             raise BagError(f"no {name}: {describe_foreign(error)}") from error
 
     return write
 
 
-def _map_of(definitions: Definitions, name: str) -> Callable[[Any], Any]:
-    fields = [
-        (field, attribute(field), _plain(definitions, kind))
+def _map_of(definitions: Definitions, name: str, message: Any) -> dict[str, Any]:
+    return {
+        field: _plain(definitions, kind, getattr(message, attribute(field)))
         for field, kind in definitions.fields(name).items()
-    ]
-    return lambda message: {field: convert(getattr(message, one)) for field, one, convert in fields}
+    }
 
 
-def _plain(definitions: Definitions, kind: FieldType) -> Callable[[Any], Any]:
-    """Return what makes the value of a field plain."""
+def _plain(definitions: Definitions, kind: FieldType, value: Any) -> Any:
+    if kind.is_message and kind.many:
+        return [_map_of(definitions, kind.base, one) for one in value]
     if kind.is_message:
-        inner = _map_of(definitions, kind.base)
-        return (lambda values: [inner(value) for value in values]) if kind.many else inner
+        return _map_of(definitions, kind.base, value)
     if not kind.many or kind.base == "string":
-        return lambda value: value
-    if kind.base in BYTES:
-        return lambda values: np.asarray(values, np.uint8).tobytes()
-    if kind.base in PACKED:
-        return lambda values: np.asarray(values, FLOAT64).tobytes()
-    return lambda values: np.asarray(values).tolist()
+        return value
+    if kind.base in BYTES or kind.base in PACKED:
+        return np.asarray(value, np.uint8 if kind.base in BYTES else FLOAT64).tobytes()
+    return np.asarray(value).tolist()
 
 
-def _message_of(definitions: Definitions, name: str) -> Callable[[Any], Any]:
-    base, make = definitions.store.types[name], definitions.message_class(name)
-    fields = [
-        (field, attribute(field), _of_plain(definitions, kind))
-        for field, kind in definitions.fields(name).items()
-    ]
-
-    has_arrays = _has_arrays(definitions, name)
-
-    def build(value: Any) -> Any:
-        if isinstance(value, Mapping):
-            return make(**{one: convert(value[field]) for field, one, convert in fields if field in value})
-        if not isinstance(value, base):
-            raise TypeError(f"a {type(value).__name__} is no {make.__name__}")
-        if not has_arrays:
-            return value
-        return make(**{one: convert(getattr(value, one)) for _, one, convert in fields})
-
-    return build
-
-
-def _has_arrays(definitions: Definitions, name: str) -> bool:
-    return any(
-        kind.many or (kind.is_message and _has_arrays(definitions, kind.base))
-        for kind in definitions.fields(name).values()
+def _message_of(definitions: Definitions, name: str, value: Any) -> Any:
+    make, fields = definitions.message_class(name), definitions.fields(name)
+    if isinstance(value, Mapping):
+        given = {field: value[field] for field in fields if field in value}
+    elif isinstance(value, definitions.store.types[name]):
+        given = {field: getattr(value, attribute(field)) for field in fields}
+    else:
+        raise TypeError(f"a {type(value).__name__} is no {make.__name__}")
+    return make(
+        **{attribute(field): _of_plain(definitions, fields[field], one) for field, one in given.items()}
     )
 
 
-def _of_plain(definitions: Definitions, kind: FieldType) -> Callable[[Any], Any]:
-    """Return what makes the value of a field of a plain one."""
+def _of_plain(definitions: Definitions, kind: FieldType, value: Any) -> Any:
+    if kind.is_message and kind.many:
+        return [_message_of(definitions, kind.base, one) for one in value]
     if kind.is_message:
-        inner = _message_of(definitions, kind.base)
-        return (lambda values: [inner(value) for value in values]) if kind.many else inner
+        return _message_of(definitions, kind.base, value)
     if not kind.many or kind.base == "string":
-        return lambda value: value
-    dtype, of_bytes = kind.dtype, np.uint8 if kind.base in BYTES else FLOAT64
-
-    def array(value: Any) -> Any:
-        if isinstance(value, bytes):
-            return np.frombuffer(value, of_bytes).astype(dtype)
-        return np.asarray(value, dtype)
-
-    return array
+        return value
+    if isinstance(value, bytes):
+        return np.frombuffer(value, np.uint8 if kind.base in BYTES else FLOAT64).astype(kind.dtype)
+    return np.asarray(value, kind.dtype)

@@ -1,0 +1,125 @@
+"""``palp bag record`` onto a running graph: until a signal or the graph's end; snapshots on request."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from palp_core.errors import BagError
+from palp_core.graph.description.checked import RECORDER
+from palp_core.graph.discovery.choice import addressed
+from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.node.loading import endpoints
+from palp_core.graph.process.node_services import CallRequest
+from palp_core.graph.recording.live_recorder import LiveRecorder
+from palp_core.graph.recording.recorder_params import RecorderParams
+from palp_core.graph.transport.node_sockets import NodeSockets
+from palp_core.graph.transport.request_server import NodeOperation
+from palp_core.graph.transport.requester_socket import ask
+
+ANSWER_S = 30.0
+PLACE = "recorder-"
+
+
+class AttachedRecorder:
+    """A recorder with its signals: SIGINT, SIGTERM and SIGHUP end it, SIGUSR1 writes a snapshot."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self.ending = False
+        self._save_wanted = False
+        self._say = say
+
+    def _on_signal(self, number: int, _: object) -> None:
+        if number == signal.SIGUSR1:
+            self._save_wanted = True
+        else:
+            self.ending = True
+
+    @contextlib.contextmanager
+    def signals(self) -> Iterator[None]:
+        numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1)
+        before = {number: signal.signal(number, self._on_signal) for number in numbers}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def record(self, graph: RunningGraph, params: RecorderParams) -> tuple[bool, str]:
+        """Record until the end is asked for, or the graph has ended."""
+        recorder = LiveRecorder(graph, params, self._say, from_start=False)
+        with self._serving(graph, recorder) if params.snapshot_s else contextlib.nullcontext() as sockets:
+            recorder.await_topics(lambda: self.ending)
+            while not (self.ending or recorder.ended):
+                recorder.turn()
+                if sockets is not None:
+                    sockets.poll()
+                if self._save_wanted:
+                    self._save(recorder)
+            summary = recorder.close(patient=not self.ending)
+        if self._save_wanted:
+            self._save(recorder)
+        text = f"heard {summary.text()}" if params.snapshot_s else f"{params.out}: {summary.text()}"
+        return summary.complete, text
+
+    def _save(self, recorder: LiveRecorder) -> str:
+        self._save_wanted = False
+        try:
+            text = recorder.save()
+        except BagError as error:
+            text = str(error)
+        self._say(text)
+        return text
+
+    @contextlib.contextmanager
+    def _serving(self, graph: RunningGraph, recorder: LiveRecorder) -> Iterator[NodeSockets]:
+        """Answer ``save`` in the run directory as a recorder among the nodes does."""
+        name = f"{PLACE}{os.getpid()}"
+        places = endpoints(str(graph.folder), name)
+        sockets = NodeSockets(*places)
+
+        def save(_: CallRequest) -> dict[str, Any]:
+            return {"reply": {"text": self._save(recorder)}}
+
+        sockets.requests.add(name, {"call": NodeOperation(CallRequest, save)})
+        try:
+            yield sockets
+        finally:
+            sockets.close()
+            for place in places:
+                Path(place.removeprefix("ipc://")).unlink(missing_ok=True)
+
+
+def record_until_asked(
+    graph: RunningGraph, params: RecorderParams, say: Callable[[str], None]
+) -> tuple[bool, str]:
+    """Record a running graph; return whether nothing is missing, and what to say."""
+    recorder = AttachedRecorder(say)
+    with recorder.signals():
+        return recorder.record(graph, params)
+
+
+def save_snapshots(graph: RunningGraph) -> list[str]:
+    """Let every recorder that keeps a graph's last seconds write them; return what each answers."""
+    places = {node.name: node.serve for node in graph.record.nodes if node.run == RECORDER}
+    for path in sorted(graph.folder.glob(f"{PLACE}*.srv")):
+        if psutil.pid_exists(int(path.stem.removeprefix(PLACE))):
+            places[path.stem] = f"ipc://{path}"
+    texts = []
+    for name, place in places.items():
+        reply = ask(place, {"op": "call", "service": "save", "request": {}}, ANSWER_S)
+        if reply is None or "error" in reply:
+            raise BagError(
+                f"recorder {name} did not write its snapshot: {(reply or {}).get('error', 'silent')}"
+            )
+        texts.append(reply["reply"]["text"])
+    if not any(texts):
+        start_one = addressed("palp bag record -a --snapshot S", graph.record.id)
+        raise BagError(f"no recorder keeps this graph's last seconds; start one: {start_one}")
+    return [text for text in texts if text]
