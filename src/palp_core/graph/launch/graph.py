@@ -30,8 +30,7 @@ from palp_core.graph.launch.methods_told import MethodsTold
 from palp_core.graph.launch.observers import MessageObservers
 from palp_core.graph.launch.summary import RunSummary, report_function, summary_of
 from palp_core.graph.launch.wall_checkpoints import WallCheckpoints
-from palp_core.graph.lockstep.conductor import Conductor, LockstepNodes, Observer
-from palp_core.graph.lockstep.simulated_time import SimulatedTime
+from palp_core.graph.lockstep.conductor import Conductor, Observer
 from palp_core.graph.messages.builtin import DiagnosticStatus, GraphEvent, MethodsUsed, NodeEvent
 from palp_core.graph.node.spec import MERGED_LOG, NodeSpec
 from palp_core.graph.process.control_messages import Done
@@ -45,13 +44,14 @@ from palp_core.graph.supervision.log_levels import LogLevels, levels_of
 from palp_core.graph.supervision.open_files import make_room
 from palp_core.graph.supervision.run_record import run_record
 from palp_core.graph.swap.compatibility import incompatibilities, replaced
-from palp_core.graph.swap.swap import AskToSwap, SwapBackend, Swapper, SwapRequest
+from palp_core.graph.swap.swap import AskToSwap, Swapper, SwapRequest
 from palp_core.graph.workspaces.underlays import launch_path
 
 if TYPE_CHECKING:
     from palp_core.graph.description.node_class import NodeClass
     from palp_core.graph.network.gateway_handle import GatewayHandle
     from palp_core.graph.supervision.supervisor import Supervisor
+    from palp_core.graph.swap.engine import SwapHost
 
 POLL_INSTANTS = 32  # asking a socket costs as much as a message; tools wait a few ms more
 
@@ -176,7 +176,6 @@ class Graph:
         self._stack = contextlib.ExitStack()
         self._interrupt = Interrupt()
         self._conductor: Conductor | None = None
-        self._time = SimulatedTime()
         self._supervisor: Supervisor | None = None
         self._instant_count, self._begun = 0, False
         self._begin_ns = self._gone_ns = 0
@@ -238,17 +237,17 @@ class Graph:
                 from palp_core.graph.lockstep.composition import composed
 
                 server.close()
-                self._nodes: LockstepNodes = stack.enter_context(
+                self._nodes: SwapHost = stack.enter_context(
                     composed(self.checked, self.directory, self._levels.least_logged)
                 )
             else:
                 self._nodes = self._supervisor = self._supervised(stack, server)
                 self._supervisor.on_new_process, self._supervisor.on_turn = self._announce, self._serve
-            backend = _swap_backend(
-                self._nodes, self.directory.path, Path(self.checked.workspace), self._time
-            )
+            from palp_core.graph.swap.engine import SwapEngine
+
+            self._engine = SwapEngine(self._nodes, self.directory.path, Path(self.checked.workspace))
             self.swaps = Swapper(
-                self.checked, backend, self._now_ns, self._swapped, self.launcher_node.report
+                self.checked, self._engine, self._now_ns, self._swapped, self.launcher_node.report
             )
             self.launcher_node.answer("swap_progress", lambda _: self.swaps.progress())
             self.launcher_node.defer("swap", AskToSwap, self.swaps.answer)
@@ -392,7 +391,7 @@ class Graph:
         checked = self.checked
         ends_run = [i for i, spec in enumerate(checked.nodes) if spec.shutdown_on_exit]
         conductor = Conductor(self._nodes, checked.readers, ends_run, self._show, self._between_instants)
-        self._conductor = self._time.conductor = conductor
+        self._conductor = self._engine.conductor = conductor
         with ended_after(conductor.shutdown, self._end_order()), self._announcing():
             conductor.activate()
             exit_code = conductor.run(until_ns)
@@ -467,18 +466,3 @@ class Graph:
 
 def _scalar(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _swap_backend(nodes: LockstepNodes, folder: Path, workspace: Path, time: SimulatedTime) -> SwapBackend:
-    """Return what swaps the nodes: between processes, or within the one of a composed graph."""
-    from palp_core.graph.supervision.supervisor import Supervisor
-
-    if isinstance(nodes, Supervisor):
-        from palp_core.graph.swap.process_swap import ProcessSwaps
-
-        return ProcessSwaps(nodes, folder, workspace, time)
-    from palp_core.graph.lockstep.composition import Composition
-    from palp_core.graph.swap.composed_swap import ComposedSwaps
-
-    assert isinstance(nodes, Composition)
-    return ComposedSwaps(nodes, workspace, time)

@@ -156,12 +156,6 @@ class Standbys:
         if standby.process.pid and not standby.process.ended:
             self._server.signal(standby.process.pid, signal.SIGKILL)
 
-    def end(self, standby: Standby) -> None:
-        """End one whose end may have been handled already, while it had a node's part."""
-        self.kill(standby)
-        if standby.process.ended:
-            self._all.pop(standby.number, None)
-
     @property
     def processes(self) -> list[ManagedProcess]:
         """Those whose processes live."""
