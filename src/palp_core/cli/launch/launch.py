@@ -21,7 +21,7 @@ from palp_core.cli.output import note, print_text
 from palp_core.counted import counted
 from palp_core.errors import GraphError, NodeError, PalpError
 from palp_core.graph.problems import hint
-from palp_core.graph.supervision.log_levels import LogLevels
+from palp_core.graph.supervision.logs import LogLevels
 from palp_core.whole_file import write_whole
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from palp_core.cli.output import print_text
-from palp_core.graph.process.parent_death import die_with_parent
+from palp_core.graph.supervision.fork_child import die_with_parent
 from palp_core.graph.supervision.interrupt import Interrupt
 
 if TYPE_CHECKING:

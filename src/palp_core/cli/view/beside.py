@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterator
 from functools import partial
 
-from palp_core.graph.process.parent_death import die_with_parent
+from palp_core.graph.supervision.fork_child import die_with_parent
 from palp_core.view.server.serve import check_installed
 
 END_S = 5.0

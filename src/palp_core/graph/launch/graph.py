@@ -36,12 +36,12 @@ from palp_core.graph.node.spec import MERGED_LOG, NodeSpec
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.recording.provenance import launch_provenance
 from palp_core.graph.recording.recorders import Recorders
-from palp_core.graph.supervision.fork_server import ForkServer, ToRun
+from palp_core.graph.supervision.class_inspection import ToRun
+from palp_core.graph.supervision.fork_server import ForkServer
 from palp_core.graph.supervision.fork_start import ServerProcess
 from palp_core.graph.supervision.interrupt import Interrupt, Interrupted, ended_after
 from palp_core.graph.supervision.launcher_node import LauncherNode
-from palp_core.graph.supervision.log_levels import LogLevels, levels_of
-from palp_core.graph.supervision.open_files import make_room
+from palp_core.graph.supervision.logs import LogLevels, levels_of
 from palp_core.graph.supervision.run_record import run_record
 from palp_core.graph.swap.compatibility import incompatibilities, replaced
 from palp_core.graph.swap.swap import AskToSwap, Swapper, SwapRequest
@@ -56,10 +56,8 @@ if TYPE_CHECKING:
 POLL_INSTANTS = 32  # asking a socket costs as much as a message; tools wait a few ms more
 
 
-def _checked(
-    path: Path, overrides: Sequence[str], server: ForkServer, folder: RunDirectory, *, to_run: ToRun
-) -> CheckedGraph:
-    inspect = partial(server.inspect_classes, folder=folder.path, to_run=to_run)
+def _checked(path: Path, overrides: Sequence[str], server: ForkServer, *, to_run: ToRun) -> CheckedGraph:
+    inspect = partial(server.inspect_classes, to_run=to_run)
     return load(path, overrides, inspect, succeed)
 
 
@@ -75,13 +73,11 @@ def check_file(path: str | Path, overrides: Sequence[str] = ()) -> CheckedGraph:
     Raises:
         GraphProblems: Every problem of the file, each with its place.
     """
-    folder = RunDirectory(launch_path(path).stem)
     server = ForkServer()
     try:
-        return _checked(Path(path), overrides, server, folder, to_run="nowhere")
+        return _checked(Path(path), overrides, server, to_run="nowhere")
     finally:
         server.close()
-        folder.remove()
 
 
 def check_start(
@@ -194,7 +190,7 @@ class Graph:
             stack.callback(server.close)
             try:
                 to_run: ToRun = "composed" if self._compose else "forked"
-                self.checked = _checked(self.path, self._overrides, server, self.directory, to_run=to_run)
+                self.checked = _checked(self.path, self._overrides, server, to_run=to_run)
                 if self._name is not None:
                     self.checked = msgspec.structs.replace(self.checked, graph=self._name)
                 if self._compose and self.checked.clock != "sim":
@@ -202,13 +198,13 @@ class Graph:
                         f"{self.path}: only a graph with 'clock: sim' can be composed into one process"
                     )
                 if not self._compose:
-                    make_room(len(self.checked.spawned), server.pid)
+                    server.make_room(len(self.checked.spawned))
                 self.checked = msgspec.structs.replace(self.checked, composed=self._compose)
                 self.checkpoints = Checkpoints(self.checked, self._overrides, resume=self._resume)
                 stack.callback(self.checkpoints.close)
                 _tell(self.checked, "prepare", self._summary())
                 self.checked = self.checkpoints.with_successors(
-                    partial(server.inspect_classes, folder=self.directory.path, to_run=to_run)
+                    partial(server.inspect_classes, to_run=to_run)
                 )
                 kept = self.checkpoints.attached or _tell(self.checked, "attach", self._summary()) or {}
                 self.checked = msgspec.structs.replace(self.checked, attached=kept)

@@ -23,7 +23,7 @@ from palp_core.graph.network.peer import Peer
 from palp_core.graph.network.router import Router
 from palp_core.graph.node.spec import NAME
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
-from palp_core.graph.process.parent_death import die_with_parent
+from palp_core.graph.supervision.fork_child import die_with_parent
 
 EXCHANGES = 16
 FOUND_WITHIN_S = 5.0

@@ -30,7 +30,7 @@ from palp_core.graph.network.rejected_peers import RejectedPeers
 from palp_core.graph.network.remote_nodes import RemoteNodes
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
-from palp_core.graph.process.parent_death import die_with_parent
+from palp_core.graph.supervision.fork_child import die_with_parent
 from palp_core.graph.transport.request_server import NodeRequest
 
 MEMORY_BYTES = 1 << 30

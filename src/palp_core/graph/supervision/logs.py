@@ -7,7 +7,9 @@ a line is in its file before anybody hears of the crash that it explains.
 import contextlib
 import fcntl
 import os
+from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 from palp_core.graph.log_format import time_text
 from palp_core.graph.node.spec import MERGED_LOG
@@ -18,6 +20,40 @@ LONGEST_LINE = 1 << 16  # bytes; a longer one is merged in pieces
 PIPE_BYTES = 1 << 20  # a node that prints this much at once waits for nobody
 _CHUNK = 1 << 16
 _F_SETPIPE_SZ = 1031
+
+
+class LogLevels(NamedTuple):
+    """Levels by node.
+
+    Attributes:
+        default: The least of what is shown.
+        nodes: The same for nodes that have their own.
+    """
+
+    default: str = "warning"
+    nodes: Mapping[str, str] = {}
+
+    def shown(self, node: str) -> str:
+        """Return the least of what is shown of a node.
+
+        >>> LogLevels("error", {"policy": "debug"}).shown("policy")
+        'debug'
+        """
+        return self.nodes.get(node, self.default)
+
+    def logged(self, node: str) -> str:
+        """Return the least that a node logs: ``info``, or ``debug`` where that is shown."""
+        return "debug" if self.shown(node) == "debug" else "info"
+
+    @property
+    def least_logged(self) -> str:
+        """The least that any node logs."""
+        return "debug" if "debug" in (self.default, *self.nodes.values()) else "info"
+
+
+def levels_of(given: str | LogLevels) -> LogLevels:
+    """Return levels where one for all may be given by its name."""
+    return LogLevels(given) if isinstance(given, str) else given
 
 
 class _LogFile:

@@ -16,10 +16,11 @@ from palp_core.graph.process.channel import ChannelClosed
 from palp_core.graph.process.lockstep_loop import SharedRounds
 from palp_core.graph.process.swap_messages import AnnouncePredecessorDead, FromSwapped
 from palp_core.graph.supervision.channel_server import ChannelServer
-from palp_core.graph.supervision.fork_server import ChildEvent, ForkServer, Started, exit_in_words
+from palp_core.graph.supervision.class_inspection import Inspected, describe_exit
+from palp_core.graph.supervision.fork_server import ChildEvent, ForkServer, Started
 from palp_core.graph.supervision.interrupt import GracePeriod, Interrupt
 from palp_core.graph.supervision.launcher_node import LauncherNode
-from palp_core.graph.supervision.log_levels import LogLevels
+from palp_core.graph.supervision.logs import LogLevels
 from palp_core.graph.supervision.managed_process import ManagedProcess, ProcessLauncher
 from palp_core.graph.supervision.restarts import READY_NS, Restarts
 from palp_core.graph.supervision.standby import Standby, Standbys
@@ -275,7 +276,7 @@ class Supervisor:
                 raise NodeError(process.spec.name, f"{text} (log: {process.log})")
 
     def _on_child_event(self, event: ChildEvent) -> None:
-        if self.standbys.on_child_event(event):
+        if self.standbys.on_child_event(event) or isinstance(event, Inspected):
             return
         index = next(i for i, process in enumerate(self.processes) if process.place == event.name)
         process = self.processes[index]
@@ -292,7 +293,7 @@ class Supervisor:
             self._on_message(index, message)
         if self._grace.ending or process.handed_over or process.respawn_at_ns is not None:
             return
-        text = f"its process {exit_in_words(event.status)}"
+        text = f"its process {describe_exit(event.status)}"
         self.recover(index, text)
 
     # Swap
