@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import json
-import os
 import signal
 import sys
 from collections.abc import Iterator, Sequence
@@ -16,6 +15,7 @@ import typer
 
 from palp_core.cli import completion
 from palp_core.cli.launch.remarks import note_remarks, note_without_effect
+from palp_core.cli.launch.watched import go_on_watched
 from palp_core.cli.options import Level
 from palp_core.cli.output import note, print_text
 from palp_core.counted import counted
@@ -110,17 +110,15 @@ def launch(
             {"--record": record, "--digest": digest, "--listen": listen, "--name": name, "--view": view}
         )
         sys.exit(run_repeatedly(file, overrides, repeat, compose=compose, resume=resume))
-    if compose and os.environ.get("PYTHONHASHSEED") != "0":  # sets in the order they have in nodes' processes
-        os.environ["PYTHONHASHSEED"] = "0"
-        os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
+    announce_end = go_on_watched() if compose else lambda: None
     if compose:
         faulthandler.enable()  # a crash in C names its Python lines, as in nodes' processes
-    sys.exit(
-        _run(
-            file, overrides, name=name, log_level=levels, compose=compose, digest=digest, record=record,
-            listen=listen, in_browser=view, operate=operate, resume=resume,
-        )
+    status = _run(
+        file, overrides, name=name, log_level=levels, compose=compose, digest=digest, record=record,
+        listen=listen, in_browser=view, operate=operate, resume=resume,
     )  # fmt: skip
+    announce_end()
+    sys.exit(status)
 
 
 def _run(

@@ -234,7 +234,12 @@ class Graph:
 
                 server.close()
                 self._nodes: SwapHost = stack.enter_context(
-                    composed(self.checked, self.directory, self._levels.least_logged)
+                    composed(
+                        self.checked,
+                        self.directory,
+                        self._levels.least_logged,
+                        capture=self._show_log is not None,
+                    )
                 )
             else:
                 self._nodes = self._supervisor = self._supervised(stack, server)

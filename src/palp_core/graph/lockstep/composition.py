@@ -1,18 +1,23 @@
 """All nodes of a lockstep graph in this process; messages are encoded and decoded all the same."""
 
 import contextlib
+import faulthandler
+import io
 import logging
+import os
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
-from palp_core.errors import in_words
+from palp_core.errors import NodeError, in_words
 from palp_core.graph.clock import SimClock
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, inspect_classes
 from palp_core.graph.discovery.run_directory import RunDirectory
-from palp_core.graph.log_format import MergedFormatter
+from palp_core.graph.log_format import MergedFormatter, time_text
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.loading import endpoints, shared_process
@@ -22,9 +27,11 @@ from palp_core.graph.process.lockstep_loop import LockstepNode, SharedRounds
 from palp_core.graph.process.node_services import CHANGING, NodeServices
 from palp_core.graph.process.swap_messages import ToSwapped
 from palp_core.graph.process.swap_participant import SharedSockets
+from palp_core.graph.supervision.logs import LogFile
 from palp_core.graph.supervision.managed_process import ManagedProcess
 from palp_core.graph.supervision.standby import Standby
 from palp_core.graph.transport.node_sockets import NodeSockets
+from palp_core.whole_file import PRIVATE
 
 _ENCODER, _DECODER = msgspec.msgpack.Encoder(), msgspec.msgpack.Decoder(ToSwapped)
 POLL_ROUNDS = 32  # asking a socket costs as much as a message; tools wait a few ms more
@@ -38,6 +45,8 @@ class Composition:
         processes: As a swap sees the nodes: all in this process.
         standbys: Makes and reaches the node that takes another's place.
         swap: Who does the rounds of a node of which there are two.
+        refused: What threads of nodes were refused: whose methods they ran, and why.
+        working: The node that works.
         clock: That of all nodes.
 
     Args:
@@ -62,6 +71,8 @@ class Composition:
         self._workspace, self._sockets = workspace, sockets
         self._round_count = 0
         self._standby_node: LockstepNode | None = None
+        self.refused: list[tuple[list[object], str]] = []
+        self.working = COMPOSITION
         self._nodes = [
             LockstepNode(
                 spec, workspace, self.clock, SharedSockets(sockets), self.processes[index].replies.append
@@ -89,13 +100,23 @@ class Composition:
         if sockets is not None and self._round_count % POLL_ROUNDS == 0:
             sockets.poll()
         replies = {}
+        if self.refused:
+            self._fail_refused()
         for index, message in rounds.items():
+            self.working = self.names[index]
             self.clock.set(message.now_ns)
             if sockets is not None and sockets.requests.waiting and not self._holds_requests(index):
                 sockets.requests.perform(self.names[index])
             shared = swap is not None and swap.index == index
             replies[index] = swap.work(message) if shared and swap else self._nodes[index].work(message)
         return replies
+
+    def _fail_refused(self) -> None:
+        """Let what a thread was refused be the failure of the node whose method it runs."""
+        callers, text = self.refused[0]
+        nodes = {id(node.executor.node): node.executor.name for node in self._nodes}
+        name = next((nodes[id(caller)] for caller in callers if id(caller) in nodes), COMPOSITION)
+        raise NodeError(name, f"a thread failed: {text}")
 
     def work_together(self, rounds: Mapping[int, Round]) -> Mapping[int, Done]:
         """Let nodes work, whoever stands by."""
@@ -201,21 +222,130 @@ def _copied(message: ToSwapped) -> ToSwapped:
 
 @contextlib.contextmanager
 def composed(
-    checked: CheckedGraph, directory: RunDirectory, log_level: str = "info"
+    checked: CheckedGraph, directory: RunDirectory, log_level: str = "info", *, capture: bool = False
 ) -> Iterator[Composition]:
-    """Compose a graph; tools find it in its run directory, and there is the log of all its nodes."""
-    handler = logging.FileHandler(directory.log(MERGED_LOG))
-    handler.setFormatter(MergedFormatter())
-    logger = logging.getLogger("palp")
-    level = logger.level
-    logger.addHandler(handler)
-    logger.setLevel(log_level.upper())
-    sockets = NodeSockets(*endpoints(str(directory.path), COMPOSITION))
+    """Compose a graph; tools find it in its run directory, and there is the log of all its nodes.
+
+    Args:
+        checked: The graph.
+        directory: The run directory.
+        log_level: The least that is logged.
+        capture: What nodes print goes to the log, as that of processes does; the launcher itself writes to
+            the attribute ``launcher_stream`` of standard output and error.
+    """
+    log = LogFile(directory.log(MERGED_LOG))
+    output = NodeOutput(log)
+    with contextlib.ExitStack() as stack:
+        stack.callback(log.close)
+        stack.enter_context(_logging_to(log, log_level, output, capture=capture))
+        refused = stack.enter_context(shared_process())
+        sockets = NodeSockets(*endpoints(str(directory.path), COMPOSITION))
+        stack.callback(sockets.close)
+        if capture:
+            stack.enter_context(_captured(output, log, directory.log(COMPOSITION)))
+        composition = Composition(checked.nodes, checked.workspace, sockets)
+        composition.refused = refused
+        output.working = lambda: composition.working
+        yield composition
+
+
+@contextlib.contextmanager
+def _logging_to(log: LogFile, level: str, output: "NodeOutput", *, capture: bool) -> Iterator[None]:
+    """Let what nodes log go to the log; with ``capture`` what Python warns of, too, as one of theirs."""
+    handler = logging.StreamHandler(NodeOutput(log, head=False))
+    handler.setFormatter(_ComposedFormatter(output))
+    loggers = [logging.getLogger(name) for name in (("palp", "py.warnings") if capture else ("palp",))]
+    before = loggers[0].level
+    loggers[0].setLevel(level.upper())
+    for logger in loggers:
+        logger.addHandler(handler)
+    logging.captureWarnings(capture)
     try:
-        with shared_process():
-            yield Composition(checked.nodes, checked.workspace, sockets)
+        yield
     finally:
-        sockets.close()
-        logger.removeHandler(handler)
-        logger.setLevel(level)
-        handler.close()
+        logging.captureWarnings(False)
+        for logger in loggers:
+            logger.removeHandler(handler)
+        loggers[0].setLevel(before)
+
+
+class _ComposedFormatter(MergedFormatter):
+    """A warning of Python is one of the node that works."""
+
+    def __init__(self, output: "NodeOutput") -> None:
+        super().__init__()
+        self._output = output
+
+    def node_of(self, record: logging.LogRecord) -> str:
+        return self._output.working() if record.name == "py.warnings" else super().node_of(record)
+
+
+class NodeOutput(io.TextIOBase):
+    """Standard output of composed nodes: each line goes to the log, as one of the node that works.
+
+    Args:
+        log: The merged log.
+        head: Write time and node before each line.
+
+    Attributes:
+        launcher_stream: Where the launcher writes meanwhile.
+        working: Returns which node works.
+    """
+
+    def __init__(self, log: LogFile, *, head: bool = True) -> None:
+        self.launcher_stream: Any = None
+        self.working: Callable[[], str] = lambda: COMPOSITION
+        self._log, self._head, self._rest = log, head, ""
+
+    def write(self, text: str) -> int:
+        """Write the lines that are complete."""
+        *lines, self._rest = (self._rest + text).split("\n")
+        head = f"{time_text()} {self.working()}: " if self._head and lines else ""
+        self._log.write("".join(f"{head}{line}\n" for line in lines).encode(errors="backslashreplace"))
+        return len(text)
+
+    def fileno(self) -> int:
+        """Return what a process that a node starts writes to."""
+        return 1
+
+
+@contextlib.contextmanager
+def _captured(output: NodeOutput, log: LogFile, below: Path) -> Iterator[None]:
+    """Let what nodes print go to the log, and what is written below Python into a file of its own."""
+    real = sys.stdout, sys.stderr
+    error = NodeOutput(log)
+    error.working = lambda: output.working()
+    saved: list[int] = []
+    streams: list[Any] = list(real)
+    if all(_number(stream) == number for number, stream in enumerate(real, 1)):
+        file = os.open(below, os.O_WRONLY | os.O_CREAT | os.O_APPEND, PRIVATE)
+        for number, stream in enumerate(real, 1):
+            stream.flush()
+            saved.append(os.dup(number))
+            os.dup2(file, number)
+            streams[number - 1] = open(  # noqa: SIM115 - closed below
+                saved[-1], "w", encoding=stream.encoding, errors=stream.errors, closefd=False
+            )
+        os.close(file)
+    output.launcher_stream, error.launcher_stream = streams
+    sys.stdout, sys.stderr = output, error
+    if saved and faulthandler.is_enabled():
+        faulthandler.enable(saved[1])
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = real
+        for number, descriptor in enumerate(saved, 1):
+            streams[number - 1].flush()
+            os.dup2(descriptor, number)
+        if saved and faulthandler.is_enabled():
+            faulthandler.enable(2)
+        for descriptor in saved:
+            os.close(descriptor)
+
+
+def _number(stream: Any) -> int:
+    try:
+        return int(stream.fileno())
+    except (OSError, ValueError, AttributeError):
+        return -1

@@ -56,7 +56,7 @@ def levels_of(given: str | LogLevels) -> LogLevels:
     return LogLevels(given) if isinstance(given, str) else given
 
 
-class _LogFile:
+class LogFile:
     """A file that is only appended to; when it is full it becomes ``NAME.1``, and there is one such."""
 
     def __init__(self, path: Path) -> None:
@@ -96,7 +96,7 @@ class _Stream:
     def __init__(self, name: str, path: Path, read_end: int) -> None:
         self.name = name
         self.read_end = read_end
-        self.file = _LogFile(path)
+        self.file = LogFile(path)
         self._rest = b""
 
     def lines(self, data: bytes) -> list[bytes]:
@@ -118,12 +118,12 @@ class LogWriter:
 
     def __init__(self) -> None:
         self._streams: dict[int, _Stream] = {}
-        self._merged: _LogFile | None = None
+        self._merged: LogFile | None = None
 
     def open(self, name: str, path: Path) -> tuple[int, int]:
         """Begin the log of a process; return the ends of the pipe; it prints into the second."""
         if self._merged is None:
-            self._merged = _LogFile(path.with_name(f"{MERGED_LOG}.log"))
+            self._merged = LogFile(path.with_name(f"{MERGED_LOG}.log"))
         read_end, write_end = os.pipe()
         os.set_blocking(read_end, False)
         with contextlib.suppress(OSError):  # beyond the user's allowance the pipe stays small
