@@ -10,7 +10,7 @@ from pathlib import Path
 from tests.support.palp import PATIENCE_S, Palp, wait_for_line
 
 TOYS = '''
-import asyncio, os, select, signal, subprocess, sys
+import asyncio, ctypes, os, select, signal, subprocess, sys, threading
 from palp_core import Message, Node, Params, Progress, Pub, State, Sub, every, on
 
 
@@ -102,8 +102,25 @@ class Bad(Node):
     def leave(self):
         os._exit(0)
 
+    def leave_in_c(self):
+        ctypes.CDLL(None)._exit(0)
+
+    def leave_in_a_thread(self):
+        thread = threading.Thread(target=self.leave)
+        thread.start()
+        thread.join()
+
     def replace(self):
         os.execvp("true", ["true"])
+
+    def paint(self):
+        print("\\x1b[2Jhandler")
+        thread = threading.Thread(target=print, args=("\\x1b[2Jthread",))
+        thread.start()
+        thread.join()
+        os.write(1, b"\\x1b[2Jbelow\\n")
+        subprocess.run(["echo", "\\x1b[2Jchild"])
+        raise ValueError("enough")
 
     def cancel(self):
         raise asyncio.CancelledError

@@ -42,9 +42,14 @@ def escape_controls(text: str) -> str:
     return text.translate(_ESCAPES)
 
 
+def own_stream(stream: Any) -> Any:
+    """Return where palp itself writes while a standard stream is that of composed nodes."""
+    return getattr(stream, "launcher_stream", stream)
+
+
 def print_text(text: str) -> None:
     """Write a line to standard output, unwrapped."""
-    sys.stdout.write(escape_controls(text) + "\n")
+    own_stream(sys.stdout).write(escape_controls(text) + "\n")
 
 
 def print_json(value: Any) -> None:
@@ -84,12 +89,13 @@ def print_wrapped(text: str, indent: int = 0) -> None:
 def note(text: str, colour: str = "") -> None:
     """Write a line to standard error: what a reader of the output itself is not to see."""
     line = escape_controls(text)
-    if colour and sys.stderr.isatty():
+    error = own_stream(sys.stderr)
+    if colour and error.isatty():
         import typer
 
         line = typer.style(line, fg=colour)
-    sys.stderr.write(line + "\n")
-    sys.stderr.flush()
+    error.write(line + "\n")
+    error.flush()
 
 
 def make_folder(out: Path) -> None:

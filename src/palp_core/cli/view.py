@@ -16,7 +16,7 @@ from palp_core.cli.options import GraphOption, argument, option
 from palp_core.cli.output import note
 from palp_core.cli.running import find_graph
 from palp_core.errors import BagError, GraphError
-from palp_core.graph.process.parent_death import die_with_parent
+from palp_core.graph.supervision.fork_child import die_with_parent
 
 if TYPE_CHECKING:
     import socket

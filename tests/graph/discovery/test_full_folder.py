@@ -17,7 +17,6 @@ import pytest
 from palp_core.errors import GraphError
 from palp_core.graph.discovery import run_directory
 from palp_core.graph.discovery.run_directory import KEEP_ENDED, RunDirectory, running
-from palp_core.graph.supervision.fork_server import death_in_words
 from palp_core.graph.transport.offsets import Offsets
 from palp_core.user_folders import runtime_folder
 from tests.support.palp import CHAIN, PATIENCE_S, Palp, wait_for_line
@@ -124,12 +123,6 @@ def test_a_record_that_cannot_be_written_ends_no_run_that_is_visible_already(
         directory.write(record)
     assert "The graph goes on" in caplog.text
     directory.remove()
-
-
-def test_an_import_that_a_full_disk_has_ended_is_not_blamed_on_the_module(
-    tmp_path: Path, full_disk: None
-) -> None:
-    assert death_in_words(1, tmp_path / "descriptions").startswith(f"{tmp_path}: No space left on device")
 
 
 def test_a_node_that_cannot_note_its_place_says_where(tmp_path: Path, full_disk: None) -> None:

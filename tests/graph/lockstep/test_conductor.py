@@ -141,8 +141,8 @@ GRAPH = [
 
 def readers_of(specs: Sequence[NodeSpec], nodes: Composition) -> dict[str, list[int]]:
     readers: dict[str, list[int]] = {}
-    for index, executor in enumerate(nodes._executors):
-        for topic in executor.ends.accounts:
+    for index, node in enumerate(nodes._nodes):
+        for topic in node.executor.ends.accounts:
             readers.setdefault(topic, []).append(index)
     return readers
 

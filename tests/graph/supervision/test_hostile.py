@@ -46,16 +46,34 @@ def test_a_child_that_holds_a_dead_nodes_line_does_not_hold_the_supervisor(hosti
     assert hostile.palp.all_gone()
 
 
-@pytest.mark.parametrize("deed", ["leave", "replace"])
+IN_PROCESS = "^bad: its process ended with status 0"
+
+
 @pytest.mark.parametrize(
-    ("composed", "words"), [("", "its process ended with status 0"), ("--compose", "failed: os.")]
+    ("composed", "deed", "words"),
+    [
+        *(("", deed, IN_PROCESS) for deed in ("leave", "leave_in_c", "leave_in_a_thread", "replace")),
+        *(("--compose", deed, "^bad: .*failed: os.") for deed in ("leave", "leave_in_a_thread", "replace")),
+        ("--compose", "leave_in_c", "^the process of all nodes ended with status 0 before the run did"),
+    ],
 )
 def test_a_node_that_ends_its_process_ends_no_run_as_if_all_were_well(
     hostile: Hostile, deed: str, composed: str, words: str
 ) -> None:
     done = hostile.run(f"deed:={deed}", *composed.split())
     assert done.returncode == 1
-    assert re.search(f"^bad: .*{words}", done.stderr, re.MULTILINE)
+    assert re.search(words, done.stderr, re.MULTILINE)
+    assert hostile.palp.all_gone()
+
+
+@pytest.mark.parametrize("composed", ["", "--compose"])
+def test_no_node_writes_to_the_terminal_of_the_launch(hostile: Hostile, composed: str) -> None:
+    done = hostile.run("deed:=paint", *composed.split())
+    assert done.returncode == 1
+    assert "bad: take (handler of 'blob') failed: ValueError: enough" in done.stderr
+    assert "\x1b" not in done.stdout + done.stderr
+    logs = "".join(file.read_text() for file in hostile.palp.runtime_dir.glob("palp/*/log/*.log"))
+    assert all(f"\x1b[2J{word}\n" in logs for word in ("handler", "thread", "below", "child"))
 
 
 @pytest.mark.parametrize("clock", ["sim", "wall"])

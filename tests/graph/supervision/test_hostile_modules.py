@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from palp_core.graph.description.node_class import NodeClassRequest
-from palp_core.graph.supervision import fork_server
+from palp_core.graph.supervision import class_inspection, fork_server
 from palp_core.graph.supervision.fork_server import ForkServer
 from tests.graph.description.test_hostile_files import ENDINGS, GUEST
 
@@ -30,7 +30,7 @@ def test_a_module_that_ends_its_process_is_named_and_the_others_are_looked_at(
     (folder / "odd.py").write_text(f"{statement}\n{GUEST}")
     (folder / "fine.py").write_text(GUEST)
     runs = ("nodes.fine:Odd", "nodes.odd:Odd", "nodes.fine:Odd", "nodes.odd:Odd")
-    found = server.inspect_classes([NodeClassRequest(run) for run in runs], tmp_path, tmp_path)
+    found = server.inspect_classes([NodeClassRequest(run) for run in runs], tmp_path)
     assert [answer.run for answer in found] == list(runs)
     errors = [answer.error for answer in found]
     assert errors == [None, words.format(module=folder / "odd.py")] * 2
@@ -61,17 +61,17 @@ LOOPS = {
 def test_a_module_whose_import_has_no_end_is_named_and_its_process_killed(
     server: ForkServer, tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(fork_server, "STILL_S", 1.0)
-    monkeypatch.setattr(fork_server, "_LAST_WORDS_S", 1.0 if name == "is deaf" else 60.0)
+    monkeypatch.setattr(class_inspection, "IMPORT_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(fork_server, "_BACK_TRACE_S", 1.0 if name == "is deaf" else 60.0)
     folder, (statement, words) = tmp_path / "nodes", LOOPS[name]
     folder.mkdir()
     (folder / "__init__.py").touch()
     (folder / "odd.py").write_text(f"{statement}\n{GUEST}")
     (folder / "fine.py").write_text(GUEST)
     requests = [NodeClassRequest("nodes.odd:Odd"), NodeClassRequest("nodes.fine:Odd")]
-    found = server.inspect_classes(requests, tmp_path, tmp_path)
+    found = server.inspect_classes(requests, tmp_path)
     first, second = (answer.error or "" for answer in found)
     assert first == second  # what is said of all that were not looked at is said once
     assert first.startswith(words)
     assert "importing this does not come to an end (nothing happened for 1 s)" in first
-    assert server.inspect_classes(requests[1:], tmp_path, tmp_path)[0].error is None
+    assert server.inspect_classes(requests[1:], tmp_path)[0].error is None

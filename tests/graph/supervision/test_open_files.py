@@ -5,11 +5,13 @@ from __future__ import annotations
 import resource
 import subprocess
 import sys
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from palp_core.errors import GraphError
-from palp_core.graph.supervision.open_files import make_room
+from palp_core.graph.supervision.fork_server import ForkServer
 from tests.support.palp import CHAIN, PATIENCE_S, Palp
 
 HARD = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
@@ -40,10 +42,11 @@ def test_a_hard_limit_that_is_too_low_is_told_with_the_number_needed(palp: Palp)
 def test_every_node_counts() -> None:
     with subprocess.Popen(["sleep", "60"]) as process:
         try:
-            make_room(900, process.pid)
+            server: Any = SimpleNamespace(pid=process.pid)
+            ForkServer.make_room(server, 900)
             assert resource.prlimit(process.pid, resource.RLIMIT_NOFILE)[0] >= 2000
             if HARD != resource.RLIM_INFINITY:
                 with pytest.raises(GraphError, match=f"need {200 + 2 * HARD} open files"):
-                    make_room(HARD, process.pid)
+                    ForkServer.make_room(server, HARD)
         finally:
             process.kill()

@@ -193,7 +193,7 @@ from palp_core.graph.supervision.fork_server import ForkServer
 
 server, folder = ForkServer(), Path(sys.argv[1])
 for name, where in ("talk", "forked"), ("heavy", "nowhere"), ("heavy", "composed"), ("heavy", "forked"):
-    (found,) = server.inspect_classes([NodeClassRequest(f"nodes.{name}:Talk")], folder, folder, to_run=where)
+    (found,) = server.inspect_classes([NodeClassRequest(f"nodes.{name}:Talk")], folder, to_run=where)
     assert found.error is None
     maps = Path(f"/proc/{server.pid}/maps").read_text()
     in_server = [word for word in ("/scipy/", "/scipy/special/", "/scipy/signal/", "zmq") if word in maps]

@@ -10,9 +10,8 @@ from typing import Any, get_type_hints
 
 import pytest
 
-from palp_core.graph.process.swap_messages import FromSwapped, Handover, Working, WorkReport
-from palp_core.graph.supervision.process_probation import ProcessProbation
-from palp_core.graph.swap.process_swap import CHANGE, TABLE, ProcessSwap
+from palp_core.graph.process.swap_messages import FromSwapped, Handover, Working
+from palp_core.graph.swap.engine import CHANGE, TABLE, Swap
 from palp_core.graph.swap.swap import STEPS, SwapFailed
 from tests.support.palp import ROOT
 
@@ -36,10 +35,11 @@ def supervisor_of(said: deque[FromSwapped]) -> Any:
     )
 
 
-def swap_of(said: deque[FromSwapped]) -> ProcessSwap:
+def swap_of(said: deque[FromSwapped]) -> Swap:
     """A swap whose old node says this, one after the other."""
-    swap: Any = SimpleNamespace(index=0, request=SimpleNamespace(node="relay", timeout_s=1.0))
-    return ProcessSwap(supervisor_of(said), Path(), swap, 0, None)  # type: ignore[arg-type]
+    request = SimpleNamespace(node="relay", timeout_s=1.0)
+    swap: Any = SimpleNamespace(index=0, request=request, new=SimpleNamespace(inputs={}))
+    return Swap(supervisor_of(said), Path(), swap, 0, None)
 
 
 HAND_OVER = CHANGE[0]
@@ -73,15 +73,3 @@ def test_the_documented_table_is_the_one_that_is_walked() -> None:
     ]
     assert "\n".join(rows) in Path(ROOT, "docs/swap.md").read_text()
     assert tuple(dict.fromkeys(step.name for step in TABLE if step.name in STEPS)) == STEPS[1:]
-
-
-def test_nor_is_it_one_to_a_probation_in_lockstep() -> None:
-    def reported(*said: FromSwapped) -> tuple[WorkReport | None, str]:
-        probation = ProcessProbation(supervisor_of(deque(said)), None, 0, (), 3, can_roll_back=True)  # type: ignore[arg-type]
-        return probation._report(), probation.failure
-
-    wanted = WorkReport(b"", [], 1, 1, "handler")
-    assert reported(Working(0.0, 0), wanted) == (wanted, "")
-    commit, failure = reported(Working(0.0, 0))
-    assert commit is None
-    assert "did not return" in failure

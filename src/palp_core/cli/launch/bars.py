@@ -1,10 +1,14 @@
 """The bars of the launch view on a terminal, and what stands below them."""
 
+import sys
 from collections.abc import Iterable
 
-from rich.console import RenderableType
+from rich.console import Console, RenderableType
+from rich.file_proxy import FileProxy
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.text import Text
+
+from palp_core.cli.output import own_stream
 
 
 class Bars(Progress):
@@ -13,13 +17,19 @@ class Bars(Progress):
     def __init__(self) -> None:
         self._lines: dict[str, Text] = {}
         self._phases: dict[str, TaskID] = {}
+        of_nodes = [stream for stream in (sys.stdout, sys.stderr) if hasattr(stream, "launcher_stream")]
         super().__init__(
             TextColumn("{task.description:<12}", markup=False),
             BarColumn(),
             MofNCompleteColumn(),
             TextColumn("{task.fields[note]}", markup=False),
             TimeElapsedColumn(),
+            console=Console(file=own_stream(sys.stdout)),
+            redirect_stdout=not of_nodes,
+            redirect_stderr=not of_nodes,
         )
+        for stream in of_nodes:  # what palp itself writes stands above the bars
+            stream.launcher_stream = FileProxy(self.console, stream.launcher_stream)
 
     def get_renderables(self) -> Iterable[RenderableType]:
         yield from super().get_renderables()

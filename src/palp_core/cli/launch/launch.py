@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import faulthandler
 import json
-import os
 import signal
 import sys
 from collections.abc import Iterator, Sequence
@@ -14,12 +13,13 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 from palp_core.cli import completion
 from palp_core.cli.launch.graph import note_remarks, note_without_effect
+from palp_core.cli.launch.watched import go_on_watched
 from palp_core.cli.options import Level, argument, option
 from palp_core.cli.output import note, print_text
 from palp_core.counted import counted
 from palp_core.errors import GraphError, NodeError, PalpError
 from palp_core.graph.problems import hint
-from palp_core.graph.supervision.log_levels import LogLevels
+from palp_core.graph.supervision.logs import LogLevels
 from palp_core.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -87,13 +87,13 @@ def launch(
             f"{counted(len(checked.topics), 'topic')}"
         )
         return
-    if compose and os.environ.get("PYTHONHASHSEED") != "0":  # sets in the order they have in nodes' processes
-        os.environ["PYTHONHASHSEED"] = "0"
-        os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
+    announce_end = go_on_watched() if compose else lambda: None
     if compose:
         faulthandler.enable()  # a crash in C names its Python lines, as in nodes' processes
     options = {"name": name, "log_level": levels, "compose": compose, "record": record, "listen": listen}
-    sys.exit(_run(file, overrides, digest=digest, in_browser=view, operate=operate, resume=resume, **options))
+    status = _run(file, overrides, digest=digest, in_browser=view, operate=operate, resume=resume, **options)
+    announce_end()
+    sys.exit(status)
 
 
 def _run(

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from palp_core.cli.output import escape_controls, note, print_text
+from palp_core.cli.output import escape_controls, note, own_stream, print_text
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.launch.run_journal import time_of_day
 from palp_core.graph.messages.builtin import Progress
@@ -51,7 +51,7 @@ class LaunchView:
     def _start(self, graph: CheckedGraph) -> None:
         self._start_ns = monotonic_ns()
         self._lockstep = graph.clock == "sim"
-        if sys.stdout.isatty():
+        if own_stream(sys.stdout).isatty():
             from palp_core.cli.launch.bars import Bars
 
             self._bars = Bars()
@@ -80,7 +80,7 @@ class LaunchView:
     def _show(self, progress: Progress, note: str) -> None:
         if self._bars is None:
             print_text(f"{progress.phase}: {progress.done_count}/{progress.total_count} {note}".rstrip())
-            sys.stdout.flush()
+            own_stream(sys.stdout).flush()
             return
         phase = escape_controls(progress.phase)
         self._bars.show(phase, progress.done_count, progress.total_count, escape_controls(note))
@@ -99,4 +99,4 @@ class LaunchView:
             )
             return
         print_text(line or f"{time_of_day(0)} {topic}: ok again")
-        sys.stdout.flush()
+        own_stream(sys.stdout).flush()

@@ -9,12 +9,12 @@ from typing import Any, Literal
 from palp_core.graph.description.check import load
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.description.node_class import NodeClass
-from palp_core.graph.discovery.run_directory import RunDirectory, check_free
+from palp_core.graph.discovery.run_directory import check_free
 from palp_core.graph.launch.summary import RunSummary, report_function, summary_of
 from palp_core.graph.node.spec import NodeSpec
-from palp_core.graph.supervision.fork_server import ForkServer, ToRun
+from palp_core.graph.supervision.class_inspection import ToRun
+from palp_core.graph.supervision.fork_server import ForkServer
 from palp_core.graph.swap.compatibility import incompatibilities, replaced
-from palp_core.graph.workspaces.underlays import launch_path
 
 
 def succeed(checked: CheckedGraph, spec: NodeSpec, new_class: NodeClass) -> tuple[list[str], CheckedGraph]:
@@ -23,15 +23,13 @@ def succeed(checked: CheckedGraph, spec: NodeSpec, new_class: NodeClass) -> tupl
     return wrong, checked if wrong else replaced(checked, spec, new_class, {})
 
 
-def check_in(
-    server: ForkServer, path: Path, overrides: Sequence[str], folder: RunDirectory, *, to_run: ToRun
-) -> CheckedGraph:
+def check_in(server: ForkServer, path: Path, overrides: Sequence[str], *, to_run: ToRun) -> CheckedGraph:
     """Check a launch file whose node classes children of a fork server import.
 
     Raises:
         GraphProblems: Every problem of the file, each with its place.
     """
-    inspect = partial(server.inspect_classes, folder=folder.path, to_run=to_run)
+    inspect = partial(server.inspect_classes, to_run=to_run)
     return load(path, overrides, inspect, succeed)
 
 
@@ -41,13 +39,11 @@ def check_file(path: str | Path, overrides: Sequence[str] = ()) -> CheckedGraph:
     Raises:
         GraphProblems: Every problem of the file, each with its place.
     """
-    folder = RunDirectory(launch_path(path).stem)
     server = ForkServer()
     try:
-        return check_in(server, Path(path), overrides, folder, to_run="nowhere")
+        return check_in(server, Path(path), overrides, to_run="nowhere")
     finally:
         server.close()
-        folder.remove()
 
 
 def check_start(

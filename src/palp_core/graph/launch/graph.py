@@ -31,12 +31,12 @@ from palp_core.graph.messages.builtin import DiagnosticStatus, GraphEvent, Metho
 from palp_core.graph.node.spec import MERGED_LOG
 from palp_core.graph.recording.provenance import launch_provenance
 from palp_core.graph.recording.recorders import Recorders
-from palp_core.graph.supervision.fork_server import ForkServer, ToRun
+from palp_core.graph.supervision.class_inspection import ToRun
+from palp_core.graph.supervision.fork_server import ForkServer
 from palp_core.graph.supervision.fork_start import ServerProcess
 from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
 from palp_core.graph.supervision.launcher_node import LauncherNode
-from palp_core.graph.supervision.log_levels import LogLevels, levels_of
-from palp_core.graph.supervision.open_files import make_room
+from palp_core.graph.supervision.logs import LogLevels, levels_of
 from palp_core.graph.supervision.run_record import run_record
 from palp_core.graph.swap.swap import AskToSwap, Swapper, SwapRequest
 from palp_core.graph.workspaces.underlays import launch_path
@@ -154,11 +154,11 @@ class Graph:
 
     def _check(self, stack: contextlib.ExitStack, server: ForkServer) -> None:
         """Check the launch file, and find what an interrupted run has left."""
-        checked = check_in(server, self.path, self._overrides, self.directory, to_run=self._to_run)
+        checked = check_in(server, self.path, self._overrides, to_run=self._to_run)
         if self._compose and checked.clock != "sim":
             raise GraphError(f"{self.path}: only a graph with 'clock: sim' can be composed into one process")
         if not self._compose:
-            make_room(len(checked.spawned), server.pid)
+            server.make_room(len(checked.spawned))
         name = self._name or checked.graph
         self.checked = msgspec.structs.replace(checked, graph=name, composed=self._compose)
         self.checkpoints = Checkpoints(self.checked, self._overrides, resume=self._resume)
@@ -167,7 +167,7 @@ class Graph:
     def _prepare(self, stack: contextlib.ExitStack, server: ForkServer) -> None:
         """Do what may still refuse the run: the report's say, classes of a checkpoint, bags, other hosts."""
         ask_report(self.checked, "prepare", self._summary())
-        inspect = partial(server.inspect_classes, folder=self.directory.path, to_run=self._to_run)
+        inspect = partial(server.inspect_classes, to_run=self._to_run)
         self.checked = self.checkpoints.with_successors(inspect)
         resumed = self.checkpoints.resumed
         kept = None if resumed is None else resumed.attached
@@ -193,7 +193,8 @@ class Graph:
         from palp_core.graph.lockstep.composition import composed
 
         server.close()
-        nodes = stack.enter_context(composed(self.checked, self.directory, self._levels.least_logged))
+        least, capture = self._levels.least_logged, self._show_log is not None
+        nodes = stack.enter_context(composed(self.checked, self.directory, least, capture=capture))
         return LockstepRun(nodes, self.checked, self._show, self._between_instants)
 
     def _start(self, stack: contextlib.ExitStack, server: ForkServer) -> LockstepRun | WallRun:
@@ -222,9 +223,9 @@ class Graph:
         return WallRun(supervisor, checked, self.gateway)
 
     def _open_swaps(self, run: LockstepRun | WallRun) -> None:
-        backend = run.swap_backend(self.directory.path, Path(self.checked.workspace))
+        engine = run.swap_engine(self.directory.path, Path(self.checked.workspace))
         report = self.launcher_node.report
-        self.swaps = Swapper(self.checked, backend, self._now_ns, self._swapped, report)
+        self.swaps = Swapper(self.checked, engine, self._now_ns, self._swapped, report)
         self.launcher_node.answer("swap_progress", lambda _: self.swaps.progress())
         self.launcher_node.defer("swap", AskToSwap, self.swaps.answer)
 

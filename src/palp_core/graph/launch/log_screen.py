@@ -11,7 +11,7 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.choice import addressed
 from palp_core.graph.discovery.logs import RANK, LineReader, LogLine, follow
 from palp_core.graph.log_format import ENDS_NODE
-from palp_core.graph.supervision.log_levels import LogLevels, levels_of
+from palp_core.graph.supervision.logs import LogLevels, levels_of
 
 MOST_PER_S = 100
 """Lines shown of a second; how many more there are is said (assumed: nobody reads faster)."""

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING
 
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.checked import RECORDER, CheckedGraph
-from palp_core.graph.lockstep.conductor import Conductor, LockstepNodes, Observer
-from palp_core.graph.lockstep.simulated_time import SimulatedTime
+from palp_core.graph.lockstep.conductor import Conductor, Observer
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.supervision.interrupt import ended_after
 from palp_core.graph.supervision.supervisor import Supervisor
-from palp_core.graph.swap.swap import SwapBackend
+from palp_core.graph.swap.engine import SwapEngine, SwapHost
 
 if TYPE_CHECKING:
     from palp_core.graph.network.gateway_handle import GatewayHandle
@@ -25,7 +24,7 @@ class LockstepRun:
     """A run in simulated time."""
 
     def __init__(
-        self, nodes: LockstepNodes, checked: CheckedGraph, observe: Observer, check: Callable[[], None]
+        self, nodes: SwapHost, checked: CheckedGraph, observe: Observer, check: Callable[[], None]
     ) -> None:
         ends_run = [i for i, spec in enumerate(checked.nodes) if spec.shutdown_on_exit]
         self._nodes, self._order = nodes, end_order(checked.spawned)
@@ -57,17 +56,11 @@ class LockstepRun:
         if done is not None:
             self._conductor.accept(index, done)
 
-    def swap_backend(self, folder: Path, workspace: Path) -> SwapBackend:
-        """Return what swaps the nodes: between processes, or within the one of a composed graph."""
-        time = SimulatedTime()
-        time.conductor = self._conductor
-        if isinstance(self._nodes, Supervisor):
-            return _between_processes(self._nodes, folder, workspace, time)
-        from palp_core.graph.lockstep.composition import Composition
-        from palp_core.graph.swap.composed_swap import ComposedSwaps
-
-        assert isinstance(self._nodes, Composition)
-        return ComposedSwaps(self._nodes, workspace, time)
+    def swap_engine(self, folder: Path, workspace: Path) -> SwapEngine:
+        """Return what swaps the nodes."""
+        engine = SwapEngine(self._nodes, folder, workspace)
+        engine.conductor = self._conductor
+        return engine
 
 
 class WallRun:
@@ -108,19 +101,11 @@ class WallRun:
     def replace(self, checked: CheckedGraph, index: int, done: Done | None) -> None:
         """Go on with another node in the place of one: its readers have been told by the swap."""
 
-    def swap_backend(self, folder: Path, workspace: Path) -> SwapBackend:
+    def swap_engine(self, folder: Path, workspace: Path) -> SwapEngine:
         """Return what swaps the nodes."""
-        return _between_processes(self._supervisor, folder, workspace, SimulatedTime())
+        return SwapEngine(self._supervisor, folder, workspace)
 
 
 def end_order(nodes: Sequence[NodeSpec]) -> list[int]:
     """Return the order in which nodes end: those that move something first, recorders last."""
     return sorted(range(len(nodes)), key=lambda i: (nodes[i].run == RECORDER, not nodes[i].moves, i))
-
-
-def _between_processes(
-    supervisor: Supervisor, folder: Path, workspace: Path, time: SimulatedTime
-) -> SwapBackend:
-    from palp_core.graph.swap.process_swap import ProcessSwaps
-
-    return ProcessSwaps(supervisor, folder, workspace, time)

@@ -34,7 +34,7 @@ from palp_core.graph.network.relay import NodeProxy, Peer, Relay
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.process.channel import ChannelClosed, MessageChannel
-from palp_core.graph.process.parent_death import die_with_parent
+from palp_core.graph.supervision.fork_child import die_with_parent
 from palp_core.graph.transport.in_flight_bytes import InFlightBytes
 from palp_core.graph.transport.request_server import NodeRequest
 

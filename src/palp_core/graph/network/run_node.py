@@ -64,7 +64,7 @@ def run_node(
             remote = JoinedGraph(address, folder.path, interrupt) if address is not None else None
             if remote is not None:
                 stack.callback(remote.close)
-            described = _describe(server, name, run, params, workspace, folder.path)
+            described = _describe(server, name, run, params, workspace)
             spec = _placed(name, run, params, wires, described, remote, say)
         except BaseException:  # nothing has run: there are no logs to keep
             stack.close()
@@ -98,9 +98,9 @@ def _now_ns(supervisor: Supervisor) -> int:
 
 
 def _describe(
-    server: ForkServer, name: str, run: str, params: Mapping[str, Any], workspace: Path, folder: Path
+    server: ForkServer, name: str, run: str, params: Mapping[str, Any], workspace: Path
 ) -> NodeClass:
-    (described,) = server.inspect_classes([NodeClassRequest(run, dict(params), name=name)], workspace, folder)
+    (described,) = server.inspect_classes([NodeClassRequest(run, dict(params), name=name)], workspace)
     problems = [described.error] if described.error else list(described.param_errors.values())
     if problems:
         raise GraphError(f"{run}: " + "; ".join(problems))

@@ -1,6 +1,6 @@
 """One process's part in a hot swap: the predecessor's, or that of the successor which takes over."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import msgspec
@@ -28,6 +28,64 @@ READERS_NS = 300_000_000
 that is stopped must not keep a node from its swap)."""
 
 
+class SharedSockets:
+    """What a composed node has of the sockets of its process: its readers stay where they are in a swap.
+
+    Args:
+        shared: The sockets; None if nobody can listen.
+    """
+
+    endpoints = "", ""
+    context: Any = None
+
+    def __init__(self, shared: NodeSockets | None) -> None:
+        self.publisher = self.requests = self
+        self.readers: dict[str, int] = {}
+        self.named_readers: set[str] = set()
+        self.remembered: dict[str, bytes] = {}
+        self.greeting: Callable[[PublisherEnd[Any]], list[bytes]] = lambda _: []
+        self._shared = shared.publisher if shared is not None else None
+        self._held: Callable[[bytes], object] | None = None
+        self._kept_back: list[bytes] = []
+
+    @property
+    def has_subscribers(self) -> bool:
+        """True while anyone subscribes to anything."""
+        return self._shared is not None and self._shared.has_subscribers
+
+    def send(self, frame: bytes) -> None:
+        """Publish a frame, or keep it back."""
+        if self._held is not None:
+            self._held(frame)
+        elif self._shared is not None:
+            self._shared.send(frame)
+
+    def hold(self, instead: Callable[[bytes], object] | None = None) -> None:
+        """Keep back whatever is published until :meth:`release`, or give it to somebody else."""
+        self._kept_back = []
+        self._held = instead or self._kept_back.append
+
+    def release(self) -> None:
+        """Publish what was kept back."""
+        self._held = None
+        self.send_past_hold(self._kept_back)
+
+    def send_past_hold(self, frames: Iterable[bytes]) -> None:
+        """Send frames past what is kept back."""
+        for frame in frames:
+            if self._shared is not None:
+                self._shared.send(frame)
+
+    def remember(self, _: dict[str, bytes]) -> None:
+        """Replies stay with the process."""
+
+    def poll(self) -> None:
+        """The process does."""
+
+    def wait_until_unread(self, _: int, __: int) -> None:
+        """Nobody leaves."""
+
+
 class SwapParticipant:
     """A node's part in a swap.
 
@@ -41,7 +99,7 @@ class SwapParticipant:
     def __init__(
         self,
         executor: Executor,
-        sockets: NodeSockets,
+        sockets: NodeSockets | SharedSockets,
         answer: Callable[[ChannelMessage], None],
         supervisor: int,
         *,
@@ -215,9 +273,8 @@ class SwapParticipant:
             if message.shadow is not None:
                 self._begin_shadow(message.shadow, hand_over.published)
             if message.on_probation:
-                self._reporter = WorkReporter(self._executor, reports=message.start_ns > 0)
-                if self._reporter.reports:
-                    self._sockets.publisher.hold(self._reporter.frames.append)
+                self._reporter = WorkReporter(self._executor)
+                self._sockets.publisher.hold(self._reporter.frames.append)
             self._executor.take_over(hand_over, message.params)
             if message.shadow is None:
                 self._sockets.requests.remember(message.handover.remembered)
@@ -243,20 +300,15 @@ class SwapParticipant:
         if self._reporter is None:
             return None
         report = self._reporter.report(last=last)
-        if last and self._reporter.reports:
-            self._sockets.publisher.hold()
         if last:
+            self._sockets.publisher.hold()
             self._reporter = None
         return report
 
     @property
-    def shadowing(self) -> bool:
-        return self._comparison is not None
-
-    @property
-    def on_probation(self) -> bool:
-        """True while its predecessor may have to go on from where this node has come."""
-        return self._reporter is not None
+    def is_unread(self) -> bool:
+        """True while this node works, and its predecessor is read."""
+        return self._comparison is not None or self._reporter is not None
 
     def _begin_shadow(self, publish: str, published: Mapping[str, int]) -> None:
         publishers = self._executor.ends.publishers.items()
@@ -283,6 +335,7 @@ class SwapParticipant:
     def _commit(self, message: swap_messages.Commit) -> None:
         self.silent = False
         self._pending.clear()  # the last report may have been asked for twice
+        self._reporter = None
         publisher, executor = self._sockets.publisher, self._executor
         publisher.greeting = lambda end: [end.heartbeat()]
         self._send_move("here", self._sockets.endpoints)

@@ -1,5 +1,6 @@
-"""What a process does between the fork and being a node: release the server, take its place on the host."""
+"""What a child process does for itself: share its parent's death, release the fork server, take its place."""
 
+import ctypes
 import faulthandler
 import gc
 import io
@@ -13,7 +14,25 @@ from collections.abc import Callable, Sequence
 from typing import NoReturn
 
 from palp_core.graph.log_format import begin_log
-from palp_core.graph.process.parent_death import die_with_parent
+
+_SET_DEATH_SIGNAL, _SET_CHILD_SUBREAPER = 1, 36
+_LIBC = ctypes.CDLL(None, use_errno=True)  # loaded once: a freshly forked process only calls
+
+
+def die_with_parent(parent: int = 0) -> None:
+    """Let this process be killed when the one that started it dies, however that comes.
+
+    Args:
+        parent: Its process id, to end at once if it has died before this call; 0: that is noticed elsewhere.
+    """
+    _LIBC.prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
+    if parent and os.getppid() != parent:
+        os._exit(1)
+
+
+def adopt_orphans() -> None:
+    """Become the parent of every descendant whose own parent dies."""
+    _LIBC.prctl(_SET_CHILD_SUBREAPER, 1)
 
 
 def run_child(work: Callable[[], int], server: int, output: int, release: Callable[[], None]) -> NoReturn:

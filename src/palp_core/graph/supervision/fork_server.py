@@ -1,7 +1,7 @@
 """The parent of every node's process: warm, single-threaded, and the guarantee that no orphan remains.
 
 Both ends of its channel are here: :class:`ForkServer` is the launcher's. It is started by the launcher,
-imports what nodes share (see :mod:`.preload`), and forks on request from its main thread only. It writes down
+imports what nodes share, and forks on request from its main thread only. It writes down
 what its children print. When the launcher's end closes, it brings all children down (SIGTERM, then SIGKILL
 after a grace of 0.6 s) and exits. If it is killed itself, the kernel kills its children. What a node has
 started goes with the node; what has left the node's process group, with the server, after the same grace.
@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import importlib
 import os
-import re
+import resource
 import select
 import signal
 import socket
@@ -22,57 +23,46 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal
 
 import msgspec
 
 from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, inspected
-from palp_core.graph.messages.message import decode_any, encode_any
+from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
 from palp_core.graph.process.control_messages import Spawn
-from palp_core.graph.process.parent_death import adopt_orphans
-from palp_core.graph.supervision.fork_child import apply_scheduling, run_child
+from palp_core.graph.supervision import class_inspection
+from palp_core.graph.supervision.class_inspection import (
+    INSPECTING,
+    NOT_STARTED,
+    OUTPUT_BYTES,
+    HeavyImport,
+    InspectClasses,
+    Inspected,
+    Inspection,
+    ToRun,
+    import_heavy,
+    inspect_in_child,
+)
+from palp_core.graph.supervision.fork_child import adopt_orphans, apply_scheduling, run_child
 from palp_core.graph.supervision.fork_start import ServerProcess, start_fork_server
 from palp_core.graph.supervision.interrupt import Interrupt
 from palp_core.graph.supervision.logs import LogWriter
-from palp_core.graph.supervision.preload import ImportAnnouncer, import_heavy, preload, read_announced
-from palp_core.user_folders import room_mistake
-from palp_core.whole_file import PRIVATE, open_private
 
 GRACE_NS = 600_000_000
 CLOSE_TIMEOUT_S = 5.0
-STILL_S = 10.0
-"""How long an inspecting child may do nothing that can be seen: import no further module, give no answer."""
-
-_TURN_S = 0.25
-_LAST_WORDS_S = 2.0
-_LENGTH_BYTES = 4
-_CRASH = re.compile(r"Fatal Python error.*?most recent call first", re.DOTALL)
-_FRAME = re.compile(r'File "([^"]+)", line (\d+)')
-INSPECTING = ""
-"""Name of an inspecting child."""
+LIGHT = ("numpy", "numpy.random", "msgspec", "msgpack", "palp_core.graph.node.executor")
+"""What every node needs; no zmq (a child may use an inherited socket without error), and nothing of the
+workspace (a swap could not load it again)."""
 NO_PROCESS = 2**31 - 1
 """In place of the id of a process that could not be started: no process has one as high."""
-NOT_STARTED = 256
-"""Added to the error's number it is the status: no process ends with one as high."""
 
-
-ToRun = Literal["forked", "composed", "nowhere"]
-"""Where nodes of inspected classes are to run: forked by the server, within the launcher, or nowhere."""
-
-
-class InspectClasses(ChannelMessage, frozen=True):
-    """Fork a child that inspects node classes and writes the answer to a file.
-
-    What is heavy is imported beside it where the nodes are to run: by the server, or by the launcher.
-    """
-
-    requests: list[NodeClassRequest]
-    workspace: str
-    answer: str
-    to_run: ToRun = "forked"
+_BACK_TRACE_S = 2.0
+FILES_OF_EACH_NODE = 2
+"""In the server: what a node prints, and its log. The launcher has one, the node's channel."""
+FILES_OF_THE_GRAPH = 200
+"""Whatever the number of nodes (counted: 20 in the launcher, 15 in the server); the rest is for tools that
+ask, four each, and for processes that stand by in a swap."""
 
 
 class Signal(ChannelMessage, frozen=True):
@@ -92,22 +82,18 @@ class Started(ChannelMessage, frozen=True):
 class Exited(ChannelMessage, frozen=True):
     """A child is gone and reaped, or could not be started.
 
-    ``status`` is as :func:`os.waitstatus_to_exitcode` gives it, or :data:`NOT_STARTED` and more.
+    ``status`` is as :func:`os.waitstatus_to_exitcode` gives it, or :data:`NOT_STARTED` and more; ``output``
+    is the end of what an inspecting child has printed.
     """
 
     name: str
     pid: int
     status: int
-
-
-class HeavyImports(ChannelMessage, frozen=True):
-    """An inspecting child imports what is heavy, and the launcher is to run its nodes."""
-
-    modules: list[str]
+    output: str = ""
 
 
 Request = Spawn | InspectClasses | Signal
-ChildEvent = Started | Exited
+ChildEvent = Started | Exited | Inspected
 
 
 class ForkServer:
@@ -121,7 +107,7 @@ class ForkServer:
     def __init__(self, interrupt: Interrupt | None = None, started: ServerProcess | None = None) -> None:
         self._interrupt = interrupt
         self._process, connection = started or start_fork_server()
-        self._channel = MessageChannel(connection, msgspec.msgpack.Decoder(ChildEvent | HeavyImports))
+        self._channel = MessageChannel(connection, msgspec.msgpack.Decoder(ChildEvent | HeavyImport))
 
     @property
     def descriptor(self) -> int:
@@ -148,6 +134,24 @@ class ForkServer:
         """Send a signal to a child."""
         self.send(Signal(pid, int(number)))
 
+    def make_room(self, node_count: int) -> None:
+        """Let launcher and server open the files that so many nodes need; 1024 are enough for 412.
+
+        Raises:
+            GraphError: The hard limit, which only an administrator can raise, does not allow it.
+        """
+        needed = FILES_OF_THE_GRAPH + FILES_OF_EACH_NODE * node_count
+        for pid in (0, self.pid):
+            soft, hard = resource.prlimit(pid, resource.RLIMIT_NOFILE)
+            if soft != resource.RLIM_INFINITY and soft < needed:
+                if hard != resource.RLIM_INFINITY and hard < needed:
+                    raise GraphError(
+                        f"{node_count} nodes need {needed} open files in one process; {hard} are allowed "
+                        f"here: raise the hard limit to {needed} (ulimit -Hn, LimitNOFILE= of a service, or "
+                        "/etc/security/limits.conf)"
+                    )
+                resource.prlimit(pid, resource.RLIMIT_NOFILE, (needed, hard))
+
     def read_events(self) -> list[ChildEvent]:
         """Wait for events of children and return what there is; import what is announced.
 
@@ -163,31 +167,29 @@ class ForkServer:
         found = []
         while self._channel.buffered():
             item = self._channel.receive()
-            if isinstance(item, HeavyImports):
-                import_heavy(item.modules)
+            if isinstance(item, HeavyImport):
+                import_heavy(item.module)
             else:
                 found.append(item)
         return found
 
     def inspect_classes(
-        self, requests: Sequence[NodeClassRequest], workspace: Path, folder: Path, *, to_run: ToRun = "forked"
+        self, requests: Sequence[NodeClassRequest], workspace: Path, *, to_run: ToRun = "forked"
     ) -> list[NodeClass]:
-        """Let a forked child import node classes and say what they are.
+        """Let a forked child import node classes and describe them.
 
-        If one ends the child, that is what is said of it, and another child goes on with the next. If one
-        does not come to an end, that is said of all that are left: they may well wait for the same module.
+        If one ends the child, its error says so, and another child goes on with the next. If one does not
+        come to an end, that is the error of all that are left: they may well wait for the same module.
 
         Args:
             requests: What to look at.
             workspace: First on the module path.
-            folder: Where the answer is written.
             to_run: Where nodes of these classes are to run, which then find loaded there what is heavy.
 
         Raises:
             GraphError: The fork server is gone.
             Interrupted: The user asked for the end.
         """
-        answer = folder / "descriptions"
         found: list[NodeClass] = []
         ended: dict[str, str] = {}  # what ended a child once is not imported again
         while len(found) < len(requests):
@@ -195,41 +197,39 @@ class ForkServer:
             if request.run in ended:
                 found.append(NodeClass(run=request.run, error=ended[request.run]))
                 continue
-            self.send(InspectClasses(list(requests[len(found) :]), str(workspace), str(answer), to_run))
-            status = self._wait_for_inspector(answer)
-            found += answers_in(answer)
+            self.send(InspectClasses(list(requests[len(found) :]), str(workspace), to_run))
+            inspection = Inspection()
+            in_time = self._finish(inspection)
+            found += inspection.answers
             if len(found) == len(requests):
                 break
-            if status is None:
-                words = stillness_in_words(answer, workspace)
-                return found + [NodeClass(run=left.run, error=words) for left in requests[len(found) :]]
-            ended[requests[len(found)].run] = death_in_words(status, answer)
+            if not in_time:
+                error = inspection.describe_stall(workspace)
+                return found + [NodeClass(run=left.run, error=error) for left in requests[len(found) :]]
+            ended[requests[len(found)].run] = inspection.describe_crash()
         return found
 
-    def _wait_for_inspector(self, answer: Path) -> int | None:
-        """Return the exit status of the inspecting child, once it has ended; None if it had to be killed."""
-        pid, seen, still_s = 0, (0, 0), 0.0
-        while True:
-            if self._readable(_TURN_S):
-                for item in self.read_events():
-                    if isinstance(item, Exited):
-                        return item.status
-                    pid = item.pid
-            elif pid:  # turns are counted, not seconds: time in which this process was stopped is no sign
-                before, seen = seen, _signs_of_life(answer)
-                still_s = still_s + _TURN_S if seen == before else 0.0
-                if still_s >= STILL_S:
-                    self._kill_inspector(pid)
-                    return None
-
-    def _kill_inspector(self, pid: int) -> None:
-        """End a child that does not end by itself; on the first signal it writes down where it is."""
-        for number, patience_s in ((signal.SIGABRT, _LAST_WORDS_S), (signal.SIGKILL, None)):
-            self.signal(pid, number)
-            self.signal(pid, signal.SIGCONT)
+    def _finish(self, inspection: Inspection) -> bool:
+        """Wait for the end of an inspecting child; return False if it had to be ended, with a back-trace."""
+        ways = (
+            (None, class_inspection.IMPORT_TIMEOUT_S),
+            (signal.SIGABRT, _BACK_TRACE_S),
+            (signal.SIGKILL, None),
+        )
+        for number, patience_s in ways:
+            if number is not None:
+                self.signal(inspection.pid, number)
+                self.signal(inspection.pid, signal.SIGCONT)
             while self._readable(patience_s):
-                if any(isinstance(item, Exited) for item in self.read_events()):
-                    return
+                for event in self.read_events():
+                    if isinstance(event, Started):
+                        inspection.pid = event.pid
+                    elif isinstance(event, Inspected):
+                        inspection.add(event)
+                    else:
+                        inspection.status, inspection.output = event.status, event.output
+                        return number is None
+        return False
 
     def _readable(self, timeout_s: float | None) -> bool:
         """Wait for events of children, or for the user; tell whether there are events."""
@@ -253,82 +253,13 @@ class ForkServer:
             self._process.wait()
 
 
-def answers_in(file: Path) -> list[NodeClass]:
-    """Take what an inspecting child has written, each answer behind its length; fewer if it died."""
-    data = file.read_bytes() if file.exists() else b""
-    file.unlink(missing_ok=True)
-    answers, start = [], 0
-    while start < len(data):
-        end = start + _LENGTH_BYTES + int.from_bytes(data[start : start + _LENGTH_BYTES])
-        if end > len(data):
-            break
-        answers.append(decode_any(NodeClass, data[start + _LENGTH_BYTES : end]))
-        start = end
-    return answers
-
-
-def _signs_of_life(answer: Path) -> tuple[int, int]:
-    """Return what changes when the inspecting child gives an answer or begins to import a module."""
-    with contextlib.suppress(FileNotFoundError):
-        found = answer.stat()
-        return found.st_size, found.st_mtime_ns
-    return 0, 0
-
-
-def death_in_words(status: int, answer: Path) -> str:
-    """Say how the inspecting child ended that was to write ``answer``, with its last words.
-
-    On a full disk it ends so, too, and cannot say why.
-    """
-    said, frames = _last_words(answer)
-    if (mistake := room_mistake(answer.parent)) is not None:
-        return mistake
-    words = f'in "{frames[0][0]}", line {frames[0][1]}' if frames else " | ".join(said.splitlines()[-3:])
-    return f"the process that imported it {exit_in_words(status)}" + (f": {words}" if words else "")
-
-
-def stillness_in_words(answer: Path, workspace: Path) -> str:
-    """Say what the inspecting child was at that was to write ``answer`` and did not end by itself."""
-    _, frames = _last_words(answer)
-    own = [(Path(file), line) for file, line in frames if Path(file).is_relative_to(workspace)]
-    place = f"{own[0][0].relative_to(workspace)}:{own[0][1]}: " if own else ""
-    return (
-        f"{place}importing this does not come to an end (nothing happened for {STILL_S:g} s); what works or "
-        "waits belongs in a handler of the node. Nodes that come after it were not looked at"
-    )
-
-
-def _last_words(answer: Path) -> tuple[str, list[tuple[str, str]]]:
-    """Take what an inspecting child has printed; if it crashed, also file and line of each call."""
-    log = Path(f"{answer}.log")
-    said = log.read_text(errors="replace").strip() if log.exists() else ""
-    log.unlink(missing_ok=True)
-    crash = _CRASH.search(said)
-    return said, _FRAME.findall(said, crash.end()) if crash else []
-
-
-def exit_in_words(status: int) -> str:
-    """Say in words how a process ended.
-
-    >>> exit_in_words(NOT_STARTED + 11), exit_in_words(1)
-    ('could not be started: Resource temporarily unavailable', 'ended with status 1')
-    """
-    if status >= NOT_STARTED:
-        return f"could not be started: {os.strerror(status - NOT_STARTED)}"
-    if status < 0:
-        named = -status in {int(number) for number in signal.Signals}
-        return f"was killed by {signal.Signals(-status).name if named else f'signal {-status}'}"
-    return f"ended with status {status}"
-
-
 class _Server:
     """Children, what they print, and the launcher's end."""
 
     def __init__(self, connection: socket.socket) -> None:
         self._channel = MessageChannel(connection, msgspec.msgpack.Decoder(Request))
         self._wake, self._wake_write = _quiet_pipe()
-        self._announced, self._announce = _quiet_pipe()
-        self._composed = False
+        self._inspections: dict[int, tuple[MessageChannel[HeavyImport | Inspected], int, ToRun]] = {}
         self._children: dict[int, str] = {}
         self._prints: dict[int, int] = {}
         self._logs = LogWriter()
@@ -339,7 +270,7 @@ class _Server:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         self._poll = select.poll()
-        for descriptor in (connection.fileno(), self._wake, self._announced):
+        for descriptor in (connection.fileno(), self._wake):
             self._poll.register(descriptor, select.POLLIN)
 
     def serve(self) -> None:
@@ -349,12 +280,10 @@ class _Server:
             while True:
                 ready = {descriptor for descriptor, _ in self._poll.poll()}
                 for descriptor in ready - {channel, self._wake}:
-                    if descriptor == self._announced:
-                        self._load_announced()
-                    elif not self._logs.read(descriptor):
+                    inspecting = descriptor in self._inspections
+                    if not (self._read_inspector if inspecting else self._logs.read)(descriptor):
                         self._poll.unregister(descriptor)  # closed by a node that lives on: nothing will come
                 if self._wake in ready:
-                    self._load_announced()  # before an inspecting child's end is told
                     self._reap()
                 if channel in ready:
                     self._channel.fill()
@@ -376,13 +305,7 @@ class _Server:
 
     def _start(self, request: Spawn | InspectClasses) -> None:
         if isinstance(request, InspectClasses):
-            self._composed = request.to_run == "composed"
-            said = os.open(f"{request.answer}.log", os.O_WRONLY | os.O_CREAT | os.O_APPEND, PRIVATE)
-            try:
-                self._fork(INSPECTING, said, lambda: self._inspect(request))
-            finally:
-                os.close(said)
-            return
+            return self._start_inspection(request)
         read_end, write_end = self._logs.open(request.spec.name, Path(request.log))
         try:
             self._prints[self._fork(request.place, write_end, lambda: _run(request))] = read_end
@@ -392,6 +315,26 @@ class _Server:
         finally:
             os.close(write_end)
         self._poll.register(read_end, select.POLLIN)
+
+    def _start_inspection(self, request: InspectClasses) -> None:
+        ours, theirs = socket.socketpair()
+        printed = os.memfd_create("printed")
+        output = os.dup(printed)
+        try:
+            with theirs:
+                send = MessageChannel(theirs, msgspec.msgpack.Decoder(Request)).send
+                self._prints[self._fork(INSPECTING, output, lambda: inspect_in_child(request, send))] = (
+                    ours.fileno()
+                )
+        except OSError:
+            ours.close()
+            os.close(printed)
+            raise
+        finally:
+            os.close(output)
+        channel = MessageChannel(ours, msgspec.msgpack.Decoder(HeavyImport | Inspected))
+        self._inspections[ours.fileno()] = channel, printed, request.to_run
+        self._poll.register(ours, select.POLLIN)
 
     def _fork(self, name: str, output: int, work: Callable[[], int]) -> int:
         gc.freeze()  # a child's collector leaves what is shared alone: neither time nor copied pages
@@ -405,28 +348,29 @@ class _Server:
     def _release(self) -> None:
         """In a child: let go of what is the server's."""
         self._channel.close()
-        for descriptor in (self._wake, self._wake_write, self._announced):
+        for descriptor in (self._wake, self._wake_write):
             os.close(descriptor)
+        for channel, printed, _ in self._inspections.values():
+            channel.close()
+            os.close(printed)
         self._logs.release()
 
-    def _load_announced(self) -> None:
-        modules = read_announced(self._announced)
-        if not self._composed:
-            import_heavy(modules)
-        elif modules:
-            self._send_event(HeavyImports(modules))
+    def _read_inspector(self, descriptor: int) -> bool:
+        """Pass on what an inspecting child sends, import what its nodes need; return False at the end."""
+        channel, _, to_run = self._inspections[descriptor]
+        try:
+            channel.fill(socket.MSG_DONTWAIT)
+        except ChannelClosed:
+            return False
+        while channel.buffered():
+            message = channel.receive()
+            if isinstance(message, HeavyImport) and to_run == "forked":
+                import_heavy(message.module)
+            else:
+                self._send_event(message)
+        return True
 
-    def _inspect(self, request: InspectClasses) -> int:
-        with open(request.answer, "wb", buffering=0, opener=open_private) as file:
-            loads = request.to_run != "nowhere"
-            announce = self._announce if loads else os.open(os.devnull, os.O_WRONLY)
-            ImportAnnouncer(announce, lambda: os.utime(request.answer)).install()
-            for answer in inspected(request.requests, Path(request.workspace)):
-                data = encode_any(answer)
-                file.write(len(data).to_bytes(_LENGTH_BYTES) + data)
-        return 0
-
-    def _send_event(self, event: ChildEvent | HeavyImports) -> None:
+    def _send_event(self, event: ChildEvent | HeavyImport) -> None:
         with contextlib.suppress(ChannelClosed):  # the launcher is gone: the loop sees the channel's end next
             self._channel.send(event)
 
@@ -436,13 +380,28 @@ class _Server:
             os.read(self._wake, 4096)
         while (gone := _next_gone()) is not None:
             pid, status = gone
-            read_end = self._prints.pop(pid, None)
+            output, read_end = "", self._prints.get(pid)
+            if read_end in self._inspections:
+                output = self._end_inspection(read_end)
+            elif read_end is not None:
+                self._logs.close(read_end)
             if read_end is not None:
+                del self._prints[pid]
                 with contextlib.suppress(KeyError):
                     self._poll.unregister(read_end)
-                self._logs.close(read_end)
             if pid in self._children:
-                self._send_event(Exited(self._children.pop(pid), pid, status))
+                self._send_event(Exited(self._children.pop(pid), pid, status, output))
+
+    def _end_inspection(self, descriptor: int) -> str:
+        """Pass on the last answers of an inspecting child that has ended; return the end of its output."""
+        while self._read_inspector(descriptor):
+            pass
+        channel, printed, _ = self._inspections.pop(descriptor)
+        start = max(os.fstat(printed).st_size - OUTPUT_BYTES, 0)
+        output = os.pread(printed, OUTPUT_BYTES, start).decode(errors="replace")
+        os.close(printed)
+        channel.close()
+        return output
 
     def _end_all(self) -> None:
         deadline_ns = monotonic_ns() + GRACE_NS
@@ -511,7 +470,8 @@ def _next_gone() -> tuple[int, int] | None:
 def main(connection: socket.socket) -> None:
     """Serve until the launcher's end closes, then end every child."""
     gc.disable()  # nothing here makes cycles; collecting while importing costs a tenth of the time
-    preload()
+    for name in LIGHT:
+        importlib.import_module(name)
     _Server(connection).serve()
 
 

@@ -7,7 +7,9 @@ a line is in its file before anybody hears of the crash that it explains.
 import contextlib
 import fcntl
 import os
+from collections.abc import Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 from palp_core.graph.log_format import time_text
 from palp_core.graph.node.spec import MERGED_LOG
@@ -20,7 +22,41 @@ _CHUNK = 1 << 16
 _F_SETPIPE_SZ = 1031
 
 
-class _LogFile:
+class LogLevels(NamedTuple):
+    """Levels by node.
+
+    Attributes:
+        default: The least of what is shown.
+        nodes: The same for nodes that have their own.
+    """
+
+    default: str = "warning"
+    nodes: Mapping[str, str] = {}
+
+    def shown(self, node: str) -> str:
+        """Return the least of what is shown of a node.
+
+        >>> LogLevels("error", {"policy": "debug"}).shown("policy")
+        'debug'
+        """
+        return self.nodes.get(node, self.default)
+
+    def logged(self, node: str) -> str:
+        """Return the least that a node logs: ``info``, or ``debug`` where that is shown."""
+        return "debug" if self.shown(node) == "debug" else "info"
+
+    @property
+    def least_logged(self) -> str:
+        """The least that any node logs."""
+        return "debug" if "debug" in (self.default, *self.nodes.values()) else "info"
+
+
+def levels_of(given: str | LogLevels) -> LogLevels:
+    """Return levels where one for all may be given by its name."""
+    return LogLevels(given) if isinstance(given, str) else given
+
+
+class LogFile:
     """A file that is only appended to; when it is full it becomes ``NAME.1``, and there is one such."""
 
     def __init__(self, path: Path) -> None:
@@ -60,7 +96,7 @@ class _Stream:
     def __init__(self, name: str, path: Path, read_end: int) -> None:
         self.name = name
         self.read_end = read_end
-        self.file = _LogFile(path)
+        self.file = LogFile(path)
         self._rest = b""
 
     def lines(self, data: bytes) -> list[bytes]:
@@ -82,12 +118,12 @@ class LogWriter:
 
     def __init__(self) -> None:
         self._streams: dict[int, _Stream] = {}
-        self._merged: _LogFile | None = None
+        self._merged: LogFile | None = None
 
     def open(self, name: str, path: Path) -> tuple[int, int]:
         """Begin the log of a process; return the ends of the pipe; it prints into the second."""
         if self._merged is None:
-            self._merged = _LogFile(path.with_name(f"{MERGED_LOG}.log"))
+            self._merged = LogFile(path.with_name(f"{MERGED_LOG}.log"))
         read_end, write_end = os.pipe()
         os.set_blocking(read_end, False)
         with contextlib.suppress(OSError):  # beyond the user's allowance the pipe stays small

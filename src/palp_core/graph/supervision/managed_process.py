@@ -10,8 +10,7 @@ import msgspec
 from palp_core.graph.node.spec import LONGEST_BACKOFF_S, NodeSpec
 from palp_core.graph.process.control_messages import FromNode, Spawn
 from palp_core.graph.supervision.fork_server import ForkServer
-from palp_core.graph.supervision.log_levels import LogLevels
-from palp_core.graph.supervision.logs import note, tail
+from palp_core.graph.supervision.logs import LogLevels, note, tail
 
 LOG_LINES = 20
 STABLE_NS = 30_000_000_000

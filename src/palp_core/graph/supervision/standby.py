@@ -10,16 +10,14 @@ from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.channel import ChannelClosed
 from palp_core.graph.process.control_messages import Configured, Done, Failed, FromNode, Matched, ToNode
 from palp_core.graph.supervision.channel_server import ChannelServer
-from palp_core.graph.supervision.fork_server import (
+from palp_core.graph.supervision.class_inspection import (
     INSPECTING,
-    ChildEvent,
-    ForkServer,
     InspectClasses,
-    Started,
-    answers_in,
-    death_in_words,
-    exit_in_words,
+    Inspected,
+    Inspection,
+    describe_exit,
 )
+from palp_core.graph.supervision.fork_server import ChildEvent, ForkServer, Started
 from palp_core.graph.supervision.managed_process import ManagedProcess, ProcessLauncher
 
 
@@ -60,8 +58,6 @@ class Standbys:
         channels: To all processes.
         launcher: Starts a process.
 
-    Attributes:
-        inspected: What :meth:`inspect` has found; None while it looks.
     """
 
     def __init__(
@@ -74,9 +70,7 @@ class Standbys:
         self._folder, self._server, self._channels, self._launcher = folder, server, channels, launcher
         self._count = 0
         self._all: dict[int, Standby] = {}
-        self._answer = folder
-        self._inspection_count = self._inspector_pid = 0
-        self.inspected: list[NodeClass] | None = None
+        self._inspection = Inspection()
 
     def start(self, spec: NodeSpec, log: Path, *, fresh: bool) -> Standby:
         """Start a process beside the one that has the node's part."""
@@ -89,21 +83,22 @@ class Standbys:
 
     def inspect(self, requests: Sequence[NodeClassRequest], workspace: Path) -> None:
         """Let a child inspect node classes; :attr:`inspected` is set when it has ended."""
-        self._inspection_count += 1
-        self.inspected, self._inspector_pid = None, 0
-        self._answer = self._folder / f"classes{self._inspection_count}"
-        self._server.send(InspectClasses(list(requests), str(workspace), str(self._answer)))
+        self._inspection = Inspection()
+        self._server.send(InspectClasses(list(requests), str(workspace)))
+
+    @property
+    def inspected(self) -> list[NodeClass] | None:
+        """What the child has found; None while it looks."""
+        inspection = self._inspection
+        if inspection.status is None:
+            return None
+        return inspection.answers or [NodeClass(run="", error=inspection.describe_crash())]
 
     def kill_inspector(self) -> None:
         """Wait for the child no longer, and end it."""
-        if self._inspector_pid:
-            self._server.signal(self._inspector_pid, signal.SIGKILL)
-        self._inspector_pid = 0
-
-    def _on_inspected(self, status: int) -> None:
-        found = answers_in(self._answer)
-        self.inspected = found or [NodeClass(run="", error=death_in_words(status, self._answer))]
-        Path(f"{self._answer}.log").unlink(missing_ok=True)
+        if self._inspection.pid:
+            self._server.signal(self._inspection.pid, signal.SIGKILL)
+        self._inspection = Inspection()
 
     def exchange(self, index: int, process: ManagedProcess, standby: Standby) -> ManagedProcess:
         """Give a standby a node's part, and the one who had it the standby's; return the new one."""
@@ -129,11 +124,14 @@ class Standbys:
 
     def on_child_event(self, event: ChildEvent) -> bool:
         """Take news of a process; return False if it is none of these."""
+        if isinstance(event, Inspected):
+            self._inspection.add(event)
+            return True
         if event.name == INSPECTING:
             if isinstance(event, Started):
-                self._inspector_pid = event.pid
-            elif event.pid == self._inspector_pid:
-                self._on_inspected(event.status)
+                self._inspection.pid = event.pid
+            elif event.pid == self._inspection.pid:
+                self._inspection.status, self._inspection.output = event.status, event.output
             return True
         for number, standby in self._all.items():
             process = standby.process
@@ -145,7 +143,7 @@ class Standbys:
                 process.ended = True
                 for message in self._channels.drain(number):
                     standby.receive(message)
-                standby.failure = standby.failure or f"its process {exit_in_words(event.status)}"
+                standby.failure = standby.failure or f"its process {describe_exit(event.status)}"
                 del self._all[number]
                 standby.on_end()
                 return True
@@ -155,12 +153,6 @@ class Standbys:
         """End one at once: it has nothing to lose."""
         if standby.process.pid and not standby.process.ended:
             self._server.signal(standby.process.pid, signal.SIGKILL)
-
-    def end(self, standby: Standby) -> None:
-        """End one whose end may have been handled already, while it had a node's part."""
-        self.kill(standby)
-        if standby.process.ended:
-            self._all.pop(standby.number, None)
 
     @property
     def processes(self) -> list[ManagedProcess]:

@@ -10,22 +10,24 @@ from pathlib import Path
 from palp_core.errors import GraphError, NodeError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.checked import RECORDER
+from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process import control_messages
 from palp_core.graph.process.channel import ChannelClosed
-from palp_core.graph.process.probation import LockstepProbation
-from palp_core.graph.process.shadow import ShadowComparison
-from palp_core.graph.process.swap_messages import FromSwapped
+from palp_core.graph.process.lockstep_loop import SharedRounds
+from palp_core.graph.process.swap_messages import AnnouncePredecessorDead, FromSwapped
 from palp_core.graph.supervision.channel_server import ChannelServer
-from palp_core.graph.supervision.fork_server import ChildEvent, ForkServer, Started, exit_in_words
+from palp_core.graph.supervision.class_inspection import Inspected, describe_exit
+from palp_core.graph.supervision.fork_server import ChildEvent, ForkServer, Started
 from palp_core.graph.supervision.interrupt import GracePeriod, Interrupt
 from palp_core.graph.supervision.launcher_node import LauncherNode
-from palp_core.graph.supervision.log_levels import LogLevels
+from palp_core.graph.supervision.logs import LogLevels
 from palp_core.graph.supervision.managed_process import ManagedProcess, ProcessLauncher
 from palp_core.graph.supervision.restarts import READY_NS, Restarts
 from palp_core.graph.supervision.standby import Standby, Standbys
 
 STILL_WAITING_S = 10.0
+FAREWELL_NS = 1_000_000_000
 ROUND_NS = 1_000_000_000
 """So long the end that the user asks for waits for a round in lockstep, to find all nodes at rest."""
 FINISH_NS = 60_000_000_000
@@ -55,8 +57,7 @@ class Supervisor:
         on_new_process: Called when a node has a new process.
         on_health: Takes each encoded :class:`NodeHealth`.
         standbys: Processes beside those that have the nodes' parts.
-        shadow: In lockstep, the number of a node, who works beside it unheard, and how they compare.
-        probation: In lockstep, the rounds of a node whose predecessor stands by.
+        swap: In lockstep, who does the rounds of a node of which there are two.
         watch, forget: As of the channel server.
         hear: Takes what a process says in a node's name.
         on_kept: Wall clock: takes the name of a node that was written down, at which message, and what.
@@ -84,9 +85,8 @@ class Supervisor:
         self.on_health: Callable[[bytes], None] = lambda _: None
         self.on_kept: Callable[[str, int, bytes], None] = lambda *_: None
         self.restores: dict[str, bytes] = {}
-        self.shadow: tuple[int, Standby, ShadowComparison] | None = None
-        self.probation: LockstepProbation | None = None
-        self._server, self._interrupt, self._observe = server, interrupt, observe
+        self.swap: SharedRounds | None = None
+        self._folder, self._server, self._interrupt, self._observe = folder, server, interrupt, observe
         self._grace = GracePeriod(interrupt)
         self._replies: dict[int, control_messages.Done] = {}
         self._commanded: set[int] = set()
@@ -197,49 +197,31 @@ class Supervisor:
 
     def work(self, rounds: Mapping[int, control_messages.ToNode]) -> Mapping[int, control_messages.Done]:
         """Let several nodes do their part of a round, in parallel; return what each has done."""
-        probation = self.probation
-        if probation is None or probation.index not in rounds:
+        swap = self.swap
+        if swap is None or swap.index not in rounds:
             return self.work_together(rounds)
-        others = {index: message for index, message in rounds.items() if index != probation.index}
+        others = {index: message for index, message in rounds.items() if index != swap.index}
         replies = dict(self.work_together(others)) if others else {}
-        message = rounds[probation.index]
+        message = rounds[swap.index]
         assert isinstance(message, control_messages.Round)
-        return replies | {probation.index: probation.work(message)}
+        return replies | {swap.index: swap.work(message)}
 
     def work_together(
-        self, rounds: Mapping[int, control_messages.ToNode], given_up: Callable[[], bool] = lambda: False
+        self, rounds: Mapping[int, control_messages.ToNode]
     ) -> Mapping[int, control_messages.Done]:
-        """Let nodes work, whoever stands by; return what those have done that were not given up before."""
+        """Let nodes work, whoever stands by; return what each has done."""
         for index, message in rounds.items():
             self._send(index, message)
-        if self.shadow is not None and self.shadow[0] in rounds:
-            self._work_shadow(rounds[self.shadow[0]])
         asked_ns = monotonic_ns()
         self._undisturbed_until_ns = asked_ns + ROUND_NS
-        while len(self._replies) < len(rounds) and not given_up():
+        while len(self._replies) < len(rounds):
             self._pump(min(STILL_WAITING_S, 1.0))
             if monotonic_ns() - asked_ns > STILL_WAITING_S * 1e9:
                 late = ", ".join(self.names[index] for index in rounds if index not in self._replies)
                 _LOG.warning("still waiting for %s; Ctrl-C ends the run", late)
                 asked_ns = monotonic_ns()
         replies, self._replies = self._replies, {}
-        if self.shadow is not None and self.shadow[0] in replies:
-            for frame in replies[self.shadow[0]].frames:
-                self.shadow[2].old(frame)
         return replies
-
-    def _work_shadow(self, message: control_messages.ToNode) -> None:
-        """Let the standby of a node do the same as the node, and compare."""
-        assert self.shadow is not None
-        _, standby, comparison = self.shadow
-        replies = standby.process.replies
-        replies.clear()
-        self.standbys.send(standby, message)
-        self.wait_until(lambda: bool(replies) or bool(standby.failure))
-        for done in replies:
-            if isinstance(done, control_messages.Done):
-                for frame in done.frames:
-                    comparison.new(frame)
 
     # What processes say, and how they end
 
@@ -305,13 +287,11 @@ class Supervisor:
             self._restarts.on_qos_event(index, message)
         elif isinstance(message, control_messages.Failed) and not self._grace.ending:
             text = message.text.removeprefix(f"{process.spec.name}: ")
-            if self._has_failed_on_probation(index, text):
-                return
             if not self._restarts.restart(index, text):
                 raise NodeError(process.spec.name, f"{text} (log: {process.log})")
 
     def _on_child_event(self, event: ChildEvent) -> None:
-        if self.standbys.on_child_event(event):
+        if self.standbys.on_child_event(event) or isinstance(event, Inspected):
             return
         index = next(i for i, process in enumerate(self.processes) if process.place == event.name)
         process = self.processes[index]
@@ -328,19 +308,22 @@ class Supervisor:
             self._on_message(index, message)
         if self._grace.ending or process.handed_over or process.respawn_at_ns is not None:
             return
-        text = f"its process {exit_in_words(event.status)}"
-        if not self._has_failed_on_probation(index, text):
-            self.recover(index, text)
+        text = f"its process {describe_exit(event.status)}"
+        self.recover(index, text)
 
     # Swap
 
-    def _has_failed_on_probation(self, index: int, text: str) -> bool:
-        """Tell whether a failure is that of a node whose predecessor stands by, and let it know."""
-        probation = self.probation
-        if probation is None or probation.index != index or probation.confirmed or probation.rolled_back:
-            return False
-        probation.failure = probation.failure or text
-        return True
+    def inspect_class(self, request: NodeClassRequest, workspace: Path, timeout_s: float) -> NodeClass:
+        """Let a forked child import a class and describe what it declares."""
+        standbys = self.standbys
+        standbys.inspect([request], workspace)
+        if not self.wait_until(
+            lambda: standbys.inspected is not None, monotonic_ns() + round(timeout_s * 1e9)
+        ):
+            standbys.kill_inspector()
+            return NodeClass(run=request.run, error=f"it could not be imported within {timeout_s:g} s")
+        assert standbys.inspected is not None
+        return standbys.inspected[0]
 
     def send_if_connected(self, index: int, message: control_messages.ToNode) -> None:
         """Send a node a message; of one that is gone the fork server tells."""
@@ -364,6 +347,28 @@ class Supervisor:
                 self._on_message(index, message)
         new.activate(monotonic_ns())
         self._restarts.expect_health(index)
+
+    def retire(self, index: int, former: Standby) -> None:
+        """Let a node's name lead to its new process when the old one has ended; wait a moment for that."""
+        place = self.processes[index].place
+        former.on_end = lambda: self._redirect(index, former, place)
+        has_died = former.process.ended  # before its end was watched
+        if has_died or not self.wait_until(lambda: former.process.ended, monotonic_ns() + FAREWELL_NS):
+            former.on_end()
+
+    def _redirect(self, index: int, former: Standby, place: str) -> None:
+        node, before = self.names[index], former.process.place
+        if self.processes[index].place != place:
+            return  # it has changed hands again
+        if self.start_ns and former.process.ended and not former.has_left:
+            self.send_if_connected(index, AnnouncePredecessorDead())
+        for end in ("pub", "srv"):
+            link = self._folder / f"+{node}.{end}.link"
+            link.unlink(missing_ok=True)
+            link.symlink_to(f"{place}.{end}")
+            link.replace(self._folder / f"{node}.{end}")
+            if before != node:
+                (self._folder / f"{before}.{end}").unlink(missing_ok=True)
 
     # End
 

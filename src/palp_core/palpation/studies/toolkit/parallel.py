@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 from palp_core.errors import PalpError
 from palp_core.extras import install_line
-from palp_core.graph.process.parent_death import die_with_parent
+from palp_core.graph.supervision.fork_child import die_with_parent
 from palp_core.palpation.studies.toolkit.checkpoint import Checkpoint
 from palp_core.palpation.studies.toolkit.progress import progress
 
