@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from contextlib import closing
@@ -46,6 +47,43 @@ def released(rig: Page) -> None:
     rig.page.get_by_role("button", name="acknowledge ...").click()
     rig.page.get_by_role("button", name="yes, leave the stop behind").click()
     rig.until(READY)
+
+
+THIN = """async () => {
+  const loaded = performance.getEntriesByType("resource").map(one => one.name);
+  const address = loaded.find(name => name.includes("live_plot.js"));
+  const { aligned, thinned, tidy } = await import(address);
+  const points = Array.from({ length: 20000 }, (_, i) => [100 + i / 2000, Math.sin(i * i)]);
+  points[12345][1] = 7;
+  points[777][1] = -7;
+  const kept = thinned(points, 10);
+  return {
+    count: kept.length, peaks: kept.includes(points[12345]) && kept.includes(points[777]),
+    ordered: kept.every((point, i) => !i || kept[i - 1][0] <= point[0]),
+    tidy: [0.9999999999998999, -0.25, 1e-7, 0].map(tidy).join(" "),
+    few: thinned(points.slice(0, 9), 10).length,
+    gaps: thinned(points.toSpliced(9999, 0, [104.9, null]), 10).filter(one => one[1] === null).length,
+    columns: JSON.stringify(aligned([[[1, 2], [1.5, null], [2, 3]], [[1.2, 5], [2, 6]]])),
+  };
+}"""
+"""What a plot draws of more points than it has columns of pixels."""
+
+
+def test_the_graph_is_drawn_and_a_topic_plotted_with_every_peak(rig: Viewing) -> None:
+    page = rig.go("/")
+    page.wait_for_selector("[data-node=safety]")
+    rig.text_changes("[data-what=now]")
+    page.click("[data-node=rig]")
+    page.wait_for_url(re.compile("/node/rig$"))
+    rig.go("/topic/rig/torque")
+    rig.text_changes("[data-what=message]")
+    rig.plot("torque_n_m")
+    found = page.evaluate(THIN)
+    assert (found["peaks"], found["ordered"], found["few"]) == (True, True, 9)
+    assert found["gaps"] == 1
+    assert json.loads(found["columns"]) == [[1, 1.2, 1.5, 2], [2, None, None, 3], [None, 5, None, 6]]
+    assert found["tidy"] == "1 -0.25 1e-7 0"
+    assert 1000 < found["count"] <= 1202
 
 
 @pytest.mark.nightly

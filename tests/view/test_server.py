@@ -124,6 +124,7 @@ print(aiohttp.__name__, gc.isenabled())
 """
 
 
+@pytest.mark.nightly
 def test_what_is_for_clients_is_not_imported_and_can_be_afterwards() -> None:
     done = subprocess.run([sys.executable, "-c", ALONE], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == ["[]", "aiohttp True"]

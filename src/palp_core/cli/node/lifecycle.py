@@ -13,10 +13,7 @@ TransitionName = Literal["configure", "activate", "deactivate", "cleanup", "shut
 
 @app.command("get")
 @graph_verb(timeout_s=5.0)
-def get(
-    call: Call,
-    node: OptionalNodeArgument = None,
-) -> None:
+def get(call: Call, node: OptionalNodeArgument = None) -> None:
     """Show the state of one node or of all."""
     running = call.graph
     if node is not None:

@@ -37,12 +37,7 @@ def list_nodes(
 
 @app.command("info")
 @graph_verb(timeout_s=5.0)
-def info(
-    call: Call,
-    node: NodeArgument,
-    *,
-    include_hidden: HiddenOption = False,
-) -> None:
+def info(call: Call, node: NodeArgument, *, include_hidden: HiddenOption = False) -> None:
     """Show what a node reads, publishes and serves."""
     from palp_core.graph.discovery.running_graph import hidden
 

@@ -111,10 +111,7 @@ def describe(
 
 @app.command("dump")
 @graph_verb(timeout_s=5.0)
-def dump(
-    call: Call,
-    node: NodeArgument,
-) -> None:
+def dump(call: Call, node: NodeArgument) -> None:
     """Print a node's parameters as a ROS 2 parameter file."""
     running = call.graph
     parameters = running.ask(node, "get_parameters", timeout_s=call.timeout_s)["parameters"]
