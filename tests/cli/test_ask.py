@@ -36,8 +36,10 @@ def test_nodes_are_listed_and_told_of(talk: Talk) -> None:
     assert "did you mean '/scale'" in talk.refused("node", "info", "/scael")
 
 
-def test_services_are_listed_and_called(talk: Talk) -> None:
+def test_services_are_listed_found_and_called(talk: Talk) -> None:
     assert talk.said("service", "list", "-t") == "/scale/weigh [WeighRequest -> WeighReply]\n"
+    assert talk.said("service", "type", "/scale/weigh") == "WeighRequest -> WeighReply\n"
+    assert talk.said("service", "find", "WeighReply") == "/scale/weigh\n"
     reply: Any = talk.told("service", "call", "/scale/weigh", "WeighRequest", "{factor: 2}")
     again: Any = talk.told("service", "call", "/scale/weigh")
     assert again["asked_count"] == reply["asked_count"] + 1
@@ -153,6 +155,7 @@ def test_what_is_dumped_can_be_loaded(talk: Talk, tmp_path: Path) -> None:
 
 def test_a_node_is_led_through_its_lifecycle(palp: Palp, tmp_path: Path) -> None:
     graph = Talk(palp, tmp_path)
+    assert graph.told("lifecycle", "nodes") == ["/source", "/scale"]
     assert graph.told("lifecycle", "get") == {"/source": "active", "/scale": "active"}
     assert graph.said("lifecycle", "list", "/source").startswith(
         "- deactivate\n\tStart: active\n\tGoal: inactive"

@@ -17,11 +17,13 @@ PAGE = Path(__file__).parents[2] / "docs" / "command_line.md"
 ROW = re.compile(r"^\| (`[^|]+`) \| (.+) \|$", re.MULTILINE)
 WORDS = {
     "topic info": ("/source/sample",),
+    "topic type": ("/source/sample",),
     "topic hz": ("/source/sample", "-w", "5"),
     "topic bw": ("/source/sample", "-w", "5"),
     "topic delay": ("/source/sample",),
     "topic pub": ("-1", "/scale/load", "{load_n: 1, samples: []}"),
     "node info": ("/scale",),
+    "service type": ("/scale/weigh",),
     "param get": ("/source", "name"),
     "param set": ("/source", "name", "block"),
     "interface show": ("Sample",),
@@ -46,7 +48,7 @@ def test_the_page_has_its_promises() -> None:
 ASKED_ELSEWHERE = (
     "param load",
     "lifecycle set",
-    *(f"action {verb}" for verb in ("info", "send_goal", "cancel")),
+    *(f"action {verb}" for verb in ("info", "type", "send_goal", "cancel")),
 )
 """The actions' in ``tests/graph/node/test_running_actions.py``, where there is one."""
 

@@ -46,7 +46,10 @@ def test_info_tells_both_ends_and_their_accounts(talk: Talk) -> None:
 
 
 def test_a_name_without_its_slash_is_understood_and_a_wrong_one_gets_a_hint(talk: Talk) -> None:
-    assert talk.said("topic", "info", TOPIC[1:]).startswith("Type: Sample\n")
+    assert talk.said("topic", "type", TOPIC[1:]) == "Sample\n"
+    assert talk.said("topic", "find", "Sample").splitlines() == [TOPIC, "/source/rare"]
+    assert talk.said("topic", "find", "msgs/msg/Sample", "-c") == "2\n"
+    assert "did you mean 'Sample'" in talk.refused("topic", "find", "Sampel")
     assert "did you mean '/source/sample'" in talk.refused("topic", "echo", "/source/smaple", "--once")
     assert "did you mean '/scale/_order'" in talk.refused("topic", "echo", "/scale/_oder", "--once")
     assert "did you mean 'talk'" in talk.refused("topic", "list", "--graph", "tlak")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from inspect import Parameter
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -101,6 +101,26 @@ class Call:
             print_text(str(len(value)))
         else:
             show(value, lines, as_json=self.as_json)
+
+    def show_of_type(
+        self,
+        wanted: str,
+        types: Mapping[str, Iterable[str]],
+        what: str,
+        shown: Container[str] | None = None,
+        *,
+        count: bool = False,
+    ) -> None:
+        """Print the names, of those to be shown, that have a type; ``what`` has types, for the error."""
+        from palp_core.errors import GraphError
+        from palp_core.graph.problems import hint
+
+        if wanted not in (known := {kind for kinds in types.values() for kind in kinds}):
+            raise GraphError(f"no {what} '{wanted}'{hint(wanted, known)}")
+        names = [
+            name for name, kinds in types.items() if wanted in kinds and (shown is None or name in shown)
+        ]
+        self.show(names, names, count=count)
 
     def note_silent(self, silent: dict[str, Any]) -> None:
         for error in silent.values():

@@ -223,8 +223,9 @@ def test_a_goal_from_the_shell_is_followed_to_its_end(palp: Palp, carry: Path) -
     assert ended["status"] == "canceled"
     promised = promises()
     assert ended.keys() >= set(promised["action send_goal"][1])
-    answer = json.loads(palp.run("action", "info", "/arm/move", "--json").stdout)
-    assert answer.keys() >= set(promised["action info"][1])
+    for verb in ("info", "type"):
+        answer = json.loads(palp.run("action", verb, "/arm/move", "--json").stdout)
+        assert answer.keys() >= set(promised[f"action {verb}"][1])
     told = palp.run("action", "info", "/arm/move")
     assert "carrier.move-0-1: executing" in told.stdout
     assert "Action clients: 1\n    /carrier" in told.stdout

@@ -36,6 +36,27 @@ def list_actions(
     call.note_silent(answers.silent)
 
 
+@app.command("type")
+@graph_verb(timeout_s=5.0)
+def type_(call: Call, action: ActionArgument) -> None:
+    """Show the types of an action's goal, feedback and result."""
+    from palp_core.graph.discovery.actions import find_action
+
+    found = find_action(call.graph, action, call.timeout_s)
+    types = dict(zip(("goal", "feedback", "result"), found.types, strict=True))
+    call.show({"action": found.name, **types}, [", ".join(found.types)])
+
+
+@app.command("find")
+@graph_verb(timeout_s=5.0)
+def find(call: Call, action_type: Annotated[str, argument("Of goal, feedback or result.", "TYPE")]) -> None:
+    """List the actions with a goal, feedback or result of a type."""
+    from palp_core.graph.discovery.actions import actions_of
+
+    actions = actions_of(call.graph.ask_all("info", timeout_s=call.timeout_s))
+    call.show_of_type(action_type, {a.name: a.types for a in actions}, "action takes or gives")
+
+
 @app.command("info")
 @graph_verb(timeout_s=5.0)
 def info(

@@ -11,6 +11,16 @@ app = typer.Typer()
 TransitionName = Literal["configure", "activate", "deactivate", "cleanup", "shutdown"]
 
 
+@app.command("nodes")
+@graph_verb()
+def nodes(
+    call: Call, *, count: Annotated[bool, option("Their number only.", "-c", "--count-nodes")] = False
+) -> None:
+    """List the nodes that have a lifecycle: all."""
+    names = [f"/{name}" for name in call.graph.node_names]
+    call.show(names, names, count=count)
+
+
 @app.command("get")
 @graph_verb(timeout_s=5.0)
 def get(call: Call, node: OptionalNodeArgument = None) -> None:

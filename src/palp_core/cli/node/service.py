@@ -32,6 +32,24 @@ def list_services(
     call.note_silent(answers.silent)
 
 
+@app.command("type")
+@graph_verb(timeout_s=5.0)
+def type_(call: Call, service: ServiceArgument) -> None:
+    """Show the types of a service's request and reply."""
+    found = call.graph.service(service, call.timeout_s)
+    types = {"service": found.name, "request": found.request, "reply": found.reply}
+    call.show(types, [f"{found.request} -> {found.reply}"])
+
+
+@app.command("find")
+@graph_verb(timeout_s=5.0)
+def find(call: Call, service_type: Annotated[str, argument("Of request or reply.", "TYPE")]) -> None:
+    """List the services with a request or reply of a type."""
+    services = call.graph.ask_all("info", timeout_s=call.timeout_s).services(include_hidden=True)
+    types = {service.name: (service.request, service.reply) for service in services}
+    call.show_of_type(service_type, types, "service takes or gives")
+
+
 @app.command("call")
 @graph_verb(timeout_s=5.0, changes=True)
 def call_service(

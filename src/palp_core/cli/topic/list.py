@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 from typing import Annotated, Any
 
-from palp_core.cli.options import Call, HiddenOption, TopicArgument, graph_verb, option
+from palp_core.cli.options import Call, HiddenOption, TopicArgument, argument, graph_verb, option
+from palp_core.cli.words import type_name
 
 
 @graph_verb()
@@ -73,3 +74,22 @@ def _end_lines(end: dict[str, Any], *, verbose: bool) -> Iterator[str]:
     yield f"  {end['node']}{port}" + (f": {', '.join(counts)}" if counts else "")
     if verbose:
         yield from (f"    {name}: {value}" for name, value in end.get("qos", {}).items())
+
+
+@graph_verb()
+def type_(call: Call, topic: TopicArgument) -> None:
+    entry = call.graph.topic(topic)
+    call.show({"topic": entry.name, "type": entry.type, "hash": entry.type_hash}, [entry.type])
+
+
+@graph_verb()
+def find(
+    call: Call,
+    message_type: Annotated[str, argument("As in Belief.", "TYPE")],
+    *,
+    count: Annotated[bool, option("Their number only.", "-c", "--count-topics")] = False,
+    include_hidden: HiddenOption = False,
+) -> None:
+    shown = {topic.name for topic in call.graph.topics(include_hidden=include_hidden)}
+    types = {topic.name: [topic.type] for topic in call.graph.topics(include_hidden=True)}
+    call.show_of_type(type_name(message_type), types, "topic carries", shown, count=count)
