@@ -268,6 +268,8 @@ def test_a_fault_and_a_swap_stand_in_the_log_and_the_topic_goes_on(bench: Palp, 
 def test_where_something_real_moves_viewers_only_read(bench: Palp) -> None:
     with serving(bench) as (line, _), viewing(address_in(line)) as viewer:
         assert line.endswith("(viewers read only)\n")
+        with pytest.raises(InvalidStatus, match="403"), viewing(address_in(line).partition("?")[0]):
+            pass
         assert viewer.parameters("/sensor.size") == {"/sensor.size": 5}
         assert viewer.set_parameters(sensor__size=7) == {"/sensor.size": 5}
         assert "--operate" in viewer.status("refused to set a parameter")["message"]
@@ -298,11 +300,6 @@ def test_a_viewer_that_reads_nothing_and_a_server_that_is_killed_are_not_felt(be
         assert bench.run("topic", "echo", "/sensor/block", "--once", "--graph", "bench").returncode == 0
     assert (after["lost"], after["dropped"]) == (0, 0)
     assert graph.ask("sensor", "info")["lifecycle"] == "active"
-
-
-def test_nobody_gets_in_without_the_token(operated: str) -> None:
-    with pytest.raises(InvalidStatus, match="403"), viewing(operated.partition("?")[0]):
-        pass
 
 
 def test_a_graph_in_lockstep_is_shown_by_its_own_clock_and_may_be_changed(

@@ -24,10 +24,13 @@ from palp_core.graph.transport.in_flight_bytes import InFlightBytes
 DOMAIN = b"palp"
 HANDSHAKE_MS = 5_000
 LARGEST_BYTES = 64 << 20
-WINDOW_BYTES = 32 << 20  # what may wait here for one host; more is dropped, and its readers count it
-COUNTED_BYTES = 1 << 10
+WINDOW_BYTES = (
+    32 << 20
+)  # frames that may wait here for one host; more are dropped, and its readers count them
+LEAST_BYTES = 1 << 10  # what a message counts at least
+TRACKED_BYTES = 64 << 10  # small messages are tracked together, so many bytes of them
 MOST_STRANGERS = 1_000  # connections that have sent no message; of more the oldest is cut
-HIGH_WATER_MARK = 20_000  # messages, of which smaller ones are bounded by this mark alone
+HIGH_WATER_MARK = 100_000  # messages: more than the window holds of the least
 FAILED = (
     zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL
     | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
@@ -106,7 +109,7 @@ class CurveListener:
 
     def send(self, connection: bytes, in_flight: InFlightBytes, parts: list[bytes]) -> Sent:
         try:
-            return _send(self._router, [connection, *parts], in_flight)
+            return _send(self._router, parts, in_flight, connection)
         except zmq.ZMQError as error:
             if error.errno != errno.EHOSTUNREACH:
                 raise
@@ -197,7 +200,7 @@ class CurveCaller:
         self.accepted = False
         self.attempt_count = 0
         self._stands = False
-        self._in_flight = InFlightBytes(WINDOW_BYTES)
+        self._in_flight = in_flight_bytes()
         self._dealer = _tcp_socket(event_loop, zmq.DEALER)
         self._dealer.setsockopt(zmq.IMMEDIATE, 1)
         self._dealer.setsockopt(zmq.RECONNECT_IVL, 200)
@@ -267,18 +270,28 @@ def _set_pair(socket: zmq.Socket[bytes], own: OwnKeys) -> None:
     socket.curve_publickey, socket.curve_secretkey = own.public.encode(), own.secret.encode()
 
 
-def _send(socket: zmq.Socket[bytes], parts: list[bytes], in_flight: InFlightBytes) -> Sent:
+def in_flight_bytes() -> InFlightBytes:
+    """Return the account of what waits for one host: frames leave room for everything else."""
+    return InFlightBytes(2 * WINDOW_BYTES)
+
+
+def _send(
+    socket: zmq.Socket[bytes], parts: list[bytes], in_flight: InFlightBytes, connection: bytes = b""
+) -> Sent:
     """Send without waiting and, as ZeroMQ's own marks count messages, without holding too many bytes."""
-    size = sum(map(len, parts))
-    if size >= COUNTED_BYTES and not in_flight.has_room(size):
+    size = max(sum(map(len, parts)), LEAST_BYTES)
+    is_frame = parts[0][:1] == b"/"
+    if not in_flight.has_room(size + (WINDOW_BYTES if is_frame else 0)):
         return Sent.FULL
     try:
-        for left, part in zip(reversed(range(len(parts))), parts, strict=True):
-            flags = zmq.NOBLOCK | (zmq.SNDMORE if left else 0)
-            if len(part) < COUNTED_BYTES:
-                socket.send(part, flags)
-            else:
-                in_flight.send(socket, part, flags)
+        if connection:
+            socket.send(connection, zmq.NOBLOCK | zmq.SNDMORE)
+        if size == LEAST_BYTES and in_flight.untracked < TRACKED_BYTES:
+            socket.send_multipart(parts, zmq.NOBLOCK)
+            in_flight.untracked += size
+        else:
+            for left, part in zip(reversed(range(len(parts))), parts, strict=True):
+                in_flight.send(socket, part, zmq.NOBLOCK | (zmq.SNDMORE if left else 0))
     except zmq.Again:
         return Sent.FULL
     return Sent.QUEUED

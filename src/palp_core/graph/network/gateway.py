@@ -25,7 +25,7 @@ from palp_core.graph.clock import monotonic_ns, unix_ns
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode, decode_any, encode
 from palp_core.graph.network import join_protocol
-from palp_core.graph.network.curve import WINDOW_BYTES, CurveListener, Received
+from palp_core.graph.network.curve import CurveListener, Received, in_flight_bytes
 from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.network.joining import objections
 from palp_core.graph.network.keys import KeyFolder
@@ -35,7 +35,6 @@ from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.process.channel import ChannelClosed, MessageChannel
 from palp_core.graph.supervision.fork_child import die_with_parent
-from palp_core.graph.transport.in_flight_bytes import InFlightBytes
 from palp_core.graph.transport.request_server import NodeRequest
 
 MEMORY_BYTES = 1 << 30
@@ -230,8 +229,7 @@ class Gateway:
         if len(self._relay.peers) >= MOST_PEERS:
             self._refuse(message.address, message.key, f"{MOST_PEERS} hosts are connected already")
             return None
-        in_flight = InFlightBytes(WINDOW_BYTES)
-        send = functools.partial(self._listener.send, message.connection, in_flight)
+        send = functools.partial(self._listener.send, message.connection, in_flight_bytes())
         peer = Peer(send, message.key, message.address)
         if not join_protocol.is_hello(message.parts):  # it was dropped, and cannot know it
             peer.send(join_protocol.JoinRefused(text=NOT_CONNECTED))
