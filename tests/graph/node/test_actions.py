@@ -339,7 +339,7 @@ def test_a_result_that_does_not_come_leaves_the_end_known() -> None:
     bench, server = guest()
     bench.node.lift.send_goal(Lift(floors=2))
     server.accept()
-    server._reply = lambda name, message: None
+    bench.reply = lambda port, message: None  # type: ignore[method-assign]
     server.end("succeeded", Arrived(floor=2))
     bench.advance(1.0)
     assert bench.node.state.ended == ["succeeded: its server did not send the result"]

@@ -16,7 +16,7 @@ def test_a_new_node_waits_for_the_graphs_own_readers_however_late_they_come(
 ) -> None:
     def nothing(*_: object) -> None: ...
 
-    publisher = SimpleNamespace(hold=nothing, greeting=nothing, readers={"/p/o": 1}, named_readers={"quick"})
+    publisher = SimpleNamespace(hold=nothing, beats=True, readers={"/p/o": 1}, named_readers={"quick"})
     said: list[ChannelMessage] = []
     participant = swap_participant.SwapParticipant(
         cast(Any, None), cast(Any, SimpleNamespace(publisher=publisher, poll=nothing)), said.append, 0,

@@ -149,7 +149,7 @@ def test_a_topic_that_moves_says_so_at_each_beat_though_it_speaks(publisher: Pub
     outlet = publisher.outlet("/a/b")
     reader = publisher.reader("/a/b")
     publisher.match(reader)
-    publisher.sockets.publisher.greeting = lambda one: [one.heartbeat(), one.moved(b"elsewhere")]
+    publisher.sockets.publisher.announcement = b"elsewhere"
     outlet.publish(block())
     publisher.sockets.publisher.send_heartbeats(to_all=False)
     frames = publisher.receive(reader, lambda frames: len(frames) >= 3)

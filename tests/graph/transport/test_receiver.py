@@ -204,7 +204,7 @@ def test_what_a_predecessor_rejected_it_has_heard(tmp_path: Path, context: Any) 
     old.work()
     handed = old.executor.full_snapshot()
     assert (handed.consumed["/p/word"].sequence, old.executor.events.rejected_count) == (1, 2)
-    assert new.receiver.continue_from(handed, old.receiver.heard) == 2
+    assert new.receiver.continue_from(handed, old.receiver.received) == 2
     assert new.work() == ["word 4", "word 5"]
     for wired in (old, new):
         wired.receiver.close()

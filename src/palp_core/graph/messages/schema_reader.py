@@ -93,7 +93,7 @@ def nested(schema: JsonSchema) -> list[dict[str, Any]]:
     for field in fields_of(schema).values():
         inner = items_of(field) or field
         if fields_of(inner):
-            found += [one for one in (*nested(inner), inner) if one not in found]
+            found += [schema for schema in (*nested(inner), inner) if schema not in found]
     return found
 
 

@@ -25,7 +25,7 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.node import Node, declaration_of
-from palp_core.graph.node.ports import Act, ActionClient, Client, Port, Pub, Srv, Sub
+from palp_core.graph.node.ports import ACTION_CALLS, Act, ActionClient, Client, Port, Pub, Srv, Sub
 from palp_core.graph.node.service_client import Pending
 from palp_core.graph.node.spec import NodeSpec, part, topic
 
@@ -111,17 +111,8 @@ class Bench(Generic[N]):
 
     def _feed(self, port: Port, name: str, message: Message) -> None:
         sequence = self._sequence[name] = self._sequence.get(name, 0) + 1
-        self.executor.consume(
-            pack(
-                name.encode(),
-                Kind.DATA,
-                0,
-                sequence,
-                self.clock.now_ns(),
-                schema_of(type(message)).type_hash,
-                encode(message),
-            )
-        )
+        now_ns, type_hash = self.clock.now_ns(), schema_of(type(message)).type_hash
+        self.executor.consume(pack(name.encode(), Kind.DATA, 0, sequence, now_ns, type_hash, encode(message)))
         self._ring_due()
 
     def advance(self, seconds: float) -> None:
@@ -174,90 +165,80 @@ class Bench(Generic[N]):
         return (frame for frame in frames if frame.startswith(prefix))
 
 
-class ServerBench(Generic[Goal, Feedback, Result]):
+class _ActionEnd(Generic[Goal, Feedback, Result]):
+    """The other end of an action under test."""
+
+    def __init__(self, bench: Bench[Any], port: Act[Any, Any, Any] | ActionClient[Any, Any, Any]) -> None:
+        wired = {made.name: made for made in bench.executor.declaration.wired}
+        parts = (*ACTION_CALLS, "feedback", "status")
+        self._parts: dict[str, Any] = {name: wired[part(name, port.name)] for name in parts}
+        self._bench, self._types = bench, port.types
+        self._change = 0
+
+
+class ServerBench(_ActionEnd[Goal, Feedback, Result]):
     """The client of an action under test."""
-
-    def __init__(self, bench: Bench[Any], port: Act[Goal, Feedback, Result]) -> None:
-        declared = bench.executor.declaration
-        self._bench, self._types, self._name = bench, port.types, port.name
-        self._services, self._pubs = declared.services, declared.pubs
-
-    def _call(self, service: str, request: Message) -> Any:
-        return self._bench.call(self._services[part(service, self._name)], request)
-
-    def _sent(self, topic: str) -> list[Any]:
-        return self._bench.sent(self._pubs[part(topic, self._name)])
 
     def send_goal(self, goal: Goal, goal_id: str = "goal", *, deadline_s: float = 0.0) -> wire.SendGoalReply:
         """Send a goal and return whether it is accepted."""
         request = self._types.send_goal(goal_id=goal_id, goal=goal, deadline_s=deadline_s)
-        reply: wire.SendGoalReply = self._call("send_goal", request)
+        reply: wire.SendGoalReply = self._bench.call(self._parts["send_goal"], request)
         return reply
 
     def cancel_goal(self, goal_id: str = "") -> wire.CancelGoalReply:
         """Cancel a goal, or all, and return which of them are canceled."""
-        reply: wire.CancelGoalReply = self._call("cancel_goal", wire.CancelGoalRequest(goal_id=goal_id))
+        request = wire.CancelGoalRequest(goal_id=goal_id)
+        reply: wire.CancelGoalReply = self._bench.call(self._parts["cancel_goal"], request)
         return reply
 
     def result(self, goal_id: str = "goal") -> Any:
         """Return how a goal stands: ``status``, ``reason`` and ``result``, a list of one or none."""
-        return self._call("get_result", wire.GetResultRequest(goal_id=goal_id))
+        return self._bench.call(self._parts["get_result"], wire.GetResultRequest(goal_id=goal_id))
 
     def feedback(self, goal_id: str = "goal") -> list[Feedback]:
         """Return the feedback of a goal, in order."""
-        return [message.feedback for message in self._sent("feedback") if message.goal_id == goal_id]
+        sent = self._bench.sent(self._parts["feedback"])
+        return [message.feedback for message in sent if message.goal_id == goal_id]
 
     def statuses(self, goal_id: str = "goal") -> list[str]:
         """Return every status that a goal has had, in order."""
-        listed = [entry for message in self._sent("status") for entry in message.status_list]
-        found = (entry.status for entry in listed if entry.goal_id == goal_id)
-        return [status for status, _ in itertools.groupby(found)]
+        sent = self._bench.sent(self._parts["status"])
+        listed = (entry for message in sent for entry in message.status_list if entry.goal_id == goal_id)
+        return [status for status, _ in itertools.groupby(entry.status for entry in listed)]
 
 
-class ClientBench(Generic[Goal, Feedback, Result]):
+class ClientBench(_ActionEnd[Goal, Feedback, Result]):
     """The server of a client of an action under test, one goal after the other."""
-
-    def __init__(self, bench: Bench[Any], port: ActionClient[Goal, Feedback, Result]) -> None:
-        declared = bench.executor.declaration
-        self._bench, self._types, self._name = bench, port.types, port.name
-        self._clients, self._subs = declared.clients, declared.subs
-        self._change = 0
-
-    def _requests(self, service: str) -> list[Any]:
-        return self._bench.requests(self._clients[part(service, self._name)])
-
-    def _reply(self, service: str, reply: Message) -> None:
-        self._bench.reply(self._clients[part(service, self._name)], reply)
-
-    def _feed(self, topic: str, message: Message) -> None:
-        self._bench.feed(self._subs[part(topic, self._name)], message)
 
     @property
     def goals(self) -> list[Goal]:
         """Every goal that was sent."""
-        return [request.goal for request in self._requests("send_goal")]
+        return [request.goal for request in self._bench.requests(self._parts["send_goal"])]
 
     @property
     def canceled(self) -> list[str]:
         """The id of every goal that was to be canceled."""
-        return [request.goal_id for request in self._requests("cancel_goal")]
+        return [request.goal_id for request in self._bench.requests(self._parts["cancel_goal"])]
 
     @property
     def _latest(self) -> str:
-        goal_id: str = self._requests("send_goal")[-1].goal_id
-        return goal_id
+        return str(self._bench.requests(self._parts["send_goal"])[-1].goal_id)
 
     def accept(self) -> None:
         """Accept the goal that was sent last."""
-        self._reply("send_goal", wire.SendGoalReply(goal_id=self._latest, accepted=True, change=self._change))
+        self._answer(accepted=True, change=self._change)
 
     def reject(self, reason: str = "") -> None:
         """Refuse the goal that was sent last."""
-        self._reply("send_goal", wire.SendGoalReply(goal_id=self._latest, accepted=False, reason=reason))
+        self._answer(accepted=False, reason=reason)
+
+    def _answer(self, **answer: Any) -> None:
+        self._bench.reply(self._parts["send_goal"], wire.SendGoalReply(goal_id=self._latest, **answer))
 
     def feedback(self, feedback: Feedback) -> None:
         """Publish feedback of the latest goal."""
-        self._feed("feedback", self._types.feedback_message(goal_id=self._latest, feedback=feedback))
+        message = self._types.feedback_message(goal_id=self._latest, feedback=feedback)
+        self._bench.feed(self._parts["feedback"], message)
 
     def end(self, status: str, result: Result | None = None, reason: str = "") -> None:
         """End the latest goal, which was accepted, as ``succeeded``, ``canceled`` or ``aborted``."""
@@ -266,7 +247,8 @@ class ClientBench(Generic[Goal, Feedback, Result]):
         ended = wire.GoalStatus(
             goal_id=goal_id, status=status, accepted_ns=0, reason=reason, has_result=result is not None
         )
-        self._feed("status", wire.GoalStatusArray(epoch=0, change=self._change, status_list=[ended]))
+        array = wire.GoalStatusArray(epoch=0, change=self._change, status_list=[ended])
+        self._bench.feed(self._parts["status"], array)
         if result is not None:
             answer = self._types.get_result(goal_id=goal_id, status=status, reason=reason, result=[result])
-            self._reply("get_result", answer)
+            self._bench.reply(self._parts["get_result"], answer)

@@ -72,9 +72,9 @@ def describe_params(cls: type[Params]) -> dict[str, ParamDescription]:
 
 def about_params(cls: type[Params]) -> str:
     """Return what a parameter class says of its parameters, then those that it is made of; "" for nothing."""
-    own = (one for one in cls.__mro__ if issubclass(one, Params) and one is not Params)
-    said = (inspect.cleandoc(one.__dict__.get("__doc__") or "") for one in own)
-    return "\n\n".join(text for text in said if text)
+    bases = (base for base in cls.__mro__ if issubclass(base, Params) and base is not Params)
+    texts = (inspect.cleandoc(base.__dict__.get("__doc__") or "") for base in bases)
+    return "\n\n".join(text for text in texts if text)
 
 
 def _describe(field: msgspec.inspect.Field) -> ParamDescription:

@@ -375,10 +375,10 @@ def action_parts(
             "status": client.on_status,
         }
         events = {"send_goal": client.give_up, "get_result": client.give_up, "status": client.lose_server}
-    for name, one in made.items():
-        one.name = part(name, port.name)
+    for name, own in made.items():
+        own.name = part(name, port.name)
     return ActionParts(
-        {one.name: one for one in made.values()},
+        {own.name: own for own in made.values()},
         {part(name, port.name): _passed_on(port.name, verb, handler) for name, verb in verbs.items()},
         {part(name, port.name): _passed_on_event(port.name, verb, handler) for name, verb in events.items()},
     )

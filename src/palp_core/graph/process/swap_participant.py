@@ -13,7 +13,6 @@ from palp_core.graph.messages.schema import json_schema, schema_of
 from palp_core.graph.messages.schema_reader import array_fields
 from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
-from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.process import swap_messages
 from palp_core.graph.process.channel import ChannelMessage
 from palp_core.graph.process.probation import WorkReporter
@@ -21,6 +20,7 @@ from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.transport.migration import Move
 from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.offsets import ReceivedOffsets
+from palp_core.graph.transport.receiver import TopicReceiver
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
 
 READERS_NS = 300_000_000
@@ -43,7 +43,7 @@ class SharedSockets:
         self.readers: dict[str, int] = {}
         self.named_readers: set[str] = set()
         self.remembered: dict[str, bytes] = {}
-        self.greeting: Callable[[PublisherEnd[Any]], list[bytes]] = lambda _: []
+        self.beats, self.announcement = True, b""
         self._shared = shared.publisher if shared is not None else None
         self._held: Callable[[bytes], object] | None = None
         self._kept_back: list[bytes] = []
@@ -90,10 +90,12 @@ class SwapParticipant:
     """A node's part in a swap.
 
     Args:
-        received: Returns up to where the inputs have been received.
-        merge: Merges what this process has received with what was handed over, and with up to where the
-            predecessor has received; returns how many messages wait.
+        receiver: On the wall clock: takes in the node's inputs.
         set_start: Takes the graph's start before the node takes over.
+
+    Attributes:
+        silent: The node publishes nothing before it is committed.
+        left: Another process goes on with the node.
     """
 
     def __init__(
@@ -103,15 +105,12 @@ class SwapParticipant:
         answer: Callable[[ChannelMessage], None],
         supervisor: int,
         *,
-        received: Callable[[], ReceivedOffsets] = dict[str, tuple[int, int]],
-        merge: Callable[[HandOver, ReceivedOffsets], int] = lambda hand_over, _: len(hand_over.inbox),
+        receiver: TopicReceiver | None = None,
         set_start: Callable[[int], None] = lambda _: None,
-        close_inputs: Callable[[], None] = lambda: None,
         successor: bool = False,
     ) -> None:
         self._executor, self._sockets, self._answer, self._supervisor = executor, sockets, answer, supervisor
-        self._received, self._merge = received, merge
-        self._set_start, self._close_inputs = set_start, close_inputs
+        self._receiver, self._set_start = receiver, set_start
         self._successor = "", ""
         self._pending: dict[type[ChannelMessage], swap_messages.ToSwapped] = {}
         self._readers_until_ns = 0
@@ -124,7 +123,15 @@ class SwapParticipant:
         self.left = False
         if successor:
             sockets.publisher.hold()
-            sockets.publisher.greeting = lambda _: []
+            sockets.publisher.beats = False
+
+    def _received(self) -> ReceivedOffsets:
+        return {} if self._receiver is None else self._receiver.received
+
+    def _merge(self, hand_over: HandOver, received: ReceivedOffsets) -> int:
+        """Merge what this process has received with a hand-over; return how many messages wait."""
+        receiver = self._receiver
+        return len(hand_over.inbox) if receiver is None else receiver.continue_from(hand_over, received)
 
     @property
     def waiting(self) -> bool:
@@ -143,7 +150,7 @@ class SwapParticipant:
                 self._resume()
             case swap_messages.CancelMove():
                 self._send_move("stay", self._successor)
-                self._sockets.publisher.greeting = lambda end: [end.heartbeat()]
+                self._sockets.publisher.announcement = b""
             case swap_messages.Leave(patience_ns=patience_ns):
                 self._leave(patience_ns)
             case swap_messages.AwaitReaders():
@@ -181,21 +188,19 @@ class SwapParticipant:
                 return self._report(last=last) if self._report_is_due(message) else None
         return None
 
-    def _send_move(self, phase: str, endpoints: tuple[str, str]) -> Callable[[PublisherEnd[Any]], bytes]:
-        """Send every reader where a topic goes on; return what makes the same frame for others."""
+    def _send_move(self, phase: str, endpoints: tuple[str, str]) -> bytes:
+        """Send every reader where a topic goes on; return the announcement."""
         payload = encode_any(Move(phase, *endpoints))
         publisher, ends = self._sockets.publisher, self._executor.ends.publishers
-        read = [ends[name] for name in publisher.readers if name in ends]
-        publisher.send_past_hold(end.moved(payload) for end in read)
-        return lambda end: end.moved(payload)
+        publisher.send_past_hold(ends[name].moved(payload) for name in publisher.readers if name in ends)
+        return payload
 
     # Predecessor
 
     def _announce(self, successor: swap_messages.AnnounceSuccessor) -> None:
         publisher = self._sockets.publisher
         self._successor = successor.publish, successor.serve
-        prepared = self._send_move("prepare", self._successor)
-        publisher.greeting = lambda end: [end.heartbeat(), prepared(end)]
+        publisher.announcement = self._send_move("prepare", self._successor)
         self._answer(swap_messages.SuccessorAnnounced(publisher.readers))
 
     def _hand_over(self, request: swap_messages.RequestHandover) -> swap_messages.Handover:
@@ -237,9 +242,10 @@ class SwapParticipant:
 
     def _leave(self, patience_ns: int) -> None:
         """Send the readers away, and wait for those that are slow to go."""
-        gone = self._send_move("gone", self._successor)
-        self._sockets.publisher.greeting = lambda end: [gone(end)]
-        self._close_inputs()
+        publisher = self._sockets.publisher
+        publisher.announcement, publisher.beats = self._send_move("gone", self._successor), False
+        if self._receiver is not None:
+            self._receiver.close()
         self._sockets.wait_until_unread(patience_ns, self._supervisor)
         self._executor.leave()
         self.left = True
@@ -337,7 +343,7 @@ class SwapParticipant:
         self._pending.clear()  # the last report may have been asked for twice
         self._reporter = None
         publisher, executor = self._sockets.publisher, self._executor
-        publisher.greeting = lambda end: [end.heartbeat()]
+        publisher.beats = True
         self._send_move("here", self._sockets.endpoints)
         publisher.send_past_hold(message.frames)
         publisher.release()

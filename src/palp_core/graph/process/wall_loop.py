@@ -65,10 +65,8 @@ class WallLoop:
             self.sockets,
             channel.send,
             channel.socket.fileno(),
-            received=lambda: self.receiver.heard,
-            merge=self.receiver.continue_from,
+            receiver=self.receiver,
             set_start=self._begin,
-            close_inputs=self.receiver.close,
             successor=order.successor,
         )
         at = order.spec.keeps_at

@@ -80,7 +80,7 @@ def flow_controls(executor: Executor) -> list[bytes]:
     """Return the subscriptions that have publishers wait for a node; none waits for itself."""
     tokens = []
     for topic, subscriptions in executor.ends.subscriptions.items():
-        asked = [one.qos for one in subscriptions if is_waited_for(one.qos)]
+        asked = [sub.qos for sub in subscriptions if is_waited_for(sub.qos)]
         if asked and topic.split("/")[1] != executor.name:
             blocking_ms = max(qos.max_blocking_ms or MAX_BLOCKING_MS for qos in asked)
             depth = max(qos.depth for qos in asked)
@@ -120,7 +120,7 @@ class AckSender:
         self._acked: dict[str, _Acked] = {}
         for name, subscriptions in executor.ends.subscriptions.items():
             if buffers[name].is_ordered:
-                depths = [one.qos.depth for one in subscriptions if is_waited_for(one.qos)]
+                depths = [sub.qos.depth for sub in subscriptions if is_waited_for(sub.qos)]
                 self._acked[name] = _Acked(max(max(depths) // ACKS_PER_DEPTH, 1) if depths else 0)
                 buffers[name].ack_due = 0 if depths else NEVER
 

@@ -34,7 +34,8 @@ class PublisherSocket:
         file_descriptor: Becomes readable when :meth:`poll` has something to do.
         stirred: :meth:`poll` may have something to do all the same: sending swallows the descriptor's signal.
         backpressure: Whom its topics' publishers wait for, and what readers have lost.
-        greeting: What a new reader of a topic is told, and every reader some ten times a second.
+        beats: Heartbeats are sent.
+        announcement: Payload of a MOVED frame that goes with each heartbeat; empty: the topics do not move.
     """
 
     def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: str) -> None:
@@ -46,7 +47,7 @@ class PublisherSocket:
         self.file_descriptor = int(self._socket.getsockopt(zmq.FD))
         self.stirred = True
         self.backpressure = Backpressure()
-        self.greeting: Callable[[PublisherEnd[Any]], list[bytes]] = lambda publisher: [publisher.heartbeat()]
+        self.beats, self.announcement = True, b""
         self._send_frame: Callable[[bytes], Any] = self._plain_send
         self._subscribed: dict[bytes, int] = {}
         self._named: Counter[str] = Counter()
@@ -142,6 +143,11 @@ class PublisherSocket:
             for _ in range(size // PLACE_BYTES):
                 self._socket.send(beat)
 
+    def _greeting(self, publisher: PublisherEnd[Any]) -> list[bytes]:
+        """Return what is sent to a new reader of a topic, and to every reader some ten times a second."""
+        beat = [publisher.heartbeat()] if self.beats else []
+        return [*beat, publisher.moved(self.announcement)] if self.announcement else beat
+
     def send_heartbeats(self, *, to_all: bool = True) -> None:
         """State every subscribed topic's last sequence.
 
@@ -155,9 +161,8 @@ class PublisherSocket:
                 continue
             spoke = publisher.sequence != self._stated.get(name, 0)
             self._stated[name] = publisher.sequence
-            frames = self.greeting(publisher)
-            if to_all or not spoke or len(frames) > 1:  # more than a heartbeat: the topic is moving
-                self.send_past_hold(frames)
+            if to_all or not spoke or self.announcement:
+                self.send_past_hold(self._greeting(publisher))
 
     def poll(self) -> None:
         """Take note of who has come and gone, and greet new subscribers, without waiting."""
@@ -199,7 +204,7 @@ class PublisherSocket:
         if publisher is not None:
             publisher.has_readers = True
             publisher.greeted_count += 1
-            self.send_past_hold(self.greeting(publisher))
+            self.send_past_hold(self._greeting(publisher))
 
     def _let_go(self, name: bytes) -> None:
         self._subscribed[name] = self._subscribed.get(name, 1) - 1

@@ -67,9 +67,10 @@ class TopicReceiver:
 
     def _buffer_of(self, name: str, subscriptions: list[Subscription]) -> ReorderBuffer:
         if self._offsets is not None and self._executor.spec.epoch > 0:
-            for one in subscriptions:
-                one.account.epoch, one.account.sequence = self._offsets.read(name)
-        qos = strictest([one.qos for one in subscriptions])
+            for subscription in subscriptions:
+                account = subscription.account
+                account.epoch, account.sequence = self._offsets.read(name)
+        qos = strictest([subscription.qos for subscription in subscriptions])
         return ReorderBuffer(
             name, qos, subscriptions[0].account, self._deliver, self._ask, ordered=subscriptions[0].is_ordered
         )
@@ -85,7 +86,7 @@ class TopicReceiver:
         return all(buffer.matched for buffer in self.buffers.values())
 
     @property
-    def heard(self) -> ReceivedOffsets:
+    def received(self) -> ReceivedOffsets:
         """Up to where each publisher's messages have been received."""
         return {
             name: (buffer.epoch, buffer.next - 1)
@@ -93,14 +94,14 @@ class TopicReceiver:
             if buffer.is_ordered
         }
 
-    def continue_from(self, hand_over: HandOver, heard: ReceivedOffsets) -> int:
+    def continue_from(self, hand_over: HandOver, received: ReceivedOffsets) -> int:
         """Go on where a predecessor was, whose unread messages are in the inbox, behind this process's own.
 
         Args:
             hand_over: What it has handed over.
-            heard: Up to where it has received its inputs, what it rejected included.
+            received: Up to where it has received its inputs, what it rejected included.
         """
-        frames = _merged(self._inbox, hand_over, heard, self.buffers, self._executor.ends.subscriptions)
+        frames = _merged(self._inbox, hand_over, received, self.buffers, self._executor.ends.subscriptions)
         self._inbox.clear()
         self._unread_bytes = 0
         for frame in frames:
@@ -257,14 +258,14 @@ def _queue(subscriptions: Mapping[str, list[Subscription]]) -> int:
     The rest waits at the publisher, which counts the bytes of large ones; what it has no room for is a gap.
     """
     several = itertools.chain.from_iterable(subscriptions.values())
-    arrays = any(field.packed for one in several for field in schema_of(one.message).fields)
+    arrays = any(field.packed for subscription in several for field in schema_of(subscription.message).fields)
     return ARRAY_QUEUE if arrays else RECEIVE_QUEUE
 
 
 def _merged(
     inbox: deque[Frame],
     hand_over: HandOver,
-    heard: ReceivedOffsets,
+    received: ReceivedOffsets,
     buffers: Mapping[str, ReorderBuffer],
     subscriptions: Mapping[str, list[Subscription]],
 ) -> list[Frame]:
@@ -273,7 +274,7 @@ def _merged(
     Args:
         inbox: The successor's; the predecessor's frames are the last of it.
         hand_over: The predecessor's.
-        heard: Up to where that has received each topic.
+        received: Up to where that has received each topic.
         buffers: The successor's, by topic; they go on where the predecessor's were.
         subscriptions: The successor's, by topic.
     """
@@ -282,7 +283,7 @@ def _merged(
     own, theirs = frames[:count], [frame for frame in frames[count:] if frame.topic in buffers]
     last = {name: (account.epoch, account.sequence) for name, account in hand_over.consumed.items()}
     later = [(frame.topic, (frame.epoch, frame.sequence)) for frame in theirs]
-    for name, point in [*later, *heard.items()]:
+    for name, point in [*later, *received.items()]:
         last[name] = max(last.get(name, (-1, 0)), point)
     for name, buffer in buffers.items():
         buffer.continue_from(*last.get(name, (-1, 0)))
