@@ -44,14 +44,14 @@ from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.supervision.logs import LogLevels, levels_of
 from palp_core.graph.supervision.run_record import run_record
 from palp_core.graph.swap.compatibility import incompatibilities, replaced
-from palp_core.graph.swap.swap import AskToSwap, Swapper, SwapRequest
+from palp_core.graph.swap.swap import AskToSwap, SwapRequest
 from palp_core.graph.workspaces.underlays import launch_path
 
 if TYPE_CHECKING:
     from palp_core.graph.description.node_class import NodeClass
     from palp_core.graph.network.gateway_handle import GatewayHandle
     from palp_core.graph.supervision.supervisor import Supervisor
-    from palp_core.graph.swap.engine import SwapHost
+    from palp_core.graph.swap.step_engine import SwapHost
 
 POLL_INSTANTS = 32  # asking a socket costs as much as a message; tools wait a few ms more
 
@@ -244,11 +244,15 @@ class Graph:
             else:
                 self._nodes = self._supervisor = self._supervised(stack, server)
                 self._supervisor.on_new_process, self._supervisor.on_turn = self._announce, self._serve
-            from palp_core.graph.swap.engine import SwapEngine
+            from palp_core.graph.swap.swapper import Swapper
 
-            self._engine = SwapEngine(self._nodes, self.directory.path, Path(self.checked.workspace))
             self.swaps = Swapper(
-                self.checked, self._engine, self._now_ns, self._swapped, self.launcher_node.report
+                self.checked,
+                self._nodes,
+                self.directory.path,
+                self._now_ns,
+                self._swapped,
+                self.launcher_node.report,
             )
             self.launcher_node.answer("swap_progress", lambda _: self.swaps.progress())
             self.launcher_node.defer("swap", AskToSwap, self.swaps.answer)
@@ -392,7 +396,7 @@ class Graph:
         checked = self.checked
         ends_run = [i for i, spec in enumerate(checked.nodes) if spec.shutdown_on_exit]
         conductor = Conductor(self._nodes, checked.readers, ends_run, self._show, self._between_instants)
-        self._conductor = self._engine.conductor = conductor
+        self._conductor = self.swaps.conductor = conductor
         with ended_after(conductor.shutdown, self._end_order()), self._announcing():
             conductor.activate()
             exit_code = conductor.run(until_ns)

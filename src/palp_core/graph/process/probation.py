@@ -1,16 +1,19 @@
-"""The first work of a successor, from which its predecessor can go on if a handler of it fails."""
+"""A successor is tried on the last messages before it takes over, and reports what it does on probation."""
 
-from palp_core.errors import NodeError, SchemaMismatch
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from palp_core.errors import GraphError, NodeError, SchemaMismatch, in_words
 from palp_core.graph.messages.message import encode_any
 from palp_core.graph.node.executor import Executor
+from palp_core.graph.node.handover import HandOver
 from palp_core.graph.process.swap_messages import HANDLER, WorkReport
 
 
 class WorkReporter:
     """What a successor has done since it last reported.
-
-    Args:
-        executor: The node.
 
     Attributes:
         frames: What it has published and not reported.
@@ -59,3 +62,32 @@ class WorkReporter:
             last,
             list(executor.ends.timers),
         )
+
+
+def try_hand_over(executor: Executor, hand_over: HandOver, changes: Mapping[str, Any]) -> HandOver:
+    """Let a node handle the last message of every input on a copy of a predecessor's state, and be as before.
+
+    The caller keeps back what is published meanwhile.
+
+    Returns:
+        The state that this has led to, written down as for a successor.
+
+    Raises:
+        GraphError: A handler failed, or parameters do not fit.
+        SchemaMismatch: The state does not fit.
+        NodeError: ``on_resume`` failed.
+    """
+    executor.succession.take_over(msgspec.structs.replace(hand_over, inbox=[]), changes)
+    for name, payload in hand_over.latest if hand_over.active else ():
+        for subscription in executor.ends.subscriptions.get(name, []):
+            message = subscription.decode(payload)
+            subscription.last = (executor.now_ns(), message)
+            try:
+                subscription.handler(executor.node, message)
+            except (Exception, SystemExit) as error:
+                handler = subscription.handler.__name__
+                text = f"{handler} failed when it was tried on the last message of {name}"
+                raise GraphError(f"{text}: {in_words(error)}") from error
+    found = executor.succession.snapshot()
+    executor.succession.step_back()
+    return found

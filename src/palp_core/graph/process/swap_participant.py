@@ -16,8 +16,7 @@ from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.process import swap_messages
 from palp_core.graph.process.channel import ChannelMessage
-from palp_core.graph.process.dry_run import try_hand_over
-from palp_core.graph.process.probation import WorkReporter
+from palp_core.graph.process.probation import WorkReporter, try_hand_over
 from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.transport.migration import Move
 from palp_core.graph.transport.node_sockets import NodeSockets
@@ -30,11 +29,7 @@ that is stopped must not keep a node from its swap)."""
 
 
 class SharedSockets:
-    """What a composed node has of the sockets of its process: its readers stay where they are in a swap.
-
-    Args:
-        shared: The sockets; None if nobody can listen.
-    """
+    """What a composed node has of the sockets of its process: its readers stay where they are in a swap."""
 
     endpoints = "", ""
     context: Any = None
@@ -88,20 +83,7 @@ class SharedSockets:
 
 
 class SwapParticipant:
-    """A node's part in a swap.
-
-    Args:
-        executor: The node.
-        sockets: Where it publishes.
-        answer: Answers the supervisor.
-        supervisor: Descriptor of the channel to the supervisor.
-        received: Returns up to where the inputs have been received.
-        merge: Merges what this process has received with what was handed over, and with up to where the
-            predecessor has received; returns how many messages wait.
-        set_start: Takes the graph's start before the node takes over.
-        close_inputs: Disconnects from the inputs.
-        successor: This process publishes nothing before the commit.
-    """
+    """A node's part in a swap."""
 
     def __init__(
         self,
