@@ -38,7 +38,7 @@ from palp_core.graph.supervision.interrupt import Interrupt, Interrupted
 from palp_core.graph.supervision.launcher_node import LauncherNode
 from palp_core.graph.supervision.logs import LogLevels, levels_of
 from palp_core.graph.supervision.run_record import run_record
-from palp_core.graph.swap.swap import AskToSwap, Swapper, SwapRequest
+from palp_core.graph.swap.swap import AskToSwap, SwapRequest
 from palp_core.graph.workspaces.underlays import launch_path
 
 if TYPE_CHECKING:
@@ -223,9 +223,11 @@ class Graph:
         return WallRun(supervisor, checked, self.gateway)
 
     def _open_swaps(self, run: LockstepRun | WallRun) -> None:
-        engine = run.swap_engine(self.directory.path, Path(self.checked.workspace))
-        report = self.launcher_node.report
-        self.swaps = Swapper(self.checked, engine, self._now_ns, self._swapped, report)
+        from palp_core.graph.swap.swapper import Swapper
+
+        folder, report = self.directory.path, self.launcher_node.report
+        self.swaps = Swapper(self.checked, run.nodes, folder, self._now_ns, self._swapped, report)
+        self.swaps.conductor = run.conductor
         self.launcher_node.answer("swap_progress", lambda _: self.swaps.progress())
         self.launcher_node.defer("swap", AskToSwap, self.swaps.answer)
 

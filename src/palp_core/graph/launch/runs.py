@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palp_core.graph.clock import monotonic_ns
@@ -14,7 +13,7 @@ from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.supervision.interrupt import ended_after
 from palp_core.graph.supervision.supervisor import Supervisor
-from palp_core.graph.swap.engine import SwapEngine, SwapHost
+from palp_core.graph.swap.step_engine import SwapHost
 
 if TYPE_CHECKING:
     from palp_core.graph.network.gateway_handle import GatewayHandle
@@ -27,18 +26,18 @@ class LockstepRun:
         self, nodes: SwapHost, checked: CheckedGraph, observe: Observer, check: Callable[[], None]
     ) -> None:
         ends_run = [i for i, spec in enumerate(checked.nodes) if spec.shutdown_on_exit]
-        self._nodes, self._order = nodes, end_order(checked.spawned)
-        self._conductor = Conductor(nodes, checked.readers, ends_run, observe, check)
+        self.nodes, self._order = nodes, end_order(checked.spawned)
+        self.conductor = Conductor(nodes, checked.readers, ends_run, observe, check)
 
     @property
     def now_ns(self) -> int:
         """Time on the graph's clock."""
-        return self._conductor.now_ns
+        return self.conductor.now_ns
 
     @property
     def activation_count(self) -> int:
         """How often a node was given work."""
-        return self._conductor.activation_count
+        return self.conductor.activation_count
 
     def clock_s(self, _wall_s: float) -> float:
         """Return how long the run took on the graph's clock."""
@@ -46,21 +45,15 @@ class LockstepRun:
 
     def go(self, until_ns: int | None, announcing: AbstractContextManager[None]) -> int:
         """Activate, work, and bring every node to its safe state; return the exit code."""
-        with ended_after(self._conductor.shutdown, self._order), announcing:
-            self._conductor.activate()
-            return self._conductor.run(until_ns)
+        with ended_after(self.conductor.shutdown, self._order), announcing:
+            self.conductor.activate()
+            return self.conductor.run(until_ns)
 
     def replace(self, checked: CheckedGraph, index: int, done: Done | None) -> None:
         """Go on with another node in the place of one, and with what it has published."""
-        self._conductor.rewire(checked.readers)
+        self.conductor.rewire(checked.readers)
         if done is not None:
-            self._conductor.accept(index, done)
-
-    def swap_engine(self, folder: Path, workspace: Path) -> SwapEngine:
-        """Return what swaps the nodes."""
-        engine = SwapEngine(self._nodes, folder, workspace)
-        engine.conductor = self._conductor
-        return engine
+            self.conductor.accept(index, done)
 
 
 class WallRun:
@@ -74,7 +67,7 @@ class WallRun:
 
     def __init__(self, supervisor: Supervisor, checked: CheckedGraph, gateway: GatewayHandle | None) -> None:
         self._supervisor, self._gateway = supervisor, gateway
-        self._order = end_order(checked.spawned)
+        self._order, self.nodes, self.conductor = end_order(checked.spawned), supervisor, None
         self.gone_ns = 0
 
     @property
@@ -100,10 +93,6 @@ class WallRun:
 
     def replace(self, checked: CheckedGraph, index: int, done: Done | None) -> None:
         """Go on with another node in the place of one: its readers have been told by the swap."""
-
-    def swap_engine(self, folder: Path, workspace: Path) -> SwapEngine:
-        """Return what swaps the nodes."""
-        return SwapEngine(self._supervisor, folder, workspace)
 
 
 def end_order(nodes: Sequence[NodeSpec]) -> list[int]:

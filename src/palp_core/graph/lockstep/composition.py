@@ -49,11 +49,6 @@ class Composition:
         working: The node that works.
         clock: That of all nodes.
 
-    Args:
-        specs: The nodes in graph order.
-        workspace: Folder that holds ``nodes/``.
-        sockets: Where tools listen; None if nobody can.
-
     Raises:
         GraphError: A class or its parameters do not fit.
         NodeError: A node could not be configured.
@@ -226,12 +221,8 @@ def composed(
 ) -> Iterator[Composition]:
     """Compose a graph; tools find it in its run directory, and there is the log of all its nodes.
 
-    Args:
-        checked: The graph.
-        directory: The run directory.
-        log_level: The least that is logged.
-        capture: What nodes print goes to the log, as that of processes does; the launcher itself writes to
-            the attribute ``launcher_stream`` of standard output and error.
+    With ``capture`` what nodes print goes there, too; the launcher itself writes to the attribute
+    ``launcher_stream`` of standard output and error.
     """
     log = LogFile(directory.log(MERGED_LOG))
     output = NodeOutput(log)
@@ -282,10 +273,6 @@ class _ComposedFormatter(MergedFormatter):
 
 class NodeOutput(io.TextIOBase):
     """Standard output of composed nodes: each line goes to the log, as one of the node that works.
-
-    Args:
-        log: The merged log.
-        head: Write time and node before each line.
 
     Attributes:
         launcher_stream: Where the launcher writes meanwhile.

@@ -35,16 +35,6 @@ class SharedRounds(Protocol):
 class LockstepNode:
     """One node, and its part in a swap.
 
-    Args:
-        spec: The node.
-        workspace: Goes first on the module path.
-        clock: That of the process.
-        sockets: Where tools listen.
-        answer: Takes its answers in a swap.
-        supervisor: Descriptor of the channel to the supervisor, in a process of its own.
-        fresh: Its source may have changed.
-        successor: It takes the place of one that works.
-
     Attributes:
         frames: What it has published and nobody has taken.
     """

@@ -7,7 +7,7 @@ raises becomes ``{"error": text}``. In lockstep, those that change something wai
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 
 import msgspec
@@ -20,6 +20,7 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.node.node import class_name
 from palp_core.graph.node.params import about_params, describe_params
+from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.spec import action_of, part
 from palp_core.graph.transport.request_server import NodeOperation, NodeOperations, NodeRequest
 
@@ -75,6 +76,36 @@ class GoalsRequest(NodeRequest, frozen=True, kw_only=True):
     action: str
 
 
+def describe_outputs(publishers: Mapping[str, PublisherEnd[Any]]) -> dict[str, dict[str, Any]]:
+    """Return what a node tells of its outputs."""
+    return {
+        name: {
+            "type": out.message.__name__,
+            "sequence": out.sequence,
+            "lost_by_readers": out.lost_count,
+            "qos": msgspec.to_builtins(out.qos),
+        }
+        for name, out in publishers.items()
+    }
+
+
+def history_of(
+    node: str, publishers: Mapping[str, PublisherEnd[Any]], request: HistoryRequest, now_ns: int
+) -> dict[str, Any]:
+    """Return remembered frames of an output, as many as fit in a reply, the oldest first."""
+    out = publishers.get(request.topic)
+    if out is None:
+        raise GraphError(f"{node} does not publish {request.topic}")
+    frames: list[bytes] = []
+    size = 0
+    for frame in out.kept(request.first, request.last, now_ns):
+        size += len(frame)
+        if frames and size > MOST_HISTORY_BYTES:
+            break
+        frames.append(frame)
+    return {"topic": out.topic, "epoch": out.epoch, "last": out.sequence, "frames": frames}
+
+
 class NodeServices:
     """The operations of one node.
 
@@ -123,15 +154,7 @@ class NodeServices:
             "params": msgspec.to_builtins(executor.node.params),
             "published": {name: out.sequence for name, out in executor.ends.publishers.items()},
             "inputs": inputs,
-            "outputs": {
-                name: {
-                    "type": out.message.__name__,
-                    "sequence": out.sequence,
-                    "lost_by_readers": out.lost_count,
-                    "qos": msgspec.to_builtins(out.qos),
-                }
-                for name, out in executor.ends.publishers.items()
-            },
+            "outputs": describe_outputs(executor.ends.publishers),
             "services": {
                 name: [srv.request.__name__, srv.reply.__name__] for name, srv in declared.services.items()
             },
@@ -161,18 +184,8 @@ class NodeServices:
     def history(self, request: HistoryRequest) -> dict[str, Any]:
         """Return remembered frames of an output, as many as fit in a reply, the oldest first."""
         executor = self._executor
-        out = executor.ends.publishers.get(request.topic)
-        if out is None:
-            raise GraphError(f"{executor.name} does not publish {request.topic}")
         executor.begin_request()
-        frames: list[bytes] = []
-        size = 0
-        for frame in out.kept(request.first, request.last, executor.now_ns()):
-            size += len(frame)
-            if frames and size > MOST_HISTORY_BYTES:
-                break
-            frames.append(frame)
-        return {"topic": out.topic, "epoch": out.epoch, "last": out.sequence, "frames": frames}
+        return history_of(executor.name, executor.ends.publishers, request, executor.now_ns())
 
     def schemas(self, _request: NodeRequest) -> dict[str, Any]:
         """Return the message types of every port; of a service those of request and reply."""

@@ -1,4 +1,4 @@
-"""The first work of a successor, from which its predecessor can go on if a handler of it fails."""
+"""A successor is tried on the last messages before it takes over, and reports what it does on probation."""
 
 from palp_core.errors import NodeError, SchemaMismatch
 from palp_core.graph.messages.message import encode_any
@@ -8,9 +8,6 @@ from palp_core.graph.process.swap_messages import HANDLER, WorkReport
 
 class WorkReporter:
     """What a successor has done since it last reported.
-
-    Args:
-        executor: The node.
 
     Attributes:
         frames: What it has published and not reported.

@@ -13,12 +13,7 @@ MOST_WAITING = 100_000
 
 
 class ShadowComparison:
-    """Two streams of frames, matched by topic and sequence.
-
-    Args:
-        published: Last sequence of each topic before both began.
-        arrays: Which fields of each topic's messages are arrays of numbers.
-    """
+    """Two streams of frames, matched by topic and sequence."""
 
     def __init__(self, published: Mapping[str, int], arrays: Mapping[str, Collection[str]]) -> None:
         self._arrays = arrays

@@ -29,11 +29,7 @@ that is stopped must not keep a node from its swap)."""
 
 
 class SharedSockets:
-    """What a composed node has of the sockets of its process: its readers stay where they are in a swap.
-
-    Args:
-        shared: The sockets; None if nobody can listen.
-    """
+    """What a composed node has of the sockets of its process: its readers stay where they are in a swap."""
 
     endpoints = "", ""
     context: Any = None

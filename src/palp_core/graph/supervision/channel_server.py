@@ -17,13 +17,7 @@ from palp_core.whole_file import PRIVATE
 
 
 class ChannelServer:
-    """Channels to named nodes, numbered by their place in the list.
-
-    Args:
-        path: Unix socket on which nodes report.
-        names: Nodes that may connect; whoever else does is turned away.
-        others: Descriptors of others to wait for in the same place.
-    """
+    """Channels to named nodes, numbered by their place in the list."""
 
     def __init__(self, path: Path, names: Sequence[str], others: Iterable[int]) -> None:
         self._names = list(names)

@@ -20,11 +20,7 @@ _LIBC = ctypes.CDLL(None, use_errno=True)  # loaded once: a freshly forked proce
 
 
 def die_with_parent(parent: int = 0) -> None:
-    """Let this process be killed when the one that started it dies, however that comes.
-
-    Args:
-        parent: Its process id, to end at once if it has died before this call; 0: that is noticed elsewhere.
-    """
+    """Let this process be killed when its parent dies; at once if it is no child of ``parent`` any more."""
     _LIBC.prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
     if parent and os.getppid() != parent:
         os._exit(1)
@@ -36,14 +32,7 @@ def adopt_orphans() -> None:
 
 
 def run_child(work: Callable[[], int], server: int, output: int, release: Callable[[], None]) -> NoReturn:
-    """Turn a freshly forked process into what ``work`` does, and end with the status it returns.
-
-    Args:
-        work: The process's main function.
-        server: Process id of the fork server; with its death comes this one's.
-        output: Descriptor that takes the place of standard output and error.
-        release: Lets go of what is the server's.
-    """
+    """Turn a freshly forked process into what ``work`` does, and end with the status it returns."""
     status = 1
     try:
         os.setsid()

@@ -97,12 +97,7 @@ ChildEvent = Started | Exited | Inspected
 
 
 class ForkServer:
-    """A running fork server; closing it ends every process it has started.
-
-    Args:
-        interrupt: Raises when the user wants the end while node classes are looked at.
-        started: Its process, if it was started before.
-    """
+    """A running fork server; closing it ends every process it has started."""
 
     def __init__(self, interrupt: Interrupt | None = None, started: ServerProcess | None = None) -> None:
         self._interrupt = interrupt
@@ -180,11 +175,6 @@ class ForkServer:
 
         If one ends the child, its error says so, and another child goes on with the next. If one does not
         come to an end, that is the error of all that are left: they may well wait for the same module.
-
-        Args:
-            requests: What to look at.
-            workspace: First on the module path.
-            to_run: Where nodes of these classes are to run, which then find loaded there what is heavy.
 
         Raises:
             GraphError: The fork server is gone.

@@ -20,10 +20,6 @@ INSIST_NS = 500_000_000
 class Interrupted(KeyboardInterrupt):
     """The user asked for the end: no failure of what runs.
 
-    Args:
-        number: What was received.
-        asked_by: What has sent it, where that is known.
-
     Attributes:
         signal: What was received.
     """
@@ -113,9 +109,6 @@ HURRY_NS = 500_000_000
 
 class GracePeriod:
     """The time that one step of the end may take.
-
-    Args:
-        interrupt: Knows whether the user insists.
 
     Attributes:
         ending: The end has begun.

@@ -20,7 +20,7 @@ from palp_core.graph.messages.topic import Topic, topic_of
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.node.spec import LAUNCHER, topic
-from palp_core.graph.process.node_services import HistoryRequest
+from palp_core.graph.process.node_services import HistoryRequest, describe_outputs, history_of
 from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.request_server import NodeOperation, NodeRequest, R
 
@@ -35,10 +35,6 @@ _TYPES: dict[str, type[Message]] = {EVENTS: GraphEvent, HEALTH: GraphHealth}
 
 class LauncherNode:
     """The launcher's place in the graph, as that of a node called ``graph``.
-
-    Args:
-        folder: The run directory.
-        now_ns: The graph's clock.
 
     Attributes:
         record: What the operation ``graph`` answers.
@@ -150,14 +146,7 @@ class LauncherNode:
 
     def _info(self) -> dict[str, Any]:
         """Say what a node would say of itself, as far as a launcher has it."""
-        outputs = {
-            name: {
-                "type": out.message.__name__,
-                "sequence": out.sequence,
-                "qos": msgspec.to_builtins(out.qos),
-            }
-            for name, out in self._publishers.items()
-        }
+        outputs = describe_outputs(self._publishers)
         return {
             "name": LAUNCHER,
             "run": "the launcher",
@@ -172,16 +161,7 @@ class LauncherNode:
 
     def _history(self, request: HistoryRequest) -> dict[str, Any]:
         """Return remembered frames, as a node does."""
-        publisher = self._publishers.get(request.topic)
-        if publisher is None:
-            raise GraphError(f"the launcher does not publish {request.topic}")
-        frames = list(publisher.kept(request.first, request.last, self.now_ns()))
-        return {
-            "topic": publisher.topic,
-            "epoch": publisher.epoch,
-            "last": publisher.sequence,
-            "frames": frames,
-        }
+        return history_of("the launcher", self._publishers, request, self.now_ns())
 
     @staticmethod
     def topics(folder: str) -> list[Topic]:

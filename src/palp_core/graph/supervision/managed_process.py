@@ -116,15 +116,7 @@ def _state(pid: int) -> str:
 
 
 class ProcessLauncher:
-    """Starts and signals the processes of one run.
-
-    Args:
-        server: Parent of the processes.
-        clock: ``sim`` or ``wall``.
-        folder: The run directory.
-        workspace: Folder that holds ``nodes/``.
-        levels: From which level on nodes log.
-    """
+    """Starts and signals the processes of one run."""
 
     def __init__(
         self, server: ForkServer, clock: str, folder: Path, workspace: str, levels: LogLevels

@@ -26,15 +26,7 @@ _LOG = logging.getLogger("palp.supervisor")
 
 
 class Restarts:
-    """Looks after processes that are to work until the run ends.
-
-    Args:
-        processes: The nodes in graph order.
-        launcher: Starts and signals processes.
-        activate: Tells a node, by its number, to work.
-        launcher_node: Is told what has happened, and once a second how the nodes do.
-        restarts: Whether a restart can be: in lockstep it would not be the same run.
-    """
+    """Looks after processes that are to work until the run ends."""
 
     def __init__(
         self,

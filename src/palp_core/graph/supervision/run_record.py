@@ -20,15 +20,7 @@ def run_record(
     *,
     composed: bool,
 ) -> RunRecord:
-    """Return the record of a running graph.
-
-    Args:
-        checked: The graph.
-        file: Its launch file, as given.
-        directory: The run's.
-        pids: Process of every node that has one here.
-        composed: All nodes are in this process.
-    """
+    """Return the record of a running graph."""
     folder = str(directory.path)
 
     def at(node: str) -> tuple[str, str]:
@@ -47,14 +39,7 @@ def run_record(
 def run_record_of_node(
     spec: NodeSpec, outputs: Mapping[str, TopicInfo], directory: RunDirectory, pid: int
 ) -> RunRecord:
-    """Return the record of a node that this host runs alone, or as part of a graph elsewhere.
-
-    Args:
-        spec: The node.
-        outputs: What it publishes, by topic.
-        directory: The run's.
-        pid: Of its process; 0 before it has one.
-    """
+    """Return the record of a node that this host runs alone, or as part of a graph elsewhere."""
     folder = str(directory.path)
     ends = endpoints(folder, spec.name)
     topics = [info.as_topic(name, ends[0]) for name, info in outputs.items()]

@@ -22,11 +22,6 @@ class Sidecar(Generic[Received]):
     """One process and the channel to it.
 
     It must end when the channel closes; if this process is killed, the kernel kills it.
-
-    Args:
-        module: Run with the descriptor of its end of the channel as its only argument.
-        decoder: Of what it says.
-        log: File for its output.
     """
 
     def __init__(self, module: str, decoder: msgspec.msgpack.Decoder[Received], log: Path) -> None:

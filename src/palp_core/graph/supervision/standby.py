@@ -50,15 +50,7 @@ class Standby:
 
 
 class Standbys:
-    """All of them.
-
-    Args:
-        folder: The run directory.
-        server: Parent of the processes.
-        channels: To all processes.
-        launcher: Starts a process.
-
-    """
+    """All of them."""
 
     def __init__(
         self,

@@ -39,17 +39,6 @@ _LOG = logging.getLogger("palp.supervisor")
 class Supervisor:
     """The processes of a graph's nodes, from their start to the end of the run.
 
-    Args:
-        specs: The nodes in graph order.
-        clock: ``sim`` or ``wall``.
-        workspace: Folder that holds ``nodes/``.
-        folder: The run directory.
-        server: Parent of the processes.
-        interrupt: Raises when the user wants the end.
-        observe: Wall clock: is shown every message for the launch view.
-        launcher_node: Where the graph's events and health are published.
-        levels: From which level on nodes log.
-
     Attributes:
         start_ns: The graph's start on the wall clock; 0 before.
         exit_code: Of the node whose end is the run's; None before.
@@ -148,10 +137,6 @@ class Supervisor:
 
     def run_wall(self, until_ns: int | None = None, start_ns: int | None = None) -> int:
         """Activate in graph order, then watch until the run ends; return the exit code.
-
-        Args:
-            until_ns: When to end, on the graph's clock.
-            start_ns: The graph's start on the machine's monotonic clock; now by default.
 
         Raises:
             NodeError: A node failed and its rule does not restart it.

@@ -14,13 +14,7 @@ from palp_core.graph.problems import hint
 
 
 def incompatibilities(checked: CheckedGraph, spec: NodeSpec, new_class: NodeClass) -> list[str]:
-    """Return every reason why a class cannot take a node's place: wires that it would tear; none if it can.
-
-    Args:
-        checked: The graph.
-        spec: The node as it is.
-        new_class: The class.
-    """
+    """Return every reason why a class cannot take a node's place, which is the wires that it would tear."""
     if new_class.error is not None:
         return [new_class.error]
     found = list(new_class.param_errors.values())
@@ -137,14 +131,7 @@ def _requested(port: NodePort, reading: Reading) -> Any:
 def replaced(
     checked: CheckedGraph, spec: NodeSpec, new_class: NodeClass, params: Mapping[str, Any]
 ) -> CheckedGraph:
-    """Return the graph with another class in a node's place.
-
-    Args:
-        checked: The graph.
-        spec: The node as it is.
-        new_class: The class, which nothing speaks against.
-        params: What is given of its parameters.
-    """
+    """Return the graph with another class in a node's place."""
     name = spec.name
     before = spec.params if new_class.run == spec.run else {}
     kept = {key: value for key, value in before.items() if key in new_class.params}

@@ -6,16 +6,13 @@ receives ``Commit`` it publishes nothing by itself, so that there is one owner a
 """
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn, TypeVar
+from typing import Any
 
 import msgspec
 
-from palp_core.errors import GraphError, NodeError
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
-from palp_core.graph.lockstep.composition import Composition
 from palp_core.graph.lockstep.conductor import Conductor
 from palp_core.graph.messages.frame import topic_of
 from palp_core.graph.messages.message import decode_any
@@ -44,125 +41,34 @@ from palp_core.graph.process.swap_messages import (
     SuccessorAnnounced,
     TakeOver,
     TookOver,
-    ToSwapped,
     Working,
     WorkReport,
 )
-from palp_core.graph.supervision.managed_process import ManagedProcess
-from palp_core.graph.supervision.standby import Standby
 from palp_core.graph.supervision.supervisor import FAREWELL_NS, Supervisor
-from palp_core.graph.swap.swap import STEPS, CheckedSwap, SwapFailed, SwapReport, why_not_swappable
+from palp_core.graph.swap.step_engine import LARGE_BYTES, NEW, OLD, Step, StepEngine, SwapHost
+from palp_core.graph.swap.swap import CheckedSwap, SwapFailed, SwapReport, why_not_swappable
 from palp_core.graph.transport.offsets import ReceivedOffsets
 
 LINGER_NS = 60_000_000_000
 """How long an old process stays for a reader that is stopped or slow (assumed)."""
 
-LARGE_BYTES = 1_000_000
 LOOK_NS = 10_000_000
 """Simulated time: how often it is asked whether a probation is over."""
-
-OLD, NEW = "old", "new"
-"""Where a step's message goes, and where its answer comes from."""
 
 ALWAYS, WITH_SHADOW, ON_PROBATION = "", "with a shadow", "on probation"
 """When a step is part of a swap."""
 
-SwapHost = Supervisor | Composition
-"""What has the nodes."""
 
-Answer = TypeVar("Answer")
-
-
-class Step(NamedTuple):
-    """One row of the table: a message, and the answer that it waits for.
-
-    Attributes:
-        name: Of :data:`~palp_core.graph.swap.swap.STEPS`; a failure names it.
-        when: In which swaps.
-        to: Where the message goes, and where the answer comes from.
-        send: Returns the message; None: it has done itself what is answered.
-        awaits: Kind of the answer.
-        accept: Waits for the answer and judges it.
-        undo: Message to the old node that takes the step back.
-    """
-
-    name: str
-    when: str
-    to: str
-    send: Callable[[Any], ToSwapped | None]
-    awaits: type[Any]
-    accept: "Callable[[Any, Step], object]" = lambda swap, step: swap.wait_for_answer(step)
-    undo: ToSwapped | None = None
-
-
-class SwapEngine:
-    """The swaps of one graph.
-
-    Args:
-        host: Has the nodes.
-        folder: The run directory.
-        workspace: Folder that holds ``nodes/``.
-
-    Attributes:
-        conductor: Drives the nodes in simulated time; None before the run, and on the wall clock.
-    """
-
-    def __init__(self, host: SwapHost, folder: Path, workspace: Path) -> None:
-        self._host, self._folder, self._workspace = host, folder, workspace
-        self.conductor: Conductor | None = None
-        self._current: Swap | None = None
-
-    @property
-    def step(self) -> str:
-        """The step of the swap that is under way; "" if there is none."""
-        return self._current.step if self._current is not None else ""
-
-    def inspect_class(self, request: NodeClassRequest, timeout_s: float) -> NodeClass:
-        """Import a class where that does no harm, and return what it declares."""
-        return self._host.inspect_class(request, self._workspace, timeout_s)
-
-    def swap(self, swap: CheckedSwap, now_ns: int) -> tuple[SwapReport, Done | None]:
-        """Let another class take a node's place.
-
-        Raises:
-            SwapFailed: A step failed; the old node goes on.
-        """
-        self._current = Swap(self._host, self._folder, swap, now_ns, self.conductor)
-        try:
-            return self._current.run()
-        finally:
-            self._current = None
-
-
-class Swap:
-    """One swap.
-
-    Args:
-        host: Has the nodes.
-        folder: The run directory.
-        swap: What is replaced by what.
-        now_ns: Time on the graph's clock.
-        conductor: Drives the nodes in simulated time.
-
-    Attributes:
-        index: Number of the node.
-        step: The name of the current step.
-    """
+class Swap(StepEngine):
+    """One swap: what its steps do."""
 
     def __init__(
         self, host: SwapHost, folder: Path, swap: CheckedSwap, now_ns: int, conductor: Conductor | None
     ) -> None:
-        self.index, self.step = swap.index, "start"
-        self._host, self._folder, self._swap, self._request = host, folder, swap, swap.request
+        super().__init__(host, folder, swap)
         self._now_ns, self._conductor = now_ns, conductor
         self._begun_ns = monotonic_ns()
         self._wall = bool(host.start_ns)
-        self._old = host.processes[swap.index]
-        self._successor = self._old  # before there is one
-        self._standby: Standby | None = None  # the new node; from the commit on the old one
-        self._undos: list[ToSwapped] = []
-        self._answers: dict[type[Any], Any] = {}
-        self._must_commit = self._committed = False
         self._after: ReceivedOffsets = {}
         self._on_probation = self._can_roll_back = False
         self._probation_end_ns = 0
@@ -171,7 +77,6 @@ class Swap:
         self._unpublished: list[bytes] = []
         self._comparison: dict[str, Any] = {}
         self._rounds = Rounds(topic.encode() for topic in swap.new.inputs.values())
-        self._extend_deadline()
 
     def run(self) -> tuple[SwapReport, Done | None]:
         """Walk the table; before the commit a failure leaves all as it was."""
@@ -205,17 +110,6 @@ class Swap:
             if parts[step.when]:
                 self.take(step)
 
-    def take(self, step: Step) -> None:
-        """Take one step: send its message, wait for the answer, accept it."""
-        self.step = step.name if step.name in STEPS else self.step
-        self._check_successor()
-        if step.undo is not None:
-            self._undos.append(step.undo)
-        message = step.send(self)
-        if message is not None:
-            self._send(step.to, message)
-        step.accept(self, step)
-
     def _report(self, working: Working) -> SwapReport:
         return self._swap.report(
             at_ns=self._now_ns,
@@ -226,118 +120,6 @@ class Swap:
             proven=self._latest.proof_count,
             proven_by=self._latest.proof,
         )
-
-    @property
-    def _new(self) -> Standby:
-        assert self._standby is not None
-        return self._standby
-
-    def _extend_deadline(self) -> None:
-        self._deadline_ns = monotonic_ns() + round(self._request.timeout_s * 1e9)
-
-    def _answer(self, kind: type[Answer]) -> Answer:
-        """Return the latest answer of a kind."""
-        found: Answer = self._answers[kind]
-        return found
-
-    def _check_successor(self) -> None:
-        """Fail if the new node has died, as long as the old one can go on."""
-        new = self._standby
-        if new is None or self._committed or self._must_commit:
-            return
-        if new.process.pid and new.process.has_died():  # how, the fork server is about to report
-            self._wait_for(lambda: False, "its process has died")
-        if new.failure:
-            self._fail(new.failure)
-
-    def _roll_back(self) -> None:
-        """Leave all as it was; a new node has published nothing by itself."""
-        host, new = self._host, self._standby
-        if new is not None:
-            host.standbys.kill(new)
-        undos, self._undos = self._undos, []
-        for undo in reversed(undos):
-            self._send(OLD, undo)
-        if new is not None:
-            with contextlib.suppress(NodeError, GraphError):  # the swap's own failure is the news
-                host.wait_until(lambda: new.process.ended, monotonic_ns() + FAREWELL_NS)
-            for end in ("pub", "srv"):
-                (self._folder / f"{new.process.place}.{end}").unlink(missing_ok=True)
-        if self._old.handed_over:
-            self._old.handed_over = False
-            if self._old.ended and isinstance(host, Supervisor):
-                host.recover(self.index, "its process ended while its successor failed")
-
-    def _fail(self, text: str) -> NoReturn:
-        raise SwapFailed(self._request.node, self.step, text)
-
-    def _fail_in_time(self, missing: str, limit_s: float) -> NoReturn:
-        size = self._state_bytes()
-        state = f", with a state of {size / 1e6:.0f} MB" if size > LARGE_BYTES else ""
-        self._fail(f"{missing} within {limit_s:g} s{state}")
-
-    def _state_bytes(self) -> int:
-        """Return how large the node's state was at the most."""
-        answers = self._answers.values()
-        found = [getattr(answer, "hand_over", getattr(answer, "tried", b"")) for answer in answers]
-        return max(map(len, found), default=0)
-
-    def _send(self, to: str, message: ToSwapped) -> None:
-        if to == OLD:
-            self._old.replies.clear()
-        if (to == NEW) is not self._committed:
-            self._host.standbys.send(self._new, message)
-        else:
-            self._host.send_if_connected(self.index, message)
-
-    def wait_for_answer(self, step: Step, *, missing: str = "", may_refuse: bool = False) -> Any:
-        """Wait for a step's answer; another kind is late, of a swap before that waited for it no longer.
-
-        Raises:
-            SwapFailed: There is none, or it has an error.
-        """
-        answer = self._await(step.to, step.awaits, missing)
-        self._answers[step.awaits] = answer
-        if not may_refuse and (error := getattr(answer, "error", "")):
-            self._fail(error)
-        return answer
-
-    def _await(self, node: str, kind: type[Answer], missing: str = "", limit_s: float = 0.0) -> Answer:
-        missing = missing or f"the {node} node did not answer ({kind.__name__})"
-        self._wait_for(lambda: self._found(node, kind) is not None, missing, limit_s)
-        answer = self._found(node, kind)
-        assert answer is not None
-        self._process(node).replies.remove(answer)  # type: ignore[arg-type]
-        return answer
-
-    def _process(self, node: str) -> ManagedProcess:
-        return self._old if node == OLD else self._successor
-
-    def _found(self, node: str, kind: type[Answer]) -> Answer | None:
-        """Return an answer; None before it has come."""
-        return next((reply for reply in self._process(node).replies if isinstance(reply, kind)), None)
-
-    def _wait_for(self, condition: Callable[[], bool], missing: str, limit_s: float = 0.0) -> None:
-        """Wait for something; so long at the most, or as long as the swap may take.
-
-        Raises:
-            SwapFailed: One of the nodes has ended, or the time is over.
-        """
-        old, new = self._old, self._standby
-
-        def is_over() -> bool:
-            gone = (old.ended and not old.handed_over) or old.respawn_at_ns is not None
-            return condition() or gone or (new is not None and bool(new.failure))
-
-        deadline_ns = monotonic_ns() + round(limit_s * 1e9) if limit_s else self._deadline_ns
-        in_time = self._host.wait_until(is_over, deadline_ns)
-        if condition():
-            return
-        if new is not None and new.failure:
-            self._fail(new.failure)
-        if not in_time:
-            self._fail_in_time(missing, limit_s or self._request.timeout_s)
-        self._fail("the old node has ended")
 
     # Start and configure
 
