@@ -154,7 +154,8 @@ class _Resolver:
         written = {}
         for word in (word for word in words if word.node == SHARED):
             if word.parameter in shared:
-                written[word.parameter] = Located(word.value, shared[word.parameter].mark)
+                place = shared[word.parameter].mark
+                written[word.parameter] = Located(word.value, place, argument=f"{SHARED}.{word.parameter}")
             else:
                 self._refuse_word(caller, f"no shared parameter '{word.parameter}'", word.parameter, shared)
         self._nodes_of(file, shared, written)
@@ -311,12 +312,12 @@ class _Resolver:
                 found |= self._shared_of(included)
         if "shared" in file.items:
             own = self._located(TreeReader(file), file, file.items["shared"].value, "shared")
-            found |= {
-                name: replace(one, defaulted=one.defaulted or not one.argument) for name, one in own.items()
-            }
+            for name, one in own.items():
+                stated = Located(one.value, one.mark, defaulted=True, argument=f"{SHARED}.{name}")
+                found[name] = one if one.argument else stated
         for name, preset in file.presets.items():
             if name not in file.own and name in found and preset.value is not UNKNOWN:
-                found[name] = Located(preset.value, preset.mark or file.place)
+                found[name] = Located(preset.value, preset.mark or file.place, argument=f"{SHARED}.{name}")
         return found
 
     def _located(self, reader: TreeReader, file: SourceFile, tree: Tree, what: str) -> dict[str, Located]:
@@ -413,11 +414,7 @@ class _Resolver:
         if isinstance(restart, RestartKeys):
             said |= {"max_restarts": restart.max_restarts, "backoff_s": restart.backoff_s}
             restart = restart.when
-        rest = {
-            name: replace(one, argument=one.argument or f"{SHARED}.{name}")
-            for name, one in shared.items()
-            if name not in given
-        }
+        rest = {name: one for name, one in shared.items() if name not in given}
         params = rest | given
         node = GraphNode(
             spec=NodeSpec(
