@@ -59,18 +59,18 @@ def check(
         {name: replace(node, answer=answers[_key(_request(node))]) for name, node in nodes.items()}
         for nodes in drafts
     ]
-    nodes, *variants = (fitted(one) for one in asked)
-    said: set[str] = set()
+    nodes, *variants = (fitted(draft) for draft in asked)
+    reported: set[str] = set()
     wrong = _ParamMistakes()
     for graph in (nodes, *variants):
         for node in graph.values():
-            _check_class(node, problems, said, wrong, is_variant=graph is not nodes)
+            _check_class(node, problems, reported, wrong, is_variant=graph is not nodes)
             check_wires(node, graph, description.unread, problems)
     wrong.report(problems)
     _check_shared_names(description, asked, problems)
     for key, located in functions.items():
         error = answers[_key(NodeClassRequest(located.value, kind="function"))].error
-        if error not in (None, *said):
+        if error not in (None, *reported):
             problems.add(located.mark, f"{key}: {error}")
     later = _look_at_later(description.workspace, nodes, inspect, problems)
     problems.raise_any()
@@ -99,9 +99,9 @@ def _check_shared_names(description: LaunchFile, drafts: Sequence[_Nodes], probl
     if any(found.error is not None for found in classes):
         return
     known = {name for found in classes for name in found.params}
-    for name, one in description.shared.items():
+    for name, located in description.shared.items():
         if name not in known:
-            problems.add(one.mark, f"no node has the shared parameter '{name}'{hint(name, known)}")
+            problems.add(located.mark, f"no node has the shared parameter '{name}'{hint(name, known)}")
 
 
 def _with_checkpoint(checked: CheckedGraph, description: LaunchFile, problems: Problems) -> CheckedGraph:
@@ -159,10 +159,10 @@ def _look_at_later(
                 before = None
     answers = inspect(requests, workspace) if requests else []
     later = [_Later(*names, answer) for names, answer in zip(named, answers, strict=True)]
-    for one in later:
-        found = one.answer
+    for successor in later:
+        found = successor.answer
         for error in [found.error] if found.error is not None else found.param_errors.values():
-            one.blame(error, problems)
+            successor.blame(error, problems)
     return later
 
 
@@ -170,16 +170,17 @@ def _check_later(
     later: Sequence[_Later], checked: CheckedGraph, succeed: SucceedFunction, problems: Problems
 ) -> None:
     """Let each class take its node's place, after those before it; say what speaks against it."""
-    for one in later:
+    for successor in later:
         specs = {spec.name: spec for spec in checked.spawned}
-        if one.node not in specs:
-            one.blame(
-                f"no node '{one.node}' is there whose place it could take{hint(one.node, specs)}", problems
+        if successor.node not in specs:
+            successor.blame(
+                f"no node '{successor.node}' is there whose place it could take{hint(successor.node, specs)}",
+                problems,
             )
             continue
-        wrong, checked = succeed(checked, specs[one.node], one.answer)
+        wrong, checked = succeed(checked, specs[successor.node], successor.answer)
         for error in wrong:
-            one.blame(error, problems)
+            successor.blame(error, problems)
 
 
 class _ParamMistakes:
@@ -208,14 +209,14 @@ class _ParamMistakes:
 
 
 def _check_class(
-    reader: GraphNode, problems: Problems, said: set[str], wrong: _ParamMistakes, *, is_variant: bool
+    reader: GraphNode, problems: Problems, reported: set[str], wrong: _ParamMistakes, *, is_variant: bool
 ) -> None:
     """Check one node against its class; what is wrong in a source, or in all branches, is said once."""
     if reader.declared.error is not None:
         if _SOURCE.match(reader.declared.error):
-            if reader.declared.error in said:
+            if reader.declared.error in reported:
                 return
-            said.add(reader.declared.error)
+            reported.add(reader.declared.error)
         problems.add(reader.run_mark, f"node '{reader.spec.name}': {reader.declared.error}")
         return
     for name, error in reader.declared.param_errors.items():
@@ -223,9 +224,9 @@ def _check_class(
         if reader.declared.examined and is_variant and not is_stated:
             continue  # a branch that is not taken; with these arguments it could not be
         what = f"{reader.spec.name} {reader.spec.params.get(name)} {error}"  # of several branches of a node
-        if reader.declared.examined and what in said:
+        if reader.declared.examined and what in reported:
             continue
-        said.add(what)
+        reported.add(what)
         if name in reader.params or reader.complete:
             wrong.add(reader, name, error)
 

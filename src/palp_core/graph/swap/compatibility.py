@@ -36,8 +36,8 @@ def replaced(
     Of the parameters, ``params`` are given; a class that stays keeps what its node was given.
     """
     built = build(_nodes_with(checked, spec, new_class, params), checked.seed)
-    new = next(one for one in built["nodes"] if one.name == spec.name)
-    nodes = [new if one.name == spec.name else one for one in checked.nodes]  # others go on as they were
+    new = next(node for node in built["nodes"] if node.name == spec.name)
+    nodes = [new if node.name == spec.name else node for node in checked.nodes]  # others go on as they were
     return msgspec.structs.replace(checked, **{**built, "nodes": nodes})
 
 
