@@ -41,7 +41,7 @@ def test_the_nodes_own_entry_goes_before_the_wildcard(tmp_path: Path) -> None:
         ("/relay: {gain: 3.0}", "'/relay' must hold one key, ros__parameters"),
         ("/relay: 5", "'/relay' must hold one key, ros__parameters"),
         ("/relay: {ros__parameters: 5}", "'/relay' must hold one key, ros__parameters"),
-        ("", "is no parameter file"),
+        ("", "is empty"),
         ("[1]", "is no parameter file"),
         ("a: [", "not valid YAML"),
     ],

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from palp_core.graph.messages.frame import topic_of
-from tests.support.palp import CHAIN, PATIENCE_S, Palp, own_workspace, wait_for_line
+from tests.support.palp import CHAIN, Palp, own_workspace
 from tests.support.rig_session import ComposedGraph
 
 TEN: dict[str, object] = {"clock": "sim", "count": 10}
@@ -58,27 +58,6 @@ def test_another_seed_gives_other_bytes() -> None:
     first, second = ([raw for raw in frames if topic_of(raw) == b"/source/sample"] for frames in found)
     assert len(first) == 10
     assert not {*first} & {*second}
-
-
-def test_tools_see_the_running_graph(palp: Palp) -> None:
-    process = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=200.0")
-    wait_for_line(process, "blocks: 1/")
-    nodes = palp.run("node", "list", "--json")
-    assert [node["name"] for node in json.loads(nodes.stdout)] == ["/source", "/relay", "/sink"]
-    topics = palp.run("topic", "list", "--show-types")
-    assert "/relay/amplified [Sample]" in topics.stdout.splitlines()
-    echoed = palp.run("topic", "echo", "/relay/amplified", "--times", "3", "--json")
-    indices = [json.loads(line)["index"] for line in echoed.stdout.splitlines()]
-    assert indices == list(range(indices[0], indices[0] + 3))
-    rate = json.loads(palp.run("topic", "hz", "/source/sample", "--window", "50", "--json").stdout)
-    assert rate["lost"] == 0
-    unknown = palp.run("topic", "echo", "/relay/amplifed", "--once")
-    assert unknown.returncode == 2
-    assert "did you mean '/relay/amplified'?" in unknown.stderr
-    process.terminate()
-    assert process.wait(PATIENCE_S) == 143
-    assert palp.all_gone()
-    assert palp.run("node", "list").returncode == 2
 
 
 def test_a_crashed_node_restarts_by_its_rule_and_the_run_goes_on(palp: Palp) -> None:

@@ -63,18 +63,20 @@ def policies(tmp_path: Path) -> Path:
 
 def test_a_class_that_does_not_fit_is_refused_in_the_words_of_the_swap_once(policies: Path) -> None:
     assert mistakes(f"3={policies}:Other", f"5={policies}:Mute", f"9={policies}:Mute") == [
-        f"{policies}:Mute: it has no output 'command', which /actuator reads; there are: change",
-        f"{policies}:Other: input 'torque' is not wired in the launch file; there are: belief, "
-        "cocontraction, primitives, trial",
-        f"{policies}:Other: output 'command': /policy/command carries Trial, not RingCommand",
+        f"{policies}:Mute: node 'actuator' (Actuator): node 'policy' (Mute) has no output 'command'; "
+        "there are: change",
+        f"{policies}:Other: node 'actuator' (Actuator): input 'command': /policy/command carries Trial, not "
+        "RingCommand; wire a port of its type",
+        f"{policies}:Other: node 'policy' (Other): input 'torque' is not wired; add torque: "
+        "experiment/trial or policy/command under inputs",
     ]
 
 
 def test_each_class_is_compared_with_the_one_before_it(policies: Path) -> None:
     (message,) = mistakes("9=nodes.policy_uniform:Uniform", f"3={policies}:Blind")
-    assert (
-        message
-        == "nodes.policy_uniform:Uniform: input 'belief' is not wired in the launch file; there are: trial"
+    assert message == (
+        "nodes.policy_uniform:Uniform: node 'policy' (Uniform): input 'belief' is not wired; "
+        "add belief: estimator/belief under inputs"
     )
 
 

@@ -132,7 +132,7 @@ def test_a_reader_that_rejects_what_comes_has_heard_it_and_is_swapped(palp: Palp
 
 REFUSED = [
     ("Agreeing", "rate_hz is 7.0 in node 'relay' and 200.0 in node 'source'; give both the same"),
-    ("NoOut", "it has no output 'out', which /sink reads"),
+    ("NoOut", "node 'sink' (Sink): node 'relay' (NoOut) has no output 'out'"),
     ("WrongType", "carries Word, not Num"),
     ("Wants", "input 'more' is not wired"),
     ("Nope", "no class 'Nope'"),
@@ -431,7 +431,7 @@ def test_a_class_that_takes_too_long_to_import_is_not_taken_for_the_next_one(
     assert failed["step"] == "check"
     assert f"within {timeout_s:g} s" in failed["text"]
     assert begun.exists()
-    assert "it has no output 'out'" in stage.swap("NoOut")["failed"]["text"]
+    assert "has no output 'out'" in stage.swap("NoOut")["failed"]["text"]
     assert "report" in stage.swap("Other")
 
 

@@ -162,7 +162,7 @@ def test_on_the_wall_clock_it_is_told_and_the_reader_may_even_be_restarted(
     graph = RunningGraph(msgspec.json.decode((running.folder / "graph.json").read_bytes(), type=RunRecord))
     refused = palp.run("swap", "source", "vacant_toys:Untold")
     assert refused.returncode == 10
-    assert "it has no output 'told', which /sink reads" in refused.stderr
+    assert "node 'sink' (Sink): node 'source' (Untold) has no output 'told'" in refused.stderr
     done = palp.run("swap", "source", "vacant_toys:Bare", "--timeout", PATIENCE_S)
     assert done.returncode == 0, done.stderr
     assert "nobody publishes /source/spare (for /sink/spare): no input needs it" in done.stderr

@@ -74,8 +74,8 @@ class Argument:
         except msgspec.ValidationError:
             wanted = KINDS.get(kind or object, "text, a number, true or false, or a mapping")
             text = f" ({_kind_of_text(given.value)})" if isinstance(given.value, str) else ""
-            one_of = f" (one of {choices})" if choices else ""
-            problems.add(given.mark or self.mark, f"{what}{text}; it must be {wanted}{one_of}")
+            listed = f" (one of {choices})" if choices else ""
+            problems.add(given.mark or self.mark, f"{what}{text}; it must be {wanted}{listed}")
             return UNKNOWN
         if choices and value not in self.choices and not self.names_class(value):
             choices += ", or a class, as in my_file.py:Mine" if self.or_class else ""
@@ -95,10 +95,10 @@ def as_kind(value: Any, kind: type | None) -> Any:
     return msgspec.convert(value, kind or bool | int | float | str | dict[str, Any])
 
 
-def read_words(words: Iterable[str], mark: Mark, problems: Problems) -> dict[str, Given]:
+def read_overrides(overrides: Iterable[str], mark: Mark, problems: Problems) -> dict[str, Given]:
     """Read ``name:=value`` of the command line; of two for one name the last counts, as in ROS 2."""
     given = {}
-    for word in words:
+    for word in overrides:
         name, separator, text = word.partition(":=")
         if not separator or not name:
             problems.add(mark, f"'{word}' on the command line is not an argument; write name:=value")

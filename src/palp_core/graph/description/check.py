@@ -1,27 +1,21 @@
 """Check a whole launch file, every branch of a selection too, before any process starts."""
 
 import re
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 
-from palp_core.graph.description.checked import (
-    CheckedGraph,
-    Reading,
-    TopicInfo,
-    recorders_apart,
-)
-from palp_core.graph.description.fitting import fitted
-from palp_core.graph.description.launch_file import GraphNode, InputEntry, LaunchFile
-from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, NodePort
+from palp_core.graph.description.checked import CheckedGraph, recorders_apart
+from palp_core.graph.description.launch_file import GraphNode, LaunchFile
+from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
 from palp_core.graph.description.resolver import resolve
-from palp_core.graph.description.wire_check import disagreements, misfits, type_misfit
-from palp_core.graph.messages.qos import on_edge
+from palp_core.graph.description.wire_check import disagreements
+from palp_core.graph.description.wiring import build, check_wires, fitted
 from palp_core.graph.node.spec import NodeSpec, topic
-from palp_core.graph.problems import Mark, Problems, hint, nearest
+from palp_core.graph.problems import Mark, Problems, hint
 
 _Nodes = dict[str, GraphNode]
 InspectFunction = Callable[[list[NodeClassRequest], Path], list[NodeClass]]
@@ -29,17 +23,6 @@ SucceedFunction = Callable[[CheckedGraph, NodeSpec, NodeClass], tuple[list[str],
 
 _SOURCE = re.compile(r"\S+\.py:\d+: |\w+ is not installed; ")
 """How mistakes begin that are a module's, not a node's."""
-
-_PLACES = {
-    "pub": "output", "sub": "input", "srv": "service", "client": "client",
-    "act": "action", "action_client": "action client",
-}  # fmt: skip
-_SOURCES = {"sub": "pub", "client": "srv", "action_client": "act"}
-_ADVICE = {
-    "type": "wire a port of its type",
-    "qos": "ask for less here or offer more in {run}",
-    "truth": "wire a measured quantity",
-}
 
 
 def load(
@@ -76,22 +59,22 @@ def check(
         {name: replace(node, answer=answers[_key(_request(node))]) for name, node in nodes.items()}
         for nodes in drafts
     ]
-    nodes, *variants = (fitted(one) for one in asked)
-    said: set[str] = set()
+    nodes, *variants = (fitted(draft) for draft in asked)
+    reported: set[str] = set()
     wrong = _ParamMistakes()
     for graph in (nodes, *variants):
         for node in graph.values():
-            _check_class(node, problems, said, wrong, is_variant=graph is not nodes)
-            _check_wires(node, graph, description.unread, problems)
+            _check_class(node, problems, reported, wrong, is_variant=graph is not nodes)
+            check_wires(node, graph, description.unread, problems)
     wrong.report(problems)
     _check_shared_names(description, asked, problems)
     for key, located in functions.items():
         error = answers[_key(NodeClassRequest(located.value, kind="function"))].error
-        if error not in (None, *said):
+        if error not in (None, *reported):
             problems.add(located.mark, f"{key}: {error}")
     later = _look_at_later(description.workspace, nodes, inspect, problems)
     problems.raise_any()
-    checked = recorders_apart(_build(description, nodes))
+    checked = recorders_apart(_checked(description, nodes))
     _check_shared(checked, nodes, problems)
     checked = _with_checkpoint(checked, description, problems)
     if succeed is not None:
@@ -116,9 +99,9 @@ def _check_shared_names(description: LaunchFile, drafts: Sequence[_Nodes], probl
     if any(found.error is not None for found in classes):
         return
     known = {name for found in classes for name in found.params}
-    for name, one in description.shared.items():
+    for name, located in description.shared.items():
         if name not in known:
-            problems.add(one.mark, f"no node has the shared parameter '{name}'{hint(name, known)}")
+            problems.add(located.mark, f"no node has the shared parameter '{name}'{hint(name, known)}")
 
 
 def _with_checkpoint(checked: CheckedGraph, description: LaunchFile, problems: Problems) -> CheckedGraph:
@@ -176,10 +159,10 @@ def _look_at_later(
                 before = None
     answers = inspect(requests, workspace) if requests else []
     later = [_Later(*names, answer) for names, answer in zip(named, answers, strict=True)]
-    for one in later:
-        found = one.answer
+    for successor in later:
+        found = successor.answer
         for error in [found.error] if found.error is not None else found.param_errors.values():
-            one.blame(error, problems)
+            successor.blame(error, problems)
     return later
 
 
@@ -187,16 +170,17 @@ def _check_later(
     later: Sequence[_Later], checked: CheckedGraph, succeed: SucceedFunction, problems: Problems
 ) -> None:
     """Let each class take its node's place, after those before it; say what speaks against it."""
-    for one in later:
+    for successor in later:
         specs = {spec.name: spec for spec in checked.spawned}
-        if one.node not in specs:
-            one.blame(
-                f"no node '{one.node}' is there whose place it could take{hint(one.node, specs)}", problems
+        if successor.node not in specs:
+            successor.blame(
+                f"no node '{successor.node}' is there whose place it could take{hint(successor.node, specs)}",
+                problems,
             )
             continue
-        wrong, checked = succeed(checked, specs[one.node], one.answer)
+        wrong, checked = succeed(checked, specs[successor.node], successor.answer)
         for error in wrong:
-            one.blame(error, problems)
+            successor.blame(error, problems)
 
 
 class _ParamMistakes:
@@ -225,14 +209,14 @@ class _ParamMistakes:
 
 
 def _check_class(
-    reader: GraphNode, problems: Problems, said: set[str], wrong: _ParamMistakes, *, is_variant: bool
+    reader: GraphNode, problems: Problems, reported: set[str], wrong: _ParamMistakes, *, is_variant: bool
 ) -> None:
     """Check one node against its class; what is wrong in a source, or in all branches, is said once."""
     if reader.declared.error is not None:
         if _SOURCE.match(reader.declared.error):
-            if reader.declared.error in said:
+            if reader.declared.error in reported:
                 return
-            said.add(reader.declared.error)
+            reported.add(reader.declared.error)
         problems.add(reader.run_mark, f"node '{reader.spec.name}': {reader.declared.error}")
         return
     for name, error in reader.declared.param_errors.items():
@@ -240,32 +224,11 @@ def _check_class(
         if reader.declared.examined and is_variant and not is_stated:
             continue  # a branch that is not taken; with these arguments it could not be
         what = f"{reader.spec.name} {reader.spec.params.get(name)} {error}"  # of several branches of a node
-        if reader.declared.examined and what in said:
+        if reader.declared.examined and what in reported:
             continue
-        said.add(what)
+        reported.add(what)
         if name in reader.params or reader.complete:
             wrong.add(reader, name, error)
-
-
-def _check_wires(reader: GraphNode, nodes: _Nodes, unread: Collection[str], problems: Problems) -> None:
-    """Check what a node reads; of nodes in ``unread`` nothing is known."""
-    if reader.declared.error is not None:
-        return
-    readable = reader.ports(*_SOURCES)
-    for name, wire in reader.inputs.items():
-        if name in readable:
-            if wire.node not in unread:
-                _check_wire(reader, readable[name], wire, nodes, problems)
-        elif name in reader.declared.ports:
-            noun = _PLACES[reader.declared.ports[name].kind]
-            problems.add(wire.mark, f"{reader}: '{name}' is its {noun}, not an input; remove it from inputs")
-        else:
-            problems.add(wire.mark, f"{reader} has no input '{name}'{hint(name, readable)}")
-    meant = {nearest(name, readable) for name in reader.inputs if name not in reader.declared.ports}
-    for name, port in readable.items():
-        if name not in reader.inputs and name not in meant and not port.optional and reader.complete:
-            message = f"{reader}: {_PLACES[port.kind]} '{name}' is not wired"
-            problems.add(reader.mark, f"{message}; add {name}: {_source(port, nodes)} under inputs")
 
 
 def _check_shared(checked: CheckedGraph, nodes: _Nodes, problems: Problems) -> None:
@@ -276,121 +239,7 @@ def _check_shared(checked: CheckedGraph, nodes: _Nodes, problems: Problems) -> N
         problems.add(reader.run_mark if given is None else given.mark, found.text)
 
 
-def _source(port: NodePort, nodes: _Nodes) -> str:
-    """Return a publisher or service that fits a port, or a placeholder."""
-    wanted, kind = [t.type_hash for t in port.types], _SOURCES[port.kind]
-    fitting = [
-        f"{name}/{other.name}"
-        for name, node in nodes.items()
-        for other in node.ports(kind).values()
-        if [t.type_hash for t in other.types] == wanted
-    ]
-    return " or ".join(dict.fromkeys(fitting)) or "node/port"
-
-
-def _check_wire(
-    reader: GraphNode, port: NodePort, wire: InputEntry, nodes: _Nodes, problems: Problems
-) -> None:
-    if wire.external:
-        if port.kind != "sub":
-            message = f"{reader}: {_PLACES[port.kind]} '{port.name}' cannot be external"
-            problems.add(wire.mark, f"{message}; name the {_PLACES[_SOURCES[port.kind]]} that answers it")
-        return
-    if wire.node not in nodes:
-        what = f"node '{reader.spec.name}': input '{port.name}'"
-        message = f"{what} comes from a node '{wire.node}' that is not there{hint(wire.node, nodes)}"
-        problems.add(wire.source_mark, message)
-        return
-    kind = _SOURCES[port.kind]
-    source = nodes[wire.node]
-    if source.declared.error is not None:
-        return
-    offers = source.ports(kind)
-    if wire.port in offers:
-        _check_edge(reader, port, source, offers[wire.port], wire, problems)
-    elif wire.port in source.declared.ports:
-        noun = _PLACES[source.declared.ports[wire.port].kind]
-        message = (
-            f"{reader}: '{wire.port}' of {source} is its {noun}; {_PLACES[port.kind]} '{port.name}' needs"
-        )
-        problems.add(wire.source_mark, f"{message} {_an(_PLACES[kind])}{hint(wire.port, offers)}")
-    else:
-        known = [name for name, offer in offers.items() if not offer.vacant]
-        text = f"{reader}: {source} has no {_PLACES[kind]} '{wire.port}'{hint(wire.port, known)}"
-        problems.add(wire.source_mark, text)
-
-
-def _an(noun: str) -> str:
-    return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun}"
-
-
-def _check_edge(
-    reader: GraphNode,
-    port: NodePort,
-    source: GraphNode,
-    offer: NodePort,
-    wire: InputEntry,
-    problems: Problems,
-) -> None:
-    where = f"{reader}: {_PLACES[port.kind]} '{port.name}'"
-    if port.kind != "sub":
-        for ours, theirs in zip(port.types, offer.types, strict=True):
-            wanted = TopicInfo.carrying(ours, reader.spec.name, port)
-            found = type_misfit(wanted, TopicInfo.carrying(theirs, wire.node, offer))
-            if found is not None:
-                problems.add(wire.source_mark, f"{where}: {found.text}; {_ADVICE[found.part]}")
-                return
-        stated = [*wire.stated, *(["on_event"] if wire.action != "warn" and port.kind != "client" else [])]
-        if stated:
-            noun = _PLACES[offer.kind]
-            message = f"{where}: {_an(noun)} has no quality of service; remove {', '.join(stated)}"
-            problems.add(wire.source_mark, message)
-        return
-    for part, text in misfits(
-        TopicInfo.of(reader.spec.name, port, qos=wire.requested(port.qos)),
-        TopicInfo.of(wire.node, offer),
-        reads_truth=reader.declared.simulates or reader.declared.records,
-    ):
-        advice = _ADVICE[part].format(run=source.declared.run)
-        problems.add(wire.source_mark, f"{where}: {text}; {advice}")
-
-
-def _build(description: LaunchFile, nodes: _Nodes) -> CheckedGraph:
-    edges: dict[str, list[list[str]]] = {}
-    topics: dict[str, TopicInfo] = {}
-    readings: dict[str, dict[str, Reading]] = {name: {} for name in nodes}
-    requests: dict[str, dict[str, list[str]]] = {name: {} for name in nodes}
-    for name, node in nodes.items():
-        for port in (port for port in node.declared.ports.values() if port.kind == "pub"):
-            topics[topic(name, port.name)] = TopicInfo.of(name, port)
-        for port_name, wire in node.wires.items():
-            port = node.declared.ports[port_name]
-            source = topic(name, port_name) if wire.external else topic(wire.node, wire.port)
-            readings[name][port_name] = Reading(
-                topic=source,
-                qos=wire.requested(port.qos),
-                stated=wire.stated,
-                action=wire.action,
-                external=wire.external,
-                dispensable=port.optional and not port.lasting,
-                same=node.declared.same_params.get(port_name, ()),
-            )
-            if wire.external:
-                topics[source] = TopicInfo.of(name, port)
-            if port.kind == "sub":
-                edges.setdefault(source, []).append([name, port_name])
-                continue
-            own = topic(name, port_name)
-            requests[wire.node].setdefault(wire.port, []).append(own)
-            edges[own] = [[wire.node, wire.port]]
-            edges[source + own] = [[name, port_name]]
-            topics[own] = TopicInfo.of(name, port)
-            topics[source + own] = TopicInfo.of(
-                wire.node, nodes[wire.node].declared.ports[wire.port], reply=True
-            )
-    specs = [
-        _spec(node, description.seed, readings[name], requests[name], topics) for name, node in nodes.items()
-    ]
+def _checked(description: LaunchFile, nodes: _Nodes) -> CheckedGraph:
     return CheckedGraph(
         graph=description.graph,
         file=str(description.file.resolve()),
@@ -398,39 +247,8 @@ def _build(description: LaunchFile, nodes: _Nodes) -> CheckedGraph:
         clock=description.clock,
         seed=description.seed,
         args=description.values,
-        nodes=specs,
-        readings=readings,
-        edges=edges,
-        topics=topics,
-        docs={name: node.declared.doc for name, node in nodes.items()},
         report=description.report.value if description.report else "",
         listen=description.listen,
         view=description.view.value if description.view else "",
-    )
-
-
-def _spec(
-    node: GraphNode,
-    seed: int,
-    readings: dict[str, Reading],
-    requests: dict[str, list[str]],
-    topics: dict[str, TopicInfo],
-) -> NodeSpec:
-    subs = {name: reading for name, reading in readings.items() if node.declared.ports[name].kind == "sub"}
-    defaults = {name: known.default for name, known in node.declared.params.items() if not known.required}
-    return msgspec.structs.replace(
-        node.spec,
-        params=defaults | node.spec.params,
-        inputs={port: reading.topic for port, reading in readings.items()},
-        requests=requests,
-        seed=seed,
-        moves=node.declared.moves,
-        qos={port: on_edge(r.qos, topics[r.topic].qos) for port, r in subs.items()},
-        actions={port: reading.action for port, reading in readings.items() if reading.action != "warn"},
-        external=[port for port, reading in readings.items() if reading.external],
-        vacant={
-            name: (topics[name].type_hash, topics[name].qos)
-            for port in node.declared.ports.values()
-            if port.vacant and (name := topic(node.spec.name, port.name))
-        },
+        **build(nodes, description.seed),
     )

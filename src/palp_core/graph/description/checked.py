@@ -9,7 +9,7 @@ import msgspec
 import yaml
 
 from palp_core.graph.description.launch_keys import CheckpointKeys
-from palp_core.graph.description.node_class import NodePort
+from palp_core.graph.description.node_class import NodeClass, NodePort
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.topic import MessageType, Topic
 from palp_core.graph.node.spec import NodeSpec, action_of, topic
@@ -87,6 +87,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
         readings: Wired inputs by node and port.
         edges: Readers of each topic as [node, port], requests and replies among them: a client's requests
             travel on ``/<client>/<port>``, the replies on ``/<server>/<service>/<client>/<port>``.
+        classes: What each node's class declares.
         report: ``module:function`` to run at the end; "" for none.
         listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.
         view: ``module:function`` that fills its own page of ``palp view``; "" for none.
@@ -104,7 +105,7 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     readings: dict[str, dict[str, Reading]]
     edges: dict[str, list[list[str]]]
     topics: dict[str, TopicInfo]
-    docs: dict[str, str] = {}
+    classes: dict[str, NodeClass] = {}
     report: str = ""
     listen: str = ""
     recorders: list[NodeSpec] = []
@@ -112,6 +113,11 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     view: str = ""
     attached: dict[str, str] = {}
     checkpoint: CheckpointKeys | None = None
+
+    @property
+    def docs(self) -> dict[str, str]:
+        """First line of each node class's docstring, by node."""
+        return {name: found.doc for name, found in self.classes.items()}
 
     @property
     def readers(self) -> dict[str, list[int]]:
@@ -178,23 +184,6 @@ def without_effect(graph: CheckedGraph) -> str:
         f"{' and '.join(asked)} {'have' if len(asked) > 1 else 'has'} no effect in simulated time: "
         "events are published and recorded, and a node's crash ends the run"
     )
-
-
-def vacancies(
-    name: str,
-    declared: Collection[str],
-    topics: Mapping[str, TopicInfo],
-    edges: Mapping[str, list[list[str]]],
-) -> dict[str, tuple[str, Qos]]:
-    """Return the topics of a node that others are wired to and its class, with these outputs, has not."""
-    return {
-        key: (info.type_hash, info.qos)
-        for key, info in topics.items()
-        if info.node == name
-        and key == topic(name, info.port)
-        and edges.get(key)
-        and info.port not in declared
-    }
 
 
 def unpublished_words(unpublished: Mapping[str, list[str]]) -> str:

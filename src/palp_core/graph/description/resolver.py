@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from palp_core.errors import GraphError
 from palp_core.graph.clock import local_time_name
 from palp_core.graph.description.argument_reader import read_arguments
-from palp_core.graph.description.arguments import branch_name, read_words, refuse_unknown
+from palp_core.graph.description.arguments import branch_name, read_overrides, refuse_unknown
 from palp_core.graph.description.launch_file import (
     GraphNode,
     InputEntry,
@@ -85,7 +85,7 @@ def resolve(path: Path, overrides: Sequence[str] = (), environ: Lookup[str, str]
             variant = other.resolve(path, overrides)
             variants.append(variant.nodes)
             problems += variant.problems
-            unused = [one for one in unused if one in other.unused]
+            unused = [problem for problem in unused if problem in other.unused]
     listed = sorted({*problems, *unused})
     if not found.nodes and not listed:
         listed = [Problem(*found.mark, "the graph has no nodes; add at least one under nodes")]
@@ -144,22 +144,27 @@ class _Resolver:
         caller = items["args"].mark if "args" in items else mark
         dotted = [word for word in overrides if "." in word.partition(":=")[0]]
         file = SourceFile(path, items, *self._given, caller)
-        file.words = read_words([word for word in overrides if word not in dotted], caller, self._problems)
+        file.overrides = read_overrides(
+            [word for word in overrides if word not in dotted], caller, self._problems
+        )
         file.take(read_arguments(file))
         self._include_all(file)
         _find_values(file)
         shared = self._shared_of(file)
-        refuse_unknown(dict.fromkeys(file.words, caller), file.variables, path.name, self._problems, shared)
-        words = [word for text in dotted if (word := self._word(text, caller)) is not None]
+        refuse_unknown(
+            dict.fromkeys(file.overrides, caller), file.variables, path.name, self._problems, shared
+        )
+        dotted_values = [word for text in dotted if (word := self._word(text, caller)) is not None]
         written = {}
-        for word in (word for word in words if word.node == SHARED):
+        for word in (word for word in dotted_values if word.node == SHARED):
             if word.parameter in shared:
-                written[word.parameter] = Located(word.value, shared[word.parameter].mark)
+                place = shared[word.parameter].mark
+                written[word.parameter] = Located(word.value, place, argument=f"{SHARED}.{word.parameter}")
             else:
                 self._refuse_word(caller, f"no shared parameter '{word.parameter}'", word.parameter, shared)
         self._nodes_of(file, shared, written)
         if not self._forced:  # meant for the branch that is picked
-            self._set_parameters([word for word in words if word.node != SHARED], caller)
+            self._set_parameters([word for word in dotted_values if word.node != SHARED], caller)
         reader = TreeReader(file)
         keys = [key for key in items if key not in ("args", "shared", "include", "nodes")]
         read = {key: reader.key(FileKeys, key, items[key].value) for key in keys}
@@ -225,8 +230,8 @@ class _Resolver:
     def _refuse_word(self, mark: Mark, message: str, name: str, known: Iterable[str]) -> None:
         self._problems.add(mark, f"{message} on the command line{hint(name, known)}")
 
-    def _set_parameters(self, words: list[_Word], caller: Mark) -> None:
-        for word in words:
+    def _set_parameters(self, settings: list[_Word], caller: Mark) -> None:
+        for word in settings:
             node = self._nodes.get(word.node)
             if node is None:
                 self._refuse_word(caller, f"no node '{word.node}'", word.node, [*self._nodes, SHARED])
@@ -310,12 +315,12 @@ class _Resolver:
                 found |= self._shared_of(included)
         if "shared" in file.items:
             own = self._located(TreeReader(file), file, file.items["shared"].value, "shared")
-            found |= {
-                name: replace(one, defaulted=one.defaulted or not one.argument) for name, one in own.items()
-            }
+            for name, located in own.items():
+                stated = Located(located.value, located.mark, defaulted=True, argument=f"{SHARED}.{name}")
+                found[name] = located if located.argument else stated
         for name, preset in file.presets.items():
             if name not in file.own and name in found and preset.value is not UNKNOWN:
-                found[name] = Located(preset.value, preset.mark or file.place)
+                found[name] = Located(preset.value, preset.mark or file.place, argument=f"{SHARED}.{name}")
         return found
 
     def _located(self, reader: TreeReader, file: SourceFile, tree: Tree, what: str) -> dict[str, Located]:
@@ -405,26 +410,22 @@ class _Resolver:
         read = {
             key: reader.key(NodeKeys, key, items[key].value, what) for key in items if key not in _SELECTABLE
         }
-        said: dict[str, Any] = {key: value for key, value in read.items() if value is not UNKNOWN}
+        settings: dict[str, Any] = {key: value for key, value in read.items() if value is not UNKNOWN}
         if run is None:
             return None
-        restart = said.pop("restart", "never")
+        restart = settings.pop("restart", "never")
         if isinstance(restart, RestartKeys):
-            said |= {"max_restarts": restart.max_restarts, "backoff_s": restart.backoff_s}
+            settings |= {"max_restarts": restart.max_restarts, "backoff_s": restart.backoff_s}
             restart = restart.when
-        rest = {
-            name: replace(one, argument=one.argument or f"{SHARED}.{name}")
-            for name, one in shared.items()
-            if name not in given
-        }
+        rest = {name: located for name, located in shared.items() if name not in given}
         params = rest | given
         node = GraphNode(
             spec=NodeSpec(
                 name=name,
                 run=run.value,
                 restart=restart,
-                shutdown_on_exit=said.pop("on_exit", "") == "shutdown",
-                **said,
+                shutdown_on_exit=settings.pop("on_exit", "") == "shutdown",
+                **settings,
             ),
             mark=entry.mark,
             run_mark=run.mark,
@@ -465,7 +466,7 @@ class _Resolver:
             if (place / path).exists():
                 return (place / path).resolve()
         files = [file.name for place in places for file in (place / path).parent.glob("*.py")]
-        looked = ", nor ".join(f"{words} ({place})" for place, words in places.items())
+        looked = ", nor ".join(f"{text} ({place})" for place, text in places.items())
         looked = "there" if Path(path).is_absolute() else looked
         reader.refuse(tree, f"{what}: no file {path} {looked}{_did_you_mean(Path(path).name, files)}")
         return None

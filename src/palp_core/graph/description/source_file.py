@@ -106,7 +106,7 @@ class SourceFile:
         place: Where a missing argument is reported.
         outer: The file that includes it; None for the root.
         passed: Values that the include gives.
-        words: Values of the command line.
+        overrides: Values of the command line.
         namespace: What goes before the names of its nodes; "" for nothing.
         own: Arguments that it declares.
         variables: These, and those of included files whose value the include does not give.
@@ -122,7 +122,7 @@ class SourceFile:
     place: Mark
     outer: SourceFile | None = None
     passed: dict[str, Entry] = field(default_factory=dict)
-    words: dict[str, Given] = field(default_factory=dict)
+    overrides: dict[str, Given] = field(default_factory=dict)
     namespace: str = ""
     own: dict[str, Argument] = field(default_factory=dict)
     variables: dict[str, Variable] = field(default_factory=dict)
@@ -131,7 +131,7 @@ class SourceFile:
     @property
     def arguments(self) -> dict[str, Argument]:
         """All that it takes, what came up from included files first."""
-        found = {name: one.argument for name, one in self.variables.items() if name not in self.own}
+        found = {name: variable.argument for name, variable in self.variables.items() if name not in self.own}
         return found | self.own
 
     def take(self, own: dict[str, Argument]) -> None:
@@ -147,7 +147,7 @@ class SourceFile:
     def source_of(self, name: str) -> Variable | Passed | Given | None:
         """Return what gives an argument of this name its value in this file, but the file itself."""
         if self.outer is None:
-            return self.words.get(name)
+            return self.overrides.get(name)
         if name in self.passed:
             return Passed(self.passed[name], self.outer)
         return self.outer.variables.get(name) or self.outer.source_of(name)
@@ -257,5 +257,5 @@ def sole_variable(tree: Tree) -> str | None:
     if not isinstance(tree, Scalar):
         return None
     call = _CALL.fullmatch(tree.text.strip())
-    words = call.group(1).split() if call else []
-    return words[1] if len(words) == 2 and words[0] == "var" else None
+    parts = call.group(1).split() if call else []
+    return parts[1] if len(parts) == 2 and parts[0] == "var" else None

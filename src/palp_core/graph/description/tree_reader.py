@@ -137,10 +137,10 @@ def _struct_in(kind: Any) -> type[msgspec.Struct] | None:
 
 def _wanted(error: str, kind: Any, value: Any) -> str:
     """Return what must stand in the place of a value that msgspec refused."""
-    words = [str(w) for part in _parts(kind) if get_origin(part) is Literal for w in get_args(part)]
-    if words:
-        match = nearest(flat(value), words)
-        return f"it must be {' or '.join(words)}" + (f"; did you mean '{match}'?" if match else "")
+    choices = [str(w) for part in _parts(kind) if get_origin(part) is Literal for w in get_args(part)]
+    if choices:
+        match = nearest(flat(value), choices)
+        return f"it must be {' or '.join(choices)}" + (f"; did you mean '{match}'?" if match else "")
     form = next((meta.extra["form"] for meta in _metas(kind) if meta.extra and "form" in meta.extra), None)
     found = _EXPECTED.search(error)
     if form is not None or found is None:

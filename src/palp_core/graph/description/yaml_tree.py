@@ -244,15 +244,17 @@ def read_tree(path: Path, problems: Problems) -> Tree:
         text = read_whole(path, LARGEST_BYTES).decode()
     except OSError as error:
         advice = "is this the launch file?" if error.errno == errno.EFBIG else "check the path"
-        raise GraphProblems(
-            [Problem(file, 1, 1, f"cannot be read: {why_not(error, path)}; {advice}")]
-        ) from error
+        raise _mistake(file, f"cannot be read: {why_not(error, path)}; {advice}") from error
     except UnicodeDecodeError as error:
-        raise GraphProblems([Problem(file, 1, 1, "is not UTF-8 text; save it as UTF-8")]) from error
+        raise _mistake(file, "is not UTF-8 text; save it as UTF-8") from error
     tree = parse_tree(text, file, problems)
     if tree is None:
-        raise GraphProblems([Problem(file, 1, 1, "is empty; it needs at least graph, clock and nodes")])
+        raise _mistake(file, "is empty; is this the file?")
     return tree
+
+
+def _mistake(file: str, message: str, line: int = 1, column: int = 1) -> GraphProblems:
+    return GraphProblems([Problem(file, line, column, message)])
 
 
 def parse_tree(text: str, file: str, problems: Problems) -> Tree | None:
@@ -270,19 +272,16 @@ def parse_tree(text: str, file: str, problems: Problems) -> Tree | None:
         before = text.encode(errors="surrogatepass")[: error.position].decode()
         column = len(before) - before.rfind("\n")
         message = f"character {chr(error.character)!r} is not allowed in YAML; remove it"
-        raise GraphProblems([Problem(file, before.count("\n") + 1, column, message)]) from error
+        raise _mistake(file, message, before.count("\n") + 1, column) from error
     except _TooMuch as error:
-        message = f"{error}; describe less in one file"
-        raise GraphProblems([Problem(file, error.line, error.column, message)]) from error
+        raise _mistake(file, f"{error}; describe less in one file", error.line, error.column) from error
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
         message = f"not valid YAML: {error.problem or error}"
         if error.context and error.context_mark:
             message += f", {error.context} (line {error.context_mark.line + 1})"
-        raise GraphProblems(
-            [Problem(file, line, column, message + "; check indentation, quotes, colons")]
-        ) from error
+        raise _mistake(file, f"{message}; check indentation, quotes, colons", line, column) from error
     return None if root is None else _Converter(file, problems).convert(root)
 
 

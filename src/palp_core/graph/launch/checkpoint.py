@@ -34,7 +34,7 @@ RESUMES = "the run goes on, and could be resumed where the last one was written"
 _LOG = logging.getLogger("palp.supervisor")
 _MAGIC = b"palp checkpoint 1\n"
 _DIGEST_BYTES = 32
-_ANEW = "or begin anew, in another place"
+_ELSEWHERE = "or begin anew, in another place"
 
 
 class RunIdentity(msgspec.Struct, frozen=True, kw_only=True):
@@ -142,7 +142,7 @@ def read_checkpoint(path: Path) -> KeptRun:
     if not head.startswith(b"palp checkpoint"):
         raise GraphError(f"{path} is no checkpoint of a run; nothing is resumed")
     if not head.startswith(_MAGIC):
-        raise GraphError(f"{path} was written by another version of palp; resume it with that, {_ANEW}")
+        raise GraphError(f"{path} was written by another version of palp; resume it with that, {_ELSEWHERE}")
     if head[len(_MAGIC) :] != hashlib.sha256(body).digest():
         raise GraphError(f"{path} is torn: a part of it is missing or wrong; nothing is resumed: begin anew")
     try:
@@ -200,9 +200,9 @@ class Checkpoints:
         self._runs = {node.run for node in found.nodes}
         self._identity = RunIdentity.of(self._launched, self._runs)
         if differences := found.identity.differences(self._identity):
-            lines = "".join(f"\n  {one}" for one in differences)
+            lines = "".join(f"\n  {text}" for text in differences)
             raise GraphError(
-                f"{path} is of another run than this one would be:{lines}\nresume it as it was, {_ANEW}"
+                f"{path} is of another run than this one would be:{lines}\nresume it as it was, {_ELSEWHERE}"
             )
         if lost := [run for run in self._runs if source_of(run, self._launched.workspace) is None]:
             raise GraphError(f"{path} cannot be resumed: no source file of {', '.join(lost)} is found")
@@ -375,9 +375,9 @@ def _sources(checked: CheckedGraph, runs: Iterable[str]) -> dict[str, str]:
         files.add(path)
         if path.is_relative_to(workspace) and path.parent != workspace:
             files.update((workspace / path.relative_to(workspace).parts[0]).rglob("*.py"))
-        for one in underlays():
-            if path.is_relative_to(one.folder / "nodes"):
-                files.update(file for kind in SHARED for file in (one.folder / kind).rglob("*.py"))
+        for underlay in underlays():
+            if path.is_relative_to(underlay.folder / "nodes"):
+                files.update(file for kind in SHARED for file in (underlay.folder / kind).rglob("*.py"))
     files.update((workspace / "msgs").rglob("*.py"))
     own = sorted(Path(__file__).parents[2].rglob("*.py"))
     digests = {

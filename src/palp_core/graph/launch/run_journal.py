@@ -169,7 +169,7 @@ class RunJournal:
             change = RunChange(name.split("/")[1], event.stamp_ns / 1e9, params=given)
         else:
             return
-        insort(self.entries.changes, change, key=lambda one: one.at_s)
+        insort(self.entries.changes, change, key=lambda entry: entry.at_s)
 
 
 def last_set(changes: Sequence[RunChange], node: str) -> dict[str, Any]:
