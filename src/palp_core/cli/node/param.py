@@ -78,14 +78,14 @@ def set_(
     """Set parameters of a running node, all or none."""
     from palp_core.graph.discovery.message_yaml import typed_parameters
 
-    words = [name, value, *(more or [])]
-    if len(words) % 2:
+    given = [name, value, *(more or [])]
+    if len(given) % 2:
         raise GraphError(
-            f"parameter '{words[-1]}' has no value; write it as in: palp param set NODE NAME VALUE"
+            f"parameter '{given[-1]}' has no value; write it as in: palp param set NODE NAME VALUE"
         )
     running = call.graph
     declared = running.ask(node, "describe_parameters", timeout_s=call.timeout_s)["parameters"]
-    wanted = typed_parameters(node, declared, dict(zip(words[::2], words[1::2], strict=True)))
+    wanted = typed_parameters(node, declared, dict(zip(given[::2], given[1::2], strict=True)))
     _set(call, node, wanted)
 
 

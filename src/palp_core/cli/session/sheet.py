@@ -80,9 +80,9 @@ def redact(
     if is_bag(folder):
         from palp_core.palpation.session.sheet.redact_bag import redact_bag
 
-        told = redact_bag(folder, out, fields)
+        left = redact_bag(folder, out, fields)
         print_text(f"{out}: a copy of {folder} without them")
-        _tell(out, told)
+        _note_left(out, left)
         return
     if is_by_hand(folder):
         raise PalpError(
@@ -95,14 +95,14 @@ def redact(
     if names := redaction.left_out(folder):
         note(f"not copied, no part of the session: {', '.join(names)}")
     sheet = sheet_of(summary)
-    _tell(out, list(redaction.still_told(out, sheet, fields)) if sheet is not None else [])
+    _note_left(out, list(redaction.still_told(out, sheet, fields)) if sheet is not None else [])
 
 
-def _tell(out: Path, told: Sequence[str]) -> None:
+def _note_left(out: Path, left: Sequence[str]) -> None:
     """Say what a copy still tells; status 1 if anything."""
-    for words in told:
-        note(f"{out}: {words}")
-    if told:
+    for text in left:
+        note(f"{out}: {text}")
+    if left:
         raise typer.Exit(1)
 
 
