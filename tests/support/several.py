@@ -14,15 +14,12 @@ READING: tuple[tuple[str, ...], ...] = (
     ("node", "list"),
     ("node", "info", "source"),
     ("topic", "list"),
-    ("topic", "type", "/source/sample"),
-    ("topic", "find", "Sample"),
     ("topic", "info", "/source/sample"),
     ("service", "list"),
     ("param", "list"),
     ("param", "get", "source", "rate_hz"),
     ("param", "describe", "source"),
     ("param", "dump", "source"),
-    ("lifecycle", "nodes"),
     ("lifecycle", "get"),
     ("lifecycle", "list", "source"),
 )
@@ -35,7 +32,7 @@ CHANGING: tuple[tuple[str, ...], ...] = (
     ("swap", "source", "--reload"),
 )
 SAFETY = (("stop",), ("safety", "ack"))
-UNASKED = {("node", "list"), ("topic", "list"), ("topic", "type"), ("topic", "find"), ("lifecycle", "nodes")}
+UNASKED = {("node", "list"), ("topic", "list")}
 """Verbs that know the answer from the graph's record."""
 
 

@@ -48,8 +48,8 @@ def graphs(incomplete: str) -> list[str]:
     with _quietly():
         records = running()
         names = [record.graph for record in records]
-        words = [r.graph if names.count(r.graph) == 1 else r.id for r in records]
-        return _matching(sorted(words), incomplete)
+        labels = [r.graph if names.count(r.graph) == 1 else r.id for r in records]
+        return _matching(sorted(labels), incomplete)
     return []
 
 
@@ -86,8 +86,8 @@ def launch_arguments(ctx: typer.Context, incomplete: str) -> list[str]:
         known = found.arguments
         name, has_value, _ = incomplete.partition(":=")
         if has_value:
-            words = [branch_name(choice) for choice in known[name].choices]
-            return _matching([f"{name}:={word}" for word in words], incomplete)
+            labels = [branch_name(choice) for choice in known[name].choices]
+            return _matching([f"{name}:={word}" for word in labels], incomplete)
         given = {word.partition(":=")[0] for word in ctx.params.get("arguments") or ()}
         names = [*known, *(f"shared.{name}" for name in found.shared)]
         return _matching([f"{name}:=" for name in names if name not in given], incomplete)

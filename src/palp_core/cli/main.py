@@ -87,9 +87,9 @@ def main() -> None:
     except ModuleNotFoundError as error:
         from palp_core.extras import advice
 
-        if not (words := advice(error)):
+        if not (text := advice(error)):
             raise
-        note(words)
+        note(text)
         sys.exit(2)
     except UnicodeEncodeError as error:
         note(f"{error.object!r} is not UTF-8 text; write it as such")

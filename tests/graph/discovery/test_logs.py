@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.cli.words import since
+from palp_core.cli.values import since
 from palp_core.errors import PalpError
 from palp_core.graph.discovery.logs import LineFilter, LineReader, all_lines
 from palp_core.graph.log_format import MergedFormatter, NodeFormatter
@@ -96,7 +96,7 @@ def test_what_no_calendar_has_and_a_bare_number_are_no_time(text: str) -> None:
 
 def test_a_time_of_day_that_is_to_come_is_of_yesterday(monkeypatch: pytest.MonkeyPatch) -> None:
     noon = datetime(2026, 11, 22, 12).astimezone()
-    monkeypatch.setattr("palp_core.cli.words.unix_ns", lambda: int(noon.timestamp()) * 10**9)
+    monkeypatch.setattr("palp_core.cli.values.unix_ns", lambda: int(noon.timestamp()) * 10**9)
     assert since("12:00") == noon
     assert since("11:59").strftime("%d %H:%M") == "22 11:59"
     assert since("12:01").strftime("%d %H:%M") == "21 12:01"

@@ -134,7 +134,7 @@ def test_tools_see_the_recorded_nodes(palp: Palp, recorded: tuple[Path, Path]) -
     bag, _ = recorded
     process = palp.start("bag", "play", bag, "-w", "1", "-t", "/source/sample", "-r", "3")
     begun(process, palp)
-    assert palp.run("topic", "type", "/source/sample").stdout == "Sample\n"
+    assert "/source/sample [Sample]" in palp.run("topic", "list", "-t").stdout
     assert "/source" in palp.run("node", "list").stdout
     assert "/relay/amplified" not in palp.run("topic", "list").stdout
     assert palp.here("bag", "play", bag, "-t", "/no/where").returncode == 2

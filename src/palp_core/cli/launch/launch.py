@@ -79,8 +79,8 @@ def launch(
         from palp_core.graph.launch.checking import check_file, check_start
 
         checked = check_file(file, overrides)
-        for words in check_start(file, checked, name, resume=resume):
-            note(f"{file}: {words}")
+        for text in check_start(file, checked, name, resume=resume):
+            note(f"{file}: {text}")
         note_remarks(file, checked)
         print_text(
             f"{file}: no mistake: {counted(len(checked.nodes), 'node')}, "
@@ -173,14 +173,14 @@ def _run(
     return summary.exit_code if 0 <= summary.exit_code < 256 else 1
 
 
-def log_levels(words: Sequence[str] | None) -> LogLevels:
+def log_levels(texts: Sequence[str] | None) -> LogLevels:
     """Return the level of all nodes, and of those that have their own.
 
     >>> log_levels(["error", "policy:=debug"])
     LogLevels(default='error', nodes={'policy': 'debug'})
     """
     default, nodes = "warning", dict[str, str]()
-    for word in words or ():
+    for word in texts or ():
         node, own, level = word.rpartition(":=")
         if level.lower() not in get_args(Level):
             raise GraphError(f"--log-level {word}: no level '{level}'{hint(level, get_args(Level))}")

@@ -31,7 +31,7 @@ def logs(
     """Of the running graph, or of one that is over: the logs of the last 20 runs are kept. With --level and
     --since each line has time and name; what was printed without a level has none.
     """
-    from palp_core.cli.words import since as time_of
+    from palp_core.cli.values import since as time_of
     from palp_core.graph.discovery.logs import LineFilter, all_lines
     from palp_core.graph.discovery.logs import follow as following
     from palp_core.graph.node.spec import MERGED_LOG

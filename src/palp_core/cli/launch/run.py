@@ -36,7 +36,7 @@ def run(
     ] = None,
 ) -> None:
     """The exit status is the node's; 1 if it failed or its graph was lost, 2 if it could not run or join."""
-    from palp_core.cli.words import assignments, value_of
+    from palp_core.cli.values import assignments, value_of
     from palp_core.graph.network.address import plan_call
     from palp_core.graph.network.keys import KeyFolder
     from palp_core.graph.network.run_node import run_node

@@ -25,7 +25,7 @@ def stop_motion(running: RunningGraph, reason: str, timeout_s: float) -> dict[st
     return call_safety(running, "stop", {"reason": reason}, timeout_s)
 
 
-def stopped_words(reply: dict[str, Any], run: str) -> str:
+def stopped_text(reply: dict[str, Any], run: str) -> str:
     """Return what to say of a run whose motion was stopped, and how to go on."""
     from palp_core.graph.discovery.choice import addressed
 
@@ -63,7 +63,7 @@ def stop_key(graph: Graph) -> StopKey:
         except GraphError as error:
             note(str(error))
         else:
-            note(stopped_words(reply, record.id))
+            note(stopped_text(reply, record.id))
 
     key = StopKey(standard_input(), press)
     names = [spec.name for spec in graph.checked.nodes]

@@ -60,7 +60,7 @@ def swap(
     fails before, the old one goes on: the exit status tells the step (10 check, 11 start, 12 configure,
     13 connect, 14 state, 15 shadow, 16 hand over, 17 take over, 18 probation).
     """
-    from palp_core.cli.words import assignments, value_of
+    from palp_core.cli.values import assignments, value_of
     from palp_core.graph.description.checked import unpublished_words
     from palp_core.graph.discovery.choice import addressed
     from palp_core.graph.node.loading import class_from_here

@@ -76,12 +76,12 @@ def set_(
     ] = None,
 ) -> None:
     """Set parameters of a running node, all or none."""
-    words = [name, value, *(more or [])]
-    if len(words) % 2:
+    given = [name, value, *(more or [])]
+    if len(given) % 2:
         raise GraphError(
-            f"parameter '{words[-1]}' has no value; write it as in: palp param set NODE NAME VALUE"
+            f"parameter '{given[-1]}' has no value; write it as in: palp param set NODE NAME VALUE"
         )
-    texts = dict(zip(words[::2], words[1::2], strict=True))
+    texts = dict(zip(given[::2], given[1::2], strict=True))
     _set(call, node, call.graph.typed_parameters(node, texts, timeout_s=call.timeout_s))
 
 

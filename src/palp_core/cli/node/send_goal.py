@@ -29,7 +29,7 @@ ASK_NS = 1_000_000_000
 def send_goal(
     call: Call,
     action: Annotated[str, argument("As in /arm/move.", "ACTION", complete=completion.actions)],
-    words: Annotated[list[str] | None, argument("Type (optional) and goal.", "TYPE {YAML}")] = None,
+    given: Annotated[list[str] | None, argument("Type (optional) and goal.", "TYPE {YAML}")] = None,
     *,
     feedback: Annotated[bool, option("Show how it goes.", "-f", "--feedback")] = False,
     deadline: Annotated[
@@ -40,14 +40,14 @@ def send_goal(
 
     Status 1 unless it succeeds. Ctrl-C cancels it.
     """
-    from palp_core.cli.words import type_and_message
+    from palp_core.cli.values import type_and_message
     from palp_core.graph.discovery.actions import ActionCaller, find_action
     from palp_core.graph.discovery.message_yaml import message_from_yaml
     from palp_core.graph.discovery.topic_reader import TopicReader
     from palp_core.graph.messages.message_text import readable
     from palp_core.graph.node.spec import part, topic
 
-    kind, text = type_and_message(words or [], "palp action send_goal /node/port TYPE '{name: value}'")
+    kind, text = type_and_message(given or [], "palp action send_goal /node/port TYPE '{name: value}'")
     running = call.graph
     found = find_action(running, action, call.timeout_s)
     if kind is not None and kind not in (found.types[0], found.types[0].removesuffix("Goal")):

@@ -55,7 +55,7 @@ def find(call: Call, service_type: Annotated[str, argument("Of request or reply.
 def call_service(
     call: Call,
     service: ServiceArgument,
-    words: Annotated[list[str] | None, argument("Type (optional) and request.", "TYPE {YAML}")] = None,
+    given: Annotated[list[str] | None, argument("Type (optional) and request.", "TYPE {YAML}")] = None,
     *,
     retries: Annotated[int, option("Ask again so often; the node does it only once.", min=0, max=100)] = 0,
 ) -> None:
@@ -63,11 +63,11 @@ def call_service(
 
     It waits at most timeout x (1 + retries).
     """
-    from palp_core.cli.words import type_and_message
+    from palp_core.cli.values import type_and_message
     from palp_core.graph.discovery.message_yaml import message_from_yaml
     from palp_core.graph.messages.message_text import readable
 
-    kind, text = type_and_message(words or [], "palp service call /node/port TYPE '{name: value}'")
+    kind, text = type_and_message(given or [], "palp service call /node/port TYPE '{name: value}'")
     running = call.graph
     found = running.service(service, call.timeout_s)
     if kind is not None and kind not in (found.request, found.request.removesuffix("Request")):

@@ -178,8 +178,8 @@ def _row(
 def _identity(sensor: Any) -> dict[str, Any]:
     if not isinstance(sensor, AtiTorque):
         return {}
-    told = sensor.sensor
-    return {"serial_number": told.serial_number, "firmware": ".".join(map(str, told.firmware))}
+    info = sensor.sensor
+    return {"serial_number": info.serial_number, "firmware": ".".join(map(str, info.firmware))}
 
 
 def _discover_mover(kind: str, device: str, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -142,11 +142,11 @@ def monitor(
     """Show a sensor's rate, gaps, drift, mean and spread."""
     from palp_core.cli.rig.device_discovery import unverified, watch
 
-    device, given, said = _from_workspace(device), _options(options), False
+    device, given, noted = _from_workspace(device), _options(options), False
     with until_ctrl_c():
         for row in watch(device, given, seconds, every, patience):
-            if not said:
-                said = True
+            if not noted:
+                noted = True
                 for name, check in unverified(device, given).items():
                     note(f"not verified: {name}: {check}")
             if as_json:
@@ -207,7 +207,7 @@ def _from_workspace(device: str) -> str:
 
 
 def _options(words: list[str] | None) -> dict[str, Any]:
-    from palp_core.cli.words import assignments
+    from palp_core.cli.values import assignments
     from palp_core.graph.discovery.message_yaml import parse_yaml
 
     return {name: parse_yaml(value, name) for name, value in assignments("option", words).items()}

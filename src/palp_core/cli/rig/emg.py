@@ -46,7 +46,7 @@ def emg_settings(words: list[str] | None) -> EmgSettings:
     """Return the settings of the analysis, of its burst rule too, given as ``name:=value``."""
     import msgspec
 
-    from palp_core.cli.words import assignments
+    from palp_core.cli.values import assignments
     from palp_core.errors import PalpError
     from palp_core.graph.discovery.message_yaml import parse_yaml
     from palp_core.graph.problems import hint

@@ -52,15 +52,15 @@ def measure(
     given = read_scene(scene) if scene else Scene()
     names = list(dict.fromkeys(task)) if task else measured_tasks()
     survey = Survey(names, given)
-    for words in left_out():
-        note(f"left out: {words}")
+    for text in left_out():
+        note(f"left out: {text}")
     interrupted = False
     try:
         survey.measure(budget_s)
     except KeyboardInterrupt:
         interrupted = True
-    for words in survey.missing:
-        note(f"left out: {words}")
+    for text in survey.missing:
+        note(f"left out: {text}")
     if as_json:
         print_json([vars(one) | {"slowness": slowness()} for one in survey.points])
     else:

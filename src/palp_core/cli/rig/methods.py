@@ -51,8 +51,8 @@ def list_methods(
         choose_for(one, given, default=defaults.get(one.name, AUTO))
         for one in ([task_of(task)] if task else tasks())
     ]
-    for words in left_out(task):
-        note(f"left out: {words}")
+    for text in left_out(task):
+        note(f"left out: {text}")
     if as_json:
         here = {"unit_s": UNIT_S, "slowness": slowness()}
         print_json([_record(one, *pair) | here for one in found for pair in one.declared()])

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from palp_core.cli.launch.stop_key import call_safety, stop_motion, stopped_words
+from palp_core.cli.launch.stop_key import call_safety, stop_motion, stopped_text
 from palp_core.cli.options import Call, graph_verb, option
 from palp_core.cli.output import note, print_json, print_text
 from palp_core.errors import GraphError
@@ -31,7 +31,7 @@ def stop(
         reply = stop_motion(call.graph, "palp stop", call.timeout_s)
     except WhichGraph as error:
         raise GraphError(f"{error}\nor stop all of them: palp stop --all") from None
-    call.show(reply, [stopped_words(reply, call.graph.record.id)])
+    call.show(reply, [stopped_text(reply, call.graph.record.id)])
 
 
 def _stop_all(call: Call) -> None:

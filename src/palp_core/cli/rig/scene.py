@@ -70,8 +70,8 @@ def run(file: FileArgument, *, rung: RungOption = None, as_json: JsonOption = Fa
 
     scene = read_scene(file)
     done = run_scene(scene, rung)
-    for words in done.guards:
-        note(words)
+    for text in done.guards:
+        note(text)
     if as_json:
         print_json(done.as_json())
         return

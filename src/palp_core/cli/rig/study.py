@@ -70,8 +70,8 @@ def run(
     except KeyboardInterrupt:
         note(chosen.stopped(out))
         raise typer.Exit(INTERRUPTED) from None
-    words = [[f"--{one}"] if value is True else [f"--{one}", str(value)] for one, value in options.items()]
-    command = shlex.join(["palp", "study", "run", name, "--out", str(out), *itertools.chain(*words)])
+    flags = [[f"--{one}"] if value is True else [f"--{one}", str(value)] for one, value in options.items()]
+    command = shlex.join(["palp", "study", "run", name, "--out", str(out), *itertools.chain(*flags)])
     date = local_time_name().partition("_")[0]
     made_by = {"name": name, "date": date, "command": command, "version": palp_core.__version__}
     write_json(out / "study.json", made_by | {"quick": quick})

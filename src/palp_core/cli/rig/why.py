@@ -34,10 +34,10 @@ def why(
         )
     elif not rows:
         note(f"'{run}' holds no palpation: what its methods met and how often they were used is not known")
-    for words in unsaid(summary, rows):
-        note(words)
-    for words in left_out():
-        note(f"left out of what there is to choose from: {words}")
+    for text in unsaid(summary, rows):
+        note(text)
+    for text in left_out():
+        note(f"left out of what there is to choose from: {text}")
     if as_json:
         print_json(record)
         return

@@ -110,10 +110,10 @@ def unseal(
     from palp_core.palpation.session.sheet.of_run import sheet_of
 
     opened = open_session(folder, reason, key)
-    said = write_human([folder], folder, sheet_of(read_note(folder)))
+    headline = write_human([folder], folder, sheet_of(read_note(folder)))
     if as_json:
         print_json([{"code": code, "phantom": own, "depth_m": depth_m} for code, own, depth_m in opened])
         return
     rows = [[code, own, f"{depth_m * 1e3:g}"] for code, own, depth_m in opened]
     print_table([["code", "phantom", "depth, mm"], *rows])
-    print_text(said)
+    print_text(headline)

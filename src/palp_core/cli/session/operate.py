@@ -86,15 +86,15 @@ class Desk:
         request = {"number": prompt["number"], "text": line, "by": "terminal"}
         try:
             refuse_names(prompt["text"], line)
-            said = self._running.ask(
+            reply = self._running.ask(
                 node, "call", timeout_s=self._timeout_s, retries=2, service="answer", request=request
             )["reply"]
         except PalpError as error:
             self.unheard = isinstance(error, GraphError) and not self._running.alive
             note(str(error))
             return
-        if not said["taken"]:
-            note(said["text"])
+        if not reply["taken"]:
+            note(reply["text"])
 
 
 def effort_line(message: dict[str, Any]) -> str:

@@ -45,8 +45,8 @@ def list_sessions(
             print_text("")
             print_table(difference_rows(record))
         print_text("")
-        for words in remarks(record):
-            print_text(words)
+        for text in remarks(record):
+            print_text(text)
     if not record["groups"]:
         note("no session counts, so nothing is pooled")
         raise typer.Exit(1)
@@ -126,8 +126,8 @@ def reanalyse(
     for one in outs:
         below, left_out = sessions_below(one)
         paths += below
-        for said in left_out:
-            note(f"left out: {said['path']}: {said['why']}")
+        for left in left_out:
+            note(f"left out: {left['path']}: {left['why']}")
     combinations = analysis.combinations(
         denoise=denoise,
         feature=feature,
@@ -198,6 +198,6 @@ def export(
     target = out or default_out(path, to)
     write_export(source, to, target, overwrite=overwrite)
     counts = ", ".join(f"{len(table)} {name}" for name, table in source.tables.items())
-    for words in source.notes:
-        note(words)
+    for text in source.notes:
+        note(text)
     print_text(f"{target}: {counts}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from palp_core.cli.options import Call, TopicArgument, argument, graph_verb, option
 from palp_core.cli.output import note, print_json, print_text, yaml_text
 from palp_core.cli.running import note_ended
-from palp_core.cli.words import type_name
+from palp_core.cli.values import type_name
 from palp_core.counted import counted
 from palp_core.errors import GraphError
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Annotated, Any
 
 from palp_core.cli.options import Call, HiddenOption, TopicArgument, argument, graph_verb, option
-from palp_core.cli.words import type_name
+from palp_core.cli.values import type_name
 
 
 @graph_verb()

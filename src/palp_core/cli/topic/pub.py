@@ -24,7 +24,7 @@ def pub(
     topic: Annotated[
         str, argument("Port declared external, as in /policy/command.", "TOPIC", complete=completion.topics)
     ],
-    words: Annotated[list[str] | None, argument("Type (optional) and message.", "TYPE {YAML}")] = None,
+    given: Annotated[list[str] | None, argument("Type (optional) and message.", "TYPE {YAML}")] = None,
     *,
     stdin: Annotated[bool, option("Messages from standard input, --- between.", "--stdin")] = False,
     rate: Annotated[float, option("Messages per second.", "--rate", "-r", min=0.001, max=10000.0)] = 1.0,
@@ -42,9 +42,9 @@ def pub(
     """The message is checked before anything is sent; fields that are not given get the type's defaults. The
     node confirms each message with its sequence on the topic. With --stdin the end of the input ends it.
     """
-    from palp_core.cli.words import type_and_message
+    from palp_core.cli.values import type_and_message
 
-    kind, text = type_and_message(words or [], "palp topic pub /node/port TYPE '{index: 1}'")
+    kind, text = type_and_message(given or [], "palp topic pub /node/port TYPE '{index: 1}'")
     if stdin and text is not None:
         raise GraphError("give the message either as a word or with --stdin, not both")
     running = call.graph

@@ -53,9 +53,9 @@ def safety_status(beat: dict[str, Any] | None, silent_s: float) -> SafetyStatus:
 def stop_text(reply: Mapping[str, Any]) -> str:
     """Return what came of a press on STOP.
 
-    >>> pressed_words({"state": "latched", "cause": "operator"})
+    >>> stop_text({"state": "latched", "cause": "operator"})
     'latched: operator'
-    >>> pressed_words({"state": "latched", "cause": "stale"})
+    >>> stop_text({"state": "latched", "cause": "stale"})
     'latched: it was stopped already when you pressed (stale)'
     """
     if reply["cause"] == OPERATOR:
@@ -66,9 +66,9 @@ def stop_text(reply: Mapping[str, Any]) -> str:
 def acknowledge_text(reply: Mapping[str, Any]) -> str:
     """Return what came of an acknowledgement, and what comes next.
 
-    >>> acknowledged_words({"done": False, "state": "latched", "text": "the stop is not confirmed yet"})
+    >>> acknowledge_text({"done": False, "state": "latched", "text": "the stop is not confirmed yet"})
     'latched: not acknowledged: the stop is not confirmed yet'
-    >>> acknowledged_words({"done": True, "state": "starting", "text": "the rig goes on by itself"})
+    >>> acknowledge_text({"done": True, "state": "starting", "text": "the rig goes on by itself"})
     'acknowledged: the rig goes on by itself'
     """
     parts = ("acknowledged",) if reply["done"] else (reply["state"], "not acknowledged")

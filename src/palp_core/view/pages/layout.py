@@ -138,11 +138,11 @@ def _middles(spots: dict[int, list[Spot]], links: list[tuple[Spot, Spot]]) -> di
     for column in spots.values():
         middle |= _stacked(column)
     for sweep in range(SWEEPS):
-        beside = before if sweep % 2 == 0 else after
+        neighbours = before if sweep % 2 == 0 else after
         for number in sorted(spots, reverse=sweep % 2 == 1):
             near = {}
             for spot in spots[number]:
-                others = beside.get(spot, [spot])
+                others = neighbours.get(spot, [spot])
                 near[spot] = sum(middle[other] for other in others) / len(others)
             middle |= _stacked(sorted(spots[number], key=lambda spot: near[spot]))
     return middle

@@ -21,9 +21,9 @@ class LiveTable(Element, component="live_table.js"):  # type: ignore[misc, call-
         self._props.update(titles=list(titles), rows=[])
 
     def show(self, rows: Iterable[Sequence[Cell]]) -> None:
-        told = [[list(cell) if isinstance(cell, tuple) else [cell] for cell in row] for row in rows]
-        if told != self._props["rows"]:
-            self._props["rows"] = told
+        shown = [[list(cell) if isinstance(cell, tuple) else [cell] for cell in row] for row in rows]
+        if shown != self._props["rows"]:
+            self._props["rows"] = shown
             self.update()
 
     def _displayed_contents(self, *, only_visible: bool) -> list[Any]:

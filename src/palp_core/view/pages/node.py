@@ -65,13 +65,13 @@ def _state(viewer: Viewer, name: str) -> NodeState | None:
 def _state_line(viewer: Viewer, name: str) -> None:
     with ui.element("div").classes("row-of"):
         lifecycle = text_element("span", "", "pill").props('data-what="lifecycle"')
-        told = text_element("span", "", "quiet")
+        summary = text_element("span", "", "quiet")
     why = text_element("div", "")
 
     def refresh() -> None:
         state = _state(viewer, name)
         if state is None:
-            lifecycle.text, told.text = "gone", ""
+            lifecycle.text, summary.text = "gone", ""
             return
         lifecycle.text = state.lifecycle or "not asked yet"
         lifecycle.classes(replace=f"pill {state.health}")
@@ -80,7 +80,7 @@ def _state_line(viewer: Viewer, name: str) -> None:
             figure(state.rate_hz, "Hz"),
             figure(state.cpu_percent, f"% CPU{_shared(viewer, state)}"),
         )
-        told.text = ", ".join(part for part in (state.run, *figures) if part)
+        summary.text = ", ".join(part for part in (state.run, *figures) if part)
         why.text = state.why
         why.classes(replace=state.health)
 

@@ -46,7 +46,7 @@ def labelled(element: Any, label: str) -> Any:
 def node_address(name: str) -> tuple[str, str]:
     """Return what a node is called, and where its page is.
 
-    >>> node_way("a b")
+    >>> node_address("a b")
     ('/a b', '/node/a%20b')
     """
     return f"/{name}", f"/node/{quote(name, safe='')}"
@@ -208,7 +208,7 @@ def figure(value: float | None, unit: str, digits: int = 1) -> str:
 def rate_text(value: float | None, unit: str = "Hz") -> str:
     """Return messages a second; what speaks so rarely that none came while somebody looked has no number.
 
-    >>> rate_words(12.34), rate_words(0.0), rate_words(0.01), rate_words(None)
+    >>> rate_text(12.34), rate_text(0.0), rate_text(0.01), rate_text(None)
     ('12.3 Hz', 'rarely', 'rarely', '')
     """
     return "rarely" if value is not None and value < RARE_HZ else figure(value, unit)

@@ -134,8 +134,8 @@ def plot_panel(
 
     def remember() -> None:
         """Let the page's address tell what is plotted: a page that is loaded anew goes on with it."""
-        told = {"fields": ",".join(series.field for series in plotted.series), "window": span.value}
-        ui.navigate.history.replace(f"?{urlencode(told, safe=',[]')}")
+        query = {"fields": ",".join(series.field for series in plotted.series), "window": span.value}
+        ui.navigate.history.replace(f"?{urlencode(query, safe=',[]')}")
 
     def widen() -> None:
         plot.shape(span=span.value)
@@ -151,7 +151,7 @@ def plot_panel(
 
     def download() -> None:
         labelled = paused[0] if paused else kept()
-        outcome.show(in_words(labelled))
+        outcome.show(points_text(labelled))
         ui.download.content(as_csv(labelled), name)
 
     def tick() -> None:
@@ -187,10 +187,10 @@ def _is_plottable(field: str, schema: dict[str, Any]) -> bool:
     return True
 
 
-def in_words(labelled: Sequence[tuple[str, Float64Array]]) -> str:
+def points_text(labelled: Sequence[tuple[str, Float64Array]]) -> str:
     """Return what is said of points that are saved.
 
-    >>> in_words([("q", np.array([(1.0, 0.0), (3.5, 0.0)]))])
+    >>> points_text([("q", np.array([(1.0, 0.0), (3.5, 0.0)]))])
     '2 points, from 1 s to 3.5 s'
     """
     points = [points for _, points in labelled if len(points)]

@@ -143,10 +143,10 @@ def _progress(live: LiveSource) -> dict[str, Any]:
 def choices(live: LiveSource, name: str) -> list[str]:
     """Return the classes of the workspace, and of those under it, that may take a node's place."""
     workspace, overview = live.graph.record.workspace, live.overview()
-    told = [  # not what comes from outside, nor actions: whether those fit the launcher says
+    outgoing = [  # not what comes from outside, nor actions: whether those fit the launcher says
         wire for wire in overview.wires if wire.source == name != wire.reader and wire.type != ACTION
     ]
-    read = {wire.topic.rpartition("/")[2] for wire in told}
+    read = {wire.topic.rpartition("/")[2] for wire in outgoing}
     node = live.graph.ask(name, "info", timeout_s=2.0)  # it knows what runs sooner than the record
     wired = {str(one["port"]) for one in node["inputs"].values()}
     if not workspace:

@@ -28,7 +28,7 @@ from palp_core.graph.discovery.troubles import (
 from palp_core.graph.messages.builtin import GraphEvent
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.spec import LAUNCHER
-from palp_core.view.source.action_wires import actions_as_one
+from palp_core.view.source.action_wires import SUMMED, actions_as_one
 from palp_core.view.source.feed import Feeds, decode_sample
 from palp_core.view.source.overview import NodeState, Overview, WireState
 from palp_core.view.source.protocol import Sample, Watch
@@ -236,19 +236,9 @@ def node_state(row: NodeRow, runs: dict[str, str], troubles: list[Trouble], movi
 
 def wire_state(row: EdgeRow, types: dict[str, tuple[str, str]]) -> WireState:
     source, kind = types.get(row.topic, (row.topic.split("/")[1], ""))
-    return WireState(
-        topic=row.topic,
-        source=source,
-        reader=row.reader.removeprefix("/"),
-        type=kind,
-        rate_hz=row.rate_hz,
-        received=row.received,
-        lost=row.lost,
-        late=row.late,
-        dropped=row.dropped,
-        latency_p50_s=row.latency_p50_s,
-        latency_p99_s=row.latency_p99_s,
-    )
+    counted = {name: getattr(row, name) for name in (*SUMMED, "latency_p50_s", "latency_p99_s")}
+    reader = row.reader.removeprefix("/")
+    return WireState(topic=row.topic, source=source, reader=reader, type=kind, **counted)
 
 
 def _recent(events: list[GraphEvent], clock: tuple[int, int] | None) -> Iterable[GraphEvent]:

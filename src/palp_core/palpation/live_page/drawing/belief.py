@@ -16,9 +16,9 @@ from palp_core.view.source.protocol import ViewSource
 
 
 class ShareBars(Element, component="bars.js"):  # type: ignore[misc, call-arg]
-    def __init__(self, words: str) -> None:
+    def __init__(self, label: str) -> None:
         super().__init__()
-        self._props.update(rows=[], words=words)
+        self._props.update(rows=[], words=label)
 
     def show(self, rows: list[dict[str, Any]]) -> None:
         if rows != self._props["rows"]:
@@ -33,7 +33,7 @@ class BeliefPanel:
         self._source, self._monitor = source, monitor
         self._shown = [JudgedProbe(-1, 0.0, 0.0)]
         text_element("h2", "The present trial")
-        self._words = text_element("div", "").props('data-what="trial" role="status"')
+        self._text = text_element("div", "").props('data-what="trial" role="status"')
         self._policy = text_element("div", "", "quiet").props('data-what="policy"')
         self._bars = ShareBars("how probable each depth is")
         text_element("h2", "Gain and entropy over its palpations")
@@ -41,7 +41,7 @@ class BeliefPanel:
 
     def show(self) -> None:
         belief = self._monitor.belief
-        self._words.text = trial_text(belief, self._monitor.latest("Progress"))
+        self._text.text = trial_text(belief, self._monitor.latest("Progress"))
         policy = policy_at_work(self._source, self._monitor.topics)
         self._policy.text = f"policy: {policy}" if policy else ""
         self._bars.show(bars(belief))
@@ -93,8 +93,8 @@ def trial_text(belief: TrialBelief, progress: dict[str, Any] | None) -> str:
         parts.append(f"{phase}: {progress['done_count']} of {progress['total_count']} {what}s done")
     if belief.estimating and belief.probes:
         count = len(belief.probes)
-        told = f"{counted(count, 'palpation')} of this trial"
-        parts.append(f"{told}, {belief.verdict}" if belief.verdict != "continue" else told)
+        count_text = f"{counted(count, 'palpation')} of this trial"
+        parts.append(f"{count_text}, {belief.verdict}" if belief.verdict != "continue" else count_text)
     if belief.within_sweep:
         parts.append("believed within the sweep")
     return "; ".join(parts) or "nothing heard yet"

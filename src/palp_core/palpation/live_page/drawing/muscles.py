@@ -36,9 +36,9 @@ def muscle_text(
 ) -> str:
     """Return the level of the latest peak, how many bursts there were, and what is wrong with the source.
 
-    >>> muscle_words({"level": 2, "level_defined": True, "burst_count": 7, "value": [0.25]}, None)
+    >>> muscle_text({"level": 2, "level_defined": True, "burst_count": 7, "value": [0.25]}, None)
     'co-contraction 0.25; level 0.3 at its latest peak (third of five); 7 bursts'
-    >>> muscle_words(None, {"condition": "ok", "text": ""})
+    >>> muscle_text(None, {"condition": "ok", "text": ""})
     'EMG comes; no co-contraction yet'
     """
     parts = []
@@ -75,21 +75,21 @@ PLOTS = (
 class MusclePanel:
     def __init__(self, source: ViewSource, monitor: RigMonitor) -> None:
         self._source, self._monitor = source, monitor
-        self._words = None
+        self._text = None
         if not any(name in monitor.topics for name, _, _ in PLOTS):
             return
         text_element("h2", "Muscles")
-        self._words = text_element("div", "").props('data-what="level" role="status"')
+        self._text = text_element("div", "").props('data-what="level" role="status"')
         for name, fields, file in PLOTS[:1] if monitor.at_once else PLOTS:
             if name in monitor.topics:
                 _plot(source, monitor.topics[name], fields, file, last_only=monitor.at_once)
 
     def show(self) -> None:
-        if self._words is not None:
+        if self._text is not None:
             latest, fast = self._monitor.latest, self._monitor.at_once
             now_s = self._source.overview().now_s
-            words = muscle_text(latest("CoContraction"), latest("EmgReport"), now_s, fast=fast)
-            self._words.text = words
+            text = muscle_text(latest("CoContraction"), latest("EmgReport"), now_s, fast=fast)
+            self._text.text = text
 
 
 def _plot(source: ViewSource, topic: str, fields: dict[str, str], file: str, *, last_only: bool) -> None:

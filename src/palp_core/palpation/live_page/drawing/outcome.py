@@ -122,14 +122,14 @@ def _cells(row: TrialRow) -> tuple[Cell, ...]:
     )
 
 
-def _guards(words: list[str] | None) -> None:
-    if words is None:
+def _guards(guards: list[str] | None) -> None:
+    if guards is None:
         text_element("div", "nothing heard yet", "quiet")
         return
-    if not words:
+    if not guards:
         text_element("div", "none: the simulated touch is within what its model vouches for", "quiet")
     with ui.element("ul").classes("rig-notes"):
-        for one in words[:MOST_GUARDS]:
+        for one in guards[:MOST_GUARDS]:
             text_element("li", one)
-    if len(words) > MOST_GUARDS:
-        text_element("div", f"and {len(words) - MOST_GUARDS} before", "quiet")
+    if len(guards) > MOST_GUARDS:
+        text_element("div", f"and {len(guards) - MOST_GUARDS} before", "quiet")

@@ -39,8 +39,8 @@ def fill(viewer: Viewer) -> None:
     with ui.element("div").classes("row-of").style("flex-basis: 100%; align-items: center"):
         if not node:
             if viewer.operator is not None:
-                words = text_element("span", NOTHING_TO_STOP, "quiet").props('data-what="safety"')
-                ui.timer(ENDED_S, lambda: words.set_visibility(viewer.source.overview().alive))
+                note = text_element("span", NOTHING_TO_STOP, "quiet").props('data-what="safety"')
+                ui.timer(ENDED_S, lambda: note.set_visibility(viewer.source.overview().alive))
             return
         button = _stop(viewer, node) if viewer.operator is not None else None
         state = text_element("span", "", "pill").props('data-what="safety" role="status"')

@@ -19,16 +19,16 @@ def type_name(text: str) -> str:
     return text.rpartition(":")[2].rpartition("/")[2]
 
 
-def type_and_message(words: list[str], example: str) -> tuple[str | None, str | None]:
+def type_and_message(typed: list[str], example: str) -> tuple[str | None, str | None]:
     """Tell the type from the message; a message is a YAML mapping and looks like none.
 
     >>> type_and_message(["Sample", "{index: 1}"], "")
     ('Sample', '{index: 1}')
     """
-    kinds = [word for word in words if type_name(word).isidentifier()]
-    texts = [word for word in words if word not in kinds]
+    kinds = [word for word in typed if type_name(word).isidentifier()]
+    texts = [word for word in typed if word not in kinds]
     if len(kinds) > 1 or len(texts) > 1:
-        raise GraphError(f"too many words: {' '.join(words)}; write it as in: {example}")
+        raise GraphError(f"too many words: {' '.join(typed)}; write it as in: {example}")
     return (type_name(kinds[0]) if kinds else None), (texts[0] if texts else None)
 
 
