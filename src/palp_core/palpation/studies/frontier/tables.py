@@ -19,12 +19,7 @@ Runs = Sequence[Mapping[str, SchemeRun]]
 
 
 def scheme_rows(world: str, sessions: Runs) -> list[dict[str, Any]]:
-    """Return a line per scheme, with what is on the front of accuracy against seconds.
-
-    Args:
-        world: Name of the world, or of any scene with the paper's depths.
-        sessions: What each scheme did, by name, a session each.
-    """
+    """Return a line per scheme, with what is on the front of accuracy against seconds."""
     depths_m = DEPTHS_M
     rows = []
     for scheme in (one for one in SCHEMES if one.name in sessions[0]):

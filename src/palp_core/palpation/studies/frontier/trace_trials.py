@@ -101,19 +101,7 @@ def run_trace_trials(
     grid_m: tuple[float, ...] = (),
     learnt: TrainedTraces | None = None,
 ) -> TraceOutcomes:
-    """Run every trial to its verdict.
-
-    Args:
-        session: The trials.
-        model: The filter's.
-        protocol: Of the rig.
-        asking: Which position comes next.
-        threshold: Belief at which a trial ends.
-        stop: Rule that says so in its place, of whole sweeps.
-        most: Sweeps after which it is undecided.
-        grid_m: Depths of the model's classes, where these are not the session's.
-        learnt: Training, where trials are to be held against it.
-    """
+    """Run every trial to its verdict."""
     rings_m, depths_m = np.asarray(session.rings_m), np.asarray(grid_m or session.depths_m)
     count, m = len(session.depth), model.class_count
     end = np.full((count, m), 1.0 / m)
