@@ -40,10 +40,10 @@ from palp_core.palpation.studies.frontier.protocols import (
     sessions_by_protocol,
 )
 from palp_core.palpation.studies.frontier.trace_trials import (
-    Asking,
-    Keep,
-    MostBits,
-    drawn,
+    KeepRing,
+    MostInformation,
+    RingSelector,
+    draw_rings,
     learnt_of,
     model_of,
     run_trace_trials,
@@ -52,7 +52,6 @@ from palp_core.palpation.studies.frontier.trace_trials import (
 from palp_core.palpation.studies.simulation.policies import TrainedFeature, train_feature
 from palp_core.palpation.studies.simulation.session import WorldPlan, WorldSession
 from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
-from palp_core.units import Float64Array
 
 TRACE = "trace"
 RING_SD_M = 0.3e-3 / 3**0.5
@@ -125,14 +124,12 @@ class SchemeRun:
 
     Attributes:
         ended: Its trials.
-        fit: Of traces: how probable worse ones are, shape (n,); of features ones.
         shift: What was told of the session, if anything was; of policies that keep their ring, or traces.
         cpu_s: Seconds of one core a trial that deciding took, all trials at once; simulating what was felt is
             not in it.
     """
 
     ended: Outcomes
-    fit: Float64Array
     shift: Shifted | None
     cpu_s: float
 
@@ -204,8 +201,8 @@ def _by_feature(known: TrainedFeature, scheme: Scheme, task: DepthTask | None) -
     spent_s = session.simulating.outside() - before
     count = len(ended.depth)
     keeps = scheme.policy == "fixed_best" and task is None
-    shift = told(session, _read(known, ended)) if keeps else None
-    return SchemeRun(ended, np.ones(count), shift, spent_s / count)
+    shift = detect_shift(session, _read(known, ended)) if keeps else None
+    return SchemeRun(ended, shift, spent_s / count)
 
 
 def _read(known: TrainedFeature, ended: Outcomes) -> list[tuple[NDArray[np.int64], Projected]]:
@@ -248,34 +245,36 @@ def _by_trace(
     learnt: TrainedTraces,
 ) -> SchemeRun:
     grid_m = () if task is None else task.grid_m
-    asking: Asking
+    selector: RingSelector
     match scheme.policy:
         case "fixed_best":
-            asking = Keep(ring)
+            selector = KeepRing(ring)
         case "uniform":
-            asking = drawn(UniformRings(session.rings_m), session)
+            selector = draw_rings(UniformRings(session.rings_m), session)
         case "markov":
-            asking = drawn(MarkovPolicy(), session)
+            selector = draw_rings(MarkovPolicy(), session)
         case _:
-            asking = MostBits(session.rings_m, scheme.steps)
+            selector = MostInformation(session.rings_m, scheme.steps)
     stop = _stop(scheme, task)
     before = session.simulating.outside()
     done = run_trace_trials(
         session,
         model,
         scheme.steps,
-        asking=asking,
+        selector=selector,
         threshold=SURE,
         stop=stop,
         grid_m=grid_m,
         learnt=learnt if task is None else None,
     )
     spent_s = session.simulating.outside() - before
-    count, shift = len(done.ended.depth), told(session, done.projected)
-    return SchemeRun(done.ended, done.fit, shift, spent_s / count)
+    count, shift = len(done.ended.depth), detect_shift(session, done.projected)
+    return SchemeRun(done.ended, shift, spent_s / count)
 
 
-def told(session: WorldSession, projected: Sequence[tuple[NDArray[np.int64], Projected]]) -> Shifted | None:
+def detect_shift(
+    session: WorldSession, projected: Sequence[tuple[NDArray[np.int64], Projected]]
+) -> Shifted | None:
     """Return what is told of a session whose trials come in an order drawn by chance; None: nothing."""
     of = {int(trial): (one, row) for trials, one in projected for row, trial in enumerate(trials)}
     so_far = SessionTrials()

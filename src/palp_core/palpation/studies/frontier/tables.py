@@ -43,7 +43,7 @@ def scheme_rows(world: str, sessions: Runs) -> list[dict[str, Any]]:
     return rows
 
 
-def compared(sessions: Runs, first: Scheme, second: Scheme) -> dict[str, Any]:
+def compare_schemes(sessions: Runs, first: Scheme, second: Scheme) -> dict[str, Any]:
     """Return the paired difference of two schemes' accuracies and the ratio of their seconds."""
     pair = [[one[scheme.name].ended for one in sessions] for scheme in (first, second)]
     return {"first": first.name, "second": second.name, **paired(*pair)}

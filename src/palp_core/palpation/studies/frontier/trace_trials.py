@@ -17,7 +17,6 @@ from palp_core.palpation.perception.trace.belief import (
     along,
     begin_sweep,
     cut,
-    fit_probability,
     start,
 )
 from palp_core.palpation.perception.trace.check import projected
@@ -78,13 +77,11 @@ class TraceOutcomes:
 
     Attributes:
         ended: As of any trials.
-        fit: How probable torques are that fit no better, shape (n,).
         way_m: Way swept in the last sweep, shape (n,).
         projected: Trials as they are held against training, and which these are; none where it is not given.
     """
 
     ended: Outcomes
-    fit: Float64Array
     way_m: Float64Array
     projected: list[tuple[NDArray[np.int64], Projected]]
 
@@ -94,7 +91,7 @@ def run_trace_trials(
     model: TraceModel,
     protocol: Protocol,
     *,
-    asking: Asking,
+    selector: RingSelector,
     threshold: float = 0.99,
     stop: StopRule | None = None,
     most: int = MOST,
@@ -107,13 +104,13 @@ def run_trace_trials(
     end = np.full((count, m), 1.0 / m)
     probes, moves = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
     seconds, decided = np.zeros(count), np.zeros(count, dtype=bool)
-    fit, way, found = np.ones(count), np.zeros(count), list[tuple[NDArray[np.int64], Projected]]()
+    way, found = np.zeros(count), list[tuple[NDArray[np.int64], Projected]]()
     error_m = np.zeros(count)
     groups: list[tuple[NDArray[np.int64], TraceBelief, int]] = [(np.arange(count), start(model, count), -1)]
     for t in range(most):
         following: list[tuple[NDArray[np.int64], TraceBelief, int]] = []
         for trials, belief, before in groups:
-            asked = asking(model, belief, trials, before, t)
+            asked = selector(model, belief, trials, before, t)
             for setting in np.unique(asked):
                 here = asked == setting
                 some, known = trials[here], belief[here]
@@ -122,7 +119,7 @@ def run_trace_trials(
                 moves[some] += int(moved and before >= 0)
                 if moved:
                     error_m[some] = (
-                        session.kept_landing_m[some] if asking.stays else session.landings_m[some, t]
+                        session.kept_landing_m[some] if selector.stays else session.landings_m[some, t]
                     )
                 known = begin_sweep(known, int(setting), landed=bool(moved))
                 felt = coarse(session.traces(some, np.full(len(some), setting), error_m[some], t))
@@ -138,7 +135,6 @@ def run_trace_trials(
                 probes[some], decided[some] = t + 1, halt
                 way[some] = (last + 1) * BIN_M
                 seconds[some] += protocol.sweep_s(way[some]) + protocol.back_s(way[some])
-                fit[some] = _fits(model, after, last + 1)
                 ends = halt if t + 1 < most else np.ones(len(some), dtype=bool)
                 if learnt is not None:
                     over = some[ends]
@@ -149,7 +145,7 @@ def run_trace_trials(
         if not groups:
             break
     ended = outcomes(session, depths_m, end, probes, moves, seconds, decided)
-    return TraceOutcomes(ended, fit, way, found)
+    return TraceOutcomes(ended, way, found)
 
 
 def first_sure(sure: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
@@ -202,15 +198,6 @@ def _whole_sweeps(
     return found
 
 
-def _fits(model: TraceModel, after: TraceBelief, bins: NDArray[np.int64]) -> Float64Array:
-    """Return the fit of what was read up to the verdict."""
-    fit = np.empty(len(bins))
-    for number in np.unique(bins):
-        here = bins == number
-        fit[here] = fit_probability(model, cut(model, after[here], int(number)))
-    return fit
-
-
 def _projected(
     model: TraceModel,
     learnt: TrainedTraces,
@@ -229,7 +216,7 @@ def _projected(
 
 
 @dataclass(frozen=True)
-class Keep:
+class KeepRing:
     """Always the same position.
 
     Attributes:
@@ -246,7 +233,7 @@ class Keep:
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class DrawnRings:
     """Positions drawn by a policy that goes by chance alone, drawn before: shape (n, t), by index."""
 
     rings: NDArray[np.int64]
@@ -259,7 +246,7 @@ class Drawn:
 
 
 @dataclass(frozen=True, eq=False)
-class MostBits:
+class MostInformation:
     """Where a whole sweep is expected to tell most about the class a second.
 
     Attributes:
@@ -282,10 +269,10 @@ class MostBits:
         return np.asarray(np.argmax(bits / cost, axis=1), dtype=np.int64)
 
 
-Asking = Keep | Drawn | MostBits
+RingSelector = KeepRing | DrawnRings | MostInformation
 
 
-def drawn(policy: StiffnessPolicy, session: WorldSession) -> Drawn:
+def draw_rings(policy: StiffnessPolicy, session: WorldSession) -> DrawnRings:
     """Return what a policy that goes by chance alone asks in each trial."""
     count, most = session.uniforms.shape
     slot = nearest(np.asarray(policy.rings_m), np.asarray(session.rings_m))
@@ -295,7 +282,7 @@ def drawn(policy: StiffnessPolicy, session: WorldSession) -> Drawn:
     for probe in range(1, most):
         at = policy.step(at, flat, given(session.uniforms[:, probe]))
         found.append(slot[at.level])
-    return Drawn(np.stack(found, axis=1))
+    return DrawnRings(np.stack(found, axis=1))
 
 
 def nearest(values: Float64Array, among: Float64Array) -> NDArray[np.int64]:
