@@ -20,9 +20,8 @@ import numpy as np
 from palp_core.palpation.reporting.charts import BLUE, GREY, VERMILION, Chart, save, tidy
 from palp_core.palpation.studies.simulation.gel import Gel
 from palp_core.palpation.studies.simulation.trace_table import TraceTable, tabulate_traces
-from palp_core.palpation.world.drag import drag
+from palp_core.palpation.world.drag import drag, joints_of
 from palp_core.palpation.world.draws import latent_spread
-from palp_core.palpation.world.joints import joints_of
 from palp_core.palpation.world.latents import LATENTS, LOWEST, REACH, latents
 from palp_core.palpation.world.model import LAB, PAPER, WorldModel
 from palp_core.palpation.world.stick_slip import stick_slip

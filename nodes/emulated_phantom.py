@@ -21,7 +21,7 @@ from palp_core.palpation.session.method_choices import FeatureName, Reading, wha
 from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
 from palp_core.palpation.session.methods.used import rig_uses
 from palp_core.palpation.session.named_files import file_mistakes
-from palp_core.palpation.world.luck import off_by
+from palp_core.palpation.world.draws import name_offsets
 from palp_core.palpation.world.model import read_world
 from palp_core.units import (
     Count,
@@ -162,7 +162,7 @@ class EmulatedPhantom(MethodTeller):
                 world=world.name,
                 code=mount.code,
                 remount=mount.remount,
-                **off_by(row),
+                **name_offsets(row),
             )
             self.world_truth.publish(told)
 

@@ -17,8 +17,7 @@ from palp_core.palpation.session.method_choices import FeatureName, Reading, wha
 from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
 from palp_core.palpation.session.methods.used import rig_uses
 from palp_core.palpation.session.named_files import file_mistakes
-from palp_core.palpation.world.live import LiveSweeps, LiveWorld, live_world
-from palp_core.palpation.world.luck import off_by, seed_of
+from palp_core.palpation.world.draws import SessionSweeps, SessionWorld, derive_seed, name_offsets, open_world
 from palp_core.palpation.world.model import read_world
 from palp_core.palpation.world.trace import WorldTrace
 from palp_core.units import (
@@ -109,9 +108,9 @@ class Phantom(MethodTeller):
         self.models: dict[str, ContactModel] = {code: self.rig.model(code) for code in self.rig.by_depth}
         self.table: SweepTable | WorldTrace | None = None
         self.moments = GridMoments()
-        self.sweeps: LiveSweeps | None = None
+        self.sweeps: SessionSweeps | None = None
         self.world = read_world(params.world)
-        self._live: LiveWorld | None = None
+        self._live: SessionWorld | None = None
         noise = params.noise
         self.height_sd_m = read_noise(noise).height_sd_m.value if noise else params.height_sd_mm * 1e-3
 
@@ -142,7 +141,7 @@ class Phantom(MethodTeller):
         )
         if self.world.plain:
             return
-        state.world_seed = state.world_seed or seed_of(self.rng)
+        state.world_seed = state.world_seed or derive_seed(self.rng)
         row = self.live.row(state.code, state.remount, state.height_offset_m, state.path_m)
         self.world_truth.publish(
             WorldTruth(
@@ -150,7 +149,7 @@ class Phantom(MethodTeller):
                 world=self.world.name,
                 code=mount.code,
                 remount=mount.remount,
-                **off_by(row),
+                **name_offsets(row),
             )
         )
 
@@ -214,12 +213,12 @@ class Phantom(MethodTeller):
         )
 
     @property
-    def live(self) -> LiveWorld:
+    def live(self) -> SessionWorld:
         """The session in its world, which follows from the seed: a replacement has the same."""
         if self._live is None:
             from_m, to_m = sorted((self.params.from_m, self.params.to_m))
             seed = self.state.world_seed
-            self._live = live_world(self.rig, self.world, seed, from_m - MARGIN_M, to_m + MARGIN_M)
+            self._live = open_world(self.rig, self.world, seed, from_m - MARGIN_M, to_m + MARGIN_M)
         return self._live
 
     def _note_sweep(self, pose: StagePose) -> None:

@@ -1,4 +1,4 @@
-"""Luck at each level: fixed numbers of draws, spreads as the world says, a texture as long as it says."""
+"""Draws at each level: fixed numbers of draws, spreads as the world says, a texture as long as it says."""
 
 from dataclasses import replace
 
@@ -7,6 +7,7 @@ import pytest
 
 from palp_core.palpation.mechanics import Bead, Phantom, Probe
 from palp_core.palpation.world.draws import (
+    SessionDraws,
     latent_spread,
     layer_weight,
     mounting_parts,
@@ -17,7 +18,6 @@ from palp_core.palpation.world.draws import (
     wear_part,
 )
 from palp_core.palpation.world.latents import LATENTS
-from palp_core.palpation.world.luck import Luck
 from palp_core.palpation.world.model import LAB, PAPER, WorldModel
 from palp_core.palpation.world.texture import GRID_M, bias, texture, texture_map, track, white_sd_n_m
 
@@ -104,12 +104,16 @@ def test_the_zero_walks_and_a_bin_averages_the_noise() -> None:
     assert white_sd_n_m(15e-6, 15e-6, 100) == pytest.approx(15e-6 * np.sqrt(1 + 1 / 12) / 10)
 
 
+def beaded(beside_m: float) -> Phantom:
+    return Phantom(bead=Bead(depth_m=0.004, beside_m=beside_m))
+
+
 def test_a_bead_beside_the_path_is_where_casting_and_mounting_put_it() -> None:
     """The nominal distance, which has a sign like theirs, and what both are off by; at its reach it ends."""
     probe, at = Probe(), LATENTS.index("beside_m2")
     under, aside = (
         np.array([
-            Luck(LAB, seed, probe, 0.004).row("A", Phantom(bead=Bead(depth_m=0.004, beside_m=beside_m)), 1)
+            SessionDraws(LAB, seed, probe, 0.004).row("A", beaded(beside_m), 1)
             for seed in range(1, 40)
         ])
         for beside_m in (0.0, 0.003)

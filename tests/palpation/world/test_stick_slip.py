@@ -5,8 +5,7 @@ import pytest
 
 from palp_core.palpation.mechanics import Bead, Phantom, Probe
 from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics, simulate
-from palp_core.palpation.world.drag import Dragged, drag
-from palp_core.palpation.world.joints import Joints, joints_of
+from palp_core.palpation.world.drag import Dragged, Joints, drag, joints_of
 from palp_core.palpation.world.latents import latents
 from palp_core.palpation.world.stick_slip import stick_slip, swamped
 from palp_core.palpation.world.touch import Touch, touch

@@ -15,13 +15,6 @@ STAGE_STEP_MAX_M = 0.001
 def require(quantity: str, value: float, low: float, high: float, advice: str) -> None:
     """Check that a quantity is a number within inclusive bounds.
 
-    Args:
-        quantity: Name with unit, as in ``depth_m``.
-        value: What was given.
-        low: Smallest accepted value.
-        high: Largest accepted value.
-        advice: What the caller should do instead.
-
     Raises:
         OutOfRange: The value is NaN, infinite or out of bounds.
     """
@@ -31,9 +24,6 @@ def require(quantity: str, value: float, low: float, high: float, advice: str) -
 
 def finite_offsets(offset_m: ArrayLike) -> Float64Array:
     """Return lateral offsets as an array, any shape.
-
-    Args:
-        offset_m: Positions past the bead.
 
     Raises:
         OutOfRange: One of them is NaN or infinite.

@@ -39,11 +39,7 @@ def contact_radius_m(radius_m: float, indentation_m: float) -> float:
 
 
 def over_paraboloid(power: int) -> Float64Array:
-    """Return N a^power on a half-space over that of Hertz's paraboloid, as a series in delta / R.
-
-    Args:
-        power: Of the contact's radius a, from 0.
-    """
+    """Return N a^power on a half-space over that of Hertz's paraboloid, as a series in delta / R."""
     count = len(_FORCE)
     root = np.zeros(count)  # of the square's series, term by term
     root[0] = 1.0

@@ -35,15 +35,7 @@ class Study:
     checkpoint: str = ""
 
     def run(self, out: Path, **options: Any) -> Path:
-        """Run it and return its page.
-
-        Args:
-            out: Folder for what it makes.
-            **options: Those of :data:`OPTIONS`, where they are not the usual ones.
-
-        Raises:
-            PalpError: The study's function does not take an option that is given.
-        """
+        """Run it and return its page."""
         module, _, name = self.target.partition(":")
         function: Callable[..., Path] = getattr(importlib.import_module(module), name)
         taken = inspect.signature(function).parameters
@@ -89,11 +81,7 @@ STUDIES = {
 
 
 def study(name: str) -> Study:
-    """Return a study by name.
-
-    Raises:
-        PalpError: There is none of that name.
-    """
+    """Return a study by name."""
     if name in STUDIES:
         return STUDIES[name]
     if name not in (known := published(PUBLISHED)):
@@ -114,11 +102,7 @@ def studies() -> dict[str, Study]:
 
 
 def _published(name: str, target: str) -> Study:
-    """Return a study of another package: what it asks is the first line of its function's docstring.
-
-    Raises:
-        PalpError: The package cannot be imported, or has no such function.
-    """
+    """Return a study of another package: what it asks is the first line of its function's docstring."""
     function = import_foreign(target, f"study '{name}'", PalpError)
     with catch_foreign(f"study '{name}', {target}", PalpError):
         inspect.signature(function)

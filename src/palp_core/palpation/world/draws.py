@@ -1,4 +1,4 @@
-"""The luck of a session, its phantoms and their mountings, as latents of its sweeps.
+"""What a session, its phantoms, mountings and sweeps are off by, and the sweeps of a live session.
 
 Every level draws a fixed number of standard normals, whatever the world's parameters are: two worlds that are
 drawn with equal generators differ by their parameters alone. Parts of a sweep's latents, one from each level,
@@ -7,20 +7,30 @@ are brought together by :func:`together`: until then the bead's distance beside 
 
 from __future__ import annotations
 
+import copy
 import math
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palp_core.palpation.mechanics.phantom import Phantom
+from palp_core.palpation.mechanics.probe import Probe
+from palp_core.palpation.mechanics.scene.rig import Rig
 from palp_core.palpation.mechanics.tip import contact_radius_m
-from palp_core.palpation.world.latents import LATENTS
+from palp_core.palpation.world.latents import LATENTS, LOWEST, REACH, latents
 from palp_core.palpation.world.model import WorldModel
+from palp_core.palpation.world.texture import track
+from palp_core.palpation.world.touch import Touch, touch
+from palp_core.palpation.world.trace import WorldTrace, trace
 from palp_core.units import Float64Array
 
 PARTS = tuple("beside_m" if name == "beside_m2" else name for name in LATENTS)
 """What a part is of: the latents, but for the bead's distance beside the path, which has a sign."""
 
 _RING, _HEIGHT, _MODULUS, _FRICTION, _ALONG, _BESIDE, _TIP = range(len(LATENTS))
+_SESSION, _SPECIMEN, _MOUNTING, _SWEEP = range(4)
+_ALIKE_M = 1e-4  # sweeps that begin so near each other are one
 _PRESSED = 0.5
 """Of the nominal indentation is what the dragged tip keeps: assumed, 0.3 to 0.6 from soft to stiff joint."""
 
@@ -33,11 +43,6 @@ def layer_weight(depth_m: float, contact_m: float, poisson: float = 0.49) -> flo
 
         E = E_under + (E_layer - E_under) I_0
         I_0 = 2/pi atan x + ((1 - 2 nu) x ln((1 + x^2) / x^2) - x / (1 + x^2)) / (2 pi (1 - nu))
-
-    Args:
-        depth_m: Thickness of the layer: the bead lies on the cured one, the other is poured over it.
-        contact_m: Radius of the contact.
-        poisson: Poisson's ratio of both.
     """
     x = depth_m / contact_m
     rest = (1.0 - 2.0 * poisson) * x * math.log((1.0 + x * x) / (x * x)) - x / (1.0 + x * x)
@@ -93,14 +98,7 @@ def specimen_parts(
 def mounting_parts(
     world: WorldModel, rng: np.random.Generator, count: int, height_sd_m: float = 0.0
 ) -> Float64Array:
-    """Return what each mounting is off by, shape (count, 7): height, friction, bead's place; 4 numbers each.
-
-    Args:
-        world: The spreads.
-        rng: Drawn from.
-        count: Mountings.
-        height_sd_m: Spread of the surface's height, which the rig has in any world.
-    """
+    """Return what mountings are off by, shape (count, 7): height, friction, bead's place; 4 numbers each."""
     parts = np.zeros((count, len(LATENTS)))
     parts[:, [_HEIGHT, _FRICTION, _ALONG, _BESIDE]] = rng.standard_normal((count, 4)) * (
         height_sd_m,
@@ -147,12 +145,6 @@ def latent_spread(
     """Return mean and standard deviation of a sweep's latents over sessions, each of shape (7,).
 
     The square of a normal distance of variance v has the mean v and the standard deviation sqrt(2) v.
-
-    Args:
-        world: The spreads.
-        depth_m: Gel over the bead.
-        ring_sd_m: Spread of the ring's landing.
-        height_sd_m: Spread of the height over mountings.
     """
     contact_m = contact_radius_m(0.006, _PRESSED * 0.004)
     layer = world.layer_modulus_sd * layer_weight(depth_m, contact_m)
@@ -165,3 +157,177 @@ def latent_spread(
     sd[_FRICTION] = world.friction_mounting_sd
     sd[_ALONG] = math.hypot(world.bead_along_specimen_sd_m, world.bead_along_mounting_sd_m)
     return mean, sd
+
+
+@dataclass(frozen=True)
+class SessionDraws:
+    """What a session, its phantoms, mountings and sweeps are off by.
+
+    Nothing is kept between calls, so that whoever takes a node's place needs the seed alone.
+
+    Attributes:
+        world: What is on.
+        seed: Of every number.
+        probe: The nominal one.
+        indentation_m: Nominal.
+    """
+
+    world: WorldModel
+    seed: int
+    probe: Probe
+    indentation_m: float
+
+    def row(
+        self, code: str, phantom: Phantom, mounting: int, height_m: float = 0.0, path_m: float = 0.0
+    ) -> Float64Array:
+        """Return the latents of a mounting's sweeps, shape (7,); one beyond its reach is at its end.
+
+        The reach beside the path is about the phantom's own distance.
+        """
+        bead = phantom.bead
+        depth_m, beside_m = (phantom.height_m, 0.0) if bead is None else (bead.depth_m, bead.beside_m)
+        row = together(
+            bead_part(beside_m),
+            session_part(self.world, self._of(_SESSION)),
+            specimen_parts(
+                self.world,
+                self._of(_SPECIMEN, *code.encode()),
+                depth_m,
+                tip_radius_m=self.probe.tip_radius_m,
+                indentation_m=self.indentation_m,
+                poisson=phantom.poisson,
+            ),
+            mounting_parts(self.world, self._of(_MOUNTING, mounting), 1)[0],
+            wear_part(self.world, path_m),
+            latents(1, height_m=height_m)[0],
+        )
+        reach = REACH.copy()
+        reach[_BESIDE] = (beside_m + math.sqrt(REACH[_BESIDE])) ** 2
+        return np.clip(row, LOWEST, reach)
+
+    def track(self, mounting: int) -> Float64Array:
+        """Return the random numbers of the surface under a mounting's track, shape (2, places)."""
+        rng = self._of(_MOUNTING, mounting)
+        mounting_parts(self.world, rng, 1)
+        return np.asarray(track(rng, 1)[0])
+
+    def phase(self, sweep: int) -> float:
+        """Return the share of a cycle of stick-slip at which a sweep begins."""
+        return float(self._of(_SWEEP, sweep).random())
+
+    def _of(self, level: int, *number: int) -> np.random.Generator:
+        return np.random.default_rng([self.seed, level, *number])
+
+
+def derive_seed(rng: np.random.Generator) -> int:
+    """Return a seed that follows from a generator's state; the generator stays as it is."""
+    return int(copy.deepcopy(rng).integers(1, 2**62))
+
+
+def name_offsets(row: Float64Array) -> dict[str, float]:
+    """Return what a mounting is off by, by name: latents without the ring's, the bead's distance in m."""
+    named = dict(zip(LATENTS, row.tolist(), strict=True))
+    del named["ring_m"]
+    return named | {"beside_m": math.sqrt(named.pop("beside_m2"))}
+
+
+@dataclass
+class SessionSweeps:
+    """The sweeps of one mounting and ring: solved once per way of making them, each with its own phase.
+
+    Attributes:
+        touch: Contact with the phantom.
+        draws: Of the session.
+        row: Latents of the mounting, shape (7,).
+        surface: Random numbers of its track.
+        ring_m: True position of the ring.
+        ends_m: Lower and upper end of what a sweep may reach.
+    """
+
+    touch: Touch
+    draws: SessionDraws
+    row: Float64Array
+    surface: Float64Array
+    ring_m: float
+    ends_m: tuple[float, float]
+    _solved: dict[tuple[float, bool, float, float], WorldTrace] = field(default_factory=dict)
+
+    def of(
+        self,
+        from_m: float,
+        sweep: int,
+        speed_m_s: float,
+        *,
+        forward: bool,
+        indentation_m: float | None = None,
+    ) -> WorldTrace:
+        """Return the sweep that was lowered at a position.
+
+        Args:
+            from_m: Where.
+            sweep: Its number: says at which share of a cycle a stick-slip begins.
+            speed_m_s: Of the stage.
+            forward: Whether it goes towards +Y.
+            indentation_m: Nominal indentation; None: the session's.
+
+        Raises:
+            MechanicsError: It has no solution.
+        """
+        start = round(from_m / _ALIKE_M) * _ALIKE_M
+        pressed_m = self.draws.indentation_m if indentation_m is None else indentation_m
+        key = (start, forward, speed_m_s, pressed_m)
+        if key not in self._solved:
+            self._solved[key] = trace(
+                self.touch,
+                self.draws.world,
+                self.row,
+                self.surface,
+                self.ring_m,
+                pressed_m,
+                start,
+                self.ends_m[1] if forward else self.ends_m[0],
+                speed_m_s=speed_m_s,
+            )
+        return self._solved[key].again(self.draws.phase(sweep))
+
+
+@dataclass
+class SessionWorld:
+    """A simulated rig's touch in a world: phantoms by code, and the draws of its session.
+
+    Attributes:
+        rig: What is touched, and with what.
+        draws: Of the session.
+        ends_m: Lower and upper end of what a sweep may reach.
+    """
+
+    rig: Rig
+    draws: SessionDraws
+    ends_m: tuple[float, float]
+    _touches: dict[str, Touch] = field(default_factory=dict)
+
+    def row(self, code: str, mounting: int, height_m: float, path_m: float) -> Float64Array:
+        """Return the latents of a mounting, shape (7,); arguments as of :meth:`.SessionDraws.row`."""
+        return self.draws.row(code, self.rig.phantoms[code], mounting, height_m, path_m)
+
+    def sweeps(
+        self, code: str, mounting: int, ring_m: float, height_m: float, path_m: float
+    ) -> SessionSweeps:
+        """Return the sweeps of a mounting and ring."""
+        if not self._touches:  # all at once, and in an order that tells nothing of the one that is on
+            self._touches = {one: self._touch(one) for one in self.rig.by_depth}
+        row = self.row(code, mounting, height_m, path_m)
+        surface = self.draws.track(mounting)
+        return SessionSweeps(self._touches[code], self.draws, row, surface, ring_m, self.ends_m)
+
+    def _touch(self, code: str) -> Touch:
+        world = self.draws.world
+        tips = world.tip_radius_session_sd_m > 0.0 or world.tip_wear_per_m != 0.0
+        name = self.rig.choices[code].method.name
+        return touch(self.rig.phantoms[code], self.rig.probe, name, tips=tips)
+
+
+def open_world(rig: Rig, world: WorldModel, seed: int, from_m: float, to_m: float) -> SessionWorld:
+    """Return a rig's touch in a world."""
+    draws = SessionDraws(world, seed, rig.probe, rig.indentation_m)
+    return SessionWorld(rig, draws, (min(from_m, to_m), max(from_m, to_m)))

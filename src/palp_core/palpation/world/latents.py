@@ -21,10 +21,6 @@ LOWEST = np.where(np.array(LATENTS) == "beside_m2", 0.0, -REACH)
 def latents(count: int = 1, **given: ArrayLike) -> Float64Array:
     """Return rows of latents, shape (count, 7): nominal but for those given.
 
-    Args:
-        count: Rows.
-        **given: Values by name, one for all rows or one each.
-
     Raises:
         OutOfRange: There is no such latent, or a square is negative.
     """

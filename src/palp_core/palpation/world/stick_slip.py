@@ -18,8 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics
-from palp_core.palpation.world.drag import Dragged
-from palp_core.palpation.world.joints import Joints
+from palp_core.palpation.world.drag import Dragged, Joints
 from palp_core.units import Float64Array
 
 PHASES = 64

@@ -11,8 +11,7 @@ import scipy
 from palp_core.errors import OutOfRange
 from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
-from palp_core.palpation.world.drag import Dragged, drag
-from palp_core.palpation.world.joints import joints_of
+from palp_core.palpation.world.drag import Dragged, drag, joints_of
 from palp_core.palpation.world.model import WorldModel
 from palp_core.palpation.world.stick_slip import StickSlip, stick_slip, swamped
 from palp_core.palpation.world.texture import texture, texture_map

@@ -27,7 +27,7 @@ from palp_core.palpation.devices.torque.wrench_state import WrenchState
 from palp_core.palpation.mechanics import Probe, contact_model, solve
 from palp_core.palpation.mechanics.scene.phantom_file import PAPER_PHANTOMS
 from palp_core.palpation.nano17 import RESOLUTION_N_M
-from palp_core.palpation.world.live import live_world
+from palp_core.palpation.world.draws import open_world
 from palp_core.palpation.world.model import LAB
 
 LINK = "is not a folder of this user but a symbolic link"
@@ -66,7 +66,7 @@ def test_the_emulated_torque_in_a_world_is_that_worlds() -> None:
     walking = SimTorque(bias_drift_n_m_per_sqrt_s=LAB.bias_walk_n_m_per_sqrt_s)
     rig = EmulatedRig(RigSettings(contact=touched, ring=EXACT, torque=walking), devices=())
     rig.rod.move(0.017, 6.5e-3, 0)
-    sweeps = live_world(rig.contact.rig, LAB, 1, -0.032, 0.052).sweeps("A", 1, 0.016, 0.0, 0.0)
+    sweeps = open_world(rig.contact.rig, LAB, 1, -0.032, 0.052).sweeps("A", 1, 0.016, 0.0, 0.0)
     there, back = (sweeps.of(at_m, 1, 0.02, forward=at_m < 0.0) for at_m in (-0.03, 0.05))
     now_ns = 60 * S
     for goal_m, known in ((0.003, there), (-0.003, back)):

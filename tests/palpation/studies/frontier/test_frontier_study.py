@@ -22,15 +22,15 @@ from palp_core.palpation.studies.frontier.limits import fano_accuracy, wald_accu
 from palp_core.palpation.studies.frontier.protocols import PAPER_PROTOCOL, SWIFT
 from palp_core.palpation.studies.frontier.schemes import SURE, DepthTask, Scheme, run_plan, run_schemes
 from palp_core.palpation.studies.frontier.study import GEL_SCHEMES, gel_rows
-from palp_core.palpation.studies.frontier.tables import compared, scheme_rows
+from palp_core.palpation.studies.frontier.tables import compare_schemes, scheme_rows
 from palp_core.palpation.studies.frontier.trace_trials import (
-    Keep,
-    MostBits,
+    KeepRing,
+    MostInformation,
     model_of,
     run_trace_trials,
     settings_of,
 )
-from palp_core.palpation.studies.robustness.differences import WorldDifference, differing
+from palp_core.palpation.studies.robustness.differences import WorldDifference, apply_difference
 from palp_core.palpation.studies.simulation.conditions import Conditions
 from palp_core.palpation.studies.simulation.gel import Gel
 from palp_core.palpation.studies.simulation.session import (
@@ -62,8 +62,8 @@ def test_a_decision_in_the_sweep_is_that_of_the_whole_sweep_sooner() -> None:
     stiff = replace(RINGS, rings_m=RINGS.rings_m[1:])
     session = begin(replace(PLAN, gel=stiff, path_m=SWIFT.path_m), (3, 1))
     model = model_of(session, settings_of(session))
-    early = run_trace_trials(session, model, SWIFT, asking=Keep(0))
-    late = run_trace_trials(session, model, replace(SWIFT, in_sweep=False), asking=Keep(0))
+    early = run_trace_trials(session, model, SWIFT, selector=KeepRing(0))
+    late = run_trace_trials(session, model, replace(SWIFT, in_sweep=False), selector=KeepRing(0))
     assert early.ended.correct.mean() > 0.9
     assert early.ended.seconds.mean() < 0.9 * late.ended.seconds.mean()
     assert (early.ended.confidence[early.ended.decided] >= 0.99).all()
@@ -92,7 +92,9 @@ def test_mounting_and_specimens_have_one_default_in_launch_files_and_studies() -
 def test_the_most_bits_a_second_are_not_at_the_softest_ring() -> None:
     session = begin(PLAN, (3, 2))
     model = model_of(session, settings_of(session))
-    done = run_trace_trials(session, model, PAPER_PROTOCOL, asking=MostBits(RINGS.rings_m, PAPER_PROTOCOL))
+    done = run_trace_trials(
+        session, model, PAPER_PROTOCOL, selector=MostInformation(RINGS.rings_m, PAPER_PROTOCOL)
+    )
     assert done.ended.correct.mean() > 0.9
     assert done.ended.probes.mean() < 2.0
 
@@ -104,7 +106,7 @@ def test_friction_ruins_the_peak_and_neither_contrast_nor_trace() -> None:
         Scheme("contrast", "fixed_best", "threshold"),
         Scheme("trace", "fixed_best", "threshold", "swift"),
     )
-    less = differing(WorldPlan(), WorldDifference("", (("friction", -0.2),)))
+    less = apply_difference(WorldPlan(), WorldDifference("", (("friction", -0.2),)))
     found = {n: run.ended.correct.mean() for n, run in run_plan(less, (23, 1, 0), schemes=schemes).items()}
     assert found[schemes[0].name] < 0.8
     assert found[schemes[1].name] > 0.95
@@ -208,7 +210,7 @@ def test_the_chart_has_every_scheme_limits_a_cross_and_a_front(whole: WorldSessi
     rows = scheme_rows("lab", runs)
     assert [row["scheme"] for row in rows] == [fixed.name, uniform.name]
     assert any(row["front"] for row in rows)
-    same = compared(runs, fixed, fixed)
+    same = compare_schemes(runs, fixed, fixed)
     assert (same["difference"], same["times_fewer_seconds"]) == (0.0, 1.0)
     rows[0]["ece"], rows[1]["ece"] = 0.2, 0.01
     depths = [

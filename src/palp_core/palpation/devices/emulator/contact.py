@@ -18,7 +18,7 @@ from palp_core.palpation.devices.emulator.rod import EmulatedRod
 from palp_core.palpation.mechanics import ContactModel, solve
 from palp_core.palpation.mechanics.scene.guard import speed_guard
 from palp_core.palpation.mechanics.scene.rig import Rig, rig
-from palp_core.palpation.world.live import LiveSweeps, live_world
+from palp_core.palpation.world.draws import SessionSweeps, open_world
 from palp_core.palpation.world.model import PAPER, WorldModel
 from palp_core.units import Float64Array
 
@@ -88,7 +88,7 @@ class ProbeContact:
         )
         self._models = {code: self.rig.model(code) for code in self.rig.by_depth}
         self._ends_m = settings.from_m, settings.to_m
-        self._live = live_world(self.rig, settings.world, seed, *self._ends_m)
+        self._live = open_world(self.rig, settings.world, seed, *self._ends_m)
         self._solver = ThreadPoolExecutor(1, thread_name_prefix="palp-emulator-mechanics")
         self._way_m, self._last_m, self._mounting, self._forward = 0.0, 0.0, 0, True
         self.swept_m_s = 0.0
@@ -194,7 +194,7 @@ def _solved(
 
 
 def _solved_in_world(
-    rig: Rig, code: str, sweeps: LiveSweeps, mounting: int, lands_m: tuple[float, float]
+    rig: Rig, code: str, sweeps: SessionSweeps, mounting: int, lands_m: tuple[float, float]
 ) -> tuple[Float64Array, GuardMet]:
     """Return the same in a world, of a sweep there and of one back, shape (2, n, 3)."""
     stage_m = _steps_m(sweeps.ends_m)

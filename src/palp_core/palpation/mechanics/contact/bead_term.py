@@ -57,18 +57,7 @@ def bead_term(
     tolerance: float = _HARMONICS,
     progress: Progress | None = None,
 ) -> BeadTerm:
-    """Compute the bead's stiffening of the surface.
-
-    Args:
-        radius_m: Radius of the bead.
-        depth_m: Gel over the bead.
-        height_m: Thickness of the slab.
-        poisson: Poisson's ratio, below 0.5.
-        reach_m: Distance from the axis up to which it is wanted.
-        fineness: Divides the element sizes.
-        tolerance: Share of the largest stiffening that two harmonics in a row must stay below to be the last.
-        progress: Told of every harmonic.
-    """
+    """Compute the bead's stiffening of the surface."""
     section = bead_section(radius_m, depth_m, height_m, fineness)
     solid = HarmonicSolid(section, poisson)
     points = solid.points[:, solid.bead_nodes]

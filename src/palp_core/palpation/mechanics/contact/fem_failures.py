@@ -162,10 +162,6 @@ def coarse_cells(cell_over_depth: float, averaged: bool = False) -> tuple[float,
 
     Cells of 1 mm over a bead under a cell's side over ``cell_over_depth`` of gel, pressed 1.5 mm by a ball of
     6 mm; the reference has cells of 0.25 mm.
-
-    Args:
-        cell_over_depth: Side of the cells over the thickness of gel.
-        averaged: Average the bead's stiffening over each cell (the survivor) or take it at its centre.
     """
     cell_m, indentation_m, tip_m, poisson = 0.001, 0.0015, 0.006, 0.49
     depth_m = cell_m / cell_over_depth

@@ -266,13 +266,7 @@ def _apart(
 
 
 def pressed_solid(phantom: Phantom, tip_radius_m: float, facet_m: float) -> PressedSolid:
-    """Mesh a phantom for a ball.
-
-    Args:
-        phantom: What is pressed.
-        tip_radius_m: Radius of the ball.
-        facet_m: Length of the surface's facets where the ball may touch.
-    """
+    """Mesh a phantom for a ball."""
     contact_m = 1.25 * tip_radius_m
     bead, height_m = phantom.bead, phantom.height_m
     if bead is not None:

@@ -28,9 +28,6 @@ def layer_series(poisson: float) -> tuple[float, ...]:
 
     The general formula gives c_4 = -0.0975 at nu = 0.5 where their equation for nu = 0.5 prints +0.0975; the
     general one is used. Against the exact solution of the layer it is low by 1 % at chi = 0.2, 4 % at 0.35.
-
-    Args:
-        poisson: Poisson's ratio nu.
     """
     alpha = -(1.2876 - 1.4678 * poisson + 1.3442 * poisson**2) / (1.0 - poisson)
     beta = (0.6387 - 1.0277 * poisson + 1.5164 * poisson**2) / (1.0 - poisson)

@@ -80,17 +80,7 @@ def bead_section(
     contact_m: float = 0.0,
     facet_m: float = math.inf,
 ) -> Section:
-    """Mesh the gel around a bead.
-
-    Args:
-        radius_m: Radius of the bead.
-        depth_m: Gel over the bead.
-        height_m: Thickness of the slab. A bead within 2 % of its radius of the floor is made smaller: in so
-            thin a gap the gel holds it as firmly as the floor would.
-        fineness: Divides all element sizes.
-        contact_m: Distance from the axis within which the surface is meshed for contact.
-        facet_m: Length of the facets there.
-    """
+    """Mesh the gel around a bead."""
     radius_m = min(radius_m, (height_m - depth_m) / 2.02)
     centre_m = depth_m + radius_m
     box_m = max(radius_m + 0.8 * centre_m, 1.1 * contact_m)
@@ -146,12 +136,6 @@ def bead_section(
 
 
 def slab_section(height_m: float, radii_m: Float64Array, depths_m: Float64Array) -> Section:
-    """Mesh bare gel by rows and columns.
-
-    Args:
-        height_m: Thickness of the slab, the last of the depths.
-        radii_m: Columns, rising from 0 to the outer edge.
-        depths_m: Rows, rising from 0 to the floor.
-    """
+    """Mesh bare gel by rows and columns."""
     mesh = MeshQuad2.from_mesh(MeshQuad.init_tensor(radii_m, depths_m))
     return Section(mesh, 0.0, 0.0, height_m, float(radii_m[-1]))

@@ -47,11 +47,6 @@ class BesideBead:
 
 
 def distance(past_m: Float64Array, beside_m2: float | Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Return the distance from a bead beside the path, and its change along the path.
-
-    Args:
-        past_m: Place along the path past the bead.
-        beside_m2: Square of the bead's distance from the path.
-    """
+    """Return the distance from a bead beside the path, and its change along the path."""
     away_m = np.sqrt(past_m * past_m + beside_m2)
     return away_m, np.divide(past_m, away_m, out=np.zeros_like(away_m), where=away_m > 0.0)

@@ -54,11 +54,7 @@ def _small_strain(phantom: Phantom, probe: Probe, solved: Sweep) -> list[str]:
 
 
 def speed_guard(motion: MethodChoice) -> tuple[str, ...]:
-    """Return what to say where inertia is left out and the stage sweeps faster than that is bounded.
-
-    Args:
-        motion: What is used, as the register weighed it at that speed.
-    """
+    """Return what to say where inertia is left out and the stage sweeps faster than that is bounded."""
     if motion.bound is not None and motion.bound <= motion.tolerance:
         return ()
     own = next(one for one in motion.candidates if one.name == motion.name)

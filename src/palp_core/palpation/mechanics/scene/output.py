@@ -70,12 +70,6 @@ def decisions(
     Peaks scatter to first order in ring and height about the nominal ones; each depth is a normal fitted to
     its training; the largest likelihood wins. The same ``rng`` state gives the same draws whatever the
     models.
-
-    Args:
-        models: One per depth of the scene's tolerance.
-        scene: Probe, path and rings.
-        rng: Source of the draws.
-        scatter: What differs between palpations.
     """
     spread = scatter or Scatter()
     count = len(models)
@@ -156,11 +150,6 @@ def answer_error(given: Float64Array, true: Float64Array, scene: Scene) -> float
     """Return the largest relative error of the scene's output over its rings, or the share of decisions.
 
     A trace's is its largest error anywhere, over its peak.
-
-    Args:
-        given: From :func:`answer`.
-        true: Likewise, taken for the truth.
-        scene: Its tolerance says which output.
     """
     if scene.tolerance.output == "decision":
         return float(np.mean(given != true))

@@ -56,13 +56,7 @@ class Rig:
         return moved_by("quasi_static", self.output, self.tolerance, speed_m_s)
 
     def met(self, code: str, solved: Sweep, speed_m_s: float | None = None) -> tuple[str, ...]:
-        """Return what a sweep over a phantom met that its record must say.
-
-        Args:
-            code: The phantom.
-            solved: The sweep.
-            speed_m_s: Of the stage, if that is known.
-        """
+        """Return what a sweep over a phantom met that its record must say."""
         words = sweep_guards(self.phantoms[code], self.probe, self.choices[code].method.name, solved)
         return words if speed_m_s is None else (*words, *speed_guard(self.motion(speed_m_s)))
 

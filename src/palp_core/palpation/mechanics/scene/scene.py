@@ -213,14 +213,7 @@ class Scene:
 def pressed(
     phantoms: Sequence[Phantom], probe: Probe, indentation_m: float, ring_m: tuple[float, ...]
 ) -> dict[str, float | tuple[float, ...]]:
-    """Return the quantities of pressing by which methods are chosen, SI: how deep, and what that does.
-
-    Args:
-        phantoms: The gel, once for each bead that it may hold.
-        probe: The joint and the ball.
-        indentation_m: Nominal indentation.
-        ring_m: Positions of the anchor ring.
-    """
+    """Return the quantities of pressing by which methods are chosen, SI: how deep, and what that does."""
     return {
         "indentation_m": indentation_m,
         "ring_m": ring_m,
@@ -234,12 +227,6 @@ def yielding(phantom: Phantom, probe: Probe, indentation_m: float, ring_m: float
 
     The force is Hertz's at the nominal indentation, its lever the probe's. Well above 1 the joint gives way
     until the gel lets it, and the peak hardly depends on the force; well below 1 it is as wrong as that.
-
-    Args:
-        phantom: The gel.
-        probe: The joint and the ball.
-        indentation_m: Nominal indentation.
-        ring_m: Position of the anchor ring.
     """
     pressed_m = max(indentation_m, 0.0)
     force_n = 4.0 / 3.0 * phantom.modulus_pa * math.sqrt(probe.tip_radius_m * pressed_m) * pressed_m
@@ -254,12 +241,6 @@ def pressed_share(phantom: Phantom, probe: Probe, indentation_m: float, ring_m: 
 
     It comes deepest beside the bead, where the joint gives way least. Hertz's law for a sphere on a
     half-space, softer than any slab, says where the lagging tip rests: a little deeper than it will.
-
-    Args:
-        phantom: The gel, with its bead if it has one.
-        probe: The joint and the ball.
-        indentation_m: Nominal indentation.
-        ring_m: Position of the anchor ring.
     """
     lever_m, radius_m = probe.lever_m, probe.tip_radius_m
     nominal_m = min(max(indentation_m, 0.0), 0.999 * lever_m)

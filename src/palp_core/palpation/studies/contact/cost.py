@@ -98,9 +98,6 @@ def measure_contact(
         scene: What is swept; its output comes first, then peak, contrast and normal force.
         offered: Rungs and resolutions, each of a reference finer than the one before; None: :func:`variants`.
         references: Rungs that others are held against.
-
-    Raises:
-        MechanicsError: No reference has an answer in this scene.
     """
     solved: list[RungAnswer] = []
     truth: RungAnswer | None = None

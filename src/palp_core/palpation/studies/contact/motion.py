@@ -32,9 +32,6 @@ def measure_motion(scene: Scene) -> Iterator[Measured]:
 
     Args:
         scene: What is swept; ``contrast`` where it is asked for that, else ``peak``.
-
-    Raises:
-        MechanicsError: There is no equilibrium to start from.
     """
     own_m_s = scene.path.speed_m_s
     yield from _at_speed(scene, own_m_s, "", (10.0, 2.0, 1.0, 0.5))

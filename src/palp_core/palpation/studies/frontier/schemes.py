@@ -32,10 +32,10 @@ from palp_core.palpation.studies.frontier.protocols import (
     sessions_by_protocol,
 )
 from palp_core.palpation.studies.frontier.trace_trials import (
-    Asking,
-    Keep,
-    MostBits,
-    drawn,
+    KeepRing,
+    MostInformation,
+    RingSelector,
+    draw_rings,
     model_of,
     run_trace_trials,
     settings_of,
@@ -212,23 +212,23 @@ def _by_trace(
     model: TraceModel,
 ) -> SchemeRun:
     grid_m = () if task is None else task.grid_m
-    asking: Asking
+    selector: RingSelector
     match scheme.policy:
         case "fixed_best":
-            asking = Keep(ring)
+            selector = KeepRing(ring)
         case "uniform":
-            asking = drawn(UniformRings(session.rings_m), session)
+            selector = draw_rings(UniformRings(session.rings_m), session)
         case "markov":
-            asking = drawn(MarkovPolicy(), session)
+            selector = draw_rings(MarkovPolicy(), session)
         case _:
-            asking = MostBits(session.rings_m, scheme.steps)
+            selector = MostInformation(session.rings_m, scheme.steps)
     stop = _stop(scheme, task)
     before = session.simulating.outside()
     done = run_trace_trials(
         session,
         model,
         scheme.steps,
-        asking=asking,
+        selector=selector,
         threshold=SURE,
         stop=stop,
         grid_m=grid_m,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -22,10 +21,10 @@ from palp_core.palpation.studies.frontier.frontier_charts import frontier_chart,
 from palp_core.palpation.studies.frontier.limits import most_accurate
 from palp_core.palpation.studies.frontier.protocols import SWIFT, sessions_by_protocol
 from palp_core.palpation.studies.frontier.schemes import SCHEMES, Scheme, SchemeRun, run_plan, run_schemes
-from palp_core.palpation.studies.frontier.tables import Runs, compared, depth_rows, scheme_rows
+from palp_core.palpation.studies.frontier.tables import Runs, compare_schemes, depth_rows, scheme_rows
 from palp_core.palpation.studies.frontier.trace_trials import (
     BIN_M,
-    Keep,
+    KeepRing,
     model_of,
     run_trace_trials,
     settings_of,
@@ -63,13 +62,11 @@ class FrontierSession:
         runs: By scheme.
         looked: Outcomes in the sweep by threshold.
         limits: Seconds, Fano's bound, Wald's bound, by bin of the first sweep.
-        wall_s: Seconds that a swift trial took of wall time, all side by side.
     """
 
     runs: dict[str, SchemeRun]
     looked: dict[float, Outcomes]
     limits: Float64Array
-    wall_s: float
 
 
 def frontier_session(plan: WorldPlan, seed: tuple[int, ...]) -> FrontierSession:
@@ -79,13 +76,11 @@ def frontier_session(plan: WorldPlan, seed: tuple[int, ...]) -> FrontierSession:
     session = swept(SWIFT)
     model = model_of(session, settings_of(session))
     stiffest = len(session.rings_m) - 1
-    before = time.perf_counter()
     looked = {
-        value: run_trace_trials(session, model, SWIFT, asking=Keep(stiffest), threshold=value).ended
+        value: run_trace_trials(session, model, SWIFT, selector=KeepRing(stiffest), threshold=value).ended
         for value in THRESHOLDS
     }
-    wall_s = (time.perf_counter() - before) / len(THRESHOLDS) / len(session.depth)
-    return FrontierSession(runs, looked, most_accurate(model, stiffest, SWIFT, BIN_M), wall_s)
+    return FrontierSession(runs, looked, most_accurate(model, stiffest, SWIFT, BIN_M))
 
 
 def gel_rows(found: Mapping[str, Runs]) -> list[dict[str, Any]]:
@@ -113,7 +108,7 @@ def comparisons(sessions: Runs) -> list[dict[str, Any]]:
     """Return what the page is asked: swift against the best of the peak; is varying the stiffness of use."""
     asked = [(SWIFTEST, README), (SWIFTEST, replace(SWIFTEST, policy=_FIXED))]
     asked += [(one, replace(one, policy=_FIXED)) for one in SCHEMES if one.policy != _FIXED]
-    return [compared(sessions, first, second) for first, second in dict.fromkeys(asked)]
+    return [compare_schemes(sessions, first, second) for first, second in dict.fromkeys(asked)]
 
 
 def run(
@@ -173,10 +168,6 @@ def run(
         "depth_sessions": few,
         "depths": depths,
         "gels": gels,
-        "batch_100000_s": {
-            world: 1e5 * float(np.median([one.wall_s for one in sessions]))
-            for world, sessions in by_world.items()
-        },
     }
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / "frontier.json", report)

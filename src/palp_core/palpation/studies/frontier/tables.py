@@ -19,12 +19,7 @@ Runs = Sequence[Mapping[str, SchemeRun]]
 
 
 def scheme_rows(world: str, sessions: Runs) -> list[dict[str, Any]]:
-    """Return a line per scheme, with what is on the front of accuracy against seconds.
-
-    Args:
-        world: Name of the world, or of any scene with the paper's depths.
-        sessions: What each scheme did, by name, a session each.
-    """
+    """Return a line per scheme, with what is on the front of accuracy against seconds."""
     depths_m = DEPTHS_M
     rows = []
     for scheme in (one for one in SCHEMES if one.name in sessions[0]):
@@ -48,7 +43,7 @@ def scheme_rows(world: str, sessions: Runs) -> list[dict[str, Any]]:
     return rows
 
 
-def compared(sessions: Runs, first: Scheme, second: Scheme) -> dict[str, Any]:
+def compare_schemes(sessions: Runs, first: Scheme, second: Scheme) -> dict[str, Any]:
     """Return the paired difference of two schemes' accuracies and the ratio of their seconds."""
     pair = [[one[scheme.name].ended for one in sessions] for scheme in (first, second)]
     return {"first": first.name, "second": second.name, **paired(*pair)}

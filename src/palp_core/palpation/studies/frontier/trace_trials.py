@@ -87,24 +87,13 @@ def run_trace_trials(
     model: TraceModel,
     protocol: Protocol,
     *,
-    asking: Asking,
+    selector: RingSelector,
     threshold: float = 0.99,
     stop: StopRule | None = None,
     most: int = MOST,
     grid_m: tuple[float, ...] = (),
 ) -> TraceOutcomes:
-    """Run every trial to its verdict.
-
-    Args:
-        session: The trials.
-        model: The filter's.
-        protocol: Of the rig.
-        asking: Which position comes next.
-        threshold: Belief at which a trial ends.
-        stop: Rule that says so in its place, of whole sweeps.
-        most: Sweeps after which it is undecided.
-        grid_m: Depths of the model's classes, where these are not the session's.
-    """
+    """Run every trial to its verdict."""
     rings_m, depths_m = np.asarray(session.rings_m), np.asarray(grid_m or session.depths_m)
     count, m = len(session.depth), model.class_count
     end = np.full((count, m), 1.0 / m)
@@ -116,7 +105,7 @@ def run_trace_trials(
     for t in range(most):
         following: list[tuple[NDArray[np.int64], TraceBelief, int]] = []
         for trials, belief, before in groups:
-            asked = asking(model, belief, trials, before, t)
+            asked = selector(model, belief, trials, before, t)
             for setting in np.unique(asked):
                 here = asked == setting
                 some, known = trials[here], belief[here]
@@ -125,7 +114,7 @@ def run_trace_trials(
                 moves[some] += int(moved and before >= 0)
                 if moved:
                     error_m[some] = (
-                        session.kept_landing_m[some] if asking.stays else session.landings_m[some, t]
+                        session.kept_landing_m[some] if selector.stays else session.landings_m[some, t]
                     )
                 known = begin_sweep(known, int(setting), landed=bool(moved))
                 felt = coarse(session.traces(some, np.full(len(some), setting), error_m[some], t))
@@ -211,7 +200,7 @@ def _fits(model: TraceModel, after: TraceBelief, bins: NDArray[np.int64]) -> Flo
 
 
 @dataclass(frozen=True)
-class Keep:
+class KeepRing:
     """Always the same position.
 
     Attributes:
@@ -228,7 +217,7 @@ class Keep:
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class DrawnRings:
     """Positions drawn by a policy that goes by chance alone, drawn before: shape (n, t), by index."""
 
     rings: NDArray[np.int64]
@@ -241,7 +230,7 @@ class Drawn:
 
 
 @dataclass(frozen=True, eq=False)
-class MostBits:
+class MostInformation:
     """Where a whole sweep is expected to tell most about the class a second.
 
     Attributes:
@@ -264,10 +253,10 @@ class MostBits:
         return np.asarray(np.argmax(bits / cost, axis=1), dtype=np.int64)
 
 
-Asking = Keep | Drawn | MostBits
+RingSelector = KeepRing | DrawnRings | MostInformation
 
 
-def drawn(policy: StiffnessPolicy, session: WorldSession) -> Drawn:
+def draw_rings(policy: StiffnessPolicy, session: WorldSession) -> DrawnRings:
     """Return what a policy that goes by chance alone asks in each trial."""
     count, most = session.uniforms.shape
     slot = nearest(np.asarray(policy.rings_m), np.asarray(session.rings_m))
@@ -277,7 +266,7 @@ def drawn(policy: StiffnessPolicy, session: WorldSession) -> Drawn:
     for probe in range(1, most):
         at = policy.step(at, flat, given(session.uniforms[:, probe]))
         found.append(slot[at.level])
-    return Drawn(np.stack(found, axis=1))
+    return DrawnRings(np.stack(found, axis=1))
 
 
 def nearest(values: Float64Array, among: Float64Array) -> NDArray[np.int64]:

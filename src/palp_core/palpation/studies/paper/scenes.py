@@ -61,10 +61,6 @@ def judge(sessions: Sequence[Mapping[str, Outcomes]], depths_m: Sequence[float])
 
     A fixed ring stops after the first number of probes at which it has taken at least as long, on average, as
     information gain; ring and filter are the best in hindsight.
-
-    Args:
-        sessions: Outcomes by name, of :func:`.scene_session`, a session each.
-        depths_m: Depth of each class.
     """
     gain = [one["information_gain_latent"] for one in sessions]
     budget_s = float(np.mean([one.seconds.mean() for one in gain]))

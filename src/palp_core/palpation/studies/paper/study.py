@@ -106,12 +106,7 @@ def paper_session(plan: WorldPlan, seed: tuple[int, ...]) -> dict[str, Outcomes]
 
 
 def results(sessions: Mapping[str, Sequence[Outcomes]], depths_m: Sequence[float]) -> dict[str, Any]:
-    """Return policies, tables, tests and comparisons as plain numbers.
-
-    Args:
-        sessions: Outcomes by policy, a session each.
-        depths_m: Depth of each class.
-    """
+    """Return policies, tables, tests and comparisons as plain numbers."""
     average = average_of({name: sessions[name] for name in FIXED}, depths_m)
     lines = {name: summarise(sessions[name], depths_m) for name in NAMES}
     at = NAMES.index("fixed_best")

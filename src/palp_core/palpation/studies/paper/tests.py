@@ -45,12 +45,7 @@ PAIRS = (
 
 
 def comparisons(sessions: Sessions, average: Sequence[float]) -> list[dict[str, Any]]:
-    """Return paired differences of accuracy, Holm over the family.
-
-    Args:
-        sessions: Outcomes by policy, a session each.
-        average: Each session's average over the fixed policies.
-    """
+    """Return paired differences of accuracy, Holm over the family."""
     table = {name: accuracies(found) for name, found in sessions.items()} | {
         "fixed_average": np.asarray(average)
     }
@@ -142,10 +137,6 @@ def _columns(
 
 def iterations(sessions: Sequence[Outcomes], depths_m: Sequence[float]) -> dict[str, Any]:
     """Return the iterations that trials took, by depth, with 95 % intervals over sessions.
-
-    Args:
-        sessions: Outcomes of the human strategy, a session each.
-        depths_m: Depth of each class, increasing.
 
     Returns:
         ``by_depth`` in mm: ``value`` and ``ci``; ``deepest_minus_shallowest``, likewise, within sessions;

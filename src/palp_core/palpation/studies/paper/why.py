@@ -88,13 +88,7 @@ def cells() -> dict[str, tuple[str, ...]]:
 
 
 def why_rows(session_count: int, trials: int, runner: Runner) -> list[dict[str, Any]]:
-    """Return a line per cell: the average over fixed positions, and its progress over the probes.
-
-    Args:
-        session_count: Sessions of each cell.
-        trials: Per depth and session.
-        runner: Of the sessions.
-    """
+    """Return a line per cell: the average over fixed positions, and its progress over the probes."""
     cases = [
         WhyCase(
             WorldPlan(gel=Gel(), conditions=conditions_of(held, trials)),
@@ -131,9 +125,6 @@ def _line(sessions: dict[str, list[Outcomes]], depths_m: Sequence[float]) -> dic
 
 def positions(plan: WorldPlan) -> list[dict[str, float]]:
     """Return a line per ring position: what it tells, and how often people are there.
-
-    Args:
-        plan: The paper's design, at the paper's ring positions.
 
     Returns:
         ``ring_mm``; ``gap_n_mm``, the least between neighbouring depths' readings; ``landing_n_mm`` and

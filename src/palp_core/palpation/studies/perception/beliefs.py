@@ -40,14 +40,7 @@ def sessions(gel: Gel, conditions: Conditions, count: int) -> list[TrainedFeatur
 
 
 def one_reading(feature: str, touch: Gel, conditions: Conditions, count: int) -> float:
-    """Return the share of wrong decisions from one reading at the stiffest ring.
-
-    Args:
-        feature: What is read off a sweep.
-        touch: What is touched.
-        conditions: The rig.
-        count: Sessions.
-    """
+    """Return the share of wrong decisions from one reading at the stiffest ring."""
     policy, stop = FixedRing(max(touch.rings_m)), FixedNumber(1)
     ended = [
         run_trials(one.trials, one.naive, policy, stop)
@@ -75,16 +68,6 @@ def overtrust(
     """Return the calibration error of trials that end at a probability of 0.95, synthetic.
 
     Each trial has a training of its own, so the error is the mean over trainings.
-
-    Args:
-        name: Method of task ``likelihood``.
-        count: Training readings a class.
-        gap_sd: Distance of neighbouring classes in standard deviations of a reading.
-        outlier_share: Share of readings that are off by 5 to 20 gaps.
-        trials: How many.
-        probes: After how many readings a trial ends in any case.
-        classes: How many there are.
-        seed: Of the trials, if others than those that the bounds were measured on.
     """
     rng = np.random.default_rng(seed or (_SEED, count, round(gap_sd * 100)))
     centre = gap_sd * np.arange(float(classes))

@@ -51,14 +51,7 @@ def clean_sweeps(rings_m: tuple[float, ...], gel: Gel) -> list[CleanSweep]:
 
 
 def feature_error(rule: str, cases: Sequence[CleanSweep], noise_factor: float, sweeps: int) -> float:
-    """Return the largest error of a rule over its cases and both features, relative to the least gap.
-
-    Args:
-        rule: Method of task ``denoise``.
-        cases: Sweeps, each with its truth.
-        noise_factor: Noise in steps of the sensor's resolution, to which it is rounded.
-        sweeps: Noisy sweeps a case, of which the error is the root mean square.
-    """
+    """Return the largest error of a rule over its cases and both features, relative to the least gap."""
     rng, errors = np.random.default_rng(_SEED), []
     for case in cases:
         shares = np.empty((sweeps, len(FEATURES)))

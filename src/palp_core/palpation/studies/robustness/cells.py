@@ -144,12 +144,7 @@ CENTRE = RobustnessCell("", "", WorldPlan(gel=Gel()))
 
 
 def cells(*, quick: bool = False, trials: int = 100) -> list[RobustnessCell]:
-    """Return the centre and every cell that differs from it.
-
-    Args:
-        quick: The two ends of each factor only.
-        trials: Trials per depth.
-    """
+    """Return the centre and every cell that differs from it."""
     centre = replace(CENTRE, plan=replace(CENTRE.plan, conditions=Conditions(trials=trials)))
     found = [centre]
     for factor in FACTORS:

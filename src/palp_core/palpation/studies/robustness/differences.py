@@ -65,7 +65,7 @@ DIFFERENCES = (
 QUICK = (DIFFERENCES[0], DIFFERENCES[4], DIFFERENCES[9])
 
 
-def differing(plan: WorldPlan, one: WorldDifference) -> WorldPlan:
+def apply_difference(plan: WorldPlan, one: WorldDifference) -> WorldPlan:
     """Return a plan whose trials differ from its training."""
     return replace(plan, shift=one.shift, test_rung=one.rung, test_repeatability_m=one.repeatability_m)
 
@@ -77,7 +77,10 @@ def difference_rows(
     rows = []
     for world, usual in WORLDS.items():
         plan = replace(usual, conditions=replace(usual.conditions, trials=trials))
-        plans, session = [differing(plan, one) for one in differences], partial(run_plan, schemes=SCHEMES)
+        plans, session = (
+            [apply_difference(plan, one) for one in differences],
+            partial(run_plan, schemes=SCHEMES),
+        )
         found = runner.run(session, plans, count, stream=23, label=f"sessions, {world}")
         for one, sessions in zip(differences, found, strict=True):
             for scheme in sessions[0]:

@@ -165,9 +165,6 @@ def policy(name: str, trained: TrainedFeature, *, per_second: bool = False) -> S
         name: As in ``paper.json``.
         trained: Where its knowledge comes from.
         per_second: Whether the informed ones weigh seconds.
-
-    Raises:
-        PalpError: There is none of that name.
     """
     rings_m = trained.trials.rings_m
     if name.startswith("fixed_") and name.removeprefix("fixed_").replace(".", "").isdigit():

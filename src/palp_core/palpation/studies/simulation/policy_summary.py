@@ -55,10 +55,6 @@ def paired(first: Sequence[Outcomes], second: Sequence[Outcomes]) -> dict[str, A
 def summarise(sessions: Sequence[Outcomes], depths_m: Sequence[float]) -> dict[str, Any]:
     """Return one policy's line.
 
-    Args:
-        sessions: Its outcomes, a session each.
-        depths_m: Depth of each class.
-
     Returns:
         ``accuracy`` with ``ci`` as [low, high], ``per_depth`` and ``per_depth_ci`` by depth in mm, mean
         ``probes``, ``moves`` and ``seconds`` a trial, ``ece`` (expected calibration error over all trials)
@@ -101,12 +97,7 @@ def _mean(values: Sequence[Any]) -> float:
 
 
 def average_of(sessions: Mapping[str, Sequence[Outcomes]], depths_m: Sequence[float]) -> dict[str, Any]:
-    """Return the line of the average over several policies, a session's average being one value.
-
-    Args:
-        sessions: Outcomes by policy, all over the same sessions.
-        depths_m: Depth of each class.
-    """
+    """Return the line of the average over several policies, a session's average being one value."""
     return summarise(joined(sessions), depths_m)
 
 

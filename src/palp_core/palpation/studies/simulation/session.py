@@ -105,9 +105,6 @@ def worlds(mounting: str = GROUPED, specimens: Specimens = "same") -> dict[str, 
     Args:
         mounting: Of a launch file, where it is not a list; see :class:`.Conditions`.
         specimens: Of a launch file: ``other`` are three of each depth in training and three in the trials.
-
-    Raises:
-        PalpError: There is no such order, or no such specimens.
     """
     count = CAST_COUNT // 2 if specimens == "other" else 1
     conditions = Conditions(mounting=mounting, specimens=specimens, phantoms=count)

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from palp_core.errors import OutOfRange
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.studies.simulation.gel import FROM_M, RATE_HZ, SPEED_M_PER_S, TO_M, Gel
-from palp_core.palpation.world.drag import drag
-from palp_core.palpation.world.joints import joints_of
+from palp_core.palpation.world.drag import drag, joints_of
 from palp_core.palpation.world.latents import LATENTS, LOWEST, REACH, latents
 from palp_core.palpation.world.model import WorldModel
 from palp_core.palpation.world.slopes import Bins, bin_edges_m, bins_of
@@ -292,11 +291,6 @@ def tabulate_traces(
         width_m: Of a bin.
         path_m: Ends of the path, the lower first.
         indentation_m: Nominal indentation of these sweeps; None: the gel's, by which the contact is chosen.
-
-    Raises:
-        MethodError: No contact model is good enough for the trace in this gel.
-        MechanicsError: A sweep has no solution.
-        OutOfRange: The bins are no parts of the path.
     """
     if not 0.5e-3 <= width_m <= 0.02:
         raise OutOfRange("width_m", f"bins of {width_m:g} m; use 0.5 mm to 20 mm")

@@ -54,19 +54,7 @@ def run_trials(
     *,
     timing: Timing | None = None,
 ) -> Outcomes:
-    """Run every trial to its verdict.
-
-    Args:
-        trials: The trials, as readings of a feature.
-        model: The filter: readings and what it knows to stay.
-        policy: Where to probe. One that knows offsets keeps a belief of its own.
-        stop: When to stop.
-        timing: How long moves and sweeps take.
-
-    Raises:
-        PalpError: The policy asks for a ring position that the rig was not trained at.
-        PerceptionError: The stop rule cannot decide among so few classes.
-    """
+    """Run every trial to its verdict."""
     timing = timing or Timing()
     slot = _slots(policy, trials.rings_m)
     uniforms = trials.uniforms

@@ -112,19 +112,7 @@ def compare_once(
     survives: Callable[[Any], bool],
     words: Callable[[Any], str],
 ) -> Case:
-    """Return a case with one input: what both methods answer to it.
-
-    Args:
-        name: As in T1.
-        symptom: What it is about.
-        given: The smallest input at which the one fails.
-        failing: The naive method.
-        survivor: What palp does.
-        naive: The naive method on that input.
-        ours: What palp does on the same input.
-        survives: Whether an answer, or the error raised instead, is one to go on with.
-        words: What an answer is.
-    """
+    """Return a case with one input: what both methods answer to it."""
     found = [answer(naive), answer(ours)]
     wrong = [np.full(1, float(not survives(one))) for one in found]
     spoken = [f"{type(one).__name__}: {one}" if isinstance(one, Exception) else words(one) for one in found]

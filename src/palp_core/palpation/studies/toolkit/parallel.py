@@ -98,10 +98,6 @@ def run_jobs(
         workers: Local processes; 1 runs here.
         dask: Address of a Dask scheduler, as ``tcp://host:8786``; empty for local work.
         checkpoint: Results of an earlier run, which are not worked out again; gets each new one at once.
-
-    Raises:
-        PalpError: ``workers`` is less than 1, a worker died, Dask is not installed, or its scheduler does not
-            answer.
     """
     if workers < 1 and not dask:
         raise PalpError(f"--workers {workers}: at least one process is needed")
