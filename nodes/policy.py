@@ -230,11 +230,7 @@ class PolicyNode(MethodTeller):
         return policies.RingChoice.at(_nearest(self.policy.rings_m, ring_m), mean_level=mean_level)
 
     def _ask(self, choose: Callable[[], policies.RingChoice]) -> None:
-        """Command what the policy chooses; an untrained position only if it insists, which ends the trial.
-
-        Raises:
-            ValueError: It insists on one in its first choices: it does not fit what was trained.
-        """
+        """Command what the policy chooses; an untrained position only if it insists, which ends the trial."""
         chosen = choose()
         for _ in range(ASKED_AGAIN):
             text = self._untrained(chosen)
