@@ -13,13 +13,13 @@ from palp_core.graph.messages.builtin import MethodUse
 from palp_core.palpation.perception.signal.features import Peak
 from palp_core.palpation.perception.signal.sweep_cut import SweepCut
 from palp_core.palpation.perception.strategy.trained_rings import untrained
-from palp_core.palpation.session.methods.teller import MethodTeller
+from palp_core.palpation.session.methods.reporter import MethodReporter
 from palp_core.palpation.session.reading import SweepTorque, reading_of
 from palp_core.palpation.session.reading_params import mistakes, resolve, uses_of
 from palp_core.units import Float64Array
 
 
-class Estimator(MethodTeller):
+class Estimator(MethodReporter):
     """Read a sweep, learn from it in training, update the belief with it in estimation.
 
     Its reading is the peak of the de-noised torque, or the whole torque as it comes.
@@ -43,7 +43,7 @@ class Estimator(MethodTeller):
     def on_parameters(self, params: EstimatorParams) -> None:  # type: ignore[override]
         """Read from here on by these parameters, and say by which methods."""
         self._read_by(params)
-        self.tell_methods(uses_of(params))
+        self.publish_methods(uses_of(params))
 
     def _read_by(self, params: EstimatorParams) -> None:
         methods, why = resolve(params)

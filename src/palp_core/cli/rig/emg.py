@@ -131,7 +131,7 @@ def analyse(
     from palp_core.palpation.identification.emg.muscles import ImportOptions
     from palp_core.palpation.identification.emg.trial import run_trial, trial_record
     from palp_core.palpation.perception.emg.analysis import EmgSettings
-    from palp_core.palpation.session.human.record import EMG, is_by_hand
+    from palp_core.palpation.session.human.record import EMG, is_human_session
 
     settings = EmgSettings(
         low_hz=band_hz[0],
@@ -149,7 +149,9 @@ def analyse(
     if file.is_dir() and not is_recording(file):
         if swept:
             raise PalpError("--sweep is for one recording; name a trial of the folder")
-        records = emg_batch.run_folder(file / EMG if is_by_hand(file) else file, mvc, options, settings, note)
+        records = emg_batch.run_folder(
+            file / EMG if is_human_session(file) else file, mvc, options, settings, note
+        )
         result = emg_batch.write_batch(records, out) if out else {"trials": records}
         if as_json:
             print_json(result)

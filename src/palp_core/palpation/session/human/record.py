@@ -37,7 +37,7 @@ Source = Literal["person", "emulator", "file", "simulated"]
 """Whose muscles: a person's by an amplifier, an emulated amplifier's, a recording's, a simulation's."""
 
 
-def is_by_hand(folder: Path) -> bool:
+def is_human_session(folder: Path) -> bool:
     """Tell whether a folder holds a session of a person's own fingers."""
     return (folder / HUMAN_TABLE).exists()
 
