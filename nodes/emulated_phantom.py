@@ -18,7 +18,7 @@ from palp_core.palpation.devices.sim.torque import SimTorque
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.perception.belief.rig_noise import read_noise
 from palp_core.palpation.session.method_choices import FeatureName, Reading, what_is_read
-from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
+from palp_core.palpation.session.methods.reporter import MethodReporter, MethodReporterState
 from palp_core.palpation.session.methods.used import rig_uses
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.palpation.world.draws import name_offsets
@@ -71,14 +71,14 @@ class EmulatedPhantomParams(Params):
     world: ReadOnly[str] = "paper"
 
 
-class EmulatedPhantomState(MethodTellerState):
+class EmulatedPhantomState(MethodReporterState):
     """What a replacement inherits."""
 
     code: str = ""
     remount: int = 0
 
 
-class EmulatedPhantom(MethodTeller):
+class EmulatedPhantom(MethodReporter):
     """Start stage, ring, sensor and amplifier as their wires show them, and change the phantom."""
 
     simulates = True
@@ -170,7 +170,7 @@ class EmulatedPhantom(MethodTeller):
     def tell_guards(self) -> None:
         """Say what the contacts felt since the last look have met: once per mounting, ring and speed."""
         if self.rig.contact.swept_m_s not in (0.0, self.told_m_s):
-            self.tell_methods(self.uses())
+            self.publish_methods(self.uses())
         for met in self.rig.call(self._taken):
             self.guard.publish(
                 ContactGuard(

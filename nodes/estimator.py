@@ -10,17 +10,16 @@ from msgs.torque import TorqueBlock
 from nodes.estimator_params import EstimatorParams, EstimatorState
 from palp_core import Pub, Sub, on
 from palp_core.graph.messages.builtin import MethodUse
-from palp_core.palpation.perception.belief.stopping import Verdict
 from palp_core.palpation.perception.signal.features import Peak
 from palp_core.palpation.perception.signal.sweep_cut import SweepCut
 from palp_core.palpation.perception.strategy.trained_rings import untrained
-from palp_core.palpation.session.methods.teller import MethodTeller
+from palp_core.palpation.session.methods.reporter import MethodReporter
 from palp_core.palpation.session.reading import SweepTorque, reading_of
 from palp_core.palpation.session.reading_params import mistakes, resolve, uses_of
 from palp_core.units import Float64Array
 
 
-class Estimator(MethodTeller):
+class Estimator(MethodReporter):
     """Read a sweep, learn from it in training, update the belief with it in estimation.
 
     Its reading is the peak of the de-noised torque, or the whole torque as it comes.
@@ -44,7 +43,7 @@ class Estimator(MethodTeller):
     def on_parameters(self, params: EstimatorParams) -> None:  # type: ignore[override]
         """Read from here on by these parameters, and say by which methods."""
         self._read_by(params)
-        self.tell_methods(uses_of(params))
+        self.publish_methods(uses_of(params))
 
     def _read_by(self, params: EstimatorParams) -> None:
         methods, why = resolve(params)
@@ -111,7 +110,6 @@ class Estimator(MethodTeller):
         if not block.over_phantom:
             state.stream = state.stream or SweepCut()
             state.stream.add(block.start_ns, block.rate_hz, block.torque_n_m)
-            self._follow_stream()
         else:
             self._follow(block.start_ns, block.rate_hz, block.torque_n_m)
         self._conclude()
@@ -153,24 +151,17 @@ class Estimator(MethodTeller):
         )
 
     def _conclude(self) -> None:
-        """Once the sweep is over and all its torque is here, make a palpation of it."""
+        """Follow a stream; once the sweep is over and all its torque is here, make a palpation of it."""
         state, sweep = self.state, self.state.memory.sweep
-        if sweep is None or sweep.expected < 0:
+        if sweep is None:
+            return
+        self._follow_stream()
+        if not self.reading.is_complete(state.memory, state.stream):
             return
         if state.stream is not None and not sweep.expected:
-            if not (sweep.cancelled or state.stream.complete):
-                return
-            self._follow_stream()
             gap_s = state.stream.largest_gap_s(self.params.rate_hz)
             if gap_s > self.params.largest_gap_s:
                 self.log.warning("torque gap_ms=%.0f within a sweep, bridged by a line", gap_s * 1e3)
-        elif sweep.count < sweep.expected:
-            return
-        elif sweep.count > sweep.expected and not self.reading.follows:
-            raise ValueError(
-                f"{sweep.count} torque samples of a sweep of {sweep.expected} came; "
-                "one sensor may feed 'torque', and only while the stage sweeps"
-            )
         self.reading.end(state.memory)
         self._take(sweep, self.reading.feature(state.memory))
         self._forget_sweep()
@@ -217,21 +208,13 @@ class Estimator(MethodTeller):
         """Publish the belief after a sweep; one at a ring that was not trained ends the trial."""
         state, memory = self.state, self.state.memory
         found = self.reading.posterior(memory, state.ring_m, value_n_m, landed=state.landed)
-        if found is not None:
+        if found is None:
+            wrong = untrained([state.ring_m], self.reading.rings_m(memory).tolist())
+            self.log.warning("trial %d is dropped: %s", state.number, wrong)
+        else:
             state.landed = False
-            verdict = self.reading.verdict(memory, self.params.max_probes)
-            self._publish_belief(value_n_m, found.posterior, verdict, outlier=not found.fits)
-            return
-        wrong = untrained([state.ring_m], self.reading.rings_m(memory).tolist())
-        self.log.warning("trial %d is dropped: %s", state.number, wrong)
-        posterior, count = self.reading.last_posterior(memory), len(memory.posteriors)
-        dropped = Verdict("dropped", int(np.argmax(posterior)), count, 0.0, gamma_defined=False)
-        self._publish_belief(value_n_m, posterior, dropped)
-
-    def _publish_belief(
-        self, reading_n_m: float, posterior: Float64Array, verdict: Verdict, *, outlier: bool = False
-    ) -> None:
-        state, depths_m = self.state, self.reading.depths_m(self.state.memory)
+        verdict = self.reading.verdict(memory, self.params.max_probes, dropped=found is None)
+        posterior, depths_m = self.reading.last_posterior(memory), self.reading.depths_m(memory)
         self.belief.publish(
             Belief(
                 stamp_ns=self.now_ns(),
@@ -245,7 +228,7 @@ class Estimator(MethodTeller):
                 verdict=verdict.word,
                 estimate_m=float(depths_m[verdict.class_index]),
                 confidence=float(posterior[verdict.class_index]),
-                outlier=outlier,
-                reading_n_m=reading_n_m,
+                outlier=found is not None and not found.fits,
+                reading_n_m=value_n_m,
             )
         )

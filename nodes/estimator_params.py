@@ -4,7 +4,7 @@ import msgspec
 
 from palp_core import ReadOnly
 from palp_core.palpation.perception.signal.sweep_cut import SweepCut
-from palp_core.palpation.session.methods.teller import MethodTellerState
+from palp_core.palpation.session.methods.reporter import MethodReporterState
 from palp_core.palpation.session.reading import ReadingMemory
 from palp_core.palpation.session.reading_params import ReadingParams
 from palp_core.units import HertzPositive, MetresPerSecondPositive, Seconds
@@ -32,7 +32,7 @@ class EstimatorParams(ReadingParams):
     sweep_speed_m_s: ReadOnly[MetresPerSecondPositive] = 0.020
 
 
-class EstimatorState(MethodTellerState):
+class EstimatorState(MethodReporterState):
     """What a replacement inherits: training, the trial, the sweep under way and a stream of torque."""
 
     trial: int = 0

@@ -14,7 +14,7 @@ from palp_core.palpation.mechanics.equilibrium.sweep_table import SweepTable, so
 from palp_core.palpation.mechanics.scene.rig import rig
 from palp_core.palpation.perception.belief.rig_noise import read_noise
 from palp_core.palpation.session.method_choices import FeatureName, Reading, what_is_read
-from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
+from palp_core.palpation.session.methods.reporter import MethodReporter, MethodReporterState
 from palp_core.palpation.session.methods.used import rig_uses
 from palp_core.palpation.session.named_files import file_mistakes
 from palp_core.palpation.world.draws import SessionSweeps, SessionWorld, derive_seed, name_offsets, open_world
@@ -61,7 +61,7 @@ class PhantomParams(Params):
     world: str = "paper"
 
 
-class PhantomState(MethodTellerState):
+class PhantomState(MethodReporterState):
     """What a replacement inherits."""
 
     code: str = ""
@@ -78,7 +78,7 @@ class PhantomState(MethodTellerState):
     goal_from_m: float = 0.0
 
 
-class Phantom(MethodTeller):
+class Phantom(MethodReporter):
     """Answer poses with the torque of the equilibrium, solved once per ring position, mount and direction."""
 
     simulates = True
@@ -190,7 +190,7 @@ class Phantom(MethodTeller):
         speed_m_s = float(f"{speed_m_s:.3g}")  # positions come in steps of a nanometre
         if speed_m_s != self.state.speed_m_s:
             self.state.speed_m_s = speed_m_s
-            self.tell_methods(self.uses())
+            self.publish_methods(self.uses())
             if self.table is not None:
                 self._tell_guards(self.table, again=True)
 

@@ -22,7 +22,7 @@ from palp_core.palpation.perception.strategy.trained_rings import (
     rings_of,
     untrained,
 )
-from palp_core.palpation.session.methods.teller import MethodTeller, MethodTellerState
+from palp_core.palpation.session.methods.reporter import MethodReporter, MethodReporterState
 from palp_core.palpation.session.methods.used import policy_use
 from palp_core.palpation.session.plan import policy_name
 from palp_core.units import Float64Array
@@ -43,7 +43,7 @@ class PolicyParams(Params):
     trained_mm: str = PUBLISHED
 
 
-class PolicyNodeState(MethodTellerState):
+class PolicyNodeState(MethodReporterState):
     """What a replacement inherits, whichever policy it is: the trial under way and the ring it asked for.
 
     ``primitives`` is what training left, by name, row by row; ``tried_m`` the rings of this trial, ``landed``
@@ -73,7 +73,7 @@ class PolicyNodeState(MethodTellerState):
         return cls(**known)
 
 
-class PolicyNode(MethodTeller):
+class PolicyNode(MethodReporter):
     """Command the first ring position of each trial of estimation, and the next after each open verdict.
 
     All policies have the same ports, so that any can replace any; most have no use for the optional ones, but
@@ -156,7 +156,7 @@ class PolicyNode(MethodTeller):
         of = (type(self.policy), self.params)
         if self.weighed is None or self.weighed[:2] != of:
             self.weighed = (*of, self.use())
-        self.tell_methods([self.weighed[2]])
+        self.publish_methods([self.weighed[2]])
 
     def on_parameters(self, params: Params) -> None:
         """Refuse ring positions that training did not cover, whatever was announced.
@@ -173,11 +173,11 @@ class PolicyNode(MethodTeller):
         """Return the policy that the parameters describe."""
         raise TypeError(f"{type(self).__name__} must say which policy it is: define choose()")
 
-    def refreshed(self) -> policies.StiffnessPolicy:
+    def policy_for_next_probe(self) -> policies.StiffnessPolicy:
         """Return the policy for the next probe; one that follows what came in meanwhile chooses again."""
         return self.policy
 
-    def known(self, posterior: Float64Array) -> latent.Belief:
+    def belief_from_posterior(self, posterior: Float64Array) -> latent.Belief:
         """Return what is known, given the probabilities of the classes (m,); one may know of offsets too."""
         return latent.of_classes(posterior)
 
@@ -199,7 +199,7 @@ class PolicyNode(MethodTeller):
             return
         state.readings_n_m.append(belief.reading_n_m)
         state.posterior = belief.posterior.tolist()
-        self.policy = self.refreshed()
+        self.policy = self.policy_for_next_probe()
         self._tell_policy()
         self._next()
 
@@ -209,7 +209,7 @@ class PolicyNode(MethodTeller):
         if not known:
             self._ask(lambda: self.policy.start(self.rng.random))
         else:
-            belief = self.known(np.array(known))
+            belief = self.belief_from_posterior(np.array(known))
             self._ask(lambda: self.policy.step(self._present(), belief, self.rng.random))
 
     @on(primitives)
@@ -230,11 +230,7 @@ class PolicyNode(MethodTeller):
         return policies.RingChoice.at(_nearest(self.policy.rings_m, ring_m), mean_level=mean_level)
 
     def _ask(self, choose: Callable[[], policies.RingChoice]) -> None:
-        """Command what the policy chooses; an untrained position only if it insists, which ends the trial.
-
-        Raises:
-            ValueError: It insists on one in its first choices: it does not fit what was trained.
-        """
+        """Command what the policy chooses; an untrained position only if it insists, which ends the trial."""
         chosen = choose()
         for _ in range(ASKED_AGAIN):
             text = self._untrained(chosen)

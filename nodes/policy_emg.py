@@ -36,5 +36,5 @@ class Emg(PolicyNode):
         heard = None if self.state.heard < 0 else self.state.heard
         return EmgDriven(heard, self.params.start_level)
 
-    def refreshed(self) -> policies.StiffnessPolicy:
+    def policy_for_next_probe(self) -> policies.StiffnessPolicy:
         return self.choose()

@@ -71,14 +71,14 @@ class Information(PolicyNode):
             self._model(), tuple(state.primitives["rings_m"]), per_second=self.params.per_second
         )
 
-    def refreshed(self) -> policies.StiffnessPolicy:
+    def policy_for_next_probe(self) -> policies.StiffnessPolicy:
         return self.choose()
 
-    def known(self, posterior: Float64Array) -> latent.Belief:
+    def belief_from_posterior(self, posterior: Float64Array) -> latent.Belief:
         """Return the classes' probabilities as told, and of the offsets what the trial's readings say."""
         state = self.state
         if not state.primitives:
-            return super().known(posterior)
+            return super().belief_from_posterior(posterior)
         rings_m = np.array(state.primitives["rings_m"])
         levels = [int(np.argmin(np.abs(rings_m - ring_m))) for ring_m in state.tried_m]
         probes = map(TrialReading, state.readings_n_m, levels, state.landed)

@@ -324,11 +324,7 @@ class HumanSession(Node):
         return AnswerReply(taken=True)
 
     def _understand(self, text: str) -> None:
-        """Let an answer be what it says in the step under way.
-
-        Raises:
-            PalpError: It says nothing sensible.
-        """
+        """Let an answer be what it says in the step under way."""
         state = self.state
         if state.doing == "consent":
             state.consent = consent_id(text)

@@ -229,7 +229,7 @@ def test_a_policy_that_asks_for_what_was_not_trained_costs_its_trials_and_not_th
         "class Odd(PolicyNode):\n"
         "    def choose(self):\n"
         "        return FixedRing(0.016)\n"
-        "    def refreshed(self):\n"
+        "    def policy_for_next_probe(self):\n"
         "        return FixedRing(float('nan') if self.state.iteration > 3 else 0.016)\n"
     )
     out = tmp_path / "out"
@@ -267,7 +267,7 @@ class Silent(Fixed):
 
 
 class Late(Fixed):
-    def refreshed(self):
+    def policy_for_next_probe(self):
         self.asked = getattr(self, "asked", 0) + 1
         if self.asked > 2:  # once it is tried, then late: many seconds after it took over
             raise IndexError("late")
@@ -275,12 +275,12 @@ class Late(Fixed):
 
 
 class Untrained(Fixed):
-    def refreshed(self):
+    def policy_for_next_probe(self):
         return FixedRing(0.017)
 
 
 class Tired(Fixed):
-    def refreshed(self):
+    def policy_for_next_probe(self):
         self.asked = getattr(self, "asked", 0) + 1
         if self.asked > 2:  # once it is tried, once it does well
             raise RuntimeError("tired")

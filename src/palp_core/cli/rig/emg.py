@@ -91,7 +91,7 @@ def analyse(
     from palp_core.palpation.identification.emg.files import is_recording
     from palp_core.palpation.identification.emg.muscles import ImportOptions
     from palp_core.palpation.identification.emg.trial import run_trial, trial_record
-    from palp_core.palpation.session.human.record import EMG, is_by_hand
+    from palp_core.palpation.session.human.record import EMG, is_human_session
 
     chosen = emg_settings(settings)
     options = ImportOptions(fs, fds, edc, unit)
@@ -100,7 +100,8 @@ def analyse(
     if file.is_dir() and not is_recording(file):
         if swept:
             raise PalpError("--sweep is for one recording; name a trial of the folder")
-        records = emg_batch.run_folder(file / EMG if is_by_hand(file) else file, mvc, options, chosen, note)
+        folder = file / EMG if is_human_session(file) else file
+        records = emg_batch.run_folder(folder, mvc, options, chosen, note)
         result = emg_batch.write_batch(records, out) if out else {"trials": records}
         if as_json:
             print_json(result)

@@ -46,10 +46,10 @@ def exclude(
 
 def _decide(deed: Deed, key: TrialKey, folder: Path, reason: str, *, as_json: bool) -> None:
     from palp_core.palpation.session.audit import AUDIT, decide
-    from palp_core.palpation.session.human.record import is_by_hand, read_human
+    from palp_core.palpation.session.human.record import is_human_session, read_human
     from palp_core.palpation.session.trials_csv import read_rows
 
-    person = is_by_hand(folder)
+    person = is_human_session(folder)
     phase, trial = key
     rows = read_human(folder) if person else read_rows(folder)
     known = {row.trial for row in rows if row.phase == phase}

@@ -72,7 +72,7 @@ def report(
     said.
     """
     from palp_core.palpation.session.bag_record import is_bag, write_record
-    from palp_core.palpation.session.human.record import is_by_hand
+    from palp_core.palpation.session.human.record import is_human_session
     from palp_core.palpation.session.human.report import write_human
     from palp_core.palpation.session.report import write
     from palp_core.palpation.session.run_note import read_note
@@ -86,7 +86,7 @@ def report(
         raise PalpError(
             f"{path} is no bag: the report of a session's folder is made in it, without --out or --overwrite"
         )
-    elif is_by_hand(path):
+    elif is_human_session(path):
         print_text(write_human([path], path, sheet_of(read_note(path)), charts=charts))
     else:
         print_text(write(path, read_note(path), files=charts))

@@ -26,7 +26,7 @@ from palp_core.palpation.identification.emg.files import EmgFile
 from palp_core.palpation.identification.emg.files_bag import read_bag
 from palp_core.palpation.session.audit import left_out
 from palp_core.palpation.session.bag_record import is_bag, write_record
-from palp_core.palpation.session.human.record import is_by_hand, read_human
+from palp_core.palpation.session.human.record import is_human_session, read_human
 from palp_core.palpation.session.recorded_session import believed_depths
 from palp_core.palpation.session.run_note import read_note
 from palp_core.palpation.session.sheet.of_run import sheet_of
@@ -66,7 +66,7 @@ def read_source(path: Path) -> ExportSource:
         PalpError: It is neither a session's folder nor a bag of a run, or is damaged.
         BagError: The bag cannot be read.
     """
-    if is_by_hand(path):
+    if is_human_session(path):
         return _read_human(path)
     notes: list[str] = []
     emg = None

@@ -71,14 +71,7 @@ def analyse(
     noise: RigNoise | None = None,
     scene: Scene | None = None,
 ) -> dict[str, Any]:
-    """Return what each combination makes of the sessions.
-
-    Args:
-        sessions: Stored sweeps.
-        combos: Methods; the differences are against the first.
-        noise: For the latent filter.
-        scene: For the latent filter.
-    """
+    """Return what each combination makes of the sessions."""
     if not sessions or not combos:
         raise PalpError("nothing to analyse: name sessions' folders or bags, and one method per task")
     rows, first, all_decided = [], None, []

@@ -96,12 +96,7 @@ class TaskChoice:
 
 
 def session_quantities(scene: Scene, given: Mapping[str, float] = PUBLISHED) -> Quantities:
-    """Return what methods may know of a session, SI.
-
-    Args:
-        scene: Gel, probe, path and rings.
-        given: What else is known; see :data:`PUBLISHED`.
-    """
+    """Return what methods may know of a session, SI."""
     return {**scene.quantities(), "speed_m_s": scene.path.speed_m_s, **given}
 
 
@@ -141,14 +136,7 @@ def launch_defaults() -> dict[str, str]:
 def chosen_method(
     task: str, scene: Scene, *, asked: str = AUTO, given: Mapping[str, float] = PUBLISHED
 ) -> MethodChoice:
-    """Return the method that a session gets for a task: the one asked for, or the register's choice.
-
-    Args:
-        task: The task.
-        scene: As for :func:`choose_for`.
-        asked: A method's name, or :data:`AUTO`.
-        given: See :data:`PUBLISHED`.
-    """
+    """Return the method that a session gets for a task: the one asked for, or the register's choice."""
     output, tolerance, uses = _needed(task_of(task), scene)
     name = "" if asked == AUTO else asked
     return choose(task, output, tolerance, session_quantities(scene, given), asked=name, uses=uses)

@@ -56,12 +56,7 @@ def apply_policy_changes(facts: ChangingFacts, palpation: Any) -> None:
 
 
 def manual_swaps(rows: Sequence[Row], swaps: str) -> list[PolicySwap]:
-    """Return the policies that took over and chose palpations though no plan had them, in time's order.
-
-    Args:
-        rows: Every palpation of the session.
-        swaps: What was planned: the experiment's parameter.
-    """
+    """Return the policies that took over and chose palpations though no plan had them, in time's order."""
     found: list[PolicySwap] = []
     by_plan, due = planned(swaps), ""
     before = rows[0].session.rpartition("-")[0] if rows else ""  # the policy with which the session began

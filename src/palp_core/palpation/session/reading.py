@@ -24,6 +24,7 @@ from palp_core.palpation.perception.belief.rig_noise import RigNoise, noise_of
 from palp_core.palpation.perception.belief.stopping import BeliefStep, StopRule, Verdict, decide, stop_rule
 from palp_core.palpation.perception.belief.trial_filter import TrialFilter, TrialReading, classes_of
 from palp_core.palpation.perception.signal.features import Peak
+from palp_core.palpation.perception.signal.sweep_cut import SweepCut
 from palp_core.palpation.perception.signal.wavelet import denoise, edge_cone
 from palp_core.palpation.perception.trace import belief as trace_belief
 from palp_core.palpation.perception.trace.bins import BinnedSweep, sample_times_ns
@@ -190,6 +191,28 @@ class FeatureReading:
         """Return the belief within the sweep under way, where anything is new of it."""
         return None
 
+    def is_complete(self, memory: ReadingMemory, stream: SweepCut | None) -> bool:
+        """Tell whether the sweep under way is over and all its torque is here.
+
+        Args:
+            memory: With the sweep.
+            stream: Where the torque is cut from, if the stage counts no samples.
+
+        Raises:
+            PerceptionError: There are more samples than the sweep had.
+        """
+        sweep = memory.sweep
+        if sweep is None or sweep.expected < 0:
+            return False
+        if stream is not None and not sweep.expected:
+            return sweep.cancelled or stream.complete
+        if sweep.count > sweep.expected and not self.follows:
+            raise PerceptionError(
+                f"{sweep.count} torque samples of a sweep of {sweep.expected} came; "
+                "one sensor may feed 'torque', and only while the stage sweeps"
+            )
+        return sweep.count >= sweep.expected
+
     def end(self, memory: ReadingMemory) -> None:
         """End the sweep under way: all its samples are here."""
 
@@ -231,8 +254,11 @@ class FeatureReading:
         memory.gains.append(self.gain(found.posterior).tolist())
         return found
 
-    def verdict(self, memory: ReadingMemory, max_probes: int) -> Verdict:
-        """Return the stop rule's verdict after the trial's sweeps."""
+    def verdict(self, memory: ReadingMemory, max_probes: int, *, dropped: bool = False) -> Verdict:
+        """Return the stop rule's verdict after the trial's sweeps, or that the trial is dropped."""
+        if dropped:
+            best, count = int(np.argmax(self.last_posterior(memory))), len(memory.posteriors)
+            return Verdict("dropped", best, count, 0.0, gamma_defined=False)
         posteriors, gains = ([np.array(row) for row in rows] for rows in (memory.posteriors, memory.gains))
         return decide(self.rule, posteriors, gains, max_probes=max_probes)
 

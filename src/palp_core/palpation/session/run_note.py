@@ -64,13 +64,7 @@ def refuse_run(summary: RunSummary) -> None:
 
 
 def ways_on(folder: Path, others: str, done: Callable[[Path], str]) -> str:
-    """Return what to do about a folder that holds a session; one that is unfinished can go on.
-
-    Args:
-        folder: The folder.
-        others: What else can be done.
-        done: Says how far the session has come.
-    """
+    """Return what to do about a folder that holds a session; one that is unfinished can go on."""
     if (folder / CHECKPOINT).exists():
         with contextlib.suppress(PalpError):
             return f"{unfinished_words(folder, done(folder))}. Or {others}"

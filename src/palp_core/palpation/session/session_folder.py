@@ -54,13 +54,7 @@ def refuse_occupied(
     ways_on: str = "give this one another folder, out:=NAME, or let it replace that one, overwrite:=true",
     named_by: str = "out:=",
 ) -> None:
-    """Refuse a folder that holds a session; one that ended before its first palpation is none.
-
-    Args:
-        folder: Where a session is to go.
-        ways_on: What to do about it.
-        named_by: What the folder is given with.
-    """
+    """Refuse a folder that holds a session; one that ended before its first palpation is none."""
     try:
         found = [name for name in (*OWN_FILES, REPLACED) if _tells(folder / name)]
     except OSError as error:
@@ -131,13 +125,7 @@ def set_aside(folder: Path) -> Path:
 
 
 def refuse_input(folder: Path, path: Path, what: str) -> None:
-    """Refuse to replace a session that something is to be read from.
-
-    Args:
-        folder: Of the session.
-        path: What is to be read.
-        what: It, in words.
-    """
+    """Refuse to replace a session that something is to be read from."""
     inside = [folder.resolve() / name for name in OWN_FILES]
     if any(path.resolve().is_relative_to(one) for one in inside):
         raise PalpError(

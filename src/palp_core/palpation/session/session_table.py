@@ -35,14 +35,7 @@ R = TypeVar("R", bound=NumberedRow)
 
 
 class SessionTable:
-    """A table that a session writes.
-
-    Args:
-        out: The session's folder.
-        name: Of the table.
-        of: What a row is about, as ``palpation``.
-        named_by: What the folder is given with.
-    """
+    """A table that a session writes."""
 
     def __init__(self, out: str, name: str, of: str, named_by: str = "out:=") -> None:
         self.folder = Path(out)
@@ -118,13 +111,7 @@ class SessionTable:
 
 
 def read_table(path: Path, missing: str, row_of: Callable[[dict[str, str]], R]) -> list[R]:
-    """Return every row of a session's table. A last row that was cut short is left out, with a warning.
-
-    Args:
-        path: The table.
-        missing: What it means if it is not there.
-        row_of: Makes a row of its cells by column.
-    """
+    """Return every row of a session's table. A last row that was cut short is left out, with a warning."""
     try:
         text = read_whole(path).decode()
     except FileNotFoundError:

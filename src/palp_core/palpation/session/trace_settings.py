@@ -128,14 +128,7 @@ class TraceSettings(Params):
     def knowledge(
         self, scene: Scene, noise: RigNoise, depths_m: Sequence[float], rings_m: Sequence[float]
     ) -> TraceKnowledge:
-        """Return how sweeps answer to what differs, by the mechanics of the scene.
-
-        Args:
-            scene: Gel, probe and indentation.
-            noise: Spreads of landing and height.
-            depths_m: Of the classes.
-            rings_m: Of the settings.
-        """
+        """Return how sweeps answer to what differs, by the mechanics of the scene."""
         spread = np.array(list(self.spreads(noise).values()))
         bins, forward = self.bins, self.to_m >= self.from_m
         edges_m = bins.from_m + bins.width_m * np.arange(bins.count + 1)

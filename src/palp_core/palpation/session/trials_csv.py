@@ -147,13 +147,7 @@ _BETWEEN = " | "  # entries of a list of words
 
 
 class SessionWriter(SessionTable):
-    """Writes a session's record.
-
-    Args:
-        out: The folder; made if missing.
-        depths_m: Classes, in the order of posterior and gain.
-        named_by: What the folder is given with.
-    """
+    """Writes a session's record."""
 
     def __init__(self, out: str, depths_m: Sequence[float], named_by: str = "out:=") -> None:
         super().__init__(out, TABLE, "palpation", named_by)

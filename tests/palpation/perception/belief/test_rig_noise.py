@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.belief import latent
 from palp_core.palpation.perception.belief.primitives import Primitives, fit
-from palp_core.palpation.perception.belief.rig_noise import assumed_noise, latent_model
+from palp_core.palpation.perception.belief.rig_noise import assumed_noise, latent_model, ring_slopes
 
 RINGS_M = np.array([0.0, 0.004, 0.008, 0.012, 0.016])
 STRENGTH = np.array([60.0, 120.0, 180.0])  # N m per m^2 of ring, by class
@@ -59,3 +60,12 @@ def test_what_a_cell_scattered_beyond_chance_is_kept() -> None:
     own = model_of(wild).noise[..., 0, 0]
     assert own[2, 2] > 0.5 * sd[2, 2] ** 2
     assert own[0, 0] < 10.0 * OWN_SD**2
+
+
+def test_slopes_of_a_straight_line_are_its_slope() -> None:
+    assert ring_slopes(1.5 * RINGS_M[None], RINGS_M) == pytest.approx(np.full((1, 5), 1.5))
+
+
+def test_one_ring_position_has_no_slope() -> None:
+    with pytest.raises(PerceptionError, match="needs two"):
+        ring_slopes(np.zeros((3, 1)), RINGS_M[:1])

@@ -46,14 +46,6 @@ def run_folder(
 
     A subject's MVC is ``subject/mvc.*`` or the first file of ``subject/mvc/``; ``rest`` the same, if there.
 
-    Args:
-        folder: The folder.
-        mvc: One MVC for all; None: each subject's own.
-        options: What the user states.
-        settings: How.
-        tell: Told each trial that failed.
-        skip: Files that do not count.
-
     Returns:
         A record per trial, as of :func:`trial_record` with ``subject``, ``phase``, ``trial``, ``error``.
 

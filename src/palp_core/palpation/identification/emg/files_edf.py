@@ -97,9 +97,6 @@ def _as_edfio_reads(data: bytes) -> tuple[bytes, list[int]]:
     NULs in it become blanks. Its annotations become an ordinary signal, as edfio shows them without the
     records' begins. The length of the header follows from the number of signals, whatever the field of it
     says, and a limit may be written as ``-32768.0``.
-
-    Raises:
-        ValueError: The header does not say how many signals there are.
     """
     count = int(data[_MAIN - 4 : _MAIN].replace(b"\0", b" "))
     labels_end, begin = _MAIN + _LABEL_WIDTH * count, _MAIN * (1 + count)

@@ -27,7 +27,7 @@ from palp_core.palpation.session.human.record import (
     EMG,
     emg_depths,
     emg_that_does_not_count,
-    is_by_hand,
+    is_human_session,
 )
 
 _LEAST_SD = 0.01
@@ -129,7 +129,7 @@ def fit(
     for source in sources:
         if places.count(source.path.resolve()) > 1:
             raise PalpError(f"{source.path}: named twice; a trial counts once")
-        if is_by_hand(source.path):
+        if is_human_session(source.path):
             found = _of_session(source.path, mvc, options, settings, tell)
         elif source.path.is_dir() and not is_recording(source.path):
             found = run_folder(source.path, mvc, options, settings, tell)

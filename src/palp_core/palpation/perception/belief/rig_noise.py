@@ -19,7 +19,6 @@ import scipy
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.belief.latent import OffsetModel
-from palp_core.palpation.perception.belief.offsets import ring_slopes
 from palp_core.palpation.perception.belief.primitives import Primitives
 from palp_core.units import Float64Array
 from palp_core.whole_file import read_whole, why_not, write_whole
@@ -164,3 +163,23 @@ def _own_variance(primitives: Primitives, ring_variance: Float64Array, least: fl
     own = max(float(beyond.ravel()[order][np.searchsorted(gathered, 0.5 * gathered[-1])]), least)
     by_chance = scipy.stats.chi2.ppf(_CHANCE, freedom) / freedom * (ring_variance + own)
     return np.asarray(own + np.maximum(primitives.sd**2 - by_chance, 0.0))
+
+
+def ring_slopes(mean: Float64Array, rings_m: Float64Array) -> Float64Array:
+    """Return the change of the reading per metre of ring, from the means over ring positions.
+
+    A monotone cubic through the means, so no slope is steeper than its neighbours allow.
+
+    Args:
+        mean: Mean reading, shape (m, k).
+        rings_m: Ring positions, increasing, shape (k,).
+
+    Returns:
+        Slopes, reading's unit per metre, shape (m, k).
+
+    Raises:
+        PerceptionError: There are fewer than two ring positions.
+    """
+    if len(rings_m) < 2:
+        raise PerceptionError("a slope over ring positions needs two of them; train more, or take no offset")
+    return np.asarray(scipy.interpolate.PchipInterpolator(rings_m, mean, axis=1).derivative()(rings_m))

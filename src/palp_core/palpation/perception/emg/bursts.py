@@ -56,7 +56,7 @@ class Burst:
 
 
 @dataclass(frozen=True)
-class Hump:
+class OpenPeak:
     """The peak that is followed.
 
     Attributes:
@@ -95,7 +95,7 @@ class BurstState:
     below: int = -1
     peaks: tuple[EmgPeak, ...] = ()
     told: int = 0
-    hump: Hump | None = None
+    hump: OpenPeak | None = None
     valley: float = math.inf
     sunk: int = -1
     still: tuple[float, ...] = ()
@@ -169,7 +169,7 @@ class BurstRule:
             raise PerceptionError("co-contraction holds NaN or infinity; bridge the gap before it gets here")
         step = look_step(self.rate_hz)
         first = -state.sample_count % step
-        machine = _Machine(self, state)
+        machine = _BurstDetector(self, state)
         for at, value in zip(
             range(state.sample_count + first, state.sample_count + len(values), step),
             np.asarray(values[first::step], dtype=np.float64).tolist(),
@@ -180,7 +180,7 @@ class BurstRule:
 
     def finish(self, state: BurstState) -> Found:
         """Return what is still open at the end of the recording; a burst that goes on ends there."""
-        machine, last = _Machine(self, state), state.sample_count - 1
+        machine, last = _BurstDetector(self, state), state.sample_count - 1
         if state.begin >= 0:
             machine.close(last if state.below < 0 else state.below, last)
         return machine.left(state.sample_count)[1]
@@ -226,7 +226,7 @@ def _crest(values: Float64Array) -> float:
     return -float(square.mean() * (values @ centred) / (centred @ centred))
 
 
-class _Machine:
+class _BurstDetector:
     """The rule at work on a block: the state, unpacked."""
 
     def __init__(self, rule: BurstRule, state: BurstState) -> None:
@@ -252,11 +252,11 @@ class _Machine:
         if self.begin < 0 and value < self.on:
             return
         if self.begin < 0:
-            self.begin, self.hump = at, Hump(at, value)
+            self.begin, self.hump = at, OpenPeak(at, value)
         self.below = -1 if value >= self.off else at if self.below < 0 else self.below
         self._follow(at, value)
         if self.below < 0 and at - self.begin >= self.least:
-            self._tell(at)
+            self._release(at)
         elif self.below >= 0 and at - self.below >= self.gap:
             self.close(self.below, at)
 
@@ -264,7 +264,7 @@ class _Machine:
         """End the burst that goes on; a short one was none."""
         if end - self.begin >= self.least:
             self._settle(at)
-            self._tell(at)
+            self._release(at)
             self.bursts_out.append(Burst(self.begin, end, tuple(self.peaks), at))
         self.begin, self.below, self.peaks, self.told = -1, -1, [], 0
         self.hump, self.looks, self.valley, self.sunk, self.still = None, [], math.inf, -1, []
@@ -292,7 +292,7 @@ class _Machine:
         if hump is None:
             self.valley = min(self.valley, value)
             if value >= self.on and share * strength(value) >= strength(self.valley):
-                hump, self.looks, self.still = Hump(at, value), [], []
+                hump, self.looks, self.still = OpenPeak(at, value), [], []
             else:
                 hump = self._shelf(at, value)
             if hump is None:
@@ -307,9 +307,9 @@ class _Machine:
         if len(self.looks) > _MOST_LOOKS:
             self.looks, stride = self.looks[::2], 2 * stride
         index, top = (at, value) if value > hump.value else (hump.index, hump.value)
-        self.hump = Hump(index, top, (), stride, hump.count + 1)
+        self.hump = OpenPeak(index, top, (), stride, hump.count + 1)
 
-    def _shelf(self, at: int, value: float) -> Hump | None:
+    def _shelf(self, at: int, value: float) -> OpenPeak | None:
         """Return the peak of a level that was held without a rise, once there is one.
 
         A valley that is over before a gap is joined is the scatter's, and what follows no level of its own.
@@ -328,7 +328,7 @@ class _Machine:
             return None
         index = at - (len(before) - self.still.index(top)) * self.step
         self.looks, self.still = before, []
-        return Hump(index, top, (), 1, len(before))
+        return OpenPeak(index, top, (), 1, len(before))
 
     def _settle(self, at: int) -> None:
         """End the peak that is followed, if one is."""
@@ -337,8 +337,8 @@ class _Machine:
             self.peaks.append(EmgPeak(self.hump.index, self.hump.value, at, level))
         self.hump, self.looks = None, []
 
-    def _tell(self, at: int) -> None:
-        """Tell the peaks that were not told yet: their burst is sure."""
+    def _release(self, at: int) -> None:
+        """Put out the peaks that are not out yet: their burst is sure."""
         self.peaks[self.told :] = [replace(one, known_at=at) for one in self.peaks[self.told :]]
         self.peaks_out += self.peaks[self.told :]
         self.told = len(self.peaks)

@@ -86,11 +86,6 @@ def unseal(folder: Path, reason: str, key: Path | None = None) -> list[tuple[str
 
     A run that is cut off leaves the table sealed, and the next one finishes.
 
-    Args:
-        folder: Of the session.
-        reason: Why now; it is written into the audit.
-        key: The key; None: the folder's own.
-
     Returns:
         Code, the phantom's own code, and depth, m.
     """

@@ -18,12 +18,7 @@ TABLE_4_MM = (2, 8, 2, 4, 4, 8, 4, 2, 8, 4, 8, 4, 2, 8, 2)
 
 
 def paper_order(depths_m: Sequence[float], table_mm: Sequence[int]) -> list[int]:
-    """Return which of the phantoms each trial of a published table has.
-
-    Args:
-        depths_m: Depth of each phantom.
-        table_mm: Of the table.
-    """
+    """Return which of the phantoms each trial of a published table has."""
     place = {round(depth_m * 1e3, 6): i for i, depth_m in enumerate(depths_m)}
     if len(place) != len(depths_m) or place.keys() != set(table_mm):
         have = ", ".join(f"{depth_m * 1e3:g}" for depth_m in depths_m)

@@ -37,7 +37,7 @@ Source = Literal["person", "emulator", "file", "simulated"]
 """Whose muscles: a person's by an amplifier, an emulated amplifier's, a recording's, a simulation's."""
 
 
-def is_by_hand(folder: Path) -> bool:
+def is_human_session(folder: Path) -> bool:
     """Tell whether a folder holds a session of a person's own fingers."""
     return (folder / HUMAN_TABLE).exists()
 
@@ -114,11 +114,7 @@ def emg_name(phase: str, number: int, attempt: int, phantom: str, depth_m: float
 
 
 class HumanWriter(SessionTable):
-    """Writes a session's record.
-
-    Args:
-        out: The folder; made if missing.
-    """
+    """Writes a session's record."""
 
     def __init__(self, out: str) -> None:
         super().__init__(out, HUMAN_TABLE, "trial")
@@ -183,12 +179,7 @@ class HumanWriter(SessionTable):
 
 
 def refuse_human(folder: Path, ways_on: str = "give this one another folder, out:=NAME") -> None:
-    """Refuse a folder that holds a session with a person, or another.
-
-    Args:
-        folder: The folder.
-        ways_on: What to do about it.
-    """
+    """Refuse a folder that holds a session with a person, or another."""
     for name in (HUMAN_TABLE, "trials.csv"):
         if (folder / name).exists():
             raise PalpError(

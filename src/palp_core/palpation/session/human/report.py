@@ -14,7 +14,7 @@ from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.palpation.session import run_note
 from palp_core.palpation.session.human.blinding import draw_key, refuse_other_key
-from palp_core.palpation.session.human.record import HUMAN_TABLE, is_by_hand, read_human, refuse_human
+from palp_core.palpation.session.human.record import HUMAN_TABLE, is_human_session, read_human, refuse_human
 from palp_core.palpation.session.human.sheet import asked_sheet
 from palp_core.palpation.session.session_folder import RUN, cannot_write
 from palp_core.palpation.session.sheet.of_run import (
@@ -68,7 +68,7 @@ class HumanReport:
         try:
             write_json(folder / RUN, summary)
             write_copy(summary, folder)
-            if not is_by_hand(folder) or not read_human(folder):
+            if not is_human_session(folder) or not read_human(folder):
                 return f"No trial was made in '{folder}': begin again in another folder, out:=NAME."
             return write_human([folder], folder, sheet_of(summary))
         except OSError as error:

@@ -15,7 +15,7 @@ from palp_core.errors import PalpError
 from palp_core.graph.launch.run_journal import last_set
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.session.audit import TrialKey, left_out
-from palp_core.palpation.session.human.record import is_by_hand, read_human
+from palp_core.palpation.session.human.record import is_human_session, read_human
 from palp_core.palpation.session.policy_changes import manual_swaps
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, read_session
 from palp_core.palpation.session.result_json import how_far
@@ -104,7 +104,7 @@ def _entry(folder: Path) -> SessionEntry:
         sheet = sheet_of(summary)
         if sheet is not None and sheet.began:
             began = _readable(sheet.began)
-        if is_by_hand(folder):
+        if is_human_session(folder):
             return _of_person(folder, summary, began)
         running = summary.exit_code < 0 and summary.ended == "it is still running"
         if not (folder / TABLE).exists() and not running and not (folder / SWEEPS).exists():

@@ -19,11 +19,7 @@ if TYPE_CHECKING:
 
 
 def advice(summary: RunSummary) -> list[str]:
-    """Return in words what of a run its methods do not vouch for, or will not happen, and what to do.
-
-    Args:
-        summary: The run, before it begins.
-    """
+    """Return in words what of a run its methods do not vouch for, or will not happen, and what to do."""
     roles, wall_clock = roles_of(summary), summary.clock == "wall"
     broken = [f"left out: {words}" for words in left_out()]
     return [*broken, *_speed(roles), *_late(roles, wall_clock=wall_clock), *_too_late_swaps(roles)]

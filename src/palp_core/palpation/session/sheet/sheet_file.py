@@ -79,12 +79,7 @@ def sheet_text(sheet: SessionSheet) -> str:
 
 
 def parse_copy(text: str, where: str) -> SessionSheet:
-    """Return the sheet that palp wrote beside a session.
-
-    Args:
-        text: Its YAML.
-        where: What it was read from, for messages.
-    """
+    """Return the sheet that palp wrote beside a session."""
     try:
         return msgspec.convert(yaml.safe_load(text), SessionSheet)
     except (yaml.YAMLError, msgspec.ValidationError) as error:

@@ -7,19 +7,19 @@ from palp_core.graph.node.ports import Pub
 from palp_core.methods import left_out
 
 
-class MethodTellerState(State):
+class MethodReporterState(State):
     """What a replacement inherits: the methods that were said last, so that nothing is said twice."""
 
     methods_told: list[MethodUse] = []
 
 
-class MethodTeller(Node):
+class MethodReporter(Node):
     """A node that says which methods it uses: at its start, after a swap, and as its methods change.
 
     The topic is latched, so that who begins to record later hears all that was said.
     """
 
-    state: MethodTellerState
+    state: MethodReporterState
     methods = Pub(MethodsUsed, qos=Qos(durability="transient_local", depth=100))
 
     def uses(self) -> list[MethodUse]:
@@ -30,12 +30,12 @@ class MethodTeller(Node):
         uses = self.uses()
         for words in dict.fromkeys(words for use in uses for words in left_out(use.task)):
             self.log.warning("left out: %s", words)
-        self.tell_methods(uses)
+        self.publish_methods(uses)
 
     def on_resume(self) -> None:
-        self.tell_methods(self.uses())
+        self.publish_methods(self.uses())
 
-    def tell_methods(self, uses: list[MethodUse]) -> None:
+    def publish_methods(self, uses: list[MethodUse]) -> None:
         """Say which methods are used from now on, where any are known that were not just said."""
         if uses and uses != self.state.methods_told:
             self.state.methods_told = uses

@@ -6,7 +6,7 @@ from palp_core import Params
 from palp_core.graph.messages.builtin import MethodUse
 from palp_core.graph.node.bench import Bench
 from palp_core.graph.node.lifecycle import Transition
-from palp_core.palpation.session.methods.teller import MethodTeller
+from palp_core.palpation.session.methods.reporter import MethodReporter
 from palp_core.palpation.session.methods.used import used
 
 
@@ -14,7 +14,7 @@ class StoppingParams(Params):
     stop: str = "paper_guarded"
 
 
-class Stopping(MethodTeller):
+class Stopping(MethodReporter):
     """Goes by a stop rule, and does nothing with it."""
 
     params: StoppingParams
@@ -24,7 +24,7 @@ class Stopping(MethodTeller):
 
     def on_parameters(self, params: Params) -> None:
         if isinstance(params, StoppingParams):
-            self.tell_methods([used("stop", params.stop)])
+            self.publish_methods([used("stop", params.stop)])
 
 
 def successor(old: Bench[Stopping]) -> Bench[Stopping]:
@@ -50,10 +50,10 @@ def test_it_says_them_at_its_start_and_when_they_change_and_a_successor_only_wha
 
 
 def test_one_that_does_not_know_yet_what_it_uses_says_it_later() -> None:
-    class Late(MethodTeller):
+    class Late(MethodReporter):
         """Chooses when it is asked."""
 
     bench = Bench(Late)
     assert bench.sent(Late.methods) == []
-    bench.node.tell_methods([used("stop")])
+    bench.node.publish_methods([used("stop")])
     assert len(bench.sent(Late.methods)) == 1
