@@ -14,8 +14,14 @@ from palp_core.graph.bag.recorder import BagRecorder, RecordingSummary
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.recording.live_feed import ANSWER_NS, LiveFeed
-from palp_core.graph.recording.live_topics import ASK_S, is_order, live_topics, recorded_nodes
+from palp_core.graph.recording.live_feed import (
+    ANSWER_NS,
+    ASK_S,
+    LiveFeed,
+    is_order,
+    live_topics,
+    recorded_nodes,
+)
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT, attachments, launch_attachment
 from palp_core.graph.recording.recorder_params import RecorderParams, cannot_write, new_writer, rooted
 from palp_core.graph.recording.snapshot import SnapshotRecorder
