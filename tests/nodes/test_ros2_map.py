@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 from msgs.actuator import RingState
 from msgs.stage import StagePose
 from msgs.torque import TorqueBlock
-from palp_core.graph.bag.forms.ros2 import write
+from palp_core.graph.bag.ros2.export_bag import write
 from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.message import Message, encode

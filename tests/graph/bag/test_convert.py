@@ -14,9 +14,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from palp_core.errors import BagError
 from palp_core.extras import install_line
 from palp_core.graph.bag.convert import BagForm, convert
-from palp_core.graph.bag.forms.json import json_form
-from palp_core.graph.bag.forms.ros2 import message_texts
+from palp_core.graph.bag.forms import json_form
 from palp_core.graph.bag.reader import read, to_numpy
+from palp_core.graph.bag.ros2.export_bag import message_texts
 from palp_core.graph.messages.frame import parse
 from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.schema import json_schema, schema_of

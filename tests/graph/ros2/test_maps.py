@@ -11,7 +11,7 @@ import typer
 
 from palp_core.cli import bridge as command
 from palp_core.errors import GraphError, SchemaMismatch
-from palp_core.graph.bag.forms.ros2 import write
+from palp_core.graph.bag.ros2.export_bag import write
 from palp_core.graph.bag.ros2.values import reader, writer
 from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter

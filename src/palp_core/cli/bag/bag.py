@@ -186,7 +186,7 @@ def convert_bag(
 
 
 def _by_map(bag: Path, out: Path, types: str) -> int:
-    from palp_core.graph.bag.forms.ros2 import write
+    from palp_core.graph.bag.ros2.export_bag import write
     from palp_core.graph.ros2.bag_map import outlets_of
     from palp_core.graph.ros2.message_types import known_types
 

@@ -1,6 +1,6 @@
 """Turn a bag into what other tools open.
 
-Another form is a name here and a function in ``forms``.
+Another form is a name here and a function, as in ``forms``.
 """
 
 from contextlib import AbstractContextManager
@@ -22,10 +22,10 @@ class BagForm(StrEnum):
 
 
 _WRITERS = {
-    BagForm.ROS2: ("ros2", "write"),
-    BagForm.JSON: ("json", "write"),
-    BagForm.CSV: ("tables", "write_csv"),
-    BagForm.PARQUET: ("tables", "write_parquet"),
+    BagForm.ROS2: ("ros2.export_bag", "write"),
+    BagForm.JSON: ("forms", "write_json"),
+    BagForm.CSV: ("forms", "write_csv"),
+    BagForm.PARQUET: ("forms", "write_parquet"),
 }
 
 
@@ -33,7 +33,7 @@ def convert(bag: str | Path, out: str | Path, form: BagForm) -> int:
     """Write a bag in another form; return how many messages there are."""
     with writing(bag, out):
         module, function = _WRITERS[form]
-        count: int = getattr(import_module(f"palp_core.graph.bag.forms.{module}"), function)(bag, out)
+        count: int = getattr(import_module(f"palp_core.graph.bag.{module}"), function)(bag, out)
     return count
 
 

@@ -9,7 +9,7 @@ from palp_core.errors import GraphError
 from palp_core.graph.discovery.running_graph import Answers, RunningGraph, hidden
 from palp_core.graph.foxglove.json_messages import from_json, to_json
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.recording.live_topics import is_order, live_topics
+from palp_core.graph.recording.live_feed import is_order, live_topics
 
 ASK_S = 5.0
 READ_ONLY = "palp bridge foxglove was started with --read-only"

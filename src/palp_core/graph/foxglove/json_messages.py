@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from palp_core.errors import GraphError, SchemaMismatch
-from palp_core.graph.bag.forms.json import json_form
+from palp_core.graph.bag.forms import json_form
 from palp_core.graph.discovery.message_yaml import packed
 from palp_core.graph.messages.schema_reader import JsonSchema
 from palp_core.graph.messages.schema_types import payload_decoder, plain

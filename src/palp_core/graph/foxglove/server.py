@@ -14,7 +14,7 @@ import foxglove
 from foxglove.websocket import Capability, WebSocketServer
 
 from palp_core.errors import GraphError, SchemaMismatch
-from palp_core.graph.bag.forms.json import json_form
+from palp_core.graph.bag.forms import json_form
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.graph_reader import GraphReader
 from palp_core.graph.discovery.running_graph import Answers, RunningGraph, hidden

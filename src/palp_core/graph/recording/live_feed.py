@@ -12,12 +12,15 @@ from typing import NamedTuple
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.description.checked import RECORDER
 from palp_core.graph.discovery.graph_reader import GraphReader
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import Kind, parse, raw_of
 from palp_core.graph.messages.topic import Topic
+from palp_core.graph.node.journal import ORDER_PORT
 
 QUEUE = 100_000
+ASK_S = 3.0
 ANSWER_NS = 4_000_000_000
 """How long an answer is waited for; a publisher that is gone gives none, one on a busy host takes its time.
 
@@ -203,3 +206,19 @@ class LiveFeed:
         if question.first <= reached < question.last:  # a reply holds only so many bytes
             rest = question._replace(first=reached + 1)
             self._waiting.setdefault(str(reply["topic"]), deque()).appendleft(rest)
+
+
+def is_order(name: str) -> bool:
+    """Tell whether a topic carries what a node consumes in which order."""
+    return name.endswith(f"/{ORDER_PORT}")
+
+
+def recorded_nodes(graph: RunningGraph) -> list[str]:
+    """Return the nodes of a running graph but its recorders: none records itself, or waits for another."""
+    return [node.name for node in graph.record.nodes if node.run != RECORDER]
+
+
+def live_topics(graph: RunningGraph) -> dict[str, Topic]:
+    """Return the topics of a running graph by name, the hidden and the launcher's too, but no recorder's."""
+    recorders = {node.name for node in graph.record.nodes if node.run == RECORDER}
+    return {topic.name: topic for topic in graph.topics(include_hidden=True) if topic.node not in recorders}

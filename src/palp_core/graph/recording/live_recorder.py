@@ -14,8 +14,14 @@ from palp_core.graph.bag.recorder import BagRecorder, RecordingSummary
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.recording.live_feed import ANSWER_NS, LiveFeed
-from palp_core.graph.recording.live_topics import ASK_S, is_order, live_topics, recorded_nodes
+from palp_core.graph.recording.live_feed import (
+    ANSWER_NS,
+    ASK_S,
+    LiveFeed,
+    is_order,
+    live_topics,
+    recorded_nodes,
+)
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT, attachments, launch_attachment
 from palp_core.graph.recording.recorder_params import RecorderParams, cannot_write, new_writer, rooted
 from palp_core.graph.recording.snapshot import SnapshotRecorder
@@ -67,7 +73,7 @@ class LiveRecorder:
         return self._feed.ended
 
     def await_topics(self, end_wanted: Callable[[], bool]) -> None:
-        """Listen until every topic has been heard, the end is wanted, or some have been silent for long.
+        """Listen until every topic has been heard, or the end is wanted.
 
         The order of what a node consumes comes last: it begins with the node's state, and everything that the
         node takes up after that is in the bag.
@@ -75,20 +81,19 @@ class LiveRecorder:
         chosen = {name: topic for name, topic in self._known.items() if self._chosen(name)}
         orders = {name: topic for name, topic in chosen.items() if is_order(name)}
         rest = {name: topic for name, topic in chosen.items() if name not in orders}
-        begin_ns = monotonic_ns()
+        begin_ns, is_noted = monotonic_ns(), False
         for part in (rest, orders):
             self._feed.follow(part)
-            while self._feed.unmatched and monotonic_ns() - begin_ns < NOTE_WAITING_NS:
+            while self._feed.unmatched and not (end_wanted() or self.ended):
                 self.turn()
-                if end_wanted() or self.ended:
-                    break
-        if self._feed.unmatched:
-            names = ", ".join(sorted(name.decode() for name in self._feed.unmatched))
-            self._say(f"not heard yet, recording what comes: {names}")
-        kept = f"; the last {self._params.snapshot_s:g} s are kept" if self._params.snapshot_s else ""
-        self._say(
-            f"recording {counted(len(chosen), 'topic')} of '{self._graph.record.graph}' to {self._out}{kept}"
-        )
+                if not is_noted and monotonic_ns() - begin_ns > NOTE_WAITING_NS:
+                    is_noted = True
+                    names = ", ".join(sorted(name.decode() for name in self._feed.unmatched))
+                    self._say(f"not heard yet, recording what comes: {names}")
+        if not self._feed.unmatched:
+            kept = f"; the last {self._params.snapshot_s:g} s are kept" if self._params.snapshot_s else ""
+            count = counted(len(chosen), "topic")
+            self._say(f"recording {count} of '{self._graph.record.graph}' to {self._out}{kept}")
 
     def turn(self, wait_ms: int = WAIT_MS) -> bool:
         """Take what comes, for a moment; return whether there may be more."""

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from palp_core.errors import GraphError
-from palp_core.graph.bag.forms.ros2 import Outlet, OutletsOf
 from palp_core.graph.bag.reader import Bag
+from palp_core.graph.bag.ros2.export_bag import Outlet, OutletsOf
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.problems import Problems, hint
 from palp_core.graph.ros2.maps import Entry, Times, read_map

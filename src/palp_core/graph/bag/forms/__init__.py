@@ -1,1 +1,0 @@
-"""What a bag can become, a form a module with a function ``write``."""
