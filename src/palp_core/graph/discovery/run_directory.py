@@ -125,10 +125,7 @@ class RunDirectory:
 
     def end_asked_by(self) -> str:
         """Return what has asked the graph to end, as it has written here; "" if nothing has."""
-        try:
-            return (self.path / END_ASKED).read_text(encoding="utf-8")
-        except OSError:
-            return ""
+        return _text_of(self.path / END_ASKED)
 
     def record(
         self, graph: str, file: str, clock: str, serve: str, nodes: list[NodeEntry], topics: list[Topic]
@@ -172,6 +169,14 @@ class RunDirectory:
             for entry in self.path.iterdir():
                 if entry.is_socket():
                     entry.unlink()
+
+
+def _text_of(path: Path) -> str:
+    """Return what a file of a run directory holds; "" if it is not there, or goes with its run just now."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError:
+        return ""
 
 
 def present_folder() -> str:
@@ -218,7 +223,7 @@ def check_free(name: str) -> None:
         if (record := read_record(folder)) is not None:
             if record.graph == name:
                 raise GraphError(f"a graph of that name is running: {record}; choose another name")
-        elif (folder / CLAIM).is_file() and (folder / CLAIM).read_text(encoding="utf-8") == name:
+        elif _text_of(folder / CLAIM) == name:
             raise GraphError(
                 f"a graph of that name is starting: {name} (id {folder.name}); choose another name"
             )
