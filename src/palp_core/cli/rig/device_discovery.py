@@ -71,8 +71,11 @@ def discover(device: str, options: Mapping[str, Any], patience_s: float) -> dict
     kind = kind_of(device)
     if kind in ("stage", "ring"):
         return _discover_mover(kind, device, options)
-    row = next(iter(watch(device, options, _LISTEN_S, _LISTEN_S, patience_s)))
-    if not row["samples"]:
+    row: dict[str, Any] = {}
+    for row in watch(device, options, max(patience_s, _LISTEN_S), _LISTEN_S, patience_s):
+        if row["samples"]:  # a busy host may leave a stretch without any
+            break
+    else:
         raise DeviceError(f"{device}: it is connected but sends nothing; is it measuring?")
     if row["state"] in (Condition.GARBLED, Condition.LINK_LOST):
         raise DeviceError(
