@@ -350,14 +350,26 @@ def test_the_ros_text_names_every_field_with_its_unit() -> None:
 
 
 any_float = st.one_of(
-    st.floats(allow_nan=True, allow_infinity=True), st.floats(-1.0, 1.0), st.sampled_from([1.0, -1.0, 1e200])
+    st.floats(allow_nan=True, allow_infinity=True),
+    st.floats(-1.0, 1.0),
+    st.sampled_from([1.0, -1.0, 1e200, 1e-170, 1e-190]),
 )
 
 
 @settings(deadline=None, max_examples=200)
 @given(
     st.lists(any_float, max_size=40),
-    st.sampled_from([(-1.0, 1.0), (0.0, 1.0), (-1e3, 0.5), (0.2, 0.9), (-np.inf, np.inf), (-1e300, 1e300)]),
+    st.sampled_from(
+        [
+            (-1.0, 1.0),
+            (0.0, 1.0),
+            (-1e3, 0.5),
+            (0.2, 0.9),
+            (-np.inf, np.inf),
+            (-1e300, 1e300),
+            (-1e-180, 1e-180),
+        ]
+    ),
 )
 def test_an_array_is_within_bounds_exactly_if_each_element_is(
     values: list[float], bounds: tuple[float, float]

@@ -19,7 +19,7 @@ from palp_core.graph.messages.frame import Kind, parse
 from palp_core.graph.messages.message import Message, decode
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.publisher import PublisherEnd
-from palp_core.graph.transport import publisher_socket
+from palp_core.graph.transport import node_sockets, publisher_socket
 from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.publisher_socket import PLACE_BYTES, QUEUE_BYTES, UNCOPIED_FROM_BYTES
 from palp_core.graph.transport.request_server import NodeOperation, NodeRequest
@@ -357,12 +357,24 @@ def test_asking_nobody_returns_none(tmp_path: Path) -> None:
     assert ask(f"ipc://{tmp_path}/nobody", {"op": "info"}, 0.01) is None
 
 
-def test_after_sending_and_after_a_signal_the_socket_is_looked_at(publisher: Publisher) -> None:
+def test_the_socket_is_looked_at_after_a_signal_at_once_and_after_sending_now_and_then(
+    publisher: Publisher, monkeypatch: pytest.MonkeyPatch
+) -> None:
     outlet = publisher.outlet("/a/b")
     publisher.match(publisher.reader("/a/b"))
-    stirs: list[Callable[[], None]] = [lambda: outlet.publish(block()), publisher.sockets.note_signal]
-    for stir in stirs:
-        while publisher.sockets.pending():
-            publisher.sockets.poll()
-        stir()
+    while publisher.sockets.pending():
+        publisher.sockets.poll()
+    now_ns = monotonic_ns()
+    monkeypatch.setattr(node_sockets, "monotonic_ns", lambda: now_ns)
+    for _ in range(2):
+        publisher.sockets.poll()
+        publisher.sockets.publisher.stirred = False
+        outlet.publish(block())
         assert publisher.sockets.pending()
+        assert not publisher.sockets.due()
+        publisher.sockets.note_signal()
+        assert publisher.sockets.due()
+    publisher.sockets.poll()
+    publisher.sockets.publisher.stirred = True
+    now_ns += node_sockets.LOOK_NS
+    assert publisher.sockets.due()

@@ -158,7 +158,7 @@ class WallLoop:
                 self._checkpointer.turn()
             if self.participant.waiting:
                 self.participant.turn()
-            if self.sockets.pending():
+            if self.sockets.due():
                 self.sockets.poll(put_off=self._perform)
                 self._perform()
             if self.executor.exit_code is not None and not finished and not self.participant.silent:
@@ -190,7 +190,7 @@ class WallLoop:
         due_ns = self.executor.next_due_ns()
         if due_ns is not None:
             timeout_s = min(timeout_s, (due_ns - self.now_ns()) / 1e9)
-        if self.receiver.pending() or self.sockets.pending() or self._backlog():
+        if self.receiver.pending() or self.sockets.due() or self._backlog():
             timeout_s = 0.0
         descriptors = (*self._others, *self.receiver.file_descriptors)
         ready = select.select(descriptors, (), (), max(timeout_s, 0.0))[0]
