@@ -303,7 +303,7 @@ class Graph:
         )
         if not self.checked.report:
             return summary
-        if not self._interrupt.insisted:
+        if not self._interrupt.second_request:
             with contextlib.suppress(KeyboardInterrupt):
                 return self._reported(summary)
         said = "No report was written: the end was asked for twice; `palp session report` makes it later."
