@@ -328,7 +328,7 @@ class Graph:
             summary = self._outcome(1, in_words(error))
         if not self.checked.report:
             return summary
-        if not self._interrupt.insisted:
+        if not self._interrupt.second_request:
             with contextlib.suppress(KeyboardInterrupt):
                 return self._reported(summary)
         text = "No report was written: the end was asked for twice; `palp session report` makes it later."

@@ -36,12 +36,12 @@ class Interrupt:
     """While entered, SIGINT, SIGTERM and SIGHUP are noted: :meth:`check` raises, a descriptor is readable.
 
     Attributes:
-        insisted: The user has asked a second time.
+        second_request: The user has asked a second time.
         asked_by: Returns what has asked for the end, or "" if nothing but a signal did.
     """
 
     def __init__(self) -> None:
-        self.insisted = False
+        self.second_request = False
         self.asked_by: Callable[[], str] = str
         self.descriptor, self._write = os.pipe()
         for end in (self.descriptor, self._write):
@@ -70,13 +70,13 @@ class Interrupt:
         os.close(self._write)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        insisted = self._received is not None and monotonic_ns() - self._received_ns > INSIST_NS
+        second = self._received is not None and monotonic_ns() - self._received_ns > INSIST_NS
         if self._received is None:
             self._received, self._received_ns = signal.Signals(number), monotonic_ns()
-        self.insisted = self.insisted or insisted
+        self.second_request = self.second_request or second
         with contextlib.suppress(BlockingIOError):
             os.write(self._write, b"!")
-        if insisted and not self._raised:
+        if second and not self._raised:
             self.check()
 
     def request(self) -> None:
@@ -103,7 +103,7 @@ class Interrupt:
 KILL_NS = 5_000_000_000
 """From the friendly request to the next, less friendly one."""
 
-HURRY_NS = 500_000_000
+FORCED_TIMEOUT_NS = 500_000_000
 """The same for a user who has asked twice: enough for a safe state, if the node is able to reach it."""
 
 
@@ -132,7 +132,9 @@ class GracePeriod:
     @property
     def expired(self) -> bool:
         """True when the step has had its time."""
-        return monotonic_ns() - self._start_ns >= (HURRY_NS if self._interrupt.insisted else KILL_NS)
+        return monotonic_ns() - self._start_ns >= (
+            FORCED_TIMEOUT_NS if self._interrupt.second_request else KILL_NS
+        )
 
 
 @contextlib.contextmanager

@@ -93,16 +93,18 @@ class Restarts:
             _LOG.warning("%s is configured and waits for its publishers", process.spec.name)
 
     def _restarted(self, process: ManagedProcess) -> None:
-        """Say that a node works again, and whom its first messages may not reach."""
+        """Report that a node works again, and which readers its first messages may not reach."""
         name, missing = process.spec.name, process.missing
         self._launcher_node.report(
             "restarted", name, f"is at work again, as process {process.pid}", missing=missing
         )
         if missing:
             _LOG.warning(
-                "%s is at work again and has waited %g s for its readers; not back, so that they may lose "
-                "its first messages: %s", name, WAIT_NS / 1e9, ", ".join(missing),
-            )  # fmt: skip
+                "%s: restarted; readers not reconnected after %g s, may have missed messages: %s",
+                name,
+                WAIT_NS / 1e9,
+                ", ".join(missing),
+            )
 
     def _start_next(self, process: ManagedProcess, now_ns: int) -> None:
         """Start a failed node's next process, but never beside the one that has failed."""
@@ -196,7 +198,7 @@ class Restarts:
                 if self._processes[at].active and not self.restart(
                     at, f"is restarted for {reader}: {event.text}", signal.SIGTERM, signal.SIGCONT
                 ):
-                    _LOG.warning("%s: its rule does not restart it (again)", publisher)
+                    _LOG.warning("%s: not restarted, restart limit reached", publisher)
 
     def expect_health(self, index: int) -> None:
         """Expect a node to be heard from now on."""

@@ -54,12 +54,11 @@ class Standbys:
 
     def __init__(
         self,
-        folder: Path,
         server: ForkServer,
         channels: ChannelServer,
         launcher: ProcessLauncher,
     ) -> None:
-        self._folder, self._server, self._channels, self._launcher = folder, server, channels, launcher
+        self._server, self._channels, self._launcher = server, channels, launcher
         self._count = 0
         self._all: dict[int, Standby] = {}
         self._inspection = Inspection()

@@ -87,7 +87,7 @@ class Supervisor:
         self._channels = ChannelServer(
             folder / "supervisor.sock", self.names, (server.descriptor, interrupt.descriptor)
         )
-        self.standbys = Standbys(folder, server, self._channels, self._launcher)
+        self.standbys = Standbys(server, self._channels, self._launcher)
         self.watch, self.forget = self._channels.watch, self._channels.forget
         self.hear = self._on_message
         for descriptor in launcher_node.file_descriptors:
