@@ -16,9 +16,8 @@ from palp_core.errors import GraphError
 
 if TYPE_CHECKING:
     from palp_core.graph.discovery.running_graph import RunningGraph
-    from palp_core.graph.ros2.joining import Joining
     from palp_core.graph.ros2.maps import Entry
-    from palp_core.graph.ros2.plan import Crossing
+    from palp_core.graph.ros2.plan import Crossing, Joining
 
 TERMINATED = 143
 
@@ -51,8 +50,8 @@ def bridge(
             return
         from palp_core.graph.discovery.moving import moves_something_real
         from palp_core.graph.problems import Problems
-        from palp_core.graph.ros2.joining import Joining
         from palp_core.graph.ros2.middleware import require
+        from palp_core.graph.ros2.plan import Joining
 
         running = find_graph(graph, changes=True)
         joining, problems = Joining(running, entries), Problems()
