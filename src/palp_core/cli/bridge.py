@@ -16,9 +16,8 @@ from palp_core.extras import install_line
 
 if TYPE_CHECKING:
     from palp_core.graph.discovery.running_graph import RunningGraph
-    from palp_core.graph.ros2.joining import Joining
     from palp_core.graph.ros2.maps import Entry
-    from palp_core.graph.ros2.plan import Crossing
+    from palp_core.graph.ros2.plan import Crossing, Joining
 
 
 app = lazy_app(
@@ -105,8 +104,8 @@ def ros2(
             print_text(f"{map_}: no mistake by itself; no graph runs to check it against")
             return
         from palp_core.graph.problems import Problems
-        from palp_core.graph.ros2.joining import Joining
         from palp_core.graph.ros2.middleware import require
+        from palp_core.graph.ros2.plan import Joining
 
         running = find_graph(graph, changes=True)
         joining, problems = Joining(running, entries), Problems()

@@ -20,7 +20,6 @@ from palp_core.errors import GraphError, PalpError, in_words
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.launch.checking import ask_report, check_in
-from palp_core.graph.launch.checking import check_file as check_file  # where CHANGELOG.md has it
 from palp_core.graph.launch.checkpoint import RESUMES, Checkpoints, CheckpointWriter
 from palp_core.graph.launch.log_screen import Show, Shown, showing_log
 from palp_core.graph.launch.observers import MessageObservers

@@ -86,7 +86,6 @@ class NodeSpec(msgspec.Struct, frozen=True, kw_only=True):
         joined: Its process is on another host, from where it joins with ``palp run --join``.
         vacant: Topics that its class does not publish and optional inputs of others read, with type hash and
             quality of service: their sequence goes on when a class comes that does.
-        required: The graph ends if its process does; not so of a recorder.
         keeps_at: Wall clock: the topic with each message of which the node is written down; "": it never is.
     """
 
@@ -110,5 +109,4 @@ class NodeSpec(msgspec.Struct, frozen=True, kw_only=True):
     output: str = "log"
     joined: bool = False
     vacant: dict[str, tuple[str, Qos]] = {}
-    required: bool = True
     keeps_at: str = ""

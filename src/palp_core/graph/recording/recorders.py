@@ -166,7 +166,7 @@ def _prepared(spec: NodeSpec, *, resumed: bool = False) -> NodeSpec:
     if Path(out).exists():
         raise BagError(f"{out} exists already: choose another name")
     params: dict[str, Any] = {**spec.params, "out": out}
-    return msgspec.structs.replace(spec, params=params, required=params.get("required", False))
+    return msgspec.structs.replace(spec, params=params)
 
 
 def _free_name(taken: set[str]) -> str:

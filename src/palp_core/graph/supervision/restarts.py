@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 from palp_core.errors import NodeError
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.description.checked import RECORDER
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode
 from palp_core.graph.process.control_messages import Raised
@@ -130,7 +131,8 @@ class Restarts:
         process = self._processes[index]
         if process.respawn_at_ns is not None or process.given_up:
             return True
-        if process.active and not process.spec.required:
+        dispensable = process.spec.run == RECORDER and not process.spec.params.get("required")
+        if process.active and dispensable:
             self._give_up(index, cause)
             return True
         planned = process.plan_restart(monotonic_ns(), cause) if self._restarts else ""

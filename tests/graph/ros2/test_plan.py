@@ -11,10 +11,9 @@ import pytest
 
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.problems import Problems
-from palp_core.graph.ros2 import joining
-from palp_core.graph.ros2.joining import Joining
+from palp_core.graph.ros2 import plan
 from palp_core.graph.ros2.maps import share_parameters
-from palp_core.graph.ros2.plan import Crossing, Ports
+from palp_core.graph.ros2.plan import Crossing, Joining, Ports
 from tests.cli.test_remote import record
 from tests.support.palp import PATIENCE_S
 
@@ -41,7 +40,7 @@ def test_while_a_node_that_hangs_is_asked_the_rest_goes_on(
     answers, asked = Event(), Event()
     first = msgspec.structs.replace(record(tmp_path), listen="tcp://home")
     joined = msgspec.structs.replace(record(tmp_path, nodes=("relay", "sink", "guest")), listen="tcp://home")
-    monkeypatch.setattr(joining, "read_record", lambda _folder: joined)
+    monkeypatch.setattr(plan, "read_record", lambda _folder: joined)
 
     def request(_endpoint: str, wanted: dict[str, Any], _timeout_s: float) -> dict[str, Any] | None:
         asked.set()
