@@ -150,9 +150,9 @@ def test_a_name_that_is_taken_reserved_or_no_name_is_refused(name: str) -> None:
 EXPECTED = '  metronome: {run: "guest_toys:Ticker", joined: true}\n'
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def toys(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, GraphView]:
-    """Their folder, of which this process imports the module once, and a graph that expects a metronome."""
+    """Their folder and a graph that expects a metronome; a process imports the module once, so makes one."""
     folder = tmp_path_factory.mktemp("toys")
     (folder / "guest_toys.py").write_text(TOYS, encoding="utf-8")
     file = folder / "home.yaml"
