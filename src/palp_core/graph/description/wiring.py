@@ -33,17 +33,18 @@ _ADVICE = {
 }
 
 
-def fitted(nodes: Mapping[str, GraphNode]) -> dict[str, GraphNode]:
+def fitted(nodes: Mapping[str, GraphNode], successor: str = "") -> dict[str, GraphNode]:
     """Leave away what classes lack: shared parameters, and of callers' own classes inputs and outputs too.
 
-    An output that only optional inputs are wired to stays, vacant, for a class that comes later.
+    An output that only optional inputs are wired to stays, vacant, for a class that comes later; of the
+    successor of a node that published it, no input may be lasting either.
     """
     readers = [node for node in nodes.values() if node.declared.error is None]
     found = {}
     for name, node in nodes.items():
         if node.declared.error is None:
             node = _with_own_params(node)
-            node = _with_own_ports(node, readers) if node.own else node
+            node = _with_own_ports(node, readers, succeeds=name == successor) if node.own else node
         found[name] = node
     return found
 
@@ -55,13 +56,14 @@ def _with_own_params(node: GraphNode) -> GraphNode:
     return replace(node, spec=msgspec.structs.replace(node.spec, params=params))
 
 
-def _with_own_ports(node: GraphNode, readers: list[GraphNode]) -> GraphNode:
+def _with_own_ports(node: GraphNode, readers: list[GraphNode], *, succeeds: bool) -> GraphNode:
     declared, vacant, needed = node.declared, dict[str, NodePort](), set[str]()
     for reader in readers:
         for name, wire in reader.inputs.items():
             port = reader.declared.ports.get(name)
             if wire.node == node.spec.name and wire.port not in declared.ports and port is not None:
-                if not port.optional or port.lasting:
+                published = topic(node.spec.name, wire.port) not in node.spec.vacant
+                if not port.optional or (port.lasting and succeeds and published):
                     needed.add(wire.port)
                 vacant[wire.port] = NodePort(
                     wire.port, "pub", port.types, wire.requested(port.qos), vacant=True
@@ -185,6 +187,7 @@ def described(checked: CheckedGraph) -> _Nodes:
             answer=checked.classes[spec.name],
         )
         for spec in checked.nodes
+        if spec.name in checked.classes  # recorders that the launcher adds are wired to nothing
     }
 
 

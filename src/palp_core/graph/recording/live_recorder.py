@@ -112,6 +112,9 @@ class LiveRecorder:
         """Write the messages that are kept in memory into a bag of their own; return what to say."""
         if not isinstance(self._sink, SnapshotRecorder):
             raise BagError("this recorder keeps nothing in memory: start it with --snapshot S")
+        end_ns = monotonic_ns() + DRAIN_NS
+        while self.turn(wait_ms=0) and monotonic_ns() < end_ns:
+            pass  # what has arrived by now is part of the last seconds
         suffix = f"-{self._saved_count}" if self._saved_count else ""
         out = self._out.with_name(self._out.name + suffix)
         recorder = self._bag(out, from_start=False)

@@ -49,4 +49,4 @@ def _nodes_with(
     kept = {key: value for key, value in before.items() if key in new_class.params}
     new = msgspec.structs.replace(spec, run=new_class.run, params=kept | dict(params))
     nodes[spec.name] = replace(nodes[spec.name], spec=new, own=True, answer=new_class)
-    return fitted(nodes)
+    return fitted(nodes, successor=spec.name)
