@@ -95,9 +95,7 @@ def test_a_topic_shows_its_messages_and_plots_them(viewing: Viewing) -> None:
     assert "torque_n_m: [" in page.inner_text("[data-what=message]")
     viewing.until("() => document.querySelector('[data-what=rate]').innerText.includes('Hz')")
     viewing.plot("torque_n_m", "index")
-    with page.expect_download() as download:
-        page.get_by_role("button", name="CSV").click()
-    lines = Path(download.value.path()).read_text(encoding="utf-8").splitlines()
+    lines = viewing.download("CSV").read_text(encoding="utf-8").splitlines()
     assert lines[0] == "time_s,field,value"
     assert {line.split(",")[1] for line in lines[1:]} == {"torque_n_m [N m]", "index"}
 
@@ -115,9 +113,7 @@ def test_the_address_tells_what_is_plotted(viewing: Viewing) -> None:
     page.locator(".q-chip", has_text="torque_n_m[0]").wait_for()
     assert page.locator(".q-chip").count() == 2
     viewing.says("1 min")
-    with page.expect_download() as download:
-        page.get_by_role("button", name="PNG").click()
-    assert Path(download.value.path()).read_bytes().startswith(b"\x89PNG")
+    assert viewing.download("PNG").read_bytes().startswith(b"\x89PNG")
 
 
 INKED = """() => {

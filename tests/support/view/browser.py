@@ -7,6 +7,7 @@ import shutil
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,6 +15,7 @@ import pytest
 from tests.support.palp import PATIENCE_S
 
 NAMES = ("chromium", "chromium-browser")
+RELOAD_MS = 30_000
 OPTIONS = ["--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
 
 
@@ -109,6 +111,23 @@ class Page:
         self.page.wait_for_selector(".q-menu", state="hidden")
         self.until("() => Number(document.querySelector('.live-plot').dataset.points) > 20")
         self.until("most => Number(document.querySelector('.live-plot').dataset.frames) > most", frames)
+
+    def download(self, button: str) -> Path:
+        """Press a button until its file comes.
+
+        A page that was cut off for longer than the viewer keeps it loads itself again, and a press is gone.
+        """
+        from playwright.sync_api import TimeoutError as NothingCame
+
+        while True:
+            try:
+                with self.page.expect_download(timeout=RELOAD_MS) as download:
+                    self.page.get_by_role("button", name=button).click()
+            except NothingCame:
+                kind = self.page.evaluate("performance.getEntriesByType('navigation')[0].type")
+                assert kind == "reload", f"no file comes of {button!r}"
+            else:
+                return Path(download.value.path())
 
     def swap(self, run: str) -> None:
         """Choose a class on the page of a node, and let it take over."""
