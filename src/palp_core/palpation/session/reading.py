@@ -341,16 +341,8 @@ class TraceReading(FeatureReading):
 
     follows = True
 
-    def __init__(
-        self,
-        params: ReadingParams,
-        methods: Mapping[str, str],
-        noise: RigNoise | None = None,
-        scene: Scene | None = None,
-    ) -> None:
-        super().__init__(params, methods, noise, scene)
-        self._model: tuple[int, TraceModel, Float64Array, Float64Array] | None = None
-        self._last: tuple[list[TestSweep], trace_belief.TraceBelief] | None = None
+    _model: tuple[int, TraceModel, Float64Array, Float64Array] | None = None
+    _last: tuple[list[TestSweep], trace_belief.TraceBelief] | None = None
 
     def add(self, memory: ReadingMemory, start_ns: int, rate_hz: float, torque_n_m: Float64Array) -> None:
         """Take the next samples; the stage goes at constant speed between the sweep's two times."""
