@@ -127,10 +127,11 @@ def test_the_first_messages_after_a_restart_reach_a_reader_that_is_back_in_time(
         else:
             restarted = graph.wait_for("restarted", "source")
             sink.resume()
-    assert (counted(graph, graph.process("source").pid) == BURST) is in_time
+    received = counted(graph, graph.process("source").pid)
+    assert received == BURST or not in_time  # one that is late may still be quicker than the burst
     assert json.loads(restarted.data)["missing"] == ([] if in_time else ["sink"])
     process.terminate()
     _, errors = process.communicate(timeout=PATIENCE_S)
-    said = "source is at work again and has waited 1 s for its readers; not back"
+    said = "source: restarted; readers not reconnected after 1 s, may have missed messages: sink"
     assert (said in errors) is not in_time
     assert palp.all_gone()
