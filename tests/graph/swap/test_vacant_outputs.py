@@ -167,7 +167,7 @@ def test_on_the_wall_clock_it_is_told_and_the_reader_may_even_be_restarted(
     assert done.returncode == 0, done.stderr
     assert "nobody publishes /source/spare (for /sink/spare): no input needs it" in done.stderr
     running.process("sink").kill()
-    running.wait_for_epoch("sink", "/sink/progress", 1)
+    running.wait_for("restarted", "sink")
     done = palp.run("swap", "source", "vacant_toys:Full", "--timeout", PATIENCE_S)
     assert (done.returncode, done.stderr) == (0, "")
     until_ns = monotonic_ns() + round(PATIENCE_S * 1e9)

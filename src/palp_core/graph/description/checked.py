@@ -12,9 +12,7 @@ from palp_core.graph.description.launch_keys import CheckpointKeys
 from palp_core.graph.description.node_class import NodeClass, NodePort
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.topic import MessageType, Topic
-from palp_core.graph.node.spec import NodeSpec, action_of, topic
-
-RECORDER = "palp_core.graph.recording.recorder_node:Recorder"
+from palp_core.graph.node.spec import RECORDER, NodeSpec, action_of, topic
 
 
 class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):

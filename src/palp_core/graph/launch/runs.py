@@ -7,9 +7,9 @@ from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
 
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.description.checked import RECORDER, CheckedGraph
+from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.lockstep.conductor import Conductor, Observer
-from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.node.spec import RECORDER, NodeSpec
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.supervision.interrupt import ended_after
 from palp_core.graph.supervision.supervisor import Supervisor

@@ -291,6 +291,11 @@ class NodeOutput(io.TextIOBase):
         self._log.write("".join(f"{head}{line}\n" for line in lines).encode(errors="backslashreplace"))
         return len(text)
 
+    def end_line(self) -> None:
+        """Write a last line that was not ended."""
+        if self._rest:
+            self.write("\n")
+
     def fileno(self) -> int:
         """Return what a process that a node starts writes to."""
         return 1
@@ -322,6 +327,8 @@ def _captured(output: NodeOutput, log: LogFile, below: Path) -> Iterator[None]:
         yield
     finally:
         sys.stdout, sys.stderr = real
+        output.end_line()
+        error.end_line()
         for number, descriptor in enumerate(saved, 1):
             streams[number - 1].flush()
             os.dup2(descriptor, number)

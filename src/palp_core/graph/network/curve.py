@@ -315,7 +315,7 @@ def _peer_of(descriptor: int) -> tuple[str, int]:
 
 def _cut(descriptor: int, peer: tuple[str, int]) -> None:
     """End a connection, for ZeroMQ to close, unless its number is another's by now."""
-    if _peer_of(descriptor) == peer:
+    if peer[1] and _peer_of(descriptor) == peer:
         with contextlib.suppress(OSError), _connection(descriptor) as connection:
             connection.shutdown(sockets.SHUT_RDWR)
 

@@ -256,8 +256,8 @@ class ActionServerEnd(TimedEnd, Generic[Goal, Feedback, Result]):
         """End a goal and publish it; the goal that ended first is forgotten when there are too many."""
         if result is not None:
             self._must_carry(result, self.types.result)
-        record.status, record.reason, record.request = status, reason, b""
-        record.result = None if result is None else encode(result)
+        encoded = None if result is None else encode(result)  # before the goal changes: it may fail
+        record.status, record.reason, record.request, record.result = status, reason, b"", encoded
         del self.live[record.goal_id]
         self.ended[record.goal_id] = record
         while len(self.ended) > MOST_ENDED:

@@ -10,6 +10,9 @@ from palp_core.graph.messages.qos import Qos
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}")
 """What a graph, a node and a port may be called."""
 
+RECORDER = "palp_core.graph.recording.recorder_node:Recorder"
+"""What a node runs that records its graph."""
+
 LONGEST_BACKOFF_S = 3600
 """What a node waits at most before it is started again, however often that was in vain."""
 

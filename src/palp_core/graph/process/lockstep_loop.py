@@ -14,7 +14,7 @@ from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.process import control_messages
 from palp_core.graph.process.channel import ChannelMessage, MessageChannel
 from palp_core.graph.process.node_services import CHANGING, NodeServices
-from palp_core.graph.process.swap_messages import Handover, TookOver, ToSwapped, WorkReport
+from palp_core.graph.process.swap_messages import CancelMove, Handover, TookOver, ToSwapped, WorkReport
 from palp_core.graph.process.swap_participant import SharedSockets, SwapParticipant
 from palp_core.graph.transport.node_sockets import NodeSockets
 
@@ -87,7 +87,8 @@ class LockstepNode:
 
     def change_over(self, message: ToSwapped) -> None:
         """Do what a swap asks."""
-        self.frames = []
+        if not isinstance(message, CancelMove):  # after Resume, which may have published
+            self.frames = []
         self.participant.handle(message)
 
     def _answer(self, message: ChannelMessage) -> None:

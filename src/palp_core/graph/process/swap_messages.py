@@ -1,7 +1,7 @@
 """Messages between the supervisor and two processes of one node while one takes the other's place.
 
 The *predecessor* works; the *successor* is configured, receives the same inputs and publishes nothing before
-:class:`Commit`. Their order, and what undoes each, is the table of :mod:`palp_core.graph.swap.process_swap`.
+:class:`Commit`. Their order, and what undoes each, is the table of :mod:`palp_core.graph.swap.engine`.
 """
 
 from palp_core.graph.process.channel import ChannelMessage

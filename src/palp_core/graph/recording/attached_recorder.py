@@ -12,10 +12,10 @@ from typing import Any
 import psutil
 
 from palp_core.errors import BagError
-from palp_core.graph.description.checked import RECORDER
 from palp_core.graph.discovery.choice import addressed
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.node.loading import endpoints
+from palp_core.graph.node.spec import RECORDER
 from palp_core.graph.process.node_services import CallRequest
 from palp_core.graph.recording.live_recorder import LiveRecorder
 from palp_core.graph.recording.recorder_params import RecorderParams
@@ -55,13 +55,20 @@ class AttachedRecorder:
         """Record until the end is asked for, or the graph has ended."""
         recorder = LiveRecorder(graph, params, self._say, from_start=False)
         with self._serving(graph, recorder) if params.snapshot_s else contextlib.nullcontext() as sockets:
-            recorder.await_topics(lambda: self.ending)
-            while not (self.ending or recorder.ended):
-                recorder.turn()
-                if sockets is not None:
-                    sockets.poll()
-                if self._save_wanted:
-                    self._save(recorder)
+            try:
+                recorder.await_topics(lambda: self.ending)
+                while not (self.ending or recorder.ended):
+                    recorder.turn()
+                    if sockets is not None:
+                        sockets.poll()
+                    if self._save_wanted:
+                        self._save(recorder)
+            except (OSError, BagError):
+                recorder.abandon()
+                raise
+            except BaseException:
+                recorder.close(patient=False)
+                raise
             summary = recorder.close(patient=not self.ending)
         if self._save_wanted:
             self._save(recorder)
@@ -107,18 +114,23 @@ def record_until_asked(
 
 def save_snapshots(graph: RunningGraph) -> list[str]:
     """Let every recorder that keeps a graph's last seconds write them; return what each answers."""
-    places = {node.name: node.serve for node in graph.record.nodes if node.run == RECORDER}
+    nodes = [node for node in graph.record.nodes if node.run == RECORDER and psutil.pid_exists(node.pid)]
+    places = {node.name: node.serve for node in nodes}
     for path in sorted(graph.folder.glob(f"{PLACE}*.srv")):
         if psutil.pid_exists(int(path.stem.removeprefix(PLACE))):
             places[path.stem] = f"ipc://{path}"
-    texts = []
+    texts, silent = [], []
     for name, place in places.items():
         reply = ask(place, {"op": "call", "service": "save", "request": {}}, ANSWER_S)
         if reply is None or "error" in reply:
-            raise BagError(
+            silent.append(
                 f"recorder {name} did not write its snapshot: {(reply or {}).get('error', 'silent')}"
             )
-        texts.append(reply["reply"]["text"])
+        else:
+            texts.append(reply["reply"]["text"])
+    if silent and not any(texts):
+        raise BagError("; ".join(silent))
+    texts += silent
     if not any(texts):
         start_one = addressed("palp bag record -a --snapshot S", graph.record.id)
         raise BagError(f"no recorder keeps this graph's last seconds; start one: {start_one}")

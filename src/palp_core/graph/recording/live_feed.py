@@ -12,12 +12,12 @@ from typing import NamedTuple
 from palp_core.errors import GraphError, SchemaMismatch
 from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.description.checked import RECORDER
 from palp_core.graph.discovery.graph_reader import GraphReader
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import Kind, parse, raw_of
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.journal import ORDER_PORT
+from palp_core.graph.node.spec import RECORDER
 
 QUEUE = 100_000
 ASK_S = 3.0

@@ -57,7 +57,7 @@ class LiveRecorder:
         if not any(map(self._chosen, self._known)):
             raise BagError("no topic of the graph is chosen: name topics, or record all with -a")
         self._graph, self._from_start = graph, from_start
-        self._saved_count = 0
+        self._saved_count, self._closed = 0, False
         topics = list(self._known.values())
         self._attached = self._attachments()
         self._sink = (
@@ -113,7 +113,7 @@ class LiveRecorder:
         if not isinstance(self._sink, SnapshotRecorder):
             raise BagError("this recorder keeps nothing in memory: start it with --snapshot S")
         end_ns = monotonic_ns() + DRAIN_NS
-        while self.turn(wait_ms=0) and monotonic_ns() < end_ns:
+        while not self._closed and self.turn(wait_ms=0) and monotonic_ns() < end_ns:
             pass  # what has arrived by now is part of the last seconds
         suffix = f"-{self._saved_count}" if self._saved_count else ""
         out = self._out.with_name(self._out.name + suffix)
@@ -149,6 +149,7 @@ class LiveRecorder:
             self._sink.unheard = sorted(name.decode() for name in self._feed.unmatched)
             summary = self._sink.close()
         self._feed.close()
+        self._closed = True
         return summary
 
     @contextlib.contextmanager

@@ -16,7 +16,8 @@ from palp_core.graph.node.ports import Alarm, Srv, on, serve
 from palp_core.graph.recording.live_recorder import LiveRecorder
 from palp_core.graph.recording.recorder_params import RecorderParams
 
-PERIOD_NS = 50_000_000
+PERIOD_NS = 5_000_000
+"""How much later than it arrives a message may be logged."""
 
 
 class SaveSnapshot(Message):
@@ -62,8 +63,12 @@ class Recorder(Node):
     @serve(save)
     def save_snapshot(self, _: SaveSnapshot) -> SnapshotSaved:
         """Write the messages that are kept in memory, if any are."""
-        assert self._recorder is not None
-        return SnapshotSaved(text=self._recorder.save() if self.params.snapshot_s else "")
+        if self._recorder is None or not self.params.snapshot_s:
+            return SnapshotSaved(text="")
+        try:
+            return SnapshotSaved(text=self._recorder.save())
+        except BagError as error:  # the recorder goes on
+            return SnapshotSaved(text=str(error))
 
     def on_error(self, error: Exception) -> None:
         if isinstance(error, BagError) and self._recorder is not None:

@@ -17,8 +17,8 @@ from palp_core.errors import BagError, NodeError
 from palp_core.graph.bag.reader import Bag, topic_selection
 from palp_core.graph.bag.recorder import SUMMARY_NAME, BagRecorder, RecordingSummary
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.description.checked import RECORDER, CheckedGraph
-from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.node.spec import RECORDER, NodeSpec
 from palp_core.graph.recording.provenance import (
     LAUNCH_ATTACHMENT,
     attachments,

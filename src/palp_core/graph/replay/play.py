@@ -72,10 +72,10 @@ class Playback(contextlib.AbstractContextManager["Playback"]):
     ) -> None:
         first_ns, last_ns = span_ns(bag)
         start_ns = begin_ns(bag, start_offset_s)
-        limits_s = [last_ns / 1e9 if until_s is None else until_s]
+        limits_ns = [last_ns if until_s is None else round(until_s * 1e9)]
         if duration_s is not None:
-            limits_s.append(start_ns / 1e9 + duration_s)
-        self.span_ns = round(min(limits_s) * 1e9) - start_ns
+            limits_ns.append(start_ns + round(duration_s * 1e9))
+        self.span_ns = min(limits_ns) - start_ns
         if next(bag.recorded(names, start_ns=start_ns, end_ns=start_ns + self.span_ns + 1), None) is None:
             span = f"{first_ns / 1e9:.3f} .. {last_ns / 1e9:.3f} s"
             raise BagError(f"{bag.path}: no message of the chosen topics and time; the bag has {span}")

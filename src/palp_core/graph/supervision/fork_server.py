@@ -29,6 +29,7 @@ import msgspec
 from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest
+from palp_core.graph.node.spec import RECORDER
 from palp_core.graph.process.channel import ChannelClosed, ChannelMessage, MessageChannel
 from palp_core.graph.process.control_messages import Spawn
 from palp_core.graph.supervision import class_inspection
@@ -50,6 +51,7 @@ from palp_core.graph.supervision.interrupt import Interrupt
 from palp_core.graph.supervision.logs import LogWriter
 
 GRACE_NS = 600_000_000
+RECORDER_GRACE_NS = 12_000_000_000
 CLOSE_TIMEOUT_S = 5.0
 LIGHT = ("numpy", "numpy.random", "msgspec", "msgpack", "palp_core.graph.node.executor")
 """What every node needs; no zmq (a child may use an inherited socket without error), and nothing of the
@@ -251,6 +253,7 @@ class _Server:
         self._wake, self._wake_write = _quiet_pipe()
         self._inspections: dict[int, tuple[MessageChannel[HeavyImport | Inspected], int, ToRun]] = {}
         self._children: dict[int, str] = {}
+        self._recorders: set[int] = set()
         self._prints: dict[int, int] = {}
         self._logs = LogWriter()
         self._pid = os.getpid()
@@ -298,7 +301,10 @@ class _Server:
             return self._start_inspection(request)
         read_end, write_end = self._logs.open(request.spec.name, Path(request.log))
         try:
-            self._prints[self._fork(request.place, write_end, lambda: _run(request))] = read_end
+            pid = self._fork(request.place, write_end, lambda: _run(request))
+            self._prints[pid] = read_end
+            if request.spec.run == RECORDER:
+                self._recorders.add(pid)
         except OSError:
             self._logs.close(read_end)
             raise
@@ -394,18 +400,23 @@ class _Server:
         return output
 
     def _end_all(self) -> None:
-        deadline_ns = monotonic_ns() + GRACE_NS
-        for pid in self._children:
-            for number in (signal.SIGTERM, signal.SIGCONT):  # a stopped one, too, gets to its safe state
-                os.kill(pid, number)
-        while self._children and (left_ns := deadline_ns - monotonic_ns()) > 0:
-            if select.select((self._wake,), (), (), left_ns / 1e9)[0]:
-                self._reap()
-        for pid in self._children:
-            os.kill(pid, signal.SIGKILL)
-            os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)
+        """End the nodes, then the recorders, which take what these still publish and finish their bags."""
+        self._end([pid for pid in self._children if pid not in self._recorders], GRACE_NS)
+        self._end([pid for pid in self._children if pid in self._recorders], RECORDER_GRACE_NS)
         self._reap()
         self._end_adopted()
+
+    def _end(self, pids: Sequence[int], grace_ns: int) -> None:
+        deadline_ns = monotonic_ns() + grace_ns
+        for pid in pids:
+            for number in (signal.SIGTERM, signal.SIGCONT):  # a stopped one, too, gets to its safe state
+                os.kill(pid, number)
+        while self._children.keys() & pids and (left_ns := deadline_ns - monotonic_ns()) > 0:
+            if select.select((self._wake,), (), (), left_ns / 1e9)[0]:
+                self._reap()
+        for pid in self._children.keys() & pids:
+            os.kill(pid, signal.SIGKILL)
+            os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)
 
     def _end_adopted(self) -> None:
         """End what children have started in process groups of their own and left to this process.

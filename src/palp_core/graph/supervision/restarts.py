@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 
 from palp_core.errors import NodeError
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.description.checked import RECORDER
 from palp_core.graph.messages.builtin import NodeHealth
 from palp_core.graph.messages.message import decode
+from palp_core.graph.node.spec import RECORDER
 from palp_core.graph.process.control_messages import Raised
 from palp_core.graph.supervision.interrupt import KILL_NS
 from palp_core.graph.supervision.launcher_node import LauncherNode

@@ -6,9 +6,10 @@ from typing import Any
 
 import msgspec
 
-from palp_core.graph.description.checked import CheckedGraph
+from palp_core.graph.description.checked import CheckedGraph, TopicInfo
 from palp_core.graph.description.launch_file import GraphNode
 from palp_core.graph.description.node_class import NodeClass
+from palp_core.graph.description.wire_check import type_misfit
 from palp_core.graph.description.wiring import build, check_wires, described, fitted
 from palp_core.graph.node.spec import NodeSpec
 from palp_core.graph.problems import Problems
@@ -25,7 +26,22 @@ def incompatibilities(checked: CheckedGraph, spec: NodeSpec, new_class: NodeClas
     for name, node in nodes.items():
         if name == spec.name or any(wire.node == spec.name for wire in node.inputs.values()):
             check_wires(node, nodes, (), problems)
-    return [*new_class.param_errors.values(), *(problem.message for problem in problems.listed())]
+    return [
+        *new_class.param_errors.values(),
+        *(problem.message for problem in problems.listed()),
+        *_changed_types(checked, spec.name, new_class),
+    ]
+
+
+def _changed_types(checked: CheckedGraph, name: str, new_class: NodeClass) -> list[str]:
+    """Return the outputs that no node reads, and that would go on with another type of message."""
+    found = []
+    for source, info in checked.topics.items():
+        port = new_class.ports.get(info.port)
+        if info.node == name and source not in checked.edges and port is not None and port.kind == "pub":
+            torn = type_misfit(info, TopicInfo.of(name, port))
+            found += [f"output '{info.port}': {torn.text}"] if torn is not None else []
+    return found
 
 
 def replaced(

@@ -336,7 +336,7 @@ class Swap(StepEngine):
         if answer is None and self._old.ended:
             self._unpublished += self._latest.frames
         self._can_roll_back &= answer is not None and not answer.error
-        self._must_commit = self._latest.last and not self._can_roll_back
+        self._must_commit = not self._can_roll_back and (self._latest.last or not self._wall)
 
     # Rounds of simulated time, while both nodes are there
 

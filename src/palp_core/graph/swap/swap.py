@@ -1,7 +1,6 @@
 """Hot swap: let another class take a running node's place, at one handler boundary, or leave all as it was.
 
-What is asked for, what came of it, and who may ask: a tool, Python, or an experiment by its plan.
-The steps themselves are in :mod:`.process_swap` and :mod:`.composed_swap`.
+What is asked for and what came of it; who may ask is in :mod:`.swapper`, the steps are in :mod:`.engine`.
 """
 
 from collections.abc import Mapping

@@ -17,7 +17,7 @@ from palp_core.graph.messages.message import decode
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.loading import source_of
 from palp_core.graph.node.params import changed_read_only
-from palp_core.graph.node.spec import NodeSpec
+from palp_core.graph.node.spec import RECORDER, NodeSpec
 from palp_core.graph.problems import hint
 from palp_core.graph.process.control_messages import Done
 from palp_core.graph.swap.compatibility import incompatibilities, replaced
@@ -166,6 +166,8 @@ class Swapper:
             why = "lives on another host; swap it there" if elsewhere else f"is not there{hint(name, specs)}"
             raise GraphError(f"node '{name}' of graph '{checked.graph}' {why}")
         old = specs[name]
+        if old.run == RECORDER:
+            raise GraphError(f"node '{name}' is a recorder; record besides: palp bag record -a")
         run = _run_of(request, old, checked.workspace)
         before = old.params if run == old.run else {}
         wanted = NodeClassRequest(run, {**before, **request.params}, name=name)

@@ -15,10 +15,11 @@ class InFlightBytes:
         self.untracked = 0  # sent past this account; the next that it sends leaves after all of them
 
     def has_room(self, size: int) -> bool:
-        """Return whether so many bytes more may be sent."""
+        """Return whether so many bytes more may be sent; what is larger than the most goes alone."""
         while self._parts and self._parts[0][0].done:
             self._total -= self._parts.popleft()[1]
-        return self._total + self.untracked + size <= self._most
+        held = self._total + self.untracked
+        return not held or held + size <= self._most
 
     def send(self, socket: zmq.Socket[bytes], part: bytes | memoryview, flags: int = 0) -> None:
         """Send a part of a message without a copy, and count it until it has left."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, Self
 
 import numpy as np
 
@@ -63,11 +62,6 @@ class TraceSettings(Params):
     texture_length_mm: MillimetresPositive = 3.0
     run_in: bool = False
     resolution_n_mm: NewtonMillimetresPositive = RESOLUTION_N_M * 1e3
-
-    @classmethod
-    def of(cls, given: Mapping[str, Any]) -> Self:
-        """Return those of a node's parameters by name; others are left out."""
-        return cls(**{name: given[name] for name in cls.__struct_fields__ if name in given})
 
     @property
     def bins(self) -> PositionBins:

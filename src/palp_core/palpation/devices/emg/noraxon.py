@@ -23,6 +23,7 @@ from palp_core.palpation.devices.unverified import warn_unverified
 _VOLT = {"uV": 1e-6, "µV": 1e-6, "mV": 1e-3, "V": 1.0}
 _TRIES = 3
 _CHUNK = 1 << 16
+_DISCARD_S = 60.0  # for what was measured before
 _LARGEST = 16 << 20  # of an answer: some minutes of every channel
 
 
@@ -90,7 +91,7 @@ class _NoraxonSession:
             self._get("/disable/all")
             for channel in self._channels:
                 self._get(f"/enable/{channel}")
-            self._get("/samples")  # the first reply holds what was measured before
+            self._get("/samples", discard=True)  # the first reply holds what was measured before
         except BaseException:
             self._connection.close()
             raise
@@ -144,15 +145,16 @@ class _NoraxonSession:
                 f"noraxon: MR3 samples at {rates} Hz, not {self._source.rate_hz:g}; set rate_hz"
             )
 
-    def _get(self, path: str) -> bytes:
+    def _get(self, path: str, *, discard: bool = False) -> bytes:
         try:
             self._connection.request("GET", path)
             reply = self._connection.getresponse()
-            body, timeout = b"", ReplyTimeout(self._source.timeout_s)
-            while part := reply.read(_CHUNK):
-                body += part
+            body, timeout = b"", ReplyTimeout(_DISCARD_S if discard else self._source.timeout_s)
+            while part := reply.read1(_CHUNK):
+                body += part if not discard else b""
                 if timeout.expired() or len(body) > _LARGEST:
                     raise http.client.HTTPException(f"the answer does not end: {len(body)} bytes so far")
+            reply.read()  # raises where the answer was cut short
         except (OSError, http.client.HTTPException) as error:
             self._connection.close()
             raise DeviceError(

@@ -137,21 +137,6 @@ def classes(log_density: Float64Array) -> Float64Array:
     return np.asarray(share / share.sum(axis=-1, keepdims=True))
 
 
-def cut(model: TraceModel, belief: TraceBelief, bins: int) -> TraceBelief:
-    """Return the belief as it was when so many bins of the last sweep were read."""
-    *earlier, last = belief.sweeps
-    past = sum(one.bins for one in earlier)
-    sweeps = (*earlier, last._replace(bins=bins))
-    innovation = belief.innovation[:, :, : past + bins]
-    density, at = np.zeros(belief.log_density.shape), 0
-    for number, one in enumerate(sweeps):
-        factor = model.factor(sweeps[:number], one._replace(bins=model.bin_count))
-        for row in range(one.bins):
-            density = density - _nats(innovation[:, :, at + row], factor.log_diagonal[:, row])
-        at += one.bins
-    return TraceBelief(sweeps, innovation, density)
-
-
 def fit_probability(belief: TraceBelief) -> Float64Array:
     """Return how probable torques that fit no better are, shape (n,): chi-squared under the best class.
 

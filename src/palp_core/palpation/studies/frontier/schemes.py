@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from palp_core.methods import find
 from palp_core.palpation.perception.belief.rig_noise import (
     assumed_noise,
@@ -43,7 +41,6 @@ from palp_core.palpation.studies.frontier.trace_trials import (
 from palp_core.palpation.studies.simulation.policies import TrainedFeature, train_feature
 from palp_core.palpation.studies.simulation.session import WorldPlan, WorldSession
 from palp_core.palpation.studies.simulation.trials import Outcomes, run_trials
-from palp_core.units import Float64Array
 
 TRACE = "trace"
 RING_SD_M = 0.3e-3 / 3**0.5
@@ -113,13 +110,11 @@ class SchemeRun:
 
     Attributes:
         ended: Its trials.
-        fit: Of traces: how probable worse ones are, shape (n,); of features ones.
         cpu_s: Seconds of one core a trial that deciding took, all trials at once; simulating what was felt is
             not in it.
     """
 
     ended: Outcomes
-    fit: Float64Array
     cpu_s: float
 
 
@@ -189,7 +184,7 @@ def _by_feature(known: TrainedFeature, scheme: Scheme, task: DepthTask | None) -
     ended = run_trials(known.trials, model, policy, stop, timing=scheme.steps.timing)
     spent_s = session.simulating.outside() - before
     count = len(ended.depth)
-    return SchemeRun(ended, np.ones(count), spent_s / count)
+    return SchemeRun(ended, spent_s / count)
 
 
 def _stop(scheme: Scheme, task: DepthTask | None) -> StopRule | None:
@@ -234,4 +229,4 @@ def _by_trace(
         grid_m=grid_m,
     )
     spent_s = session.simulating.outside() - before
-    return SchemeRun(done.ended, done.fit, spent_s / len(done.ended.depth))
+    return SchemeRun(done.ended, spent_s / len(done.ended.depth))

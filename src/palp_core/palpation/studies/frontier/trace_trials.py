@@ -14,9 +14,7 @@ from palp_core.palpation.perception.strategy.policies import StiffnessPolicy, gi
 from palp_core.palpation.perception.trace.belief import (
     TraceBelief,
     begin_sweep,
-    cut,
     expected_bits,
-    fit_probability,
     observe_stepwise,
     start,
 )
@@ -73,12 +71,10 @@ class TraceOutcomes:
 
     Attributes:
         ended: As of any trials.
-        fit: How probable torques are that fit no better, shape (n,).
         way_m: Way swept in the last sweep, shape (n,).
     """
 
     ended: Outcomes
-    fit: Float64Array
     way_m: Float64Array
 
 
@@ -99,7 +95,7 @@ def run_trace_trials(
     end = np.full((count, m), 1.0 / m)
     probes, moves = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
     seconds, decided = np.zeros(count), np.zeros(count, dtype=bool)
-    fit, way = np.ones(count), np.zeros(count)
+    way = np.zeros(count)
     error_m = np.zeros(count)
     groups: list[tuple[NDArray[np.int64], TraceBelief, int]] = [(np.arange(count), start(model, count), -1)]
     for t in range(most):
@@ -130,14 +126,13 @@ def run_trace_trials(
                 probes[some], decided[some] = t + 1, halt
                 way[some] = (last + 1) * BIN_M
                 seconds[some] += protocol.sweep_s(way[some]) + protocol.back_s(way[some])
-                fit[some] = _fits(model, after, last + 1)
                 if (~halt).any():
                     following.append((some[~halt], after[~halt], int(setting)))
         groups = following
         if not groups:
             break
     ended = outcomes(session, depths_m, end, probes, moves, seconds, decided)
-    return TraceOutcomes(ended, fit, way)
+    return TraceOutcomes(ended, way)
 
 
 def first_sure(sure: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
@@ -188,15 +183,6 @@ def _whole_sweeps(
     flat = np.full(before.shape[1], 1.0 / before.shape[1])
     found[:, -1] = stop.check(BeliefStep.over(flat, posterior[:, -1], before, probes)).converged
     return found
-
-
-def _fits(model: TraceModel, after: TraceBelief, bins: NDArray[np.int64]) -> Float64Array:
-    """Return the fit of what was read up to the verdict."""
-    fit = np.empty(len(bins))
-    for number in np.unique(bins):
-        here = bins == number
-        fit[here] = fit_probability(cut(model, after[here], int(number)))
-    return fit
 
 
 @dataclass(frozen=True)

@@ -111,7 +111,10 @@ def train_feature(
         floor=quantisation_sd(RESOLUTION_N_M),
     )
     cells = readings.reshape(len(gel.depths_m), len(gel.rings_m), -1)
-    if noise is None:
+    naive = latent = independent_model(primitives)
+    if len(gel.rings_m) < 2:
+        pass  # nothing tells how a reading answers to the ring
+    elif noise is None:
         latent = informed_model(primitives, plan, feature)
     else:
         slope = _height_slope(gel, feature)
@@ -120,7 +123,6 @@ def train_feature(
             primitives = primitives.interpolated(grid)
             slope = on_depths(slope, np.asarray(gel.depths_m), grid)
         latent = latent_model(primitives, noise, slope)
-    naive = independent_model(primitives)
     return TrainedFeature(trials, primitives, best_ring(cells), naive, latent)
 
 
