@@ -120,7 +120,7 @@ def test_it_shows_what_the_nodes_have_said() -> None:
     simulated(strip_and_page(Viewer(source=RigSource(), operator=pressed())), look)  # type: ignore[arg-type]
 
 
-def test_a_ring_that_waits_is_source_and_once_the_graph_has_ended_nobody_calls_it_silent() -> None:
+def test_a_ring_that_waits_is_shown_and_once_the_graph_has_ended_nobody_calls_it_silent() -> None:
     source = RigSource()
     homing = {"target_m": 0.016, "measured_m": 0.016, "settled": False, "rehome": True, "stamp_ns": 1}
     source.add("RingState", 4, homing)
@@ -215,7 +215,7 @@ def test_where_sweeps_are_shown_when_they_are_over_the_ring_is_shown_as_it_was_i
     assert now.ring_m == now.ring["measured_m"] == 0.004
 
 
-def test_muscles_that_have_fallen_silent_are_source_as_that() -> None:
+def test_muscles_that_have_fallen_silent_are_shown_as_that() -> None:
     last = {**SAID["CoContraction"][0][1], "stamp_ns": 69_000_000_000}
     assert "silent since 69 s" in muscle_text(last, None, 72.0)
     assert "silent" not in muscle_text(last, None, 120.0, fast=True)

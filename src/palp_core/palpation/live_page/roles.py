@@ -23,9 +23,9 @@ def topics_by_type(topics: Sequence[Topic], wires: Sequence[WireState] = ()) -> 
     """
     experiment = next((topic.node for topic in topics if topic.type == EXPERIMENT), "")
     by_experiment = {wire.topic for wire in wires if wire.reader == experiment}
-    sample = {wire.topic for wire in wires}
+    read_by_any = {wire.topic for wire in wires}
     found: dict[str, str] = {}
-    for topic in sorted(topics, key=lambda one: (one.name not in by_experiment, one.name not in sample)):
+    for topic in sorted(topics, key=lambda one: (one.name not in by_experiment, one.name not in read_by_any)):
         found.setdefault(topic.type, topic.name)
     return found
 

@@ -108,9 +108,9 @@ def _plot(source: ViewSource, topic: str, fields: dict[str, str], file: str, *, 
         seen = [-1]
 
         def tick() -> None:
-            sample = _new(watch, seen) if last_only else watch.read_new()
+            samples = _new(watch, seen) if last_only else watch.read_new()
             for place, field in enumerate(series):
-                points = np.concatenate([waiting[place], *(field.add(message) for message in sample)])
+                points = np.concatenate([waiting[place], *(field.add(message) for message in samples)])
                 waiting[place] = shown(points, SPAN_S)
             if any(len(points) for points in waiting) and not plot.busy:
                 for one in (plot, along):
