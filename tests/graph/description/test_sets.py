@@ -8,6 +8,7 @@ import pytest
 
 from palp_core.graph.description.launch_file import arguments_text
 from palp_core.graph.description.resolver import resolve
+from palp_core.graph.problems import GraphProblems
 
 PART = """
     args:
@@ -77,6 +78,12 @@ def test_the_including_file_may_give_the_word_or_what_it_sets(workspace: Any) ->
     assert both == (2000.0, 5.0)
     declares = WHOLE.replace("clock: sim", "clock: sim\n    args: {gain: {default: 4.0}}")
     assert set_to(workspace, "speed:=fast", whole=declares) == (2000.0, 4.0)
+
+
+def test_a_word_whose_value_is_what_it_sets_is_a_mistake(workspace: Any) -> None:
+    circle = WHOLE.replace("args: {source: torque}", "args: {source: torque, speed: $(var gain)}")
+    with pytest.raises(GraphProblems, match="argument 'speed' takes its value from itself"):
+        set_to(workspace, whole=circle)
 
 
 def test_what_a_word_sets_is_shown(workspace: Any) -> None:

@@ -49,7 +49,7 @@ class Variable:
         self, file: SourceFile, argument: Argument, source: Variable | Passed | Given | None
     ) -> None:
         self.file, self.argument, self._source = file, argument, source
-        self.used = bool(argument.sets)
+        self.used, self._asked = bool(argument.sets), False
         if isinstance(source, Variable):
             source.used = True
 
@@ -74,6 +74,11 @@ class Variable:
     @cached_property
     def value(self) -> Any:
         """The value; UNKNOWN after reporting that it does not fit or is missing."""
+        if self._asked:
+            what = f"argument '{self.argument.name}' takes its value from itself"
+            self.file.problems.add(self.mark or self.file.place, f"{what}; give a value in its place")
+            return UNKNOWN
+        self._asked = True
         chosen = self._chosen()
         return self.file.forced.get(self.origin, chosen)
 
