@@ -1,7 +1,7 @@
 """EMG whose bursts and levels are known: how many are found, how many are false, how many levels are right.
 
 By three models (noise in a band, noise shaped as surface EMG, a pool of motor units) under conditions that
-were not used to set a threshold, and under conditions drawn anew for every subject. For comparison: what
+were not used to set a threshold, and under conditions drawn for every subject. For comparison: what
 somebody reads who knows the contractions' times, or their course; what other rules make of the plain
 condition; crosstalk that is kept and removed; whether what is held for long stays one burst; and how often
 the 95 % intervals of ``palp emg fit-policy`` hold the chain that made the EMG. Shares come with Wilson's 95 %
@@ -150,7 +150,7 @@ def drawn(seed: int) -> EmgCondition:
     rng = np.random.default_rng((seed, 19))
     shortest, rest = rng.uniform(0.5, 1.5), rng.uniform(0.4, 0.8)
     return EmgCondition(
-        "drawn anew for every subject",
+        "drawn for every subject",
         held_s=(shortest, shortest + rng.uniform(0.4, 3.0)),
         rest_s=(rest, rest + rng.uniform(0.1, 1.5)),
         noise=rng.uniform(0.002, 0.05),
@@ -215,7 +215,7 @@ def fits(model: str, name: str, options: argparse.Namespace) -> dict[str, Any]:
 
 TABLES: dict[str, tuple[Callable[[str, str, argparse.Namespace], dict[str, Any]], Sequence[str]]] = {
     "known": (known, [of.name for of in CONDITIONS]),
-    "anew": (anew, ["drawn anew for every subject"]),
+    "anew": (anew, ["drawn for every subject"]),
     "crosstalk": (crosstalk, [f"{of.name}, {what}" for of in CROSSTALK for what in ("kept", "removed")]),
     "rules": (rules, [*RULES, *BEFORE]),
     "held": (lambda model, _, options: sustained(model, options.subjects, options.seed), ["for 30 s"]),

@@ -84,7 +84,7 @@ class Estimator(MethodReporter):
     def note_sweep(self, status: SweepStatus) -> None:
         state, sweep = self.state, self.state.memory.sweep
         if status.status == "sweeping":
-            # one that is read at its end goes by when it was over the path, not by when it would be
+            # a sweep that is read at its end takes its times when it is over, not those planned
             times_ns = (status.enter_ns, status.leave_ns) if self.reading.follows else (0, 0)
             self.reading.begin(state.memory, *times_ns)
             if state.stream is not None:

@@ -23,6 +23,7 @@ from palp_core.graph.transport.reorder_buffer import ReorderBuffer
 from palp_core.graph.transport.requester_socket import RequesterSocket
 from palp_core.graph.transport.subscriber_socket import ARRAY_QUEUE, RECEIVE_QUEUE, SubscriberSocket
 
+_MOVED = int(Kind.MOVED)  # an enum costs a comparison in Python
 MOST_UNREAD_BYTES = 64 << 20
 
 
@@ -165,7 +166,7 @@ class TopicReceiver:
             buffer = self.buffers.get(frame.topic)
             if buffer is None:
                 raise SchemaMismatch(f"{frame.topic} is not an input of {executor.name}")
-            if frame.kind == Kind.MOVED:
+            if frame.kind == _MOVED:
                 self._migration.follow(frame, now_ns)
                 self._requester.keep(self._migration.servers.values())
                 self._acks.send_again(frame.topic)
