@@ -84,11 +84,20 @@ def test_each_message_is_in_the_bag_or_in_a_gap_that_was_named_once(
         assert info.problems == [f"{MODE}: all of 4 messages missing"]
 
 
-def test_what_was_asked_for_is_taken_where_it_is_missing_and_only_there(tmp_path: Path, kit: Any) -> None:
+@pytest.mark.parametrize("is_expected_first", [True, False])
+def test_what_was_asked_for_is_taken_where_it_is_missing_and_only_there(
+    tmp_path: Path, kit: Any, is_expected_first: bool
+) -> None:
     recorder = BagRecorder(BagWriter(tmp_path / "run"), kit.TOPICS, from_start=False)
-    recorder.expect_from(MODE, 0, 1)
+    missed: list[tuple[Any, ...]] = []
+    recorder.missed = lambda *gap: missed.append(gap)
+    if is_expected_first:
+        recorder.expect_from(MODE, 0, 1)
     for sequence in (2, 5):
         recorder(0, mode(kit, sequence))
+    recorder.expect_from(MODE, 0, 1)
+    recorder.expect_from(MODE, 0, 3)
+    assert sorted(missed) == [(MODE, 0, 1, 1), (MODE, 0, 3, 4)]
     for sequence in (1, 2, 3, 4, 4, 5):
         recorder.fill(1, mode(kit, sequence))
     assert recorder.taken == 5

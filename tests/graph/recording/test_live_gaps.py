@@ -9,13 +9,21 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
 
+import msgspec
 import pytest
 
+from palp_core import Node
 from palp_core.graph.bag.reader import read
 from palp_core.graph.discovery.run_directory import RunDirectory
 from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.messages.builtin import Order
 from palp_core.graph.messages.frame import parse
+from palp_core.graph.messages.message import encode_any
+from palp_core.graph.messages.qos import Qos
 from palp_core.graph.messages.topic import topic_of
+from palp_core.graph.node.bench import Bench
+from palp_core.graph.node.publisher import PublisherEnd
+from palp_core.graph.node.sequence_account import SequenceAccount
 from palp_core.graph.recording import live_feed
 from palp_core.graph.recording.live_feed import ANSWER_NS, LiveFeed
 from palp_core.graph.transport.subscriber_socket import SubscriberSocket
@@ -97,6 +105,27 @@ def test_what_nobody_has_any_more_is_listed_per_topic_and_ends_non_zero(
     topic = json.loads(told.stdout)["topics"]["/source/sample"]
     assert (topic["count"], topic["lost"]) == (12, 5)
     assert topic["gaps"] == [{"epoch": 0, "first": 11, "last": 15}]
+
+
+def test_what_a_node_takes_up_later_is_recorded_though_it_was_published_before(
+    palp: Palp, graph: FakeGraph, tmp_path: Path
+) -> None:
+    source = graph.node("source", depth=100)
+    publisher = source.sockets.publisher
+    order = PublisherEnd("/source/_order", Order, Qos(depth=1), 0, source, publisher.send)
+    publisher.offer([order])
+    graph.announce(source)
+    source.say(10)
+    recorder = recorded(palp, graph, tmp_path / "bag", source.out.topic, order.topic)
+    source.say(5)
+    consumed = {source.out.topic: SequenceAccount(epoch=0, sequence=7)}
+    state = msgspec.structs.replace(Bench(Node).hand_over(), consumed=consumed)
+    empty: dict[str, Any] = {"sources": [], "source": [], "epoch": [], "sequence": [], "now_ns": []}
+    order.publish(Order(stamp_ns=0, hand_over=encode_any(state), changes=[], **empty))
+    heard(graph, source)
+    code, said = end(graph, recorder)
+    assert code == 0, said
+    assert sorted(sequences(tmp_path / "bag")) == list(range(8, 16))
 
 
 def test_a_publisher_that_is_replaced_is_followed_without_a_gap(

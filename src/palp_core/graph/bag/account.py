@@ -30,7 +30,7 @@ class EpochAccount:
 
     def __init__(self, epoch: int, first: int | None) -> None:
         self.epoch = epoch
-        self.next = first
+        self.next = self._first = first
         self.count = 0
         self.repeated = 0
         self._gaps: list[tuple[int, int]] = []
@@ -42,7 +42,9 @@ class EpochAccount:
 
     def add(self, sequence: int) -> None:
         """Take a message into account."""
-        if self.next is None or sequence == self.next:
+        if self.next is None:
+            self.next = self._first = sequence
+        if sequence == self.next:
             self.next = sequence + 1
             self.count += 1
         elif sequence > self.next:
@@ -55,10 +57,21 @@ class EpochAccount:
     def expect(self, last: int) -> None:
         """Take into account that the publisher has published up to ``last``."""
         if self.next is None:
-            self.next = last + 1
+            self.next = self._first = last + 1
         elif last >= self.next:
             self._gaps.append((self.next, last))
             self.next = last + 1
+
+    def expect_from(self, first: int) -> int | None:
+        """Take into account that ``first`` belongs to it; return the last one before those that were seen."""
+        if self._first is None:
+            self.next = self._first = first
+        if first >= self._first:
+            return None
+        last = self._first - 1
+        self._gaps.append((first, last))
+        self._first = first
+        return last
 
     def lacks(self, sequence: int) -> bool:
         """Tell whether a message is known to be missing."""

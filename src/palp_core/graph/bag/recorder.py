@@ -144,9 +144,11 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
         self._topics[topic.name] = topic
 
     def expect_from(self, topic: str, epoch: int, first: int) -> None:
-        """Expect a topic to begin with a sequence, whatever is heard first."""
+        """Expect a topic to begin no later than with a sequence, whatever is heard first."""
         account = self._accounts.setdefault(topic, TopicAccount(from_start=self._from_start))
-        account.epochs.setdefault(epoch, EpochAccount(epoch, first))
+        last = account.epochs.setdefault(epoch, EpochAccount(epoch, first)).expect_from(first)
+        if last is not None:
+            self.missed(topic, epoch, first, last)
 
     def fill(self, now_ns: int, frame: bytes) -> None:
         """Record a frame that was asked for, if it is missing still."""

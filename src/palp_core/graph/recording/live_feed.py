@@ -14,8 +14,11 @@ from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.graph_reader import GraphReader
 from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.messages.builtin import Order
 from palp_core.graph.messages.frame import Kind, parse, raw_of
+from palp_core.graph.messages.message import decode, decode_any
 from palp_core.graph.messages.topic import Topic
+from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.journal import ORDER_PORT
 from palp_core.graph.node.spec import RECORDER
 
@@ -65,6 +68,7 @@ class LiveFeed:
         self._from_start = from_start
         self._topics: dict[str, Topic] = {}
         self._new: set[str] = set()
+        self._orders_to_begin: set[bytes] = set()
         self._requester = self._reader.requester()
         self._questions: dict[str, _Question] = {}
         self._waiting: dict[str, deque[_Question]] = {}
@@ -76,6 +80,8 @@ class LiveFeed:
         self._new |= topics.keys() if new else set()
         self._topics.update(topics)
         self.unmatched |= {name.encode(): live for name, live in topics.items()}
+        if not self._from_start:
+            self._orders_to_begin |= {name.encode() for name in topics if is_order(name)}
         self._reader.follow(topics.values(), self._arrive)
 
     @property
@@ -137,6 +143,8 @@ class LiveFeed:
         if self.start_ns is None:
             self._guess(raw)
         self._sink(self.now_ns(monotonic), raw)
+        if self._orders_to_begin and raw[:end] in self._orders_to_begin:
+            self._on_order(raw, raw[:end])
 
     def _guess(self, raw: bytes) -> None:
         """Take the latest stamp for the time until the graph's start is known."""
@@ -167,6 +175,23 @@ class LiveFeed:
             self._sink.expect_from(live.name, frame.epoch, kept[0].sequence)
         for one in kept:
             self._sink(self.now_ns(monotonic_ns()), raw_of(one))
+
+    def _on_order(self, raw: bytes, name: bytes) -> None:
+        """Expect what a node takes up after its written state, though it may have been published before."""
+        try:
+            frame = parse(raw)
+            if frame.kind != Kind.DATA:
+                return
+            order = decode(Order, frame.payload)
+            if not order.hand_over:
+                return
+            consumed = decode_any(HandOver, order.hand_over).consumed
+        except SchemaMismatch:
+            return
+        self._orders_to_begin.discard(name)
+        for topic in consumed.keys() & self._topics.keys():
+            if consumed[topic].epoch >= 0:
+                self._sink.expect_from(topic, consumed[topic].epoch, consumed[topic].sequence + 1)
 
     def _send_question(self, topic: str, question: _Question) -> None:
         live = self._topics.get(topic)
