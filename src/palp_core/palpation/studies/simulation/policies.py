@@ -121,6 +121,7 @@ def train_feature(
         if grid_m:
             grid = np.asarray(grid_m)
             primitives = primitives.interpolated(grid)
+            naive = independent_model(primitives)
             slope = on_depths(slope, np.asarray(gel.depths_m), grid)
         latent = latent_model(primitives, noise, slope)
     return TrainedFeature(trials, primitives, best_ring(cells), naive, latent)
