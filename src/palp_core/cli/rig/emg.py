@@ -81,12 +81,10 @@ def analyse(
     mvc: Annotated[Path | None, option("Recording of the MVC; a bag or a folder may hold its own.")] = None,
     rest: Annotated[Path | None, option("Recording at rest; default: the quietest twentieth.")] = None,
     settings: SettingsOption = None,
-    swept: Annotated[bool, option("Show results over windows, thresholds and valleys.", "--sweep")] = False,
     out: Annotated[Path | None, option("Folder for page (HTML), tables (CSV) and JSON.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Status 1: a trial of the folder failed."""
-    from palp_core.errors import PalpError
     from palp_core.palpation.identification.emg import batch as emg_batch
     from palp_core.palpation.identification.emg.files import is_recording
     from palp_core.palpation.identification.emg.muscles import ImportOptions
@@ -98,8 +96,6 @@ def analyse(
     if out is not None:
         make_folder(out)
     if file.is_dir() and not is_recording(file):
-        if swept:
-            raise PalpError("--sweep is for one recording; name a trial of the folder")
         folder = file / EMG if is_human_session(file) else file
         records = emg_batch.run_folder(folder, mvc, options, chosen, note)
         result = emg_batch.write_batch(records, out) if out else {"trials": records}
@@ -114,8 +110,6 @@ def analyse(
         return
     trial = run_trial(file, mvc, options, chosen, rest)
     record = emg_batch.write_trial(trial, out) if out else trial_record(trial)
-    if swept:
-        record["sweep"] = emg_batch.sweep_trial(trial, out)
     if as_json:
         print_json(record)
     else:
@@ -140,9 +134,6 @@ def analyse(
             "notes",
         )
         print_table([[name, _text(record[name])] for name in shown])
-        if swept:
-            heads = list(record["sweep"][0])
-            print_table([heads, *([_text(row[head]) for head in heads] for row in record["sweep"])])
     _note_written(out)
 
 

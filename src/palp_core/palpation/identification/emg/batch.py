@@ -1,11 +1,12 @@
 """A folder subject/phase/trial of recordings, analysed one by one; a failure does not stop the rest."""
 
+from __future__ import annotations
+
 import json
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,11 +20,15 @@ from palp_core.palpation.identification.emg.trial import (
     trial_record,
 )
 from palp_core.palpation.perception.emg.analysis import EmgSettings, second_eigenvalue
-from palp_core.palpation.perception.emg.sweep import sweep
+from palp_core.palpation.perception.strategy.figure5 import LEVELS
 from palp_core.palpation.perception.strategy.markov import count_transitions, transition_matrix
+from palp_core.palpation.reporting.charts import GREY, INK, Chart, depth_style
 from palp_core.palpation.reporting.html_page import Picture, picture, write_page
-from palp_core.palpation.reporting.table import write_csv, write_records
+from palp_core.palpation.reporting.table import write_csv
 from palp_core.whole_file import write_whole
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COLUMNS = (
     "subject", "phase", "trial", "duration_s", "rate_hz", "unit", "burst_count", "peak_count",
@@ -48,9 +53,6 @@ def run_folder(
 
     Returns:
         A record per trial, as of :func:`trial_record` with ``subject``, ``phase``, ``trial``, ``error``.
-
-    Raises:
-        PalpError: There is no trial in the folder.
     """
     records = []
     for subject in _folders(folder):
@@ -78,10 +80,41 @@ def write_batch(records: Sequence[dict[str, Any]], out: Path) -> dict[str, Any]:
     return result
 
 
+def trial_chart(trial: EmgTrial) -> Chart:
+    """Return the chart; its numbers are the peaks."""
+    result, rate_hz = trial.analysis, trial.settings.rate_hz
+    times_s = np.arange(result.cocontraction.size) / rate_hz
+    shown = np.where(result.trusted, result.cocontraction, np.nan)
+    peaks = [(peak.index / rate_hz, peak.value) for peak in result.peaks]
+    levels = [int(level) + 1 for level in result.levels.index]
+
+    def draw(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        for level in LEVELS:
+            axes.axhline(level, color=GREY, linewidth=0.5, linestyle=":")
+        for one in result.bursts:
+            axes.axvspan(one.begin / rate_hz, one.end / rate_hz, color=GREY, alpha=0.2, linewidth=0.0)
+        axes.plot(times_s, shown, color=INK, linewidth=0.7)
+        if peaks:
+            style = depth_style(1) | {"linestyle": "none"}
+            axes.plot(*zip(*peaks, strict=True), **style, markersize=4)
+        axes.set_xlabel("time (s)")
+        axes.set_ylabel("co-contraction (of MVC)")
+
+    return Chart(
+        name="cocontraction",
+        title="Co-contraction and its bursts",
+        caption="Normalised co-contraction, eq. (3); shaded are its bursts, squares the peaks within them, "
+        "dotted lines the five levels, gaps are lost samples.",
+        height=3.2,
+        columns=("time_s", "cocontraction", "level"),
+        rows=[[*peak, level] for peak, level in zip(peaks, levels, strict=True)],
+        draw=draw,
+    )
+
+
 def write_trial(trial: EmgTrial, out: Path) -> dict[str, Any]:
     """Write the page, its numbers and the time series of one trial, and return its record."""
-    from palp_core.palpation.identification.emg.chart import trial_chart
-
     record = {"subject": "", "phase": "", "trial": trial.path.stem, "error": None, **trial_record(trial)}
     shown = picture(trial_chart(trial), out)
     _write(out, [record], record, f"EMG of {trial.path.name}", shown)
@@ -90,16 +123,6 @@ def write_trial(trial: EmgTrial, out: Path) -> dict[str, Any]:
         file.write(",".join(heading) + "\n")
         np.savetxt(file, np.array(rows), fmt="%.9g", delimiter=",")
     return record
-
-
-def sweep_trial(trial: EmgTrial, out: Path | None) -> list[dict[str, Any]]:
-    """Return bursts and lambda_2 over the settings' ranges; with a folder, also write sweep.csv."""
-    rows = [asdict(row) for row in sweep([(trial.samples, trial.effort)], trial.settings)]
-    for row in rows:
-        row["lambda_2"] = None if np.isnan(row["lambda_2"]) else row["lambda_2"]
-    if out is not None:
-        write_records(out / "sweep.csv", rows)
-    return rows
 
 
 def _write(

@@ -17,47 +17,31 @@ from palp_core.whole_file import check_regular
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A column of numbers; its index is its place in the file.
+    """A column of numbers; its index is its place in the file."""
 
-    Attributes:
-        name: As in the file; two columns may have one name.
-        samples: Shape (n,); NaN where the file has none.
-        unit: Unit that the file states, as :func:`plain_unit` writes it; empty if it states none.
-        rate_hz: Sampling rate by a field of the format; None if it has none.
-        times_s: Time of each sample, shape (n,), where the format has a clock for it.
-    """
-
-    name: str
-    samples: Float64Array
-    unit: str = ""
-    rate_hz: float | None = None
+    name: str  # As in the file; two columns may have one name
+    samples: Float64Array  # Shape (n,); NaN where the file has none
+    unit: str = ""  # Unit that the file states, as plain_unit writes it; empty if it states none
+    rate_hz: float | None = None  # Sampling rate by a field of the format; None if it has none
+    # Time of each sample, shape (n,), where the format has a clock for it
     times_s: Float64Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class EmgFile:
-    """What a file holds.
+    """What a file holds."""
 
-    Attributes:
-        path: The file.
-        format: Name of its format.
-        columns: Its columns of numbers.
-        phases: Stretches of samples [begin, end) by phase, as ``mvc``; empty where the file has none.
-        notes: What a reader of the numbers ought to know.
-        begin_s: Time of the first sample on the clock of its run; 0 where the file has no such clock.
-        rate_from: Where the field of the sampling rate stands, as ``key 'fs'``.
-        lines: Line of the file of each sample; empty where the format has no lines.
-        hints: Lines of free text that speak of a rate; nobody believes them, errors quote them.
-    """
-
-    path: Path
-    format: str
-    columns: tuple[Column, ...]
+    path: Path  # The file
+    format: str  # Name of its format
+    columns: tuple[Column, ...]  # Its columns of numbers
+    # Stretches of samples [begin, end) by phase, as `mvc`; empty where the file has none
     phases: Mapping[str, tuple[tuple[int, int], ...]] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # What a reader of the numbers ought to know
+    # Time of the first sample on the clock of its run; 0 where the file has no such clock
     begin_s: float = 0.0
-    rate_from: str = "the file"
-    lines: Sequence[int] = ()
+    rate_from: str = "the file"  # Where the field of the sampling rate stands, as `key 'fs'`
+    lines: Sequence[int] = ()  # Line of the file of each sample; empty where the format has no lines
+    # Lines of free text that speak of a rate; nobody believes them, errors quote them
     hints: tuple[str, ...] = ()
 
     def label(self, index: int) -> str:
@@ -102,7 +86,6 @@ _READERS = {
     ".edf": f"{_HERE}.files_edf:read_edf",
     ".bdf": f"{_HERE}.files_edf:read_edf",
     ".xdf": f"{_HERE}.files_xdf:read_xdf",
-    ".xdfz": f"{_HERE}.files_xdf:read_xdf",
     ".mcap": f"{_HERE}.files_bag:read_bag",
 }
 

@@ -14,12 +14,7 @@ _MOST_LOST = 10  # grid over samples; beyond it the blocks are not one recording
 
 
 def read_bag(path: Path) -> EmgFile:
-    """Read the one topic whose messages carry ``fds_v`` and ``edc_v``.
-
-    Raises:
-        PalpError: There is no such topic or several, or rates differ within it.
-        BagError: The bag cannot be read.
-    """
+    """Read the one topic whose messages carry ``fds_v`` and ``edc_v``."""
     blocks: dict[str, list[Any]] = {}
     with Bag(path) as bag:
         names = [name for name in bag.topics() if not name.startswith("/_")]

@@ -17,11 +17,7 @@ _LEAST = 8  # values; what is shorter is a setting
 
 
 def read_npz(path: Path) -> EmgFile:
-    """Read an archive of arrays: one dimension is a column, the longer of two runs over the samples.
-
-    Raises:
-        PalpError: It is no archive of plain numbers, or keys state several rates.
-    """
+    """Read an archive of arrays: one dimension is a column, the longer of two runs over the samples."""
     with catch_foreign(f"{path}: not a readable NPZ file", PalpError):
         archive = np.load(path, allow_pickle=False)
         if isinstance(archive, np.ndarray):

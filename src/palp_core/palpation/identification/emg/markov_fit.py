@@ -22,7 +22,6 @@ from palp_core.palpation.perception.strategy.markov_posterior import (
     fit_chain,
     summarise,
 )
-from palp_core.palpation.perception.strategy.markov_readings import READINGS, long_run
 from palp_core.palpation.session.human.record import (
     EMG,
     emg_depths,
@@ -35,35 +34,23 @@ _LEAST_SD = 0.01
 
 @dataclass(frozen=True)
 class EmgRecordingPath:
-    """A recording, or a folder of them (subject/phase/trial, or a session's), and the depth if it is known.
+    """A recording, or a folder of them (subject/phase/trial, or a session's), and its depth if known."""
 
-    Attributes:
-        path: The file or folder.
-        depth_m: As stated; None: as the table of a session with a person has it; else as the file's name says
-            (``trial3_2mm.csv``); else not known.
-    """
-
-    path: Path
+    path: Path  # The file or folder
+    # As stated; None: as the table of a session with a person has it; else as the file's name says
+    # (`trial3_2mm.csv`); else not known
     depth_m: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class FittedChain:
-    """A chain with what it was learnt from.
+    """A chain with what it was learnt from."""
 
-    Attributes:
-        depth_m: Depth of its trials; None: all trials.
-        trial_count: Trials behind it.
-        peaks: Strength of the peaks of co-contraction, dimensionless.
-        clamped_count: Peaks outside the scale of levels.
-        summary: What the chain's posterior says.
-    """
-
-    depth_m: float | None
-    trial_count: int
-    peaks: tuple[float, ...]
-    clamped_count: int
-    summary: ChainSummary
+    depth_m: float | None  # Depth of its trials; None: all trials
+    trial_count: int  # Trials behind it
+    peaks: tuple[float, ...]  # Strength of the peaks of co-contraction, dimensionless
+    clamped_count: int  # Peaks outside the scale of levels
+    summary: ChainSummary  # What the chain's posterior says
 
     @property
     def mean_level(self) -> float:
@@ -109,21 +96,7 @@ def fit(
     mass: float = 0.95,
     tell: Callable[[str], None],
 ) -> StrategyFit:
-    """Analyse recordings and learn the chains; no transition spans two trials or a gap.
-
-    Args:
-        sources: Recordings.
-        mvc: MVC of all; None: each file's or subject's own.
-        options: What the user states of the files.
-        settings: How bursts, peaks and levels are found.
-        rng: Draws the intervals' matrices.
-        prior_count: Pseudo-count of the Dirichlet prior.
-        mass: Probability inside the intervals.
-        tell: Told of each trial of a folder that failed.
-
-    Raises:
-        PalpError: A file cannot be used, or no trial has a transition.
-    """
+    """Analyse recordings and learn the chains; no transition spans two trials or a gap."""
     records: list[dict[str, Any]] = []
     places = [source.path.resolve() for source in sources]
     for source in sources:
@@ -257,15 +230,6 @@ def _chain_record(one: FittedChain) -> dict[str, Any]:
             "closed_classes": seen.structure.closed_class_count if seen.structure else 0,
             "irreducible": bool(seen.structure and seen.structure.irreducible),
             "period": seen.structure.period if seen.structure else 0,
-        },
-        "readings": {
-            reading: {"law": list(run.law), "mean_level": run.mean_level, "frozen_after": run.frozen_after}
-            for reading in READINGS
-            for run in [
-                long_run(
-                    summary.matrix, reading, levels=LEVELS, mean_level=one.mean_level, sd_level=one.sd_level
-                )
-            ]
         },
     }
 

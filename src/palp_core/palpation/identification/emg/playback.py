@@ -28,25 +28,15 @@ class EmgPlaybackState(msgspec.Struct):
 
 @dataclass(frozen=True)
 class EmgPlayback:
-    """Which recordings; each phase goes on where it stopped, and begins again at its end.
-
-    Attributes:
-        path: A recording whose phases are told, as in a bag; or one of palpation alone.
-        mvc: A recording of the MVC; empty: the phase ``mvc`` of ``path``.
-        rest: One at rest; empty: the phase ``rest`` of ``path``.
-        rate_hz: The recordings' rate.
-
-    Raises:
-        DeviceError: A recording cannot be used, or a phase is nowhere.
-    """
+    """Which recordings; each phase goes on where it stopped, and begins again at its end."""
 
     LINK: ClassVar[str] = "none: a recording"
     state_type: ClassVar[type[EmgPlaybackState]] = EmgPlaybackState
 
-    path: str
-    mvc: str = ""
-    rest: str = ""
-    rate_hz: float = 1500.0
+    path: str  # A recording whose phases are told, as in a bag; or one of palpation alone
+    mvc: str = ""  # A recording of the MVC; empty: the phase `mvc` of `path`
+    rest: str = ""  # One at rest; empty: the phase `rest` of `path`
+    rate_hz: float = 1500.0  # The recordings' rate
     _phases: dict[str, Float64Array] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -82,11 +72,7 @@ class EmgPlayback:
         state.doing = phase
 
     def open(self, now_ns: int, state: EmgPlaybackState, rng: np.random.Generator) -> None:
-        """Start with sample 0 now; go on where a state was.
-
-        Raises:
-            DeviceError: No recording is named.
-        """
+        """Start with sample 0 now; go on where a state was."""
         if not self._phases:
             raise DeviceError("emg: a recording is to be played and none is named; give recording:=FILE")
         if state.start_ns < 0:

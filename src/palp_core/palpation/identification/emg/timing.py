@@ -21,19 +21,12 @@ class TimeFault(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Timing:
-    """Samples on an even grid.
+    """Samples on an even grid."""
 
-    Attributes:
-        rate: Samples per unit of time.
-        places: Place of each sample on the grid, from 0, shape (n,).
-        begin: Time of the first sample.
-        doubt: Share by which the rate may be off, where stamps are rounded to less than a sample.
-    """
-
-    rate: float
-    places: NDArray[np.int64]
-    begin: float
-    doubt: float = 0.0
+    rate: float  # Samples per unit of time
+    places: NDArray[np.int64]  # Place of each sample on the grid, from 0, shape (n,)
+    begin: float  # Time of the first sample
+    doubt: float = 0.0  # Share by which the rate may be off, where stamps are rounded to less than a sample
 
 
 def time_samples(times: Float64Array) -> Timing:
@@ -43,12 +36,6 @@ def time_samples(times: Float64Array) -> Timing:
     smallest one is a gap. Otherwise a step of more than two and a half ordinary ones is, and a step of two
     is a lost sample, unless rounding explains it: then such steps are many, and the stamps stay on an even
     grid.
-
-    Args:
-        times: Time of each sample in any unit, shape (n,).
-
-    Raises:
-        TimeFault: A time is missing, goes back, repeats, or leaves gaps ten times as long as the recording.
     """
     missing = np.flatnonzero(~np.isfinite(times))
     if missing.size:

@@ -27,27 +27,16 @@ _MOST_OVER, _MOST_UNDER = 1000.0, 50.0
 
 @dataclass(frozen=True, eq=False)
 class EmgTrial:
-    """A trial that was analysed.
+    """A trial that was analysed."""
 
-    Attributes:
-        path: The trial's file.
-        mvc_path: The MVC's file; the trial's own where it has that phase.
-        muscles: The trial's muscles, and where rate, unit and columns stand.
-        settings: How it was analysed.
-        samples: Raw EMG of the trial, shape (muscles, n), NaN where lost; one muscle or two.
-        effort: Raw EMG of the MVC, shape (muscles, m), the same unit.
-        analysis: What came out.
-        notes: What a reader ought to know.
-    """
-
-    path: Path
-    mvc_path: Path
-    muscles: Muscles
-    settings: EmgSettings
-    samples: Float64Array
-    effort: Float64Array
-    analysis: EmgAnalysis
-    notes: tuple[str, ...]
+    path: Path  # The trial's file
+    mvc_path: Path  # The MVC's file; the trial's own where it has that phase
+    muscles: Muscles  # The trial's muscles, and where rate, unit and columns stand
+    settings: EmgSettings  # How it was analysed
+    samples: Float64Array  # Raw EMG of the trial, shape (muscles, n), NaN where lost; one muscle or two
+    effort: Float64Array  # Raw EMG of the MVC, shape (muscles, m), the same unit
+    analysis: EmgAnalysis  # What came out
+    notes: tuple[str, ...]  # What a reader ought to know
 
 
 def run_trial(
@@ -165,9 +154,6 @@ def write_plain(found: Muscles, out: Path) -> None:
     """Write ``time_s``, FDS and, where there is a second muscle, EDC as CSV; a lost sample is ``nan``.
 
     The unit is volts where the recording's is a voltage.
-
-    Raises:
-        PalpError: The table cannot be written.
     """
     suffix = "_v" if found.unit == "V" else ""
     times_s = np.arange(found.samples.shape[1]) / found.rate_hz
