@@ -25,10 +25,6 @@ def test_a_one_hot_posterior_has_a_gain_where_the_plain_formula_gives_nan() -> N
     assert gain_bits(certain, FLAT) == pytest.approx(np.log2(3.0))
 
 
-def test_no_change_gains_nothing() -> None:
-    assert gain_vector(FLAT, FLAT) == pytest.approx([0.0] * 3)
-
-
 def test_an_impossible_gain_is_an_error() -> None:
     with pytest.raises(PerceptionError, match="not finite"):
         gain_vector(np.array([0.5, 0.5]), np.array([1.0, 0.0]))
@@ -71,3 +67,17 @@ def test_a_setting_without_signal_is_expected_to_give_nothing_and_a_clear_one_ev
     assert expected_gain_bits(
         np.array([1.0, 0.0, 0.0]), np.array([0.0, 1e3, 2e3]), np.ones(3)
     ) == pytest.approx(0.0)
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=15, deadline=None)
+def test_gains_of_many_beliefs_are_those_of_each(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    belief, mean, sd = rng.dirichlet(np.ones(3), 6), rng.normal(0, 2, (5, 3)), rng.uniform(0.7, 1.4, (5, 3))
+    many = expected_gains_bits(belief, mean, sd)
+    coarse = expected_gains_bits(belief, mean, sd, node_count=33)
+    for n in range(6):
+        for j in range(5):
+            alone = expected_gains_bits(belief[n], mean[[j]], sd[[j]])[0]
+            assert many[n, j] == pytest.approx(alone, abs=1e-12)
+            assert coarse[n, j] == pytest.approx(alone, abs=1e-3)

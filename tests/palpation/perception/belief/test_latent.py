@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal, norm
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import find, methods
+from palp_core.methods import find
 from palp_core.palpation.perception.belief import bayes, latent
 from palp_core.palpation.perception.belief.latent import OffsetModel
 
@@ -72,28 +72,6 @@ def test_the_filter_is_the_joint_normal_of_all_readings(seed: int, count: int, f
 
 
 @given(seeds)
-@settings(max_examples=8, deadline=None)
-def test_the_filter_is_the_integral_over_the_offsets(seed: int) -> None:
-    """Three readings, the ring moved before the last: brute force over both ring errors and the height."""
-    rng = np.random.default_rng(seed + 1)
-    one, places = model(seed), [0, 0, 2]
-    readings = one.mean[0, places] + rng.normal(0, 0.5, (3, 1))
-    nodes = np.linspace(-6, 6, 161)
-    ring, again, height = nodes[:, None, None], nodes[None, :, None], nodes[None, None, :]
-    prior = norm.pdf(ring) * norm.pdf(again) * norm.pdf(height)
-    weights = []
-    for d in range(3):
-        density = prior
-        for reading, place, offset in zip(readings[:, 0], places, (ring, ring, again), strict=True):
-            slope = one.slope[d, place, 0]
-            centre = one.mean[d, place, 0] + slope[0] * RING_SD * offset + slope[1] * HEIGHT_SD * height
-            density = density * norm.pdf(reading, centre, np.sqrt(one.noise[d, place, 0, 0]))
-        weights.append(density.sum())
-    brute = np.array(weights) / np.sum(weights)
-    assert filtered(one, readings, places, [True, False, True]).posterior == pytest.approx(brute, abs=2e-4)
-
-
-@given(seeds)
 @settings(max_examples=10, deadline=None)
 def test_without_offsets_it_is_eq_7(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -105,15 +83,6 @@ def test_without_offsets_it_is_eq_7(seed: int) -> None:
         log_belief = bayes.update(log_belief, cell.logpdf(reading))
         belief = latent.update(one, belief, reading, place, bool(rng.random() < 0.5))
     assert belief.posterior == pytest.approx(bayes.posterior(log_belief), abs=1e-12)
-
-
-@given(seeds)
-@settings(max_examples=10, deadline=None)
-def test_the_first_reading_tells_both_filters_the_same(seed: int) -> None:
-    one = model(seed)
-    reading = np.random.default_rng(seed).normal(0, 2)
-    both = [filtered(rule(one), np.array([[reading]]), [1], [True]) for rule in (latent.latent, latent.naive)]
-    assert both[0].posterior == pytest.approx(both[1].posterior, abs=1e-12)
 
 
 def test_equal_readings_that_share_their_error_convince_less_than_independent_ones() -> None:
@@ -172,10 +141,6 @@ def test_a_model_that_cannot_be_is_refused() -> None:
         OffsetModel(good.mean, 0.0 * good.noise, good.slope, good.offset_sd, good.renewed_by_move)
     with pytest.raises(PerceptionError, match="one flag"):
         OffsetModel(good.mean, good.noise, good.slope, good.offset_sd, (True,))
-
-
-def test_the_filters_are_declared() -> None:
-    assert {m.name for m in methods("filter")} == {"naive", "latent"}
 
 
 def test_what_a_filter_does_not_know_to_stay_is_new_with_every_reading() -> None:

@@ -47,13 +47,6 @@ def test_a_contraction_that_comes_in_pushes_is_measured_at_its_best() -> None:
     assert seen == pytest.approx(1.0, abs=0.035)
 
 
-def test_what_does_not_scatter_is_its_best_half_second() -> None:
-    rising = np.concatenate([np.full(100, 1.0), np.full(100, 2.0), np.full(100, 1.5)])
-    assert plateau(rising, **LOOKS) == 2.0
-    assert plateau(np.full(20, 3.0), **LOOKS) == 3.0  # shorter than half a second
-    assert plateau(np.zeros(100), **LOOKS) == 0.0
-
-
 def test_an_artefact_of_one_window_is_no_plateau() -> None:
     spiked = np.full(500, 1.0)
     spiked[200:215] = 9.0

@@ -4,7 +4,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palp_core.errors import PerceptionError
-from palp_core.methods import methods
 from palp_core.palpation.perception.signal.features import contrast, peak
 from palp_core.palpation.perception.signal.wavelet import edge_cone
 
@@ -52,10 +51,6 @@ def test_a_flank_inside_the_boundary_is_left_out() -> None:
     assert contrast(torque, edge=589).value_n_m == pytest.approx(0.01, rel=1e-2)
     with pytest.raises(PerceptionError, match="flank"):
         contrast(torque, edge=589, reach=3500)
-
-
-def test_both_features_are_declared() -> None:
-    assert {m.name for m in methods("feature")} == {"peak", "contrast"}
 
 
 @settings(deadline=None, max_examples=20)

@@ -35,16 +35,6 @@ def test_a_cut_is_the_stream_between_entering_and_leaving(size: int, enter: int,
     assert cut.largest_gap_s(1000.0) == pytest.approx(1e-3)
 
 
-def test_it_waits_until_the_stream_has_passed_the_end() -> None:
-    cut = SweepCut()
-    fed(cut, 0, 500, 20)
-    cut.hold()
-    cut.bound(100 * MS, 510 * MS)
-    assert not cut.complete
-    fed(cut, 500, 520, 20)
-    assert cut.complete
-
-
 def test_only_a_second_is_kept_while_nothing_is_swept() -> None:
     cut = SweepCut()
     fed(cut, 0, 5000, 20)

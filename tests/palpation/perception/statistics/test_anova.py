@@ -42,20 +42,6 @@ def test_a_balanced_table_is_worked_out_by_hand() -> None:
     assert found.residual_df == 4
 
 
-def test_a_constant_outcome_is_not_testable_although_statsmodels_gives_a_p() -> None:
-    import pandas as pd
-    import statsmodels.api as sm  # type: ignore[import-untyped]
-    import statsmodels.formula.api as smf  # type: ignore[import-untyped]
-
-    depth, ring = table(5)
-    data = pd.DataFrame({"y": np.full(30, 0.1), "a": [str(d) for d in depth], "b": ring})
-    naive = sm.stats.anova_lm(smf.ols("y ~ C(a) * C(b)", data=data).fit(), typ=2)
-    assert np.isfinite(naive["PR(>F)"].iloc[0])
-    found = two_way(np.full(30, 0.1), depth, ring, names=NAMES)
-    assert isinstance(found, NotTestable)
-    assert "constant" in found.reason
-
-
 def test_cells_that_are_all_or_none_are_not_testable() -> None:
     depth, ring = table()
     right = [float((d, r) in {(2, "a"), (2, "b"), (4, "a")}) for d, r in zip(depth, ring, strict=True)]
@@ -144,17 +130,3 @@ def test_a_test_without_a_label_for_every_trial_is_refused(values: list[float]) 
         permutation(values, ["a", "b"], [0, 0], np.random.default_rng(0))
     with pytest.raises(PerceptionError, match="for every trial"):
         mixed_logit(values, {"a": ["a", "b"]}, [0, 1])
-
-
-def test_rounding_is_no_variance() -> None:
-    same = [0.3, 0.1 + 0.2] * 6
-    assert isinstance(two_way(same, list("aab") * 4, list("cdddcc") * 2, names=NAMES), NotTestable)
-    assert bonferroni([*same, *outcomes(1, 0.0)[:12]], [0] * 12 + [1] * 12)[0].p_bonferroni is None
-    assert isinstance(permutation(same, list("ab") * 6, [0] * 12, np.random.default_rng(0)), NotTestable)
-
-
-def test_a_mixed_logit_of_shares_is_refused() -> None:
-    with pytest.raises(PerceptionError, match="right"):
-        mixed_logit([0.5, 0.2, 0.9, 1.0], {"a": list("abab")}, [0, 0, 1, 1])
-    with pytest.raises(PerceptionError, match="at least one"):
-        permutation([0.0, 1.0], ["a", "b"], [0, 0], np.random.default_rng(0), shuffles=0)

@@ -47,16 +47,6 @@ def test_a_level_never_seen_has_a_column_where_frequencies_give_nan() -> None:
         transition_matrix(counts, prior_count=0.0)
 
 
-def test_without_a_prior_the_matrix_is_the_relative_frequency() -> None:
-    counts = count_transitions([[0, 0, 1, 0, 1, 1]], 2)
-    assert transition_matrix(counts, prior_count=0.0) == pytest.approx(np.array([[1 / 3, 0.5], [2 / 3, 0.5]]))
-
-
-def test_an_index_outside_the_levels_is_refused() -> None:
-    with pytest.raises(PerceptionError, match="trial 1"):
-        count_transitions([[0], [5]], 5)
-
-
 def test_a_reducible_chain_is_reported_and_has_no_single_stationary_law() -> None:
     assert eigenvalues(BLOCKS) == pytest.approx([0.0, 0.0, 1.0, 1.0], abs=1e-12)
     found = structure(BLOCKS)
@@ -105,11 +95,6 @@ def test_two_states_have_their_textbook_values() -> None:
 def test_what_is_not_column_stochastic_is_refused(matrix: np.ndarray) -> None:
     with pytest.raises(PerceptionError, match=r"square|column-stochastic"):
         check_stochastic(matrix)
-
-
-def test_a_permutation_must_be_one() -> None:
-    with pytest.raises(PerceptionError, match="no permutation"):
-        permuted(CYCLE, [0, 0, 1])
 
 
 @settings(deadline=None, max_examples=30)

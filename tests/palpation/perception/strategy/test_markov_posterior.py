@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.strategy.markov import check_stochastic, eigenvalues, kemeny_constant
@@ -53,15 +51,6 @@ def test_intervals_hold_the_truth_about_as_often_as_they_say() -> None:
     assert np.mean(spectrum) >= 0.85
 
 
-def test_intervals_shrink_with_transitions() -> None:
-    rng = np.random.default_rng(2)
-    widths = []
-    for count in (50, 5000):
-        found = summarise(fit_chain([walk(CHAIN, count, rng)], 3), rng, draw_count=200)
-        widths.append([found.kemeny.high - found.kemeny.low, *(found.high - found.low).ravel()])
-    assert (np.array(widths[1]) < 0.35 * np.array(widths[0])).all()
-
-
 def test_the_summary_is_that_of_the_mean_matrix() -> None:
     found = summarise(ChainPosterior(CHAIN * 1000.0), np.random.default_rng(1), draw_count=50)
     assert found.kemeny.value == pytest.approx(kemeny_constant(found.matrix))
@@ -70,14 +59,6 @@ def test_the_summary_is_that_of_the_mean_matrix() -> None:
     assert sum(one.value for one in found.stationary) == pytest.approx(1.0)
     assert found.observed.structure is not None
     assert found.observed.structure.mixes
-
-
-def test_complex_eigenvalues_are_kept() -> None:
-    around = np.roll(np.eye(3), 1, axis=0) * 100.0
-    found = summarise(ChainPosterior(around), np.random.default_rng(1), draw_count=50)
-    assert any(abs(value.imag) > 0.5 for value in found.eigenvalues)
-    assert found.observed.structure is not None
-    assert found.observed.structure.period == 3
 
 
 def test_what_was_seen_tells_reducible_and_stuck_levels_where_the_prior_hides_them() -> None:
@@ -109,13 +90,3 @@ def test_trials_without_a_transition_say_so() -> None:
         fit_chain([[1], [2], []], 5)
     with pytest.raises(PerceptionError, match="mass"):
         summarise(ChainPosterior(np.ones((2, 2))), np.random.default_rng(1), mass=1.0)
-
-
-@settings(deadline=None, max_examples=20)
-@given(st.integers(2, 5), st.integers(0, 999))
-def test_relabelled_levels_relabel_the_posterior(size: int, seed: int) -> None:
-    counts = np.random.default_rng(seed).integers(0, 6, (size, size)).astype(float)
-    order = np.random.default_rng(seed).permutation(size)
-    moved = ChainPosterior(counts[np.ix_(order, order)])
-    assert moved.matrix == pytest.approx(ChainPosterior(counts).matrix[np.ix_(order, order)])
-    assert moved.interval()[0] == pytest.approx(ChainPosterior(counts).interval()[0][np.ix_(order, order)])

@@ -61,21 +61,10 @@ def test_staying_never_promises_more_than_a_new_landing(ring_sd: float, noise_sd
     assert found.gain_bits[2] <= found.gain_bits[1] + 1e-4
 
 
-def test_a_slow_ring_makes_it_stay_when_seconds_count() -> None:
-    slow = policy(0.1, per_second=True, timing=Timing(ring_m_per_s=1e-5))
-    assert not slow.step(RingChoice.at(1), after_one_probe(slow), RANDOM).renew
-    assert policy(0.1).step(RingChoice.at(1), after_one_probe(slow), RANDOM).renew
-
-
 def test_seconds_are_those_of_the_moves() -> None:
     one = policy(0.3, timing=Timing(sweep_s=8.0, ring_m_per_s=0.005, settle_s=0.2, home_m=0.001))
     found = one.actions(after_one_probe(one), np.array(1))
     assert found.seconds == pytest.approx([8.0 + 16 / 5 + 0.2, 8.0 + 2 * 17 / 5 + 0.2, 8.0])
-
-
-def test_from_a_belief_without_offsets_it_still_chooses() -> None:
-    one = policy(0.3)
-    assert one.step(RingChoice.at(0), latent.start(one.model), RANDOM).level == 1
 
 
 def test_a_history_of_readings_is_as_good_as_the_belief() -> None:

@@ -20,16 +20,8 @@ def flat_prior(class_count: int) -> Float64Array:
 def update(log_prior: Float64Array, log_likelihood: Float64Array) -> Float64Array:
     """Return the log posterior, eq. (7): prior times likelihood, normalised over the classes.
 
-    Args:
-        log_prior: Natural log of P_{t-1}, shape (m,); normalised or not.
-        log_likelihood: Natural log of P(reading | class, setting), shape (m,); minus infinity excludes a
-            class.
-
     Returns:
         Natural log of P_t, shape (m,); its exponentials sum to 1.
-
-    Raises:
-        PerceptionError: Shapes differ, a value is NaN or plus infinity, or every class is excluded.
     """
     if log_prior.shape != log_likelihood.shape:
         raise PerceptionError(f"prior has shape {log_prior.shape}, likelihood {log_likelihood.shape}")

@@ -19,15 +19,7 @@ _TINY = 1e-300  # a class of probability 0 whose reading no other class explains
 
 
 def gain_vector(posterior: Float64Array, prior: Float64Array) -> Float64Array:
-    """Return G = P log(P / P_0), eq. (8), in nats per class, with 0 log 0 = 0.
-
-    Args:
-        posterior: P_t, shape (m,).
-        prior: P_0, shape (m,); not P_{t-1}.
-
-    Raises:
-        PerceptionError: Shapes differ, a probability is negative or NaN, or a class has P > 0 where P_0 = 0.
-    """
+    """Return G = P log(P / P_0), eq. (8), in nats per class, with 0 log 0 = 0."""
     if posterior.shape != prior.shape:
         raise PerceptionError(f"posterior has shape {posterior.shape}, prior {prior.shape}")
     gain = np.asarray(scipy.special.rel_entr(posterior, prior))
@@ -47,13 +39,6 @@ def expected_gains_bits(
     the trapezoidal rule over 7 deviations either way in each class. With 257 nodes it is within 1e-6 bit
     while the classes' deviations differ by a factor of 2, within 0.01 bit at a factor of 20. (The nodes of
     Gauss-Hermite are too far apart then: 64 of them are 0.2 bit off.)
-
-    Args:
-        probabilities: Beliefs, shape (..., m).
-        mean: Mean reading per setting and class, shape (..., j, m), or (j, m) for all beliefs alike.
-        sd: Standard deviation, positive, same shape.
-        node_count: Quadrature nodes per class; with 33 it is within 1e-3 bit while the classes' deviations
-            differ by a factor of 2, which ranks settings.
 
     Returns:
         Expected gains in bits, shape (..., j).

@@ -75,17 +75,11 @@ class OffsetModel:
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """What is known in a trial: the classes, and per class the offsets.
+    """What is known in a trial: the classes, and per class the offsets."""
 
-    Attributes:
-        log_class: Natural log of P(d | readings), normalised, shape (..., m).
-        offset_mean: Mean of the offsets given each class, shape (..., m, l).
-        offset_cov: Their covariance, shape (..., m, l, l).
-    """
-
-    log_class: Float64Array
-    offset_mean: Float64Array
-    offset_cov: Float64Array
+    log_class: Float64Array  # Natural log of P(d | readings), normalised, shape (..., m)
+    offset_mean: Float64Array  # Mean of the offsets given each class, shape (..., m, l)
+    offset_cov: Float64Array  # Their covariance, shape (..., m, l, l)
 
     @property
     def posterior(self) -> Float64Array:
@@ -109,12 +103,7 @@ def of_classes(posterior: Float64Array) -> Belief:
 
 
 def start(model: OffsetModel, trial_count: int | None = None) -> Belief:
-    """Return the belief before the first reading: flat over classes, offsets at their prior.
-
-    Args:
-        model: The readings' model.
-        trial_count: Number of trials side by side; None for a single one without a leading dimension.
-    """
+    """Return the belief before the first reading: flat over classes, offsets at their prior."""
     classes, offsets = model.mean.shape[0], len(model.offset_sd)
     lead = () if trial_count is None else (trial_count,)
     return Belief(
@@ -129,11 +118,6 @@ def renewed(model: OffsetModel, belief: Belief, moved: ArrayLike) -> Belief:
 
     What was learnt of the others through a shared reading is kept; their correlation with the lost ones is
     not.
-
-    Args:
-        model: The readings' model.
-        belief: Before the move.
-        moved: Whether there was a move, a bool or shape (...).
     """
     flags = np.array(model.renewed_by_move, dtype=bool)
     lost = np.asarray(moved, dtype=bool)[..., None, None] & flags  # (..., 1, l)
@@ -147,13 +131,7 @@ def renewed(model: OffsetModel, belief: Belief, moved: ArrayLike) -> Belief:
 
 
 def predict(model: OffsetModel, belief: Belief, setting: Indices) -> tuple[Float64Array, Float64Array]:
-    """Return mean (..., m, f) and covariance (..., m, f, f) of the next reading given each class.
-
-    Args:
-        model: The readings' model.
-        belief: The belief, after :func:`renewed` if the setting moves for this reading.
-        setting: Index of the setting, an int or shape (...).
-    """
+    """Return mean (..., m, f) and covariance (..., m, f, f) of the next reading given each class."""
     mean, noise, slope = _at(model, setting)
     centre = mean + np.einsum("...fl,...l->...f", slope, belief.offset_mean)
     spread = noise + slope @ belief.offset_cov @ np.swapaxes(slope, -1, -2)
@@ -163,19 +141,7 @@ def predict(model: OffsetModel, belief: Belief, setting: Indices) -> tuple[Float
 def update(
     model: OffsetModel, belief: Belief, reading: ArrayLike, setting: Indices, moved: ArrayLike
 ) -> Belief:
-    """Return the belief after a reading.
-
-    Args:
-        model: The readings' model.
-        belief: Before it.
-        reading: The reading, shape (..., f); a bare number where f is 1 and there is no leading dimension.
-        setting: Index of the setting it was taken at, an int or shape (...).
-        moved: Whether the setting was moved to since the last reading (re-positioning at the same place
-            counts), a bool or shape (...). Before the first reading it makes no difference.
-
-    Raises:
-        PerceptionError: A reading is not finite or has another number of features.
-    """
+    """Return the belief after a reading."""
     seen = np.atleast_1d(np.asarray(reading, dtype=np.float64))
     if seen.shape[-1] != model.mean.shape[-1]:
         raise PerceptionError(

@@ -18,19 +18,12 @@ _LOG_2PI = float(np.log(2.0 * np.pi))
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """The memory primitives of one setting.
+    """The memory primitives of one setting."""
 
-    Attributes:
-        mean: Mean reading per class, any unit, shape (m,).
-        sd: Standard deviation per class, positive, shape (m,).
-        count: Training readings per class, shape (m,).
-        floor: Smallest standard deviation the sensor can show.
-    """
-
-    mean: Float64Array
-    sd: Float64Array
-    count: Float64Array
-    floor: float
+    mean: Float64Array  # Mean reading per class, any unit, shape (m,)
+    sd: Float64Array  # Standard deviation per class, positive, shape (m,)
+    count: Float64Array  # Training readings per class, shape (m,)
+    floor: float  # Smallest standard deviation the sensor can show
 
 
 def _taught(outlier_share: float, *errors: float) -> list[Bound]:
@@ -74,12 +67,7 @@ declare_task(
     survivor="student_t",
 )
 def normal(reading: float | Float64Array, cells: Cells) -> Float64Array:
-    """Return log N(reading; mean, sd): the normal fitted to the training readings, as if known exactly.
-
-    Args:
-        reading: The new reading, any unit.
-        cells: The memory primitives of one setting, same unit.
-    """
+    """Return log N(reading; mean, sd): the normal fitted to the training readings, as if known exactly."""
     z = (reading - cells.mean) / cells.sd
     return np.asarray(-0.5 * (z * z + _LOG_2PI) - np.log(cells.sd))
 

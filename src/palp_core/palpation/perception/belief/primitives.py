@@ -185,21 +185,7 @@ def fit(
     rings_m: Sequence[float],
     floor: float,
 ) -> Primitives:
-    """Fit a normal (mean, unbiased sd) to the readings of every cell.
-
-    Args:
-        readings: Training readings, shape (n,), one unit.
-        class_index: Class of each reading, shape (n,).
-        setting_index: Setting of each reading, shape (n,).
-        depths_m: Value of each class, m.
-        rings_m: Value of each setting, m.
-        floor: Least sd, in the reading's unit, e.g. :func:`quantisation_sd` of the sensor's resolution; equal
-            readings, or a single one, get it.
-
-    Raises:
-        PerceptionError: Lengths differ, a reading is not finite, an index is out of range, or a cell is
-            empty.
-    """
+    """Fit a normal (mean, unbiased sd) to the readings of every cell."""
     values = np.asarray(readings, dtype=np.float64)
     classes, settings = np.asarray(class_index, dtype=np.int64), np.asarray(setting_index, dtype=np.int64)
     if values.ndim != 1 or values.shape != classes.shape or values.shape != settings.shape:

@@ -82,11 +82,7 @@ def write_noise(noise: RigNoise, path: Path) -> None:
 
 
 def assumed_noise(ring_sd_m: float, height_sd_m: float) -> RigNoise:
-    """Return the noise of a rig that was not measured: what is assumed of landing and height, no more.
-
-    Raises:
-        PerceptionError: A spread is negative or not a number.
-    """
+    """Return the noise of a rig that was not measured: what is assumed of landing and height, no more."""
     if not (ring_sd_m >= 0.0 and height_sd_m >= 0.0):
         raise PerceptionError(f"ring {ring_sd_m} m, height {height_sd_m} m: a spread is 0 or more")
     none = Component(0.0)
@@ -125,14 +121,6 @@ def latent_model(primitives: Primitives, noise: RigNoise, height_slope: Float64A
     scattered beyond the ring's part is drawn anew at every reading, at least ``sweep_sd_n_m``: one variance
     for all cells, and in a cell that scattered more than chance makes of it (99.9 %) the excess too. The
     height counts against that of the training's mounting, hence its variance twice.
-
-    Args:
-        primitives: What training taught, N m.
-        noise: What stays, and how much.
-        height_slope: Change of the reading per metre of height, N m/m, shape (m, k).
-
-    Raises:
-        PerceptionError: Fewer than two rings were trained, so nothing tells how a reading answers to them.
     """
     mean = primitives.mean
     if height_slope.shape != mean.shape:
@@ -170,15 +158,8 @@ def ring_slopes(mean: Float64Array, rings_m: Float64Array) -> Float64Array:
 
     A monotone cubic through the means, so no slope is steeper than its neighbours allow.
 
-    Args:
-        mean: Mean reading, shape (m, k).
-        rings_m: Ring positions, increasing, shape (k,).
-
     Returns:
         Slopes, reading's unit per metre, shape (m, k).
-
-    Raises:
-        PerceptionError: There are fewer than two ring positions.
     """
     if len(rings_m) < 2:
         raise PerceptionError("a slope over ring positions needs two of them; train more, or take no offset")

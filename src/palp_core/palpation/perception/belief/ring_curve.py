@@ -21,21 +21,15 @@ LEAST_RINGS = 4
 
 @dataclass(frozen=True, eq=False)
 class RingCurve:
-    """Means along the curves, and how far off they may be.
+    """Means along the curves, and how far off they may be."""
 
-    Attributes:
-        mean: Shape (m, k).
-        root: Their uncertainty: the error of class d is ``root[d] @ z`` with standard normal z, shape
-            (m, k, 3).
-        misfit: Weighted squared residual per degree of freedom; 1 where landings alone scatter the cells.
-            Above 1 the uncertainty has been widened by it (Birge, 1932).
-        freedom: Degrees of freedom of it.
-    """
-
-    mean: Float64Array
+    mean: Float64Array  # Shape (m, k)
+    # Their uncertainty: the error of class d is `root[d] @ z` with standard normal z, shape (m, k, 3)
     root: Float64Array
+    # Weighted squared residual per degree of freedom; 1 where landings alone scatter the cells. Above 1 the
+    # uncertainty has been widened by it (Birge, 1932).
     misfit: float
-    freedom: int
+    freedom: int  # Degrees of freedom of it
 
     @property
     def fits(self) -> bool:
@@ -44,16 +38,7 @@ class RingCurve:
 
 
 def ring_curve(mean: Float64Array, error_sd: Float64Array, rings_m: Float64Array) -> RingCurve:
-    """Fit a parabola in r_a per class, all through one point at r_a = 0, by weighted least squares.
-
-    Args:
-        mean: Mean reading of each cell in training, shape (m, k).
-        error_sd: Standard deviation of that mean about the truth, positive, shape (m, k).
-        rings_m: Ring positions, shape (k,).
-
-    Raises:
-        PerceptionError: There are too few ring positions to see whether the curve fits.
-    """
+    """Fit a parabola in r_a per class, all through one point at r_a = 0, by weighted least squares."""
     m, k = mean.shape
     if len(np.unique(rings_m)) < LEAST_RINGS or not (error_sd > 0.0).all():
         raise PerceptionError("a curve over the ring needs four positions and a positive error of every mean")

@@ -32,21 +32,13 @@ _LEAST_SPREAD = 1e-12  # nats; a gain vector that varies less is rounding noise 
 
 @dataclass(frozen=True, eq=False)
 class BeliefStep:
-    """What a rule goes by: beliefs and gains after a probe and before it.
+    """What a rule goes by: beliefs and gains after a probe and before it."""
 
-    Attributes:
-        posterior: P_t, shape (..., m).
-        before: P_{t-1}, shape (..., m); at the first probe the prior, or NaN where it is not told.
-        gain: G_t of eq. (8), nats, shape (..., m).
-        gain_before: G_{t-1}, shape (..., m); zero at the first probe.
-        probe_count: t, the same for all trials.
-    """
-
-    posterior: Float64Array
-    before: Float64Array
-    gain: Float64Array
-    gain_before: Float64Array
-    probe_count: int
+    posterior: Float64Array  # P_t, shape (..., m)
+    before: Float64Array  # P_{t-1}, shape (..., m); at the first probe the prior, or NaN where it is not told
+    gain: Float64Array  # G_t of eq. (8), nats, shape (..., m).
+    gain_before: Float64Array  # G_{t-1}, shape (..., m); zero at the first probe
+    probe_count: int  # t, the same for all trials
 
     @classmethod
     def over(
@@ -76,36 +68,25 @@ class BeliefStep:
 
 @dataclass(frozen=True, eq=False)
 class StopState:
-    """What a rule says after a probe.
+    """What a rule says after a probe."""
 
-    Attributes:
-        gamma: Correlation distance of the last two gain vectors, 0 to 2, shape (...); NaN where it is not
-            defined, or the rule does not go by it.
-        converged: Whether to stop here, shape (...).
-    """
-
+    # Correlation distance of the last two gain vectors, 0 to 2, shape (...); NaN where it is not defined, or
+    # the rule does not go by it
     gamma: Float64Array
-    converged: NDArray[np.bool_]
+    converged: NDArray[np.bool_]  # Whether to stop here, shape (...)
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a trial goes on, and its estimate.
+    """Whether a trial goes on, and its estimate."""
 
-    Attributes:
-        word: ``continue``, ``decided``, ``undecided`` when the probes ran out, or ``dropped``, which no rule
-            says, when a reading has nothing to be compared with.
-        class_index: Class with the largest posterior (the first of equals), whatever the word.
-        probe_count: Probes so far.
-        gamma: The rule's correlation distance, 0 to 2; 0.0 where not defined.
-        gamma_defined: Whether there is such a distance.
-    """
-
+    # `continue`, `decided`, `undecided` when the probes ran out, or `dropped`, which no rule says, when a
+    # reading has nothing to be compared with
     word: Literal["continue", "decided", "undecided", "dropped"]
-    class_index: int
-    probe_count: int
-    gamma: float
-    gamma_defined: bool
+    class_index: int  # Class with the largest posterior (the first of equals), whatever the word
+    probe_count: int  # Probes so far
+    gamma: float  # The rule's correlation distance, 0 to 2; 0.0 where not defined
+    gamma_defined: bool  # Whether there is such a distance
 
 
 class StopRule(ABC):
@@ -143,13 +124,6 @@ def correlation_distance(first: Float64Array, second: Float64Array) -> Float64Ar
 
     It has none when a vector does not vary over the classes: nothing was gained, as at t = 0 or after a probe
     that tells nothing.
-
-    Args:
-        first: Gain vectors, nats, shape (..., m).
-        second: Gain vectors, nats, shape (..., m).
-
-    Raises:
-        PerceptionError: There are fewer than three classes: the distance could only be 0 or 2.
     """
     if first.shape != second.shape:
         raise PerceptionError(f"gain vectors have shapes {first.shape} and {second.shape}")
@@ -195,13 +169,9 @@ declare_task(
 )
 @dataclass(frozen=True)
 class PaperVerbatim(StopRule):
-    """Stop when the correlation distance is not above ``threshold``; an undefined distance does not stop.
+    """Stop when the correlation distance is not above ``threshold``; an undefined distance does not stop."""
 
-    Attributes:
-        threshold: T, dimensionless; 0.0005 as published.
-    """
-
-    threshold: float = 0.0005
+    threshold: float = 0.0005  # T, dimensionless; 0.0005 as published
 
     def check(self, step: BeliefStep) -> StopState:
         return StopState(step.gamma, step.gamma <= self.threshold)
@@ -219,15 +189,10 @@ class PaperVerbatim(StopRule):
 )
 @dataclass(frozen=True)
 class PaperGuarded(StopRule):
-    """As :class:`PaperVerbatim`, and the posterior must have settled too.
+    """As :class:`PaperVerbatim`, and the posterior must have settled too."""
 
-    Attributes:
-        threshold: T, dimensionless; 0.0005 as published.
-        settled: Largest total variation between the last two posteriors, 0 to 1 (assumed).
-    """
-
-    threshold: float = 0.0005
-    settled: float = 0.05
+    threshold: float = 0.0005  # T, dimensionless; 0.0005 as published
+    settled: float = 0.05  # Largest total variation between the last two posteriors, 0 to 1 (assumed)
 
     def check(self, step: BeliefStep) -> StopState:
         still = total_variation(step.posterior, step.before) <= self.settled
@@ -248,15 +213,11 @@ class PaperGuarded(StopRule):
 )
 @dataclass(frozen=True)
 class PosteriorThreshold(StopRule):
-    """Stop when one class is probable enough.
-
-    Attributes:
-        level: Posterior probability to reach (assumed).
-    """
+    """Stop when one class is probable enough."""
 
     largest: ClassVar[float] = 1.0
     within_a_sweep: ClassVar[bool] = True
-    level: float = 0.95
+    level: float = 0.95  # Posterior probability to reach (assumed)
 
     def check(self, step: BeliefStep) -> StopState:
         return _apart_from_gamma(step.posterior.max(axis=-1) >= self.level)
@@ -273,13 +234,9 @@ class PosteriorThreshold(StopRule):
 )
 @dataclass(frozen=True)
 class FixedNumber(StopRule):
-    """Stop after a number of probes.
+    """Stop after a number of probes."""
 
-    Attributes:
-        count: That number (assumed: 5, within which most published trials ended).
-    """
-
-    count: int = 5
+    count: int = 5  # That number (assumed: 5, within which most published trials ended)
 
     @property
     def fewest_probes(self) -> int:
@@ -320,16 +277,7 @@ def stop_rule(name: str, value: float = 0.0, *, max_probes: int | None = None) -
 
 
 def require_classes(name: str, class_count: int) -> None:
-    """Refuse a rule that cannot decide among so few classes, before anything was felt.
-
-    Args:
-        name: Of task ``stop``.
-        class_count: Number of classes a belief is about.
-
-    Raises:
-        MethodError: No such rule.
-        PerceptionError: It goes by the correlation distance, and there are fewer than three classes.
-    """
+    """Refuse a rule that cannot decide among so few classes, before anything was felt."""
     flat = np.full(class_count, 1.0 / class_count)
     stop_rule(name).check(BeliefStep.over(flat, flat, flat, 1))
 
@@ -341,17 +289,7 @@ def decide(
     *,
     max_probes: int,
 ) -> Verdict:
-    """Return the verdict after the last probe of a trial.
-
-    Args:
-        rule: The stop rule.
-        posteriors: P_1 .. P_t, each shape (m,); the prior P_0 is not among them.
-        gains: G_1 .. G_t of eq. (8), each shape (m,).
-        max_probes: Probes after which a trial without convergence is ``undecided``.
-
-    Raises:
-        PerceptionError: There is no probe yet, or the two histories differ in length.
-    """
+    """Return the verdict after the last probe of a trial."""
     if not posteriors or len(posteriors) != len(gains):
         raise PerceptionError(
             f"a verdict needs equal histories, not {len(posteriors)} and {len(gains)} probes"

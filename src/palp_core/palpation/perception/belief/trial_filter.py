@@ -26,17 +26,11 @@ DepthCount = Annotated[int, msgspec.Meta(ge=0, le=MOST_DEPTHS)]
 
 @dataclass(frozen=True)
 class TrialReading:
-    """A reading within a trial.
+    """A reading within a trial."""
 
-    Attributes:
-        reading: The feature of its sweep, in the unit of the primitives.
-        setting: Index of the ring position.
-        landed: Whether the ring was moved, or re-homed, since the reading before.
-    """
-
-    reading: float
-    setting: int
-    landed: bool
+    reading: float  # The feature of its sweep, in the unit of the primitives
+    setting: int  # Index of the ring position
+    landed: bool  # Whether the ring was moved, or re-homed, since the reading before
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,15 +71,7 @@ def belief_after(model: latent.OffsetModel, probes: Sequence[TrialReading]) -> l
 
 
 def classes_of(depths_m: Sequence[float], count: int) -> Float64Array:
-    """Return the depths that are decided among: the trained ones, or a grid of ``count`` over their range.
-
-    Args:
-        depths_m: Trained depths, increasing.
-        count: Number of depths; 0 for the trained ones.
-
-    Raises:
-        PerceptionError: A grid of one depth or of too many, or over a single trained depth.
-    """
+    """Return the depths that are decided among: the trained ones, or a grid of ``count`` over their range."""
     if count == 0:
         return np.array(depths_m, dtype=np.float64)
     if count > MOST_DEPTHS:
@@ -98,12 +84,7 @@ def classes_of(depths_m: Sequence[float], count: int) -> Float64Array:
 
 
 def require_likelihood(name: str, likelihood: str) -> None:
-    """Refuse a likelihood that the filter would not use, before anything was felt.
-
-    Raises:
-        MethodError: No such filter or likelihood.
-        PerceptionError: The filter knows what stays, and its readings are normal.
-    """
+    """Refuse a likelihood that the filter would not use, before anything was felt."""
     find("filter", name)
     find("likelihood", likelihood)
     if name != NAIVE and likelihood != "normal":
@@ -111,11 +92,7 @@ def require_likelihood(name: str, likelihood: str) -> None:
 
 
 def require_rings(name: str, ring_count: int) -> None:
-    """Refuse a filter whose slope over ring positions training would not give.
-
-    Raises:
-        PerceptionError: It needs two positions.
-    """
+    """Refuse a filter whose slope over ring positions training would not give."""
     if name != NAIVE and ring_count < 2:
         raise PerceptionError(
             f"filter '{name}' needs two trained ring positions; train more, or take '{NAIVE}'"

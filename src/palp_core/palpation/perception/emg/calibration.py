@@ -32,21 +32,13 @@ _MEDIAN_SD = 0.55
 
 @dataclass(frozen=True)
 class Calibration:
-    """What co-contraction is measured against.
+    """What co-contraction is measured against."""
 
-    Attributes:
-        maxima: s_i^max of eq. (1), the samples' unit.
-        reference: Denominator of eq. (3), the samples' unit.
-        rest: Co-contraction at rest, dimensionless.
-        rest_sd: Standard deviation of it, dimensionless.
-        window_s: RMS window; 0: an envelope that no window has smeared.
-    """
-
-    maxima: tuple[float, ...]
-    reference: float
-    rest: float
-    rest_sd: float
-    window_s: float = 0.0
+    maxima: tuple[float, ...]  # s_i^max of eq. (1), the samples' unit.
+    reference: float  # Denominator of eq. (3), the samples' unit.
+    rest: float  # Co-contraction at rest, dimensionless
+    rest_sd: float  # Standard deviation of it, dimensionless
+    window_s: float = 0.0  # RMS window; 0: an envelope that no window has smeared
 
 
 def look_step(rate_hz: float) -> int:
@@ -63,22 +55,7 @@ def calibrate(
     rule: MvcRule = "plateau",
     rest_known: bool = True,
 ) -> Calibration:
-    """Return what co-contraction is measured against.
-
-    Args:
-        mvc: Envelopes during the MVC at every look, s_i, shape (muscles, m).
-        rest: Envelopes at rest, or all there are, shape (muscles, k).
-        rate_hz: Rate of the looks.
-        window_s: RMS window.
-        rule: ``plateau``: of each muscle the median of its best half second, less what choosing the best of
-            a noisy envelope gains; ``sum_of_maxima``: of each muscle the maximum, as eq. (3) is printed;
-            ``maximum_of_sum``: the largest sum at one instant. The last two are not corrected.
-        rest_known: Whether ``rest`` was recorded at rest; otherwise its quietest twentieth stands for rest,
-            with a spread that is assumed.
-
-    Raises:
-        PerceptionError: No such rule, the MVC is silent, or there is no envelope at rest.
-    """
+    """Return what co-contraction is measured against."""
     if mvc.ndim != 2 or mvc.size == 0:
         raise PerceptionError(f"MVC envelopes have shape {mvc.shape}, not (muscles, samples)")
     if rest.shape[1] == 0:
@@ -110,11 +87,6 @@ def plateau(envelope: Float64Array, *, rate_hz: float, window_s: float) -> float
     towards the middle one by the share of their variance that is noise: all the way in a contraction that
     was held, hardly in one that fades or comes in pushes. A recording shorter than half a second counts as
     one plateau.
-
-    Args:
-        envelope: s_i at every look, shape (m,).
-        rate_hz: Rate of the looks.
-        window_s: RMS window.
     """
     length = min(max(1, round(PLATEAU_S * rate_hz)), envelope.size)
     medians = np.median(sliding_window_view(envelope, length), axis=1)
@@ -134,11 +106,6 @@ def scatter(envelope: Float64Array, *, rate_hz: float, window_s: float) -> float
 
     It is that of the steps from window to window, which do not see how the contraction itself varies; taken
     where the envelope is above half its largest, with two windows at least, and 0 otherwise.
-
-    Args:
-        envelope: s_i, or their sum, at every look, shape (m,).
-        rate_hz: Rate of the looks.
-        window_s: RMS window.
     """
     apart = max(1, round(window_s * rate_hz))
     before, after = envelope[:-apart], envelope[apart:]

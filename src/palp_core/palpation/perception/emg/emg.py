@@ -24,15 +24,10 @@ three standard deviations of it."""
 
 @dataclass(frozen=True, eq=False)
 class EnvelopeState:
-    """What the chain of one muscle remembers between two blocks.
+    """What the chain of one muscle remembers between two blocks."""
 
-    Attributes:
-        band: Delays of the band-pass, shape (2 * sections,).
-        squares: Last squared samples inside the RMS window, shape (window - 1,).
-    """
-
-    band: Float64Array
-    squares: Float64Array
+    band: Float64Array  # Delays of the band-pass, shape (2 * sections,)
+    squares: Float64Array  # Last squared samples inside the RMS window, shape (window - 1,)
 
 
 @lru_cache(maxsize=8)
@@ -44,25 +39,16 @@ def _band_pass(order: int, low_hz: float, high_hz: float, rate_hz: float) -> Flo
 
 @dataclass(frozen=True)
 class EmgChain:
-    """Parameters of the chain, for one muscle.
+    """Parameters of the chain, for one muscle."""
 
-    Attributes:
-        offset: Constant to subtract, in the samples' unit (volts or counts), as of :func:`find_offset`. The
-            band-pass would remove it too, but only after a transient that becomes the largest value of an
-            MVC.
-        rate_hz: Sampling rate; 1500 as published.
-        low_hz: Lower edge; 20, below which movement artefacts lie.
-        high_hz: Upper edge; 450, above which surface EMG has little power.
-        order: Order of the Butterworth prototype (assumed).
-        window_s: RMS window (assumed; not published).
-    """
-
+    # Constant to subtract, in the samples' unit (volts or counts), as of find_offset. The band-pass would
+    # remove it too, but only after a transient that becomes the largest value of an MVC.
     offset: float = 0.0
-    rate_hz: float = 1500.0
-    low_hz: float = 20.0
-    high_hz: float = 450.0
-    order: int = 2
-    window_s: float = 0.05
+    rate_hz: float = 1500.0  # Sampling rate; 1500 as published
+    low_hz: float = 20.0  # Lower edge; 20, below which movement artefacts lie
+    high_hz: float = 450.0  # Upper edge; 450, above which surface EMG has little power
+    order: int = 2  # Order of the Butterworth prototype (assumed)
+    window_s: float = 0.05  # RMS window (assumed; not published)
 
     def __post_init__(self) -> None:
         if not 0.0 < self.low_hz < self.high_hz < self.rate_hz / 2.0:
@@ -87,15 +73,8 @@ class EmgChain:
 
         Rectifying before squaring changes nothing, so the RMS stands for both.
 
-        Args:
-            state: As :meth:`start` or the previous block left it.
-            samples: Raw EMG, shape (n,), volts or counts; n may be 0.
-
         Returns:
             The state, and the RMS over the window that ends at each sample, shape (n,), the samples' unit.
-
-        Raises:
-            PerceptionError: A sample is not finite, or the state is of a chain with other parameters.
         """
         block = np.asarray(samples, dtype=np.float64)
         if not np.isfinite(block).all():
@@ -129,12 +108,6 @@ def without_common(
     is taken off the power of each, at most all of it. Of what comes through r times as strong in the one as
     in the other, 1 - 1/r of the larger's power stays; so does what tissue filters in different ways, or what
     is late by milliseconds (Lowery et al., 2003).
-
-    Args:
-        first: Envelope of a muscle, shape (n,).
-        second: Of the other.
-        together: Envelope of the sum of their samples, by the same chain.
-        window_s: RMS window.
     """
     chance = min(_CHANCE * WINDOW_S / window_s, 0.9)
     powers = np.array([first, second]) ** 2
@@ -153,15 +126,7 @@ def find_offset(rest: Float64Array) -> float:
 
 
 def normalise(envelope: Float64Array, maximum: float) -> Float64Array:
-    """Return s_i^N = s_i / s_i^max, eq. (1), dimensionless.
-
-    Args:
-        envelope: s_i of one muscle, shape (n,).
-        maximum: s_i^max, the maximum of the muscle's envelope during the MVC.
-
-    Raises:
-        PerceptionError: The maximum is not positive.
-    """
+    """Return s_i^N = s_i / s_i^max, eq. (1), dimensionless."""
     if not maximum > 0.0:
         raise PerceptionError(f"s_max is {maximum}; repeat the MVC recording")
     return np.asarray(envelope / maximum)
@@ -170,17 +135,7 @@ def normalise(envelope: Float64Array, maximum: float) -> Float64Array:
 def reference(
     mvc: Float64Array, denominator: Literal["sum_of_maxima", "maximum_of_sum"] = "sum_of_maxima"
 ) -> float:
-    """Return the denominator of eq. (3) from MVC envelopes.
-
-    Args:
-        mvc: Envelopes during the MVC, shape (muscles, n).
-        denominator: ``sum_of_maxima`` as printed, each muscle at its own best instant; ``maximum_of_sum``,
-            the largest co-contraction ever reached at one instant, which is smaller, so levels come out
-            higher.
-
-    Raises:
-        PerceptionError: No such definition, or the result is not positive.
-    """
+    """Return the denominator of eq. (3) from MVC envelopes."""
     if mvc.ndim != 2 or mvc.size == 0:
         raise PerceptionError(f"MVC envelopes have shape {mvc.shape}, not (muscles, samples)")
     if denominator == "sum_of_maxima":
@@ -195,10 +150,5 @@ def reference(
 
 
 def cocontraction(envelopes: Float64Array, mvc_reference: float) -> Float64Array:
-    """Return s_CC^N, eqs. (2) and (3): summed envelopes over the reference, dimensionless, shape (n,).
-
-    Args:
-        envelopes: s_i, shape (muscles, n).
-        mvc_reference: As of :func:`reference`.
-    """
+    """Return s_CC^N, eqs. (2) and (3): summed envelopes over the reference, dimensionless, shape (n,)."""
     return normalise(envelopes.sum(axis=0), mvc_reference)

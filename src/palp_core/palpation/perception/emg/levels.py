@@ -13,29 +13,15 @@ from palp_core.units import Float64Array
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """Level indices, and how many values lay outside the scale and were clamped.
+    """Level indices, and how many values lay outside the scale and were clamped."""
 
-    Attributes:
-        index: Index of the nearest level, shape (n,).
-        clamped_low_count: Values more than half a step below the first level.
-        clamped_high_count: Values more than half a step above the last.
-    """
-
-    index: NDArray[np.int64]
-    clamped_low_count: int
-    clamped_high_count: int
+    index: NDArray[np.int64]  # Index of the nearest level, shape (n,)
+    clamped_low_count: int  # Values more than half a step below the first level
+    clamped_high_count: int  # Values more than half a step above the last
 
 
 def to_levels(values: Float64Array, levels: Sequence[float] = LEVELS) -> Levels:
-    """Round to the nearest level, half-way values to the upper one; clamp what lies outside, and count it.
-
-    Args:
-        values: Co-contraction at the peaks, dimensionless, shape (n,).
-        levels: Increasing levels, at least two.
-
-    Raises:
-        PerceptionError: A value is NaN.
-    """
+    """Round to the nearest level, half-way values to the upper one; clamp what lies outside, and count it."""
     if np.isnan(values).any():
         raise PerceptionError("co-contraction holds NaN; there is no level for it")
     scale = np.asarray(levels, dtype=np.float64)

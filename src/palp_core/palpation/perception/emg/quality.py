@@ -20,34 +20,19 @@ _MAD_TO_SD = 1.4826  # of a normal law
 
 @dataclass(frozen=True)
 class SampleQuality:
-    """Quality of one muscle's raw samples.
+    """Quality of one muscle's raw samples."""
 
-    Attributes:
-        sample_count: Samples, lost ones included.
-        clipped_count: Samples at a rail.
-        lost_count: Samples missing or held at the last value.
-        longest_gap_s: Longest run of them.
-        offset: Median, in the samples' unit.
-        offset_ratio: Its size over the spread of the signal (robust standard deviation); infinite where there
-            is no spread.
-        silent: Whether the signal does not move at all.
-    """
-
-    sample_count: int
-    clipped_count: int
-    lost_count: int
-    longest_gap_s: float
-    offset: float
+    sample_count: int  # Samples, lost ones included
+    clipped_count: int  # Samples at a rail
+    lost_count: int  # Samples missing or held at the last value
+    longest_gap_s: float  # Longest run of them
+    offset: float  # Median, in the samples' unit
+    # Its size over the spread of the signal (robust standard deviation); infinite where there is no spread
     offset_ratio: float
-    silent: bool
+    silent: bool  # Whether the signal does not move at all
 
     def flags(self, *, largest_offset_ratio: float = 1.0) -> tuple[str, ...]:
-        """Return what is wrong: ``clipping``, ``offset``, ``lost_samples``, ``silent``; empty is good.
-
-        Args:
-            largest_offset_ratio: Offset over spread that is still ordinary (assumed). The offset is removed
-                in any case; a large one means ADC counts or a bad electrode.
-        """
+        """Return what is wrong: ``clipping``, ``offset``, ``lost_samples``, ``silent``; empty is good."""
         wrong = {
             "clipping": self.clipped_count > 0,
             "offset": self.offset_ratio > largest_offset_ratio,
@@ -60,17 +45,7 @@ class SampleQuality:
 def quality(
     samples: Float64Array, *, rate_hz: float, rails: tuple[float, float] | None = None, held_s: float = 0.01
 ) -> SampleQuality:
-    """Return the quality of one muscle's raw samples.
-
-    Args:
-        samples: Raw EMG, shape (n,), any unit; NaN where a sample was lost.
-        rate_hz: Sampling rate.
-        rails: Least and largest value the converter gives; None: found as :func:`clipped` says.
-        held_s: Least run of one value that counts as lost (assumed; 15 samples at 1500 Hz).
-
-    Raises:
-        PerceptionError: No sample is a finite number.
-    """
+    """Return the quality of one muscle's raw samples."""
     finite = np.isfinite(samples)
     if not finite.any():
         raise PerceptionError(
@@ -110,13 +85,7 @@ def lost_samples(
 
 
 def clipped(samples: Float64Array, rails: tuple[float, float] | None = None) -> BoolArray:
-    """Return which samples are clipped, shape (n,).
-
-    Args:
-        samples: Raw EMG, shape (n,).
-        rails: Least and largest value the converter gives. None: the recording's own extremes, where at least
-            three samples in a row lie on one, which unclipped EMG at its very largest does not do.
-    """
+    """Return which samples are clipped, shape (n,)."""
     if rails is not None:
         return np.asarray((samples <= rails[0]) | (samples >= rails[1]))
     if not np.isfinite(samples).any():
@@ -135,11 +104,7 @@ def held(samples: Float64Array, least_run: int) -> BoolArray:
 
 
 def bridge(samples: Float64Array) -> tuple[Float64Array, BoolArray]:
-    """Return the samples with straight lines over what is not finite, and which those were, shape (n,) each.
-
-    Raises:
-        PerceptionError: No sample is finite.
-    """
+    """Return the samples with straight lines over gaps, and which were gaps, shape (n,) each."""
     lost = ~np.isfinite(samples)
     if lost.all():
         raise PerceptionError("no EMG sample is a finite number; there is nothing to bridge between")

@@ -19,55 +19,32 @@ from palp_core.units import Float64Array
 
 @dataclass(frozen=True)
 class StreamState:
-    """What the stream remembers between two blocks: plain data, to be kept in a node's state.
+    """What the stream remembers between two blocks: plain data, to be kept in a node's state."""
 
-    Attributes:
-        band: Delays of the band-pass per chain.
-        squares: Squared samples inside the RMS window per chain.
-        bursts: Memory of the burst rule.
-    """
-
-    band: tuple[tuple[float, ...], ...]
-    squares: tuple[tuple[float, ...], ...]
-    bursts: BurstState
+    band: tuple[tuple[float, ...], ...]  # Delays of the band-pass per chain
+    squares: tuple[tuple[float, ...], ...]  # Squared samples inside the RMS window per chain
+    bursts: BurstState  # Memory of the burst rule
 
 
 @dataclass(frozen=True, eq=False)
 class StreamBlock:
-    """What comes out of a block.
+    """What comes out of a block."""
 
-    Attributes:
-        envelopes: s_i, the samples' unit, shape (muscles, n); without what is common if that is removed.
-        cocontraction: s_CC^N of eq. (3), dimensionless, shape (n,).
-        peaks: Peaks that the block settles; they may lie in earlier blocks.
-        bursts: Bursts that it settles, likewise.
-    """
-
+    # s_i, the samples' unit, shape (muscles, n); without what is common if that is removed
     envelopes: Float64Array
-    cocontraction: Float64Array
-    peaks: tuple[EmgPeak, ...]
-    bursts: tuple[Burst, ...]
+    cocontraction: Float64Array  # s_CC^N of eq. (3), dimensionless, shape (n,).
+    peaks: tuple[EmgPeak, ...]  # Peaks that the block settles; they may lie in earlier blocks
+    bursts: tuple[Burst, ...]  # Bursts that it settles, likewise
 
 
 @dataclass(frozen=True)
 class CoContractionStream:
-    """Parameters of the stream.
+    """Parameters of the stream."""
 
-    Attributes:
-        chains: Chain of each muscle, with its offset.
-        reference: Denominator of eq. (3), as of :func:`.calibration.calibrate`.
-        rule: Rule for bursts.
-        crosstalk: What becomes of what two muscles' recordings have in common.
-
-    Raises:
-        PerceptionError: The muscles' rates differ from each other or from the rule's, or crosstalk is to be
-            removed and they are not two.
-    """
-
-    chains: tuple[EmgChain, ...]
-    reference: float
-    rule: BurstRule
-    crosstalk: Crosstalk = "keep"
+    chains: tuple[EmgChain, ...]  # Chain of each muscle, with its offset
+    reference: float  # Denominator of eq. (3), as of calibration.calibrate.
+    rule: BurstRule  # Rule for bursts
+    crosstalk: Crosstalk = "keep"  # What becomes of what two muscles' recordings have in common
 
     def __post_init__(self) -> None:
         rates = {chain.rate_hz for chain in self.chains} | {self.rule.rate_hz}
@@ -86,15 +63,7 @@ class CoContractionStream:
         return _pack([chain.start() for chain in _with_sum(self.chains, self.crosstalk)], BurstState())
 
     def step(self, state: StreamState, samples: Float64Array) -> tuple[StreamState, StreamBlock]:
-        """Return the next state and what comes out.
-
-        Args:
-            state: As :meth:`start` or the previous block left it.
-            samples: Raw EMG, shape (muscles, n), finite; n may be 0.
-
-        Raises:
-            PerceptionError: The shape is another, a sample is not finite, or the state is another stream's.
-        """
+        """Return the next state and what comes out."""
         if samples.ndim != 2 or len(samples) != len(self.chains):
             raise PerceptionError(f"EMG block has shape {samples.shape}, not ({len(self.chains)}, samples)")
         chains = _with_sum(self.chains, self.crosstalk)
@@ -128,16 +97,7 @@ class CoContractionStream:
 def envelopes_of(
     chains: Sequence[EmgChain], samples: Float64Array, crosstalk: Crosstalk = "keep"
 ) -> Float64Array:
-    """Return the envelopes of a whole recording as a stream gives them, shape (muscles, n).
-
-    Args:
-        chains: Of each muscle.
-        samples: Raw EMG, shape (muscles, n), finite.
-        crosstalk: What becomes of what two muscles' recordings have in common.
-
-    Raises:
-        PerceptionError: Crosstalk is to be removed, and the muscles are not two.
-    """
+    """Return the envelopes of a whole recording as a stream gives them, shape (muscles, n)."""
     blocks = [*samples, samples.sum(axis=0)]
     return _own(
         [chain.envelope(one) for chain, one in zip(_with_sum(chains, crosstalk), blocks, strict=False)],

@@ -9,25 +9,15 @@ _KEEP_NS = 1_000_000_000
 
 
 class SweepCut(msgspec.Struct):
-    """The last second of a stream, and all of it while a sweep is under way; plain data for a successor.
+    """The last second of a stream, and all of it while a sweep is under way; plain data for a successor."""
 
-    Attributes:
-        held: Whether a sweep is under way.
-        starts_ns: Time of each block's first sample.
-        rates_hz: Rate within each block.
-        blocks: Samples of each block as bytes.
-        enter_ns: When the sweep came over the interval; 0 while not known.
-        leave_ns: When it left it.
-        last_ns: Time of the latest sample.
-    """
-
-    held: bool = False
-    starts_ns: list[int] = []
-    rates_hz: list[float] = []
-    blocks: list[bytes] = []
-    enter_ns: int = 0
-    leave_ns: int = 0
-    last_ns: int = 0
+    held: bool = False  # Whether a sweep is under way
+    starts_ns: list[int] = []  # Time of each block's first sample
+    rates_hz: list[float] = []  # Rate within each block
+    blocks: list[bytes] = []  # Samples of each block as bytes
+    enter_ns: int = 0  # When the sweep came over the interval; 0 while not known
+    leave_ns: int = 0  # When it left it
+    last_ns: int = 0  # Time of the latest sample
 
     def add(self, start_ns: int, rate_hz: float, torque_n_m: Float64Array) -> None:
         """Add a block."""
@@ -59,9 +49,6 @@ class SweepCut(msgspec.Struct):
         """Return the time of the grid's first sample, and its samples after the first ``count``, so far.
 
         A sample is there once the stream has one at or beyond it, and is linear between those.
-
-        Raises:
-            ValueError: The stream began after the sweep.
         """
         first = int(-(-self.enter_ns * rate_hz // 1e9))
         last = int(min(self.leave_ns, self.last_ns) * rate_hz // 1e9)
@@ -75,11 +62,7 @@ class SweepCut(msgspec.Struct):
         return start_ns, np.interp(grid_s, times_s, torque_n_m)
 
     def largest_gap_s(self, rate_hz: float) -> float:
-        """Return the longest time between two samples of the stream that the grid spans.
-
-        Raises:
-            ValueError: The stream was silent.
-        """
+        """Return the longest time between two samples of the stream that the grid spans."""
         times_s, _ = self._samples()
         most_s, step_s = (min(self.leave_ns, self.last_ns) - self.enter_ns) * 1e-9, 1.0 / rate_hz
         within = times_s[(times_s >= -step_s) & (times_s <= most_s + step_s)]

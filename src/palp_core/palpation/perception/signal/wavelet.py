@@ -72,9 +72,6 @@ def soft_universal(coefficients: list[Float64Array]) -> list[Float64Array]:
     """Shrink every detail by sigma sqrt(2 ln n), n the number of coefficients (Donoho, 1995).
 
     sigma is the median absolute finest detail over that of a standard normal.
-
-    Args:
-        coefficients: Approximation, then details from coarse to fine, as of ``pywt.wavedec``.
     """
     sigma = float(np.median(np.abs(coefficients[-1]))) / _GAUSSIAN_MAD
     threshold = float(sigma * np.sqrt(2.0 * np.log(sum(c.size for c in coefficients))))

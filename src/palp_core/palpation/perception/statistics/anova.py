@@ -31,34 +31,21 @@ class NotTestable:
 
 @dataclass(frozen=True)
 class Effect:
-    """One line of a table.
+    """One line of a table."""
 
-    Attributes:
-        name: Factor, or ``a:b`` for the interaction.
-        df: Degrees of freedom.
-        statistic: F, or Wald's chi squared for a mixed logit.
-        p: p-value.
-    """
-
-    name: str
-    df: float
-    statistic: float
-    p: float
+    name: str  # Factor, or `a:b` for the interaction
+    df: float  # Degrees of freedom
+    statistic: float  # F, or Wald's chi squared for a mixed logit
+    p: float  # p-value
 
 
 @dataclass(frozen=True)
 class Anova:
-    """A table of effects.
+    """A table of effects."""
 
-    Attributes:
-        effects: First factor, second factor, interaction.
-        residual_df: Degrees of freedom of the residual.
-        caution: What a reader must know of its assumptions.
-    """
-
-    effects: tuple[Effect, ...]
-    residual_df: float
-    caution: str
+    effects: tuple[Effect, ...]  # First factor, second factor, interaction
+    residual_df: float  # Degrees of freedom of the residual
+    caution: str  # What a reader must know of its assumptions
 
     def p(self, name: str) -> float:
         """Return the p-value of an effect."""
@@ -77,11 +64,7 @@ class PairTest:
 
 
 def checked(outcome: Sequence[float] | Float64Array, *labels: Labels) -> Float64Array:
-    """Return outcomes as an array, shape (n,).
-
-    Raises:
-        PerceptionError: There is none, they are no list, or a label is missing.
-    """
+    """Return outcomes as an array, shape (n,)."""
     values = np.asarray(outcome, dtype=np.float64)
     if values.ndim != 1 or values.size == 0 or any(len(one) != values.size for one in labels):
         lengths = ", ".join(str(len(one)) for one in labels)
@@ -160,15 +143,7 @@ def two_way(
 
 
 def bonferroni(outcome: Sequence[float] | Float64Array, group: Labels) -> list[PairTest]:
-    """Return all pairs of groups by Welch's t test, p times the number of pairs (at most 1).
-
-    Args:
-        outcome: One value per trial, shape (n,).
-        group: Its group, length n.
-
-    Raises:
-        PerceptionError: There is no trial, or lengths differ.
-    """
+    """Return all pairs of groups by Welch's t test, p times the number of pairs (at most 1)."""
     cells = _cells(checked(outcome, group), group)
     pairs = list(itertools.combinations(sorted(cells, key=lambda key: str(key[0])), 2))
     found = []
@@ -235,11 +210,7 @@ def permutation(
 
 
 def fisher(first: tuple[int, int], second: tuple[int, int]) -> float:
-    """Return Fisher's exact two-sided p-value of two shares, each (successes, trials).
-
-    Raises:
-        PerceptionError: A count is not one.
-    """
+    """Return Fisher's exact two-sided p-value of two shares, each (successes, trials)."""
     for right, total in (first, second):
         if not 0 <= right <= total or total < 1:
             raise PerceptionError(f"{right} of {total} is no share")

@@ -21,14 +21,6 @@ def mixed_logit(
 
     Bayesian with normal priors of sd 2 on effects, by Laplace's approximation; main effects only. The prior
     keeps separated cells finite.
-
-    Args:
-        correct: 1 for right, 0 for wrong, shape (n,).
-        factors: Levels of each factor by name, length n each.
-        session: The session of each trial, length n.
-
-    Raises:
-        PerceptionError: There is no trial, lengths differ, or an outcome is neither 0 nor 1.
     """
     values = checked(correct, session, *factors.values())
     if not np.isfinite(values).all():

@@ -25,39 +25,25 @@ from palp_core.units import Float64Array
 
 @dataclass(frozen=True)
 class SessionMean:
-    """A mean over sessions with a 95 % interval.
+    """A mean over sessions with a 95 % interval."""
 
-    Attributes:
-        value: The mean.
-        low: Lower bound; equal to the value with fewer than two sessions or where all agree, which is not
-            certainty: such sessions tell nothing of how much others would differ.
-        high: Upper bound.
-        session_count: Sessions.
-    """
-
-    value: float
+    value: float  # The mean
+    # Lower bound; equal to the value with fewer than two sessions or where all agree, which is not certainty:
+    # such sessions tell nothing of how much others would differ
     low: float
-    high: float
-    session_count: int
+    high: float  # Upper bound
+    session_count: int  # Sessions
 
 
 @dataclass(frozen=True)
 class PairedDifference:
-    """Two methods on the same sessions.
+    """Two methods on the same sessions."""
 
-    Attributes:
-        first: Name of the first.
-        second: Name of the second.
-        difference: Mean of first minus second, with its interval over sessions.
-        p: Sign-flip p-value, two-sided.
-        p_holm: The same within its family (Holm, 1979).
-    """
-
-    first: str
-    second: str
-    difference: SessionMean
-    p: float
-    p_holm: float
+    first: str  # Name of the first
+    second: str  # Name of the second
+    difference: SessionMean  # Mean of first minus second, with its interval over sessions
+    p: float  # Sign-flip p-value, two-sided
+    p_holm: float  # The same within its family (Holm, 1979)
 
 
 def widened(session_count: int, confidence: float = 0.95) -> float:
@@ -118,13 +104,6 @@ def share_interval(
 
     Where all sessions agree, as at 100 %, they tell nothing of their spread: the interval is then Wilson's
     over all trials, which is the least it can be.
-
-    Args:
-        right: Whether each trial was right, a list a session.
-        rng: Draws the resamples.
-
-    Raises:
-        PerceptionError: There is no session, or one without a trial.
     """
     if not all(len(one) for one in right):
         raise PerceptionError("a share of right answers needs a trial in every session")
@@ -147,12 +126,6 @@ def calibration_interval(
     A mean of absolute values lies above the truth where that is near 0, and its resamples lie higher still,
     so their lower percentile is no bound: the interval is as wide downwards as it is upwards. A test shows
     that it holds the truth as often as it says.
-
-    Args:
-        groups: Stated confidence and whether it was right, a pair a group; groups are equally long.
-        rng: Draws groups with replacement.
-        bin_count: Equal bins of confidence.
-        resamples: How often.
     """
     count, trials = len(groups), sum(stated.size for stated, _ in groups)
     gaps = np.zeros((count, bin_count))
@@ -173,13 +146,6 @@ def sign_flip(differences: Sequence[float] | Float64Array, rng: np.random.Genera
 
     The mean against its values when the sign of every session's difference is flipped: all patterns up to 14
     sessions, else 20,000 random ones and the one seen (Phipson and Smyth, 2010).
-
-    Args:
-        differences: First minus second, one per session, shape (s,).
-        rng: Draws the patterns.
-
-    Raises:
-        PerceptionError: There is no session, or a difference is not finite.
     """
     found = np.asarray(differences, dtype=np.float64)
     if found.size == 0 or found.ndim != 1 or not np.isfinite(found).all():
@@ -193,11 +159,7 @@ def sign_flip(differences: Sequence[float] | Float64Array, rng: np.random.Genera
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Return p-values adjusted for their family by Holm's step-down rule, in the order given.
-
-    Raises:
-        PerceptionError: A p-value does not lie between 0 and 1: what could not be tested is no member.
-    """
+    """Return p-values adjusted for their family by Holm's step-down rule, in the order given."""
     if not all(0.0 <= p <= 1.0 for p in p_values):
         raise PerceptionError(f"Holm's rule is of p-values between 0 and 1, not {list(p_values)}")
     order = np.argsort(p_values, kind="stable")
@@ -213,16 +175,7 @@ def compare(
     pairs: Sequence[tuple[str, str]],
     rng: np.random.Generator,
 ) -> list[PairedDifference]:
-    """Compare methods on common sessions: differences with intervals, Holm over the pairs.
-
-    Args:
-        sessions: One value per session by name, all over the same sessions in the same order.
-        pairs: Which to compare, first minus second.
-        rng: Draws resamples and sign patterns.
-
-    Raises:
-        PerceptionError: A name is missing, or lengths differ.
-    """
+    """Compare methods on common sessions: differences with intervals, Holm over the pairs."""
     found = []
     for first, second in pairs:
         missing = [name for name in (first, second) if name not in sessions]

@@ -17,21 +17,13 @@ from palp_core.units import Float64Array
 
 @dataclass(frozen=True)
 class Proportion:
-    """A share with its interval.
+    """A share with its interval."""
 
-    Attributes:
-        value: Successes over trials.
-        low: Lower bound.
-        high: Upper bound.
-        success_count: Successes.
-        trial_count: Trials.
-    """
-
-    value: float
-    low: float
-    high: float
-    success_count: int
-    trial_count: int
+    value: float  # Successes over trials
+    low: float  # Lower bound
+    high: float  # Upper bound
+    success_count: int  # Successes
+    trial_count: int  # Trials
 
 
 def wilson(success_count: int, trial_count: int, *, confidence: float = 0.95) -> Proportion:
@@ -55,11 +47,7 @@ def wilson(success_count: int, trial_count: int, *, confidence: float = 0.95) ->
 
 
 def confusion(actual: Sequence[int], estimated: Sequence[int], class_count: int) -> NDArray[np.int64]:
-    """Return counts [actual, estimated], shape (m, m).
-
-    Raises:
-        PerceptionError: The lengths differ, or an index is out of range.
-    """
+    """Return counts [actual, estimated], shape (m, m)."""
     truth, guess = np.asarray(actual, dtype=np.int64), np.asarray(estimated, dtype=np.int64)
     if truth.shape != guess.shape:
         raise PerceptionError(f"{truth.size} actual classes, {guess.size} estimates")
@@ -73,34 +61,21 @@ def confusion(actual: Sequence[int], estimated: Sequence[int], class_count: int)
 
 @dataclass(frozen=True)
 class ReliabilityBin:
-    """Estimates of similar confidence.
+    """Estimates of similar confidence."""
 
-    Attributes:
-        low: Lower edge of the bin.
-        high: Upper edge.
-        mean_confidence: Mean stated probability.
-        accuracy: Share that was right, with its interval.
-    """
-
-    low: float
-    high: float
-    mean_confidence: float
-    accuracy: Proportion
+    low: float  # Lower edge of the bin
+    high: float  # Upper edge
+    mean_confidence: float  # Mean stated probability
+    accuracy: Proportion  # Share that was right, with its interval
 
 
 @dataclass(frozen=True)
 class ConfidenceCalibration:
-    """Stated confidence against actual accuracy.
+    """Stated confidence against actual accuracy."""
 
-    Attributes:
-        expected_error: Expected calibration error: |accuracy - confidence| averaged over trials, 0 to 1.
-        overconfidence: Mean confidence minus accuracy; positive is over-confident.
-        bins: The bins that hold a trial.
-    """
-
-    expected_error: float
-    overconfidence: float
-    bins: tuple[ReliabilityBin, ...]
+    expected_error: float  # Expected calibration error: |accuracy - confidence| averaged over trials, 0 to 1
+    overconfidence: float  # Mean confidence minus accuracy; positive is over-confident
+    bins: tuple[ReliabilityBin, ...]  # The bins that hold a trial
 
 
 def reliability_bins(stated: Float64Array, bin_count: int) -> NDArray[np.int64]:
@@ -112,16 +87,7 @@ def reliability_bins(stated: Float64Array, bin_count: int) -> NDArray[np.int64]:
 def calibration(
     confidence: Float64Array, correct: Sequence[bool], *, bin_count: int = 10
 ) -> ConfidenceCalibration:
-    """Compare the probability of the chosen class with how often it was right.
-
-    Args:
-        confidence: Posterior of the estimate, one per trial, 0 to 1, shape (n,).
-        correct: Whether the estimate was right, length n.
-        bin_count: Equal bins over 0 to 1, upper edges inclusive.
-
-    Raises:
-        PerceptionError: No trial, lengths differ, or a confidence is not a probability.
-    """
+    """Compare the probability of the chosen class with how often it was right."""
     stated, right = np.asarray(confidence, dtype=np.float64), np.asarray(correct, dtype=bool)
     if stated.size == 0 or stated.shape != right.shape or not ((stated >= 0.0) & (stated <= 1.0)).all():
         raise PerceptionError(

@@ -22,17 +22,11 @@ from palp_core.units import Float64Array
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Readings under one condition.
+    """Readings under one condition."""
 
-    Attributes:
-        cause: What differs between its groups; empty where nothing does.
-        slope: Change of the reading per unit of the cause.
-        groups: Readings of each group.
-    """
-
-    cause: str
-    slope: float
-    groups: tuple[Float64Array, ...]
+    cause: str  # What differs between its groups; empty where nothing does
+    slope: float  # Change of the reading per unit of the cause
+    groups: tuple[Float64Array, ...]  # Readings of each group
 
 
 @dataclass(frozen=True)
@@ -45,16 +39,7 @@ class Estimate:
 
 
 def estimate(blocks: Sequence[Block], *, confidence: float = 0.95) -> dict[str, Estimate]:
-    """Return the standard deviation of each cause, and of single readings under the key ``""``.
-
-    Args:
-        blocks: Readings; each cause in one block or more.
-        confidence: Of the intervals.
-
-    Raises:
-        PerceptionError: No group has two readings, so nothing tells the causes from the rest; a reading is
-            not finite; or a cause has a slope of 0 throughout, or fewer than two groups in any block.
-    """
+    """Return the standard deviation of each cause, and of single readings under the key ``""``."""
     causes = sorted({block.cause for block in blocks if block.cause})
     if not any(group.size > 1 for block in blocks for group in block.groups):
         raise PerceptionError("no group has two readings; repeat sweeps without touching anything")

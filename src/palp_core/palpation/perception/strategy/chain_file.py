@@ -9,8 +9,7 @@ import numpy as np
 
 from palp_core.errors import PerceptionError
 from palp_core.palpation.perception.strategy.markov import check_stochastic
-from palp_core.palpation.perception.strategy.markov_readings import Reading
-from palp_core.palpation.perception.strategy.policies import MarkovPolicy
+from palp_core.palpation.perception.strategy.policies import MarkovPolicy, Reading
 from palp_core.units import Float64Array
 from palp_core.whole_file import read_whole, why_not, write_json
 
@@ -18,35 +17,21 @@ _LARGEST_BYTES = 16 << 20
 
 
 class Chain(msgspec.Struct, frozen=True, kw_only=True):
-    """A chain and what it was learnt from.
+    """A chain and what it was learnt from."""
 
-    Attributes:
-        depth_m: Nodule's depth in the trials it was learnt from; None: pooled over all trials.
-        matrix: M[next, current], columns sum to 1.
-        counts: Transitions behind it, by next and current level.
-        mean_level: Mean co-contraction of the bursts, dimensionless: the mean of P_{S,1}.
-        sd_level: Their standard deviation: sigma_S.
-    """
-
-    depth_m: float | None
-    matrix: list[list[float]]
-    counts: list[list[float]]
-    mean_level: float
-    sd_level: float
+    depth_m: float | None  # Nodule's depth in the trials it was learnt from; None: pooled over all trials
+    matrix: list[list[float]]  # M[next, current], columns sum to 1
+    counts: list[list[float]]  # Transitions behind it, by next and current level
+    mean_level: float  # Mean co-contraction of the bursts, dimensionless: the mean of P_{S,1}
+    sd_level: float  # Their standard deviation: sigma_S
 
 
 class ChainFile(msgspec.Struct, frozen=True, kw_only=True):
-    """Chains by depth, and their levels.
+    """Chains by depth, and their levels."""
 
-    Attributes:
-        levels: Co-contraction of each level, dimensionless.
-        prior_count: Pseudo-count of the Dirichlet prior of each entry.
-        chains: The pooled one first, then by rising depth where depths are known.
-    """
-
-    levels: list[float]
-    prior_count: float
-    chains: list[Chain]
+    levels: list[float]  # Co-contraction of each level, dimensionless
+    prior_count: float  # Pseudo-count of the Dirichlet prior of each entry
+    chains: list[Chain]  # The pooled one first, then by rising depth where depths are known
 
     @property
     def pooled(self) -> Chain:
@@ -54,14 +39,7 @@ class ChainFile(msgspec.Struct, frozen=True, kw_only=True):
         return next(chain for chain in self.chains if chain.depth_m is None)
 
     def matrices(self, depths_m: Sequence[float] = ()) -> Float64Array:
-        """Return a matrix per depth, or where no depth is asked for or known the pooled one alone.
-
-        Args:
-            depths_m: Depths in the order of the belief's classes.
-
-        Raises:
-            PerceptionError: Chains by depth are there, but not of each of these depths.
-        """
+        """Return a matrix per depth, or where no depth is asked for or known the pooled one alone."""
         by_depth = {round(c.depth_m, 9): c for c in self.chains if c.depth_m is not None}
         if not depths_m or not by_depth:
             return np.array([self.pooled.matrix])
@@ -74,11 +52,7 @@ class ChainFile(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def read_chains(path: str | Path) -> ChainFile:
-    """Return the chains of a file.
-
-    Raises:
-        PerceptionError: No such file, not of this kind, or a matrix is none of transitions.
-    """
+    """Return the chains of a file."""
     try:
         found = msgspec.json.decode(read_whole(path, _LARGEST_BYTES), type=ChainFile)
     except OSError as error:
@@ -114,17 +88,7 @@ def markov_policy(
     mixture: Literal["average", "posterior"] = "average",
     depths_m: Sequence[float] = (),
 ) -> MarkovPolicy:
-    """Return the policy that follows a learnt chain, with its own first mean and sigma_S.
-
-    Args:
-        path: As :func:`read_chains`.
-        reading: Which reading of eqs. (4) and (5).
-        mixture: ``average`` follows the pooled chain; ``posterior`` weights the chains of ``depths_m``.
-        depths_m: Depths in the order of the belief's classes; for ``posterior``.
-
-    Raises:
-        PerceptionError: As :func:`read_chains`, or chains by depth are asked for and not there.
-    """
+    """Return the policy that follows a learnt chain, with its own first mean and sigma_S."""
     found = read_chains(path)
     if mixture == "posterior" and (not depths_m or len(found.chains) < 2):
         raise PerceptionError(f"{path}: mixture 'posterior' needs depths, and a chain learnt at each")

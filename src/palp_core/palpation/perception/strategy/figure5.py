@@ -2,11 +2,9 @@
 
 The matrices were published as pictures without legible entries; their eigenvalues (Table 5, rounded to 1e-4)
 are numbers. What is here is therefore a reconstruction and must be shown as one. It has the published
-spectrum, all entries positive; the tests hold what found it and run that again. Of all chains with that
-spectrum that treat both ends of the scale alike it is the nearest to one kernel, a Gaussian AR(1), by one
-measure: the relative entropy per step, sum_i p_i KL(M[:, i] | K[:, i]), p the kernel's stationary law. By
-another measure another chain is: by squared differences of the entries one that is 11 to 35 % nearer, and at
-2 mm even the control is nearer than it.
+spectrum, all entries positive. Of all chains with that spectrum that treat both ends of the scale alike it is
+the nearest to one kernel, a Gaussian AR(1), by the relative entropy per step, the sum over the columns i of
+p_i KL(M[:, i] | K[:, i]), p the kernel's stationary law. By another measure another chain is.
 """
 
 from typing import Literal
@@ -90,15 +88,7 @@ _TRIDIAGONAL = (
 
 
 def matrices(kind: Reconstruction = "ar1") -> Float64Array:
-    """Return the three reconstructed matrices M[depth, next, current], shape (3, 5, 5).
-
-    Args:
-        kind: ``ar1``, nearest to a Gaussian AR(1) in relative entropy; or ``tridiagonal``, the control that
-            moves to neighbours only.
-
-    Raises:
-        PerceptionError: No such reconstruction.
-    """
+    """Return the three reconstructed matrices M[depth, next, current], shape (3, 5, 5)."""
     if kind == "ar1":
         return np.array(_AR1)
     if kind == "tridiagonal":

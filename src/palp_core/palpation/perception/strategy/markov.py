@@ -20,12 +20,7 @@ _EDGE = 1e-12  # a probability below this is no edge
 
 
 def check_stochastic(matrix: Float64Array) -> Float64Array:
-    """Return the matrix as an array once it is known to be column-stochastic.
-
-    Raises:
-        PerceptionError: Not square, not finite, a negative entry, or a column that does not sum to 1 within
-            1e-9.
-    """
+    """Return the matrix as an array once it is known to be column-stochastic."""
     m = np.asarray(matrix, dtype=np.float64)
     if m.ndim != 2 or m.shape[0] != m.shape[1] or m.size == 0:
         raise PerceptionError(f"a transition matrix is square, not {m.shape}")
@@ -40,15 +35,8 @@ def check_stochastic(matrix: Float64Array) -> Float64Array:
 def count_transitions(trials: Sequence[Sequence[int]], level_count: int) -> Float64Array:
     """Count transitions between consecutive levels, never from the end of one trial to the start of the next.
 
-    Args:
-        trials: Level indices, 0 to ``level_count`` - 1, one sequence per trial of one subject.
-        level_count: Number of levels n.
-
     Returns:
         Counts [next, current], shape (n, n).
-
-    Raises:
-        PerceptionError: An index is out of range.
     """
     counts = np.zeros((level_count, level_count))
     for number, trial in enumerate(trials):
@@ -62,16 +50,7 @@ def count_transitions(trials: Sequence[Sequence[int]], level_count: int) -> Floa
 
 
 def transition_matrix(counts: Float64Array, *, prior_count: float = 0.5) -> Float64Array:
-    """Return the posterior mean of M[next, current] under a Dirichlet prior on each column.
-
-    Args:
-        counts: Transitions [next, current], shape (n, n).
-        prior_count: Pseudo-count of every entry; 0.5 is Jeffreys' prior. 0 gives the plain relative
-            frequencies.
-
-    Raises:
-        PerceptionError: ``prior_count`` is 0 and a level was never left, so its column has no value.
-    """
+    """Return the posterior mean of M[next, current] under a Dirichlet prior on each column."""
     weights = np.asarray(counts, dtype=np.float64) + prior_count
     totals = weights.sum(axis=0)
     if prior_count < 0.0 or (totals <= 0.0).any():
@@ -90,18 +69,12 @@ def eigenvalues(matrix: Float64Array) -> NDArray[np.float64] | NDArray[np.comple
 
 @dataclass(frozen=True)
 class Structure:
-    """What the arrows of a chain allow.
+    """What the arrows of a chain allow."""
 
-    Attributes:
-        closed_class_count: Sets of levels that cannot be left; a stationary law is unique only if there is
-            one.
-        irreducible: Whether every level can be reached from every other.
-        period: Greatest common divisor of the lengths of all loops in the closed classes; 1 is aperiodic.
-    """
-
+    # Sets of levels that cannot be left; a stationary law is unique only if there is one
     closed_class_count: int
-    irreducible: bool
-    period: int
+    irreducible: bool  # Whether every level can be reached from every other
+    period: int  # Greatest common divisor of the lengths of all loops in the closed classes; 1 is aperiodic
 
     @property
     def mixes(self) -> bool:
@@ -145,11 +118,7 @@ def _mixing_spectrum(matrix: Float64Array, what: str) -> NDArray[np.complex128]:
 
 
 def relaxation_time(matrix: Float64Array) -> float:
-    """Return 1 / (1 - |lambda_2|), steps; lambda_2 the eigenvalue of second largest modulus.
-
-    Raises:
-        PerceptionError: Reducible or periodic: the chain never relaxes.
-    """
+    """Return 1 / (1 - |lambda_2|), steps; lambda_2 the eigenvalue of second largest modulus."""
     rest = _mixing_spectrum(matrix, "the relaxation time")
     found = structure(matrix)
     if found.period != 1:
@@ -163,20 +132,13 @@ def kemeny_constant(matrix: Float64Array) -> float:
     """Return sum over i > 1 of 1 / (1 - lambda_i), steps: mean time to a level drawn from the stationary law.
 
     The start counts as reached at time 0 (other texts add 1).
-
-    Raises:
-        PerceptionError: The chain has several closed classes.
     """
     rest = _mixing_spectrum(matrix, "Kemeny's constant")
     return float((1.0 / (1.0 - rest)).sum().real)
 
 
 def stationary(matrix: Float64Array) -> Float64Array:
-    """Return the one law with M p = p, shape (n,).
-
-    Raises:
-        PerceptionError: The chain has several closed classes, so the law is not unique.
-    """
+    """Return the one law with M p = p, shape (n,)."""
     _mixing_spectrum(matrix, "the stationary law")
     size = len(matrix)
     equations = np.vstack([matrix - np.eye(size), np.ones(size)])
@@ -191,11 +153,7 @@ def independent(matrix: Float64Array) -> Float64Array:
 
 
 def time_reversed(matrix: Float64Array) -> Float64Array:
-    """Return the chain run backwards: the same occupancy, every transition the other way.
-
-    Raises:
-        PerceptionError: A level has no stationary probability, so its column has no value.
-    """
+    """Return the chain run backwards: the same occupancy, every transition the other way."""
     law = stationary(matrix)
     if (law < _EDGE).any():
         raise PerceptionError(

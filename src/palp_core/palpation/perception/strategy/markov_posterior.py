@@ -39,18 +39,10 @@ class CredibleInterval:
 
 @dataclass(frozen=True, eq=False)
 class ChainPosterior:
-    """What counted transitions say of a chain.
+    """What counted transitions say of a chain."""
 
-    Attributes:
-        counts: Transitions [next, current], shape (n, n).
-        prior_count: Pseudo-count of every entry; 0.5 is Jeffreys' prior.
-
-    Raises:
-        PerceptionError: The counts are not square, negative or not finite, or the prior is not positive.
-    """
-
-    counts: Float64Array
-    prior_count: float = 0.5
+    counts: Float64Array  # Transitions [next, current], shape (n, n)
+    prior_count: float = 0.5  # Pseudo-count of every entry; 0.5 is Jeffreys' prior
 
     def __post_init__(self) -> None:
         counts = np.array(self.counts, dtype=np.float64)
@@ -88,17 +80,11 @@ class ChainPosterior:
 
 @dataclass(frozen=True)
 class Observed:
-    """What the seen transitions alone allow; the prior makes every chain irreducible, so it is not asked.
+    """What the seen transitions alone allow; the prior makes every chain irreducible, so it is not asked."""
 
-    Attributes:
-        never_visited: Levels that no transition enters or leaves; left out of the structure.
-        never_left: Levels that were entered and never left; each stays by assumption.
-        structure: Closed classes and period of the rest.
-    """
-
-    never_visited: tuple[int, ...]
-    never_left: tuple[int, ...]
-    structure: Structure | None
+    never_visited: tuple[int, ...]  # Levels that no transition enters or leaves; left out of the structure
+    never_left: tuple[int, ...]  # Levels that were entered and never left; each stays by assumption
+    structure: Structure | None  # Closed classes and period of the rest
 
 
 def observed(counts: Float64Array) -> Observed:
@@ -119,33 +105,19 @@ def observed(counts: Float64Array) -> Observed:
 
 @dataclass(frozen=True, eq=False)
 class ChainSummary:
-    """What a chain's posterior says; values are of the posterior mean, intervals over draws.
+    """What a chain's posterior says; values are of the posterior mean, intervals over draws."""
 
-    Attributes:
-        posterior: Counts and prior.
-        matrix: Posterior mean of M[next, current], shape (n, n).
-        low: Lower end of each entry's interval.
-        high: Upper end.
-        eigenvalues: Of the mean matrix, largest modulus first, complex where they are.
-        moduli: Modulus of each, in that order, the unit one first.
-        relaxation_time: Steps.
-        kemeny: Kemeny's constant, steps.
-        stationary: Share of each level in the long run.
-        observed: What the seen transitions alone allow.
-        mass: Probability inside the intervals.
-    """
-
-    posterior: ChainPosterior
-    matrix: Float64Array
-    low: Float64Array
-    high: Float64Array
-    eigenvalues: tuple[complex, ...]
-    moduli: tuple[CredibleInterval, ...]
-    relaxation_time: CredibleInterval
-    kemeny: CredibleInterval
-    stationary: tuple[CredibleInterval, ...]
-    observed: Observed
-    mass: float
+    posterior: ChainPosterior  # Counts and prior
+    matrix: Float64Array  # Posterior mean of M[next, current], shape (n, n)
+    low: Float64Array  # Lower end of each entry's interval
+    high: Float64Array  # Upper end
+    eigenvalues: tuple[complex, ...]  # Of the mean matrix, largest modulus first, complex where they are
+    moduli: tuple[CredibleInterval, ...]  # Modulus of each, in that order, the unit one first
+    relaxation_time: CredibleInterval  # Steps
+    kemeny: CredibleInterval  # Kemeny's constant, steps
+    stationary: tuple[CredibleInterval, ...]  # Share of each level in the long run
+    observed: Observed  # What the seen transitions alone allow
+    mass: float  # Probability inside the intervals
 
 
 def fit_chain(

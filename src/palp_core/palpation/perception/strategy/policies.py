@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 import scipy
@@ -26,23 +26,21 @@ from palp_core.palpation.perception.strategy import figure5
 from palp_core.palpation.perception.strategy.markov import check_stochastic
 from palp_core.units import Float64Array
 
+Reading = Literal["column", "gaussian_reset", "mean"]
+"""Ways to read eqs. (4) and (5); see :class:`MarkovPolicy`."""
+
 UniformDraw = Callable[[], ArrayLike]
 """Returns a number in [0, 1) for each trial, shape (...)."""
 
 
 @dataclass(frozen=True, eq=False)
 class RingChoice:
-    """Where to probe next, which is all a policy remembers between two probes.
+    """Where to probe next, which is all a policy remembers between two probes."""
 
-    Attributes:
-        level: Index of the ring position, shape (...).
-        mean_level: Mean co-contraction level of P_{S,t}, shape (...); only two of the Markov readings use it.
-        renew: Whether to position the ring anew although it is there already, for a new landing error, shape
-            (...).
-    """
-
-    level: NDArray[np.int64]
+    level: NDArray[np.int64]  # Index of the ring position, shape (...)
+    # Mean co-contraction level of P_{S,t}, shape (...); only two of the Markov readings use it
     mean_level: Float64Array
+    # Whether to position the ring anew although it is there already, for a new landing error, shape (...)
     renew: NDArray[np.bool_]
 
     @classmethod
@@ -75,12 +73,7 @@ class StiffnessPolicy(Protocol):
 
 
 def draw(probabilities: Float64Array, uniform: ArrayLike) -> NDArray[np.int64]:
-    """Return the first index whose cumulated probability exceeds a uniform number, shape (...).
-
-    Args:
-        probabilities: Shape (..., k) or (k,).
-        uniform: Numbers in [0, 1), shape (...).
-    """
+    """Return the first index whose cumulated probability exceeds a uniform number, shape (...)."""
     below = np.cumsum(probabilities, axis=-1) <= np.asarray(uniform)[..., None]
     return np.asarray(np.minimum(below.sum(axis=-1), probabilities.shape[-1] - 1), dtype=np.int64)
 
@@ -194,7 +187,7 @@ class MarkovPolicy:
     """
 
     matrices: Float64Array = field(default_factory=figure5.matrices)
-    reading: Literal["column", "gaussian_reset", "mean"] = "column"
+    reading: Reading = "column"
     mixture: Literal["average", "posterior"] = "average"
     rings_m: tuple[float, ...] = figure5.RINGS_M
     levels: tuple[float, ...] = figure5.LEVELS
@@ -208,7 +201,7 @@ class MarkovPolicy:
             raise PerceptionError(
                 f"{matrices.shape[-1]} states, {len(self.rings_m)} rings and {len(self.levels)} levels differ"
             )
-        if self.reading not in ("column", "gaussian_reset", "mean"):
+        if self.reading not in get_args(Reading):
             raise PerceptionError(f"no reading '{self.reading}'; use 'column', 'gaussian_reset' or 'mean'")
         if self.mixture not in ("average", "posterior"):
             raise PerceptionError(f"no mixture '{self.mixture}'; use 'average' or 'posterior'")

@@ -24,21 +24,14 @@ _TIE = 1e-9  # bits, or bits per second; far below what one probe tells
 
 @dataclass(frozen=True)
 class Timing:
-    """How long a probe takes on the rig.
+    """How long a probe takes on the rig."""
 
-    Attributes:
-        sweep_s: Sweep and way back; 80 mm at the published 20 mm/s, twice (length and way back assumed).
-        ring_m_per_s: Speed of the ring (older data sheets of the actuator: 5 mm/s).
-        settle_s: From the ring's arrival to rest (assumed).
-        home_m: From the ring's zero to the stop it is re-homed at (assumed).
-        rehomes: Whether a trial begins at that stop.
-    """
-
+    # Sweep and way back; 80 mm at the published 20 mm/s, twice (length and way back assumed)
     sweep_s: float = 8.0
-    ring_m_per_s: float = 5.0e-3
-    settle_s: float = 0.2
-    home_m: float = 1.0e-3
-    rehomes: bool = True
+    ring_m_per_s: float = 5.0e-3  # Speed of the ring (older data sheets of the actuator: 5 mm/s)
+    settle_s: float = 0.2  # From the ring's arrival to rest (assumed)
+    home_m: float = 1.0e-3  # From the ring's zero to the stop it is re-homed at (assumed)
+    rehomes: bool = True  # Whether a trial begins at that stop
 
     def move_s(self, from_m: Float64Array, to_m: Float64Array) -> Float64Array:
         """Return the time to travel between ring positions; 0 where nothing moves."""
@@ -119,17 +112,12 @@ class EmgDriven:
 
 @dataclass(frozen=True, eq=False)
 class Actions:
-    """What could be done next, one column per action, and what it promises.
+    """What could be done next, one column per action, and what it promises."""
 
-    Attributes:
-        level: Ring level of each action, shape (k + 1,); the last is to stay, whose level is the present one.
-        gain_bits: Expected information gain, shape (..., k + 1); minus infinity: no such action.
-        seconds: Duration of move and sweep, shape (..., k + 1).
-    """
-
+    # Ring level of each action, shape (k + 1,); the last is to stay, whose level is the present one
     level: NDArray[np.int64]
-    gain_bits: Float64Array
-    seconds: Float64Array
+    gain_bits: Float64Array  # Expected information gain, shape (..., k + 1); minus infinity: no such action
+    seconds: Float64Array  # Duration of move and sweep, shape (..., k + 1)
 
 
 @method(

@@ -20,9 +20,6 @@ def rings_of(text: str) -> tuple[float, ...]:
 
     >>> rings_of("16, 0 4")
     (0.0, 0.004, 0.016)
-
-    Raises:
-        PerceptionError: A word is no number, or no position that the ring can reach; or there is none.
     """
     found = set()
     for word in text.replace(",", " ").split():

@@ -24,17 +24,11 @@ _CHUNK = 2048  # trials at a time: their innovations stay in the cache
 
 @dataclass(frozen=True, eq=False)
 class TraceBelief:
-    """What trials that were swept alike know; they differ in what was felt.
+    """What trials that were swept alike know; they differ in what was felt."""
 
-    Attributes:
-        sweeps: The sweeps so far, the last under way or done.
-        innovation: Of every bin so far, shape (n, c, bins so far).
-        log_density: Of all torques so far given each class, shape (n, c).
-    """
-
-    sweeps: tuple[SweepOf, ...]
-    innovation: Float64Array
-    log_density: Float64Array
+    sweeps: tuple[SweepOf, ...]  # The sweeps so far, the last under way or done
+    innovation: Float64Array  # Of every bin so far, shape (n, c, bins so far)
+    log_density: Float64Array  # Of all torques so far given each class, shape (n, c)
 
     def __getitem__(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> TraceBelief:
         """Return some of the trials."""
@@ -48,13 +42,7 @@ def start(model: TraceModel, trial_count: int = 1) -> TraceBelief:
 
 
 def begin_sweep(belief: TraceBelief, setting: int, *, landed: bool) -> TraceBelief:
-    """Return the belief at the beginning of a sweep; of one that ended early what was read counts.
-
-    Args:
-        belief: Before it.
-        setting: Index of the setting.
-        landed: Whether the ring was moved, or re-homed, since the sweep before.
-    """
+    """Return the belief at the beginning of a sweep; of one that ended early what was read counts."""
     last = belief.sweeps[-1] if belief.sweeps else None
     landing = 0 if last is None else last.landing + int(landed)
     return replace(belief, sweeps=(*belief.sweeps, SweepOf(setting, landing, 0)))
@@ -153,12 +141,6 @@ def expected_bits(model: TraceModel, belief: TraceBelief, setting: int, *, lande
     The entropy of a mixture is not had in closed form; with the Bhattacharyya distances D between its parts
     it is at least -sum_i w_i log sum_j w_j exp(-D_ij) above their own (Kolchinsky and Tracey, Entropy 19,
     2017).
-
-    Args:
-        model: What sweeps look like.
-        belief: What trials know.
-        setting: Of the sweep.
-        landed: Whether the ring is moved, or re-homed, for it.
     """
     last = begin_sweep(belief, setting, landed=landed).sweeps[-1]
     factor = model.factor(belief.sweeps, last._replace(bins=model.bin_count))

@@ -18,20 +18,11 @@ _MOST = 10_000
 
 @dataclass(frozen=True)
 class PositionBins:
-    """Stretches of equal length along the path of a sweep.
+    """Stretches of equal length along the path of a sweep."""
 
-    Attributes:
-        from_m: Stage position at which the first begins.
-        width_m: Length of each; negative for a sweep towards -Y.
-        count: How many.
-
-    Raises:
-        PerceptionError: No length, or not between 1 and 10000 of them.
-    """
-
-    from_m: float
-    width_m: float
-    count: int
+    from_m: float  # Stage position at which the first begins
+    width_m: float  # Length of each; negative for a sweep towards -Y
+    count: int  # How many
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.from_m) and np.isfinite(self.width_m) and abs(self.width_m) > 1e-6):
@@ -65,23 +56,14 @@ class BinnedSweep(msgspec.Struct):
 
     A bin is complete once a sample beyond it has come. One that no sample fell into takes the mean of the
     samples on both sides of it.
-
-    Attributes:
-        done: Means of the bins that are complete, N m.
-        open_n_m: Samples of the bin that is not.
-        last_n_m: The latest sample, for a bin without one.
     """
 
-    done: list[float] = []
-    open_n_m: list[float] = []
-    last_n_m: float = 0.0
+    done: list[float] = []  # Means of the bins that are complete, N m
+    open_n_m: list[float] = []  # Samples of the bin that is not
+    last_n_m: float = 0.0  # The latest sample, for a bin without one
 
     def add(self, bins: PositionBins, position_m: Float64Array, torque_n_m: Float64Array) -> int:
-        """Take samples in the order of the sweep; return how many bins they completed.
-
-        Raises:
-            PerceptionError: Positions and torques are not equally many, or one is not a number.
-        """
+        """Take samples in the order of the sweep; return how many bins they completed."""
         if np.shape(position_m) != np.shape(torque_n_m):
             raise PerceptionError(f"{len(position_m)} positions for {len(torque_n_m)} samples of torque")
         if not (np.isfinite(position_m).all() and np.isfinite(torque_n_m).all()):

@@ -23,26 +23,16 @@ UNREAD_N_M = 1.0
 
 @dataclass(frozen=True, eq=False)
 class TraceKnowledge:
-    """What is known of a rig in addition to what its training taught: how sweeps differ, and by how much.
+    """What is known of a rig in addition to what its training taught: how sweeps differ, and by how much."""
 
-    Attributes:
-        sd: Spread of each offset, in its unit, shape (l,).
-        stays: How long each stays.
-        mean_n_m: The trace by the mechanics, shape (m, k, b).
-        slope: Its change by a unit of each offset, shape (m, k, b, l).
-        bend: What the offset's square adds, shape (m, k, b, l).
-        slope_error: What slopes are taken to be wrong by, relative.
-        texture: What the surface adds along a track, where training does not tell it.
-        place_m: Where the ball touches in each bin, shape (m, k, b): where it does not move, it sticks.
-    """
-
-    sd: Float64Array
-    stays: tuple[Stays, ...]
-    mean_n_m: Float64Array
-    slope: Float64Array
-    bend: Float64Array
-    slope_error: float
-    texture: Texture
+    sd: Float64Array  # Spread of each offset, in its unit, shape (l,)
+    stays: tuple[Stays, ...]  # How long each stays
+    mean_n_m: Float64Array  # The trace by the mechanics, shape (m, k, b)
+    slope: Float64Array  # Its change by a unit of each offset, shape (m, k, b, l)
+    bend: Float64Array  # What the offset's square adds, shape (m, k, b, l)
+    slope_error: float  # What slopes are taken to be wrong by, relative
+    texture: Texture  # What the surface adds along a track, where training does not tell it
+    # Where the ball touches in each bin, shape (m, k, b): where it does not move, it sticks
     place_m: Float64Array
 
     def with_squares(self) -> TraceKnowledge:
@@ -78,14 +68,7 @@ _USUAL_SD = {
 
 
 def _within(touch: Mapping[str, Range], low: float, high: float, **other: Range) -> dict[str, Range]:
-    """Return where errors of one sweep were measured.
-
-    Args:
-        touch: What is touched.
-        low: Least that a filter is told, as a share of the usual spreads.
-        high: Most.
-        **other: Ranges that differ from those of the usual session.
-    """
+    """Return where errors of one sweep were measured."""
     return {
         **touch,
         **{name: (low * sd * 0.999, high * sd * 1.001) for name, sd in _USUAL_SD.items()},
@@ -160,15 +143,10 @@ def second_order(trained: TrainedTraces, known: TraceKnowledge) -> TraceModel:
 
 @dataclass(frozen=True, eq=False)
 class DepthGrid:
-    """Depths to decide among that are not those of training.
+    """Depths to decide among that are not those of training."""
 
-    Attributes:
-        depths_m: The depths, increasing, within the trained range.
-        known: What :class:`TraceKnowledge` says there.
-    """
-
-    depths_m: Float64Array
-    known: TraceKnowledge
+    depths_m: Float64Array  # The depths, increasing, within the trained range
+    known: TraceKnowledge  # What TraceKnowledge says there
 
 
 def model_of(

@@ -30,60 +30,35 @@ _KEPT = (
 
 
 class SweepOf(NamedTuple):
-    """A sweep within a trial.
+    """A sweep within a trial."""
 
-    Attributes:
-        setting: Index of its setting: ring, and direction where there are two.
-        landing: Number of the ring's landing in the trial.
-        bins: How many of its bins were read.
-    """
-
-    setting: int
-    landing: int
-    bins: int
+    setting: int  # Index of its setting: ring, and direction where there are two
+    landing: int  # Number of the ring's landing in the trial
+    bins: int  # How many of its bins were read
 
 
 @dataclass(frozen=True, eq=False)
 class SweepFactor:
-    """How a sweep follows from those before it, for each class; what is known before its torque is.
+    """How a sweep follows from those before it, for each class; what is known before its torque is."""
 
-    Attributes:
-        mean: Expected torque before anything was read, shape (c, b).
-        rows: Its rows of the Cholesky factor of all torques so far, shape (c, b, before + b).
-        log_diagonal: Of its own part, shape (c, b).
-    """
-
-    mean: Float64Array
-    rows: Float64Array
-    log_diagonal: Float64Array
+    mean: Float64Array  # Expected torque before anything was read, shape (c, b)
+    rows: Float64Array  # Its rows of the Cholesky factor of all torques so far, shape (c, b, before + b)
+    log_diagonal: Float64Array  # Of its own part, shape (c, b)
 
 
 @dataclass(frozen=True, eq=False)
 class TraceModel:
-    """Sweeps by position, and what they share.
+    """Sweeps by position, and what they share."""
 
-    Attributes:
-        mean: Torque, N m, shape (c, k, b).
-        slope: Change by a unit of each offset, shape (c, k, b, l).
-        offset_sd: Spread of the offsets, shape (l,).
-        stays: How long each stays, length l.
-        scatter: Covariance of what is new with every sweep, N^2 m^2, shape (k, b, b).
-        texture: Of the track.
-        place_m: Where the ball touches in each bin, shape (c, k, b): near places share texture.
-        slope_error: What slopes are wrong by, relative: what an offset does differs from ``slope`` by so much
-            of itself, alike over a few millimetres and in all sweeps of a trial.
-
-    Raises:
-        PerceptionError: Shapes that do not fit, or numbers that are not finite.
-    """
-
-    mean: Float64Array
-    slope: Float64Array
-    offset_sd: Float64Array
-    stays: tuple[Stays, ...]
-    scatter: Float64Array
-    texture: Texture
-    place_m: Float64Array
+    mean: Float64Array  # Torque, N m, shape (c, k, b)
+    slope: Float64Array  # Change by a unit of each offset, shape (c, k, b, l)
+    offset_sd: Float64Array  # Spread of the offsets, shape (l,)
+    stays: tuple[Stays, ...]  # How long each stays, length l
+    scatter: Float64Array  # Covariance of what is new with every sweep, N^2 m^2, shape (k, b, b)
+    texture: Texture  # Of the track
+    place_m: Float64Array  # Where the ball touches in each bin, shape (c, k, b): near places share texture
+    # What slopes are wrong by, relative: what an offset does differs from `slope` by so much of itself, alike
+    # over a few millimetres and in all sweeps of a trial
     slope_error: float = 0.0
     _factors: OrderedDict[tuple[SweepOf, ...], SweepFactor] = field(default_factory=OrderedDict, repr=False)
 

@@ -14,20 +14,12 @@ from palp_core.units import Float64Array
 
 @dataclass(frozen=True)
 class Texture:
-    """A stationary Gaussian field over the path, of covariance sd^2 k(|y - y'| / length).
+    """A stationary Gaussian field over the path, of covariance sd^2 k(|y - y'| / length)."""
 
-    Attributes:
-        sd_n_m: Standard deviation of the torque that it adds.
-        length_m: Correlation length.
-        form: k(x): ``exponential``, exp(-x), rough; ``matern``, (1 + sqrt(3) x) exp(-sqrt(3) x), which has a
-            slope; ``gaussian``, exp(-x^2 / 2), smooth, as what a contact of some width feels.
-
-    Raises:
-        PerceptionError: A negative spread, no length, or no such form.
-    """
-
-    sd_n_m: float = 0.0
-    length_m: float = 0.004
+    sd_n_m: float = 0.0  # Standard deviation of the torque that it adds
+    length_m: float = 0.004  # Correlation length
+    # k(x): `exponential`, exp(-x), rough; `matern`, (1 + sqrt(3) x) exp(-sqrt(3) x), which has a slope;
+    # `gaussian`, exp(-x^2 / 2), smooth, as what a contact of some width feels
     form: str = "gaussian"
 
     def __post_init__(self) -> None:
@@ -58,18 +50,7 @@ def fit_texture(
     scatter: Float64Array,
     place_m: Float64Array,
 ) -> Texture:
-    """Return the texture that makes residuals of training likeliest, with what else they hold marginalised.
-
-    Args:
-        residual_n_m: Mean traces of mountings less what their class has in common, shape (r, b).
-        slope: Change of each by a unit of each latent, shape (r, b, l).
-        prior_sd: Spread of the latents in the residuals, shape (l,).
-        scatter: Covariance of such a mean's own error, shape (b, b).
-        place_m: Where the ball touches in each, shape (r, b).
-
-    Raises:
-        PerceptionError: Fewer than two residuals, or they are not finite.
-    """
+    """Return the likeliest texture of training residuals (r, b), with the latents marginalised."""
     if residual_n_m.ndim != 2 or len(residual_n_m) < 2 or not np.isfinite(residual_n_m).all():
         raise PerceptionError("a texture takes two mountings at least, all of whose torques are numbers")
     scaled = slope * prior_sd

@@ -16,29 +16,20 @@ _HELD = 1.25
 
 @dataclass(frozen=True, eq=False)
 class TrainedTraces:
-    """Mean traces of the cells, each mounting counting alike.
+    """Mean traces of the cells, each mounting counting alike."""
 
-    Attributes:
-        depths_m: Of the classes, increasing, shape (m,).
-        rings_m: Of the settings, increasing, shape (k,).
-        mean: N m, shape (m, k, b).
-        mountings: Of each class, shape (m,).
-        landings: Of each cell, shape (m, k).
-        scatter: Covariance of a sweep's bins about its cell and mounting, N^2 m^2, shape (k, b, b), by ring,
-            once the landing's part is taken out: what is new with every sweep, noise and stick-slip say.
-        between: Mean traces of mountings less those of their class, shape (r, k, b); none where every class
-            was mounted once.
-        between_class: Class of each, shape (r,).
-    """
-
-    depths_m: Float64Array
-    rings_m: Float64Array
-    mean: Float64Array
-    mountings: NDArray[np.int64]
-    landings: NDArray[np.int64]
+    depths_m: Float64Array  # Of the classes, increasing, shape (m,)
+    rings_m: Float64Array  # Of the settings, increasing, shape (k,)
+    mean: Float64Array  # N m, shape (m, k, b)
+    mountings: NDArray[np.int64]  # Of each class, shape (m,)
+    landings: NDArray[np.int64]  # Of each cell, shape (m, k)
+    # Covariance of a sweep's bins about its cell and mounting, N^2 m^2, shape (k, b, b), by ring, once the
+    # landing's part is taken out: what is new with every sweep, noise and stick-slip say
     scatter: Float64Array
+    # Mean traces of mountings less those of their class, shape (r, k, b); none where every class was mounted
+    # once
     between: Float64Array
-    between_class: NDArray[np.int64]
+    between_class: NDArray[np.int64]  # Class of each, shape (r,)
 
     @property
     def ring_slope(self) -> Float64Array:
@@ -137,10 +128,6 @@ def shrunk_covariance(rests: Float64Array, freedom: int) -> Float64Array:
 
     Schaefer and Strimmer, Statistical Applications in Genetics and Molecular Biology 4 (2005): the share is
     the summed variance of the off-diagonal entries over their summed squares, here of correlations.
-
-    Args:
-        rests: Rows about their own means, shape (n, b).
-        freedom: Rows less the means that were taken out.
     """
     sd = np.sqrt((rests**2).sum(axis=0) / freedom)
     unit = rests / np.where(sd > 0.0, sd, 1.0)

@@ -153,7 +153,7 @@ def figure_5() -> Chart:
         "Figure 5: the human's transition matrices (reconstructions)",
         "Column: present level; row: next. Published as pictures without legible entries; both rows have "
         "Table 5's eigenvalues, which leave 16 dimensions of a matrix free. Above: nearest to a Gaussian "
-        "AR(1) in relative entropy per step (by squared differences another chain is nearer), used in all "
+        "AR(1) in relative entropy per step (by another measure another chain is), used in all "
         "results here; below: the nearest-neighbour control. The colour scale is the paper's, 0 to 0.6.",
         5.0,
         ["reconstruction", "depth_mm", "next", "current", "probability"],
