@@ -9,7 +9,7 @@ from palp_core.graph.messages.builtin import MethodUse
 from palp_core.methods import at_work
 from palp_core.palpation.devices.sim.mount import MountVariation
 from palp_core.palpation.mechanics.contact.model import ContactModel
-from palp_core.palpation.mechanics.equilibrium.grid_moments import GridMoments
+from palp_core.palpation.mechanics.equilibrium.joint import GridMoments
 from palp_core.palpation.mechanics.equilibrium.sweep_table import SweepTable, solve
 from palp_core.palpation.mechanics.scene.rig import rig
 from palp_core.palpation.perception.belief.rig_noise import read_noise

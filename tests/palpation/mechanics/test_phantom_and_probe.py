@@ -44,11 +44,6 @@ def test_a_bead_may_rest_on_the_floor_but_not_reach_below_it() -> None:
         Phantom(bead=Bead(depth_m=0.0151))
 
 
-def test_the_scene_of_bare_gel_names_no_depth() -> None:
-    assert set(Phantom().scene()) == {"modulus_pa", "poisson", "height_m", "beads"}
-    assert set(Phantom(bead=Bead(depth_m=0.004)).scene()) >= {"depth_m", "bead_radius_m"}
-
-
 @pytest.mark.parametrize(
     ("name", "value"),
     [("friction", -0.1), ("tip_radius_m", 0.0), ("tip_radius_m", 0.08), ("tip_mass_kg", math.nan)],
@@ -58,11 +53,6 @@ def test_a_probe_names_the_dimension_it_refuses(name: str, value: float) -> None
     with pytest.raises(OutOfRange) as caught:
         Probe(**given_)
     assert caught.value.quantity == name
-
-
-def test_the_probe_has_the_published_length() -> None:
-    probe = Probe()
-    assert probe.connecting_m + probe.base_m + probe.tip_m == pytest.approx(0.293)
 
 
 def test_the_joint_torque_is_that_of_two_springs_of_zero_free_length() -> None:
@@ -96,10 +86,6 @@ def test_the_joint_stiffness_is_the_slope_of_the_joint_torque(ring_m: float, ang
     assert probe.joint_stiffness(ring_m, angle_rad) == pytest.approx(slope, abs=1e-9)
 
 
-def test_equation_6_at_the_stiffest_ring_is_the_published_product() -> None:
-    assert Probe().joint_stiffness(0.016, 0.0) == pytest.approx(2 * 0.016 * 0.0068 * 240.0)
-
-
 def test_a_path_samples_from_its_start_to_its_end() -> None:
     stage_m = StagePath().stage_m()
     assert len(stage_m) == 4001
@@ -115,9 +101,3 @@ def test_a_path_refuses_what_is_no_path(name: str, value: float) -> None:
     with pytest.raises(OutOfRange) as caught:
         StagePath(**given_)
     assert caught.value.quantity == name
-
-
-def test_with_a_ball_the_scene_names_the_gel_over_the_bead_in_its_radii() -> None:
-    scene = Phantom(bead=Bead(depth_m=0.004)).scene(0.008)
-    assert (scene["tip_radius_m"], scene["depth_per_tip"]) == (0.008, 0.5)
-    assert "depth_per_tip" not in Phantom().scene(0.008)

@@ -41,19 +41,19 @@ def explain(file: FileArgument, *, as_json: JsonOption = False) -> None:
                 "output": scene.tolerance.output,
                 "strain": scene.tolerance.strain,
                 "tolerance": scene.tolerance.relative,
-                "reason": choice.reason,
-                "evidence": choice.method.evidence,
-                "cost_s": choice.method.cost_s,
+                "reason": choice.contact.reason,
+                "evidence": choice.contact.method.evidence,
+                "cost_s": choice.contact.method.cost_s,
                 "motion": choice.motion.name,
                 "motion_reason": choice.motion.reason,
-                "candidates": [vars(candidate) for candidate in choice.candidates],
+                "candidates": [vars(candidate) for candidate in choice.contact.candidates],
             }
         )
         return
     print_text(f"rung {choice.rung}: {_asked(scene)} {_within(choice.bound)}")
-    print_text(f"why: {choice.reason}")
-    print_text(f"evidence: {choice.method.evidence}")
-    print_text(f"cost: about {choice.method.cost_s:g} s for set-up and a sweep with nothing cached")
+    print_text(f"why: {choice.contact.reason}")
+    print_text(f"evidence: {choice.contact.method.evidence}")
+    print_text(f"cost: about {choice.contact.method.cost_s:g} s for set-up and a sweep with nothing cached")
     print_text(f"motion: {choice.motion.reason}")
     print_text("")
     _print_candidates(choice)
@@ -76,7 +76,7 @@ def run(file: FileArgument, *, rung: RungOption = None, as_json: JsonOption = Fa
         print_json(done.as_json())
         return
     print_text(f"rung {done.choice.rung}: {_asked(scene)} {_within(done.choice.bound)}")
-    print_text(f"why: {done.choice.reason}")
+    print_text(f"why: {done.choice.contact.reason}")
     print_text(f"motion: {done.choice.motion.reason}")
     print_text("")
     rows = [
@@ -189,7 +189,7 @@ def _metres(option: str, text: str) -> list[float]:
 
 def _print_candidates(choice: SceneChoice) -> None:
     rows = [["rung", "stated error", "set-up and a sweep", "verdict"]]
-    rows += [[c.name, _percent(c.bound), f"{c.cost_s:g} s", c.state] for c in choice.candidates]
+    rows += [[c.name, _percent(c.bound), f"{c.cost_s:g} s", c.state] for c in choice.contact.candidates]
     print_table(rows)
 
 

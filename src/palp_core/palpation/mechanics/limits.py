@@ -13,21 +13,13 @@ STAGE_STEP_MAX_M = 0.001
 
 
 def require(quantity: str, value: float, low: float, high: float, advice: str) -> None:
-    """Check that a quantity is a number within inclusive bounds.
-
-    Raises:
-        OutOfRange: The value is NaN, infinite or out of bounds.
-    """
+    """Check that a quantity is a number within inclusive bounds."""
     if not (math.isfinite(value) and low <= value <= high):
         raise OutOfRange(quantity, f"{value:g} is not in [{low:g}, {high:g}]; {advice}")
 
 
 def finite_offsets(offset_m: ArrayLike) -> Float64Array:
-    """Return lateral offsets as an array, any shape.
-
-    Raises:
-        OutOfRange: One of them is NaN or infinite.
-    """
+    """Return lateral offsets as an array, any shape."""
     offsets = np.asarray(offset_m, dtype=np.float64)
     if not np.isfinite(offsets).all():
         raise OutOfRange("offset_m", "an offset is not a number; give metres from the bead, as in 0.01")

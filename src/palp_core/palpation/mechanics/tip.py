@@ -17,12 +17,7 @@ of that pair with a eliminated; up to an indentation of R they are off by less t
 
 
 def gap_m(radius_m: float, aside_m: Float64Array) -> Float64Array:
-    """Return how far the ball's surface lies above its lowest point.
-
-    Args:
-        radius_m: Radius of the ball.
-        aside_m: Distance from the ball's axis, any shape; beyond the equator the equator's gap is returned.
-    """
+    """Return how far the ball's surface lies above its lowest point."""
     square = np.minimum(np.square(aside_m), radius_m**2)
     return np.asarray(square / (radius_m + np.sqrt(radius_m**2 - square)))
 

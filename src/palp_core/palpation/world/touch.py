@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palp_core.palpation.mechanics.contact.model import ContactModel
+from palp_core.palpation.mechanics.contact.model import ContactModel, distance
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.mechanics.scene.beside import distance
 from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.palpation.world.latents import LATENTS, REACH
 from palp_core.units import Float64Array

@@ -82,13 +82,6 @@ def test_processes_that_ask_together_compute_once(tmp_path: Path) -> None:
     assert (tmp_path / "count").stat().st_size == 1
 
 
-def test_a_failed_computation_leaves_nothing_and_frees_its_lock(tmp_path: Path) -> None:
-    with pytest.raises(ZeroDivisionError):
-        cached("kind", {}, lambda: {"a": np.array(1 / 0)})
-    assert cache.info().entry_count == 0
-    assert "a" in cached("kind", {}, lambda: count_into(tmp_path / "count"))
-
-
 def test_a_place_that_cannot_be_written_to_is_done_without(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -122,3 +115,10 @@ def test_an_entry_that_cannot_be_removed_is_named(tmp_path: Path, monkeypatch: p
     (tmp_path / "l4-bead-0.npz").mkdir()
     with pytest.raises(MechanicsError, match=r"l4-bead-0\.npz: cannot be removed"):
         cache.clear()
+
+
+def test_a_failed_computation_leaves_nothing_and_frees_its_lock(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError):
+        cached("kind", {}, lambda: {"a": np.array(1 / 0)})
+    assert cache.info().entry_count == 0
+    assert "a" in cached("kind", {}, lambda: count_into(tmp_path / "count"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palp_core.errors import MechanicsError, OutOfRange
+from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics import Bead, LayeredHertz, Phantom, Probe, sweep
 from palp_core.palpation.mechanics.contact import Bump, FittedBump, fit_bump
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, peak_n_m
@@ -29,25 +29,6 @@ def test_a_fit_finds_the_bump_that_made_the_forces() -> None:
     assert found.residual < 1e-6
 
 
-def test_noise_on_measured_forces_moves_the_bump_a_little() -> None:
-    model, rng = FittedBump(Phantom(bead=Bead(depth_m=0.004)), 0.006, TRUE), np.random.default_rng(3)
-    normal_n = model.force(OFFSET_M, INDENTATION_M)[0]
-    found = fit_bump(OFFSET_M, INDENTATION_M, normal_n + 0.002 * rng.standard_normal(normal_n.shape))
-    assert found.rise == pytest.approx(TRUE.rise, rel=0.02)
-    assert found.width_m == pytest.approx(TRUE.width_m, rel=0.02)
-
-
-def test_both_forces_are_the_slopes_of_one_energy() -> None:
-    model, step_m = bump(), 1e-7
-    normal_n, lateral_n = model.force(OFFSET_M, INDENTATION_M)
-    by_depth = model.energy(OFFSET_M, INDENTATION_M + step_m) - model.energy(OFFSET_M, INDENTATION_M - step_m)
-    by_offset = model.energy(OFFSET_M + step_m, INDENTATION_M) - model.energy(
-        OFFSET_M - step_m, INDENTATION_M
-    )
-    assert np.allclose(by_depth / (2 * step_m), normal_n, rtol=1e-6)
-    assert np.allclose(by_offset / (2 * step_m), lateral_n, rtol=1e-5, atol=1e-9)
-
-
 @pytest.mark.parametrize(("depth_m", "contrast_within"), [(0.004, 0.10), (0.008, 0.12)])
 def test_at_its_working_point_it_replays_the_rung_it_was_fitted_to(
     depth_m: float, contrast_within: float
@@ -57,23 +38,6 @@ def test_at_its_working_point_it_replays_the_rung_it_was_fitted_to(
     a, b = (sweep(model, Probe(), 0.016, 0.004, stage_m) for model in (bump(depth_m), truth))
     assert peak_n_m(a) == pytest.approx(peak_n_m(b), rel=0.01)
     assert contrast_n_m(a) == pytest.approx(contrast_n_m(b), rel=contrast_within)
-
-
-def test_bare_gel_is_flat_and_has_no_reach() -> None:
-    model = bump(None)
-    assert model.reach_m == 0.0
-    assert np.ptp(model.force(np.linspace(-0.02, 0.02, 9), np.array(0.003))[0]) < 1e-8
-    assert bump().reach_m > 0.01
-
-
-def test_above_the_surface_there_is_nothing_and_beyond_the_fit_it_refuses() -> None:
-    normal_n, lateral_n = bump().force(np.zeros(2), np.array([-0.001, 0.0]))
-    assert np.all(normal_n == 0.0)
-    assert np.all(lateral_n == 0.0)
-    with pytest.raises(OutOfRange, match="fitted over"):
-        bump().force(np.zeros(1), np.array([0.0049]))
-    with pytest.raises(OutOfRange, match="indentation_m"):
-        bump().force(np.zeros(1), np.array([np.nan]))
 
 
 @pytest.mark.parametrize("normal_n", [np.zeros(9), np.full(9, np.nan), np.ones(3)])

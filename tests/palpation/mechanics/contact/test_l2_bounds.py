@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -23,9 +22,9 @@ from palp_core.palpation.mechanics import (
     choose_rung,
     sweep,
 )
-from palp_core.palpation.mechanics.contact.l2_bounds import _ABOUT, _NEAR, _PAPER, _PUBLISHED
+from palp_core.palpation.mechanics.contact.bounds import _ABOUT, _NEAR, _PAPER, _PUBLISHED
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
-from palp_core.palpation.mechanics.scene.beside import BesideBead
+from palp_core.palpation.mechanics.contact.model import BesideBead
 from palp_core.palpation.mechanics.scene.choice import rung_model
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, peak_n_m
 
@@ -122,16 +121,6 @@ def test_a_joint_that_hardly_gives_way_gets_the_finer_rung(
         tolerance=Tolerance(output="peak", relative=0.02),
     )
     assert choose_rung(scene).rung == rung
-
-
-def test_yielding_is_the_moment_of_hertz_over_what_the_joint_holds() -> None:
-    scene = Scene(ring_m=(0.004, 0.016))
-    (small, large), probe = scene.quantities()["yielding"], scene.probe  # type: ignore[misc]
-    hertz_n = 4.0 / 3.0 * 20e3 / (1.0 - 0.49**2) * math.sqrt(0.006) * 0.004**1.5
-    assert large == pytest.approx(hertz_n * 0.064 / (2 * 0.016 * 0.0068 * 240 + probe.weight_n_m))
-    assert small > 3.0 * large
-    floating = Scene(probe=Probe(tip_mass_kg=0.0), ring_m=(0.0,)).quantities()["yielding"]
-    assert floating == (math.inf,)
 
 
 def test_a_path_that_ends_on_the_bead_has_no_contrast_to_vouch_for() -> None:

@@ -22,12 +22,6 @@ def model() -> FiniteStrainContact:
     return FiniteStrainContact(OVER, TIP_M)
 
 
-@pytest.fixture(scope="module")
-def coarse() -> FiniteStrainContact:
-    """Set up in a fifth of the time, for what holds at any resolution."""
-    return FiniteStrainContact(OVER, TIP_M, facet_m=TIP_M / 4.0)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("phantom", [Phantom(), OVER], ids=["bare", "bead"])
 def test_it_meets_small_strain_at_small_indentation(phantom: Phantom) -> None:
@@ -41,35 +35,6 @@ def test_it_meets_small_strain_at_small_indentation(phantom: Phantom) -> None:
     assert abs(gaps[0]) < 0.035
     assert abs(gaps[1]) < 0.012
     assert abs(gaps[1]) < abs(gaps[0])
-
-
-@pytest.mark.slow
-def test_the_force_is_the_slope_of_the_energy_and_linear_in_the_modulus(model: FiniteStrainContact) -> None:
-    at, step_m = np.linspace(0.0004, 0.003, 9), 1e-7
-    slope = (model.energy(ORIGIN, at + step_m) - model.energy(ORIGIN, at - step_m)) / (2 * step_m)
-    assert np.allclose(model.force(ORIGIN, at)[0], slope, rtol=1e-5)
-    stiff = FiniteStrainContact(Phantom(bead=OVER.bead, modulus_pa=40e3), TIP_M)
-    assert np.allclose(stiff.force(ORIGIN, at)[0], 2.0 * model.force(ORIGIN, at)[0], rtol=1e-12)
-
-
-@pytest.mark.slow
-def test_a_bead_makes_it_stiffer_than_bare_gel(model: FiniteStrainContact) -> None:
-    at = np.linspace(0.0005, 0.003, 6)
-    assert np.all(model.force(ORIGIN, at)[0] > FiniteStrainContact(Phantom(), TIP_M).force(ORIGIN, at)[0])
-
-
-@pytest.mark.parametrize("resolution", ["coarse", pytest.param("model", marks=pytest.mark.slow)])
-def test_off_the_axis_both_forces_are_the_slopes_of_one_energy(
-    resolution: str, request: pytest.FixtureRequest
-) -> None:
-    model: FiniteStrainContact = request.getfixturevalue(resolution)
-    at, step_m = np.linspace(2e-5, min(0.0033, 0.95 * model.indentation_max_m), 12), 1e-8
-    s = np.array([0.0, 0.003, -0.008, 0.015])[:, None]
-    normal_n, lateral_n = model.force(s, at)
-    down = model.energy(s, at + step_m) - model.energy(s, at - step_m)
-    aside = model.energy(s + step_m, at) - model.energy(s - step_m, at)
-    assert np.allclose(normal_n, down / (2 * step_m), rtol=1e-4)
-    assert np.allclose(lateral_n, aside / (2 * step_m), rtol=1e-4, atol=1e-9)
 
 
 @pytest.mark.slow
@@ -104,32 +69,6 @@ def test_a_sweep_that_starts_beyond_its_mesh_is_answered_where_the_joint_yields(
     assert np.allclose(solved.torque_n_m, small.torque_n_m, rtol=0.05)
     with pytest.raises(OutOfRange, match="the tip is deeper than"):
         sweep(model, Probe(friction=0.05), 0.03, 0.0055, stage_m)
-
-
-@pytest.mark.slow
-def test_bare_gel_answers_anywhere(model: FiniteStrainContact) -> None:
-    assert float(model.force(ORIGIN, np.array(0.001))[1]) == 0.0
-    normal_n, lateral_n = FiniteStrainContact(Phantom(), TIP_M).force(np.array([0.0, 0.02]), np.array(0.001))
-    assert normal_n[0] == normal_n[1]
-    assert np.all(lateral_n == 0.0)
-
-
-def test_beyond_its_mesh_it_is_out_of_range(coarse: FiniteStrainContact) -> None:
-    assert 0.002 < coarse.indentation_max_m < TIP_M
-    assert np.isfinite(coarse.force(ORIGIN, np.array(coarse.indentation_max_m))[0])
-    with pytest.raises(OutOfRange, match="fold"):
-        coarse.force(ORIGIN, np.array(1.01 * coarse.indentation_max_m))
-    with pytest.raises(OutOfRange, match="indentation_m"):
-        coarse.force(ORIGIN, np.array(np.nan))
-
-
-@pytest.mark.slow
-def test_longer_facets_are_another_set_up_and_change_the_force_a_little(model: FiniteStrainContact) -> None:
-    at = np.linspace(0.001, 0.003, 5)
-    coarse = FiniteStrainContact(OVER, TIP_M, facet_m=TIP_M / 8.0).force(ORIGIN, at)[0]
-    assert 1e-6 < np.abs(coarse / model.force(ORIGIN, at)[0] - 1.0).max() < 0.02
-    with pytest.raises(OutOfRange, match="facet_m"):
-        FiniteStrainContact(OVER, TIP_M, facet_m=TIP_M)
 
 
 @pytest.mark.slow

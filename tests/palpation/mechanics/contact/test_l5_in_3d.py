@@ -1,6 +1,6 @@
 """Rung L5 off the bead's axis, and its stated bounds, against finite strain in three dimensions.
 
-``data/finite_strain_3d.csv`` is what ``python -m tests.support.finite_strain_3d FILE`` makes.
+``python -m benchmarks.solids_3d.finite_strain FILE`` makes the file of numbers.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
+from benchmarks.solids_3d import finite_strain
+from benchmarks.solids_3d.finite_strain import DEEP, SHALLOW, Setting, Slab, slab_of
 from palp_core.errors import OutOfRange
 from palp_core.methods import find
 from palp_core.palpation.mechanics import (
@@ -33,12 +35,10 @@ from palp_core.palpation.mechanics.contact.l5 import FiniteStrainContact
 from palp_core.palpation.mechanics.contact.table import EnergyTable, energy_table
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, grid_m, peak_n_m
 from palp_core.units import Float64Array
-from tests.support.finite_strain_3d import DEEP, SHALLOW, Setting, Slab, slab_of
-from tests.support.nested_halves import Condensed
 
 TIP_M = 0.006
 ORIGIN = np.zeros(())
-FILE = Path(__file__).parent / "data" / "finite_strain_3d.csv"
+FILE = Path(finite_strain.__file__).with_suffix(".csv")
 ROWS = [
     {name: float(value) for name, value in row.items()}
     for row in csv.DictReader(FILE.read_text(encoding="utf-8").splitlines())
@@ -196,21 +196,6 @@ def test_peak_and_contrast_are_within_the_stated_bounds_of_those_in_three_dimens
 @pytest.mark.parametrize("depth_m", [0.002, 0.004, 0.008, 0.012])
 def test_every_load_keeps_the_bounds_with_the_axis_solved_on_shorter_facets(depth_m: float) -> None:
     assert [words for load in LOADS for words in broken_bounds(depth_m, *load, fine=True)] == []
-
-
-def test_halves_condensed_into_one_another_solve_the_whole() -> None:
-    rng = np.random.default_rng(1)
-    own = np.array([[i, i + 1, i + 2, 19 if i % 3 else -1] for i in range(0, 16)])
-    parts = rng.standard_normal((len(own), 4, 4))
-    matrices = parts @ parts.transpose(0, 2, 1) + np.eye(4)
-    whole, load = np.zeros((21, 21)), rng.standard_normal(20)
-    for numbers, matrix in zip(own, matrices, strict=True):
-        whole[np.ix_(numbers, numbers)] += matrix  # -1 is the last row, which is held
-    used = np.flatnonzero(np.diag(whole)[:20])
-    load[np.setdiff1d(np.arange(20), used)] = 0.0
-    places = np.stack([np.arange(16.0), np.zeros(16), np.zeros(16)])
-    found = Condensed(own, places).solve(matrices, load)
-    assert np.allclose(found[used], np.linalg.solve(whole[np.ix_(used, used)], load[used]))
 
 
 @pytest.mark.slow

@@ -10,10 +10,15 @@ import pytest
 import scipy
 
 from palp_core.errors import MechanicsError, OutOfRange
-from palp_core.methods import choose, find
+from palp_core.methods import find
 from palp_core.palpation.mechanics import Bead, LayeredHertz, Phantom, Probe, sweep
-from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics, simulate
-from palp_core.palpation.mechanics.equilibrium.friction import Slip, coulomb_implicit, tanh_explicit
+from palp_core.palpation.mechanics.equilibrium.dynamics import (
+    Dynamics,
+    Slip,
+    coulomb_implicit,
+    simulate,
+    tanh_explicit,
+)
 from palp_core.units import Float64Array
 
 RINGS_M = (0.004, 0.016)
@@ -81,22 +86,6 @@ def test_halving_the_step_halves_the_error() -> None:
     assert abs(steps[2] / at_12_mm[-1]) < 1e-3
 
 
-def test_inertia_matters_at_high_speed_and_the_register_says_so() -> None:
-    moved = simulate(gel(0.002), Probe(), 0.004, 0.004, -0.02, 0.04, 0.2)
-    still = sweep(gel(0.002), Probe(), 0.004, 0.004, moved.stage_m)
-    assert moved.torque_n_m.max() > 1.02 * still.torque_n_m.max()
-    assert (
-        choose("motion", "peak", 0.01, {"speed_m_s": 0.02, "modulus_pa": 2e4}).method.name == "quasi_static"
-    )
-    assert choose("motion", "peak", 0.02, {"speed_m_s": 0.2}).method.name == "dynamic"
-
-
-def test_a_mirrored_sweep_gives_a_mirrored_torque() -> None:
-    there = simulate(gel(0.004), Probe(), 0.008, 0.004, -0.002, 0.006, 0.05)
-    back = simulate(gel(0.004), Probe(), 0.008, 0.004, 0.002, -0.006, 0.05)
-    assert np.allclose(back.torque_n_m, -there.torque_n_m, rtol=1e-9, atol=1e-15)
-
-
 def test_static_friction_makes_a_slow_ball_stick_and_slip() -> None:
     setting = Dynamics(static_friction=0.45, step_s=5e-4)
     moved = simulate(gel(None), Probe(), 0.016, 0.004, -0.03, 0.0, 0.01, setting, at_rest=True)
@@ -104,15 +93,6 @@ def test_static_friction_makes_a_slow_ball_stick_and_slip() -> None:
     assert 0.5 < sticking.mean() < 1.0
     assert np.count_nonzero(np.diff(sticking.astype(int)) > 0) >= 2  # it comes to rest again and again
     assert moved.slip_m_s.max() > 5 * 0.01
-
-
-def test_a_ball_at_rest_breaks_loose_at_the_cone_and_then_slides() -> None:
-    moved = simulate(
-        gel(None), Probe(), 0.016, 0.004, -0.03, -0.006, 0.02, Dynamics(step_s=5e-4), at_rest=True
-    )
-    still = sweep(gel(None), Probe(), 0.016, 0.004, moved.stage_m)
-    assert abs(moved.slip_m_s[0, 0]) < 1e-12
-    assert moved.torque_n_m[0, -1] == pytest.approx(still.torque_n_m[-1], rel=1e-3)
 
 
 def test_an_explicit_law_past_its_step_is_replaced_and_the_result_says_so() -> None:

@@ -26,10 +26,10 @@ from palp_core.palpation.mechanics import (
     rung_model,
     sweep,
 )
-from palp_core.palpation.mechanics.finite_bounds import PRESSED_MAX
+from palp_core.palpation.mechanics.contact.bounds import PRESSED_MAX
 from palp_core.palpation.mechanics.scene.output import answer, answer_error, grid_m
 from palp_core.palpation.mechanics.scene.rig import rig
-from palp_core.palpation.mechanics.scene.scene import STRAINS, pressed_share
+from palp_core.palpation.mechanics.scene.scene import pressed_share
 
 TEXT = """\
 phantom: {bead: {depth_m: 0.004}}
@@ -59,14 +59,7 @@ def test_the_cheapest_rung_that_is_right_against_finite_strain_is_chosen(
     assert choice.rung == rung
     assert choice.bound is not None
     assert choice.bound <= relative
-    assert f"'finite_{output}'" in choice.reason
-
-
-def test_small_strain_is_asked_for_by_default_and_is_what_it_was() -> None:
-    assert Tolerance().strain == STRAINS[0] == "small"
-    asked = Tolerance(output="contrast", relative=0.1)
-    assert choose_rung(Scene(tolerance=asked)).rung == "l2"
-    assert choose_rung(Scene(tolerance=replace(asked, relative=0.05))).rung == "l4"
+    assert f"'finite_{output}'" in choice.contact.reason
 
 
 @pytest.mark.parametrize(
@@ -114,13 +107,6 @@ def test_the_tip_is_never_deeper_than_the_estimate_that_keeps_l5_out() -> None:
         thinnest_m = min(probe.tip_radius_m, phantom.bead.depth_m)
         shares.append(float(solved.indentation_m.max()) / thinnest_m / share)
     assert 0.8 < min(shares) <= max(shares) <= 1.0
-
-
-def test_the_share_is_zero_in_the_air_and_by_the_ball_over_bare_gel() -> None:
-    assert pressed_share(Phantom(), Probe(), -0.001, 0.016) == 0.0
-    held = pressed_share(Phantom(), Probe(), 0.003, 1.0)
-    assert held == pytest.approx(0.003 / 0.006, rel=1e-3)
-    assert pressed_share(Phantom(bead=Bead(depth_m=0.002)), Probe(), 0.003, 1.0) == pytest.approx(3.0 * held)
 
 
 def test_a_file_says_against_which_law(tmp_path: Path) -> None:

@@ -92,12 +92,12 @@ def test_the_cache_is_described_and_cleared(tmp_path: Path, monkeypatch: pytest.
     assert "0 set-ups removed" in CliRunner().invoke(scene.app, ["cache", "--clear"]).output
 
 
-def test_the_cheapest_points_that_nothing_beats_are_the_front() -> None:
-    nan = float("nan")
-    assert pareto_front([1.0, 2.0, 3.0, 0.5, nan, 0.1], [0.5, 0.6, 0.1, 0.9, 0.0, nan]) == [3, 0, 2]
-
-
 def test_a_rung_that_is_not_in_the_register_is_refused_with_those_that_are(file: str) -> None:
     refused = CliRunner().invoke(scene.app, ["run", file, "--rung", "l9"]).exception
     assert isinstance(refused, MethodError)
     assert "l4" in str(refused)
+
+
+def test_the_cheapest_points_that_nothing_beats_are_the_front() -> None:
+    nan = float("nan")
+    assert pareto_front([1.0, 2.0, 3.0, 0.5, nan, 0.1], [0.5, 0.6, 0.1, 0.9, 0.0, nan]) == [3, 0, 2]

@@ -14,7 +14,6 @@ from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.phantom import Bead, Phantom
 from palp_core.palpation.mechanics.scene.phantom_file import load_phantoms
 from palp_core.palpation.mechanics.scene.sealed import (
-    digest_of,
     is_sealed,
     own_codes,
     seal,
@@ -35,13 +34,6 @@ def test_a_key_reads_as_the_phantoms_under_their_new_codes(tmp_path: Path) -> No
     assert own_codes(key) == given
     assert not {*given} & {*PHANTOMS}
     assert key.stat().st_mode & 0o077 == 0
-
-
-def test_two_keys_of_the_same_phantoms_have_digests_of_their_own(tmp_path: Path) -> None:
-    for name in ("one", "other"):
-        seal(tmp_path / name, PHANTOMS)
-    assert digest_of(tmp_path / "one") != digest_of(tmp_path / "other")
-    assert len(digest_of(tmp_path / "one")) == 64
 
 
 def test_nothing_in_the_key_can_be_read_by_eye(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from palp_core.methods import outside, weigh
 from palp_core.methods.choice import INACCURATE, UNAVAILABLE
 from palp_core.palpation.mechanics import Bead, LayeredHertz, Phantom, Probe, Scene, solve, sweep
 from palp_core.palpation.mechanics.contact import fem_failures
-from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics, simulate
+from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics, simulate, tanh_explicit
 from palp_core.palpation.mechanics.equilibrium.finders import (
     brent,
     continued_newton,
@@ -24,7 +24,6 @@ from palp_core.palpation.mechanics.equilibrium.finders import (
     lagged_force,
     plain_newton,
 )
-from palp_core.palpation.mechanics.equilibrium.friction import tanh_explicit
 from palp_core.palpation.mechanics.equilibrium.joint import Joint
 from palp_core.palpation.mechanics.limits import explicit_step_s, stage_step
 from palp_core.palpation.mechanics.scene.guard import BARE_GEL_SHARE, sweep_guards

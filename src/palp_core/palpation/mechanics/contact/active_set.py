@@ -19,14 +19,6 @@ def solve_contact(
     Block principal pivoting: all points that break a condition change sides at once; when that stops making
     progress, only the last of them does, which ends for every positive definite matrix (Judice and Pires,
     Computers and Operations Research 21 (1994) 587).
-
-    Args:
-        compliance: Symmetric positive definite C, shape (n, n).
-        gap: Overlap g of the undeformed bodies, positive where they overlap, shape (n,).
-        start: First guess of the touching points; those that overlap by default.
-
-    Raises:
-        MechanicsError: The compliance is not positive definite on the touching points.
     """
     if not np.any(gap > 0.0):
         return np.zeros(gap.shape)

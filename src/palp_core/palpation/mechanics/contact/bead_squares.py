@@ -20,17 +20,11 @@ _NEGLIGIBLE = 3e-5  # of the largest value of any square: 1e-9 of the largest st
 
 @dataclass(frozen=True, eq=False)
 class BeadTerm:
-    """The squares V_mj on a grid of radii, for Young's modulus 1.
+    """The squares V_mj on a grid of radii, for Young's modulus 1."""
 
-    Attributes:
-        radius_m: Distances r from the bead's axis, shape (n_r,), from 0.
-        harmonic: The order m of each square, shape (n,).
-        squares: V in sqrt(m/N), shape (n_r, n).
-    """
-
-    radius_m: Float64Array
-    harmonic: NDArray[np.int64]
-    squares: Float64Array
+    radius_m: Float64Array  # Distances r from the bead's axis, shape (n_r,), from 0
+    harmonic: NDArray[np.int64]  # The order m of each square, shape (n,)
+    squares: Float64Array  # V in sqrt(m/N), shape (n_r, n)
 
     def stiffening(
         self, radius_m: Float64Array, other_m: Float64Array, angle_rad: float = 0.0

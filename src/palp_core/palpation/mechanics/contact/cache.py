@@ -31,17 +31,11 @@ _UNREADABLE = (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile)
 
 @dataclass(frozen=True)
 class CacheInfo:
-    """What is in the cache.
+    """What is in the cache."""
 
-    Attributes:
-        path: Its directory.
-        entry_count: Number of set-ups kept.
-        size_bytes: Their size on disk.
-    """
-
-    path: Path
-    entry_count: int
-    size_bytes: int
+    path: Path  # Its directory
+    entry_count: int  # Number of set-ups kept
+    size_bytes: int  # Their size on disk
 
 
 def info() -> CacheInfo:
@@ -54,11 +48,7 @@ def info() -> CacheInfo:
 
 
 def clear() -> int:
-    """Remove every entry and return how many there were; entries being computed come back.
-
-    Raises:
-        MechanicsError: One cannot be removed.
-    """
+    """Remove every entry and return how many there were; entries being computed come back."""
     count = 0
     for path in cache_folder().glob("*.npz"):
         try:
@@ -75,13 +65,7 @@ def clear() -> int:
 
 
 def cached(kind: str, inputs: Mapping[str, float | int | str], compute: Callable[[], Arrays]) -> Arrays:
-    """Return ``compute()``, from the cache if the same inputs and code have been there before.
-
-    Args:
-        kind: What it is, as in ``l4-bead``; the first part of the file's name.
-        inputs: Everything that the result depends on.
-        compute: Called at most once, in this process or another one that asks at the same time.
-    """
+    """Return ``compute()``, from the cache if the same inputs and code have been there before."""
     path = cache_folder() / f"{kind}-{_digest(kind, inputs)}.npz"
     found = _load(path)
     if found is not None:
@@ -104,12 +88,12 @@ def _digest(kind: str, inputs: Mapping[str, float | int | str]) -> str:
 def code() -> bytes:
     """Return a digest of this package's source: a changed model never reads an old result.
 
-    The ball's forms belong to it. Files of stated bounds do not count; they change no force.
+    The ball's forms belong to it. Stated bounds do not count; they change no force.
     """
     total = hashlib.sha256()
     folder = Path(__file__).parent
     for path in (*sorted(folder.glob("*.py")), folder.parent / "tip.py"):
-        if path.stem.endswith("_bounds"):
+        if path.stem == "bounds":
             continue
         total.update(path.name.encode() + b"\0" + path.read_bytes())
     return total.digest()

@@ -175,22 +175,14 @@ def coarse_cells(cell_over_depth: float, averaged: bool = False) -> tuple[float,
 
 
 def finite_strain_error(indentations_m: Float64Array) -> Float64Array:
-    """Return by how much L5's force on bare gel changes with facets twice as long, shape (n,).
-
-    Raises:
-        OutOfRange: An indentation is beyond the ball's radius, or what the finite-strain elements bear.
-    """
+    """Return by how much L5's force on bare gel changes with facets twice as long, shape (n,)."""
     tip_m, axis = 0.006, np.zeros(())
     coarse = FiniteStrainContact(Phantom(), tip_m, facet_m=tip_m / 8.0).force(axis, indentations_m)[0]
     return coarse / FiniteStrainContact(Phantom(), tip_m).force(axis, indentations_m)[0] - 1.0
 
 
 def small_strain_excess(indentations_m: Float64Array) -> Float64Array:
-    """Return by how much small strain overstates the force of a ball of 6 mm on bare gel, shape (n,).
-
-    Raises:
-        OutOfRange: An indentation is beyond the ball's radius, or what the finite-strain elements bear.
-    """
+    """Return by how much small strain overstates the force of a ball of 6 mm on bare gel, shape (n,)."""
     tip_m, axis = 0.006, np.zeros(())
     finite = FiniteStrainContact(Phantom(), tip_m).force(axis, indentations_m)[0]
     return HarmonicContact(Phantom(), tip_m).force(axis, indentations_m)[0] / finite - 1.0

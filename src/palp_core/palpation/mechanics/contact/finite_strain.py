@@ -30,19 +30,12 @@ _CONVERGED = 1e-8  # of the ball's radius
 
 @dataclass(eq=False)
 class PressedSolid:
-    """Equilibria of the pressed gel, followed from one indentation to the next.
+    """Equilibria of the pressed gel, followed from one indentation to the next."""
 
-    Attributes:
-        section: Mesh of the gel.
-        poisson: Poisson's ratio, below 0.5.
-        tip_radius_m: Radius of the ball.
-        contact_m: Distance from the axis within which the ball may touch.
-    """
-
-    section: Section
-    poisson: float
-    tip_radius_m: float
-    contact_m: float
+    section: Section  # Mesh of the gel
+    poisson: float  # Poisson's ratio, below 0.5
+    tip_radius_m: float  # Radius of the ball
+    contact_m: float  # Distance from the axis within which the ball may touch
 
     def __post_init__(self) -> None:
         self._state = np.zeros(self._basis.N + self._pressure.N)
@@ -252,13 +245,7 @@ class PressedSolid:
 def _apart(
     radius_m: float, a: Float64Array, b: Float64Array
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Return how far points lie outside the ball, its gradient (2, n) and curvature (rr, rz, zr, zz).
-
-    Args:
-        radius_m: Of the ball.
-        a: Distance from the axis, shape (n,).
-        b: Depth below the ball's centre, shape (n,).
-    """
+    """Return how far points lie outside the ball, its gradient (2, n) and curvature (rr, rz, zr, zz)."""
     distance = np.hypot(a, b)
     n = np.stack([a, b]) / distance
     curvature = np.stack([n[1] ** 2, -n[0] * n[1], -n[0] * n[1], n[0] ** 2]) / distance

@@ -75,15 +75,10 @@ def _mass(p: Any, q: Any, w: Any) -> Float64Array:
 
 @dataclass(frozen=True, eq=False)
 class HarmonicSolid:
-    """The gel's stiffness in every harmonic, for Young's modulus 1.
+    """The gel's stiffness in every harmonic, for Young's modulus 1."""
 
-    Attributes:
-        section: Its mesh.
-        poisson: Poisson's ratio, below 0.5.
-    """
-
-    section: Section
-    poisson: float
+    section: Section  # Its mesh
+    poisson: float  # Poisson's ratio, below 0.5
 
     @cached_property
     def basis(self) -> Basis:
@@ -149,10 +144,6 @@ class HarmonicSolid:
 
     def bead_energy(self, harmonic: int, displacements: Float64Array) -> Float64Array:
         """Return twice the energy of the gel, as a form on displacements of the bead's surface.
-
-        Args:
-            harmonic: The order m.
-            displacements: Columns of (a, b, z) over :attr:`bead_nodes`, shape (3 n, columns).
 
         Returns:
             Symmetric matrix, (columns, columns), of integrals over the section times r, without the factor of

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import scipy
@@ -123,6 +124,7 @@ class FittedBump:
         OutOfRange: L2 does not answer for this phantom.
     """
 
+    rung: ClassVar[str] = "l0"
     phantom: Phantom
     tip_radius_m: float
     bump: Bump | None = None
@@ -135,11 +137,6 @@ class FittedBump:
     def fit(self) -> Bump:
         """The bump in use."""
         return self.bump or fit_to(LayeredHertz(self.phantom, self.tip_radius_m))
-
-    @property
-    def rung(self) -> str:
-        """Name in the register."""
-        return "l0"
 
     @property
     def reach_m(self) -> float:

@@ -3,13 +3,13 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
 from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.methods import method
-from palp_core.palpation.mechanics import finite_bounds
-from palp_core.palpation.mechanics.contact.l2_bounds import BOUNDS
+from palp_core.palpation.mechanics.contact import bounds
 from palp_core.palpation.mechanics.limits import finite_offsets, require
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.tip import over_paraboloid
@@ -44,7 +44,7 @@ def layer_series(poisson: float) -> tuple[float, ...]:
     task="contact",
     name="l2",
     cost_s=0.0041,
-    bounds=[*BOUNDS, *finite_bounds.L2],
+    bounds=bounds.L2,
     evidence="tests/palpation/mechanics/scene/test_picker.py: against L4 on random scenes; "
     "against finite strain: tests/palpation/mechanics/scene/test_finite_strain_scenes.py",
     valid={
@@ -93,6 +93,7 @@ class LayeredHertz:
         OutOfRange: The radius is not positive, or the gel over the bead is thinner than a quarter of it.
     """
 
+    rung: ClassVar[str] = "l2"
     phantom: Phantom
     tip_radius_m: float
 
@@ -143,11 +144,6 @@ class LayeredHertz:
     def _plane(self) -> float:
         """Hertz's force over sqrt(R) l^1.5."""
         return 4.0 * self.phantom.modulus_pa / (3.0 * (1.0 - self.phantom.poisson**2))
-
-    @property
-    def rung(self) -> str:
-        """Name in the register."""
-        return "l2"
 
     @property
     def reach_m(self) -> float:

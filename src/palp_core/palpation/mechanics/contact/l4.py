@@ -3,15 +3,15 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
 from palp_core.errors import OutOfRange
 from palp_core.methods import method
-from palp_core.palpation.mechanics import finite_bounds
+from palp_core.palpation.mechanics.contact import bounds
 from palp_core.palpation.mechanics.contact.bead_squares import BeadTerm, Progress
 from palp_core.palpation.mechanics.contact.cache import Arrays, cached
-from palp_core.palpation.mechanics.contact.l4_bounds import BOUNDS
 from palp_core.palpation.mechanics.contact.layer import BondedLayer
 from palp_core.palpation.mechanics.contact.model import FEM_SCENES, require_range
 from palp_core.palpation.mechanics.contact.patch import Patch
@@ -30,7 +30,7 @@ _LARGEST = 1.5  # cells over their nominal size
     task="contact",
     name="l4",
     cost_s=0.85,
-    bounds=[*BOUNDS, *finite_bounds.L4],
+    bounds=bounds.L4,
     evidence="tests/palpation/mechanics/scene/test_picker.py: against cells of 0.5 mm; "
     "tests/palpation/mechanics/contact/test_l4.py; "
     "against finite strain: tests/palpation/mechanics/scene/test_finite_strain_scenes.py",
@@ -61,6 +61,7 @@ class HarmonicContact:
         OutOfRange: The phantom or the ball is outside the range that the rung is stated for.
     """
 
+    rung: ClassVar[str] = "l4"
     phantom: Phantom
     tip_radius_m: float
     cell_m: float = 0.001
@@ -69,11 +70,6 @@ class HarmonicContact:
     def __post_init__(self) -> None:
         require_range(self.phantom, self.tip_radius_m)
         require("cell_m", self.cell_m, 0.0002, 0.002, "use cells of 0.2 to 2 mm")
-
-    @property
-    def rung(self) -> str:
-        """Name in the register."""
-        return "l4"
 
     @property
     def reach_m(self) -> float:

@@ -3,13 +3,14 @@
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 import scipy
 
 from palp_core.errors import MechanicsError, OutOfRange
-from palp_core.methods import Bound, method
-from palp_core.palpation.mechanics import finite_bounds
+from palp_core.methods import method
+from palp_core.palpation.mechanics.contact import bounds
 from palp_core.palpation.mechanics.contact.bead_squares import Progress
 from palp_core.palpation.mechanics.contact.cache import Arrays, cached
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
@@ -30,9 +31,9 @@ _SHALLOWEST = 1.0 / 144.0  # of the ball's radius: the first indentation that L4
     task="contact",
     name="l5",
     cost_s=4.8,
-    bounds=[Bound("normal_on_axis", 0.01), *finite_bounds.L5],
+    bounds=bounds.L5,
     evidence="tests/palpation/mechanics/contact/test_l5.py, test_l5_in_3d.py: against finite elements in 3D",
-    valid={**FEM_SCENES, "modulus_pa": (1.0, 1e9), "pressed_share": (0.0, finite_bounds.PRESSED_MAX)},
+    valid={**FEM_SCENES, "modulus_pa": (1.0, 1e9), "pressed_share": (0.0, bounds.PRESSED_MAX)},
     fails="where the tip goes so deep that the gel's elements fold",
 )
 @dataclass(frozen=True)
@@ -61,6 +62,7 @@ class FiniteStrainContact:
         OutOfRange: The phantom or the ball is outside the range that the rung is stated for.
     """
 
+    rung: ClassVar[str] = "l5"
     phantom: Phantom
     tip_radius_m: float
     facet_m: float | None = None
@@ -75,11 +77,6 @@ class FiniteStrainContact:
     @property
     def _facet_m(self) -> float:
         return self.tip_radius_m / _FACETS if self.facet_m is None else self.facet_m
-
-    @property
-    def rung(self) -> str:
-        """Name in the register."""
-        return "l5"
 
     @property
     def reach_m(self) -> float:

@@ -40,15 +40,10 @@ def hankel_nodes(
 
 @dataclass(frozen=True)
 class BondedLayer:
-    """Bonded layer of Young's modulus 1 on a rigid floor, loaded normally on its free surface.
+    """Bonded layer of Young's modulus 1 on a rigid floor, loaded normally on its free surface."""
 
-    Attributes:
-        poisson: Poisson's ratio, 0 to 0.5 inclusive.
-        height_m: Thickness.
-    """
-
-    poisson: float
-    height_m: float
+    poisson: float  # Poisson's ratio, 0 to 0.5 inclusive
+    height_m: float  # Thickness
 
     @property
     def shear_modulus(self) -> float:
@@ -108,11 +103,7 @@ class BondedLayer:
         return k_1_m, weight * (down - half_space) * k_1_m / (2.0 * np.pi)
 
     def surface_correction(self, distance_m: Float64Array) -> Float64Array:
-        """Return how much less than a half-space the surface sinks under a unit point force, in m/N (E = 1).
-
-        Args:
-            distance_m: Distance from the force, shape (n,); the result is negative near the force.
-        """
+        """Return how much less than a half-space the surface sinks under a unit force, in m/N for E = 1."""
         distance_m = np.asarray(distance_m, dtype=np.float64)
         k_1_m, amplitude = self._surface(float(distance_m.max()))
         return np.asarray(scipy.special.j0(np.outer(distance_m, k_1_m)) @ amplitude)

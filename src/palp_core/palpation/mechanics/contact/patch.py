@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics.contact.active_set import solve_contact
 from palp_core.palpation.mechanics.contact.bead_squares import BeadTerm
-from palp_core.palpation.mechanics.contact.halfspace import love_mean
 from palp_core.palpation.mechanics.contact.layer import BondedLayer
 from palp_core.palpation.mechanics.tip import gap_m, overlap_radius_m
 from palp_core.units import Float64Array
@@ -27,37 +26,23 @@ _GAP_NODES = 4  # Gauss points along a cell: two are exact for a paraboloid
 
 @dataclass(frozen=True, eq=False)
 class Pressed:
-    """One solved contact, for Young's modulus 1.
+    """One solved contact, for Young's modulus 1."""
 
-    Attributes:
-        normal_n: Normal force.
-        energy_j: Elastic energy.
-        force_n: Force on each cell of the half patch; its mirror image bears the same.
-    """
-
-    normal_n: float
-    energy_j: float
-    force_n: Float64Array
+    normal_n: float  # Normal force
+    energy_j: float  # Elastic energy
+    force_n: Float64Array  # Force on each cell of the half patch; its mirror image bears the same
 
 
 @dataclass(eq=False)
 class Patch:
-    """Half of a round patch of cells under a ball, at one indentation; a sphere's ends at its equator.
+    """Half of a round patch of cells under a ball, at one indentation; a sphere's ends at its equator."""
 
-    Attributes:
-        layer: The bare gel.
-        bead: The bead's stiffening, or None.
-        tip_radius_m: Radius of the ball.
-        indentation_m: Its indentation, positive.
-        cell_m: Side of the cells.
-        thinnest_m: Gel over the bead: cells larger than a quarter of it average the stiffening.
-    """
-
-    layer: BondedLayer
-    bead: BeadTerm | None
-    tip_radius_m: float
-    indentation_m: float
-    cell_m: float
+    layer: BondedLayer  # The bare gel
+    bead: BeadTerm | None  # The bead's stiffening, or None
+    tip_radius_m: float  # Radius of the ball
+    indentation_m: float  # Its indentation, positive
+    cell_m: float  # Side of the cells
+    # Gel over the bead: cells larger than a quarter of it average the stiffening
     thinnest_m: float = math.inf
     _margin: float = field(default=_MARGIN, init=False)
 
@@ -121,11 +106,7 @@ class Patch:
         return np.asarray(np.tensordot(share, values.reshape(share.size, self._x.size, -1), axes=1))
 
     def press(self, offset_m: float, start: NDArray[np.bool_] | None = None) -> Pressed:
-        """Solve the contact at an offset, from a first guess of the touching cells.
-
-        Raises:
-            MechanicsError: The contact does not settle or spreads without end.
-        """
+        """Solve the contact at an offset, from a first guess of the touching cells."""
         for _ in range(_GROWTHS):
             if start is not None and start.size != self._x.size:
                 start = None
@@ -139,3 +120,26 @@ class Patch:
     def cells(self) -> tuple[Float64Array, Float64Array]:
         """Return the centres (x, y) of the half patch's cells from the ball's axis."""
         return self._x, self._y
+
+
+def _fourth(x: Float64Array, y: Float64Array) -> Float64Array:
+    """Return the antiderivative of 1 / sqrt(x^2 + y^2), twice in x and twice in y."""
+    r = np.hypot(x, y)
+    ax, ay = np.abs(x), np.abs(y)
+    safe_x, safe_y = np.where(ax == 0.0, 1.0, ax), np.where(ay == 0.0, 1.0, ay)
+    first = np.where(ay == 0.0, 0.0, 0.5 * ax * ay**2 * np.arcsinh(ax / safe_y))
+    second = np.where(ax == 0.0, 0.0, 0.5 * ay * ax**2 * np.arcsinh(ay / safe_x))
+    return np.asarray(first + second - r**3 / 6.0)
+
+
+def love_mean(x_m: Float64Array, y_m: Float64Array, cell_m: float, poisson: float) -> Float64Array:
+    """Return the mean sinking over a cell centred at (x, y), under a unit force on one at the origin, E = 1.
+
+    Love, Philosophical Transactions A 228 (1929) 377; Johnson, Contact Mechanics, 1985, equation (3.25). The
+    mean is its antiderivative, once more in x and once more in y.
+    """
+    total = np.zeros(np.broadcast(x_m, y_m).shape)
+    for i, along in ((-1, 1.0), (0, -2.0), (1, 1.0)):
+        for j, across in ((-1, 1.0), (0, -2.0), (1, 1.0)):
+            total += along * across * _fourth(x_m + i * cell_m, y_m + j * cell_m)
+    return np.asarray(total * (1.0 - poisson**2) / (math.pi * cell_m**4))

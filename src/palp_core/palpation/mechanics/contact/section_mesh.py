@@ -19,21 +19,13 @@ _NEAR = 1e-9  # of the height: nodes this close to an edge lie on it
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A mesh and where its edges are.
+    """A mesh and where its edges are."""
 
-    Attributes:
-        mesh: Quadratic quadrilaterals.
-        radius_m: Radius of the bead; 0 without one.
-        centre_m: Depth of its centre.
-        height_m: Depth of the floor.
-        outer_m: Radius of the outer edge.
-    """
-
-    mesh: MeshQuad2
-    radius_m: float
-    centre_m: float
-    height_m: float
-    outer_m: float
+    mesh: MeshQuad2  # Quadratic quadrilaterals
+    radius_m: float  # Radius of the bead; 0 without one
+    centre_m: float  # Depth of its centre
+    height_m: float  # Depth of the floor
+    outer_m: float  # Radius of the outer edge
 
     def _near(self, distance: Float64Array) -> NDArray[np.bool_]:
         return np.asarray(np.abs(distance) < _NEAR * self.height_m)

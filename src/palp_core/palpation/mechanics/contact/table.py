@@ -1,15 +1,14 @@
 """A contact energy tabulated over offset and indentation, both forces its exact derivatives.
 
-With t = sqrt(delta) the energy is U = t^q g(|s|, t), where q = 5 for a ball and g is smooth down to no
-contact. g is bicubic on a uniform grid, so that::
+With t = sqrt(delta) the energy of a ball is U = t^5 g(|s|, t), g being smooth down to no contact. g is
+bicubic on a uniform grid, so that::
 
-    N = dU/d(delta) = t^(q - 2) (q g + t dg/dt) / 2,    U_s = t^q dg/ds
+    N = dU/d(delta) = t^3 (5 g + t dg/dt) / 2,    U_s = t^5 dg/ds
 
 hold to round-off between the nodes as well. The table is filled from normal forces alone: their integral over
 the indentation is the energy.
 """
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,19 +20,12 @@ from palp_core.units import Float64Array
 
 @dataclass(frozen=True, eq=False)
 class EnergyTable:
-    """Bicubic pieces of g for Young's modulus 1.
+    """Bicubic pieces of g for Young's modulus 1."""
 
-    Attributes:
-        offset_max_m: Offset from which on nothing changes; the grid is uniform from 0. 0 for bare gel.
-        root_max: Largest sqrt(indentation), in sqrt(m); the grid is uniform from 0.
-        pieces: Coefficients, shape (4, 4, n_s, n_t): powers of the place within the cell along s, then t.
-        power: The exponent q.
-    """
-
-    offset_max_m: float
-    root_max: float
+    offset_max_m: float  # Offset from which on nothing changes; the grid is uniform from 0. 0 for bare gel.
+    root_max: float  # Largest sqrt(indentation), in sqrt(m); the grid is uniform from 0
+    # Coefficients, shape (4, 4, n_s, n_t): powers of the place within the cell along s, then t
     pieces: Float64Array
-    power: int = 5
 
     @cached_property
     def _by_cell(self) -> Float64Array:
@@ -64,7 +56,7 @@ class EnergyTable:
         """Return U for E = 1, of the broadcast shape."""
         root, x, y, c = self._located(offset_m, indentation_m)
         row = ((c[:, 3] * y + c[:, 2]) * y + c[:, 1]) * y + c[:, 0]
-        return np.asarray((((row[3] * x + row[2]) * x + row[1]) * x + row[0]) * root**self.power)
+        return np.asarray((((row[3] * x + row[2]) * x + row[1]) * x + row[0]) * root**5)
 
     def force(self, offset_m: Float64Array, indentation_m: Float64Array) -> tuple[Float64Array, Float64Array]:
         """Return (N, U_s) for E = 1, of the broadcast shape."""
@@ -85,50 +77,41 @@ class EnergyTable:
             energy = energy * x + value[power]
             by_root = by_root * x + slope[power]
         by_root *= self.pieces.shape[3] / self.root_max
-        scale = math.prod([root] * (self.power - 3), start=root)
-        normal = 0.5 * scale * (self.power * energy + root * by_root)
+        scale = root * root * root
+        normal = 0.5 * scale * (5 * energy + root * by_root)
         if self.offset_max_m == 0.0:
             return normal, np.zeros(normal.shape)
         by_offset *= self.pieces.shape[2] / self.offset_max_m
         return normal, np.sign(offset_m) * by_offset * (scale * root * root)
 
 
-def energy_table(
-    offset_max_m: float, root_max: float, normal: Float64Array, first: float, power: int = 5
-) -> EnergyTable:
-    """Build the table from normal forces on the grid.
+def energy_table(offset_max_m: float, root_max: float, normal: Float64Array, first: float) -> EnergyTable:
+    """Build the table from normal forces (n_s + 1, n_t) on the grid; ``first`` is N / t^3 at no indentation.
 
-    Args:
-        offset_max_m: Last offset of the uniform grid; the last row is taken as what holds beyond.
-        root_max: Last sqrt(indentation) of the uniform grid.
-        normal: Normal forces, shape (n_s + 1, n_t), without the column of no indentation; a single row is
-            bare gel.
-        first: Limit of N / t^(power - 2) at no indentation.
-        power: Exponent q of the energy in t.
+    The column of no indentation is left out, the last row holds beyond, and a single row is bare gel.
     """
     count_s, count_t = normal.shape[0] - 1, normal.shape[1]
     root = np.linspace(0.0, root_max, count_t + 1)
-    scaled = np.concatenate([np.full((count_s + 1, 1), first), normal / root[1:] ** (power - 2)], axis=1)
+    scaled = np.concatenate([np.full((count_s + 1, 1), first), normal / root[1:] ** 3], axis=1)
     curve = scipy.interpolate.CubicSpline(root, scaled, axis=1)
-    x, w = np.polynomial.legendre.leggauss((power + 5) // 2)  # exact for t^(power - 1) times a cubic
+    x, w = np.polynomial.legendre.leggauss(5)  # exact for t^4 times a cubic
     half = 0.5 * root_max / count_t
     at = (root[:-1, None] + half) + half * x
-    work = np.cumsum((2.0 * at ** (power - 1) * curve(at) * w).sum(axis=2) * half, axis=1)
+    work = np.cumsum((2.0 * at**4 * curve(at) * w).sum(axis=2) * half, axis=1)
     g, slope = np.empty_like(scaled), np.empty_like(scaled)
-    g[:, 0], slope[:, 0] = 2.0 * first / power, 2.0 * curve(0.0, 1) / (power + 1)
-    g[:, 1:] = work / root[1:] ** power
-    slope[:, 1:] = (2.0 * scaled[:, 1:] - power * g[:, 1:]) / root[1:]
+    g[:, 0], slope[:, 0] = 2.0 * first / 5, 2.0 * curve(0.0, 1) / 6
+    g[:, 1:] = work / root[1:] ** 5
+    slope[:, 1:] = (2.0 * scaled[:, 1:] - 5 * g[:, 1:]) / root[1:]
     along = scipy.interpolate.CubicHermiteSpline(root, g, slope, axis=1).c[::-1] * np.reshape(
         (root_max / count_t) ** np.arange(4), (4, 1, 1)
     )  # (power of t, cell of t, row of s)
     if count_s == 0:
         pieces = np.zeros((4, 4, 1, count_t))
         pieces[0] = along[:, :, :1].transpose(0, 2, 1)
-        return EnergyTable(0.0, root_max, pieces, power)
+        return EnergyTable(0.0, root_max, pieces)
     step_m = offset_max_m / count_s
     offset = np.linspace(0.0, offset_max_m, count_s + 1)
-    across = scipy.interpolate.CubicSpline(offset, along, axis=2, bc_type="clamped").c[
-        ::-1
-    ]  # (power, cell of s, power, cell of t)
+    across = scipy.interpolate.CubicSpline(offset, along, axis=2, bc_type="clamped").c[::-1]
+    # (power of s, cell of s, power of t, cell of t)
     pieces = across * np.reshape(step_m ** np.arange(4), (4, 1, 1, 1))
-    return EnergyTable(offset_max_m, root_max, np.ascontiguousarray(pieces.transpose(0, 2, 1, 3)), power)
+    return EnergyTable(offset_max_m, root_max, np.ascontiguousarray(pieces.transpose(0, 2, 1, 3)))

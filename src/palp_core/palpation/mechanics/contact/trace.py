@@ -60,17 +60,11 @@ class _Band:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """Fields at points under unit forces on rings.
+    """Fields at points under unit forces on rings."""
 
-    Attributes:
-        layer: The gel.
-        ring_m: Radii of the rings, shape (n_rings,).
-        points: Places (r, z), shape (2, n), all below the surface.
-    """
-
-    layer: BondedLayer
-    ring_m: Float64Array
-    points: Float64Array
+    layer: BondedLayer  # The gel
+    ring_m: Float64Array  # Radii of the rings, shape (n_rings,)
+    points: Float64Array  # Places (r, z), shape (2, n), all below the surface
 
     @cached_property
     def _nodes(self) -> tuple[Float64Array, Float64Array]:

@@ -17,21 +17,13 @@ _ANGLES = 257
 
 @dataclass(frozen=True, eq=False)
 class Equilibria:
-    """All roots, one entry per root, sorted by position as given and then by angle.
+    """All roots, one entry per root, sorted by position as given and then by angle."""
 
-    Attributes:
-        position: Index into the stage positions asked for.
-        stage_m: Stage position Y.
-        angle_rad: Joint angle q; negative where the tip leads.
-        torque_n_m: Torque of the sensor.
-        stable: Whether a small turn is pushed back.
-    """
-
-    position: NDArray[np.int64]
-    stage_m: Float64Array
-    angle_rad: Float64Array
-    torque_n_m: Float64Array
-    stable: NDArray[np.bool_]
+    position: NDArray[np.int64]  # Index into the stage positions asked for
+    stage_m: Float64Array  # Stage position Y
+    angle_rad: Float64Array  # Joint angle q; negative where the tip leads
+    torque_n_m: Float64Array  # Torque of the sensor
+    stable: NDArray[np.bool_]  # Whether a small turn is pushed back
 
 
 def equilibria(

@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.methods import Bound, declare_task, method
 from palp_core.palpation.mechanics.contact.model import ContactModel
-from palp_core.palpation.mechanics.equilibrium.friction import Slip, coulomb_implicit, tanh_explicit
 from palp_core.palpation.mechanics.equilibrium.joint import joint_at
 from palp_core.palpation.mechanics.equilibrium.sweep import sweep
 from palp_core.palpation.mechanics.limits import explicit_step_s, require
@@ -60,26 +59,55 @@ class Dynamics:
         require("step_s", self.step_s, 1e-9, 1.0, "give a positive step, as in 2e-4")
 
 
-@dataclass(frozen=True, eq=False)
-class DynamicSweep:
-    """Joints at several ring positions along one sweep in time; arrays have the shape (rings, steps).
+@dataclass(frozen=True)
+class Slip:
+    """What a friction law may know about a step; arrays have one entry per joint.
 
-    Attributes:
-        time_s: Shape (steps,).
-        stage_m: Stage position Y, shape (steps,).
-        angle_rad: Joint angle q, positive where the tip lags a sweep towards +Y.
-        torque_n_m: Torque of the sensor.
-        normal_n: Normal force.
-        slip_m_s: Speed of the ball over the gel along the sweep.
-        guards: A friction law that would have blown up and what took its place, in words; else empty.
+    The joint turns by w; the ball's lowest point slips over the gel at v - A w, with v the stage's speed and
+    A = L cos q + r_tip. Friction acts on the joint with the moment A f. A law returns the f of the step.
     """
 
-    time_s: Float64Array
-    stage_m: Float64Array
-    angle_rad: Float64Array
-    torque_n_m: Float64Array
-    normal_n: Float64Array
-    slip_m_s: Float64Array
+    normal_n: Float64Array  # Normal force N
+    friction: float  # Coefficient of sliding mu
+    static_friction: float  # Coefficient up to which a sticking ball holds, at least `friction`
+    sticking: Float64Array  # Whether the ball stuck in the step before
+    stage_m_s: float  # Speed v of the stage
+    arm_m: Float64Array  # Lever A of the contact about the joint
+    before_rad_s: Float64Array  # Rate w of the joint before the step
+    free_rad_s: Float64Array  # Rate after the step if there were no friction
+    per_newton: Float64Array  # Change of the rate by one newton of friction over the step, in rad/s/N
+    regular_m_s: float  # Speed v_r over which a smooth law turns over
+
+
+def coulomb_implicit(slip: Slip) -> Float64Array:
+    """Coulomb's law as an inclusion: the force that stops the slip at the step's end, within the cone.
+
+    Jean and Moreau's time stepping for one contact: f = clip(f_stick, -mu N, mu N).
+    """
+    stick_rad_s = slip.stage_m_s / slip.arm_m
+    needed_n = (stick_rad_s - slip.free_rad_s) / slip.per_newton
+    held = np.where(slip.sticking > 0.0, slip.static_friction, slip.friction) * slip.normal_n
+    sliding = slip.friction * slip.normal_n
+    return np.where(np.abs(needed_n) <= held, needed_n, np.sign(needed_n) * sliding)
+
+
+def tanh_explicit(slip: Slip) -> Float64Array:
+    """Return mu N tanh(v_slip / v_r) with the slip before the step."""
+    at_m_s = slip.stage_m_s - slip.arm_m * slip.before_rad_s
+    return slip.friction * slip.normal_n * np.tanh(at_m_s / slip.regular_m_s)
+
+
+@dataclass(frozen=True, eq=False)
+class DynamicSweep:
+    """Joints at several ring positions along one sweep in time; arrays have the shape (rings, steps)."""
+
+    time_s: Float64Array  # Shape (steps,)
+    stage_m: Float64Array  # Stage position Y, shape (steps,)
+    angle_rad: Float64Array  # Joint angle q, positive where the tip lags a sweep towards +Y
+    torque_n_m: Float64Array  # Torque of the sensor
+    normal_n: Float64Array  # Normal force
+    slip_m_s: Float64Array  # Speed of the ball over the gel along the sweep
+    # A friction law that would have blown up and what took its place, in words; else empty
     guards: tuple[str, ...] = ()
 
 

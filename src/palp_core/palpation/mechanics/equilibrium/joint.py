@@ -20,20 +20,13 @@ class Joint:
     q)::
 
         (2 r_a R k_s + m g l_c) sin q = mu N (L cos q + r_tip) + U_s L cos q + N L sin q
-
-    Attributes:
-        model: Contact forces over the phantom.
-        probe: Dimensions of the probe.
-        ring_m: True position r_a of the anchor ring.
-        indentation_m: Nominal indentation delta0 of the upright probe.
-        direction: +1.0 for a sweep towards +Y, -1.0 for one towards -Y.
     """
 
-    model: ContactModel
-    probe: Probe
-    ring_m: float
-    indentation_m: float
-    direction: float = 1.0
+    model: ContactModel  # Contact forces over the phantom
+    probe: Probe  # Dimensions of the probe
+    ring_m: float  # True position r_a of the anchor ring
+    indentation_m: float  # Nominal indentation delta0 of the upright probe
+    direction: float = 1.0  # +1.0 for a sweep towards +Y, -1.0 for one towards -Y
 
     @property
     def restoring_n_m(self) -> float:
@@ -113,13 +106,35 @@ class Joint:
 def joint_at(
     model: ContactModel, probe: Probe, ring_m: float, indentation_m: float, direction: float = 1.0
 ) -> Joint:
-    """Return the joint at a ring position and height, once its numbers make sense.
-
-    Raises:
-        OutOfRange: The ring makes the joint unstable, or the indentation is beyond model and ball.
-    """
+    """Return the joint at a ring position and height, once its numbers make sense."""
     require("ring_m", ring_m, -1.0, 1.0, "give the ring's position in metres, as in 0.008")
     highest_m = max(model.indentation_max_m, probe.tip_radius_m)
     require("indentation_m", indentation_m, -1.0, min(highest_m, 0.999 * probe.lever_m), "press less deep")
     probe.require_held(ring_m)
     return Joint(model, probe, ring_m, indentation_m, direction)
+
+
+_MOST = 8  # grids of one mounting and direction: before and after refinement, and where several roots are
+
+
+class GridMoments:
+    """Remembers the contact's moment on the latest grids; what is asked again is not computed again.
+
+    The ring changes only what spring and weight bring, and a mounting sees hundreds of rings.
+    """
+
+    def __init__(self) -> None:
+        self._kept: dict[
+            tuple[int, Probe, float, float, bytes], tuple[ContactModel, Float64Array, Float64Array]
+        ] = {}
+
+    def residual(self, joint: Joint, forward_m: Float64Array, grid_rad: Float64Array) -> Float64Array:
+        """Return :meth:`.Joint.residual` at every position and angle, shape (positions, angles)."""
+        key = (id(joint.model), joint.probe, joint.indentation_m, joint.direction, forward_m.tobytes())
+        if (found := self._kept.get(key)) is None:
+            sine, pushing, _, _ = joint.contact_moment(forward_m[:, None], grid_rad)
+            if len(self._kept) == _MOST:
+                del self._kept[next(iter(self._kept))]
+            found = self._kept[key] = joint.model, sine, pushing  # the model kept: its id is nobody else's
+        _, sine, pushing = found
+        return joint.restoring_n_m * sine - pushing

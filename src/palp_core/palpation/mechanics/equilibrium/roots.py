@@ -19,17 +19,7 @@ _POLISH_STEPS = 8
 def bracketed_newton(
     function: Function, low: Float64Array, high: Float64Array, start: Float64Array | None = None
 ) -> Float64Array:
-    """Return one root per bracket: Newton where it stays inside and halves the bracket, else bisection.
-
-    Args:
-        function: Takes and returns shape (n,); negative at ``low`` and not negative at ``high``.
-        low: Lower ends, shape (n,).
-        high: Upper ends, shape (n,).
-        start: First guesses; the middles if None.
-
-    Raises:
-        MechanicsError: The function is not a number somewhere in a bracket.
-    """
+    """Return one root per bracket: Newton where it stays inside and halves the bracket, else bisection."""
     low, high = low.copy(), high.copy()
     at = 0.5 * (low + high) if start is None else np.clip(start, low, high)
     width = high - low
@@ -61,12 +51,6 @@ def polish(
 ) -> tuple[Float64Array, NDArray[np.bool_]]:
     """Improve good guesses to round-off by secant steps, and tell which stayed near and converged.
 
-    Args:
-        function: Takes and returns shape (n,).
-        guess: First guesses, shape (n,).
-        slope: Estimated slopes there, positive, shape (n,).
-        reach: How far from the guess the root may lie.
-
     Returns:
         The roots, and where they can be trusted: converged, within reach, at a rising zero.
     """
@@ -87,14 +71,7 @@ def polish(
 
 
 def inverse_guess(values: Float64Array, cell: NDArray[np.int64], step: np.float64) -> Float64Array:
-    """Return where sampled functions cross zero, by inverse interpolation through up to four samples.
-
-    Args:
-        values: Samples on an even grid from 0, shape (n, m); a sign change lies between ``cell`` and the
-            next.
-        cell: Index of the sample before the crossing, shape (n,).
-        step: Spacing of the grid.
-    """
+    """Return where sampled functions cross zero, by inverse interpolation through up to four samples."""
     rows = np.arange(len(values))
     left, right = values[rows, cell], values[rows, cell + 1]
     linear = left / (left - right)

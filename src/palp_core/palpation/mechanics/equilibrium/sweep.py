@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palp_core.errors import MechanicsError, OutOfRange
 from palp_core.palpation.mechanics.contact.model import ContactModel
-from palp_core.palpation.mechanics.equilibrium.grid_moments import GridMoments
-from palp_core.palpation.mechanics.equilibrium.joint import Joint, joint_at
+from palp_core.palpation.mechanics.equilibrium.joint import GridMoments, Joint, joint_at
 from palp_core.palpation.mechanics.equilibrium.roots import bracketed_newton, inverse_guess, polish
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.units import Float64Array
@@ -275,11 +274,6 @@ def _follow(
     joint: Joint, residual: Float64Array, stage_m: Float64Array
 ) -> tuple[NDArray[np.int64], tuple[int, ...]]:
     """Return the grid cell of the followed stable root per position, and the positions reached by a jump.
-
-    Args:
-        joint: Says what to raise.
-        residual: Moment that pushes q back, shape (positions, angles).
-        stage_m: Positions, for the error's message, shape (positions,).
 
     A stable root lies where the residual turns from negative to not negative. A jump is a move past another
     root of the position before: the branch has ended in a fold. A fold that opens and closes between two

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from palp_core.errors import OutOfRange
 from palp_core.palpation.mechanics.contact.model import ContactModel
-from palp_core.palpation.mechanics.equilibrium.grid_moments import GridMoments
+from palp_core.palpation.mechanics.equilibrium.joint import GridMoments
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep, sweep
 from palp_core.palpation.mechanics.limits import stage_step
 from palp_core.palpation.mechanics.probe import Probe

@@ -5,25 +5,19 @@ from dataclasses import dataclass
 import palp_core.palpation.mechanics.contact
 import palp_core.palpation.mechanics.equilibrium.dynamics  # noqa: F401 -- declares, as the line above does
 from palp_core.errors import MethodError
-from palp_core.methods import Candidate, Method, MethodChoice, Quantities, choose, find
-from palp_core.palpation.mechanics.contact.model import ContactModel
+from palp_core.methods import MethodChoice, Quantities, choose, find
+from palp_core.palpation.mechanics.contact.model import BesideBead, ContactModel
 from palp_core.palpation.mechanics.phantom import Phantom
 from palp_core.palpation.mechanics.probe import Probe
-from palp_core.palpation.mechanics.scene.beside import BesideBead
 from palp_core.palpation.mechanics.scene.scene import RINGS_M, Scene, motion_output, pressed
 
 
 @dataclass(frozen=True)
 class SceneChoice:
-    """What a scene is computed with.
+    """What a scene is computed with."""
 
-    Attributes:
-        contact: The contact rung.
-        motion: Whether the joint is solved quasi-statically or with inertia.
-    """
-
-    contact: MethodChoice
-    motion: MethodChoice
+    contact: MethodChoice  # The contact rung
+    motion: MethodChoice  # Whether the joint is solved quasi-statically or with inertia
 
     @property
     def rung(self) -> str:
@@ -31,24 +25,9 @@ class SceneChoice:
         return self.contact.name
 
     @property
-    def method(self) -> Method:
-        """The rung as declared."""
-        return self.contact.method
-
-    @property
     def bound(self) -> float | None:
         """The rung's stated relative error of the scene's output; None where it vouches for none."""
         return self.contact.bound
-
-    @property
-    def reason(self) -> str:
-        """Why the rung was chosen, in words."""
-        return self.contact.reason
-
-    @property
-    def candidates(self) -> tuple[Candidate, ...]:
-        """All rungs, cheapest first."""
-        return self.contact.candidates
 
 
 def choose_rung(scene: Scene, rung: str | None = None) -> SceneChoice:
@@ -91,18 +70,7 @@ def choose_motion(scene: Scene) -> MethodChoice:
 def moved_by(
     asked: str, output: str, tolerance: float, speed_m_s: float, quantities: Quantities | None = None
 ) -> MethodChoice:
-    """Return what the joint's inertia is treated by, as the register has it.
-
-    Args:
-        asked: Name of a method of task ``motion``; empty: the cheapest that is good enough.
-        output: What the contact must get right.
-        tolerance: How right.
-        speed_m_s: Speed of the stage.
-        quantities: What else is known of the scene, SI.
-
-    Raises:
-        MethodError: None is good enough.
-    """
+    """Return what the joint's inertia is treated by, as the register has it."""
     known = {**(quantities or {}), "speed_m_s": speed_m_s}
     return choose("motion", motion_output(output), tolerance, known, asked=asked)
 

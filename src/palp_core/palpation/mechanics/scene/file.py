@@ -84,11 +84,7 @@ class SceneNode:
 
 
 def read_mapping(path: str | Path, what: str) -> SceneNode:
-    """Return the root of a YAML file.
-
-    Raises:
-        MechanicsError: There is no such file, it is no YAML, or it is empty.
-    """
+    """Return the root of a YAML file."""
     try:
         root = yaml.compose(read_whole(path, _LARGEST_BYTES).decode(), Loader=yaml.CSafeLoader)
     except (OSError, UnicodeDecodeError) as error:
@@ -130,11 +126,7 @@ def read_scene(path: str | Path) -> Scene:
 
 
 def phantom_of(node: SceneNode, what: str) -> Phantom:
-    """Return the phantom that a mapping describes.
-
-    Raises:
-        MechanicsError: An unknown key, no number, or a value out of range.
-    """
+    """Return the phantom that a mapping describes."""
     fields = node.items(what, _keys(Phantom))
     given: dict[str, Any] = {name: f.number(name) for name, f in fields.items() if name != "bead"}
     if "bead" in fields:

@@ -45,21 +45,15 @@ def separation_n_m(peaks_n_m: Sequence[float]) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Scatter:
-    """What makes one palpation differ from the next; for ``decision``.
+    """What makes one palpation differ from the next; for ``decision``."""
 
-    Attributes:
-        ring_m: Half-range of the ring's error, uniform; published.
-        height_m: Standard deviation of the mounting's height; assumed, set down by hand against a stop.
-        torque_n_m: Standard deviation of a peak's reading; assumed, one step of the sensor's resolution.
-        training_count: Palpations per depth that the normals are fitted to; published.
-        trial_count: Decisions drawn.
-    """
-
-    ring_m: float = 0.0003
+    ring_m: float = 0.0003  # Half-range of the ring's error, uniform; published
+    # Standard deviation of the mounting's height; assumed, set down by hand against a stop
     height_m: float = 0.0001
+    # Standard deviation of a peak's reading; assumed, one step of the sensor's resolution
     torque_n_m: float = RESOLUTION_N_M
-    training_count: int = 25
-    trial_count: int = 2000
+    training_count: int = 25  # Palpations per depth that the normals are fitted to; published
+    trial_count: int = 2000  # Decisions drawn
 
 
 def decisions(
@@ -111,12 +105,7 @@ def _response(
 
 
 def outputs(models: Sequence[ContactModel], scene: Scene) -> Float64Array:
-    """Return the scene's output, one entry per ring; of ``trace`` the torques, shape (rings, positions).
-
-    Args:
-        models: One per phantom of the scene.
-        scene: What is swept; its tolerance says which output.
-    """
+    """Return the scene's output, one entry per ring; of ``trace`` the torques, shape (rings, positions)."""
     stage, depth_m = grid_m(scene), scene.path.indentation_m
     of = {"contrast": contrast_n_m, "trace": _torque_n_m}.get(scene.tolerance.output, peak_n_m)
     found = np.array(
@@ -131,16 +120,7 @@ def outputs(models: Sequence[ContactModel], scene: Scene) -> Float64Array:
 
 
 def answer(models: Sequence[ContactModel], scene: Scene, seed: int = 1) -> Float64Array:
-    """Return what a scene is asked for: its output by ring, or its decisions, shape (rings, trials).
-
-    Args:
-        models: One per phantom of the scene.
-        scene: What is swept; its tolerance says which output.
-        seed: Of the draws behind ``decision``.
-
-    Raises:
-        MechanicsError: One of the models has no answer.
-    """
+    """Return what a scene is asked for: its output by ring, or its decisions, shape (rings, trials)."""
     if scene.tolerance.output == "decision":
         return decisions(models, scene, np.random.default_rng(seed)).astype(np.float64)
     return outputs(models, scene)

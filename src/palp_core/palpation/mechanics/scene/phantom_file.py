@@ -59,11 +59,7 @@ def load_phantoms(path: str, gel: Phantom | None = None) -> dict[str, Phantom]:
 
 
 def file_mistakes(params: object) -> dict[str, str]:
-    """Return what is wrong with the files that parameters ``scene`` and ``phantoms`` name, by parameter.
-
-    Args:
-        params: Parameters of a node; it may lack either, and an empty name is no file.
-    """
+    """Return what is wrong with the files that parameters ``scene`` and ``phantoms`` name, by parameter."""
     found: dict[str, str] = {}
     for name, read in (("scene", read_scene), ("phantoms", load_phantoms)):
         if path := getattr(params, name, ""):

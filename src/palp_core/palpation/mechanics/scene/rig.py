@@ -18,23 +18,14 @@ from palp_core.palpation.mechanics.scene.scene import RINGS_M, Scene, StagePath,
 
 @dataclass(frozen=True)
 class Rig:
-    """What a simulated rig touches, and with what.
+    """What a simulated rig touches, and with what."""
 
-    Attributes:
-        probe: Dimensions of the probe.
-        indentation_m: Nominal indentation.
-        output: What the contact must get right.
-        tolerance: How right.
-        phantoms: By code.
-        choices: The rung of each phantom, by code.
-    """
-
-    probe: Probe
-    indentation_m: float
-    output: str
-    tolerance: float
-    phantoms: dict[str, Phantom]
-    choices: dict[str, MethodChoice]
+    probe: Probe  # Dimensions of the probe
+    indentation_m: float  # Nominal indentation
+    output: str  # What the contact must get right
+    tolerance: float  # How right
+    phantoms: dict[str, Phantom]  # By code
+    choices: dict[str, MethodChoice]  # The rung of each phantom, by code
 
     @property
     def by_depth(self) -> list[str]:
@@ -72,23 +63,7 @@ def rig(
     tip_mass_kg: float = Probe.tip_mass_kg,
     ends_m: tuple[float, float] | None = None,
 ) -> Rig:
-    """Return a rig's touch: from a scene file, or without one from the numbers given.
-
-    Args:
-        phantoms: File of phantoms by code; without it the paper's three depths, in the scene's gel if there
-            is one.
-        scene: Scene file; it gives probe, indentation and tolerance, and the numbers below are not used.
-        read: What the run reads off a sweep, as of :meth:`.Scene.read_by`: the contact must get it right.
-        tolerance: How right.
-        indentation_m: Nominal indentation.
-        friction: Coulomb coefficient.
-        tip_mass_kg: Mass of the tip link.
-        ends_m: Where sweeps begin and end; None: as of the scene.
-
-    Raises:
-        MechanicsError: A file is wrong; the message says where.
-        MethodError: No rung is good enough for a phantom.
-    """
+    """Return a rig's touch: from a scene file, or without one from the numbers given."""
     given = Scene(
         probe=Probe(friction=friction, tip_mass_kg=tip_mass_kg),
         path=StagePath(indentation_m=indentation_m),

@@ -8,33 +8,26 @@ import numpy as np
 
 from palp_core.methods import find, outside
 from palp_core.palpation.mechanics.contact.model import ContactModel
+from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics, simulate
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep, sweep
+from palp_core.palpation.mechanics.probe import Probe
 from palp_core.palpation.mechanics.scene.choice import SceneChoice, choose_rung, rung_model
-from palp_core.palpation.mechanics.scene.fast import dynamic_sweeps
 from palp_core.palpation.mechanics.scene.guard import speed_guard, sweep_guards
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, grid_m, peak_n_m
-from palp_core.palpation.mechanics.scene.scene import Scene
+from palp_core.palpation.mechanics.scene.scene import Scene, StagePath
 from palp_core.units import Float64Array
 
 
 @dataclass(frozen=True, eq=False)
 class SceneRun:
-    """A scene's sweeps, one per ring position.
+    """A scene's sweeps, one per ring position."""
 
-    Attributes:
-        choice: The rung, its bound, the reason.
-        ring_m: Ring positions.
-        sweeps: One per ring, all at the same stage positions.
-        peak_n_m: Largest torque per ring.
-        contrast_n_m: That minus its local base.
-        guards: What the run met, in words: the region in which a method fails, and what took over there.
-    """
-
-    choice: SceneChoice
-    ring_m: tuple[float, ...]
-    sweeps: tuple[Sweep, ...]
-    peak_n_m: tuple[float, ...]
-    contrast_n_m: tuple[float, ...]
+    choice: SceneChoice  # The rung, its bound, the reason
+    ring_m: tuple[float, ...]  # Ring positions
+    sweeps: tuple[Sweep, ...]  # One per ring, all at the same stage positions
+    peak_n_m: tuple[float, ...]  # Largest torque per ring
+    contrast_n_m: tuple[float, ...]  # That minus its local base
+    # What the run met, in words: the region in which a method fails, and what took over there
     guards: tuple[str, ...]
 
     def as_json(self) -> dict[str, object]:
@@ -64,22 +57,14 @@ def _swept(model: ContactModel, scene: Scene, stage_m: Float64Array, *, moving: 
 
 @dataclass(frozen=True, eq=False)
 class ForceTable:
-    """Contact forces of one rung; forces have the shape (offsets, indentations).
+    """Contact forces of one rung; forces have the shape (offsets, indentations)."""
 
-    Attributes:
-        offset_m: Positions of the ball past the bead.
-        indentation_m: Depths under the surface.
-        normal_n: Normal force.
-        lateral_n: Elastic drag dU/ds.
-        rung: Name of the rung.
-        bound: Stated relative error of the normal force in this scene; None where none is vouched for.
-    """
-
-    offset_m: Float64Array
-    indentation_m: Float64Array
-    normal_n: Float64Array
-    lateral_n: Float64Array
-    rung: str
+    offset_m: Float64Array  # Positions of the ball past the bead
+    indentation_m: Float64Array  # Depths under the surface
+    normal_n: Float64Array  # Normal force
+    lateral_n: Float64Array  # Elastic drag dU/ds
+    rung: str  # Name of the rung
+    # Stated relative error of the normal force in this scene; None where none is vouched for
     bound: float | None
 
     def as_json(self) -> dict[str, object]:
@@ -151,3 +136,47 @@ def force_table(
         bounds.append(min((one for one in stated if one is not None), default=math.inf))
     bound = max(bounds, default=math.inf)
     return ForceTable(offsets, depths, normal_n, lateral_n, rung, bound if math.isfinite(bound) else None)
+
+
+def dynamic_sweeps(
+    model: ContactModel,
+    probe: Probe,
+    ring_m: Sequence[float],
+    path: StagePath,
+    stage_m: Float64Array,
+    dynamics: Dynamics | None = None,
+) -> tuple[Sweep, ...]:
+    """Return one sweep per ring position, the joint's inertia and implicit friction included.
+
+    Between time steps angle, torque and normal force are read off linearly; contact and place follow from the
+    angle.
+    """
+    moved = simulate(
+        model, probe, ring_m, path.indentation_m, path.from_m, path.to_m, path.speed_m_s, dynamics
+    )
+    order = slice(None) if path.to_m > path.from_m else slice(None, None, -1)
+
+    def read(values: Float64Array) -> Float64Array:
+        return np.interp(stage_m, moved.stage_m[order], values[order])
+
+    made = []
+    for i in range(len(ring_m)):
+        angle_rad = read(moved.angle_rad[i])
+        offset_m = stage_m - probe.lever_m * np.sin(angle_rad)
+        depth_m = path.indentation_m - probe.lever_m * (1.0 - np.cos(angle_rad))
+        made.append(
+            Sweep(
+                stage_m=stage_m,
+                angle_rad=angle_rad,
+                torque_n_m=read(moved.torque_n_m[i]),
+                normal_n=read(moved.normal_n[i]),
+                lateral_n=model.force(offset_m, depth_m)[1],
+                offset_m=offset_m,
+                indentation_m=depth_m,
+                lifted=depth_m <= 0.0,
+                root_count=np.ones(stage_m.size, dtype=np.int64),
+                snap_at=(),
+                guards=moved.guards,
+            )
+        )
+    return tuple(made)

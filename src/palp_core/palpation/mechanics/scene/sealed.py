@@ -29,11 +29,7 @@ def is_sealed(path: str | Path) -> bool:
 
 
 def require_sealable(phantoms: Mapping[str, Phantom]) -> None:
-    """Refuse phantoms among which a code would say too much.
-
-    Raises:
-        MechanicsError: One has no bead, there are fewer than two, or two are of one depth.
-    """
+    """Refuse phantoms among which a code would say too much."""
     beads = [one.bead.depth_m for one in phantoms.values() if one.bead is not None]
     if len(set(beads)) < len(phantoms) or len(beads) < 2:
         raise MechanicsError(
@@ -94,11 +90,7 @@ def _content(path: str | Path) -> dict[str, Any]:
 
 
 def sealed_phantoms(path: str | Path) -> dict[str, Phantom]:
-    """Return the phantoms of a sealed file by their new codes: for who is touched, and who unseals.
-
-    Raises:
-        MechanicsError: It cannot be read, or is damaged.
-    """
+    """Return the phantoms of a sealed file by their new codes: for who is touched, and who unseals."""
     found = _content(path)["phantoms"]
     return {code: Phantom(**(one | {"bead": Bead(**one["bead"])})) for code, one in found.items()}
 
@@ -109,11 +101,7 @@ def own_codes(path: str | Path) -> dict[str, str]:
 
 
 def digest_of(path: str | Path) -> str:
-    """Return the SHA-256 of a key, in hexadecimal; as the key is salted, it reveals nothing.
-
-    Raises:
-        MechanicsError: It cannot be read.
-    """
+    """Return the SHA-256 of a key, in hexadecimal; as the key is salted, it reveals nothing."""
     try:
         return hashlib.sha256(read_whole(path, _LARGEST_BYTES)).hexdigest()
     except OSError as error:

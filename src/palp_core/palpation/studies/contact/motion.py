@@ -13,8 +13,8 @@ from palp_core.methods.measured import Measured, cpu_s
 from palp_core.palpation.mechanics import LayeredHertz, Scene, sweep
 from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics
 from palp_core.palpation.mechanics.equilibrium.sweep import Sweep
-from palp_core.palpation.mechanics.scene.fast import dynamic_sweeps
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, peak_n_m
+from palp_core.palpation.mechanics.scene.run import dynamic_sweeps
 from palp_core.palpation.mechanics.scene.scene import motion_output
 from palp_core.units import Float64Array
 

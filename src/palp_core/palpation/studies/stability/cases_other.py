@@ -6,8 +6,12 @@ from palp_core.errors import MechanicsError
 from palp_core.palpation.mechanics import Bead, LayeredHertz, Phantom, Probe, sweep
 from palp_core.palpation.mechanics.contact.layer import BondedLayer
 from palp_core.palpation.mechanics.contact.patch import Patch
-from palp_core.palpation.mechanics.equilibrium.dynamics import Dynamics, simulate
-from palp_core.palpation.mechanics.equilibrium.friction import coulomb_implicit, tanh_explicit
+from palp_core.palpation.mechanics.equilibrium.dynamics import (
+    Dynamics,
+    coulomb_implicit,
+    simulate,
+    tanh_explicit,
+)
 from palp_core.palpation.mechanics.limits import explicit_step_s
 from palp_core.palpation.studies.stability.case import Case
 

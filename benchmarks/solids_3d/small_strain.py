@@ -11,9 +11,9 @@ the elements' own energy, the sum of the nodes' forces times the ball's slope th
 Young's modulus is 1, z points down, the sweep's plane is y = 0, and what moves along e^(ik theta) is written
 in local cylindrical components with i taken out of the tangential one, which makes every system real.
 
-``python -m tests.support.small_strain_3d FILE`` solves what the file has no rows of, a quarter of a minute
-for each depth and mesh (with OPENBLAS_NUM_THREADS=1: the matrices are small). ``data/small_strain_3d.csv``
-beside the rungs' tests is such a file.
+``python -m benchmarks.solids_3d.small_strain FILE`` solves what the file has no rows of, as
+``small_strain.csv``: a
+quarter of a minute for each depth and mesh (with OPENBLAS_NUM_THREADS=1: the matrices are small).
 """
 
 from __future__ import annotations
@@ -43,29 +43,17 @@ R, THETA, Z = 0, 1, 2
 
 @dataclass(frozen=True)
 class Setting:
-    """The slab and how finely it is cut.
+    """The slab and how finely it is cut."""
 
-    Attributes:
-        depth_m: Gel over the bead.
-        facet_m: Sides of the elements under the ball; the contact's nodes are half of it apart.
-        slices: Around the axis, even.
-        reach_m: Distance from the axis up to which the surface is cut so finely, and known.
-        rigid: Whether the bead is there; else its place is filled with gel.
-        bead_radius_m: Of the bead.
-        height_m: Of the slab.
-        outer_m: Radius of the slab, held there.
-        poisson: Below 0.5.
-    """
-
-    depth_m: float
-    facet_m: float = 0.00106
-    slices: int = 64
-    reach_m: float = 0.020
-    rigid: bool = True
-    bead_radius_m: float = 0.0075
-    height_m: float = 0.030
-    outer_m: float = 0.130
-    poisson: float = 0.49
+    depth_m: float  # Gel over the bead
+    facet_m: float = 0.00106  # Sides of the elements under the ball; the contact's nodes are half of it apart
+    slices: int = 64  # Around the axis, even
+    reach_m: float = 0.020  # Distance from the axis up to which the surface is cut so finely, and known
+    rigid: bool = True  # Whether the bead is there; else its place is filled with gel
+    bead_radius_m: float = 0.0075  # Of the bead
+    height_m: float = 0.030  # Of the slab
+    outer_m: float = 0.130  # Radius of the slab, held there
+    poisson: float = 0.49  # Below 0.5
 
     @property
     def centre_m(self) -> float:
@@ -283,11 +271,7 @@ class Pressed:
 
 
 class Surface:
-    """The ball on a slab's surface.
-
-    Args:
-        wheel: The slab.
-    """
+    """The ball on a slab's surface."""
 
     def __init__(self, wheel: Wheel) -> None:
         self._slices, self._compliance = wheel.setting.slices, wheel.compliance
@@ -299,11 +283,7 @@ class Surface:
         self._x, self._y = ring_m[ring[once]] * np.cos(angle), ring_m[ring[once]] * np.sin(angle)
 
     def press(self, offset_m: float, indentation_m: float) -> Pressed:
-        """Press the ball in, its lowest point ``offset_m`` past the bead.
-
-        Raises:
-            ArithmeticError: The contact does not fit on the surface that is known, or does not settle.
-        """
+        """Press the ball in, its lowest point ``offset_m`` past the bead."""
         x = self._x - offset_m
         aside = np.hypot(x, self._y)
         widest = min(TIP_M, 1.1 * math.sqrt(2.0 * TIP_M * indentation_m) + 2.0 * self._facet_m)
@@ -364,19 +344,12 @@ FIELDS = (
 
 @dataclass(frozen=True)
 class Mesh:
-    """How finely a slab is cut, and where the ball is pressed in.
+    """How finely a slab is cut, and where the ball is pressed in."""
 
-    Attributes:
-        facet_m: As for :class:`Setting`, like the next two.
-        slices: Likewise.
-        reach_m: Likewise.
-        offsets_m: Of the ball past the bead.
-    """
-
-    facet_m: float
-    slices: int
-    reach_m: float
-    offsets_m: tuple[float, ...]
+    facet_m: float  # As for Setting, like the next two
+    slices: int  # Likewise
+    reach_m: float  # Likewise
+    offsets_m: tuple[float, ...]  # Of the ball past the bead
 
 
 MESHES = (Mesh(0.00106, 48, 0.0400, OFFSETS_M), Mesh(0.00075, 72, 0.0182, OFFSETS_M[:8]))

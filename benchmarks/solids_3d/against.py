@@ -1,7 +1,7 @@
 """Rungs L2 and L4 against linear elasticity in three dimensions: forces, and what the joint makes of them.
 
-``python -m tests.support.against_3d`` prints how far they are off, by depth, from ``FILE``; with the name of
-another file of :mod:`tests.support.small_strain_3d`, from that one.
+``python -m benchmarks.solids_3d.against`` prints how far they are off, by depth, from ``small_strain.csv``,
+or from another file of :mod:`benchmarks.solids_3d.small_strain`.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
+from benchmarks.solids_3d.small_strain import TIP_M
 from palp_core.palpation.mechanics import Bead, LayeredHertz, Phantom, Probe, Scene, StagePath, sweep
 from palp_core.palpation.mechanics.contact.l4 import HarmonicContact
 from palp_core.palpation.mechanics.contact.model import ContactModel
 from palp_core.palpation.mechanics.scene.output import contrast_n_m, grid_m, peak_n_m
 from palp_core.units import Float64Array
-from tests.support.small_strain_3d import TIP_M
 
-FILE = Path(__file__).parents[1] / "palpation" / "mechanics" / "contact" / "data" / "small_strain_3d.csv"
+FILE = Path(__file__).parent / "small_strain.csv"
 DEPTHS_M = (0.001, 0.002, 0.004, 0.008, 0.012)
 LOADS = tuple(itertools.product((8e3, 20e3, 40e3), (0.002, 0.003, 0.004), (0.004, 0.008, 0.016)))
 """Young's modulus, indentation and ring."""
@@ -31,7 +31,7 @@ NEAR_M = 0.0121
 """Forces are compared up to this offset; farther out the elements are too coarse for the last per cent.
 
 So they are on the axis, where the contact's edge meets a whole ring of nodes at once: the force there is held
-against axisymmetric elements (``test_axisymmetric.py``).
+against axisymmetric elements (``axisymmetric.py``).
 """
 
 
@@ -67,11 +67,6 @@ class Solved:
     indentation: what bare gel has over Hertz, on average over where the ball was pressed in, times what the
     bead adds at each place, as a ratio to bare gel on the same elements. Beyond the last place that falls off
     with the sixth power of the offset.
-
-    Args:
-        rows: Bare gel among them, on the same meshes.
-        depth_m: Gel over the bead.
-        modulus_pa: Young's modulus.
     """
 
     rung, reach_m, indentation_max_m = "3d", 0.05, 0.004

@@ -16,21 +16,13 @@ LEAF = 4  # elements that are condensed at once
 
 @dataclass
 class Part:
-    """Elements that are condensed onto what they share with others.
+    """Elements that are condensed onto what they share with others."""
 
-    Attributes:
-        elements: Numbers of the elements of a leaf; none in a node with halves.
-        halves: Parts that this one joins.
-        inside: Places, within the unknowns of all, of those that no other part has.
-        border: Of the others.
-        unknowns: All of them, rising.
-    """
-
-    unknowns: Ints
-    inside: Ints
-    border: Ints
-    elements: Ints
-    halves: tuple[Part, ...] = ()
+    unknowns: Ints  # All of them, rising
+    inside: Ints  # Places, within the unknowns of all, of those that no other part has
+    border: Ints  # Of the others
+    elements: Ints  # Numbers of the elements of a leaf; none in a node with halves
+    halves: tuple[Part, ...] = ()  # Parts that this one joins
     places: list[Ints] = field(default_factory=list)
     factor: Float64Array | None = None
     across: Float64Array | None = None
@@ -42,12 +34,7 @@ class Part:
 
 
 class Condensed:
-    """Symmetric positive definite systems of element matrices, solved by nested halves.
-
-    Args:
-        unknowns: Of each element, shape (elements, n); -1 is held.
-        places: Of the elements in their grid, shape (3, elements), by which they are halved.
-    """
+    """Symmetric positive definite systems of element matrices, solved by nested halves."""
 
     def __init__(self, unknowns: Ints, places: Float64Array) -> None:
         self._unknowns, self._places = unknowns, places
@@ -76,11 +63,7 @@ class Condensed:
         return part, counts[~done]
 
     def solve(self, matrices: Float64Array, load: Float64Array) -> Float64Array:
-        """Solve for element matrices, (elements, n, n), and a load by unknown.
-
-        Raises:
-            LinAlgError: The system is not positive definite.
-        """
+        """Solve for element matrices, (elements, n, n), and a load by unknown."""
         self._condense(self._root, matrices)
         right = load.copy()
         self._forward(self._root, right)

@@ -7,9 +7,8 @@ ball is an exact sphere without friction, kept out by stiff springs at the faces
 energy is minimised, so that N and U_s are the ball's own reactions and need no differences. Young's modulus
 is 1; z points down; the sweep's plane is y = 0.
 
-``python -m tests.support.finite_strain_3d FILE`` solves what the file has no rows of, a minute or two each
-(with OPENBLAS_NUM_THREADS=1: the matrices are small). ``data/finite_strain_3d.csv`` beside rung L5's tests is
-such a file.
+``python -m benchmarks.solids_3d.finite_strain FILE`` solves what the file has no rows of, a minute or
+two each (with OPENBLAS_NUM_THREADS=1: the matrices are small), as ``finite_strain.csv``.
 """
 
 from __future__ import annotations
@@ -26,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import Basis, ElementHex2, FacetBasis, MeshHex, MeshHex2
 
+from benchmarks.solids_3d.nested_halves import Condensed
 from palp_core.units import Float64Array
-from tests.support.nested_halves import Condensed
 
 Ints = NDArray[np.int64]
 SPRINGS = 1e5  # per metre, over Young's modulus: the ball sinks in by some 3 micrometres
@@ -39,33 +38,19 @@ MOVED_M = 1e-7  # the last step of Newton's method: the next one would be at rou
 
 @dataclass(frozen=True)
 class Setting:
-    """What is pressed where, and how fine the mesh is.
+    """What is pressed where, and how fine the mesh is."""
 
-    Attributes:
-        depth_m: Gel over the bead.
-        offset_m: Of the ball past the bead.
-        tip_radius_m: Of the ball.
-        bead_radius_m: Of the bead.
-        height_m: Of the slab.
-        poisson: Below 0.5.
-        facet_m: Sides of the elements under the ball.
-        reach_m: Half-width of the surface where they are so small.
-        growth: Of the elements away from the ball, from one to the next.
-        grading: Exponent by which the layers between bead and surface grow away from the surface.
-        layers: Elements between the bead and the surface.
-    """
-
-    depth_m: float
-    offset_m: float
-    tip_radius_m: float = 0.006
-    bead_radius_m: float = 0.0075
-    height_m: float = 0.030
-    poisson: float = 0.49
-    facet_m: float = 0.0016
-    reach_m: float = 0.0051
-    growth: float = 1.6
-    grading: float = 1.25
-    layers: int = 4
+    depth_m: float  # Gel over the bead
+    offset_m: float  # Of the ball past the bead
+    tip_radius_m: float = 0.006  # Of the ball
+    bead_radius_m: float = 0.0075  # Of the bead
+    height_m: float = 0.030  # Of the slab
+    poisson: float = 0.49  # Below 0.5
+    facet_m: float = 0.0016  # Sides of the elements under the ball
+    reach_m: float = 0.0051  # Half-width of the surface where they are so small
+    growth: float = 1.6  # Of the elements away from the ball, from one to the next
+    grading: float = 1.25  # Exponent by which the layers between bead and surface grow away from the surface
+    layers: int = 4  # Elements between the bead and the surface
 
     @property
     def centre_m(self) -> float:
@@ -152,11 +137,7 @@ class Pressed:
 
 
 class Slab:
-    """Half a slab and its equilibria, followed from one indentation to the next.
-
-    Args:
-        setting: What is pressed where.
-    """
+    """Half a slab and its equilibria, followed from one indentation to the next."""
 
     def __init__(self, setting: Setting) -> None:
         self.setting = setting
@@ -345,25 +326,15 @@ class Slab:
 
 @dataclass(frozen=True)
 class Series:
-    """Indentations that are solved on one mesh.
+    """Indentations that are solved on one mesh."""
 
-    Attributes:
-        facet_m: As for :class:`Setting`, like the next three.
-        reach_m: Likewise.
-        growth: Likewise.
-        grading: Likewise.
-        from_m: First indentation at which the ball touches enough facets to be kept.
-        to_m: Last one, if the gel bears it.
-        step_m: From one to the next.
-    """
-
-    facet_m: float
-    reach_m: float
-    growth: float
-    grading: float
-    from_m: float
-    to_m: float
-    step_m: float
+    facet_m: float  # As for Setting, like the next three
+    reach_m: float  # Likewise
+    growth: float  # Likewise
+    grading: float  # Likewise
+    from_m: float  # First indentation at which the ball touches enough facets to be kept
+    to_m: float  # Last one, if the gel bears it
+    step_m: float  # From one to the next
 
 
 SHALLOW = Series(0.0008, 0.0036, 1.8, 1.32, 0.0006, 0.0012, 0.0006)

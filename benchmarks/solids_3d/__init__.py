@@ -1,0 +1,1 @@
+"""A ball pressed into gel, by finite elements in three dimensions: what judges the contact models."""
