@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-RUN = Path(__file__).resolve().parents[1] / ".ci" / "run"
+CI = Path(__file__).resolve().parents[1] / ".ci"
 REAL = ("bash", "dirname", "env", "mktemp", "cat")
 CHECKS = ("ruff", "lint-imports", "mypy", "pytest")
 
@@ -34,7 +34,8 @@ def run(folder: Path, failing: str = "", found: str = "", user: int = 0) -> tupl
         program.chmod(0o755)
     (path / "id").write_text(f"#!/usr/bin/env bash\necho {user}\n", encoding="utf-8")
     (path / "id").chmod(0o755)
-    shutil.copy(RUN, folder / ".ci" / "run")
+    for script in ("run", "install_chromium"):
+        shutil.copy(CI / script, folder / ".ci" / script)
     done = subprocess.run(
         [folder / ".ci" / "run"], env={"PATH": str(path)}, capture_output=True, text=True, check=False
     )
