@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from docs.site.made_pages import MADE
-from palp_core.cli.workspace.templates import named
+from palp_core.cli.workspace.new import named
 from palp_core.graph.description.checked import CheckedGraph
 from palp_core.graph.description.diagram import mermaid
 from palp_core.graph.foxglove import log_entries

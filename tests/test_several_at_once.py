@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from palp_core.cli.session.sheet import new as new_sheet
-from palp_core.cli.workspace.templates import write_new
+from palp_core.cli.workspace.new import write_new
 from palp_core.errors import PalpError
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.discovery.run_directory import RunDirectory

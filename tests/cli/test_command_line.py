@@ -1,4 +1,4 @@
-"""The verbs that start nothing: check, print, show, draw."""
+"""The verbs that need no graph: check, print, show, draw; what they refuse, and where they looked."""
 
 from __future__ import annotations
 
@@ -13,21 +13,57 @@ from palp_core.cli.main import main
 from palp_core.errors import GraphError
 from tests.support.palp import CHAIN, SIM, Palp
 
+COMMANDS: list[tuple[tuple[object, ...], int, tuple[str, ...]]] = [
+    (
+        ("graph", "args", SIM),
+        0,
+        ("Arguments (pass arguments as '<name>:=<value>'):", "'policy':"),
+    ),
+    (("graph", "draw", CHAIN), 0, ("flowchart LR",)),
+    (("graph", "draw", CHAIN, "--dot"), 0, ('digraph "',)),
+    (("graph", "show", CHAIN, "source.rate_hz:=50.0"), 0, ("rate_hz: 50.0",)),
+    (("graph", "show", CHAIN, "source.rate_hz"), 2, ("'source.rate_hz' on the command line is no",)),
+    (("graph", "show", CHAIN, "sorce.rate_hz:=1.0"), 2, ("no node 'sorce' on the", "did you mean 'source'?")),
+    (("launch", CHAIN, "cuont:=5"), 2, ("no argument 'cuont'", "did you mean 'count'?")),
+    (("launch", CHAIN, "--operate"), 2, ("give both",)),
+    (("launch", "gone.yaml", "--check"), 2, ("gone.", "in {here}")),
+    (("scene", "explain", "gone.yaml"), 2, ("gone.", "in {here}")),
+    (("emg", "analyse", "gone.csv"), 2, ("gone.", "in {here}")),
+    (
+        ("interface", "show", "Grip"),
+        2,
+        ("looked in: palp itself, as {here} has no folder msgs and no graph runs", "--workspace DIR"),
+    ),
+    (("bag", "info", "node.py"), 2, ("node.py: no bag, but another kind of file; give a bag's folder",)),
+    (("bag", "info", "torn.mcap"), 2, ("palp bag recover",)),
+]
+"""Words, exit status, and what is printed."""
 
-def test_check_says_that_all_is_well_and_starts_nothing(palp: Palp, tmp_path: Path) -> None:
+
+@pytest.mark.parametrize(("words", "status", "texts"), COMMANDS)
+def test_a_command_prints_or_is_refused(
+    palp: Palp,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[object, ...],
+    status: int,
+    texts: tuple[str, ...],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "node.py").write_text("x = 1\n", encoding="utf-8")
+    (tmp_path / "torn.mcap").write_bytes(b"\0" * 100)
+    done = palp.here(*words)
+    assert done.returncode == status, done.stderr
+    for text in texts:
+        assert text.format(here=tmp_path) in done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_check_finds_no_mistake_and_starts_nothing(palp: Palp, tmp_path: Path) -> None:
     done = palp.here("launch", SIM, "--check", f"out:={tmp_path / 'out'}")
-    assert done.returncode == 0
-    assert "no mistake: 9 nodes" in done.stdout
+    assert (done.returncode, "no mistake: 9 nodes" in done.stdout) == (0, True)
     assert not (tmp_path / "out").exists()
     assert palp.all_gone()
-
-
-def test_mistakes_are_said_with_place_and_hint_and_status_2(palp: Palp, tmp_path: Path) -> None:
-    done = palp.here("launch", CHAIN, "cuont:=5")
-    assert done.returncode == 2
-    assert "no argument 'cuont'" in done.stderr
-    assert "did you mean 'count'?" in done.stderr
-    assert "Traceback" not in done.stderr
 
 
 def test_a_word_that_is_no_text_is_refused(
@@ -87,23 +123,7 @@ def test_a_nodes_text_commands_no_terminal(palp: Palp, tmp_path: Path) -> None:
     assert not {"\x1b", "\x07", "\x9b"} & {*text}
 
 
-def test_arguments_are_shown_in_ros_words(palp: Palp) -> None:
-    shown = palp.here("graph", "args", SIM).stdout
-    assert shown.startswith("Arguments (pass arguments as '<name>:=<value>'):")
-    assert "'policy':" in shown
-    assert "(default: 'markov')" in shown
-
-
-def test_a_graph_is_printed_for_documents_and_for_graphviz(palp: Palp) -> None:
-    done = palp.here("graph", "draw", CHAIN)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("flowchart LR")
-    done = palp.here("graph", "draw", CHAIN, "--dot")
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith('digraph "')
-
-
-def test_a_wall_clock_graph_cannot_be_composed_and_says_so(palp: Palp) -> None:
+def test_a_wall_clock_graph_cannot_be_composed(palp: Palp) -> None:
     done = palp.run("launch", CHAIN, "--compose")
     assert done.returncode == 2
     assert "only a graph with 'clock: sim' can be composed" in done.stderr
@@ -112,26 +132,6 @@ def test_a_wall_clock_graph_cannot_be_composed_and_says_so(palp: Palp) -> None:
 def test_a_node_has_a_log_level_of_its_own() -> None:
     levels = log_levels(["ERROR", "/policy:=debug"])
     assert (levels.shown("policy"), levels.shown("stage")) == ("debug", "error")
-    assert (levels.logged("policy"), levels.logged("stage"), levels.least_logged) == (
-        "debug",
-        "info",
-        "debug",
-    )
+    assert (levels.logged("policy"), levels.logged("stage")) == ("debug", "info")
     with pytest.raises(GraphError, match="--log-level policy:=debg: no level 'debg'; did you mean 'debug'"):
         log_levels(["policy:=debg"])
-
-
-@pytest.mark.parametrize(
-    ("words", "status", "said"),
-    [
-        (("source.rate_hz:=50.0",), 0, "rate_hz: 50.0"),
-        (("source.rate_hz",), 2, "'source.rate_hz' on the command line is no"),
-        (("sorce.rate_hz:=1.0",), 2, "no node 'sorce' on the command line; did you mean 'source'?"),
-    ],
-)
-def test_a_parameter_of_a_node_is_set_on_the_command_line(
-    palp: Palp, words: tuple[str, ...], status: int, said: str
-) -> None:
-    done = palp.here("graph", "show", CHAIN, *words)
-    assert done.returncode == status, done.stderr
-    assert said in done.stdout + done.stderr

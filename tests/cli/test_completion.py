@@ -10,9 +10,6 @@ from typer.testing import CliRunner
 
 from palp_core.cli import completion
 from palp_core.cli.main import app
-from palp_core.cli.rig.study import _names as study_names
-from palp_core.graph.discovery import choice, run_directory
-from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from tests.support.palp import SIM, Palp
 from tests.support.talkative import Talk, talk
 
@@ -45,22 +42,6 @@ def test_arguments_of_the_launch_file_and_their_choices_are_offered() -> None:
     assert offered(completion.launch_arguments, "clock:=s", file=human) == ["clock:=sim"]
     assert "seed:=" not in offered(completion.launch_arguments, "", file=SIM, arguments=["seed:=1"])
     assert offered(completion.launch_arguments, "x", file=Path("none.yaml")) == []
-
-
-def test_studies_are_offered() -> None:
-    assert "paper" in study_names("p")
-    assert study_names("zz") == []
-
-
-def test_nodes_of_a_run_that_is_over_are_offered_for_its_logs(monkeypatch: pytest.MonkeyPatch) -> None:
-    nodes = [NodeEntry("stage", "", 0, "", ""), NodeEntry("sink", "", 0, "", "")]
-    record = RunRecord(
-        graph="g", file="", clock="wall", pid=1, start_unix_ns=0, serve="", nodes=nodes, topics=[]
-    )
-    monkeypatch.setattr(run_directory, "runs", lambda: [(Path(), record, False)])
-    monkeypatch.setattr(choice, "meant", lambda records, _: records)
-    assert offered(completion.logged_nodes, "/s") == ["/stage", "/sink"]
-    assert offered(completion.logged_nodes, "st") == ["stage"]
 
 
 def completed(palp: Palp, *words: str) -> list[str]:

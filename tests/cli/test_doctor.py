@@ -21,6 +21,7 @@ from palp_core.graph.messages.qos import Qos
 from tests.cli.test_remote import record
 
 TOPIC = "/relay/amplified"
+EDGE = f"{TOPIC} -> /sink"
 ACCOUNT = dict.fromkeys(("received", "lost", "repeated", "late", "dropped", "filled"), 0)
 
 
@@ -75,59 +76,46 @@ def test_a_healthy_graph_has_nothing_to_find(tmp_path: Path) -> None:
     assert {finding.level for finding in findings(tmp_path, relay=relay(), sink=sink())} == {"ok"}
 
 
-@pytest.mark.parametrize(
-    ("nodes", "level", "where", "what"),
-    [
-        ({"relay": relay(), "sink": None}, "error", "/sink", "/sink did not answer"),
-        ({"relay": relay(), "sink": sink({"lost": 3})}, "error", f"{TOPIC} -> /sink", "3 messages lost"),
-        (
-            {"relay": relay(), "sink": sink({"lost": 3, "qos": qos(reliability="best_effort")})},
-            "warn",
-            f"{TOPIC} -> /sink",
-            "3 messages lost",
-        ),
-        (
-            {"relay": relay(published={TOPIC: 5000}), "sink": sink({"sequence": 400, "rate_hz": 96.0})},
-            "warn",
-            f"{TOPIC} -> /sink",
-            "4600 messages wait to be read",
-        ),
-        ({"relay": relay(), "sink": sink({"late": 2})}, "warn", f"{TOPIC} -> /sink", "2 messages late"),
-        (
-            {"relay": relay(), "sink": sink({"dropped": 2})},
-            "warn",
-            f"{TOPIC} -> /sink",
-            "2 messages dropped",
-        ),
-        (
-            {"relay": relay(), "sink": sink({"repeated": 2})},
-            "note",
-            f"{TOPIC} -> /sink",
-            "2 messages came more",
-        ),
-        (
-            {"relay": relay(), "sink": sink({"qos": qos(durability="transient_local")})},
-            "error",
-            f"{TOPIC} -> /sink",
-            "the reader asks for transient_local",
-        ),
-        ({"relay": relay(lifecycle="inactive"), "sink": sink()}, "warn", "/relay", "is inactive"),
-        ({"relay": relay(overruns=5, ticks=10), "sink": sink()}, "warn", "/relay", "5 of 10 ticks"),
-        ({"relay": relay(overruns=1, ticks=10**6), "sink": sink()}, "note", "/relay", "1 of 1000000 ticks"),
-        ({"relay": relay(rejected=4), "sink": sink()}, "warn", "/relay", "4 frames were refused"),
-        ({"relay": relay(unread=4000), "sink": sink()}, "warn", "/relay", "4000 messages wait"),
-        (
-            {"relay": relay(), "sink": sink(published={"/sink/_events": 1})},
-            "warn",
-            "/sink",
-            "no message within its deadline",
-        ),
-    ],
-)
-def test_a_fault_is_said_with_place_and_advice(
-    tmp_path: Path, nodes: dict[str, Any], level: str, where: str, what: str
+FAULTS: list[tuple[dict[str, Any], dict[str, Any] | None, str, str, str]] = [
+    ({}, None, "error", "/sink", "/sink did not answer"),
+    ({}, {"lost": 3}, "error", EDGE, "3 messages lost"),
+    ({}, {"lost": 3, "qos": qos(reliability="best_effort")}, "warn", EDGE, "3 messages lost"),
+    (
+        {"published": {TOPIC: 5000}},
+        {"sequence": 400, "rate_hz": 96.0},
+        "warn",
+        EDGE,
+        "4600 messages wait",
+    ),
+    ({}, {"late": 2}, "warn", EDGE, "2 messages late"),
+    ({}, {"dropped": 2}, "warn", EDGE, "2 messages dropped"),
+    ({}, {"repeated": 2}, "note", EDGE, "2 messages came more"),
+    (
+        {},
+        {"qos": qos(durability="transient_local")},
+        "error",
+        EDGE,
+        "asks for transient_local",
+    ),
+    ({"lifecycle": "inactive"}, {}, "warn", "/relay", "is inactive"),
+    ({"overruns": 5, "ticks": 10}, {}, "warn", "/relay", "5 of 10 ticks"),
+    ({"overruns": 1, "ticks": 10**6}, {}, "note", "/relay", "1 of 1000000 ticks"),
+    ({"rejected": 4}, {}, "warn", "/relay", "4 frames were refused"),
+    ({"unread": 4000}, {}, "warn", "/relay", "4000 messages wait"),
+    ({}, {"events": 1}, "warn", "/sink", "no message within its deadline"),
+]
+"""What the relay differs in, the sink's account, and what is found."""
+
+
+@pytest.mark.parametrize(("relays", "account", "level", "where", "what"), FAULTS)
+def test_a_fault_is_found_with_place_and_advice(
+    tmp_path: Path, relays: dict[str, Any], account: dict[str, Any] | None, level: str, where: str, what: str
 ) -> None:
-    bad = [finding for finding in findings(tmp_path, **nodes) if finding.level != "ok"]
+    said = {} if account is None or "events" not in account else {"published": {"/sink/_events": 1}}
+    sinks = None if account is None else sink(account, **said)
+    bad = [
+        finding for finding in findings(tmp_path, relay=relay(**relays), sink=sinks) if finding.level != "ok"
+    ]
     assert [(f.level, f.where) for f in bad] == [(level, where)]
     assert what in bad[0].text
     assert bad[0].advice or bad[0].command or level == "note"
@@ -179,13 +167,3 @@ def test_rates_are_between_two_snapshots_and_a_new_process_has_none(tmp_path: Pa
     restarted = [msgspec.structs.replace(node, pid=node.pid + 1) for node in second.nodes]
     nodes, edges = rows(first, HealthSample(second.at_ns, restarted, {}))
     assert {node.rate_hz for node in nodes} == {None}
-
-
-def test_a_silent_node_is_shown_as_such(tmp_path: Path) -> None:
-    graph = RunningGraph(record(tmp_path, os.getpid()), lambda *_: None)
-    nodes, edges = rows(None, sample_health(graph))
-    assert [(node.name, node.state, node.responsive) for node in nodes] == [
-        ("/relay", "silent", False),
-        ("/sink", "silent", False),
-    ]
-    assert edges == []

@@ -37,50 +37,24 @@ def test_what_the_listener_missed_does_not_change_the_rate(
     assert window.messages == 29
 
 
-def test_periods_are_of_neighbours_only() -> None:
-    window = Window(10)
-    for sequence, stamp_ns in ((1, 0), (2, 10_000_000), (7, 70_000_000), (8, 90_000_000)):
+def test_periods_are_of_neighbours_only_and_a_window_forgets_what_is_older() -> None:
+    window = Window(3)
+    window.add(heard(1, -(10**12)))
+    for sequence, stamp_ns in ((2, 0), (3, 10_000_000), (8, 70_000_000), (9, 90_000_000)):
         window.add(heard(sequence, stamp_ns))
     periods = window.periods_s()
     assert (periods["min_period_s"], periods["max_period_s"]) == (0.01, 0.02)
     assert periods["std_period_s"] == pytest.approx(0.005)
+    assert (window.full, window.messages) == (True, 8)
 
 
-def test_a_window_forgets_what_is_older() -> None:
-    window = Window(10)
-    for sequence in range(1, 101):
-        period_ns = 10**9 if sequence < 50 else 10**6
-        window.add(
-            heard(sequence, sequence * period_ns if sequence < 50 else 50 * 10**9 + sequence * period_ns)
-        )
-    assert window.full
-    assert window.messages == 11
-    assert window.rates_hz()[0] == pytest.approx(1000.0)
-
-
-def test_a_restarted_publisher_begins_a_new_window() -> None:
+def test_a_restarted_publisher_begins_a_new_window_and_a_heartbeat_is_no_message() -> None:
     window = Window(10)
     window.add(heard(500, 10**9, lost=3))
     window.add(heard(1, 2 * 10**9, epoch=1))
-    assert window.messages == 1
-    assert window.lost == 0
-
-
-def test_messages_of_one_instant_have_no_rate() -> None:
-    window = Window(10)
-    for sequence in (1, 2):
-        window.add(heard(sequence, 5))
-    assert window.rates_hz() == (None, None)
-
-
-def test_a_heartbeat_that_reveals_a_loss_is_no_message() -> None:
-    window = Window(10)
-    beat = ReceivedFrame(parse(pack(b"/a/b", Kind.HEARTBEAT, 0, 7, 0, 1)), 0, 7)
-    window.add(beat)
-    assert (window.messages, window.lost) == (0, 7)
-
-
-def test_sizes_are_those_on_the_wire() -> None:
-    window = Window(10)
-    window.add(heard(1, 0))
-    assert window.sizes_bytes() == [len(pack(b"/a/b", Kind.DATA, 0, 1, 0, 1, b"xyz"))]
+    assert (window.messages, window.lost) == (1, 0)
+    window.add(ReceivedFrame(parse(pack(b"/a/b", Kind.HEARTBEAT, 1, 7, 0, 1)), 0, 6))
+    assert (window.messages, window.lost) == (1, 6)
+    window.add(heard(2, 2 * 10**9, epoch=1))
+    assert window.rates_hz() == (None, None)  # messages of one instant
+    assert window.points[0].size_bytes == len(pack(b"/a/b", Kind.DATA, 0, 1, 0, 1, b"xyz"))

@@ -88,19 +88,6 @@ def test_of_several_nodes_or_none_that_beat_the_name_decides(
     assert safety_node([(name, "SafetyBeat") for name in beating], names) == expected
 
 
-def test_a_safety_node_with_messages_of_its_own_is_called() -> None:
-    called: list[str] = []
-
-    def answer(endpoint: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any]:
-        called.append(endpoint)
-        return {"reply": {"state": "tripped", "cause": "operator"}}
-
-    node = NodeEntry("safety", "lab.guard:Guard", 1, "ipc:///run/guard.pub", "ipc:///run/guard.srv")
-    record = RunRecord("rig", "rig.yaml", "wall", 1, 0, "ipc:///run/graph.srv", [node], [])
-    stop_motion(RunningGraph(record, answer), "a test", 1.0)
-    assert called == [node.serve]
-
-
 def test_a_graph_without_a_safety_node_says_how_else_to_stop() -> None:
     record = RunRecord("toy", "toy.yaml", "wall", 1, 0, "ipc:///run/graph.srv", [], [])
     with pytest.raises(GraphError, match="has no safety node"):

@@ -9,13 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.cli.workspace.templates import named
-from palp_core.errors import GraphError
 from palp_core.graph.launch import checking
 from palp_core.graph.launch.checking import check_file
 from tests.graph.workspaces.installed import forgetting
 from tests.support.palp import Palp
 from tests.support.rig_session import check_here
+
+ADDED = (
+    *(("node", "GripForce"), ("message", "grip"), ("policy", "in_turn")),
+    *(("driver", f"my_{kind}", "--kind", kind) for kind in ("torque", "emg", "stage", "ring")),
+)
 
 
 def tool(folder: Path, *words: str) -> str:
@@ -52,11 +55,7 @@ def test_a_workspace_runs_checks_and_tests_as_it_is_with_all_that_can_be_added(
     said = palp.here("init", "lab")
     assert "look at lab/nodes/average.py first" in said.stdout
     monkeypatch.chdir(at / "lab")
-    for words in (
-        ("node", "GripForce"), ("message", "grip"), ("policy", "in_turn"),
-        ("driver", "my_cell", "--kind", "torque"), ("driver", "my_amp", "--kind", "emg"),
-        ("driver", "my_stage", "--kind", "stage"), ("driver", "my_ring", "--kind", "ring"),
-    ):  # fmt: skip
+    for words in ADDED:
         new(palp, *words)
     checked = check_file("launch/demo.yaml")
     assert [spec.name for spec in checked.nodes] == ["sensor", "average"]
@@ -70,34 +69,22 @@ def test_a_workspace_runs_checks_and_tests_as_it_is_with_all_that_can_be_added(
 def test_what_is_written_is_typed(at: Path, palp: Palp, monkeypatch: pytest.MonkeyPatch) -> None:
     palp.here("init", "lab")
     monkeypatch.chdir(at / "lab")
-    for words in (("node", "grip_force"), ("message", "grip"), ("policy", "in_turn")):
+    for words in ADDED:
         new(palp, *words)
-    for kind in ("stage", "ring", "torque", "emg"):
-        new(palp, "driver", f"my_{kind}", "--kind", kind)
     assert "Success" in tool(at / "lab", "mypy")
 
 
-@pytest.fixture
-def swapping(at: Path, palp: Palp, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Write a policy of one's own; return the words by which it decides in the installed rig."""
+@pytest.mark.nightly
+def test_a_policy_of_ones_own_fits_and_decides_in_the_installed_rig(
+    at: Path, palp: Palp, checked_here: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
     palp.here("init", "lab")
     monkeypatch.chdir(at / "lab")
     new(palp, "policy", "in_turn")
-    return ["launch", "rig:sim.yaml", "trials:=1", "training:=1", "policy:=nodes.policy_in_turn:InTurn"]
-
-
-def test_a_policy_of_ones_own_fits_the_installed_rig(
-    palp: Palp, checked_here: None, swapping: list[str]
-) -> None:
-    done = palp.here(*swapping, "--check")
-    assert (done.returncode, done.stderr) == (0, "")
-    wrong = palp.here(*swapping[:-1], "policy:=nodes.policy_in_tune:InTurn", "--check")
+    words = ("launch", "rig:sim.yaml", "trials:=1", "training:=1")
+    wrong = palp.here(*words, "policy:=nodes.policy_in_tune:InTurn", "--check")
     assert "did you mean 'nodes.policy_in_turn'?" in wrong.stderr
-
-
-@pytest.mark.nightly
-def test_a_policy_of_ones_own_decides_in_the_installed_rig(at: Path, palp: Palp, swapping: list[str]) -> None:
-    done = palp.run(*swapping, "--compose")
+    done = palp.run(*words, "policy:=nodes.policy_in_turn:InTurn", "--compose")
     assert done.returncode == 0, done.stderr
     assert "The policy “inturn (nodes.policy_in_turn:InTurn)” found" in done.stdout
     assert (at / "lab/results/latest/report.html").is_file()
@@ -156,12 +143,8 @@ def test_nothing_is_overwritten_and_all_or_nothing_is_written(at: Path, palp: Pa
     assert "tests/test_grip.py" in done.stderr
     assert not (at / "nodes/grip.py").exists()
     assert (at / "tests/test_grip.py").read_text(encoding="utf-8") == "# mine\n"
-
-
-def test_a_file_that_hides_one_of_the_rig_is_said_at_once(at: Path, palp: Palp) -> None:
-    (at / "nodes").mkdir()
-    done = palp.here("new", "node", "policy")
-    assert "nodes.policy takes the place of that of 'rig'" in done.stderr
+    hiding = palp.here("new", "node", "policy")
+    assert "nodes.policy takes the place of that of 'rig'" in hiding.stderr
 
 
 @pytest.mark.parametrize(
@@ -184,9 +167,3 @@ def test_a_test_is_written_where_the_workspace_keeps_its_tests(
     new(palp, *words)
     assert (at / test).is_file()
     assert not (at / "tests").exists()
-
-
-def test_a_name_has_both_its_forms() -> None:
-    assert named("EMGReader") == ("emg_reader", "EmgReader")
-    with pytest.raises(GraphError, match="no name"):
-        named("")

@@ -5,11 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import pytest
-
-from palp_core.methods import Bound, Method, find, left_out, methods, register, tasks
+from palp_core.methods import Method, find, left_out, methods, tasks
 from palp_core.palpation.studies.catalogue import STUDIES
 
 ROOT = Path(__file__).parents[2]
@@ -56,34 +53,3 @@ def test_the_register_holds_what_it_claims() -> None:
     assert len(own) > 25
     assert [why for task in sorted(of) for why in left_out(task)] == []
     assert [f"{one.task} {one.name}: {fault}" for one in own for fault in faults(one)] == []
-
-
-@pytest.mark.parametrize(
-    ("claim", "words"),
-    [
-        ({}, ""),
-        ({"evidence": "somebody said so"}, "names no file"),
-        ({"evidence": "tests/no_such_file.py"}, "there is none"),
-        ({"evidence": "palp study run no-such-study"}, "there is none"),
-        ({"bounds": ()}, "does not say how it fails"),
-        ({"valid": {"depth_m": (0.0, 1.0)}}, "what happens beyond it"),
-        ({"survivor": "l4"}, "does not say of what"),
-        ({"survivor": "m1", "fails": "often"}, "its survivors lead round: m -> m1 -> m2 -> m"),
-    ],
-)
-def test_a_claim_that_does_not_hold_is_found(
-    monkeypatch: pytest.MonkeyPatch, claim: dict[str, Any], words: str
-) -> None:
-    given: dict[str, Any] = {
-        "bounds": (Bound("edge", 0.1),), "valid": {}, "fails": "", "survivor": "",
-        "evidence": "palp study run stability; tests/methods/test_evidence.py", **claim,
-    }  # fmt: skip
-    for name, survivor in (("m1", "m2"), ("m2", "m")):
-        monkeypatch.setitem(
-            register._REGISTER,
-            ("contact", name),
-            Method(task="contact", name=name, target=str, cost_s=1.0, evidence="here", survivor=survivor),
-        )
-    found = list(faults(Method(task="contact", name="m", target=str, cost_s=1.0, **given)))
-    assert len(found) == bool(words)
-    assert words in "".join(found)

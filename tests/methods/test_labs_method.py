@@ -16,7 +16,7 @@ from nodes.phantom import Phantom
 from palp_core import Bench
 from palp_core.cli.main import app
 from palp_core.errors import MethodError, NodeError
-from palp_core.methods import find, names, register, tasks
+from palp_core.methods import choose, find, left_out, names, register, tasks
 from tests.support.palp import SIM
 from tests.support.rig_session import ComposedGraph
 
@@ -93,6 +93,7 @@ def test_one_that_is_broken_is_named_and_leaves_the_others_theirs(
     assert words in caplog.text
     with pytest.raises(MethodError, match=r"no method 'felt' for task 'contact'; .*'dpeth_m' is no quantity"):
         find("contact", "felt")
+    assert choose("contact", "peak", 0.02, {}).reason.endswith("left out: " + left_out("contact")[0])
     checked = CliRunner().invoke(app, ["launch", str(SIM), "--check"], catch_exceptions=False)
     assert words in checked.stderr
 

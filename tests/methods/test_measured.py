@@ -5,9 +5,6 @@ from __future__ import annotations
 import importlib
 import json
 import math
-import os
-import signal
-import subprocess
 import sys
 from collections.abc import Iterator
 from importlib.metadata import EntryPoint
@@ -18,29 +15,17 @@ import pytest
 from typer.testing import CliRunner
 
 from palp_core.cli.main import app
-from palp_core.cli.rig.measure import duration_s
-from palp_core.errors import MethodError
+from palp_core.cli.rig.methods import duration_s
 from palp_core.methods import measured, register
 from palp_core.methods.measured import measured_tasks
 from palp_core.methods.register import GROUP, tasks
 from palp_core.palpation.mechanics import Scene
 
 HERE = Path(__file__).parent
-PATIENCE_S = 240.0
 POINTS = (
     EntryPoint("toy", "toy_task:measure", measured.GROUP),
     EntryPoint("toy", "toy_task", GROUP),
 )
-AS_A_USER = f"""
-import sys
-from importlib.metadata import EntryPoint
-sys.path.insert(0, {str(HERE)!r})
-from palp_core.methods import measured, register
-points = [EntryPoint(*one) for one in {[(one.name, one.value, one.group) for one in POINTS]!r}]
-measured.entry_points = register.entry_points = lambda group: [one for one in points if one.group == group]
-from palp_core.cli.main import main
-main()
-"""
 
 
 @pytest.fixture
@@ -96,11 +81,17 @@ def test_machines_get_every_point_and_no_number_that_is_none() -> None:
 
 
 @pytest.mark.usefixtures("toys")
-def test_a_measure_that_fails_leaves_what_there_was(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TOY_TASK", "breaks")
+@pytest.mark.parametrize(
+    ("how", "status", "why"),
+    [("breaks", 1, "left out: toy: its measure: ZeroDivisionError: by nothing"), ("is interrupted", 130, "")],
+)
+def test_a_measure_that_fails_or_ctrl_c_leaves_what_there_was(
+    monkeypatch: pytest.MonkeyPatch, how: str, status: int, why: str
+) -> None:
+    monkeypatch.setenv("TOY_TASK", how)
     done = run()
-    assert done.exit_code == 1
-    assert "left out: toy: its measure: ZeroDivisionError: by nothing" in done.stderr
+    assert done.exit_code == status
+    assert why in done.stderr
     assert "4.0%" in done.stdout
     assert "not measured" in done.stdout  # slow
 
@@ -108,10 +99,10 @@ def test_a_measure_that_fails_leaves_what_there_was(monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        (("wrong", math.nan, 0.1), "it gave 'wrong' a cost of nan s"),
-        (("wrong", math.inf, 0.1), "it gave 'wrong' a cost of inf s"),
-        (("wrong", -1.0, 0.1), "it gave 'wrong' a cost of -1 s"),
-        (("wrong", 0.0, 0.1), "it gave 'wrong' a cost of 0 s"),
+        *(
+            (("wrong", cost, 0.1), f"it gave 'wrong' a cost of {cost:g} s")
+            for cost in (math.nan, math.inf, -1.0, 0.0)
+        ),
         (("unheard", 1.0, 0.1), "it measured 'unheard' of task 'toy', which is not in the register"),
     ],
 )
@@ -167,46 +158,9 @@ def test_a_measure_that_cannot_be_loaded_leaves_the_others_theirs(
     assert ("4.0%" in done.stdout) == bool(more)
 
 
-@pytest.mark.nightly
-def test_ctrl_c_prints_what_there_is_and_ends_with_130() -> None:
-    with subprocess.Popen(
-        [sys.executable, "-c", AS_A_USER, "methods", "measure", "--budget", "1h"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"TOY_TASK": "waits"},
-    ) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "measured\n"
-        process.send_signal(signal.SIGINT)
-        printed, errors = process.communicate(timeout=PATIENCE_S)
-    assert process.returncode == 130, errors
-    assert "4.0%" in printed
-    assert "not measured" in printed
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--task", "magic"], "nothing measures the methods of task 'magic'; measured are "),
-        (["no_such.yaml"], "cannot read the scene"),
-    ],
-)
-def test_what_is_not_there_is_named(words: list[str], message: str) -> None:
-    assert message in str(run(*words).exception)
-
-
-@pytest.mark.parametrize("text", ["60", "0s", "a while", "-3s", "3 days"])
-def test_a_budget_that_is_no_duration_is_a_usage_error(text: str) -> None:
-    assert run(f"--budget={text}").exit_code == 2
-
-
-def test_durations_have_units() -> None:
+def test_what_is_not_there_is_named_and_durations_have_units() -> None:
+    assert "nothing measures the methods of task 'magic'" in str(run("--task", "magic").exception)
+    assert "cannot read the scene" in str(run("no_such.yaml").exception)
+    assert [run(f"--budget={text}").exit_code for text in ("60", "0s", "a while", "-3s", "3 days")] == [2] * 5
     assert (duration_s("90s"), duration_s("1.5 min"), duration_s("2h")) == (90.0, 90.0, 7200.0)
-
-
-def test_whatever_is_measured_is_a_task_with_methods() -> None:
-    known = {one.name for one in tasks()}
-    assert set(measured_tasks()) <= known
-    with pytest.raises(MethodError, match="nothing measures"):
-        measured.measures_of("no such task")
+    assert set(measured_tasks()) <= {one.name for one in tasks()}

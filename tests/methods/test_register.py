@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from importlib.metadata import entry_points
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,10 +18,8 @@ from palp_core.methods import (
     declare_quantity,
     declare_task,
     find,
-    left_out,
     method,
     methods,
-    names,
     outside,
     register,
     weigh,
@@ -141,17 +137,19 @@ def test_a_declaration_by_which_nothing_could_be_chosen_is_refused(claim: dict[s
         method(**{**sound, **claim})
 
 
-@pytest.mark.parametrize("error", [-0.1, float("nan"), float("inf")])
-def test_a_bound_that_bounds_nothing_is_refused(error: float) -> None:
+@pytest.mark.parametrize(
+    ("error", "within", "words"),
+    [
+        *((error, (0.0, 1.0), r"a bound on 'edge' of .* is none") for error in (-0.1, math.nan, math.inf)),
+        *((0.1, within, r"steel in .*, which is nowhere") for within in ((1.0, 0.0), (math.nan, 1.0))),
+    ],
+)
+def test_a_bound_that_bounds_nothing_is_refused(
+    error: float, within: tuple[float, float], words: str
+) -> None:
     """NaN is larger than no tolerance: such a method would be chosen everywhere."""
-    with pytest.raises(MethodError, match=r"a bound on 'edge' of .* is none"):
-        Bound("edge", error)
-
-
-@pytest.mark.parametrize("within", [(1.0, 0.0), (float("nan"), 1.0)])
-def test_a_range_without_an_inside_is_refused(within: tuple[float, float]) -> None:
-    with pytest.raises(MethodError, match=r"steel in \[.*\], which is nowhere"):
-        Bound("edge", 0.1, within={"steel": within})
+    with pytest.raises(MethodError, match=words):
+        Bound("edge", error, within={"steel": within})
 
 
 @pytest.mark.usefixtures("empty")
@@ -170,67 +168,6 @@ def test_every_quantity_that_a_session_tells_is_declared_and_every_one_has_unit_
     told = {*session_quantities(Scene()), *Scene(tolerance=Tolerance(output="separation")).quantities()}
     assert told <= QUANTITIES.keys()
     assert all(unit and meaning for unit, meaning in QUANTITIES.values())
-
-
-@pytest.mark.usefixtures("empty")
-def test_a_task_that_nobody_declared_is_told_with_its_methods() -> None:
-    declared("fine", 2.0)
-    with pytest.raises(MethodError, match=r"task 'sharpen' has methods \(fine\), but nobody says what it is"):
-        register.task(TASK)
-
-
-def break_lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str) -> None:
-    """Install a package whose module declares methods for the task of these tests, and fails."""
-    (tmp_path / "broken_lab.py").write_text(source, encoding="utf-8")
-    folder = tmp_path / "broken_package-1.0.dist-info"
-    folder.mkdir()
-    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: broken-package\nVersion: 1.0\n", "utf-8")
-    (folder / "entry_points.txt").write_text("[palp.methods]\nsharpen = broken_lab\n", "utf-8")
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(register, "_points", lambda: tuple(entry_points(group=register.GROUP)))
-
-
-@pytest.mark.usefixtures("empty")
-@pytest.mark.parametrize(
-    ("source", "words"),
-    [
-        ("raise RuntimeError('boom')", "RuntimeError: boom"),
-        ("def (", "SyntaxError: invalid syntax"),
-        ("import nothing_there", "No module named 'nothing_there'"),
-        ("from palp_core.methods import Bound\nBound('peak', -1.0)", "a bound on 'peak' of -1 is none"),
-    ],
-)
-def test_a_package_whose_module_fails_is_named_with_what_it_failed_at(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, source: str, words: str
-) -> None:
-    break_lab(tmp_path, monkeypatch, source)
-    with pytest.raises(MethodError, match="broken_lab, an entry point of package 'broken-package',") as told:
-        methods(TASK)
-    assert words in str(told.value)
-
-
-@pytest.mark.usefixtures("empty")
-def test_a_broken_package_leaves_the_others_theirs_and_is_named_wherever_it_is_missed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    source = (
-        "from palp_core.methods import method\n"
-        "@method(task='sharpen', name='half', cost_s=1e-9, evidence='the lab')\n"
-        "class Half: ...\n"
-        "raise RuntimeError('boom')\n"
-    )
-    break_lab(tmp_path, monkeypatch, source)
-    declared("fine", 2.0, Bound("edge", 0.01))
-    assert names(TASK) == ["fine"]
-    (words,) = left_out(TASK)
-    assert words.endswith("entry point of package 'broken-package', cannot be imported: RuntimeError: boom")
-    assert words in left_out()
-    for missed in ("half", "felt"):
-        with pytest.raises(MethodError, match=rf"no method '{missed}' .* declared: fine; .*broken_lab.*boom"):
-            choose(TASK, "edge", 0.05, {}, asked=missed)
-    assert choose(TASK, "edge", 0.05, {}).reason.endswith(f"; left out: {words}")
-    with pytest.raises(MethodError, match=r"within 1\.0% only\); .*broken_lab.*boom; relax"):
-        choose(TASK, "edge", 1e-9, {})
 
 
 @pytest.mark.usefixtures("empty")

@@ -1,8 +1,6 @@
-"""A task of a lab's own: three methods, one of which fails, and a measure that may wait for ever."""
+"""A task of a lab's own: three methods, one of which fails, and a measure that may fail."""
 
 import os
-import sys
-import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -37,10 +35,8 @@ def measure(_scene: object) -> Iterator[Measured]:
     yield point("quick", 0.2, 0.04)
     yield point("quick", 0.3, 0.2, setting="coarse", usual=False)
     match os.environ.get("TOY_TASK", ""):
-        case "waits":
-            sys.stdout.write("measured\n")
-            sys.stdout.flush()
-            threading.Event().wait()
+        case "is interrupted":
+            raise KeyboardInterrupt
         case "breaks":
             raise ZeroDivisionError("by nothing")
     yield point("slow", 2.0, 0.002)

@@ -78,6 +78,8 @@ def a_post_of_another_site(target: Target) -> None:
     assert target.open.ask(polling, "POST", text, Origin=EVIL, Content_Type="text/plain").status == 403
     assert target.open.ask(polling, "POST", text, Sec_Fetch_Site="cross-site").status == 403
     assert target.open.ask(polling, Sec_Fetch_Site="cross-site", Sec_Fetch_Mode="no-cors").status == 403
+    for method in ("PUT", "DELETE", "PATCH", "TRACE"):
+        assert target.open.ask(target.page("/node/source"), method, b"rate_hz=1").status in (404, 405)
     for button in ("stop", "acknowledge", "x"):
         assert target.open.ask(target.page(f"/press/{button}"), "POST", b"", Origin=EVIL).status == 403
         assert target.open.ask(f"/press/{button}", "POST", b"", Origin=target.open.origin).status == 403
@@ -88,18 +90,6 @@ def a_post_of_another_site(target: Target) -> None:
 
 
 # What no browser would send
-
-
-def wrong_methods(target: Target) -> None:
-    for method in ("POST", "PUT", "DELETE", "PATCH", "TRACE", "PROPFIND"):
-        answer = target.open.ask(target.page("/node/source"), method, b"rate_hz=1")
-        assert answer.status in (404, 405), method
-        assert target.open.token.encode() not in answer.body or method == "POST"
-    assert target.value("rate_hz") == 100.0
-    assert (
-        statuses(target.open.raw(b"CONNECT evil.example:80 HTTP/1.1\r\nHost: evil.example:80\r\n\r\n"))[0]
-        >= 400
-    )
 
 
 def smuggled_requests(target: Target) -> None:
@@ -124,13 +114,6 @@ def smuggled_requests(target: Target) -> None:
     assert statuses(target.open.raw(twice % (target.page().encode(), host)))[0] >= 400
 
 
-def split_headers(target: Target) -> None:
-    for path in ("/?token={}%0d%0aSet-Cookie:%20a=b", "/{}%0d%0aX-Evil:%201/", "/{}%0d%0aX-Evil:%201"):
-        answer = target.open.ask(path.format(target.open.token))
-        assert answer.status >= 400
-        assert not {"set-cookie", "x-evil"} & {name.lower() for name in answer.headers}
-
-
 def paths_out_of_the_page(target: Target) -> None:
     page = target.open.ask(target.page()).body.decode()
     version = page.split("/_nicegui/")[1].split("/")[0]
@@ -145,11 +128,10 @@ def paths_out_of_the_page(target: Target) -> None:
 
 
 def the_token_leads_nowhere(target: Target) -> None:
-    for path in ("/", "/topics", "/node/source"):
-        headers = target.open.ask(target.page(path)).headers
-        assert headers["referrer-policy"] == "no-referrer"
-        assert "default-src 'self'" in headers["content-security-policy"]
-        assert "no-store" in headers["cache-control"]
+    headers = target.open.ask(target.page("/topics")).headers
+    assert (headers["referrer-policy"], "no-store" in headers["cache-control"]) == ("no-referrer", True)
+    injected = target.open.ask(f"/?token={target.open.token}%0d%0aSet-Cookie:%20a=b")
+    assert (injected.status >= 400, "set-cookie" in injected.headers) == (True, False)
     assert target.open.ask("/", Referer=f"{target.open.origin}{target.page()}").status == 403
     log = "".join(
         path.read_text(encoding="utf-8", errors="replace")
@@ -190,17 +172,8 @@ def what_a_read_only_page_hides(target: Target) -> None:
 def values_out_of_their_bounds(target: Target) -> None:
     page = PageSocket(target.open, "/node/source")
     bombs = "{a: &a [x,x,x,x,x,x,x,x,x], b: &b [*a,*a,*a,*a,*a,*a,*a,*a,*a], c: [*b,*b,*b,*b,*b,*b,*b,*b,*b]}"
-    wrong = (
-        "-3",
-        ".nan",
-        ".inf",
-        "1e400",
-        "0",
-        "!!python/object/apply:os.system ['true']",
-        "[1]",
-        bombs,
-        "[" * 5000,
-    )
+    code = "!!python/object/apply:os.system ['true']"
+    wrong = ("-3", ".nan", ".inf", "1e400", "0", code, "[1]", bombs, "[" * 5000)
     for value in (*wrong, "x" * 100_000):
         page.fill("rate_hz", value)
         page.click("set rate_hz")
@@ -237,20 +210,7 @@ def events_of_nobody(target: Target) -> None:
 
 def words_that_are_no_words(target: Target) -> None:
     deep = "42" + json.dumps(["event"])[:-1] + "," + "[" * 100_000
-    for text in (
-        "42[",
-        "42{}",
-        "9",
-        "",
-        "4",
-        "451-[",
-        "42" + "9" * 1000,
-        deep,
-        b"\0\xff",
-        "1",
-        "41",
-        "5",
-    ):
+    for text in ("42[", "42{}", "9", "", "4", "451-[", "42" + "9" * 1000, deep, b"\0\xff", "1", "41", "5"):
         page = PageSocket(target.open)
         with contextlib.suppress(ConnectionClosed):
             page.connection.send(text)
@@ -279,23 +239,6 @@ def a_long_message(target: Target) -> None:
 # Many, slow, silent
 
 
-def a_viewer_without_a_socket(target: Target) -> None:
-    """None that polls: the gate counts sockets."""
-    polling = f"{target.page('/_nicegui_ws/socket.io/')}?EIO=4&transport=polling"
-    assert target.open.ask(polling, Origin=target.open.origin).status == 400
-    assert target.open.ask(polling, "POST", b"40", Origin=target.open.origin).status == 400
-
-
-def half_a_request(target: Target) -> None:
-    halves = [target.open.connect() for _ in range(20)]
-    for one in halves:
-        one.sendall(b"GET / HTTP/1.1\r\nHost: 127")
-    halves[0].shutdown(socket.SHUT_WR)
-    assert target.open.ask(target.page()).status == 200
-    for one in halves:
-        one.close()
-
-
 def pages_that_nobody_reads(target: Target) -> None:
     """A browser that opens pages and takes nothing of what comes."""
     for _ in range(30):
@@ -308,16 +251,12 @@ def pages_that_nobody_reads(target: Target) -> None:
 
 CHEAP: list[Callable[[Target], None]] = [
     a_post_of_another_site,
-    wrong_methods,
     smuggled_requests,
-    split_headers,
     the_token_leads_nowhere,
     what_a_read_only_page_hides,
     values_out_of_their_bounds,
     events_of_nobody,
     too_long_a_word,
-    a_viewer_without_a_socket,
-    half_a_request,
 ]
 LONG = [
     paths_out_of_the_page,

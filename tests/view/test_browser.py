@@ -17,7 +17,7 @@ from palp_core.graph.bag.recorder import BagRecorder
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
 from tests.support.bags import Block, bag, describe, frame
-from tests.support.palp import PATIENCE_S, Palp
+from tests.support.palp import Palp
 from tests.support.talkative import Talk, talk
 from tests.support.view.browser import Viewing, browser
 
@@ -34,36 +34,10 @@ HOSTILE = (
 )
 """Names and words that are markup to whoever puts them into a page unlooked at."""
 NOTHING_STANDS_OUT = "() => document.scrollingElement.scrollWidth <= innerWidth"
-LOUD = f'''
-from nodes.talk import Scale, ScaleState
-
-
-class LoudState(ScaleState):
-    @classmethod
-    def adopt(cls, old):
-        return cls(**old.values)
-
-
-class Loud(Scale):
-    """A scale that prints what a page must not take for markup."""
-
-    state: LoudState
-
-    def on_configure(self):
-        print({MARKUP!r}, flush=True)
-
-
-class Broken(Scale):
-    """Cannot start."""
-
-    def on_configure(self):
-        raise OSError("no scale is there")
-'''
 
 
 @pytest.fixture(scope="module")
 def shown(browser: Any, talk: Talk, shared_palp: Palp) -> Viewing:
-    (talk.folder / "nodes/loud.py").write_text(LOUD, encoding="utf-8")
     return Viewing(browser, shared_palp.start("view", "--no-browser", "--graph", "talk"))
 
 
@@ -101,11 +75,7 @@ def test_a_topic_shows_its_messages_and_plots_them(viewing: Viewing) -> None:
 
 
 def test_the_address_tells_what_is_plotted(viewing: Viewing) -> None:
-    page = viewing.go("/topic/source/sample")
-    viewing.plot("torque_n_m", "index")
-    page.reload()
-    page.locator(".q-chip", has_text="index").wait_for()
-    viewing.until("() => Number(document.querySelector('.live-plot').dataset.points) > 20")
+    page = viewing.page
     viewing.go(f"/topic/source/sample?fields=torque_n_m[{'9' * 5000}],index&window=nonsense")
     page.locator(".q-chip", has_text="index").wait_for()
     viewing.says("10 s")
@@ -157,39 +127,6 @@ def test_a_paused_plot_stays_as_it_is_and_is_what_is_saved(viewing: Viewing) -> 
     frames = page.evaluate("() => Number(document.querySelector('.live-plot').dataset.frames)")
     viewing.until(f"() => Number(document.querySelector('.live-plot').dataset.frames) > {frames}")
     assert saved() != before
-
-
-def test_a_parameter_is_set_and_one_out_of_its_bounds_is_refused_in_words(
-    viewing: Viewing, talk: Talk
-) -> None:
-    page = viewing.go("/node/source")
-    page.get_by_label("rare_hz", exact=True).fill("-3")
-    page.get_by_label("set rare_hz").click()
-    viewing.says("rare_hz: -3 is refused: expected float >")
-    page.get_by_label("name", exact=True).fill(MARKUP)
-    page.get_by_label("set name").click()
-    viewing.says("name is <img")
-    assert talk.told("param", "get", "/source", "name", "--graph", "talk")["value"] == MARKUP  # type: ignore[index]
-    viewing.go("/topic/source/sample")
-    viewing.says(f"name: {MARKUP}")
-    assert page.evaluate("window.hacked") is None
-
-
-def test_a_swap_is_seen_step_by_step_and_what_it_prints_is_text(viewing: Viewing) -> None:
-    page = viewing.go("/node/scale")
-    viewing.says("3 classes of the workspace fit its wires")
-    page.get_by_label("time-out, s").fill(str(PATIENCE_S))
-    viewing.swap("nodes.loud:Broken")
-    viewing.says("rolled back at step 'configure'")
-    viewing.says("no scale is there")
-    viewing.swap("nodes.loud:Loud")
-    viewing.says("swapped: nodes.loud:Loud is at work in place of nodes.talk:Scale")
-    viewing.until("() => document.querySelectorAll('[data-what=steps] .ok').length === 9")
-    viewing.until("words => document.querySelector('[data-what=log]').innerText.includes(words)", MARKUP)
-    assert page.evaluate("window.hacked") is None
-    viewing.go("/timeline")
-    viewing.says("swap failed")
-    viewing.says("nodes.talk:Scale -> nodes.loud:Loud")
 
 
 def test_no_page_is_wider_than_a_phone(viewing: Viewing) -> None:

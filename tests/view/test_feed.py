@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from palp_core.errors import GraphError
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.frame import Frame
 from palp_core.view.source import feed as feeds
@@ -59,31 +58,6 @@ def test_what_comes_is_seen_and_nothing_is_kept_that_nobody_asks_for(
     listened(graph, so=False)
 
 
-def test_a_topic_that_comes_fast_is_taken_off_the_wire_many_messages_at_once(
-    graph: FakeGraph, known: RunningGraph, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    paused: list[float] = []
-    wait = threading.Event.wait
-
-    def noted(event: threading.Event, timeout: float | None = None) -> bool:
-        if threading.current_thread().name == THREAD:
-            paused.append(timeout or 0.0)
-        return wait(event, timeout)
-
-    monkeypatch.setattr(threading.Event, "wait", noted)
-    all_feeds = Feeds(known)
-    watch = all_feeds.watch(known.topic("/source/sample"))
-    watch.read_new()
-    listened(graph, so=True)
-    graph.until(lambda: bool(paused))
-    graph.nodes[0].say(100)
-    graph.until(lambda: last(watch) == 100)
-    assert [one.message["index"] for one in watch.read_new()] == list(range(100))
-    assert max(paused) <= max(feeds.BATCH_S.values())
-    all_feeds.close()
-    listened(graph, so=False)
-
-
 def test_two_who_look_share_what_is_read_and_the_last_one_ends_it(
     graph: FakeGraph, known: RunningGraph
 ) -> None:
@@ -121,8 +95,3 @@ def test_a_message_that_is_too_large_or_no_message_is_told_and_not_shown(known: 
     for payload, words in ((bytes(2 << 20), "2097152 bytes"), (b"\xc1", "not msgpack"), (b"\x01", "no map")):
         frame = Frame(topic.name, 0, 0, 1, 0, 0, memoryview(payload))
         assert words in str(decode_sample(frame, topic).message["(not shown)"])
-
-
-def test_a_topic_that_is_not_there_is_told_with_the_nearest(known: RunningGraph) -> None:
-    with pytest.raises(GraphError, match="did you mean '/source/sample'"):
-        known.topic("/source/sampl")

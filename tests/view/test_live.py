@@ -86,12 +86,6 @@ def wire(overview: Overview) -> WireState:
     return found
 
 
-def test_before_anybody_has_answered_the_nodes_are_there(shown: Shown) -> None:
-    overview = shown.source.overview()
-    assert (overview.title, [node.name for node in overview.nodes]) == ("fake", ["source"])
-    assert not shown.source.known
-
-
 def test_wires_rates_and_losses_are_those_of_the_readers_own_account(shown: Shown) -> None:
     overview = shown.until(lambda it: bool(it.wires and it.now_s))
     assert (wire(overview).source, wire(overview).reader) == ("source", "sink")

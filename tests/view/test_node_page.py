@@ -27,14 +27,8 @@ LEVEL = {
     "default": 0.5, "value": 0.25, "read_only": False,
 }  # fmt: skip
 ABOUT = "``how_loud`` it may be."
-MODE = {
-    **LEVEL,
-    "name": "mode",
-    "minimum": None,
-    "maximum": None,
-    "choices": ["slow", "fast"],
-    "value": "slow",
-}
+CHOICES = {"minimum": None, "maximum": None, "choices": ["slow", "fast"], "value": "slow"}
+MODE = {**LEVEL, "name": "mode", **CHOICES}
 
 
 class Node:
@@ -83,6 +77,8 @@ def test_the_parameters_are_those_of_the_class_at_work() -> None:
 
     async def look(user: Any) -> None:
         await user.should_see("level")
+        assert ports(node.source.now, [SAMPLE], "sink") == [("reads", "/source/sample", "")]
+        assert ports(node.source.now, [SAMPLE], "source") == [("publishes", "/source/sample", "")]
         node.declared = {"gain": {**LEVEL, "name": "gain"}}
         first, sink = node.source.now.nodes
         swapped = [first, msgspec.structs.replace(sink, run="nodes.loud:Loud")]
@@ -91,12 +87,6 @@ def test_the_parameters_are_those_of_the_class_at_work() -> None:
         await user.should_not_see("level")
 
     simulated(panel(node), look)
-
-
-def test_what_a_node_reads_and_publishes_is_told() -> None:
-    source = ToySource()
-    assert ports(source.now, [SAMPLE], "sink") == [("reads", "/source/sample", "")]
-    assert ports(source.now, [SAMPLE], "source") == [("publishes", "/source/sample", "")]
 
 
 def test_what_is_chosen_stays_so_when_the_list_of_classes_comes_or_changes(tmp_path: Path) -> None:
@@ -125,15 +115,8 @@ def test_what_is_chosen_stays_so_when_the_list_of_classes_comes_or_changes(tmp_p
 
 
 def test_what_came_of_a_swap_begins_with_that_it_was_done() -> None:
-    report = {
-        "before": "a:A",
-        "after": "b:B",
-        "switched": True,
-        "at_s": 1.0,
-        "gap_s": 2e-3,
-        "held": 3,
-        "shadow": None,
-    }
+    report = {"before": "a:A", "after": "b:B", "switched": True, "at_s": 1.0}
+    report |= {"gap_s": 2e-3, "held": 3, "shadow": None}
     words, level = swap_text({"report": report})
     assert (words.partition(":")[0], level) == ("swapped", "ok")
     assert "b:B is at work in place of a:A" in words

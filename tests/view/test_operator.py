@@ -66,15 +66,13 @@ def alive(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("press", PRESSES)
-def test_of_a_read_only_page_nothing_can_be_pressed(press: str, tmp_path: Path) -> None:
+def test_of_a_read_only_page_nothing_can_be_pressed_and_of_a_real_rig_only_stop(
+    press: str, tmp_path: Path
+) -> None:
     stage = Stage(tmp_path, clock="sim")
     with pytest.raises(Refused, match=READ_ONLY):
         PRESSES[press](stage.operator(read_only=True, operate=True))
     assert stage.asked == []
-
-
-@pytest.mark.parametrize("press", PRESSES)
-def test_on_a_real_rig_nothing_but_stop_can_be_pressed(press: str, tmp_path: Path) -> None:
     stage = Stage(tmp_path)
     operator = stage.operator()
     with pytest.raises(Refused, match="--operate"):

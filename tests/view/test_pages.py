@@ -8,19 +8,39 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 import pytest
 
 from palp_core.graph.discovery.troubles import Trouble
 from palp_core.graph.messages.topic import Topic
-from palp_core.view.source.operator import READ_ONLY, Refused
-from palp_core.view.source.overview import NodeState, Overview, WireState, shared_processes
+from palp_core.view.source.operator import READ_ONLY
+from palp_core.view.source.overview import (
+    ACTION,
+    NodeState,
+    Overview,
+    WireState,
+    actions_as_one,
+    shared_processes,
+)
 
 pytest.importorskip("nicegui")
 pytest.importorskip("nicegui.testing.user_simulation")
 
-from palp_core.view.pages.graph import GraphDrawing, graph_page, pairs_of, shared_text, wire_line, wire_text
+from nicegui import ui
+
+from palp_core.view.pages.frame import time_bar
+from palp_core.view.pages.graph import (
+    ASKED,
+    EndPanel,
+    GraphDrawing,
+    graph_page,
+    pairs_of,
+    shared_text,
+    wire_line,
+    wire_text,
+)
 from palp_core.view.pages.layout import HEIGHT, WIDTH, layout
+from palp_core.view.pages.parts import LiveTable, labelled
+from palp_core.view.pages.plot import CHOOSE, LivePlot, plot_panel
 from palp_core.view.pages.viewer import OwnPage, Viewer
 from tests.support.view.fake_source import FakeOperator, FakeSource, FakeWatch
 from tests.support.view.simulated_user import simulated
@@ -44,9 +64,7 @@ class ToySource(FakeSource):
         super().__init__(Overview(kind="graph", title="toy", clock="sim", nodes=nodes, wires=wires), [SAMPLE])
 
 
-def test_what_is_wrong_is_on_the_page_as_text() -> None:
-    from palp_core.view.pages.graph import graph_page
-
+def test_what_is_wrong_is_on_the_page_as_text_and_a_node_that_joins() -> None:
     source = ToySource()
     trouble = Trouble("/sink", "error", MARKUP, "palp logs sink")
     source.change(troubles=[trouble], title=MARKUP)
@@ -57,42 +75,18 @@ def test_what_is_wrong_is_on_the_page_as_text() -> None:
         await user.should_see(MARKUP)
         await user.should_see("palp logs sink")
         await user.should_see("/source/sample")
-
-    simulated(lambda: graph_page(Viewer(source=source)), look)
-
-
-def test_a_page_of_ones_own_may_head_all_pages_with_its_own_word() -> None:
-    from palp_core.view.pages.graph import graph_page
-
-    def own(_: Viewer) -> None: ...
-
-    own.heading = lambda wrong: ("at rest", [one for one in wrong if one.text != "resting"])  # type: ignore[attr-defined]
-    source = ToySource()
-    source.change(troubles=[Trouble("/sink", "error", "resting")])
-
-    async def look(user: Any) -> None:
-        await user.should_see("at rest")
-        await user.should_not_see("something is badly wrong")
-        await user.should_not_see("error: /sink")
-
-    simulated(lambda: graph_page(Viewer(source=source, own_page=OwnPage(own))), look)
-
-
-def test_a_node_that_joins_is_drawn_and_listed_as_it_happens() -> None:
-    from palp_core.view.pages.graph import graph_page
-
-    source = ToySource()
-
-    async def look(user: Any) -> None:
-        await user.should_see("/sink")
-        await user.should_not_see("/late")
-        late = NodeState(name="late", lifecycle="active")
-        source.change(nodes=[*source.now.nodes, late])
+        late = NodeState(name="late", lifecycle="active")  # it joins
+        source.change(nodes=[*source.now.nodes, late], troubles=[Trouble("/sink", "error", "resting")])
         await user.should_see("/late")
+        await user.should_see("at rest")  # the word of the launch file's own page
+        await user.should_not_see("something is badly wrong")
         (drawing,) = user.find(GraphDrawing).elements
         assert [node["name"] for node in drawing.props["nodes"]] == ["source", "sink", "late"]
 
-    simulated(lambda: graph_page(Viewer(source=source)), look)
+    def own(_: Viewer) -> None: ...
+
+    own.heading = lambda wrong: ("at rest", []) if wrong[0].text == "resting" else None  # type: ignore[attr-defined]
+    simulated(lambda: graph_page(Viewer(source=source, own_page=OwnPage(own))), look)
 
 
 def test_the_example_of_the_docs_is_a_page_of_ones_own() -> None:
@@ -141,20 +135,41 @@ def test_a_wire_says_rate_latency_and_loss() -> None:
     assert list(pairs_of([wire, wire])) == [("source", "sink")]
 
 
+def part(topic: str, reader: str, received: int | None = 1, p50_s: float | None = None) -> WireState:
+    source, rate_hz = topic.split("/")[1], None if received is None else 2.0
+    return WireState(
+        topic=topic, source=source, reader=reader, received=received, rate_hz=rate_hz, latency_p50_s=p50_s
+    )
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_the_parts_of_an_action_between_two_nodes_are_one_wire_and_of_a_bag_uncounted(known: bool) -> None:
+    calls = ("send_goal", "cancel_goal", "get_result")
+    parts = [
+        part("/arm/pose", "carrier", 7),
+        *(part(f"/carrier/lift/_action/{call}", "arm") for call in calls),
+        part("/arm/move/_action/feedback", "carrier", 10, 0.25),
+        part("/arm/move/_action/status", "carrier", 6, 0.5),
+        *(part(f"/arm/move/_action/{call}/carrier/lift/_action/{call}", "carrier") for call in calls),
+        part("/arm/move/_action/status", "other", 6),
+    ]
+    if not known:
+        parts = [part(one.topic, one.reader, None) for one in parts]
+    pose, action, other = actions_as_one(parts)
+    assert pose == parts[0]
+    assert (action.source, action.reader, action.topic) == ("carrier", "arm", "/arm/move")
+    assert (action.type, other.source, other.reader) == (ACTION, "other", "arm")
+    counts = (action.received, action.rate_hz, action.latency_p50_s, other.received)
+    assert counts == ((22, 16.0, 0.5, 6) if known else (None,) * 4)
+    assert wire_text(action) == "/arm/move, an action for /carrier" + (": 22 received" if known else "")
+
+
 def test_what_nodes_in_one_process_take_is_said_once() -> None:
     composed = [NodeState(name=name, pid=7, cpu_percent=85.0, memory_bytes=120_000_000) for name in "abc"]
     assert shared_text(composed, shared_processes(composed)) == "all in one process: 85.0 % CPU, 120 MB"
     alone = [*composed, NodeState(name="d", pid=8, cpu_percent=1.0)]
     assert shared_text(alone, shared_processes(alone)) == "3 in one process: 85.0 % CPU, 120 MB"
     assert shared_text(alone[2:], shared_processes(alone[2:])) == ""
-    source = ToySource()
-    source.change(nodes=alone)
-
-    async def look(user: Any) -> None:
-        await user.should_see("3 in one process: 85.0 % CPU, 120 MB")
-        await user.should_see("rates here are on the machine's clock")
-
-    simulated(lambda: graph_page(Viewer(source=source)), look)
 
 
 def test_in_a_graph_of_any_size_each_node_has_a_place_of_its_own_and_each_wire_a_way() -> None:
@@ -170,36 +185,8 @@ def test_in_a_graph_of_any_size_each_node_has_a_place_of_its_own_and_each_wire_a
         assert (set(found.places), set(found.routes)) == (set(known), set(wires))
 
 
-def test_a_slow_browser_is_sent_no_more_than_it_takes() -> None:
-    from palp_core.view.pages.parts import MOST_UNDER_WAY
-    from palp_core.view.pages.plot import LivePlot
-
-    plots: list[LivePlot] = []
-
-    async def look(user: Any) -> None:
-        plot = plots[-1]
-        for _ in range(MOST_UNDER_WAY):
-            assert not plot.busy
-            plot.add([np.array([(0.0, 1.0)])])
-        assert plot.busy
-        for lie in ("3", None, -1, [2]):
-            user.find(LivePlot).trigger("taken", lie)
-            assert plot.busy
-        user.find(LivePlot).trigger("taken", 1)
-        assert not plot.busy
-        user.find(LivePlot).trigger("taken", 10**9)  # whatever it says, no more are under way than may be
-        for _ in range(MOST_UNDER_WAY):
-            plot.add([np.array([(0.0, 1.0)])])
-        assert plot.busy
-
-    simulated(lambda: plots.append(LivePlot("a")), look)
-
-
 @pytest.mark.parametrize("fast", [False, True])
 def test_the_time_axis_moves_on_between_messages_unless_the_graph_outruns_the_clock(fast: bool) -> None:
-    from nicegui import ui
-
-    from palp_core.view.pages.plot import CHOOSE, LivePlot, plot_panel
 
     watch = FakeWatch([], msgspec.structs.replace(SAMPLE, json_schema=NUMBER))
 
@@ -216,8 +203,6 @@ def test_the_time_axis_moves_on_between_messages_unless_the_graph_outruns_the_cl
 
 
 def test_a_live_table_is_one_element_that_is_sent_only_what_is_new() -> None:
-    from palp_core.view.pages.live_table import LiveTable
-
     tables: list[LiveTable] = []
 
     async def look(user: Any) -> None:
@@ -236,9 +221,6 @@ def test_a_live_table_is_one_element_that_is_sent_only_what_is_new() -> None:
 
 
 def test_a_parameters_name_is_read_out_and_never_an_attribute() -> None:
-    from nicegui import ui
-
-    from palp_core.view.pages.parts import labelled
 
     name = f'x" :onclick="window.hacked=1" {MARKUP}'
 
@@ -251,9 +233,6 @@ def test_a_parameters_name_is_read_out_and_never_an_attribute() -> None:
 
 
 def test_the_end_of_the_graph_asks_twice_and_is_dead_where_it_may_not_be_pressed() -> None:
-    from nicegui import ui
-
-    from palp_core.view.pages.ending import ASKED, EndPanel
 
     pressed, ended = FakeOperator(), list[str]()
     pressed.end = lambda: ended.append("end")  # type: ignore[attr-defined]
@@ -275,9 +254,6 @@ def test_the_end_of_the_graph_asks_twice_and_is_dead_where_it_may_not_be_pressed
 
 
 def test_the_time_bar_tells_where_the_bag_is_whoever_has_begun_to_play_it() -> None:
-    from nicegui import ui
-
-    from palp_core.view.pages.time_bar import time_bar
 
     class Recording:
         start_s, end_s, at_s, playing = 5.0, 6.0, 6.0, False
@@ -305,22 +281,3 @@ def test_the_time_bar_tells_where_the_bag_is_whoever_has_begun_to_play_it() -> N
         assert recording.at_s == 5.75
 
     simulated(lambda: time_bar(recording), look)  # type: ignore[arg-type]
-
-
-def test_a_refused_press_is_told_on_the_page() -> None:
-    from nicegui import ui
-
-    from palp_core.view.pages.parts import StatusLine
-
-    def refuse() -> None:
-        raise Refused(MARKUP)
-
-    def put() -> None:
-        outcome = StatusLine()
-        ui.button("press", on_click=lambda: outcome.run(refuse))
-
-    async def look(user: Any) -> None:
-        user.find("press").click()
-        await user.should_see(MARKUP)
-
-    simulated(put, look)

@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 
 from palp_core.errors import GraphError
-from palp_core.view.server.page_thread import NICE, PageThread
-from palp_core.view.server.presses import Presses, answer
+from palp_core.view.server.asgi import NICE, PageThread, Presses, answer
 from tests.support.palp import PATIENCE_S
 
 
@@ -103,35 +102,29 @@ def test_pages_have_one_thread_which_is_not_the_servers_and_may_give_way(low_pri
     assert os.getpriority(os.PRIO_PROCESS, threading.get_native_id()) == os.nice(0)  # presses never do
 
 
-@pytest.mark.parametrize(
-    ("path", "method"),
-    [
-        ("/token/press/halt", "GET"),
-        ("/token/pressed", "POST"),
-        ("/press/halt", "POST"),
-        ("/token/press", "POST"),
-    ],
-)
-def test_what_is_no_press_is_the_pages(path: str, method: str) -> None:
-    async def run() -> tuple[int, str]:
-        async with Served() as served:
-            return await served.ask(path, method)
-
-    answer("halt", lambda: "halted")
-    assert asyncio.run(run()) == (200, path)
+ASKED = {
+    ("/token/press/halt", "GET"): (200, "/token/press/halt"),
+    ("/token/pressed", "POST"): (200, "/token/pressed"),
+    ("/press/halt", "POST"): (200, "/press/halt"),
+    ("/token/press", "POST"): (200, "/token/press"),
+    ("/token/press/refused", "POST"): (409, "not now"),
+    ("/token/press/unknown", "POST"): (404, "no such button"),
+    ("/token/press/refused/x", "POST"): (404, "no such button"),
+}
+"""What is no press is the pages'; a press is refused with the reason."""
 
 
-def test_a_press_says_why_it_is_refused_and_that_there_is_none_of_its_name() -> None:
+def test_only_a_press_is_answered_and_a_refused_one_with_the_reason() -> None:
     def refuse() -> str:
         raise GraphError("not now")
 
     async def run() -> list[tuple[int, str]]:
         async with Served() as served:
-            return [await served.ask(f"/token/press/{name}") for name in ("refused", "unknown", "refused/x")]
+            return [await served.ask(path, method) for path, method in ASKED]
 
+    answer("halt", lambda: "halted")
     answer("refused", refuse)
-    no = (404, "no such button")
-    assert asyncio.run(run()) == [(409, "not now"), no, no]
+    assert asyncio.run(run()) == list(ASKED.values())
 
 
 def test_a_client_that_leaves_takes_its_page_along() -> None:

@@ -161,10 +161,9 @@ def test_a_node_of_a_rig_is_brought_to_rest_only_when_asked_twice(rig: Viewing) 
         page.says("activate: it is active now")
 
 
-@pytest.mark.parametrize("width", [390, pytest.param(768, marks=pytest.mark.nightly)])
-def test_it_is_no_wider_than_a_phone_and_stop_is_in_sight_there(rig: Viewing, width: int) -> None:
+def test_it_is_no_wider_than_a_phone_and_stop_is_in_sight_there(rig: Viewing) -> None:
     page, before = rig.page, rig.page.viewport_size
-    page.set_viewport_size({"width": width, "height": 700})
+    page.set_viewport_size({"width": 390, "height": 700})
     rig.go("/own")
     rig.says("ring: 16.1 mm")
     rig.until("() => document.scrollingElement.scrollWidth <= innerWidth")

@@ -12,14 +12,15 @@ import pytest
 
 from palp_core.errors import GraphError
 from palp_core.graph.discovery.health import EdgeRow, NodeRow
-from palp_core.graph.discovery.troubles import event_troubles, loss_troubles, node_troubles, worst
-from palp_core.graph.messages.builtin import GraphEvent
-from palp_core.view.source.live import node_state, swaps_named, wire_state
+from palp_core.graph.discovery.troubles import loss_troubles, node_troubles, worst
+from palp_core.view.source.live import node_state, swaps_named
 from palp_core.view.source.message_lines import MOST_LINES, tree_text
-from palp_core.view.source.node_log import MOST_BYTES, NodeLog
-from palp_core.view.source.overview import NodeState, Overview
 from palp_core.view.source.protocol import Sample
 from palp_core.view.source.series import FieldSeries, as_csv, number_fields, thinned
+
+pytest.importorskip("nicegui")
+
+from palp_core.view.pages.node import MOST_BYTES, NodeLog
 
 NUMBER = {"type": "number", "x-unit": "N m"}
 ARRAY = {"type": "string", "x-dtype": "<f8", "x-unit": "N m"}
@@ -74,21 +75,14 @@ def test_a_block_that_does_not_go_on_from_the_one_before_begins_with_a_gap() -> 
     assert len(series.points) == 10
 
 
-def test_a_block_that_has_come_a_little_late_goes_on_from_the_one_before() -> None:
+def test_a_late_block_and_a_rare_number_go_on_until_something_is_missing() -> None:
     series = FieldSeries("torque_n_m", BLOCK)
     for number, (start_ms, gaps) in enumerate([(1000, 0), (1029, 0), (1060, 1)], 1):
         message = {"start_ns": start_ms * 1_000_000, "rate_hz": 1000.0, "torque_n_m": [0.5] * 20}
         assert np.isnan(series.add(Sample(0, number, message))).sum() == gaps
-
-
-def test_a_number_goes_on_until_messages_are_missing() -> None:
-    series = FieldSeries("inner.peak", BLOCK)
-    found = [series.add(Sample(round(at * 1e9), number, {"inner": {"peak": at}})) for at, number in RARE]
+    rare, series = ((1.0, 1), (60.0, 2), (61.0, 4)), FieldSeries("inner.peak", BLOCK)
+    found = [series.add(Sample(round(at * 1e9), number, {"inner": {"peak": at}})) for at, number in rare]
     assert [len(points) for points in found] == [1, 1, 2]
-
-
-RARE = ((1.0, 1), (60.0, 2), (61.0, 4))
-"""When messages came, s, and their numbers."""
 
 
 def test_an_array_without_times_is_spread_since_the_message_before() -> None:
@@ -161,7 +155,7 @@ def test_a_nodes_lines_come_as_they_are_printed(tmp_path: Path) -> None:
     assert log.new_lines() == []
 
 
-def test_a_log_that_becomes_the_old_one_is_followed(tmp_path: Path) -> None:
+def test_a_log_that_becomes_the_old_one_is_followed_and_a_storm_has_a_gap(tmp_path: Path) -> None:
     path = log_of(tmp_path)
     path.write_text("10:00 relay: one\n", encoding="utf-8")
     log = NodeLog(tmp_path, "relay")
@@ -169,13 +163,6 @@ def test_a_log_that_becomes_the_old_one_is_followed(tmp_path: Path) -> None:
     path.rename(tmp_path / "log/merged.log.1")
     path.write_text("10:01 relay: two\n", encoding="utf-8")
     assert [line.text for line in log.new_lines()] == ["two"]
-
-
-def test_a_storm_of_lines_is_shown_with_a_gap_that_is_said(tmp_path: Path) -> None:
-    path = log_of(tmp_path)
-    path.write_text("10:00 relay: one\n", encoding="utf-8")
-    log = NodeLog(tmp_path, "relay")
-    log.new_lines()
     with path.open("a", encoding="utf-8") as file:
         file.write("10:00 relay: storm\n" * 100_000)
     lines = log.new_lines()
@@ -246,25 +233,3 @@ def test_what_is_wrong_is_said_with_what_to_type() -> None:
     assert [states[name].health for name in ("/relay", "/sink", "/dead")] == ["warn", "warn", "error"]
     assert states["/relay"].why == "3 messages lost, 10 received"
     assert states["/dead"].lifecycle == "silent"
-
-
-def test_bad_news_of_the_launcher_is_among_it() -> None:
-    crash = GraphEvent(stamp_ns=0, kind="restarting", node="relay", text="it died", data="{}")
-    (trouble,) = event_troubles(
-        [crash, GraphEvent(stamp_ns=0, kind="swapped", node="relay", text="", data="{}")]
-    )
-    assert (trouble.where, trouble.text) == ("/relay", "restarting: it died")
-
-
-def test_a_wire_knows_who_publishes() -> None:
-    wire = wire_state(edge_row(), {"/source/sample": ("source", "Sample")})
-    assert (wire.source, wire.reader, wire.type, wire.latency_p50_s) == ("source", "relay", "Sample", 1e-4)
-
-
-def test_only_what_moves_on_the_wall_clock_is_a_real_rig() -> None:
-    moving = [NodeState(name="stage", moves=True)]
-    assert Overview(kind="graph", title="a", clock="wall", nodes=moving).moves_something_real
-    assert not Overview(kind="graph", title="a", clock="sim", nodes=moving).moves_something_real
-    assert not Overview(
-        kind="graph", title="a", clock="wall", nodes=[NodeState(name="a")]
-    ).moves_something_real

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import gc
-import sys
-import threading
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,8 +12,7 @@ pytest.importorskip("nicegui")
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.view.pages.swap import choices
 from palp_core.view.source.overview import Overview, WireState
-from palp_core.view.source.swap_choices import classes_of, fitting
-from tests.support.palp import PATIENCE_S
+from palp_core.view.source.swap_choices import fitting
 
 NODES = """
 import os
@@ -68,36 +62,6 @@ def test_what_has_the_outputs_that_are_read_and_no_open_input_fits(workspace: Pa
         "nodes.ring:Quick",
         "nodes.ring:Careful",
     ]
-
-
-@pytest.fixture
-def turns() -> Iterator[None]:
-    """Threads take turns wherever Python code may run, in a collection of garbage, too."""
-    interval_s, look = sys.getswitchinterval(), lambda *_: None
-    sys.setswitchinterval(1e-5)
-    gc.callbacks.append(look)
-    yield
-    gc.callbacks.remove(look)
-    sys.setswitchinterval(interval_s)
-
-
-@pytest.mark.usefixtures("turns")
-def test_pages_that_look_at_once_find_the_same(workspace: Path) -> None:
-    for number in range(8):
-        (workspace / f"nodes/ring_{number}.py").write_text(NODES * 40, encoding="utf-8")
-    looking = threading.Barrier(8)
-
-    def look(_: int) -> list[str]:
-        looking.wait(PATIENCE_S)
-        return [one.run for one in classes_of(workspace)]
-
-    with ThreadPoolExecutor(8) as threads:
-        first, *others = threads.map(look, range(8))
-    assert len(first) == 8 * 40 * 7 + 7
-    assert others == [first] * 7
-
-
-def test_where_nobody_reads_it_need_not_speak(workspace: Path) -> None:
     assert "nodes.ring:Mute" in fitting(workspace, "nodes.ring:Quick", set(), {"goal"})
 
 
@@ -134,10 +98,3 @@ def test_a_policy_of_ones_own_and_those_of_the_installed_rig_are_offered(tmp_pat
     found = choices(live, "policy")  # type: ignore[arg-type]
     assert {"nodes.policy_mine:Mine", "nodes.policy_markov:Markov"} <= set(found)
     assert "nodes.policy:PolicyNode" not in found
-
-
-def test_the_rig_s_policies_fit_each_other() -> None:
-    root = Path(__file__).resolve().parents[2]
-    found = fitting(root, "nodes.policy_fixed:Fixed", {"command"}, {"trial", "belief"})
-    assert {"nodes.policy_markov:Markov", "nodes.policy_uniform:Uniform"} <= set(found)
-    assert all(run.startswith("nodes.policy_") for run in found)

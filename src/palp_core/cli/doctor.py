@@ -12,7 +12,7 @@ import typer
 
 from palp_core.cli.host import examine_host, examine_runs
 from palp_core.cli.options import Call, GraphOption, JsonOption, graph_verb, option
-from palp_core.cli.output import print_json, print_text, table_lines
+from palp_core.cli.output import show, table_lines
 from palp_core.cli.running import note_ended
 from palp_core.counted import counted
 from palp_core.graph.discovery.choice import choose, meant
@@ -94,10 +94,9 @@ def doctor(
     for one, place in graphs:
         troubles += [found.of_run(one.record.id, place) for found in examine_graph(one)]
     counts = {level: sum(trouble.level == level for trouble in troubles) for level in _ORDER}
-    if as_json:
-        print_json({"graphs": [record.graph for record in records], **counts, "findings": troubles})
-    else:
-        _print(troubles, counts, len(records), report=report)
+    names = [record.graph for record in records]
+    lines = _lines(troubles, counts, len(records), report=report)
+    show({"graphs": names, **counts, "findings": troubles}, lines, as_json=as_json)
     if counts[ERROR] or (include_warnings and counts[WARN]):
         raise typer.Exit(1)
 
@@ -120,18 +119,15 @@ def _graphs(name: str | None) -> tuple[list[RunRecord], list[Trouble]]:
     ]
 
 
-def _print(troubles: list[Trouble], counts: dict[str, int], graphs: int, *, report: bool) -> None:
+def _lines(troubles: list[Trouble], counts: dict[str, int], graphs: int, *, report: bool) -> Iterator[str]:
     for trouble in sorted(troubles, key=lambda trouble: _ORDER.index(trouble.level)):
-        if trouble.level == OK and not report:
-            continue
-        print_text(f"{trouble.level.upper():<5} {trouble.where}: {trouble.text}")
-        if trouble.advice:
-            print_text(f"      -> {trouble.advice}")
-    print_text(
-        f"{counted(counts[ERROR], 'error')}, {counted(counts[WARN], 'warning')}, "
-        f"{counted(counts[NOTE], 'note')}; "
-        f"{counted(counts[OK], 'check')} passed; {counted(graphs, 'graph')} running"
-    )
+        if trouble.level != OK or report:
+            yield f"{trouble.level.upper():<5} {trouble.where}: {trouble.text}"
+            if trouble.advice:
+                yield f"      -> {trouble.advice}"
+    found = zip((ERROR, WARN, NOTE, OK), ("error", "warning", "note", "check"), strict=True)
+    *bad, passed = (counted(counts[level], word) for level, word in found)
+    yield f"{', '.join(bad)}; {passed} passed; {counted(graphs, 'graph')} running"
 
 
 @graph_verb()

@@ -32,7 +32,7 @@ def _root(
 
 app = lazy_app(
     {
-        "init": Verb(f"{_CLI}.workspace.init:init", "Create a workspace that runs as it is.", part="Graphs"),
+        "init": Verb(f"{_CLI}.workspace.new:init", "Create a workspace that runs as it is.", part="Graphs"),
         "new": Verb(f"{_CLI}.workspace.new:app", "Create a node, message, policy or driver, with its test."),
         "launch": Verb(f"{_CLI}.launch.launch:launch", "Check a launch file and run its graph."),
         "run": Verb(f"{_CLI}.launch.run:run", "Run one node, alone or in a running graph."),
@@ -42,10 +42,10 @@ app = lazy_app(
             f"{_CLI}.topic:app", "List, print, measure and publish topics.", part="A running graph"
         ),
         "node": Verb(f"{_CLI}.node.node:app", "List and describe nodes."),
-        "service": Verb(f"{_CLI}.node.service:app", "List, describe and call services."),
+        "service": Verb(f"{_CLI}.node.node:services", "List, describe and call services."),
         "action": Verb(f"{_CLI}.node.action:app", "List and describe actions; send and cancel goals."),
         "param": Verb(f"{_CLI}.node.param:app", "Read and set parameters of running nodes."),
-        "lifecycle": Verb(f"{_CLI}.node.lifecycle:app", "Show and change the states of running nodes."),
+        "lifecycle": Verb(f"{_CLI}.node.node:states", "Show and change the states of running nodes."),
         "interface": Verb(f"{_CLI}.node.interface:app", "Show the types of messages and services."),
         "logs": Verb(f"{_CLI}.launch.logs:logs", "Show node output."),
         "top": Verb(f"{_CLI}.doctor:top", "Show state, CPU, rate, latency and losses live."),

@@ -9,6 +9,7 @@ from palp_core.cli.output import note
 
 if TYPE_CHECKING:
     from palp_core.graph.discovery.running_graph import RunningGraph
+    from palp_core.graph.discovery.topic_reader import TopicReader
     from palp_core.graph.messages.topic import Topic
 
 
@@ -33,3 +34,9 @@ def find_topics(graph: RunningGraph, names: Iterable[str]) -> list[Topic]:
 
 def note_ended(graph: RunningGraph) -> None:
     note(f"graph '{graph.record.graph}' has ended")
+
+
+def published_text(reader: TopicReader, topic: str) -> str:
+    """Return how many messages a silent topic has had."""
+    count = reader.last_sequence.get(topic)
+    return "its publisher does not answer" if count is None else f"{count} published so far"

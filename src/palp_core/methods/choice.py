@@ -15,15 +15,7 @@ UNAVAILABLE = "not available here"
 
 @dataclass(frozen=True)
 class Candidate:
-    """What one method offers a scene.
-
-    Attributes:
-        name: Its name.
-        bound: Stated error of what is asked for there; None where it states none.
-        cost_s: Seconds of one core for as many uses as the scene takes.
-        mark: Its state: :data:`CHOSEN`, :data:`DEFAULT`, :data:`INACCURATE`, :data:`UNAVAILABLE`, or empty.
-        why: Why it has this state.
-    """
+    """What one method offers a scene: stated error there, seconds of all uses, its state and why."""
 
     name: str
     bound: float | None
@@ -39,17 +31,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class MethodChoice:
-    """A method for a task in a scene.
-
-    Attributes:
-        method: The method as declared.
-        bound: Its stated error of ``output`` there; None where it states none.
-        reason: Why it was chosen.
-        output: What must be right.
-        tolerance: How right.
-        candidates: All methods of the task, cheapest first.
-        asked: Whether it was asked for by name.
-    """
+    """The method for a task in a scene, and why; ``candidates`` are all of the task, cheapest first."""
 
     method: Method
     bound: float | None
@@ -61,7 +43,6 @@ class MethodChoice:
 
     @property
     def name(self) -> str:
-        """Name of the method."""
         return self.method.name
 
 
@@ -109,11 +90,9 @@ def choose(
             f"{'; '.join(states) or 'none is declared'}; relax the tolerance or add a finer method"
         )
     if budget_s is not None and found.cost_s > budget_s:
-        affordable = [c for c in candidates if c.bound is not None and c.cost_s <= budget_s]
-        best = min(affordable, key=lambda c: c.bound or 0.0, default=None)
-        offer = "no method is accurate enough"
-        if best is not None:
-            offer = f"{best.name} gives {amount(best.bound or 0.0, output)}"
+        affordable = [(c.bound, c.name) for c in candidates if c.bound is not None and c.cost_s <= budget_s]
+        best = min(affordable, default=None)
+        offer = f"{best[1]} gives {amount(best[0], output)}" if best else "no method is accurate enough"
         raise MethodError(
             f"{wanted} takes {found.name}, about {found.cost_s:g} s with nothing cached; budget_s is "
             f"{budget_s:g}, for which {offer}; raise budget_s or relax the tolerance"
@@ -132,10 +111,7 @@ def weigh(
 ) -> tuple[Candidate, ...]:
     """Return what every method of a task offers a scene, cheapest first; arguments as for :func:`choose`.
 
-    One of them is marked as chosen: the one asked for, or the cheapest that is accurate enough, if any is.
-
-    Raises:
-        MethodError: The scene has a quantity that is not declared.
+    Chosen is the one asked for, or the cheapest that is accurate enough, if any is.
     """
     require_declared(scene, f"a scene for task '{task}'")
     name = asked.rpartition(":")[2]

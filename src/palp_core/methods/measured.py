@@ -37,14 +37,14 @@ class Measured:
     Attributes:
         task: Its task.
         method: Its name in the register.
-        setting: Its resolution or parameters, in words; empty where there is nothing to set.
-        cost_s: Seconds of one core for one use, as the task counts them.
+        setting: Its resolution or parameters; empty where there is nothing to set.
+        cost_s: Seconds of one core for one use.
         error: Error of ``output`` against what ``against`` names; NaN where it gave no answer.
-        output: What the error is of.
-        against: What it was held against, in words.
-        usual: Whether this is the setting that is taken when the method is.
-        condition: Under which the method was measured where it is not the scene itself, as in ``ring 0 mm``.
-        fails: Why it is not to be trusted there, in words; empty where it is.
+        output: As in ``peak``.
+        against: The reference.
+        usual: This is the setting that a run takes.
+        condition: As in ``ring 0 mm``; empty where it is the scene itself.
+        fails: Why it is not valid there; empty where it is.
     """
 
     task: str
@@ -69,11 +69,7 @@ def measured_tasks() -> list[str]:
 
 
 def measures_of(task: str) -> tuple[list[Measure], list[str]]:
-    """Return the functions that measure a task's methods, and why others cannot be loaded.
-
-    Raises:
-        MethodError: There is none, or none can be loaded.
-    """
+    """Return the functions that measure a task's methods, and why others cannot be loaded."""
     found, missing = list[Measure](), list[str]()
     for point in entry_points(group=GROUP):
         if point.name == task:
@@ -93,21 +89,10 @@ def measures_of(task: str) -> tuple[list[Measure], list[str]]:
 
 
 class Survey:
-    """The points of tasks, measured in turns.
-
-    Args:
-        tasks: Their names.
-        scene: What each measure is called with.
-
-    Raises:
-        MethodError: No measure of a task can be loaded.
-    """
+    """The points of tasks, measured in turns; ``missing`` says what was not measured and why."""
 
     def __init__(self, tasks: Sequence[str], scene: object) -> None:
-        self.failed = False
-        """Whether a measure failed, or cannot be loaded."""
         self.missing: list[str] = []
-        """What was not measured and why, in words."""
         self._found: dict[tuple[str, ...], Measured] = {}
         self._running: dict[str, Iterator[Measured]] = {}
         for task in tasks:
@@ -118,7 +103,6 @@ class Survey:
 
     @property
     def points(self) -> list[Measured]:
-        """What was measured; of the same method at the same setting, the last."""
         return list(self._found.values())
 
     def measure(self, budget_s: float) -> None:
@@ -158,14 +142,10 @@ def cpu_s(
     long_s: float = 0.3,
     clock: Callable[[], int] = time.thread_time_ns,
 ) -> float:
-    """Return the CPU time of one call of an action, in s: the least of some rounds of enough calls.
+    """Return the CPU time of one call of an action, in s: the least of some rounds of ``least_s`` each.
 
-    Args:
-        action: What is timed; called once before the rounds, and again if that has loaded modules.
-        least_s: CPU time of a round.
-        rounds: How many.
-        long_s: A call that takes longer is the only one, and it is what is returned.
-        clock: CPU time in ns; :func:`time.process_time_ns` where other threads work for the action.
+    A call that takes longer than ``long_s`` is the only one. ``clock`` is :func:`time.process_time_ns` where
+    other threads work for the action.
     """
     first_s, before, loaded = 0.0, -1, len(sys.modules)
     while loaded != before:  # to load modules takes longer than many a call, and only once
@@ -192,10 +172,7 @@ def _timed_s(action: Callable[[], object], count: int, clock: Callable[[], int])
 
 @cache
 def slowness() -> float:
-    """Return by what declared costs are to be multiplied here: CPU time of fixed work over :data:`UNIT_S`.
-
-    Half interpreter, half arrays; median of five.
-    """
+    """Return the CPU time of fixed work, half interpreter and half arrays, over :data:`UNIT_S`."""
     import numpy as np
 
     values = np.linspace(0.0, 1.0, 20_000)

@@ -56,27 +56,14 @@ QUANTITIES: dict[str, tuple[str, str]] = {
 
 
 def declare_quantity(name: str, unit: str, meaning: str) -> None:
-    """Declare a quantity, before the methods whose ranges name it.
-
-    Args:
-        name: As scenes and ranges name it.
-        unit: SI; ``1`` where it has none.
-        meaning: In words.
-
-    Raises:
-        MethodError: It is declared already, as something else.
-    """
+    """Declare a quantity before the methods whose ranges name it; ``unit`` is SI, ``1`` where it has none."""
     known = QUANTITIES.setdefault(name, (unit, meaning))
     if known != (unit, meaning):
         raise MethodError(f"quantity '{name}' is declared already: {known[1]} ({known[0]})")
 
 
 def require_declared(names: Iterable[str], what: str) -> None:
-    """Refuse names that are no quantities; ``what`` says whose they are.
-
-    Raises:
-        MethodError: One is not declared; the message has the nearest that are.
-    """
+    """Refuse names that are no quantities; ``what`` says whose they are."""
     for name in names:
         if name not in QUANTITIES:
             near = difflib.get_close_matches(name, QUANTITIES, n=3)

@@ -66,7 +66,6 @@ class Bound:
     within: Mapping[str, Range] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Refuse what bounds nothing."""
         if not 0.0 <= self.error < math.inf:
             raise MethodError(
                 f"a bound on '{self.output}' of {self.error:g} is none; give the largest error seen"
@@ -74,7 +73,6 @@ class Bound:
         _check_ranges(self.within, f"a bound on '{self.output}'")
 
     def holds(self, scene: Quantities) -> bool:
-        """Tell whether every named quantity of the scene lies in its range, all its values if several."""
         return not _strays(self.within, scene)
 
 
@@ -98,9 +96,7 @@ class Method:
         target: The function or class.
 
     Raises:
-        MethodError: The name cannot be given as a parameter, the cost is not positive and finite, there is no
-            evidence, a range has no inside or is of a quantity that is not declared, or the method is its own
-            survivor; used as a decorator also: the name is taken within the task.
+        MethodError: A field is not sound, or the name is taken within the task.
     """
 
     task: str
@@ -115,7 +111,6 @@ class Method:
     target: Any = None
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be chosen by."""
         what = f"method '{self.name}' of task '{self.task}'"
         if not _NAME.fullmatch(self.name):
             raise MethodError(f"{what}: a name is of letters, digits, _, - and ., and not 'auto'")
@@ -132,7 +127,8 @@ class Method:
     def __call__(self, target: T) -> T:
         """Declare the decorated function or class."""
         taken = _REGISTER.get((self.task, self.name))
-        if taken is not None and taken.target is not target and _place(taken.target) != _place(target):
+        place = target.__module__, target.__qualname__  # type: ignore[attr-defined]
+        if taken is not None and place != (taken.target.__module__, taken.target.__qualname__):
             what = f"method '{self.name}' of task '{self.task}'"
             raise MethodError(f"{what} is declared twice, first in {taken.module}")
         _REGISTER[self.task, self.name] = replace(self, target=target)
@@ -164,7 +160,6 @@ class Method:
 
     @property
     def module(self) -> str:
-        """Module that declares it."""
         return str(self.target.__module__)
 
 
@@ -175,11 +170,7 @@ _BROKEN: dict[tuple[str, str], str] = {}  # by task and module: why it could not
 
 
 def declare_task(name: str, question: str, *, per: str, output: str, tolerance: float) -> None:
-    """Declare a task, in the module that its methods are declared in or below; see :class:`Task`.
-
-    Raises:
-        MethodError: It is declared already, as something else.
-    """
+    """Declare a task, in the module that its methods are declared in or below; see :class:`Task`."""
     made = Task(name, question, per, output, tolerance)
     if _TASKS.setdefault(name, made) != made:
         raise MethodError(f"task '{name}' is declared twice")
@@ -193,54 +184,29 @@ def tasks() -> list[Task]:
 
 
 def task(name: str) -> Task:
-    """Return a task by name.
-
-    Raises:
-        MethodError: There is none of that name; the message lists those there are.
-    """
+    """Return a task by name; the error lists those there are."""
     _load(name)
-    if name not in _TASKS and (left := names(name)):
-        raise MethodError(
-            f"task '{name}' has methods ({', '.join(left)}), but nobody says what it is; "
-            f"call declare_task('{name}', ...) beside them"
-        )
     if name not in _TASKS:
         raise MethodError(f"no task '{name}'; there are {', '.join(task.name for task in tasks())}")
     return _TASKS[name]
 
 
 def methods(task: str) -> list[Method]:
-    """Return the methods of a task, cheapest first; those of a broken package are missing: :func:`left_out`.
-
-    Raises:
-        MethodError: None is left, as what declares them is broken.
-    """
+    """Return the methods of a task, cheapest first, without those of a broken package: :func:`left_out`."""
     _load(task)
-    found = _declared(task)
-    if not found and (why := _broken(task)):
+    own = (method for method in _REGISTER.values() if method.task == task)
+    found = sorted(own, key=lambda method: (method.cost_s, method.name))
+    if not found and (why := left_out(task)):
         raise MethodError("; ".join(why))
     return found
 
 
 def left_out(task: str = "") -> list[str]:
-    """Return in words what a task's methods lack, and why: a broken package leaves the others theirs.
-
-    Args:
-        task: The task; empty: every one to which other packages bring methods.
-    """
+    """Return why methods of a task are missing; of no task, of all to which other packages bring methods."""
     others = {point.name for point in _points() if not point.value.startswith(_PALP)}
     for name in (wanted := [task] if task else sorted(others)):
         _load(name)
-    return [why for name in wanted for why in _broken(name)]
-
-
-def _broken(task: str) -> list[str]:
-    return [why for (of, _), why in _BROKEN.items() if of == task]
-
-
-def _declared(task: str) -> list[Method]:
-    own = (method for method in _REGISTER.values() if method.task == task)
-    return sorted(own, key=lambda method: (method.cost_s, method.name))
+    return [why for (of, _), why in _BROKEN.items() if of in wanted]
 
 
 def names(task: str) -> list[str]:
@@ -249,22 +215,14 @@ def names(task: str) -> list[str]:
 
 
 def find(task: str, name: str) -> Method:
-    """Return one method by name.
-
-    Args:
-        task: What it is for.
-        name: Its name; ``package.module:name`` imports that module first, which declares it.
-
-    Raises:
-        MethodError: There is none of that name; the message lists those there are, and what is broken.
-    """
+    """Return one method by name; ``package.module:name`` imports that module first, which declares it."""
     module, _, local = name.rpartition(":")
     if module:
         _import(module, f"method '{name}'")
     _load(task)
     if (task, local) not in _REGISTER:
-        lack = "".join(f"; {why}" for why in _broken(task))
-        known = ", ".join(method.name for method in _declared(task)) or "none"
+        lack = "".join(f"; {why}" for why in left_out(task))
+        known = ", ".join(sorted(name for of, name in _REGISTER if of == task)) or "none"
         raise MethodError(f"no method '{name}' for task '{task}'; declared: {known}{lack}")
     return _REGISTER[task, local]
 
@@ -282,11 +240,9 @@ def at_work(declared: Method) -> Iterator[None]:
 def outside(task: str, name: str, scene: Quantities) -> str:
     """Return which quantities of a scene lie outside a method's valid range, in words; empty if none."""
     declared = find(task, name)
-    strayed = declared.strayed(scene)
-    if not strayed:
-        return ""
     advice = f"; {declared.survivor} survives there" if declared.survivor else ""
-    return f"{name} is outside its valid range: {strayed}{advice}"
+    strayed = declared.strayed(scene)
+    return f"{name} is outside its valid range: {strayed}{advice}" if strayed else ""
 
 
 @cache
@@ -314,10 +270,6 @@ def _import(module: str, what: str, point: EntryPoint | None = None) -> None:
         of = f", an entry point of package '{point.dist.name}'," if point and point.dist else ""
         kind = "" if isinstance(error, ImportError | PalpError) else f"{type(error).__name__}: "
         raise MethodError(f"{what}: {module}{of} cannot be imported: {kind}{error}") from error
-
-
-def _place(target: Any) -> tuple[str, str]:
-    return target.__module__, target.__qualname__
 
 
 def _check_ranges(within: Mapping[str, Range], what: str) -> None:

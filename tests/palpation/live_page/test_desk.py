@@ -87,18 +87,6 @@ def test_what_is_asked_is_answered_by_a_press_to_the_node_and_prompt_that_asked(
     ]
 
 
-def test_on_the_page_of_the_rig_who_mounts_phantoms_is_asked() -> None:
-    session, answered = SessionSource(), answered_by()
-    session.ask(2, "enter", "Mount phantom K7, indent 4.0 mm.")
-
-    async def look(user: Any) -> None:
-        await user.should_see("Mount phantom K7")
-        user.find("go on (Enter)").click()
-        await called(answered, 1)
-
-    simulated(put(Viewer(source=session, operator=answered), rig), look)  # type: ignore[arg-type]
-
-
 def test_what_may_be_a_name_is_refused_before_it_is_sent_and_a_code_is() -> None:
     from nicegui import ui
 
@@ -119,16 +107,16 @@ def test_what_may_be_a_name_is_refused_before_it_is_sent_and_a_code_is() -> None
     assert answered.calls[0][2]["text"] == "S01"
 
 
-def test_an_answer_that_is_not_taken_is_said() -> None:
+def test_an_answer_that_is_not_taken_is_reported_on_the_page_of_the_rig_too() -> None:
     session, answered = SessionSource(), answered_by("that is not asked any more")
-    session.ask(3, "enter", "Enter begins it.")
+    session.ask(2, "enter", "Mount phantom K7, indent 4.0 mm.")
 
     async def look(user: Any) -> None:
-        await user.should_see("go on (Enter)")
+        await user.should_see("Mount phantom K7")
         user.find("go on (Enter)").click()
         await user.should_see("that is not asked any more")
 
-    simulated(put(page_of(session, answered)), look)
+    simulated(put(page_of(session, answered), rig), look)
 
 
 def test_where_nothing_may_be_pressed_it_says_why_and_over_a_bag_nothing_can_be() -> None:
@@ -165,27 +153,18 @@ def test_time_and_effort_are_shown_while_they_are_of_what_is_asked() -> None:
     simulated(put(page_of(session, None)), look)
 
 
-def test_a_trial_that_was_spoilt_is_told_from_one_that_was_answered() -> None:
+@pytest.mark.parametrize("recorded", [False, True])
+def test_trials_are_listed_spoilt_ones_too_of_a_bag_up_to_the_chosen_time(recorded: bool) -> None:
     session = SessionSource()
-    session.done(10, 1)
-    session.done(20, 1, attempt=2, estimate_m=0.004)
-    desk = DeskMonitor(session)
+    session.done(500_000_000, 1)
+    session.done(2_000_000_000, 1, attempt=2, estimate_m=0.004)
+    desk = DeskMonitor(session, recorded=recorded)
     desk.load()
     desk.look()
-    assert [(row.attempt, row.ended_by, row.answer_mm) for row in desk.rows] == [
-        (1, "repeat", None), (2, "subject", 4.0),
-    ]  # fmt: skip
-
-
-def test_of_a_bag_only_what_was_by_the_chosen_time_is_shown() -> None:
-    session = SessionSource()
-    session.done(500_000_000, 1, estimate_m=0.004)
-    session.done(2_000_000_000, 2, estimate_m=0.008)
-    desk = DeskMonitor(session, recorded=True)
-    desk.load()
-    assert [row.number for row in desk.rows] == [1]
+    both = [(1, "repeat", None), (2, "subject", 4.0)]
+    assert [(row.attempt, row.ended_by, row.answer_mm) for row in desk.rows] == both[: 1 if recorded else 2]
     session.change(now_s=2.5)
-    assert [row.number for row in desk.rows] == [1, 2]
+    assert [(row.attempt, row.ended_by, row.answer_mm) for row in desk.rows] == both
 
 
 def test_who_asked_last_is_shown_and_an_older_prompt_that_comes_again_is_not() -> None:

@@ -20,9 +20,16 @@ from palp_core.view.source.protocol import ViewSource
 pytest.importorskip("nicegui")
 pytest.importorskip("nicegui.testing.user_simulation")
 
-from palp_core.palpation.live_page.drawing.muscles import muscle_text
+from palp_core.palpation.live_page.drawing.panels import (
+    OutcomePanel,
+    TouchPanel,
+    bars,
+    lift_of,
+    muscle_text,
+)
 from palp_core.palpation.live_page.drawing.strip import _Acknowledge
 from palp_core.palpation.live_page.safety import safety_status
+from palp_core.view.pages.parts import MOST_UNDER_WAY
 from palp_core.view.pages.viewer import OwnPage, Viewer
 from palp_core.view.source.operator import NOT_OPERATED
 from tests.support.view.fake_source import FakeOperator, FakeSource
@@ -148,22 +155,10 @@ def test_a_ring_that_waits_is_shown_and_once_the_graph_has_ended_nobody_calls_it
 def test_the_probe_is_drawn_as_high_as_the_stage_says_that_it_is(
     report: dict[str, Any] | None, status: str, lift_mm: float
 ) -> None:
-    from palp_core.palpation.live_page.drawing.touch import lift_of
-
     rig_now: Any = SimpleNamespace(
         latest=lambda _: report, sweeping=status == "sweeping", path_m=(-0.03, 0.05)
     )
     assert lift_of(rig_now) == lift_mm
-
-
-def test_a_depth_is_a_bar_of_its_share_and_the_most_probable_one_is_marked() -> None:
-    from palp_core.palpation.live_page.drawing.belief import bars
-
-    now = monitor(RigSource())
-    assert bars(now.belief)[1:] == [
-        {"label": "4 mm", "share": 0.7, "text": "70.0 %", "most": True},
-        {"label": "8 mm", "share": 0.2, "text": "20.0 %", "most": False},
-    ]
 
 
 def test_a_trip_is_left_behind_only_when_asked_twice() -> None:
@@ -199,6 +194,7 @@ def test_what_was_asked_for_and_what_came_meanwhile_counts_once() -> None:
     assert now.look() == []
     assert [row.right for row in now.board.rows] == [True, False]
     assert len(now.belief.probes) == 1
+    assert bars(now.belief)[1] == {"label": "4 mm", "share": 0.7, "text": "70.0 %", "most": True}
 
 
 def test_where_sweeps_are_shown_when_they_are_over_the_ring_is_shown_as_it_was_in_them(
@@ -237,9 +233,6 @@ def test_over_a_bag_it_is_as_it_was_at_the_chosen_time() -> None:
 
 
 def test_a_slow_browser_is_sent_no_more_than_it_takes_and_then_the_whole_sweep() -> None:
-    from palp_core.palpation.live_page.drawing.touch import TouchPanel
-    from palp_core.view.pages.parts import MOST_UNDER_WAY
-
     source = RigSource()
     now = monitor(source)
     now.look()
@@ -258,9 +251,6 @@ def test_a_slow_browser_is_sent_no_more_than_it_takes_and_then_the_whole_sweep()
         for _ in range(9):
             panel.show([(1.0, 2.0)])
         assert sent == [("begin", 2), *[("add", 1)] * (MOST_UNDER_WAY - 1)]
-        for lie in ("3", None, -1, [2]):
-            chart._take(SimpleNamespace(args=lie))
-            assert chart.busy
         chart._take(SimpleNamespace(args=10**9))
         assert not chart.busy
         panel.show([])
@@ -293,7 +283,6 @@ def test_once_training_is_over_its_sweeps_are_read_from_the_sessions_folder(tmp_
     (band,) = now.bands(now.ring_m)
     assert (band.depth_mm, band.sweep_count) == (4.0, 4)
     assert not now.wants_taught
-    from palp_core.palpation.live_page.drawing.outcome import OutcomePanel
 
     async def look(user: Any) -> None:
         await user.should_see(str(tmp_path / "out/report.html"))  # of a graph that has ended, too

@@ -8,11 +8,14 @@ import pytest
 
 from palp_core.graph.discovery.troubles import Trouble
 from palp_core.graph.messages.topic import Topic
-from palp_core.palpation.live_page.geometry import lean_rad, lengths_mm, path_of
-from palp_core.palpation.live_page.roles import topics_by_type
+from palp_core.palpation.live_page.monitor import path_of, topics_by_type
 from palp_core.palpation.live_page.safety import heading, safety_status
 from palp_core.palpation.mechanics.probe import Probe
 from palp_core.view.source.overview import WireState
+
+pytest.importorskip("nicegui")
+
+from palp_core.palpation.live_page.drawing.panels import lean_rad, lengths_mm
 
 BEAT = {"state": "ready", "permits": True, "cause": "", "text": "", "warning": ""}
 

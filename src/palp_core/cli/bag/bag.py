@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -19,16 +18,18 @@ from palp_core.graph.bag.convert import BagForm, convert, writing
 
 if TYPE_CHECKING:
     from palp_core.graph.bag.info import BagInfo
-
+    from palp_core.graph.replay.replay import NodeReplay
 
 app = typer.Typer()
 app.command("play")(play)
 
-
-class CompressionName(StrEnum):
-    ZSTD = "zstd"
-    LZ4 = "lz4"
-    NONE = "none"
+Compression = Literal["zstd", "lz4", "none"]
+BagArgument = Annotated[Path, argument("A bag's folder or one of its files.")]
+OutOption = Annotated[Path, option("The new bag.", "-o", "--output", show_default=False)]
+TopicsOption = Annotated[list[str] | None, option("Only this one; repeatable.", "--topics", "-t")]
+CompressionOption = Annotated[Compression, option("Of the new bag's chunks.")]
+StartOption = Annotated[float | None, option("Seconds on the graph's clock.")]
+EndOption = Annotated[float | None, option("Seconds on the graph's clock; not included.")]
 
 
 @app.command("record")
@@ -46,10 +47,9 @@ def record(
         float, option("Seconds per file.", "--max-bag-duration", "-d", min=0.0)
     ] = 0.0,
     snapshot: Annotated[
-        float,
-        option("Keep S seconds until palp bag snapshot or SIGUSR1.", "--snapshot", metavar="S", min=0.0),
+        float, option("Keep S seconds until palp bag snapshot or SIGUSR1.", metavar="S", min=0.0)
     ] = 0.0,
-    compression: Annotated[CompressionName, option("Of the chunks.")] = CompressionName.ZSTD,
+    compression: CompressionOption = "zstd",
     graph: GraphOption = None,
 ) -> None:
     """Record topics of a running graph until Ctrl-C or its end.
@@ -75,7 +75,7 @@ def record(
         max_bag_size=max_bag_size,
         max_bag_duration_s=max_bag_duration,
         snapshot_s=snapshot,
-        compression=compression.value,
+        compression=compression,
     )
     complete, text = record_until_asked(running, params, note)
     print_text(text)
@@ -94,7 +94,7 @@ def snapshot(graph: GraphOption = None) -> None:
 
 @app.command("replay")
 def replay(
-    bag: Annotated[Path, argument("A bag's folder or one of its files.")],
+    bag: BagArgument,
     *,
     nodes: Annotated[str, option("Running names, as in estimator,policy.", show_default=False)],
     launch: Annotated[
@@ -109,7 +109,6 @@ def replay(
 
     Status 1: an output differs from the recorded one.
     """
-    from palp_core.errors import BagError
     from palp_core.graph.description.launch_file import find_workspace
     from palp_core.graph.replay.replay import replay as drive
 
@@ -120,41 +119,35 @@ def replay(
         raise BagError(
             f"{error}: the nodes' classes are not in {workspace}; say where they are: --launch FILE"
         ) from error
-    if as_json:
-        print_json(done)
-    for node in [] if as_json else done:
-        pace = node.clock_s / node.wall_s if node.wall_s else 0.0
-        if node.divergence is None:
-            beyond = f"; {node.uncovered} outputs are beyond what its order covers" if node.uncovered else ""
-            print_text(
-                f"{node.node}: {node.compared} outputs equal to the recorded ones, byte for byte, from "
-                f"{node.consumed} inputs and ticks; {node.clock_s:.1f} s in {node.wall_s:.2f} s "
-                f"({pace:.0f} times real time){beyond}"
-            )
-        else:
-            first = node.divergence
-            print_text(
-                f"{node.node}: differs first on {first.topic} {first.sequence} at {first.now_s:.6f} s, after "
-                f"{first.after}: {first.what} ({node.compared} outputs were equal before; it had consumed "
-                f"{', '.join(first.inputs)})"
-            )
+    show(done, map(_replay_line, done), as_json=as_json)
     if compare and any(node.divergence is not None for node in done):
         raise typer.Exit(1)
 
 
-class ForeignForm(StrEnum):
-    ROS2 = "ros2"
+def _replay_line(node: NodeReplay) -> str:
+    if (first := node.divergence) is not None:
+        return (
+            f"{node.node}: differs first on {first.topic} {first.sequence} at {first.now_s:.6f} s, after "
+            f"{first.after}: {first.what} ({node.compared} outputs were equal before; it had consumed "
+            f"{', '.join(first.inputs)})"
+        )
+    pace = node.clock_s / node.wall_s if node.wall_s else 0.0
+    beyond = f"; {node.uncovered} outputs are beyond what its order covers" if node.uncovered else ""
+    return (
+        f"{node.node}: {node.compared} outputs equal to the recorded ones, byte for byte, from "
+        f"{node.consumed} inputs and ticks; {node.clock_s:.1f} s in {node.wall_s:.2f} s "
+        f"({pace:.0f} times real time){beyond}"
+    )
 
 
 @app.command("convert")
 def convert_bag(
     bag: Annotated[Path, argument("A bag's folder or file; with --from: a rosbag2.")],
-    out: Annotated[Path, option("The new bag.", "-o", "--output", show_default=False)],
+    out: OutOption,
     *,
-    to: Annotated[BagForm | None, option("What it becomes.", show_default=False)] = None,
+    to: Annotated[BagForm | None, option("What it becomes.")] = None,
     from_: Annotated[
-        ForeignForm | None,
-        option("Make a palp bag of a rosbag2 (MCAP or SQLite).", "--from", show_default=False),
+        Literal["ros2"] | None, option("Make a palp bag of a rosbag2 (MCAP or SQLite).", "--from")
     ] = None,
     types: Annotated[
         str | None, option("With --to ros2: a map (nodes.ros2_map: the rig's).", metavar="MAP")
@@ -178,26 +171,16 @@ def convert_bag(
     elif regex or exclude_regex:
         raise BagError("--regex and --exclude-regex are for --from; `palp bag filter` makes the choice first")
     elif types is not None:
-        count = _by_map(bag, out, types)
+        from palp_core.graph.bag.ros2.export_bag import write
+        from palp_core.graph.ros2.bag_map import outlets_of
+        from palp_core.graph.ros2.message_types import known_types
+
+        with writing(bag, out):
+            count = write(bag, out, outlets_of(types, bag), known_types())
     else:
         assert to is not None
         count = convert(bag, out, to)
     print_text(counted(count, "message"))
-
-
-def _by_map(bag: Path, out: Path, types: str) -> int:
-    from palp_core.graph.bag.ros2.export_bag import write
-    from palp_core.graph.ros2.bag_map import outlets_of
-    from palp_core.graph.ros2.message_types import known_types
-
-    with writing(bag, out):
-        return write(bag, out, outlets_of(types, bag), known_types())
-
-
-BagArgument = Annotated[Path, argument("A bag's folder or one of its files.")]
-OutOption = Annotated[Path, option("The new bag.", "-o", "--output", show_default=False)]
-TopicsOption = Annotated[list[str] | None, option("Only this one; repeatable.", "--topics", "-t")]
-CompressionOption = Annotated[CompressionName, option("Of the new bag's chunks.")]
 
 
 @app.command("info")
@@ -236,13 +219,13 @@ def recover(
     bag: BagArgument,
     out: OutOption,
     *,
-    compression: CompressionOption = CompressionName.ZSTD,
+    compression: CompressionOption = "zstd",
     as_json: JsonOption = False,
 ) -> None:
     """Save everything intact of a damaged bag into a new one."""
     from palp_core.graph.bag.recover import recover as save
 
-    report = save(bag, out, compression.value)
+    report = save(bag, out, compression)
     show(report, [report.text()], as_json=as_json)
 
 
@@ -254,9 +237,9 @@ def filter_(
     topics: TopicsOption = None,
     regex: RegexOption = None,
     exclude_regex: ExcludeRegexOption = None,
-    start: Annotated[float | None, option("Seconds on the graph's clock.")] = None,
-    end: Annotated[float | None, option("Seconds on the graph's clock; not included.")] = None,
-    compression: CompressionOption = CompressionName.ZSTD,
+    start: StartOption = None,
+    end: EndOption = None,
+    compression: CompressionOption = "zstd",
 ) -> None:
     """Write some topics or some time of a bag into a new one."""
     from palp_core.graph.bag.edit import filter_bag
@@ -264,9 +247,7 @@ def filter_(
 
     select = topic_selection(topics or (), regex, exclude_regex)
     check_topics(topics or (), bag)
-    count = filter_bag(
-        bag, out, select=select, start_ns=_ns(start), end_ns=_ns(end), compression=compression.value
-    )
+    count = filter_bag(bag, out, select=select, start_ns=_ns(start), end_ns=_ns(end), compression=compression)
     print_text(counted(count, "message"))
 
 
@@ -275,12 +256,12 @@ def merge(
     bags: Annotated[list[Path], argument("Bags.")],
     out: OutOption,
     *,
-    compression: CompressionOption = CompressionName.ZSTD,
+    compression: CompressionOption = "zstd",
 ) -> None:
     """Merge bags into a new one, by time."""
     from palp_core.graph.bag.edit import merge_bags
 
-    print_text(counted(merge_bags(bags, out, compression.value), "message"))
+    print_text(counted(merge_bags(bags, out, compression), "message"))
 
 
 @app.command("split")
@@ -290,18 +271,13 @@ def split(
     *,
     max_bag_size: Annotated[int, option("Bytes per file.", "-b", "--max-bag-size")] = 0,
     max_bag_duration: Annotated[float, option("Seconds per file.", "-d", "--max-bag-duration")] = 0.0,
-    compression: CompressionOption = CompressionName.ZSTD,
+    compression: CompressionOption = "zstd",
 ) -> None:
     """Write a bag again with files of limited size or duration."""
     from palp_core.graph.bag.edit import split_bag
 
-    count = split_bag(
-        bag,
-        out,
-        max_bytes=max_bag_size,
-        max_duration_ns=_ns(max_bag_duration) or 0,
-        compression=compression.value,
-    )
+    most_ns = _ns(max_bag_duration) or 0
+    count = split_bag(bag, out, max_bytes=max_bag_size, max_duration_ns=most_ns, compression=compression)
     print_text(f"{counted(count, 'message')} in {counted(len(list(out.glob('*.mcap'))), 'file')}")
 
 
@@ -311,8 +287,8 @@ def echo(
     topics: Annotated[list[str] | None, argument("Topics; default: all.")] = None,
     *,
     times: Annotated[int, option("This many messages; 0: all.", "--times", "-n")] = 0,
-    start: Annotated[float | None, option("Seconds on the graph's clock.")] = None,
-    end: Annotated[float | None, option("Seconds on the graph's clock; not included.")] = None,
+    start: StartOption = None,
+    end: EndOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Print a bag's messages."""
@@ -324,14 +300,8 @@ def echo(
     check_topics(topics or (), bag)
     messages = read(bag, topics or None, _ns(start), _ns(end))
     for message in itertools.islice(messages, times or None):
-        entry = {
-            "topic": message.topic,
-            "epoch": message.epoch,
-            "sequence": message.sequence,
-            "log_ns": message.log_ns,
-            "publish_ns": message.publish_ns,
-            "message": plain(message.value),
-        }
+        names = ("topic", "epoch", "sequence", "log_ns", "publish_ns")
+        entry = {name: getattr(message, name) for name in names} | {"message": plain(message.value)}
         if as_json:
             print_json(entry)
         else:

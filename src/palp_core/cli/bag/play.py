@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import select
 import signal
 import sys
 from functools import partial
@@ -11,18 +12,25 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palp_core.cli.keyboard import attended, standard_input
+from palp_core.cli.keyboard import Keyboard, attended, standard_input
 from palp_core.cli.options import INTERRUPTED, ExcludeRegexOption, GraphOption, RegexOption, argument, option
-from palp_core.cli.output import note, print_json, print_text
+from palp_core.cli.output import note, show
 from palp_core.cli.running import find_graph
 from palp_core.counted import counted
 from palp_core.errors import BagError
+from palp_core.graph.clock import monotonic_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
     from palp_core.graph.bag.reader import Bag
     from palp_core.graph.messages.topic import Topic
+    from palp_core.graph.replay.play import Playback, PlayRun
+
+FASTER = 1.1
+LONGEST_WAIT_S = 0.1
+SHOW_NS = 100_000_000
+BAR = 30
 
 
 def play(
@@ -62,7 +70,6 @@ def play(
     Keys: space pauses and goes on, up and down change the speed by a tenth, q ends. At the end it says how
     late it ever was.
     """
-    from palp_core.cli.bag.play_loop import PlayLoop
     from palp_core.graph.bag.reader import Bag, topic_selection
     from palp_core.graph.replay.play import Playback, PlayRun, external_ports, publish_into
 
@@ -101,30 +108,19 @@ def play(
             playback.send = partial(publish_into, running, described)
         where = "as graph 'play'" if graph is None else f"into graph '{graph}'"
         note(f"{bag}: {counted(len(names), 'topic')}, {where}")
-        signal.signal(signal.SIGTERM, _end)  # the terminal and the run directory are put in order then, too
+        signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # what is open is closed
         interrupted = False
         try:
-            PlayLoop(playback, run, keys=not disable_keyboard_controls).run(
-                delay_s=delay, readers=wait_matching
-            )
+            loop_ = PlayLoop(playback, run, keys=not disable_keyboard_controls)
+            loop_.run(delay_s=delay, readers=wait_matching)
         except KeyboardInterrupt:
             interrupted = True
-    late = playback.lateness
-    p99_s = late.percentile_s(99)
-    account = {
-        "messages": playback.played_count,
-        "topics": len(names),
-        "late_max_s": late.max_ns / 1e9,
-        "late_p99_s": p99_s,
-        "interrupted": interrupted,
-    }
-    if as_json:
-        print_json(account)
-    else:
-        print_text(
-            f"{bag}: played {counted(playback.played_count, 'message')} of {counted(len(names), 'topic')}; "
-            f"never more than {late.max_ns / 1e6:.3f} ms late, 99 % within {p99_s * 1e3:.3f} ms"
-        )
+    max_s, p99_s = playback.lateness.max_ns / 1e9, playback.lateness.percentile_s(99)
+    account: dict[str, float] = {"messages": playback.played_count, "topics": len(names)}
+    played = f"{counted(playback.played_count, 'message')} of {counted(len(names), 'topic')}"
+    lateness = f"never more than {max_s * 1e3:.3f} ms late, 99 % within {p99_s * 1e3:.3f} ms"
+    account |= {"late_max_s": max_s, "late_p99_s": p99_s, "interrupted": interrupted}
+    show(account, [f"{bag}: played {played}; {lateness}"], as_json=as_json)
     if interrupted:
         raise typer.Exit(INTERRUPTED)
 
@@ -143,10 +139,6 @@ def check_topics(topics: Collection[str], *bags: Path) -> None:
     for name in topics:
         if name not in known:
             raise BagError(f"{' and '.join(map(str, bags))}: no topic '{name}'{hint(name, known)}")
-
-
-def _end(number: int, _: object) -> None:
-    sys.exit(128 + number)
 
 
 def _names(bag: Bag, chosen: Callable[[str], bool], remap: list[str]) -> dict[str, str]:
@@ -175,3 +167,72 @@ def _renamed(bag: Bag, old: str, new: str) -> Topic:
     import msgspec
 
     return msgspec.structs.replace(bag.topics()[old], name=new)
+
+
+class PlayLoop:
+    """Plays a bag as time goes by, follows the keys, shows how far it is; no run: into another graph."""
+
+    def __init__(self, playback: Playback, run: PlayRun | None, *, keys: bool) -> None:
+        self._playback, self._run = playback, run
+        self._keyboard = Keyboard(standard_input() if keys else None)
+        self._next_show_ns = 0
+        self._ended, self._waiting = False, True
+        self._shown = sys.stderr.isatty()
+
+    def run(self, *, delay_s: float = 0.0, readers: int = 0) -> None:
+        with self._keyboard:
+            begin_ns = monotonic_ns() + round(delay_s * 1e9)
+            while not self._ended and (monotonic_ns() < begin_ns or not self._has_readers(readers)):
+                self._wait(begin_ns if monotonic_ns() < begin_ns else None)
+            self._waiting = False
+            self._playback.start(monotonic_ns())
+            while not (self._playback.finished or self._ended):
+                self._playback.play_due(monotonic_ns())
+                self._wait(self._playback.due_ns())
+            self._show(monotonic_ns(), last=True)
+
+    def _has_readers(self, readers: int) -> bool:
+        return self._run is None or self._run.reader_count() >= readers
+
+    def _wait(self, until_ns: int | None) -> None:
+        """Until then (None: for a while) answer who asks and follow the keys."""
+        now_ns = monotonic_ns()
+        if self._shown and now_ns >= self._next_show_ns:
+            self._next_show_ns = now_ns + SHOW_NS
+            self._show(now_ns)
+        more = self._run is not None and self._run.poll(now_ns)
+        keys = self._keyboard.file_descriptors
+        timeout_s = 0.0 if more else LONGEST_WAIT_S
+        if until_ns is not None:
+            timeout_s = min(timeout_s, (until_ns - monotonic_ns()) / 1e9)
+        others = () if self._run is None else self._run.file_descriptors
+        ready = select.select((*keys, *others), (), (), max(timeout_s, 0.0))[0]
+        if keys and keys[0] in ready:
+            for key in self._keyboard.read():
+                self._on_key(key, monotonic_ns())
+
+    def _on_key(self, key: str, now_ns: int) -> None:
+        playback = self._playback
+        match key:
+            case " ":
+                playback.toggle(now_ns)
+            case "up":
+                playback.set_rate(playback.rate * FASTER, now_ns)
+            case "down":
+                playback.set_rate(playback.rate / FASTER, now_ns)
+            case "q":
+                self._ended = True
+
+    def _show(self, now_ns: int, *, last: bool = False) -> None:
+        if not self._shown:
+            return
+        playback = self._playback
+        at_ns = 0 if self._waiting else playback.position_ns(now_ns)
+        filled = BAR * at_ns // max(playback.span_ns, 1)
+        state = "waiting" if self._waiting else "paused" if playback.paused else "playing"
+        sys.stderr.write(
+            f"\r\x1b[K[{'=' * filled}{' ' * (BAR - filled)}] {at_ns / 1e9:.1f} of "
+            f"{playback.span_ns / 1e9:.1f} s, {playback.rate:.3g} times real time, {state}"
+            + ("\n" if last else "")
+        )
+        sys.stderr.flush()

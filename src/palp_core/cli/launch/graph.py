@@ -81,52 +81,30 @@ def list_graphs(*, as_json: JsonOption = False) -> None:
     from palp_core.graph.discovery.choice import START_ONE, belongs
     from palp_core.graph.discovery.run_directory import present_folder, running
 
-    records, here = running(), present_folder()
+    here = present_folder()
+    names = ("id", "pid", "clock", "file", "workspace", "launched_from", "start_unix_ns")
+    graphs = [
+        {"name": one.graph, **{name: getattr(one, name) for name in names}, "here": belongs(one, here)}
+        for one in running()
+    ]
     if as_json:
-        print_json(
-            [
-                {
-                    "name": record.graph,
-                    "id": record.id,
-                    "pid": record.pid,
-                    "clock": record.clock,
-                    "file": record.file,
-                    "workspace": record.workspace,
-                    "launched_from": record.launched_from,
-                    "start_unix_ns": record.start_unix_ns,
-                    "here": belongs(record, here),
-                }
-                for record in records
-            ]
-        )
+        print_json(graphs)
         return
-    if not records:
+    if not graphs:
         note(f"no graph is running; {START_ONE}")
         return
-    rows = [
-        (
-            "*" if belongs(record, here) else "",
-            record.graph,
-            record.id,
-            str(record.pid),
-            _duration(unix_ns() - record.start_unix_ns),
-            record.clock,
-            record.file,
-            record.workspace,
-            record.launched_from,
-        )
-        for record in records
-    ]
-    print_table([("", "NAME", "ID", "PID", "UP", "CLOCK", "FILE", "WORKSPACE", "LAUNCHED FROM"), *rows])
+    shown = ("name", "id", "pid", "up", "clock", "file", "workspace", "launched_from")
+    for graph in graphs:
+        graph["up"] = _duration(unix_ns() - graph["start_unix_ns"])
+    rows = [("*" if graph["here"] else "", *(str(graph[name]) for name in shown)) for graph in graphs]
+    print_table([("", *(name.upper().replace("_", " ") for name in shown)), *rows])
 
 
 @app.command()
 def end(
     name: Annotated[
         str | None,
-        argument(
-            "Its name, id or pid; default: the one of this folder.", "[GRAPH]", complete=completion.graphs
-        ),
+        argument("Name, id or pid; default: this folder's.", "[GRAPH]", complete=completion.graphs),
     ] = None,
     *,
     graph: GraphOption = None,
@@ -151,8 +129,7 @@ def end(
             note(f"graph '{who}' is ending: nodes come to their safe state, files are written, charts drawn")
             ended = ending.wait(timeout - SILENT_S)
         if not ended:
-            note(f"graph '{who}' is still ending, {timeout:g} s after it was asked to; it goes on by itself")
-            note("palp graph list tells when it is gone, palp logs what its nodes say meanwhile")
+            note(f"graph '{who}' is still ending after {timeout:g} s; see palp graph list, palp logs")
             sys.exit(1)
     print_text(f"graph '{who}' (id {running.record.id}) has ended")
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from palp_core.cli.options import JsonOption, argument, option
-from palp_core.cli.output import note, print_json, print_table, print_text
+from palp_core.cli.output import note, print_text, show, table_lines
 
 app = typer.Typer()
 
@@ -72,20 +72,18 @@ def list_keys(*, as_json: JsonOption = False) -> None:
 
     keys = KeyFolder()
     own, allowed, spoiled = keys.own(), keys.allowed(), keys.spoiled()
-    if as_json:
-        print_json(
-            {
-                "folder": str(keys.path),
-                "own": None if own is None else {"name": own.name, "public": own.public},
-                "allowed": [{"name": name, "public": key} for name, key in allowed.items()],
-                "spoiled": spoiled,
-            }
-        )
-        return
-    if own is None:
-        print_text(f"no pair in {shlex.quote(str(keys.path))}; make one: palp keys generate")
-    else:
-        print_table([("own", own.name, own.public)])
-    print_table([("allowed", name, key) for name, key in allowed.items()])
-    for name in spoiled:
+    lines = [f"no pair in {shlex.quote(str(keys.path))}; make one: palp keys generate"]
+    if own is not None:
+        lines = table_lines([("own", own.name, own.public)])
+    show(
+        {
+            "folder": str(keys.path),
+            "own": None if own is None else {"name": own.name, "public": own.public},
+            "allowed": [{"name": name, "public": key} for name, key in allowed.items()],
+            "spoiled": spoiled,
+        },
+        [*lines, *table_lines([("allowed", name, key) for name, key in allowed.items()])],
+        as_json=as_json,
+    )
+    for name in () if as_json else spoiled:
         note(f"{keys.path / 'allowed' / name}.public holds no key; '{name}' is not let in")

@@ -50,7 +50,7 @@ def launch(
     *,
     check: Annotated[bool, option("Check everything, start nothing.", "--check")] = False,
     name: Annotated[
-        str | None, option("What the running graph is called; default: as in FILE.", "--name", metavar="NAME")
+        str | None, option("What the running graph is called; default: as in FILE.", metavar="NAME")
     ] = None,
     log_level: LogLevelOption = None,
     compose: Annotated[bool, option("All nodes in this process.", "--compose")] = False,
@@ -90,22 +90,14 @@ def launch(
     announce_end = go_on_watched() if compose else lambda: None
     if compose:
         faulthandler.enable()  # a crash in C names its Python lines, as in nodes' processes
-    options = {"name": name, "log_level": levels, "compose": compose, "record": record, "listen": listen}
-    status = _run(file, overrides, digest=digest, in_browser=view, operate=operate, resume=resume, **options)
+    options: dict[str, Any] = {"overrides": overrides, "name": name, "log_level": levels, "compose": compose}
+    options |= {"record": record, "listen": listen, "resume": resume}
+    status = _run(file, digest, in_browser=view, operate=operate, **options)
     announce_end()
     sys.exit(status)
 
 
-def _run(
-    file: Path,
-    overrides: list[str],
-    *,
-    digest: Path | None,
-    in_browser: bool,
-    operate: bool,
-    resume: bool,
-    **options: Any,
-) -> int:
+def _run(file: Path, digest: Path | None, *, in_browser: bool, operate: bool, **options: Any) -> int:
     """Run a graph with options of :class:`Graph`; print how it went, and return the exit status."""
     from palp_core.graph.supervision.fork_start import start_fork_server
 
@@ -113,16 +105,18 @@ def _run(
         from palp_core.view.server.serve import check_installed
 
         check_installed()
-    if digest is not None and resume:
-        raise GraphError(
-            "--digest with --resume: a digest is of a whole run, and this one is the rest of one"
-        )
+    if digest is not None and options["resume"]:
+        raise GraphError("--digest with --resume: a digest is of a whole run; leave out one of them")
     if digest is not None:
-        _check_writable(digest)
+        try:
+            digest.touch()  # now, rather than after hours
+        except OSError as error:
+            raise GraphError(f"--digest {digest}: cannot be written: {error.strerror}") from error
     started = start_fork_server()  # it warms up while this process imports what it needs
     from palp_core.cli.launch.stop_key import stop_key
     from palp_core.cli.launch.view import LaunchView, show_log_line
     from palp_core.cli.view import shown_by_viewer
+    from palp_core.graph.discovery.run_directory import running
     from palp_core.graph.launch.graph import Graph
     from palp_core.graph.lockstep.digest import TopicDigest
     from palp_core.graph.messages.builtin import Progress
@@ -130,15 +124,7 @@ def _run(
 
     view = LaunchView()
     of_topics = None if digest is None else TopicDigest()
-    graph = Graph(
-        file,
-        observe=of_topics,
-        overrides=overrides,
-        started=started,
-        resume=resume,
-        show_log=show_log_line,
-        **options,
-    )
+    graph = Graph(file, observe=of_topics, started=started, show_log=show_log_line, **options)
     graph.observers.add(Progress, view.show_progress)
     graph.journal.on_incident = lambda topic, incident: view.show_diagnostic(
         topic, _addressed(graph, incident)
@@ -146,7 +132,9 @@ def _run(
     try:
         with _recordings_printed(graph), graph:
             _check_levels(options["log_level"], [spec.name for spec in graph.checked.nodes])
-            _note_other_runs(graph)
+            if len(running()) > 1:
+                run = graph.directory.path.name
+                note(f"graph '{graph.checked.graph}', id {run}, beside others: palp graph list")
             note_without_effect(file, graph.checked)
             if graph.gateway is not None:
                 graph.gateway.announce_to(note)
@@ -158,7 +146,7 @@ def _run(
             ):
                 summary = graph.run()
     except Interrupted as stop:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # who asks once more does not change how it ended
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # once more does not change how it ended
         note(f"{stop}; every node has ended")
         _print_report(graph)
         return 128 + int(stop.signal)
@@ -214,22 +202,6 @@ def _note_incidents(graph: Graph) -> None:
     sys.stdout.flush()
     for incident in graph.journal.entries.incidents:
         note(str(incident))
-
-
-def _note_other_runs(graph: Graph) -> None:
-    """Note which run this is if it is not the only one."""
-    from palp_core.graph.discovery.run_directory import running
-
-    if len(running()) > 1:
-        note(f"graph '{graph.checked.graph}', id {graph.directory.path.name}, beside others: palp graph list")
-
-
-def _check_writable(digest: Path) -> None:
-    """Find out now, rather than after hours, whether the digest can be written."""
-    try:
-        digest.touch()
-    except OSError as error:
-        raise GraphError(f"--digest {digest}: cannot be written: {error.strerror}") from error
 
 
 @contextmanager

@@ -19,20 +19,13 @@ def run(
     ] = None,
     remap: Annotated[
         list[str] | None,
-        option(
-            "Wire an input to a topic, or an output into an open port.",
-            "--remap",
-            "-r",
-            metavar="PORT:=/NODE/PORT",
-        ),
+        option("Wire an input to a topic, or an output to a port.", "--remap", "-r", metavar="PORT:=TOPIC"),
     ] = None,
     join: Annotated[
-        str | None,
-        option("Join the graph launched with --listen there.", "--join", metavar="tcp://HOST:PORT"),
+        str | None, option("Join the graph launched with --listen there.", metavar="tcp://HOST:PORT")
     ] = None,
     server_key: Annotated[
-        str | None,
-        option("That host's public key, its file, or its name here.", "--server-key", metavar="KEY"),
+        str | None, option("That host's public key, its file, or its name here.", metavar="KEY")
     ] = None,
 ) -> None:
     """The exit status is the node's; 1 if it failed or its graph was lost, 2 if it could not run or join."""

@@ -22,36 +22,17 @@ def swap(
     *,
     reload: Annotated[bool, option("The same class, from its file as it is now.", "--reload")] = False,
     shadow: Annotated[
-        float,
-        option(
-            "Run both nodes for S seconds first and compare outputs.",
-            "--shadow",
-            metavar="S",
-            min=0.0,
-            max=86400.0,
-        ),
+        float, option("Run both nodes for S seconds first and compare outputs.", metavar="S", min=0.0)
     ] = 0.0,
     dry_run: Annotated[
         bool, option("Try every step, or the shadow, and change nothing.", "--dry-run")
     ] = False,
     probation: Annotated[
-        str | None,
-        option(
-            "Keep the old node for N handlers or S seconds; 0: not.",
-            "--probation",
-            metavar="N|Ss",
-            show_default=False,
-        ),
+        str | None, option("Keep the old node for N handlers or S seconds; 0: not.", metavar="N|Ss")
     ] = None,
     timeout: Annotated[
         float,
-        option(
-            "Seconds without the shadow; as many for a probation.",
-            "--timeout",
-            metavar="S",
-            min=0.1,
-            max=3600.0,
-        ),
+        option("Seconds without shadow; as many for a probation.", metavar="S", min=0.1, max=3600.0),
     ] = 10.0,
     graph: GraphOption = None,
     as_json: JsonOption = False,
@@ -97,11 +78,10 @@ def swap(
     few, what = answer["report"]["proven"], answer["report"]["proven_by"]
     wanted = options.get("probation", {}).get("run_count", Probation().run_count)
     if few == 0 or 0 < few < wanted < MOST_RUNS:
-        ran = f"no {what}" if few == 0 else f"1 {what}" if few == 1 else f"only {few} {what}s"
+        ran = f"no {what}" if few == 0 else f"only {counted(few, what)}"
         note(
             f"{ran} of the new node {'ran' if what == HANDLER else 'was asked for'} while the old one stood "
-            "by, which is gone: what fails from now on is a failure of the node; a longer --timeout, or "
-            "--probation Ss, lets it stand by for longer"
+            "by, which is gone; a longer --timeout, or --probation Ss, keeps it for longer"
         )
     if not as_json:
         _print(answer["report"])
@@ -129,17 +109,11 @@ def _print(report: dict[str, Any]) -> None:
         who = f"{report['after']} could take over from {report['before']}"
         print_text(f"/{report['node']}: {who}; nothing was changed")
         return
+    count, what = report["proven"], report["proven_by"]
+    first = what if count == 1 else counted(count, what)
     print_text(
         f"/{report['node']}: {report['before']} -> {report['after']} at {report['at_s']:.3f} s; "
         f"gap {report['gap_s'] * 1e3:.2f} ms, {counted(report['held'], 'message')} waited, "
         f"{report['duration_s'] * 1e3:.0f} ms in all"
-        + (f"; {_proven(report)} while the old one stood by" if report["proven"] > 0 else "")
+        + (f"; its first {first} went well while the old one stood by" if count > 0 else "")
     )
-
-
-def _proven(report: dict[str, Any]) -> str:
-    from palp_core.graph.process.swap_messages import HANDLER
-
-    count, what = report["proven"], report["proven_by"]
-    went = "ran well" if what == HANDLER else "went well"
-    return f"its first {what} {went}" if count == 1 else f"its first {count} {what}s {went}"

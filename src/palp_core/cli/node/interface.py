@@ -1,6 +1,7 @@
 """``palp interface``: types of messages and services, of the running graph or of a workspace."""
 
 import importlib
+import itertools
 import json
 import pkgutil
 from pathlib import Path
@@ -61,11 +62,10 @@ class KnownType(NamedTuple):
 @graph_verb()
 def list_interfaces(call: Call, *, workspace: WorkspaceOption = None) -> None:
     """List the types of the running graph or of a workspace."""
-    types = _known_types(call, workspace)
+    types = sorted(_known_types(call, workspace), key=lambda t: (t.module, t.name))
     lines = []
-    for module in sorted({t.module for t in types}):
-        lines.append(f"{module or 'running graph'}:")
-        lines += [f"  {name}" for name in sorted({t.name for t in types if t.module == module})]
+    for module, of_module in itertools.groupby(types, lambda t: t.module):
+        lines += [f"{module or 'running graph'}:", *dict.fromkeys(f"  {t.name}" for t in of_module)]
     call.show([{"name": t.name, "module": t.module, "hash": t.type_hash} for t in types], lines)
 
 
@@ -86,9 +86,8 @@ def show(
     wanted = wanted.rpartition("/")[2]
     found = [t for t in types if t.name == wanted and (not module or not t.module or t.module == module)]
     if not found:
-        raise GraphError(
-            f"no type '{name}'{hint(wanted, {t.name for t in types})}{_elsewhere(call, workspace)}"
-        )
+        known = {kind.name for kind in types}
+        raise GraphError(f"no type '{name}'{hint(wanted, known)}{_searched(call, workspace)}")
     if len({t.type_hash for t in found}) > 1:
         where = ", ".join(f"{t.module}:{t.name}" for t in found)
         raise GraphError(f"there are several types '{wanted}': {where}; name one of these")
@@ -112,18 +111,18 @@ def _known_types(call: Call, workspace: Path | None) -> list[KnownType]:
     return [*_of_workspace(folder), *_of_module(BUILTIN)]
 
 
-def _elsewhere(call: Call, workspace: Path | None) -> str:
-    """Return where else a type may be, to end the words that it is not known; "" where a workspace is."""
+def _searched(call: Call, workspace: Path | None) -> str:
+    """Return where a type that is not known was looked for; "" where a workspace is named."""
     if workspace is not None:
         return ""
     if call.name is not None or meant(running(), None):
-        return " (asked: the running graph; --workspace DIR looks at the files of a workspace instead)"
+        return " (looked in: the running graph; name a workspace with --workspace DIR)"
     folder = find_workspace(Path("x").resolve())
     if (folder / "msgs").is_dir():
         return f" (looked in: {folder / 'msgs'}, palp itself)"
     return (
         f" (looked in: palp itself, as {folder} has no folder msgs and no graph runs; "
-        "go to a workspace, name one with --workspace DIR, or launch its graph)"
+        "name a workspace with --workspace DIR)"
     )
 
 
@@ -141,8 +140,6 @@ def _of_graph(graph: RunningGraph) -> list[KnownType]:
 
 
 def _of_workspace(folder: Path) -> list[KnownType]:
-    if not (folder / "msgs").is_dir():
-        return []
     enter_workspace(str(folder.resolve()))
     names = [f"msgs.{module.name}" for module in pkgutil.iter_modules([str(folder / "msgs")])]
     return [kind for name in sorted(names) for kind in _of_module(name)]

@@ -23,10 +23,12 @@ from palp_core.palpation.devices.torque.ati import AtiTorque
 from palp_core.palpation.devices.unverified import UnverifiedWarning, not_verified
 from palp_core.published import DEVICES, published
 
+LISTEN_S = 0.5
+
 
 @dataclass(frozen=True)
 class DeviceEntry:
-    """A device: its kind, name, link in words, and the options of its driver with their defaults as text."""
+    """A device: kind, name, link, and the options of its driver with their defaults as text."""
 
     kind: str
     name: str
@@ -36,34 +38,25 @@ class DeviceEntry:
 
 def device_entries(names: Sequence[str] = ()) -> list[DeviceEntry]:
     """Return every device that has a driver, by kind and name, or those named."""
-    if names:
-        return [_entry(kind_of(name), name) for name in names]
-    return [_entry_or_error(kind, name) for kind, name in drivers()]
+    return [_entry(kind_of(name), name) for name in names] or [
+        _entry(kind, name, lenient=not published(DEVICES)[f"{kind}.{name}"].startswith("palp_core."))
+        for kind, name in drivers()
+    ]
 
 
-def _entry(kind: str, name: str) -> DeviceEntry:
-    return DeviceEntry(kind, name, getattr(back_end(kind, name), "LINK", "its own"), _options(kind, name))
-
-
-def _entry_or_error(kind: str, name: str) -> DeviceEntry:
-    """Return a device; of one whose package cannot be imported the error is in place of its link."""
+def _entry(kind: str, name: str, *, lenient: bool = False) -> DeviceEntry:
+    """Return a device; of one whose own package cannot be imported the error is in place of its link."""
     try:
-        return _entry(kind, name)
+        driver = back_end(kind, name)
     except DeviceError as error:
-        if published(DEVICES)[f"{kind}.{name}"].startswith("palp_core."):  # an extra is not installed
+        if not lenient:
             raise
         return DeviceEntry(kind, name, str(error), {})
-
-
-def _options(kind: str, name: str) -> dict[str, str]:
-    parameters = inspect.signature(back_end(kind, name)).parameters
-    return {
-        option: "" if parameter.default is parameter.empty else str(parameter.default)
-        for option, parameter in parameters.items()
+    defaults = {p.name: p.default for p in inspect.signature(driver).parameters.values()}
+    options = {
+        n: "" if default is inspect.Parameter.empty else str(default) for n, default in defaults.items()
     }
-
-
-_LISTEN_S = 0.5
+    return DeviceEntry(kind, name, getattr(driver, "LINK", "its own"), options)
 
 
 def discover(device: str, options: Mapping[str, Any], patience_s: float) -> dict[str, Any]:
@@ -71,11 +64,9 @@ def discover(device: str, options: Mapping[str, Any], patience_s: float) -> dict
     kind = kind_of(device)
     if kind in ("stage", "ring"):
         return _discover_mover(kind, device, options)
-    row: dict[str, Any] = {}
-    for row in watch(device, options, max(patience_s, _LISTEN_S), _LISTEN_S, patience_s):
-        if row["samples"]:  # a busy host may leave a stretch without any
-            break
-    else:
+    stretches = watch(device, options, max(patience_s, LISTEN_S), LISTEN_S, patience_s)
+    row = next((one for one in stretches if one["samples"]), None)  # a busy host may leave one without any
+    if row is None:
         raise DeviceError(f"{device}: it is connected but sends nothing; is it measuring?")
     if row["state"] in (Condition.GARBLED, Condition.LINK_LOST):
         raise DeviceError(
@@ -107,11 +98,7 @@ def why_broken(promise: Promise, subject: Subject) -> str:
 
 
 def watch(
-    device: str,
-    options: Mapping[str, Any],
-    seconds: float,
-    every_s: float,
-    patience_s: float,
+    device: str, options: Mapping[str, Any], seconds: float, every_s: float, patience_s: float
 ) -> Iterator[dict[str, Any]]:
     """Yield what a sensor delivered in each stretch of time."""
     kind = kind_of(device)
@@ -134,7 +121,10 @@ def watch(
             now_ns = time.monotonic_ns()
             block = sensor.drain(now_ns, state, rng)
             row = _row(block, str(sensor.health(now_ns).condition), every_s, sensor.rate_hz)
-            yield {**row, **_identity(sensor)}
+            if isinstance(sensor, AtiTorque):
+                row["serial_number"] = sensor.sensor.serial_number
+                row["firmware"] = ".".join(map(str, sensor.sensor.firmware))
+            yield row
     finally:
         sensor.close()
 
@@ -176,13 +166,6 @@ def _row(
         row[name] = float(np.mean(values)) if count else 0.0
         row[f"{name}_sd"] = float(np.std(values)) if count else 0.0
     return row
-
-
-def _identity(sensor: Any) -> dict[str, Any]:
-    if not isinstance(sensor, AtiTorque):
-        return {}
-    info = sensor.sensor
-    return {"serial_number": info.serial_number, "firmware": ".".join(map(str, info.firmware))}
 
 
 def _discover_mover(kind: str, device: str, options: Mapping[str, Any]) -> dict[str, Any]:

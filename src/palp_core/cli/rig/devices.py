@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from palp_core.cli.options import JsonOption, argument, option, until_ctrl_c
-from palp_core.cli.output import note, print_json, print_text
+from palp_core.cli.output import note, print_json, show
 from palp_core.errors import DeviceError
 
 app = typer.Typer()
@@ -43,14 +43,14 @@ def list_devices(
     from palp_core.cli.rig.device_discovery import device_entries
 
     found = device_entries([_from_workspace(driver) for driver in drivers or ()])
-    if as_json:
-        print_json([{"kind": d.kind, "device": d.name, "options": d.options, "link": d.link} for d in found])
-        return
     wide = max(len(device.name) for device in found)
+    lines = []
     for device in found:
-        print_text(f"{device.name:<{wide}}  {device.kind:<6}  {device.link}")
+        lines.append(f"{device.name:<{wide}}  {device.kind:<6}  {device.link}")
         for name, default in device.options.items() if drivers else ():
-            print_text(f"  {name}" + (f" (default: {default})" if default else ""))
+            lines.append(f"  {name}" + (f" (default: {default})" if default else ""))
+    entries = [{"kind": d.kind, "device": d.name, "options": d.options, "link": d.link} for d in found]
+    show(entries, lines, as_json=as_json)
 
 
 @app.command("probe")
@@ -78,14 +78,15 @@ def probe(
         else:
             note(str(error))
         sys.exit(1)
-    if as_json:
-        print_json({"device": device, "answers": True, **found, "unverified": open_points})
-        return
-    print_text(f"{device} answers")
-    for name, value in found.items():
-        print_text(f"  {name}: {_number(value)}")
-    for name, check in open_points.items():
-        print_text(f"  not verified: {name}: {check}")
+    show(
+        {"device": device, "answers": True, **found, "unverified": open_points},
+        [
+            f"{device} answers",
+            *(f"  {name}: {_number(value)}" for name, value in found.items()),
+            *(f"  not verified: {name}: {check}" for name, check in open_points.items()),
+        ],
+        as_json=as_json,
+    )
 
 
 @app.command("emulate")
@@ -118,13 +119,13 @@ def emulate(
         given = read_settings(settings)
     rig = EmulatedRig(given, devices) if devices else EmulatedRig(given)
     with until_ctrl_c(), rig:
-        if as_json:
-            print_json(rig.options)
-        else:
-            for name, options in rig.options.items():
-                print_text(f"{name} " + " ".join(f"{key}:={_text(value)}" for key, value in options.items()))
-            if rig.stop_link:
-                print_text(f"aerotech's second port: {rig.stop_link}")
+        lines = [
+            f"{name} " + " ".join(f"{key}:={_text(value)}" for key, value in options.items())
+            for name, options in rig.options.items()
+        ]
+        if rig.stop_link:
+            lines.append(f"aerotech's second port: {rig.stop_link}")
+        show(rig.options, lines, as_json=as_json)
         sys.stdout.flush()
         serve(rig, sys.stdin, sys.stdout)
 
@@ -149,10 +150,8 @@ def monitor(
                 noted = True
                 for name, check in unverified(device, given).items():
                     note(f"not verified: {name}: {check}")
-            if as_json:
-                print_json(row)
-            else:
-                print_text("  ".join(f"{name} {_number(value)}" for name, value in row.items()))
+            line = "  ".join(f"{name} {_number(value)}" for name, value in row.items())
+            show(row, [line], as_json=as_json)
             sys.stdout.flush()
 
 
@@ -187,10 +186,8 @@ def contract(
         for promise in promises_of(kind):
             why = why_broken(promise, Subject(kind, device, given, simulated, patience))
             broken += [promise] if why else []
-            if as_json:
-                print_json({"promise": str(promise), "kept": not why, "text": why})
-            else:
-                print_text(f"BROKEN  {promise}\n        {why}" if why else f"kept    {promise}")
+            line = f"BROKEN  {promise}\n        {why}" if why else f"kept    {promise}"
+            show({"promise": str(promise), "kept": not why, "text": why}, [line], as_json=as_json)
             sys.stdout.flush()
     if broken:
         sys.exit(1)

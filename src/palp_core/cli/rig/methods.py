@@ -1,28 +1,42 @@
-"""``palp methods list``: exchangeable methods with cost, error and state, and which of them a run takes."""
+"""``palp methods``: the exchangeable methods, what they cost here, and what a run used."""
 
 from __future__ import annotations
 
+import contextlib
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
+
 from palp_core.cli.lazy import Verb, lazy_app
-from palp_core.cli.options import JsonOption, argument, option
-from palp_core.cli.output import note, print_json, print_text, print_wrapped
+from palp_core.cli.options import INTERRUPTED, JsonOption, argument, option
+from palp_core.cli.output import note, print_json, print_table, print_text, print_wrapped
+from palp_core.counted import counted
+from palp_core.errors import GraphError, PalpError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from palp_core.graph.launch.summary import RunSummary
     from palp_core.methods import Candidate, Method
+    from palp_core.methods.measured import Measured
+    from palp_core.palpation.mechanics.scene.scene import Scene
     from palp_core.palpation.session.method_choices import TaskChoice
+    from palp_core.palpation.session.trials_csv import Row
 
-
-_HERE = "palp_core.cli.rig"
+_HERE = "palp_core.cli.rig.methods"
 
 app = lazy_app(
     {
-        "list": Verb(f"{_HERE}.methods:list_methods", "List the methods of every task, cheapest first."),
-        "why": Verb(f"{_HERE}.why:why", "Show which methods a run used, and why."),
-        "measure": Verb(f"{_HERE}.measure:measure", "Measure error and CPU time of every method."),
+        "list": Verb(f"{_HERE}:list_methods", "List the methods of every task, cheapest first."),
+        "why": Verb(f"{_HERE}:why", "Show which methods a run used, and why."),
+        "measure": Verb(f"{_HERE}:measure", "Measure error and CPU time of every method."),
     }
 )
+
+_DURATION = re.compile(r"(\d+(?:\.\d+)?)\s*(s|min|h)")
+_UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 
 
 def list_methods(
@@ -41,16 +55,9 @@ def list_methods(
     from palp_core.methods import task as task_of
     from palp_core.methods.choice import amount
     from palp_core.methods.measured import UNIT_S, slowness
-    from palp_core.palpation.mechanics.scene.file import read_scene
-    from palp_core.palpation.mechanics.scene.scene import Scene
-    from palp_core.palpation.session.method_choices import AUTO, choose_for, launch_defaults
 
-    given = read_scene(scene) if scene else Scene()
-    defaults = launch_defaults()
-    found = [
-        choose_for(one, given, default=defaults.get(one.name, AUTO))
-        for one in ([task_of(task)] if task else tasks())
-    ]
+    given = _scene(scene)
+    found = _choices([one.name for one in ([task_of(task)] if task else tasks())], given)
     for text in left_out(task):
         note(f"left out: {text}")
     if as_json:
@@ -69,6 +76,27 @@ def list_methods(
             for declared, _ in one.declared():
                 print_wrapped(f"{declared.name}: {declared.what}", indent=2)
         print_text("")
+    _note_slowness()
+
+
+def _scene(file: Path | None) -> Scene:
+    from palp_core.palpation.mechanics.scene.file import read_scene
+    from palp_core.palpation.mechanics.scene.scene import Scene
+
+    return read_scene(file) if file else Scene()
+
+
+def _choices(tasks: Iterable[str], scene: Scene) -> list[TaskChoice]:
+    from palp_core.methods import task
+    from palp_core.palpation.session.method_choices import AUTO, choose_for, launch_defaults
+
+    defaults = launch_defaults()
+    return [choose_for(task(name), scene, default=defaults.get(name, AUTO)) for name in tasks]
+
+
+def _note_slowness() -> None:
+    from palp_core.methods.measured import slowness
+
     note(f"This machine takes {slowness():.2f} times as long as the one where costs were measured.")
 
 
@@ -102,11 +130,9 @@ def _taken_by(choice: TaskChoice, offer: Candidate) -> list[str]:
 
 def _record(choice: TaskChoice, declared: Method, offer: Candidate) -> dict[str, Any]:
     """Return a method as an object: as it is declared, and what it offers in the scene."""
+    names = ("task", "name", "what", "cost_s", "evidence", "fails", "survivor", "reference", "module")
     return {
-        "task": declared.task,
-        "name": declared.name,
-        "what": declared.what,
-        "cost_s": declared.cost_s,
+        **{name: getattr(declared, name) for name in names},
         "per": choice.task.per,
         "output": choice.output,
         "error": offer.bound,
@@ -114,12 +140,151 @@ def _record(choice: TaskChoice, declared: Method, offer: Candidate) -> dict[str,
             {"output": one.output, "error": one.error, "within": dict(one.within)} for one in declared.bounds
         ],
         "valid": dict(declared.valid),
-        "evidence": declared.evidence,
-        "fails": declared.fails,
-        "survivor": declared.survivor,
-        "reference": declared.reference,
         "mark": offer.mark,
         "taken_by": _taken_by(choice, offer),
         "why": offer.why,
-        "module": declared.module,
     }
+
+
+def duration_s(text: str) -> float:
+    """Return a duration as one types it, in s.
+
+    >>> duration_s("60s"), duration_s("2min")
+    (60.0, 120.0)
+    """
+    found = _DURATION.fullmatch(text.strip())
+    if found is None or float(found[1]) == 0.0:
+        raise typer.BadParameter(f"'{text}' is not a duration; write 60s, 2min or 1h")
+    return float(found[1]) * _UNITS[found[2]]
+
+
+def measure(
+    scene: Annotated[Path | None, argument("Scene file; default: the published rig.")] = None,
+    *,
+    task: Annotated[list[str] | None, option("Only this task, as in contact; may be given again.")] = None,
+    budget: Annotated[str, option("After how long no further point is begun: 60s, 2min, 1h.")] = "60s",
+    as_json: JsonOption = False,
+) -> None:
+    """All tasks in turns, a point of each. When time is up, or on Ctrl-C, the tables have what there is."""
+    from palp_core.methods import left_out
+    from palp_core.methods.measured import Survey, measured_tasks, slowness
+
+    budget_s, given = duration_s(budget), _scene(scene)
+    names = list(dict.fromkeys(task)) if task else measured_tasks()
+    survey, interrupted = Survey(names, given), False
+    missing = left_out()
+    try:
+        survey.measure(budget_s)
+    except KeyboardInterrupt:
+        interrupted = True
+    for text in [*missing, *survey.missing]:
+        note(f"left out: {text}")
+    if as_json:
+        print_json([vars(one) | {"slowness": slowness()} for one in survey.points])
+    else:
+        for choice in _choices(names, given):
+            print_text(f"{choice.task.name}: error of {choice.output} against CPU time of {choice.task.per}")
+            heads = ("method", "setting", "cost", "error", "bound", "mark")
+            print_table([heads, *_measured_rows(choice, survey.points)])
+            print_text("")
+        _note_slowness()
+    if interrupted:
+        raise typer.Exit(INTERRUPTED)
+    if survey.failed:
+        raise typer.Exit(1)
+
+
+def _measured_rows(choice: TaskChoice, points: Iterable[Measured]) -> Iterator[tuple[str, ...]]:
+    """Give a row per point of the output that is asked for, or one for a method that was not measured."""
+    from palp_core.methods.choice import amount, seconds
+
+    for method, offer in choice.declared():
+        bound = "-" if offer.bound is None else amount(offer.bound, choice.output)
+        key = choice.task.name, method.name, choice.output
+        own = [one for one in points if (one.task, one.method, one.output) == key]
+        if not own:
+            yield method.name, "", "not measured", "", bound, offer.mark
+        for one in own:
+            setting = ", ".join(filter(None, (one.setting, one.condition)))
+            error = one.fails or amount(one.error, one.output)
+            yield method.name, setting, seconds(one.cost_s), error, bound, offer.mark
+
+
+def why(
+    run: Annotated[str, argument("Session's folder, bag or running graph; default: that.", "RUN")] = "",
+    *,
+    as_json: JsonOption = False,
+) -> None:
+    """All of it is what the run itself has recorded; nothing is computed again."""
+    from palp_core.methods import left_out
+    from palp_core.palpation.session.methods.record import methods_of, paragraphs, unsaid
+
+    summary, rows = _recorded(run)
+    record = methods_of(summary, rows)
+    if summary.ended:
+        note(f"not the whole run: {summary.ended}; this is of the {counted(len(rows), 'palpation')} so far")
+    elif not rows:
+        note(f"'{run}' holds no palpation: what its methods met and how often they were used is not known")
+    for text in [*unsaid(summary, rows), *(f"left out: {one}" for one in left_out())]:
+        note(text)
+    if as_json:
+        print_json(record)
+        return
+    for heading, sentences in paragraphs(record):
+        print_wrapped(heading)
+        for sentence in sentences:
+            print_wrapped(sentence, indent=4)
+
+
+def _recorded(run: str) -> tuple[RunSummary, list[Row]]:
+    """Return what a folder, a bag or a running graph has recorded so far."""
+    from palp_core.palpation.session.bag_record import is_bag, read_record
+    from palp_core.palpation.session.run_note import read_note
+    from palp_core.palpation.session.session_folder import RUN, is_being_written
+    from palp_core.palpation.session.trials_csv import read_rows
+
+    path = Path(run)
+    if not run or not path.exists():
+        return _running(run)
+    if is_bag(path):
+        found = read_record(path)
+        return found.summary, found.rows
+    if not (path / RUN).is_file():
+        raise PalpError(f"'{path}' is neither a session's folder ({RUN} is missing) nor a bag, so no run")
+    summary = read_note(path)
+    if is_being_written(path):
+        with contextlib.suppress(PalpError):  # it has ended meanwhile, or it runs in a folder of its own
+            return _running(summary.run)
+    return summary, read_rows(path)
+
+
+def _running(name: str) -> tuple[RunSummary, list[Row]]:
+    import msgspec
+
+    from palp_core.cli.running import find_graph
+    from palp_core.graph.launch.summary import RunSummary
+    from palp_core.graph.node.spec import LAUNCHER
+    from palp_core.palpation.session.roles import NoSession, roles_of
+    from palp_core.palpation.session.run_note import out_of, read_note
+    from palp_core.palpation.session.trials_csv import read_rows
+
+    try:
+        graph = find_graph(name or None)
+    except GraphError as error:
+        if name:
+            text = f"'{name}' is no folder of a session, no bag and no running graph: {error}"
+        else:
+            text = f"{error}; or name a session's folder or a bag: palp methods why results/latest"
+        raise PalpError(text) from error
+    summary = msgspec.convert(graph.ask(LAUNCHER, "summary")["summary"], RunSummary)
+    try:
+        roles_of(summary)
+    except NoSession as error:
+        raise PalpError(f"graph '{summary.graph}' runs, but is no session: {error.why}") from error
+    summary = msgspec.structs.replace(summary, ended="it is still running")
+    folder = Path(graph.record.launched_from, out_of(summary))
+    try:
+        begun = read_note(folder).run == summary.run
+    except PalpError:
+        begun = False  # no palpation yet: the folder is taken with the first
+    return summary, read_rows(folder) if begun else []

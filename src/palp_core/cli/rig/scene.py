@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from palp_core.cli.options import JsonOption, argument, option
-from palp_core.cli.output import note, print_json, print_table, print_text
+from palp_core.cli.output import note, show, table_lines
 from palp_core.counted import counted
 
 if TYPE_CHECKING:
-    from palp_core.palpation.mechanics.scene.choice import SceneChoice
     from palp_core.palpation.mechanics.scene.scene import Scene
 
 app = typer.Typer()
@@ -33,30 +34,33 @@ def explain(file: FileArgument, *, as_json: JsonOption = False) -> None:
 
     scene = read_scene(file)
     choice = choose_rung(scene)
-    if as_json:
-        print_json(
-            {
-                "rung": choice.rung,
-                "bound": choice.bound,
-                "output": scene.tolerance.output,
-                "strain": scene.tolerance.strain,
-                "tolerance": scene.tolerance.relative,
-                "reason": choice.contact.reason,
-                "evidence": choice.contact.method.evidence,
-                "cost_s": choice.contact.method.cost_s,
-                "motion": choice.motion.name,
-                "motion_reason": choice.motion.reason,
-                "candidates": [vars(candidate) for candidate in choice.contact.candidates],
-            }
-        )
-        return
-    print_text(f"rung {choice.rung}: {_asked(scene)} {_within(choice.bound)}")
-    print_text(f"why: {choice.contact.reason}")
-    print_text(f"evidence: {choice.contact.method.evidence}")
-    print_text(f"cost: about {choice.contact.method.cost_s:g} s for set-up and a sweep with nothing cached")
-    print_text(f"motion: {choice.motion.reason}")
-    print_text("")
-    _print_candidates(choice)
+    heads = ("rung", "stated error", "set-up and a sweep", "verdict")
+    candidates = [(c.name, _percent(c.bound), f"{c.cost_s:g} s", c.state) for c in choice.contact.candidates]
+    show(
+        {
+            "rung": choice.rung,
+            "bound": choice.bound,
+            "output": scene.tolerance.output,
+            "strain": scene.tolerance.strain,
+            "tolerance": scene.tolerance.relative,
+            "reason": choice.contact.reason,
+            "evidence": choice.contact.method.evidence,
+            "cost_s": choice.contact.method.cost_s,
+            "motion": choice.motion.name,
+            "motion_reason": choice.motion.reason,
+            "candidates": [vars(candidate) for candidate in choice.contact.candidates],
+        },
+        [
+            f"rung {choice.rung}: {_asked(scene)} {_within(choice.bound)}",
+            f"why: {choice.contact.reason}",
+            f"evidence: {choice.contact.method.evidence}",
+            f"cost: about {choice.contact.method.cost_s:g} s for set-up and a sweep with nothing cached",
+            f"motion: {choice.motion.reason}",
+            "",
+            *table_lines([heads, *candidates]),
+        ],
+        as_json=as_json,
+    )
 
 
 @app.command("run")
@@ -72,31 +76,23 @@ def run(file: FileArgument, *, rung: RungOption = None, as_json: JsonOption = Fa
     done = run_scene(scene, rung)
     for text in done.guards:
         note(text)
-    if as_json:
-        print_json(done.as_json())
-        return
-    print_text(f"rung {done.choice.rung}: {_asked(scene)} {_within(done.choice.bound)}")
-    print_text(f"why: {done.choice.contact.reason}")
-    print_text(f"motion: {done.choice.motion.reason}")
-    print_text("")
-    rows = [
-        ["r_a, mm", "peak, N mm", "contrast, N mm", "peak at, mm", "largest angle, deg", "largest force, N"]
+    rows: list[Sequence[str]] = [
+        ("r_a, mm", "peak, N mm", "contrast, N mm", "peak at, mm", "largest angle, deg", "largest force, N")
     ]
     for ring_m, peak, contrast, sweep in zip(
         done.ring_m, done.peak_n_m, done.contrast_n_m, done.sweeps, strict=True
     ):
-        at = int(abs(sweep.torque_n_m).argmax())
-        rows.append(
-            [
-                f"{ring_m * 1e3:g}",
-                f"{peak * 1e3:.4g}",
-                f"{contrast * 1e3:.4g}",
-                f"{sweep.stage_m[at] * 1e3:.4g}",
-                f"{float(abs(sweep.angle_rad).max()) * 57.29578:.4g}",
-                f"{float(sweep.normal_n.max()):.4g}",
-            ]
-        )
-    print_table(rows)
+        at_m = sweep.stage_m[int(abs(sweep.torque_n_m).argmax())]
+        angle_deg = math.degrees(float(abs(sweep.angle_rad).max()))
+        cells = (peak * 1e3, contrast * 1e3, at_m * 1e3, angle_deg, float(sweep.normal_n.max()))
+        rows.append((f"{ring_m * 1e3:g}", *(f"{cell:.4g}" for cell in cells)))
+    lines = [
+        f"rung {done.choice.rung}: {_asked(scene)} {_within(done.choice.bound)}",
+        f"why: {done.choice.contact.reason}",
+        f"motion: {done.choice.motion.reason}",
+        "",
+    ]
+    show(done.as_json(), [*lines, *table_lines(rows)], as_json=as_json)
 
 
 @app.command("table")
@@ -114,19 +110,13 @@ def table(
 
     offsets, depths = _metres("--offsets-mm", offsets_mm), _metres("--indentations-mm", indentations_mm)
     found = force_table(read_scene(file), rung, offsets, depths)
-    if as_json:
-        print_json(found.as_json())
-        return
-    print_text(f"rung {found.rung}: normal force {_within(found.bound)}; N normal / N lateral")
-    print_table(
-        [
-            ["offset, mm", *(f"{depth * 1e3:g} mm deep" for depth in depths)],
-            *(
-                [f"{s * 1e3:g}", *(f"{n:.5g} / {u:.5g}" for n, u in zip(normal, lateral, strict=True))]
-                for s, normal, lateral in zip(offsets, found.normal_n, found.lateral_n, strict=True)
-            ),
-        ]
-    )
+    rows = [
+        (f"{s * 1e3:g}", *(f"{n:.5g} / {u:.5g}" for n, u in zip(normal, lateral, strict=True)))
+        for s, normal, lateral in zip(offsets, found.normal_n, found.lateral_n, strict=True)
+    ]
+    head = f"rung {found.rung}: normal force {_within(found.bound)}; N normal / N lateral"
+    heads = ("offset, mm", *(f"{depth * 1e3:g} mm deep" for depth in depths))
+    show(found.as_json(), [head, *table_lines([heads, *rows])], as_json=as_json)
 
 
 @app.command("fit")
@@ -146,14 +136,16 @@ def fit(
     from palp_core.palpation.session.recorded_sweeps import read_sessions
 
     found = fit_gel(read_sessions(outs), read_scene(scene) if scene else Scene())
-    if as_json:
-        estimates = {"modulus_pa": found.modulus_pa, "friction": found.friction}
-        print_json({name: one._asdict() for name, one in estimates.items()} | {"misfit": found.misfit})
-        return
     modulus, friction = found.modulus_pa, found.friction
-    print_text(f"modulus: {modulus.value:.4g} Pa (95 %: {modulus.low:.4g} to {modulus.high:.4g})")
-    print_text(f"friction: {friction.value:.3f} (95 %: {friction.low:.3f} to {friction.high:.3f})")
-    print_text(f"misfit: chi^2 is {found.misfit:.2g} times its degrees of freedom")
+    show(
+        {"modulus_pa": modulus._asdict(), "friction": friction._asdict(), "misfit": found.misfit},
+        [
+            f"modulus: {modulus.value:.4g} Pa (95 %: {modulus.low:.4g} to {modulus.high:.4g})",
+            f"friction: {friction.value:.3f} (95 %: {friction.low:.3f} to {friction.high:.3f})",
+            f"misfit: chi^2 is {found.misfit:.2g} times its degrees of freedom",
+        ],
+        as_json=as_json,
+    )
 
 
 @app.command("cache")
@@ -167,13 +159,12 @@ def cache(
 
     if clear:
         count = kept.clear()
-        print_json({"removed": count}) if as_json else print_text(f"{counted(count, 'set-up')} removed")
+        show({"removed": count}, [f"{counted(count, 'set-up')} removed"], as_json=as_json)
         return
     found = kept.info()
-    if as_json:
-        print_json({"path": str(found.path), "entries": found.entry_count, "size_bytes": found.size_bytes})
-        return
-    print_text(f"{found.path}: {counted(found.entry_count, 'set-up')}, {found.size_bytes / 1e6:.1f} MB")
+    line = f"{found.path}: {counted(found.entry_count, 'set-up')}, {found.size_bytes / 1e6:.1f} MB"
+    record = {"path": str(found.path), "entries": found.entry_count, "size_bytes": found.size_bytes}
+    show(record, [line], as_json=as_json)
 
 
 def _metres(option: str, text: str) -> list[float]:
@@ -185,12 +176,6 @@ def _metres(option: str, text: str) -> list[float]:
     if not values:
         raise typer.BadParameter(f"{option} needs at least one number of millimetres")
     return values
-
-
-def _print_candidates(choice: SceneChoice) -> None:
-    rows = [["rung", "stated error", "set-up and a sweep", "verdict"]]
-    rows += [[c.name, _percent(c.bound), f"{c.cost_s:g} s", c.state] for c in choice.contact.candidates]
-    print_table(rows)
 
 
 def _percent(share: float | None) -> str:

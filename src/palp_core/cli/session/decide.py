@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from palp_core.cli.options import JsonOption, argument, option
-from palp_core.cli.output import note, print_json, print_table, print_text
+from palp_core.cli.output import note, print_json, print_table, print_text, show, table_lines
 from palp_core.errors import PalpError
 
 if TYPE_CHECKING:
@@ -111,9 +111,9 @@ def unseal(
 
     opened = open_session(folder, reason, key)
     headline = write_human([folder], folder, sheet_of(read_note(folder)))
-    if as_json:
-        print_json([{"code": code, "phantom": own, "depth_m": depth_m} for code, own, depth_m in opened])
-        return
-    rows = [[code, own, f"{depth_m * 1e3:g}"] for code, own, depth_m in opened]
-    print_table([["code", "phantom", "depth, mm"], *rows])
-    print_text(headline)
+    rows = [(code, own, f"{depth_m * 1e3:g}") for code, own, depth_m in opened]
+    show(
+        [{"code": code, "phantom": own, "depth_m": depth_m} for code, own, depth_m in opened],
+        [*table_lines([("code", "phantom", "depth, mm"), *rows]), headline],
+        as_json=as_json,
+    )

@@ -37,14 +37,12 @@ def list_sessions(
     else:
         from palp_core.palpation.session.many.page import difference_rows, pooled_rows, remarks, rows_of
 
-        print_table(rows_of(entries, folder))
-        if record["groups"]:
+        tables = [rows_of(entries, folder)]
+        tables += [pooled_rows(record)] if record["groups"] else []
+        tables += [difference_rows(record)] if record["differences"] else []
+        for table in tables:
+            print_table(table)
             print_text("")
-            print_table(pooled_rows(record))
-        if record["differences"]:
-            print_text("")
-            print_table(difference_rows(record))
-        print_text("")
         for text in remarks(record):
             print_text(text)
     if not record["groups"]:

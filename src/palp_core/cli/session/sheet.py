@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from palp_core.cli.options import JsonOption, argument, option
-from palp_core.cli.output import print_json, print_table, print_text
+from palp_core.cli.output import print_text, table_lines
+from palp_core.cli.output import show as show_
 from palp_core.counted import counted
 from palp_core.errors import PalpError
 
@@ -52,10 +53,7 @@ def show(
     from palp_core.palpation.session.sheet.of_run import sheet_lines
 
     sheet = _sheet_at(path, by_hand=by_hand)
-    if as_json:
-        print_json(sheet)
-    else:
-        print_table(sheet_lines(sheet))
+    show_(sheet, table_lines(sheet_lines(sheet)), as_json=as_json)
 
 
 def _sheet_at(path: Path, *, by_hand: bool) -> SessionSheet:
@@ -107,22 +105,19 @@ def plan(
             rest_s=rest_s,
         )
     )
-    if as_json:
-        print_json(found)
-        return
+    lines = []
     for phase in PHASES:
         trials = [trial for trial in found.trials if trial.phase == phase]
         counts = Counter(trial.phantom for trial in trials)
         given = ", ".join(f"{code} {counted(count, 'time')}" for code, count in sorted(counts.items()))
-        print_text(f"{phase}: {counted(len(trials), 'trial')}, {given}")
-        print_table(
-            [
-                ["trial", *(str(trial.number) for trial in trials)],
-                ["phantom", *(trial.phantom for trial in trials)],
-                ["depth, mm", *(f"{depths_m[trial.phantom] * 1e3:g}" for trial in trials)],
-            ]
-        )
-    print_text(
+        table = [
+            ("trial", *(str(trial.number) for trial in trials)),
+            ("phantom", *(trial.phantom for trial in trials)),
+            ("depth, mm", *(f"{depths_m[trial.phantom] * 1e3:g}" for trial in trials)),
+        ]
+        lines += [f"{phase}: {counted(len(trials), 'trial')}, {given}", *table_lines(table)]
+    lines.append(
         f"{found.questions} questions, {found.mounts} changes of the phantom; "
         f"{found.shortest_s / 60:.0f} min without any palpation, {found.longest_s / 60:.0f} min at most"
     )
+    show_(found, lines, as_json=as_json)

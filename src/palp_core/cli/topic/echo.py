@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from palp_core.cli.options import Call, TopicArgument, argument, graph_verb, option
 from palp_core.cli.output import note, print_json, print_text, yaml_text
-from palp_core.cli.running import note_ended
+from palp_core.cli.running import note_ended, published_text
 from palp_core.cli.values import type_name
 from palp_core.counted import counted
 from palp_core.errors import GraphError
@@ -16,6 +16,7 @@ from palp_core.errors import GraphError
 if TYPE_CHECKING:
     from palp_core.graph.discovery.running_graph import RunningGraph
     from palp_core.graph.discovery.topic_reader import ReceivedFrame, TopicReader
+    from palp_core.graph.messages.frame import Frame
     from palp_core.graph.messages.topic import Topic
 
 SILENCE_NS = 3_000_000_000
@@ -57,7 +58,8 @@ def echo(
 
     running = call.graph
     entry = running.topic(topic)
-    _same_type(entry, message_type)
+    if message_type is not None and type_name(message_type) != entry.type:
+        raise GraphError(f"{entry.name} carries {entry.type}, not {message_type}")
     path = None if field is None else parse_path(field, entry.json_schema)
     depth, reliable = requested_depth(running, entry, qos_reliability, qos_durability, qos_depth)
     how = Truncation(None if full_length else truncate_length, not no_arr, not no_str)
@@ -67,11 +69,12 @@ def echo(
     with TopicReader(running, [entry], history_depth=depth, reliable=reliable) as listener:
         for received in _until_silent(listener, entry, timeout):
             if received.lost and not no_lost_messages:
-                note(f"{entry.name}: {counted(received.lost, 'message')} lost before {_ordinal(received)}")
+                before = f"message {received.frame.sequence}" if received.is_message else "now"
+                note(f"{entry.name}: {counted(received.lost, 'message')} lost before {before}")
             if not received.is_message:
                 continue
             message = decoded(received.frame.payload, entry.json_schema)
-            info = _info(received) if include_message_info else None
+            info = _info(received.frame) if include_message_info else None
             show(message if path is None else pick(message, path), info)
             sys.stdout.flush()
             shown += 1
@@ -126,29 +129,13 @@ def _until_silent(listener: TopicReader, entry: Topic, timeout_s: float | None) 
             raise GraphError(f"{entry.name}: no message for {timeout_s:g} s")
         if silent_ns > SILENCE_NS and not is_noted:
             is_noted = True
-            count = listener.last_sequence.get(entry.name)
-            known = "its publisher does not answer" if count is None else f"{count} published so far"
-            note(f"{entry.name}: nothing for {SILENCE_NS // 10**9} s ({known}); waiting")
+            known = published_text(listener, entry.name)
+            note(f"{entry.name}: no message for {SILENCE_NS // 10**9} s ({known}); waiting")
 
 
-def _same_type(entry: Topic, stated: str | None) -> None:
-    if stated is not None and type_name(stated) != entry.type:
-        raise GraphError(f"{entry.name} carries {entry.type}, not {stated}")
-
-
-def _info(received: ReceivedFrame) -> dict[str, Any]:
-    frame = received.frame
-    return {
-        "topic": frame.topic,
-        "epoch": frame.epoch,
-        "sequence": frame.sequence,
-        "stamp_ns": frame.stamp_ns,
-        "type_hash": f"{frame.type_hash:016x}",
-    }
-
-
-def _ordinal(received: ReceivedFrame) -> str:
-    return f"message {received.frame.sequence}" if received.is_message else "now"
+def _info(frame: Frame) -> dict[str, Any]:
+    names = ("topic", "epoch", "sequence", "stamp_ns")
+    return {name: getattr(frame, name) for name in names} | {"type_hash": f"{frame.type_hash:016x}"}
 
 
 def _printer(how: Any, *, as_json: bool, as_csv: bool) -> Callable[[Any, dict[str, Any] | None], None]:
@@ -156,14 +143,13 @@ def _printer(how: Any, *, as_json: bool, as_csv: bool) -> Callable[[Any, dict[st
     from palp_core.graph.messages.message_text import csv_line, truncated
 
     def show(message: Any, info: dict[str, Any] | None) -> None:
+        whole = message if info is None else {"info": info, "message": message}
         if as_json:
-            print_json(message if info is None else {"info": info, "message": message})
-            return
-        if as_csv:
-            print_text(csv_line(message if info is None else {"info": info, "message": message}))
-            return
-        parts = [truncated(message, how)] if info is None else [info, truncated(message, how)]
-        for part in parts:
-            print_text(yaml_text(part) + "---")
+            print_json(whole)
+        elif as_csv:
+            print_text(csv_line(whole))
+        else:
+            for part in (*([] if info is None else [info]), truncated(message, how)):
+                print_text(yaml_text(part) + "---")
 
     return show

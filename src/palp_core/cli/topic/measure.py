@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-import math
+import statistics
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from threading import Event
@@ -11,7 +11,7 @@ from typing import Annotated, Any, NamedTuple
 
 from palp_core.cli.options import Call, TopicsArgument, graph_verb, option
 from palp_core.cli.output import note
-from palp_core.cli.running import find_topics, note_ended
+from palp_core.cli.running import find_topics, note_ended, published_text
 from palp_core.counted import counted
 from palp_core.errors import GraphError
 from palp_core.graph.clock import monotonic_ns
@@ -24,6 +24,7 @@ LongestOption = Annotated[float, option("Longest time for one report.", "--timeo
 
 REPORT_NS = 1_000_000_000
 COUNTS = ("received", "lost", "repeated", "late", "dropped", "filled")
+PERCENTILES = ("p50", "p90", "p99", "max")
 ASK_S = 2.0
 PERIOD_S = 1.0
 
@@ -36,17 +37,17 @@ class _Point(NamedTuple):
 
 
 class Window:
-    """The last messages of one publisher; a restarted one begins anew.
+    """The last messages of one publisher; a restarted one begins again.
 
     Sequence and stamp are the publisher's, so what this process misses or when it wakes does not count.
     """
 
     def __init__(self, length: int) -> None:
-        self._points: deque[_Point] = deque(maxlen=length + 1)
+        self.points: deque[_Point] = deque(maxlen=length + 1)
         self._epoch = -1
         self.lost = 0
         self.received_ns = monotonic_ns()
-        self.fresh = 0
+        self.fresh = False
 
     def add(self, received: ReceivedFrame) -> None:
         """Take a message, or what a heartbeat revealed."""
@@ -55,57 +56,42 @@ class Window:
             return
         frame = received.frame
         if frame.epoch != self._epoch:
-            self._points.clear()
+            self.points.clear()
             self._epoch, self.lost = frame.epoch, 0
-        self._points.append(_Point(frame.sequence, frame.stamp_ns, received.arrived_ns, received.size_bytes))
-        self.received_ns = received.arrived_ns
-        self.fresh += 1
+        self.points.append(_Point(frame.sequence, frame.stamp_ns, received.arrived_ns, received.size_bytes))
+        self.received_ns, self.fresh = received.arrived_ns, True
 
     @property
     def full(self) -> bool:
-        return len(self._points) == self._points.maxlen
+        return len(self.points) == self.points.maxlen
 
     @property
     def messages(self) -> int:
-        return self._count + 1 if self._points else 0
-
-    @property
-    def _count(self) -> int:
-        return self._points[-1].sequence - self._points[0].sequence
+        return self.points[-1].sequence - self.points[0].sequence + 1 if self.points else 0
 
     def rates_hz(self) -> tuple[float | None, float | None]:
         """Return the rate on the graph's clock and on this machine's; None where no time has passed."""
-        if len(self._points) < 2:
+        if len(self.points) < 2:
             return None, None
-        first, last = self._points[0], self._points[-1]
-        span_s = (last.stamp_ns - first.stamp_ns) / 1e9
-        wall_s = (last.arrived_ns - first.arrived_ns) / 1e9
-        return self._count / span_s if span_s else None, self._count / wall_s if wall_s else None
+        first, last = self.points[0], self.points[-1]
+        span_s, wall_s = (last.stamp_ns - first.stamp_ns) / 1e9, (last.arrived_ns - first.arrived_ns) / 1e9
+        count = self.messages - 1
+        return count / span_s if span_s else None, count / wall_s if wall_s else None
 
     def periods_s(self) -> dict[str, float | None]:
         """Return minimum, maximum and standard deviation of the time between neighbouring messages."""
-        points = list(self._points)
         periods = [
             (b.stamp_ns - a.stamp_ns) / 1e9
-            for a, b in itertools.pairwise(points)
+            for a, b in itertools.pairwise(self.points)
             if b.sequence == a.sequence + 1
         ]
-        if not periods:
-            return {"min_period_s": None, "max_period_s": None, "std_period_s": None}
-        mean = math.fsum(periods) / len(periods)
-        variance = math.fsum((period - mean) ** 2 for period in periods) / len(periods)
-        return {
-            "min_period_s": min(periods),
-            "max_period_s": max(periods),
-            "std_period_s": math.sqrt(variance),
-        }
-
-    def sizes_bytes(self) -> list[int]:
-        return [point.size_bytes for point in self._points]
+        low, high = min(periods, default=None), max(periods, default=None)
+        spread = statistics.pstdev(periods) if periods else None
+        return {"min_period_s": low, "max_period_s": high, "std_period_s": spread}
 
 
 def _measure(
-    graph: RunningGraph,
+    call: Call,
     topics: Sequence[Topic],
     windows: dict[str, Window],
     report: Callable[[], None],
@@ -114,10 +100,9 @@ def _measure(
     timeout_s: float,
 ) -> None:
     """Fill windows; report each second, or once when all are full or the time is over."""
-    end_ns = monotonic_ns() + round(timeout_s * 1e9)
-    next_ns = monotonic_ns() + REPORT_NS
-    with TopicReader(graph, topics) as listener:
-        for received in listener.messages():
+    end_ns, next_ns = monotonic_ns() + round(timeout_s * 1e9), monotonic_ns() + REPORT_NS
+    with TopicReader(call.graph, topics) as reader:
+        for received in reader.messages():
             if received is not None:
                 windows[received.frame.topic].add(received)
             now_ns = monotonic_ns()
@@ -125,30 +110,28 @@ def _measure(
                 break
             if not once and now_ns >= next_ns:
                 next_ns += REPORT_NS * ((now_ns - next_ns) // REPORT_NS + 1)
-                _note_silence(listener, windows, now_ns)
+                _note_silence(reader, windows, now_ns)
                 report()
                 for window in windows.values():
-                    window.fresh = 0
+                    window.fresh = False
     if once:
         for name, window in windows.items():
             if window.rates_hz() == (None, None):
-                count = listener.last_sequence.get(name, 0)
                 raise GraphError(
-                    f"{name}: fewer than two messages within {timeout_s:g} s ({count} published so far); "
+                    f"{name}: fewer than two messages within {timeout_s:g} s "
+                    f"({reader.last_sequence.get(name, 0)} published so far); "
                     "give it more time with --timeout S"
                 )
         report()
-    elif listener.ended:
-        note_ended(graph)
+    elif reader.ended:
+        note_ended(call.graph)
 
 
-def _note_silence(listener: TopicReader, windows: dict[str, Window], now_ns: int) -> None:
+def _note_silence(reader: TopicReader, windows: dict[str, Window], now_ns: int) -> None:
     for name, window in windows.items():
         if not window.fresh:
             silent_s = (now_ns - window.received_ns) / 1e9
-            count = listener.last_sequence.get(name)
-            known = "its publisher does not answer" if count is None else f"{count} published so far"
-            note(f"{name}: no new message for {silent_s:.0f} s ({known})")
+            note(f"{name}: no new message for {silent_s:.0f} s ({published_text(reader, name)})")
 
 
 def _readers(graph: RunningGraph, topics: Iterable[Topic], window: int = 0) -> dict[str, list[Edge]]:
@@ -217,7 +200,7 @@ def hz(
             result |= {"readers": [_account(edge) for edge in edges]}
             call.show(result, lines(f"{name}: " if len(windows) > 1 else "", found, edges))
 
-    _measure(call.graph, entries, windows, report, once=once, timeout_s=timeout)
+    _measure(call, entries, windows, report, once=once, timeout_s=timeout)
 
 
 @graph_verb()
@@ -238,7 +221,7 @@ def bw(
 
     def report() -> None:
         for name, found in windows.items():
-            sizes = found.sizes_bytes()
+            sizes = [point.size_bytes for point in found.points]
             if not sizes:
                 continue
             mean = sum(sizes) / len(sizes)
@@ -262,7 +245,7 @@ def bw(
                 ],
             )
 
-    _measure(call.graph, entries, windows, report, once=once or call.as_json, timeout_s=timeout)
+    _measure(call, entries, windows, report, once=once or call.as_json, timeout_s=timeout)
 
 
 def _size(count: float) -> str:
@@ -279,15 +262,7 @@ def delay(
     *,
     window: Annotated[
         int | None,
-        option(
-            "Only the last N messages of each reader; default: all.",
-            "--window",
-            "-w",
-            metavar="N",
-            min=1,
-            max=10000,
-            show_default=False,
-        ),
+        option("Only each reader's last N; default: all.", "--window", "-w", metavar="N", min=1, max=10000),
     ] = None,
     once: Annotated[bool, option("One report, then end.", "--once")] = False,
 ) -> None:
@@ -321,26 +296,17 @@ def _latency_s(account: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def _latency(edge: Edge) -> dict[str, Any]:
-    latency_s = _latency_s(edge.account) or {"messages": 0, **dict.fromkeys(("p50", "p90", "p99", "max"))}
-    return {
-        "node": f"/{edge.node}",
-        "received": edge.account["received"],
-        "messages": latency_s["messages"],
-        "latency_s": {name: value for name, value in latency_s.items() if name != "messages"},
-    }
+    latency_s = dict(_latency_s(edge.account) or {"messages": 0, **dict.fromkeys(PERCENTILES)})
+    counts = {"received": edge.account["received"], "messages": latency_s.pop("messages")}
+    return {"node": f"/{edge.node}", **counts, "latency_s": latency_s}
 
 
 def _latency_text(account: dict[str, Any]) -> str:
     latency_s = _latency_s(account)
     if latency_s is None:
-        received = account["received"]
-        return (
-            f"{counted(received, 'message')}, all within an instant of simulated time"
-            if received
-            else "no message yet"
-        )
-    parts = [f"{name} {latency_s[name] * 1e3:.3f} ms" for name in ("p50", "p90", "p99", "max")]
-    if "std" in latency_s:
-        spread = [f"{name} {latency_s[name] * 1e3:.3f} ms" for name in ("mean", "std", "min")]
-        return f"{' '.join(parts + spread)} of the last {latency_s['messages']} messages"
-    return f"{' '.join(parts)} of {counted(latency_s['messages'], 'message')}"
+        count = account["received"]
+        return f"{counted(count, 'message')}, all at one simulated instant" if count else "no message yet"
+    recent = "std" in latency_s
+    names = (*PERCENTILES, *(("mean", "std", "min") if recent else ()))
+    text = " ".join(f"{name} {latency_s[name] * 1e3:.3f} ms" for name in names)
+    return f"{text} of {'the last ' if recent else ''}{counted(latency_s['messages'], 'message')}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any
@@ -83,34 +84,24 @@ def _external_port(graph: RunningGraph, topic: str, timeout_s: float) -> tuple[s
 
 def _messages(text: str | None, schema: dict[str, Any], *, stdin: bool) -> Iterator[dict[str, Any]]:
     """Check what is typed; return the same message for ever, or those of standard input."""
-    import itertools
-
     from palp_core.graph.discovery.message_yaml import message_from_yaml
 
     if stdin:
-        return (
-            message_from_yaml(part, schema, f"message {i}") for i, part in enumerate(_documents(), start=1)
-        )
-    return itertools.repeat(message_from_yaml("{}" if text is None else text, schema, "message"))
+        return (message_from_yaml(one, schema, f"message {i}") for i, one in enumerate(_documents(), start=1))
+    return itertools.repeat(message_from_yaml(text or "{}", schema, "message"))
 
 
 def _documents() -> Iterator[str]:
     """Yield the documents of standard input as soon as each is complete."""
-    lines: list[str] = []
-    for line in _lines():
-        if line.rstrip() == "---":
-            if "".join(lines).strip():
-                yield "".join(lines)
-            lines = []
-        else:
-            lines.append(line)
-    if "".join(lines).strip():
-        yield "".join(lines)
-
-
-def _lines() -> Iterator[str]:
+    text = ""
     try:
-        yield from sys.stdin
+        for line in itertools.chain(sys.stdin, ["---"]):
+            if line.rstrip() != "---":
+                text += line
+                continue
+            if text.strip():
+                yield text
+            text = ""
     except UnicodeDecodeError as error:
         raise GraphError(f"standard input is not UTF-8 text: {error}") from error
 

@@ -48,6 +48,11 @@ def successor(state: Lifecycle, transition: Transition) -> Lifecycle:
     return target
 
 
+def transitions(state: Lifecycle) -> dict[Transition, Lifecycle]:
+    """Return the transitions that a state allows, each with the state that it leads to."""
+    return {t: _TABLE[state, t] for t in Transition if (state, t) in _TABLE}
+
+
 class LifecycleHooks:
     """What a node does on a transition; a class overrides what it needs; one that raises fails the node."""
 

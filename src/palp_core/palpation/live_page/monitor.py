@@ -6,19 +6,23 @@ first look it asks for once, on a thread.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-from palp_core.palpation.live_page.geometry import path_of
-from palp_core.palpation.live_page.roles import session_folder, topics_by_type
-from palp_core.palpation.live_page.sweep import Point, SweepTrace, whole_sweep
-from palp_core.palpation.live_page.taught import (
+from palp_core.graph.messages.topic import Topic
+from palp_core.palpation.live_page.sweeps import (
     Band,
+    Point,
+    SweepTrace,
     TaughtSweeps,
     taught_by_folder,
     taught_by_messages,
+    whole_sweep,
 )
 from palp_core.palpation.live_page.trials import TrialBelief, TrialBoard
+from palp_core.palpation.mechanics.scene.scene import StagePath
+from palp_core.view.source.overview import WireState
 from palp_core.view.source.protocol import Sample, ViewSource, open_watches
 
 RARE = (
@@ -32,21 +36,51 @@ LATEST = (
 """The last one counts."""
 
 
+def topics_by_type(topics: Sequence[Topic], wires: Sequence[WireState] = ()) -> dict[str, str]:
+    """Return the topic of each message type, whatever a launch file calls its nodes.
+
+    Of several, as with a second estimator in shadow, that which the experiment reads; else one that is read.
+    """
+    experiment = next((topic.node for topic in topics if topic.type == "TrialResult"), "")
+    by_experiment = {wire.topic for wire in wires if wire.reader == experiment}
+    read_by_any = {wire.topic for wire in wires}
+    found: dict[str, str] = {}
+    for topic in sorted(topics, key=lambda one: (one.name not in by_experiment, one.name not in read_by_any)):
+        found.setdefault(topic.type, topic.name)
+    return found
+
+
+def session_folder(source: ViewSource, topics: Mapping[str, str]) -> Path | None:
+    """Return where a graph's record and report are written; None over a bag, and where it is unknown."""
+    if source.overview().kind != "graph":
+        return None
+    launch = source.launch()
+    out = launch.get("params", {}).get(node_of(topics.get("TrialResult", "")), {}).get("out")
+    found = Path(launch.get("folder", ""), out) if isinstance(out, str) else Path()
+    return found if found.is_absolute() else None
+
+
+def path_of(launch: dict[str, Any]) -> tuple[float, float]:
+    """Return where sweeps begin and end, by the launch file; the published path where it does not say."""
+    path, given = StagePath(), dict[str, Any]()
+    for params in launch.get("params", {}).values():
+        given = params | given
+    found = [
+        float(value) if isinstance(value := given.get(name, usual), int | float) else usual
+        for name, usual in (("from_m", path.from_m), ("to_m", path.to_m))
+    ]
+    return found[0], found[1]
+
+
+def node_of(topic: str) -> str:
+    return topic.partition("/")[2].partition("/")[0]
+
+
 class RigMonitor:
     """The rig as one page sees it.
 
     With ``at_once``, of a graph in simulated time, a sweep is shown whole when it is over; with ``recorded``
     all is as it was at the chosen time of a bag.
-
-    Attributes:
-        sweep: The torque of the sweep under way.
-        belief: The trial under way.
-        board: The trials that are over.
-        ring: The last ``RingState``; where a sweep is shown when it is over, as it was in that sweep.
-        status: The last ``SweepStatus``.
-        guards: What the simulated touch met, in words, the latest first, each once; None before it was told.
-        path_m: Where sweeps begin and end.
-        loaded: What was before the first look is known.
     """
 
     def __init__(self, source: ViewSource, *, at_once: bool = False, recorded: bool = False) -> None:
@@ -87,8 +121,6 @@ class RigMonitor:
         sample = watch.latest() if watch is not None else None
         return sample.message if sample is not None and _whole(sample) else None
 
-    # What was before
-
     def load(self) -> None:
         """Take what was before the first look. It asks and reads: call it once, on a thread."""
         types = {topic: name for name, topic in self.topics.items()}
@@ -121,12 +153,10 @@ class RigMonitor:
             self.taught = found if found.sweep_count else self.taught
 
     def _taught_by_bag(self) -> TaughtSweeps:
-        known = {name: self.topics[name] for name in ("Palpation",) if name in self._watches}
+        known = [self.topics["Palpation"]] if "Palpation" in self._watches else []
         trials = [sample.message for name, sample in self._of_bag if name == "Trial"]
-        palpations = (sample.message for _, sample in self._source.history(list(known.values())))
+        palpations = (sample.message for _, sample in self._source.history(known))
         return taught_by_messages(trials, palpations, *self.path_m)
-
-    # What comes
 
     def look(self) -> list[Point]:
         """Take what has come; return the new points of the sweep."""
@@ -202,9 +232,7 @@ class RigMonitor:
         self._last_whole = sample.sequence
         self.sweep.number += 1
         self.sweep.points = whole_sweep(sample.message["torque_n_m"], *self.path_m)
-        ring_m = sample.message[
-            "ring_m"
-        ]  # where it was in that sweep, of which there are many between two looks
+        ring_m = sample.message["ring_m"]  # as it was in that sweep: there are many between two looks
         self.ring = {"target_m": ring_m, "measured_m": ring_m, "settled": True, "rehome": False}
         return self.sweep.points
 
@@ -215,8 +243,6 @@ class RigMonitor:
                 if _whole(sample):
                     take(sample.message)
         return self.sweep.new_points()
-
-    # What is shown of it
 
     @property
     def ring_m(self) -> float | None:

@@ -12,13 +12,7 @@ from palp_core.palpation.perception.statistics.statistics import Proportion, wil
 
 
 class JudgedProbe(msgspec.Struct, frozen=True):
-    """What is believed after a palpation.
-
-    Attributes:
-        iteration: Which palpation of the trial.
-        gain_bits: Information gained over the flat prior, the sum of eq. (8).
-        entropy_bits: What is still unknown.
-    """
+    """Information that a palpation gained over the flat prior, the sum of eq. (8), and what is unknown."""
 
     iteration: int
     gain_bits: float
@@ -26,17 +20,7 @@ class JudgedProbe(msgspec.Struct, frozen=True):
 
 
 class TrialBelief:
-    """The trial under way.
-
-    Attributes:
-        trial: Its number; None before the first.
-        estimating: Whether it is one of estimation.
-        depths_mm: What the belief is about.
-        posterior: Now, within a sweep too where the estimator tells.
-        within_sweep: Whether that is of a sweep under way.
-        verdict: Of the last palpation.
-        probes: One for each palpation.
-    """
+    """The trial under way; ``within_sweep``: its posterior is of a sweep that is not over."""
 
     def __init__(self) -> None:
         self.trial: int | None = None

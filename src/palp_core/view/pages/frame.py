@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from nicegui import ui
 
 from palp_core.graph.discovery.troubles import Trouble, worst
 from palp_core.view.pages.parts import TroubleBox, duration, text_element
-from palp_core.view.pages.time_bar import time_bar
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.overview import Overview
 
-REFRESH_S = 0.5
+if TYPE_CHECKING:
+    from palp_core.view.source.recorded import RecordedSource
+
+REFRESH_S, STEP_S = 0.5, 0.1
 STATES = {"ok": "all is well", "warn": "something is wrong", "error": "something is badly wrong"}
 
 
@@ -76,3 +79,33 @@ def _links(viewer: Viewer) -> Iterator[tuple[str, str]]:
         yield "Timeline", "/timeline"
     if viewer.own_page is not None:
         yield viewer.own_page.title, "/own"
+
+
+def time_bar(source: RecordedSource) -> None:
+    """Show where one is in a bag; playing goes on by itself, on whatever page it was begun."""
+    with ui.element("div").classes("row-of"):
+        play = ui.button("play").props("outline dense no-caps")
+        bar = ui.slider(min=source.start_s, max=max(source.end_s, source.start_s + 1e-3), step=1e-3)
+        bar.props('aria-label="time in the bag"').style("flex: 1; min-width: 16rem")
+        where = text_element("span", "", "quiet").props('data-what="at"')
+    shown_s = [source.at_s]
+
+    def show() -> None:
+        shown_s[0] = source.at_s
+        bar.value = shown_s[0]
+        play.text = "pause" if source.playing else "play"
+        where.text = f"{shown_s[0]:.3f} s, of {source.start_s:.3f} to {source.end_s:.3f}"
+
+    def seek() -> None:
+        if bar.value != shown_s[0]:  # somebody has moved it
+            source.seek(float(bar.value))
+            show()
+
+    def toggle() -> None:
+        source.play(on=not source.playing)
+        show()
+
+    show()
+    bar.on_value_change(seek)
+    play.on_click(toggle)
+    ui.timer(STEP_S, show)

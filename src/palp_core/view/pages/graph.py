@@ -9,16 +9,23 @@ from urllib.parse import quote
 from nicegui import ui
 from nicegui.element import Element
 
-from palp_core.view.pages.ending import EndPanel
 from palp_core.view.pages.frame import frame
 from palp_core.view.pages.layout import HEIGHT, WIDTH, Layout, layout
-from palp_core.view.pages.live_table import Cell, LiveTable
-from palp_core.view.pages.parts import figure, node_address, rate_text, text_element, topic_address
+from palp_core.view.pages.parts import (
+    ConfirmButton,
+    LiveCell,
+    LiveTable,
+    StatusLine,
+    figure,
+    node_address,
+    rate_text,
+    text_element,
+    topic_address,
+)
 from palp_core.view.pages.viewer import Viewer
-from palp_core.view.source.action_wires import ACTION
-from palp_core.view.source.overview import NodeState, Overview, WireState, shared_processes
+from palp_core.view.source.overview import ACTION, NodeState, Overview, WireState, shared_processes
 
-REFRESH_S = 1.0
+REFRESH_S, END_S = 1.0, 0.5
 NODE_TITLES = ("Node", "State", "Class", "Rate", "CPU", "Memory", "What is wrong")
 WIRE_TITLES = ("Topic", "Reader", "Rate", "Received", "Lost", "Late", "p50", "p99")
 RATES = "rates here are on the machine's clock; a topic's page has them on the graph's"
@@ -26,6 +33,10 @@ MOST_LETTERS = 18
 """Of a name in its box; the whole name is in its hover and in the table below."""
 MOST_LINES = 2
 """Topics that a wire between two nodes names; its hover names all of them."""
+
+
+QUESTION = "Every node of it ends, and no page can start it again?"
+ASKED = "the graph was asked to end; it is under way until the strip on top says that it has ended"
 
 
 class GraphDrawing(Element, component="graph_drawing.js"):  # type: ignore[misc, call-arg]
@@ -160,6 +171,35 @@ def graph_page(viewer: Viewer) -> None:
         ui.timer(REFRESH_S, refresh)
 
 
+class EndPanel:
+    """Ends the graph as Ctrl-C at its launch does; what forbids it stands beside the button."""
+
+    def __init__(self, viewer: Viewer) -> None:
+        assert viewer.operator is not None
+        self._viewer, self._operator = viewer, viewer.operator
+        with ui.element("div").classes("row-of").props('data-what="end"'):
+            self._press = ConfirmButton("End the graph ...", QUESTION, "yes, end the graph", self._do)
+            self._why = text_element("span", "", "quiet")
+        self._outcome = StatusLine()
+        self._refresh()
+        ui.timer(END_S, self._refresh)
+
+    def _refresh(self) -> None:
+        why = self._viewer.refusal()
+        self._why.text = why
+        self._press.allow(why)
+        if not self._viewer.source.overview().alive:
+            self._outcome.show("")  # the strip says that it has ended
+
+    async def _do(self) -> None:
+        if await self._outcome.run(self._end):
+            self._outcome.show(ASKED)
+
+    def _end(self) -> bool:
+        self._operator.end()
+        return True
+
+
 def shared_text(nodes: list[NodeState], processes: dict[int, int]) -> str:
     """Return what processes that several nodes share take, each once."""
     first = {node.pid: node for node in reversed(nodes)}
@@ -178,7 +218,7 @@ def _memory(node: NodeState) -> str:
     return f"{node.memory_bytes / 1e6:.0f} MB" if node.memory_bytes else ""
 
 
-def _node_row(node: NodeState, *, alone: bool) -> tuple[Cell, ...]:
+def _node_row(node: NodeState, *, alone: bool) -> tuple[LiveCell, ...]:
     return (
         node_address(node.name),
         node.lifecycle,
@@ -190,7 +230,7 @@ def _node_row(node: NodeState, *, alone: bool) -> tuple[Cell, ...]:
     )
 
 
-def wire_row(wire: WireState) -> tuple[Cell, ...]:
+def wire_row(wire: WireState) -> tuple[LiveCell, ...]:
     """Return a wire's cells under :data:`WIRE_TITLES`; what is unknown is empty."""
     action = f"{wire.topic}, an action for /{wire.source}", node_address(wire.reader)[1]
     return (

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from nicegui import run, ui
 
-from palp_core.errors import LifecycleError
+from palp_core.graph.discovery.logs import LineReader, LogLine, LogTail
 from palp_core.graph.messages.topic import Topic
-from palp_core.graph.node.lifecycle import Lifecycle, Transition, successor
+from palp_core.graph.node.lifecycle import Lifecycle, Transition, transitions
+from palp_core.graph.node.spec import MERGED_LOG
 from palp_core.view.pages.frame import frame
 from palp_core.view.pages.parameters import parameters_panel
 from palp_core.view.pages.parts import (
@@ -24,13 +26,13 @@ from palp_core.view.pages.parts import (
 )
 from palp_core.view.pages.swap import swap_panel, swap_text
 from palp_core.view.pages.viewer import Viewer
-from palp_core.view.source.action_wires import ACTION
-from palp_core.view.source.node_log import NodeLog
-from palp_core.view.source.overview import NodeState, Overview, shared_processes
+from palp_core.view.source.overview import ACTION, NodeState, Overview, shared_processes
 
 STATE_S, LOG_S = 1.0, 0.5
 QUESTION = "This graph moves something, and may rely on this node meanwhile. Go on?"
 MOST_LOG_LINES, MOST_LETTERS = 400, 4000
+FIRST_BYTES, MOST_BYTES = 64 << 10, 256 << 10
+"""Read at first, and at one look; of a node that prints more, the page says how much is left out."""
 
 
 def node_page(viewer: Viewer, name: str) -> None:
@@ -143,18 +145,7 @@ def allowed(lifecycle: str) -> list[str]:
     >>> allowed("active"), allowed("silent")
     (['deactivate', 'shutdown'], [])
     """
-    try:
-        state = Lifecycle(lifecycle)
-    except ValueError:
-        return []
-    found = []
-    for transition in Transition:
-        try:
-            successor(state, transition)
-        except LifecycleError:
-            continue
-        found.append(transition.value)
-    return found
+    return [t.value for t in transitions(Lifecycle(lifecycle))] if lifecycle in set(Lifecycle) else []
 
 
 def _ports(viewer: Viewer, name: str) -> None:
@@ -199,6 +190,24 @@ def ports(overview: Overview, topics: Sequence[Topic], name: str) -> list[tuple[
             asks = wire.source == name
             found.append(("asks" if asks else "acts", wire.topic, wire.reader if asks else wire.source))
     return found
+
+
+class NodeLog:
+    """The merged log of a run, of which the lines of one node are shown, each with its time and level."""
+
+    def __init__(self, folder: Path, node: str) -> None:
+        log = folder / "log" / f"{MERGED_LOG}.log"
+        self._tail = LogTail(log, last_bytes=FIRST_BYTES, most_bytes=MOST_BYTES)
+        self._node = node
+        self._reader = LineReader()
+
+    def new_lines(self) -> list[LogLine]:
+        """Return what has been printed since the last call; at first the last lines."""
+        lines = map(self._reader.read, self._tail.new_lines())
+        found = [line for line in lines if line.node == self._node]
+        if skipped := self._tail.skipped_bytes:
+            found.insert(0, LogLine("", self._node, "", begins=True, text=f"... {skipped} bytes left out"))
+        return found
 
 
 def _log(log: NodeLog) -> None:

@@ -13,6 +13,7 @@ from nicegui.elements.mixins.text_element import TextElement
 
 from palp_core.errors import PalpError
 from palp_core.graph.discovery.troubles import Trouble, worst
+from palp_core.view.server.asgi import answer
 
 HERE = Path(__file__).parent
 CSS = "".join((HERE / name).read_text(encoding="utf-8") for name in ("uplot/uPlot.min.css", "look.css"))
@@ -25,6 +26,8 @@ RARE_HZ = 0.05
 """What would be written as 0.0 Hz."""
 Cell = str | Callable[[], Any]
 """What a cell of a table holds: a text, or what puts something into it."""
+LiveCell = str | tuple[str, str]
+"""A text, or a text and where on this server it leads."""
 
 
 def text_element(tag: str, text: str = "", classes: str = "") -> Any:
@@ -80,6 +83,28 @@ def table(titles: Sequence[str], rows: Iterable[Sequence[Cell]]) -> None:
                         else:
                             with ui.element("td"):
                                 cell()
+
+
+class LiveTable(Element, component="live_table.js"):  # type: ignore[misc, call-arg]
+    """A table that changes every second: one element, whose rows the browser is sent as plain data.
+
+    Hundreds of elements, made again each second, would keep the server and the browser from a press.
+    """
+
+    def __init__(self, titles: Sequence[str]) -> None:
+        super().__init__()
+        self._props.update(titles=list(titles), rows=[])
+
+    def show(self, rows: Iterable[Sequence[LiveCell]]) -> None:
+        shown = [[list(cell) if isinstance(cell, tuple) else [cell] for cell in row] for row in rows]
+        if shown != self._props["rows"]:
+            self._props["rows"] = shown
+            self.update()
+
+    def _displayed_contents(self, *, only_visible: bool) -> list[Any]:
+        """Return what it says: by this NiceGUI's simulated user sees it."""
+        cells = [cell[0] for row in self._props["rows"] for cell in row]
+        return [*super()._displayed_contents(only_visible=only_visible), *self._props["titles"], *cells]
 
 
 MOST_UNDER_WAY = 2
@@ -158,15 +183,7 @@ class StatusLine:
 
 
 class ConfirmButton:
-    """A button that asks before it does what cannot be taken back.
-
-    Args:
-        word: What stands on it.
-        question: What is asked.
-        yes: What stands on the button that does it.
-        do: Does it.
-        classes: Of the first button.
-    """
+    """A button that asks before it does what cannot be taken back."""
 
     def __init__(
         self, word: str, question: str, yes: str, do: Callable[[], Awaitable[None]], classes: str = ""
@@ -194,6 +211,34 @@ class ConfirmButton:
     async def _go_on(self) -> None:
         self.ask(asked=False)
         await self._do()
+
+
+class UrgentButton(Element, component="urgent_button.js"):  # type: ignore[misc, call-arg]
+    """A button for what must not wait: one click, or the space bar wherever on the page but in a field.
+
+    The browser sends a press straight to the server: it needs neither a reload nor the page's socket.
+
+    Args:
+        name: Buttons of one name on several pages are one.
+        label: Its text.
+        press: Is called on a thread of its own; returns what to show.
+        done: Level of what is shown: ``ok``, ``warn``.
+    """
+
+    def __init__(self, name: str, label: str, press: Callable[[], str], done: str = "ok") -> None:
+        super().__init__()
+        answer(name, press)
+        self._props.update(name=name, label=label, done=done)
+
+    def allow(self, refusal: str) -> None:
+        """Let it be pressed if there is no refusal; else it says why not."""
+        if self._props.get("refusal", "") != refusal:
+            self._props["refusal"] = refusal
+            self.update()
+
+    def forget(self) -> None:
+        """Say no longer what came of the last press: something else has come since."""
+        self.run_method("tell", "", "")
 
 
 def figure(value: float | None, unit: str, digits: int = 1) -> str:

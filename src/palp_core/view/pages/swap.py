@@ -17,8 +17,8 @@ from palp_core.graph.workspaces.modules import module_file, short_name
 from palp_core.graph.workspaces.underlays import Underlay, underlays
 from palp_core.view.pages.parts import CHANGES, StatusLine, text_element
 from palp_core.view.pages.viewer import Viewer
-from palp_core.view.source.action_wires import ACTION
 from palp_core.view.source.live import LiveSource
+from palp_core.view.source.overview import ACTION
 from palp_core.view.source.swap_choices import fitting
 
 LOOK_S = 0.1

@@ -71,14 +71,7 @@ def _try(function: Callable[[Viewer], None], viewer: Viewer) -> None:
 
 
 class Viewer(msgspec.Struct, kw_only=True):
-    """One ``palp view``.
-
-    Attributes:
-        source: What is shown.
-        operator: Who may press what; None where nothing can be pressed, as over a bag.
-        own_page: The launch file's own page, if it names one.
-        time: The recording whose time is chosen on every page; None where nothing is recorded.
-    """
+    """One ``palp view``; over a bag nothing can be pressed, so there is no operator but a time to choose."""
 
     source: ViewSource
     operator: GraphOperator | None = None

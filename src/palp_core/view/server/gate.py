@@ -33,16 +33,7 @@ HEADERS = (
 
 
 class PageGate:
-    """Lets in who has the token.
-
-    Args:
-        app: The pages, which answer below ``/<token>``.
-        token: Of this server.
-
-    Attributes:
-        app: As given.
-        refused_count: So many were not let in.
-    """
+    """Lets in who has the token of this server; the pages answer below ``/<token>``."""
 
     def __init__(self, app: App, token: str) -> None:
         self.app = app

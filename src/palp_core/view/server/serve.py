@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 from palp_core.errors import PalpError
 from palp_core.extras import install_line
 from palp_core.graph.clock import monotonic_ns
+from palp_core.view.server.asgi import PageThread, Presses
 from palp_core.view.server.gate import PageGate
-from palp_core.view.server.page_thread import PageThread
-from palp_core.view.server.presses import Presses
 from palp_core.view.server.stderr import nonblocking_stderr
 
 if TYPE_CHECKING:
@@ -41,11 +40,7 @@ def check_installed() -> None:
 
 
 def listening_socket(port: int) -> socket.socket:
-    """Return a socket that listens on loopback: a browser that comes before the pages are up waits.
-
-    Args:
-        port: 0: any that is free.
-    """
+    """Return a socket that listens on loopback: a browser that comes before the pages are up waits."""
     found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
         if port:
@@ -71,14 +66,9 @@ def serve(
     low_priority: bool = False,
     over: Callable[[], bool] | None = None,
 ) -> None:
-    """Serve pages until SIGINT or SIGTERM.
+    """Serve the pages that ``register`` declares until SIGINT or SIGTERM.
 
-    Args:
-        listening: Where.
-        token: By which one gets in.
-        register: Declares the pages.
-        low_priority: As of :class:`.PageThread`.
-        over: Tells whether what is shown has ended: a minute after that without a browser this returns.
+    ``over`` is whether what is shown has ended: a minute after that without a browser this returns.
     """
     sys.setswitchinterval(TURN_S)
     with nonblocking_stderr():

@@ -28,9 +28,8 @@ from palp_core.graph.discovery.troubles import (
 from palp_core.graph.messages.builtin import GraphEvent
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.spec import LAUNCHER
-from palp_core.view.source.action_wires import SUMMED, actions_as_one
 from palp_core.view.source.feed import Feeds, decode_sample
-from palp_core.view.source.overview import NodeState, Overview, WireState
+from palp_core.view.source.overview import SUMMED, NodeState, Overview, WireState, actions_as_one
 from palp_core.view.source.protocol import Sample, Watch
 
 PERIOD_S = 1.0
@@ -43,11 +42,7 @@ HAS_ENDED = "it has ended; this is how it was last"
 
 
 class LiveSource:
-    """A running graph.
-
-    Attributes:
-        graph: It.
-    """
+    """A running graph."""
 
     def __init__(self, graph: RunningGraph, period_s: float = PERIOD_S) -> None:
         self.graph = graph

@@ -27,10 +27,7 @@ class Refused(GraphError):
 class GraphOperator:
     """What may be done to a running graph from a page. All of it waits for answers: call it on a thread.
 
-    Args:
-        source: The graph.
-        read_only: Nothing may be pressed.
-        operate: Everything may be, on a real rig too.
+    With ``read_only`` nothing may be pressed, with ``operate`` everything, on a real rig too.
     """
 
     def __init__(self, source: LiveSource, *, read_only: bool = False, operate: bool = False) -> None:
@@ -38,11 +35,7 @@ class GraphOperator:
         self._read_only, self._operate = read_only, operate
 
     def refusal(self, *, stops: bool = False) -> str:
-        """Return why nothing may be pressed just now, in words; "" if it may.
-
-        Args:
-            stops: What is to be pressed only brings something to rest: a real rig allows it always.
-        """
+        """Return why nothing may be pressed just now; "" if it may. What only ``stops`` a rig always may."""
         if self._read_only:
             return READ_ONLY
         overview = self._source.overview()
@@ -70,11 +63,7 @@ class GraphOperator:
         return str(reply["lifecycle"])
 
     def publish(self, node: str, port: str, text: str) -> int:
-        """Publish a message, typed as YAML, into a port that takes messages from outside.
-
-        Returns:
-            Its sequence on the topic.
-        """
+        """Publish a message, typed as YAML, into an external port; return its sequence on the topic."""
         graph = self.allow()
         ports = graph.ask(node, "schemas")["ports"]
         if port not in ports:
@@ -85,25 +74,15 @@ class GraphOperator:
     def call(
         self, node: str, service: str, request: dict[str, Any], *, stops: bool = False
     ) -> dict[str, Any]:
-        """Call a service of a node; return its reply.
-
-        Args:
-            node: Its name.
-            service: The port.
-            request: Plain values, as they travel.
-            stops: It only brings something to rest.
-        """
+        """Call a service of a node with plain values; return its reply."""
         graph = self.allow(stops=stops)
         reply: dict[str, Any] = graph.ask(node, "call", service=service, request=request)["reply"]
         return reply
 
     def swap(self, node: str, run: str, **options: Any) -> dict[str, Any]:
-        """Let another class take a node's place, or the same one from its file as it is now.
+        """Let another class take a node's place, or the same one from its file: :meth:`RunningGraph.swap`.
 
         A file is looked for from the folder in which the viewer was started, then from the workspace.
-
-        Returns:
-            ``report`` or ``failed``, as :meth:`RunningGraph.swap` has it.
         """
         graph = self.allow()
         return graph.swap(node, class_from_here(run, graph.record.workspace), **options)

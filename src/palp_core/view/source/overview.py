@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import msgspec
 
 from palp_core.graph.discovery.troubles import Trouble
+from palp_core.graph.node.spec import action_of
 
 UNKNOWN = "unknown"
+ACTION = "action"
+"""In place of a message's type."""
+SUMMED = ("received", "lost", "late", "dropped", "rate_hz")
 
 
 class NodeState(msgspec.Struct, frozen=True, kw_only=True):
-    """A node: what it is, how it does, and why if not well.
+    """A node: class, state and figures; ``health`` is ``ok``, ``warn``, ``error``, or unknown as in a bag.
 
-    Attributes:
-        name: Without the slash.
-        run: Its class, ``module:Class``.
-        lifecycle: As ROS 2 has it; ``silent`` where the node does not answer; :data:`SWAPPING`.
-        health: ``ok``, ``warn`` or ``error``; ``unknown`` where nobody tells, as in a bag.
-        why: What is wrong, in words; "" if nothing is.
-        rate_hz: Ticks and messages handled a second; None where that is unknown.
+    ``lifecycle`` is ``silent`` where the node does not answer; ``rate_hz`` counts ticks and messages.
     """
 
     name: str
@@ -62,16 +61,7 @@ class WireState(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Overview(msgspec.Struct, frozen=True, kw_only=True):
-    """All of a graph.
-
-    Attributes:
-        kind: ``graph`` or ``bag``.
-        run: Id of the run; of a bag its folder.
-        clock: ``sim`` or ``wall``.
-        now_s: Time on the graph's clock; None while the launcher does not tell.
-        elapsed_s: Seconds since the launch, by this machine's time of day.
-        alive: The graph still runs.
-    """
+    """All of a graph, or of a bag, by ``kind``; ``now_s`` is on its clock, ``elapsed_s`` since the launch."""
 
     kind: str
     title: str
@@ -88,3 +78,47 @@ class Overview(msgspec.Struct, frozen=True, kw_only=True):
     def moves_something_real(self) -> bool:
         """Whether a node of it moves something, and that not in simulated time."""
         return self.clock == "wall" and any(node.moves for node in self.nodes)
+
+
+def actions_as_one(wires: Sequence[WireState]) -> list[WireState]:
+    """Return wires in which all parts of an action between two nodes are one, where the first of them was.
+
+    Counts and rates are summed, latencies are the worst; what no part knows stays unknown.
+    """
+    servers = dict(_called(wire.topic for wire in wires))
+    found: dict[tuple[str, str, str], WireState] = {}
+    for wire in wires:
+        whole = _whole(wire, servers)
+        known = found.get(key := (whole.source, whole.reader, whole.topic))
+        found[key] = whole if known is None else _both(known, whole)
+    return list(found.values())
+
+
+def _called(topics: Iterable[str]) -> Iterable[tuple[str, str]]:
+    """Yield what clients name their ends of actions, ``/carrier/move``, and the servers theirs.
+
+    Both stand in the name of a reply: ``/arm/move/_action/send_goal/carrier/move/_action/send_goal``.
+    """
+    for topic in topics:
+        server = action_of(topic)
+        _, _, client = topic.removeprefix(f"{server}/_action/").partition("/")
+        if server and (asks := action_of(f"/{client}")):
+            yield asks, server
+
+
+def _whole(wire: WireState, servers: dict[str, str]) -> WireState:
+    action = action_of(wire.topic)
+    if not action:
+        return wire
+    if action in servers:  # a call, as its server hears it
+        return msgspec.structs.replace(wire, topic=servers[action], type=ACTION)
+    return msgspec.structs.replace(wire, topic=action, source=wire.reader, reader=wire.source, type=ACTION)
+
+
+def _both(one: WireState, other: WireState) -> WireState:
+    def known(name: str) -> list[Any]:
+        return [value for wire in (one, other) if (value := getattr(wire, name)) is not None]
+
+    sums = {name: sum(values) if (values := known(name)) else None for name in SUMMED}
+    worst = {name: max(known(name), default=None) for name in ("latency_p50_s", "latency_p99_s")}
+    return msgspec.structs.replace(one, **sums, **worst)

@@ -20,8 +20,7 @@ from palp_core.graph.messages.message_text import decoded
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.problems import hint
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT
-from palp_core.view.source.action_wires import actions_as_one
-from palp_core.view.source.overview import NodeState, Overview, WireState
+from palp_core.view.source.overview import NodeState, Overview, WireState, actions_as_one
 from palp_core.view.source.protocol import Sample, Watch
 
 SPAN_NS = 60_000_000_000
@@ -31,12 +30,7 @@ FIRST_LOOK_NS = 1_000_000_000
 
 
 class RecordedSource:
-    """A bag.
-
-    Attributes:
-        start_s: Where it begins, on the graph's clock.
-        end_s: Where it ends.
-    """
+    """A bag, from ``start_s`` to ``end_s`` on the graph's clock."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -45,12 +45,7 @@ def number_fields(schema: dict[str, Any], prefix: str = "") -> Iterator[str]:
 
 
 class FieldSeries:
-    """The values of one field over the graph's time.
-
-    Attributes:
-        label: Field and unit.
-        last: Elements of the last message, if the field is an array; else its value.
-    """
+    """The values of one field over the graph's time; ``last`` has the elements of the last message."""
 
     def __init__(self, field: str, schema: dict[str, Any]) -> None:
         self.field = field

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import contextlib
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 ASK_S = 2.0
 MOST = 300
 STATUS = "DiagnosticStatus"
+EVENTS: dict[str, type[GraphEvent | NodeEvent]] = {"GraphEvent": GraphEvent, "NodeEvent": NodeEvent}
 WORDS = {OK: "well", WARN: "warning", ERROR: "fault"}
 """Of how a node stands."""
 
@@ -38,40 +40,41 @@ def timeline_events(live: LiveSource) -> list[TimelineEvent]:
 
     How a node stands is remembered as far back as its own topic keeps it: of safety its last hundred words.
     """
-    found = [of_graph(event) for event in live.events()]
+    found = [of_event("", event) for event in live.events()]
     graph = live.graph
-    topics = {node: f"/{node}/_events" for node in graph.node_names}
-    for node, topic in topics.items():
-        try:
-            events = graph.decoded_history(node, topic, NodeEvent, ASK_S)
-        except GraphError:
-            continue
-        found += [of_node(node, event) for event in events]
+    for node in graph.node_names:
+        with contextlib.suppress(GraphError):
+            events = graph.decoded_history(node, f"/{node}/_events", NodeEvent, ASK_S)
+            found += [of_event(node, event) for event in events]
     nodes = {topic.name: topic.node for topic in live.topics() if topic.type == STATUS}
-    found += _read((of_status(nodes[name], sample) for name, sample in live.history(list(nodes))))
-    return latest_first(found)
+    return latest_first(
+        [*found, *(of_status(nodes[name], sample) for name, sample in live.history(list(nodes)))]
+    )
 
 
 def recorded(bag: RecordedSource) -> list[TimelineEvent]:
     """Return what has happened in a recording, the latest first. It reads: call it on a thread."""
-    known = {topic.name: topic for topic in bag.topics() if topic.type in RECORDED}
-    samples = bag.history(list(known))
-    return latest_first(
-        _read(RECORDED[known[name].type](known[name].node, sample) for name, sample in samples)
-    )
+    known = {topic.name: topic for topic in bag.topics() if topic.type in (*EVENTS, STATUS)}
+    found = list[TimelineEvent | None]()
+    for name, sample in bag.history(list(known)):
+        topic = known[name]
+        if topic.type == STATUS:
+            found.append(of_status(topic.node, sample))
+        else:
+            with contextlib.suppress(msgspec.ValidationError):  # another graph's type of that name
+                found.append(of_event(topic.node, msgspec.convert(sample.message, EVENTS[topic.type])))
+    return latest_first(found)
 
 
-def latest_first(found: Iterable[TimelineEvent]) -> list[TimelineEvent]:
+def latest_first(found: Iterable[TimelineEvent | None]) -> list[TimelineEvent]:
     """Return the latest of what has happened, each once."""
-    return sorted(set(found), key=lambda one: (one.at_s, one.node, one.text), reverse=True)[:MOST]
+    known = {one for one in found if one is not None}
+    return sorted(known, key=lambda one: (one.at_s, one.node, one.text), reverse=True)[:MOST]
 
 
-def of_graph(event: GraphEvent) -> TimelineEvent:
-    return TimelineEvent(event.stamp_ns / 1e9, event.kind, event.node, event.text, level_of(event))
-
-
-def of_node(node: str, event: NodeEvent) -> TimelineEvent:
-    return TimelineEvent(event.stamp_ns / 1e9, event.kind, node, event.text, level_of(event))
+def of_event(node: str, event: GraphEvent | NodeEvent) -> TimelineEvent:
+    of = event.node if isinstance(event, GraphEvent) else node
+    return TimelineEvent(event.stamp_ns / 1e9, event.kind, of, event.text, level_of(event))
 
 
 def of_status(node: str, sample: Sample) -> TimelineEvent | None:
@@ -81,28 +84,3 @@ def of_status(node: str, sample: Sample) -> TimelineEvent | None:
         return None
     known = level if level in WORDS else WARN
     return TimelineEvent(sample.stamp_ns / 1e9, WORDS[known], node, str(text) or "it is well again", known)
-
-
-def _read(found: Iterable[TimelineEvent | None]) -> list[TimelineEvent]:
-    return [one for one in found if one is not None]
-
-
-def _of_plain(kind: type[NodeEvent | GraphEvent]) -> Callable[[str, Sample], TimelineEvent | None]:
-    """Return what reads an event of a bag; of another graph's type of that name it is left out."""
-
-    def read(node: str, sample: Sample) -> TimelineEvent | None:
-        try:
-            event = msgspec.convert(sample.message, kind)
-        except msgspec.ValidationError:
-            return None
-        return of_graph(event) if isinstance(event, GraphEvent) else of_node(node, event)
-
-    return read
-
-
-RECORDED: dict[str, Callable[[str, Sample], TimelineEvent | None]] = {
-    "GraphEvent": _of_plain(GraphEvent),
-    "NodeEvent": _of_plain(NodeEvent),
-    STATUS: of_status,
-}
-"""What a timeline is made of, by type of message."""

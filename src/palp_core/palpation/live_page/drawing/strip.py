@@ -16,8 +16,7 @@ from palp_core.palpation.live_page.safety import (
     safety_status,
     stop_text,
 )
-from palp_core.view.pages.parts import ConfirmButton, StatusLine, text_element
-from palp_core.view.pages.urgent import UrgentButton
+from palp_core.view.pages.parts import ConfirmButton, StatusLine, UrgentButton, text_element
 from palp_core.view.pages.viewer import Viewer
 from palp_core.view.source.protocol import Watch, open_watches
 
