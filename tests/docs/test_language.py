@@ -1,0 +1,98 @@
+"""The documentation is in plain English: short sentences, short pages, short cells, no private words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.support.palp import ROOT
+
+LONGEST_SENTENCE, MEAN_SENTENCE, LONGEST_PAGE, LONGEST_CELL, LONGEST_ENTRY = 35, 18, 1500, 25, 20
+BANNED = re.compile(
+    r"\b(beside|anew|vouch\w*|reckon\w*|goes by|at work|in words|whoever|nobody|anybody|somebody)\b",
+    re.IGNORECASE,
+)
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+EXEMPT = (ROOT / "tests" / "docs" / "language_exempt.txt").read_text(encoding="utf-8").split()
+"""Pages that are still to be rewritten. The list may only shrink."""
+
+
+def prose(text: str) -> str:
+    """Return what is read as sentences: no code, headings, tables, comments, pictures or targets of links."""
+    text = re.sub(
+        r"\A---\n.*?\n---\n|```.*?```|~~~.*?~~~|<!--.*?-->|!\[[^]]*\]\([^)]*\)", "", text, flags=re.DOTALL
+    )
+    text = re.sub(r"\]\([^)]*\)|[\[\]*]", "", re.sub(r"`[^`]*`", "code", text))
+    kept = [line for line in text.splitlines() if not line.startswith(("#", "|"))]
+    return re.sub(r"\n(?:[ \t]*(?:[-+:>]|\d+\.) )", "\n\n", "\n".join(["", *kept]))
+
+
+def sentences(text: str) -> Iterator[list[str]]:
+    for paragraph in re.split(r"\n\s*\n", prose(text)):
+        for sentence in re.split(r"(?<=[.!?])[\s)]+", paragraph):
+            words = re.findall(r"[\w'-]+", sentence)
+            if words:
+                yield words
+
+
+def cells(text: str) -> Iterator[str]:
+    for line in re.sub(r"```.*?```", "", text, flags=re.DOTALL).splitlines():
+        if line.startswith("|"):
+            yield from re.sub(r"\]\([^)]*\)", "]", line.replace(r"\|", "/")).strip("|").split("|")
+
+
+def problems(text: str) -> list[str]:
+    """Return what a page must not have."""
+    found = list(sentences(text))
+    mean = sum(map(len, found)) / max(len(found), 1)
+    wide = [cell for cell in cells(text) if len(cell.split()) > LONGEST_CELL]
+    count = sum(map(len, found)) + sum(len(cell.split()) for cell in cells(text))
+    return [
+        *(
+            f"a sentence of {len(one)} words: {' '.join(one[:8])} ..."
+            for one in found
+            if len(one) > LONGEST_SENTENCE
+        ),
+        *([f"sentences of {mean:.1f} words on average"] if mean > MEAN_SENTENCE else []),
+        *([f"{count} words"] if count > LONGEST_PAGE else []),
+        *(f"a cell of {len(cell.split())} words: {cell[:60]}" for cell in wide),
+        *(f"the word '{word}'" for word in BANNED.findall(prose(text) + " ".join(cells(text)))),
+    ]
+
+
+def name(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if name(page) not in EXEMPT], ids=name)
+def test_a_page_is_plain_and_short(page: Path) -> None:
+    assert problems(page.read_text(encoding="utf-8")) == []
+
+
+def test_every_exemption_is_still_needed() -> None:
+    texts = {name(page): page.read_text(encoding="utf-8") for page in PAGES}
+    assert [page for page in EXEMPT if page not in texts or not problems(texts[page])] == []
+
+
+def test_a_changelog_entry_is_short() -> None:
+    entries = re.findall(r"^- (.+)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert [entry for entry in entries if len(entry.split()) > LONGEST_ENTRY] == []
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("word " * 36 + ".", "a sentence of 36 words"),
+        (("word " * 19 + ". ") * 3, "sentences of 19.0 words"),
+        (("word " * 10 + ". ") * 151, "1510 words"),
+        ("| a | " + "word " * 26 + "|", "a cell of 26 words"),
+        ("It stands beside the stage.", "the word 'beside'"),
+        ("```\n" + "word " * 50 + "\n```\nFine.", ""),
+    ],
+)
+def test_a_page_that_is_not_plain_is_found(text: str, problem: str) -> None:
+    found = problems(text)
+    assert found[0].startswith(problem) if problem else found == []
