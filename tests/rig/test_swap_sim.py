@@ -15,7 +15,9 @@ import pytest
 
 from palp_core.errors import NodeError
 from palp_core.graph.launch.graph import Graph
+from palp_core.graph.messages.builtin import Order
 from palp_core.graph.messages.frame import parse
+from palp_core.graph.messages.message import decode
 from palp_core.graph.swap.swap import Probation, SwapFailed, SwapReport, SwapRequest
 from tests.support.palp import Palp
 from tests.support.rig_session import ComposedGraph
@@ -85,6 +87,17 @@ def test_a_fault_changes_no_byte_of_the_run(launch: Path, step: str, *, compose:
         _forgiving(graph)
         assert graph.run().exit_code == 0
     assert _without_orders(frames) == _without_orders(plain)
+    assert _consumed(frames) == _consumed(plain)
+
+
+def _consumed(frames: list[bytes]) -> dict[str, list[tuple[object, ...]]]:
+    """What each node has written down of what it consumed, whatever its batches are."""
+    found: dict[str, list[tuple[object, ...]]] = {}
+    for frame in map(parse, (raw for raw in frames if b"/_order\0" in raw)):
+        order = decode(Order, frame.payload)
+        entries = zip(order.source, order.epoch, order.sequence, order.now_ns, strict=True)
+        found.setdefault(frame.topic, []).extend((order.sources[at], *entry) for at, *entry in entries)
+    return found
 
 
 def _observer(frames: list[bytes]) -> Callable[[int, bytes], None]:

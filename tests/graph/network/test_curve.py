@@ -18,7 +18,7 @@ from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.network.join_protocol import JoinRefused
 from palp_core.graph.network.keys import KeyFolder, OwnKeys
 from palp_core.graph.network.relay import Peer
-from palp_core.graph.transport.in_flight_bytes import InFlightBytes
+from palp_core.graph.transport.zmq_sockets import InFlightBytes
 
 PATIENCE_NS = 60_000_000_000
 

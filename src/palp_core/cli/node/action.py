@@ -230,7 +230,7 @@ class _Following:
                 asked_ns = now_ns
                 self._ask()
 
-    def _take(self, topic: str, payload: memoryview) -> Iterator[dict[str, Any]]:
+    def _take(self, topic: str, payload: bytes | memoryview) -> Iterator[dict[str, Any]]:
         from palp_core.graph.messages.message_text import decoded
 
         message = decoded(payload, self._schemas[topic])

@@ -48,10 +48,6 @@ class Composition:
         refused: What threads of nodes were refused: whose methods they ran, and why.
         working: The node that works.
         clock: That of all nodes.
-
-    Raises:
-        GraphError: A class or its parameters do not fit.
-        NodeError: A node could not be configured.
     """
 
     start_ns = 0
@@ -85,11 +81,9 @@ class Composition:
             self._sockets.requests.add(executor.name, NodeServices(executor).operations(), CHANGING)
 
     def activate(self, index: int) -> Done:
-        """Activate one node."""
         return self._nodes[index].transition(Transition.ACTIVATE)
 
     def work(self, rounds: Mapping[int, Round]) -> Mapping[int, Done]:
-        """Let several nodes do their part of a round, one after the other."""
         self._round_count += 1
         sockets, swap = self._sockets, self.swap
         if sockets is not None and self._round_count % POLL_ROUNDS == 0:
@@ -118,7 +112,6 @@ class Composition:
         return {index: self._nodes[index].work(message) for index, message in rounds.items()}
 
     def pending_commands(self) -> set[int]:
-        """Return the nodes for which a command from outside waits."""
         waiting = self._sockets.requests.waiting if self._sockets is not None else ()
         indices = {self.names.index(name) for name in waiting}
         return {index for index in indices if not self._holds_requests(index)}
@@ -127,7 +120,6 @@ class Composition:
         return self.swap is not None and self.swap.index == index and self.swap.holds_requests
 
     def shutdown(self, index: int, now_ns: int) -> Done:
-        """Bring one node to its safe state and end it."""
         self.clock.set(now_ns)
         return self._nodes[index].transition(Transition.SHUTDOWN)
 
@@ -156,7 +148,6 @@ class Composition:
         return standby
 
     def send(self, standby: Standby, message: ToSwapped | Round) -> None:
-        """Let the other node do what a swap asks."""
         node = self._standby_node
         assert node is not None
         with _failing(standby):
@@ -169,7 +160,6 @@ class Composition:
                 standby.process.ended = True
 
     def send_if_connected(self, index: int, message: ToSwapped) -> None:
-        """Let a node do what a swap asks."""
         self._nodes[index].change_over(_copied(message))
 
     def wait_until(self, condition: Callable[[], bool], deadline_ns: int | None = None) -> bool:
@@ -285,14 +275,12 @@ class NodeOutput(io.TextIOBase):
         self._log, self._head, self._rest = log, head, ""
 
     def write(self, text: str) -> int:
-        """Write the lines that are complete."""
         *lines, self._rest = (self._rest + text).split("\n")
         head = f"{time_text()} {self.working()}: " if self._head and lines else ""
         self._log.write("".join(f"{head}{line}\n" for line in lines).encode(errors="backslashreplace"))
         return len(text)
 
     def end_line(self) -> None:
-        """Write a last line that was not ended."""
         if self._rest:
             self.write("\n")
 

@@ -41,13 +41,7 @@ class LockstepNodes(Protocol):
 
 
 class Conductor:
-    """Drives nodes through simulated time.
-
-    Args:
-        readers: Per topic, the numbers of the nodes that read it.
-        ends_run: Numbers of the nodes whose end is the end of the run.
-        check: Is called once per instant; raises when the user wants the end.
-    """
+    """Drives nodes through simulated time."""
 
     def __init__(
         self,
@@ -115,7 +109,6 @@ class Conductor:
         return self.exit_code
 
     def shutdown(self, index: int) -> None:
-        """Bring a node to its safe state and end it."""
         self._account(index, self._nodes.shutdown(index, self.now_ns))
 
     def _run_rounds(self, published: list[bytes]) -> None:

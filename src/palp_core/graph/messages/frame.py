@@ -18,11 +18,15 @@ from palp_core.errors import SchemaMismatch
 
 VERSION = 2
 _HEADER = struct.Struct("<BBHIQqQ")
+_NUL_HEADER = struct.Struct("<BBBHIQqQ")
+_WORDS = struct.Struct("<IIQqQ")  # version, kind and flags as one number
+_PLAIN_DATA = VERSION  # as that number: a message without flags
 _SEQUENCE = struct.Struct("<Q")
 _SEQUENCE_AT = struct.calcsize("<BBHI")
 _FORMER = struct.Struct("<IQ")
 HEADER_BYTES = _HEADER.size
 MAX_TOPIC_BYTES = 255
+VIEWED_FROM_BYTES = 4096  # below, a copy costs less than a view
 LAST_SEQUENCE = 2**53
 """No publisher comes that far (285 years at 1 MHz), and sums of a few such numbers can be said everywhere."""
 
@@ -37,7 +41,7 @@ class Kind(IntEnum):
 
 
 class Frame(NamedTuple):
-    """A parsed frame; ``payload`` is a view into the received bytes."""
+    """A parsed frame; a large ``payload`` is a view into the received bytes."""
 
     topic: str
     kind: int
@@ -45,7 +49,7 @@ class Frame(NamedTuple):
     sequence: int
     stamp_ns: int
     type_hash: int
-    payload: memoryview
+    payload: bytes | memoryview
 
 
 _DATA, _IDLE = int(Kind.DATA), int(Kind.IDLE)  # an enum costs a comparison in Python
@@ -61,13 +65,10 @@ def pack(
     type_hash: int,
     payload: bytes | memoryview = b"",
 ) -> bytes:
-    return b"".join(
-        (topic, b"\0", _HEADER.pack(VERSION, kind, 0, epoch, sequence, stamp_ns, type_hash), payload)
-    )
+    return topic + _NUL_HEADER.pack(0, VERSION, kind, 0, epoch, sequence, stamp_ns, type_hash) + payload
 
 
 def raw_of(frame: Frame) -> bytes:
-    """Return the bytes that :func:`parse` has split."""
     return pack(frame.topic.encode(), *frame[1:])
 
 
@@ -83,17 +84,14 @@ def former_of(frame: Frame) -> tuple[int, int]:
 
 
 def pack_former(epoch: int, sequence: int) -> bytes:
-    """Return a heartbeat's payload for :func:`former_of`."""
     return _FORMER.pack(epoch, sequence)
 
 
 def topic_of(frame: bytes) -> bytes:
-    """Return the topic of a frame without parsing the rest."""
     return frame[: frame.index(0)]
 
 
 def sequence_of(frame: bytes, topic_bytes: int) -> int:
-    """Return the sequence of a frame whose topic has the given length."""
     sequence: int = _SEQUENCE.unpack_from(frame, topic_bytes + 1 + _SEQUENCE_AT)[0]
     return sequence
 
@@ -101,24 +99,38 @@ def sequence_of(frame: bytes, topic_bytes: int) -> int:
 def parse(frame: bytes) -> Frame:
     """Split a frame of one message into its parts."""
     end = frame.find(0, 0, MAX_TOPIC_BYTES + 1)
-    if end < 1:
-        raise SchemaMismatch("not a palp frame: no topic")
-    if len(frame) < end + 1 + HEADER_BYTES:
-        raise SchemaMismatch(f"not a palp frame: {len(frame)} bytes are too few for a header")
-    version, kind, _, epoch, sequence, stamp_ns, type_hash = _HEADER.unpack_from(frame, end + 1)
-    if version != VERSION:
-        raise SchemaMismatch(
-            f"frame of wire version {version}; this end speaks {VERSION}: upgrade the older one"
-        )
-    if kind > _IDLE:
-        raise SchemaMismatch(f"frame of unknown kind {kind}")
-    if kind == _DATA and sequence == 0:
-        raise SchemaMismatch("frame without a sequence: the first message of a topic has 1")
-    if sequence > LAST_SEQUENCE:
-        raise SchemaMismatch(f"frame of sequence {sequence}: no topic has so many messages")
     try:
-        topic = str(frame[:end], "utf-8")
-    except UnicodeDecodeError as error:
-        raise SchemaMismatch("not a palp frame: the topic is not UTF-8") from error
-    payload = memoryview(frame)[end + 1 + HEADER_BYTES :]
+        head, epoch, sequence, stamp_ns, type_hash = _WORDS.unpack_from(frame, end + 1)
+        topic = frame[:end].decode()
+    except (struct.error, UnicodeDecodeError) as error:
+        raise SchemaMismatch(_mistake_of(frame, end)) from error
+    kind = _DATA
+    if head != _PLAIN_DATA or end < 1 or not 0 < sequence <= LAST_SEQUENCE:
+        kind = frame[end + 2]
+        if mistake := _mistake_of(frame, end):
+            raise SchemaMismatch(mistake)
+    rest = frame if len(frame) < VIEWED_FROM_BYTES else memoryview(frame)
+    payload = rest[end + 1 + HEADER_BYTES :]
     return _new_frame(Frame, (topic, kind, epoch, sequence, stamp_ns, type_hash, payload))
+
+
+def _mistake_of(frame: bytes, end: int) -> str:
+    """Return why bytes are not a frame, or ""; ``end`` is where its topic ends."""
+    if end < 1:
+        return "not a palp frame: no topic"
+    if len(frame) < end + 1 + HEADER_BYTES:
+        return f"not a palp frame: {len(frame)} bytes are too few for a header"
+    version, kind, _, _, sequence, _, _ = _HEADER.unpack_from(frame, end + 1)
+    if version != VERSION:
+        return f"frame of wire version {version}; this end speaks {VERSION}: upgrade the older one"
+    if kind > _IDLE:
+        return f"frame of unknown kind {kind}"
+    if kind == _DATA and sequence == 0:
+        return "frame without a sequence: the first message of a topic has 1"
+    if sequence > LAST_SEQUENCE:
+        return f"frame of sequence {sequence}: no topic has so many messages"
+    try:
+        frame[:end].decode()
+    except UnicodeDecodeError:
+        return "not a palp frame: the topic is not UTF-8"
+    return ""

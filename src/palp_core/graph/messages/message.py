@@ -66,12 +66,8 @@ def _from_wire_writable(expected: Any, value: Any) -> Any:
     return _from_wire(expected, value).copy()
 
 
-_ENCODER = msgspec.msgpack.Encoder(enc_hook=_to_wire)
-
-
-def encode_any(value: Any) -> bytes:
-    """Return the msgpack bytes of a message, a state or a plain value."""
-    return _ENCODER.encode(value)
+encode_any: Callable[[Any], bytes] = msgspec.msgpack.Encoder(enc_hook=_to_wire).encode
+"""Return the msgpack bytes of a message, a state or a plain value."""
 
 
 def encode(message: Message) -> bytes:
@@ -81,7 +77,7 @@ def encode(message: Message) -> bytes:
         SchemaMismatch: A field holds what cannot travel.
     """
     canonical = schema_of(type(message)).canonical
-    return _ENCODER.encode(message if canonical is None else canonical(message))
+    return encode_any(message if canonical is None else canonical(message))
 
 
 _DECODERS: dict[Any, msgspec.msgpack.Decoder[Any]] = {}
@@ -97,11 +93,7 @@ def _decoder(cls: type[T], writable: bool) -> msgspec.msgpack.Decoder[T]:
 
 
 def decode_any(cls: type[T], data: bytes | memoryview, *, writable: bool = False) -> T:
-    """Decode bytes into any msgspec type, with arrays as numpy arrays, read-only unless ``writable``.
-
-    Raises:
-        SchemaMismatch: The bytes are not such a value.
-    """
+    """Decode bytes into any msgspec type, with arrays as numpy arrays, read-only unless ``writable``."""
     try:
         return _decoder(cls, writable).decode(data)
     except _NOT_DECODED as error:

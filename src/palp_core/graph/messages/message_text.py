@@ -15,13 +15,9 @@ _STEP = re.compile(r"(?:^|\.)([A-Za-z_]\w*)|\[(-?\d+)\]")
 
 
 class Truncation(NamedTuple):
-    """How much of a message is shown.
+    """How much of a message is shown."""
 
-    Attributes:
-        length: Elements of an array, characters of a text; None: all.
-    """
-
-    length: int | None = 128
+    length: int | None = 128  # elements of an array, characters of a text; None: all
     arrays: bool = True
     texts: bool = True
 
@@ -108,7 +104,6 @@ def truncated(value: Any, how: Truncation) -> Any:
 
 
 def csv_line(value: Any) -> str:
-    """Return all values of a message, in order, as one line of comma-separated values."""
     line = io.StringIO()
     csv.writer(line, lineterminator="").writerow(_leaves(value))
     return line.getvalue()

@@ -2,7 +2,7 @@
 
 A policy is a field of :class:`Qos` and an entry of :data:`POLICIES`; launch files, checks and tools go by
 both. What keeps it is where messages are published (``node/publisher``), taken up (``node/subscription``) or
-watched (``transport/edge_monitor``).
+watched (``transport/receiver``).
 """
 
 from collections.abc import Callable
@@ -54,11 +54,7 @@ class Qos(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     lease_ms: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what is no policy where it is written, not where it is used.
-
-        Raises:
-            ValueError: A word that is none of a policy's, or a number beyond its bounds.
-        """
+        """Refuse what is no policy where it is written, not where it is used."""
         for name, policy in POLICIES.items():
             value, words = getattr(self, name), _WORDS.get(name)
             if words is not None:
@@ -77,23 +73,18 @@ class Qos(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
 
 class Policy(NamedTuple):
-    """How both ends of an edge come to terms about one policy.
+    """How both ends of an edge come to terms about one policy."""
 
-    Attributes:
-        conflict: Says of what is requested and what is offered why it cannot be kept, or None.
-        on_edge: Returns what holds between the two.
-        shared: Returns what serves all inputs that read one topic; None: each input sees to its own.
-        least: Smallest number that can be stated.
-        most: Largest; times of over eleven days guard nothing, and depths of millions fill the memory.
-        event: What a reader is told when a stated policy is not kept.
-    """
-
+    # says of what is requested and what is offered why it cannot be kept, or None
     conflict: Callable[[Any, Any], str | None] = lambda _requested, _offered: None
+    # returns what holds between the two
     on_edge: Callable[[Any, Any], Any] = lambda requested, _offered: requested
+    # returns what serves all inputs that read one topic; None: each input sees to its own
     shared: Callable[[list[Any]], Any] | None = None
-    least: int = 0
+    least: int = 0  # smallest number that can be stated
+    # largest; times of over eleven days guard nothing, and depths of millions fill the memory
     most: int = 1_000_000_000
-    event: EventKind | None = None
+    event: EventKind | None = None  # what a reader is told when a stated policy is not kept
 
 
 def _needs(strong: str, what: str = "") -> Callable[[str, str], str | None]:

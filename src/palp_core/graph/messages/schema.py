@@ -34,23 +34,19 @@ class Field(msgspec.Struct, frozen=True):
 
 
 class Schema(msgspec.Struct, frozen=True, eq=False):
-    """What a message type is made of.
-
-    Attributes:
-        check: Raises :class:`SchemaMismatch` if an element of an array is out of bounds; None: none can be.
-        canonical: Returns a message with the floats that its ints stand for; None: there is nothing to do.
-    """
+    """What a message type is made of."""
 
     name: str
     doc: str
     fields: tuple[Field, ...]
     type_hash: int
+    # raises :class:`SchemaMismatch` if an element of an array is out of bounds; None: none can be
     check: Callable[[Any], None] | None
+    # returns a message with the floats that its ints stand for; None: there is nothing to do
     canonical: Callable[[Any], Any] | None
 
     @property
     def hash_text(self) -> str:
-        """The type hash as bags and tools have it: 16 hexadecimal digits."""
         return f"{self.type_hash:016x}"
 
 

@@ -78,7 +78,6 @@ def items_of(schema: JsonSchema) -> dict[str, Any]:
 
 
 def array_fields(schema: JsonSchema) -> list[str]:
-    """Return the fields of a message that are numeric arrays."""
     return [name for name, field in fields_of(schema).items() if is_array(field)]
 
 
@@ -98,12 +97,7 @@ def nested(schema: JsonSchema) -> list[dict[str, Any]]:
 
 
 def ros_text(schema: JsonSchema, type_name: Callable[[JsonSchema], str] = lambda s: str(s["title"])) -> str:
-    """Return a message in ROS ``.msg`` form, units as comments; messages within it are named only.
-
-    Args:
-        schema: Of the message.
-        type_name: Names the type of a message within it.
-    """
+    """Return a message in ROS ``.msg`` form, units as comments; messages within it are named only."""
     return "".join(
         f"{ros_type(name, field, type_name)} {name}{unit_comment(field)}\n"
         for name, field in fields_of(schema).items()
@@ -125,6 +119,5 @@ def ros_type(name: str, schema: JsonSchema, type_name: Callable[[JsonSchema], st
 
 
 def unit_comment(schema: JsonSchema) -> str:
-    """Return a field's unit as the comment at the end of its line."""
     unit = unit_of(schema)
     return f"  # {unit}" if unit else ""

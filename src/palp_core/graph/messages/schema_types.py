@@ -56,13 +56,6 @@ def type_from_schema(
     name: str = "Value",
     make: Callable[[JsonSchema, str, dict[str, Any]], Any] = _struct,
 ) -> Any:
-    """Return the Python type that a JSON Schema describes.
-
-    Args:
-        schema: Of a message or a field.
-        name: Of the type, if the schema has no title.
-        make: Makes the class of a message of its schema, name and fields; by default a frozen struct.
-    """
     kind = kind_of(schema)
     if kind is FieldKind.LIST:
         return list[type_from_schema(items_of(schema), f"{name}Item", make)]  # type: ignore[misc]
@@ -76,12 +69,7 @@ def type_from_schema(
 
 
 def message_class(schema: JsonSchema, name: str) -> type[Message]:
-    """Return the message class that a JSON Schema describes; of progress it is the runtime's own.
-
-    Args:
-        schema: Of the message.
-        name: Of the type, if the schema has no title.
-    """
+    """Return the message class that a JSON Schema describes; of progress it is the runtime's own."""
     try:
         made: type[Message] = type_from_schema(schema, name, _class)
         type_hash = schema_of(made).hash_text

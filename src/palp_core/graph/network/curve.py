@@ -19,7 +19,7 @@ from zmq.utils import z85
 from palp_core.errors import GraphError
 from palp_core.graph.network.event_loop import MOST_AT_ONCE, EventLoop, drain
 from palp_core.graph.network.keys import OwnKeys
-from palp_core.graph.transport.in_flight_bytes import InFlightBytes
+from palp_core.graph.transport.zmq_sockets import InFlightBytes
 
 DOMAIN = b"palp"
 HANDSHAKE_MS = 5_000

@@ -25,8 +25,8 @@ from palp_core.graph.node.loading import endpoints
 from palp_core.graph.process.health import PULSE_NS
 from palp_core.graph.transport.matched_readers import READER
 from palp_core.graph.transport.migration import Migration, MoveReorderer
-from palp_core.graph.transport.private_endpoint import bind_private
 from palp_core.graph.transport.request_server import MAX_REQUEST_BYTES
+from palp_core.graph.transport.zmq_sockets import bind_private
 
 HIGH_WATER_MARK = 100_000
 RECONNECT_MS = 10

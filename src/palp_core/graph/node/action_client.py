@@ -35,21 +35,15 @@ class WrappedResult(msgspec.Struct, Generic[Result], frozen=True, kw_only=True):
 
 
 class SentGoal(msgspec.Struct):
-    """A goal that has not ended, as far as its client knows.
-
-    Attributes:
-        reason: Why it ended, while its result is still to come.
-        epoch: Of the server, and ``change``: of its publications, at the latest that has the goal.
-        asked: Sequence of the request for its result; 0: none was sent.
-    """
+    """A goal that has not ended, as far as its client knows."""
 
     goal_id: str
     sequence: int
     status: str = SENT
-    reason: str = ""
-    epoch: int = 0
+    reason: str = ""  # why it ended, while its result is still to come
+    epoch: int = 0  # of the server, and ``change``: of its publications, at the latest that has the goal
     change: int = 0
-    asked: int = 0
+    asked: int = 0  # sequence of the request for its result; 0: none was sent
 
 
 class SentGoals(msgspec.Struct):
@@ -60,14 +54,7 @@ class SentGoals(msgspec.Struct):
 
 
 class ActionClientEnd(Generic[Goal]):
-    """Sends goals, follows each, and hands over how it ended exactly once.
-
-    Args:
-        lease_ms: Longest silence after which the server counts as gone.
-        calls: The clients of the action's three services, by the services' names.
-        done: Takes the node and how a goal ended.
-        feedback: Takes the node, a goal's id and feedback of it; None: nothing does.
-    """
+    """Sends goals, follows each, and hands over how it ended exactly once."""
 
     def __init__(
         self,
@@ -107,7 +94,6 @@ class ActionClientEnd(Generic[Goal]):
         return goal_id
 
     def _call(self, service: str, request: Message) -> int:
-        """Send a request; return its sequence."""
         call = self._calls[service]
         call.call(request)
         return call.pending[-1].sequence
@@ -162,7 +148,6 @@ class ActionClientEnd(Generic[Goal]):
             self._finish(record, record.status, record.reason or "its server has its result no longer")
 
     def on_feedback(self, message: Any) -> None:
-        """Take feedback; that of other clients' goals is theirs."""
         if self._feedback is not None and message.goal_id in self._records:
             self._feedback(self._context.node, message.goal_id, message.feedback)
 

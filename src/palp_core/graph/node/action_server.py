@@ -27,17 +27,10 @@ Result = TypeVar("Result", bound=Message)
 
 
 class GoalRecord(msgspec.Struct):
-    """A goal as it is handed over.
-
-    Attributes:
-        request: The goal, encoded; empty once it has ended.
-        due_ns: When it is canceled by itself; 0: never.
-    """
-
     goal_id: str
-    request: bytes
+    request: bytes  # the goal, encoded; empty once it has ended
     accepted_ns: int
-    due_ns: int = 0
+    due_ns: int = 0  # when it is canceled by itself; 0: never
     status: str = wire.ACCEPTED
     reason: str = ""
     result: bytes | None = None
@@ -128,11 +121,6 @@ class GoalHandle(Generic[Goal, Feedback, Result]):
 
 class ActionServerEnd(TimedEnd, Generic[Goal, Feedback, Result]):
     """Works through the goals of an action; due when one is to begin or has lasted too long.
-
-    Args:
-        when_busy: What becomes of a goal that comes while another one is not done.
-        status: Where it is published how the goals stand.
-        roles: The node's ``accept`` and ``cancel``, where it has them.
 
     Attributes:
         live: Goals that have not ended, by id, in the order in which they were accepted.
@@ -275,7 +263,6 @@ class ActionServerEnd(TimedEnd, Generic[Goal, Feedback, Result]):
             )
 
     def _publish_status(self) -> None:
-        """Publish how every goal stands, and see what is due after that."""
         self._unpublished = False
         self._change += 1
         listed = [
@@ -334,7 +321,6 @@ class ActionServerEnd(TimedEnd, Generic[Goal, Feedback, Result]):
         self._plan()
 
     def step(self) -> None:
-        """Work on every goal that is executed; stop when there is none."""
         for goal in self.goals:
             if goal.status in (wire.EXECUTING, wire.CANCELING):
                 self._execute(self._context.node, goal)

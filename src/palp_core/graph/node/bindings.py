@@ -163,7 +163,6 @@ class Bindings:
                 self._subscribe(calls)
 
     def _bind_actions(self) -> None:
-        """Put what knows the goals behind the parts of each action, which are bound already."""
         declared, context = self._declared, self._context
         for name, act in declared.actions.items():
             server = ActionServerEnd[Any, Any, Any](
@@ -198,7 +197,6 @@ class Bindings:
             client.activate()
 
     def sources(self) -> list[str]:
-        """Return the name of everything that the node can consume."""
         read = [subscription.source for subscription in self._all_subscriptions()]
         services = self._declared.services
         return [*read, *(f"timer:{name}" for name in self.timed), *(f"outside:{name}" for name in services)]
@@ -226,7 +224,6 @@ class Bindings:
         }
 
     def run_count(self) -> int:
-        """Return how many messages, ticks and alarms have been handled; a predecessor's messages count."""
         handled = sum(subscription.account.received for subscription in self._all_subscriptions())
         timers, alarms = self.timers.values(), self.alarms.values()
         return handled + sum(end.tick_count for end in timers) + sum(end.tick_count for end in alarms)
@@ -242,7 +239,6 @@ class Bindings:
         return [(name, encode_any(message)) for _, message, name in handled]
 
     def write_down(self) -> dict[str, Any]:
-        """Return what a successor must know of these ends, as fields of a hand-over."""
         return {
             "timers": {name: (end.k, end.due_ns) for name, end in self.timers.items()},
             "alarms": {name: end.due_ns for name, end in self.alarms.items() if end.due_ns is not None},

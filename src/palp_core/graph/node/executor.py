@@ -39,9 +39,6 @@ _MERGED = ("timers", "events", "served", "sent", "consumed", "published")
 class Executor:
     """One node between its driver and its handlers.
 
-    Args:
-        resend: Takes a frame that is sent again; None: nothing is ever lost.
-
     Attributes:
         inbox: Frames that wait for the node to be active.
         paused: The node waits at a handler boundary until it is clear which process goes on with it.
@@ -137,7 +134,6 @@ class Executor:
     # Timers
 
     def next_due_ns(self) -> int | None:
-        """Return when the next timer, alarm or event is due, or None."""
         if self.lifecycle is not Lifecycle.ACTIVE or self.exit_code is not None:
             return None
         soonest = None
@@ -158,14 +154,9 @@ class Executor:
                 self.run_timer(name)
 
     def run_timer(self, name: str, recorded: int | None = None) -> int:
-        """Run one timer, alarm or event now, due or not; return its tick number or total count.
-
-        Args:
-            name: Which one.
-            recorded: In a replay, the total count that the event had.
-        """
+        """Run one timer, alarm or event now, due or not; return its tick number or total count."""
         end = self.ends.timed[name]
-        self._begin_handler(self._clock.now_ns())
+        self.begin_request()
         k = end.tick()
         if recorded is not None and isinstance(end, EventEnd):
             end.recall(recorded)
@@ -176,10 +167,6 @@ class Executor:
         except BaseException as error:
             raise self._handler_failed(end.port, end.handler, error) from error
         return k
-
-    def _begin_handler(self, now_ns: int) -> None:
-        self._now_ns = now_ns
-        self.journal.snapshot_if_due(now_ns)
 
     # Messages
 
@@ -234,11 +221,12 @@ class Executor:
     # Requests from outside the graph
 
     def begin_request(self) -> None:
-        """Give a request from outside, between two handlers, the present time and a place in the order."""
-        self._begin_handler(self._clock.now_ns())
+        """Give a timer, or a request from outside, the present time and a place in the order."""
+        self._now_ns = self._clock.now_ns()
+        if self._now_ns >= self.journal.next_snapshot_ns:
+            self.journal.take_snapshot(self._now_ns)
 
     def set_parameters(self, changes: dict[str, Any]) -> None:
-        """Replace the node's parameters as a whole, and publish what has changed."""
         self.begin_request()
         node = self.node
         params = changed_params(self.declaration, node.params, changes, self.name)
@@ -275,7 +263,6 @@ class Executor:
         return reply
 
     def recorded_request(self, service: str, written: str) -> Message:
-        """Return the request of a recorded call from outside."""
         request: Message = decode(self.declaration.services[service].request, base64.b64decode(written))
         return request
 
@@ -308,11 +295,7 @@ class Executor:
         )
 
     def full_snapshot(self, *, with_latest: bool = False) -> HandOver:
-        """Return everything a successor needs, of a node that goes on.
-
-        Args:
-            with_latest: The last message of every input, too, on which it is to be tried.
-        """
+        """Return everything a successor needs, of a node that goes on."""
         inbox = [raw_of(frame) for frame in self.inbox]
         latest = self.ends.latest() if with_latest else []
         return msgspec.structs.replace(self.snapshot(), inbox=inbox, history=self._history(), latest=latest)
@@ -362,7 +345,6 @@ class Executor:
         self.ends.resume(hand_over)
 
     def restore(self, hand_over: HandOver) -> None:
-        """Have the state and the randomness of a checkpoint, before activation."""
         self.node.state = adopt_state(self.declaration.state, class_name(type(self.node)), hand_over)
         self.rng = rng_from_text(hand_over.rng)
         self.run_hook("on_restore")
@@ -403,10 +385,6 @@ class Executor:
         State and randomness are the successor's, and of each port that it has, too, what there is to know;
         the other ports, the parameters, and what was published as far as it has not written that down, are as
         they were. ``on_resume`` is run.
-
-        Args:
-            hand_over: The successor's.
-            ends: Names of its timers, alarms, events and clients.
         """
         state = adopt_state(self.declaration.state, class_name(type(self.node)), hand_over)
         self._continue_from(self._with_own_ports(hand_over, ends), state)

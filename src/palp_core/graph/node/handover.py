@@ -20,53 +20,34 @@ VERSION = 2
 
 
 class HandOver(msgspec.Struct, frozen=True, kw_only=True):
-    """A node at a handler boundary.
-
-    Attributes:
-        state_class: Which type the state is of; "": not known.
-        params: Parameters as they are now, live changes included.
-        inbox: Frames received and not yet consumed, as they came.
-        consumed: Account of every input topic.
-        published: Last sequence of every output topic.
-        history: Last frames of every output topic, as many as its depth.
-        timers: Next tick number per periodic timer, and when it is due in ns (None: stopped).
-        alarms: Due time per set alarm, in ns.
-        rng: State of the random generator.
-        events: How often each quality-of-service event has happened.
-        calls: Unanswered calls per client.
-        served: Goals of each action.
-        sent: Goals of each client of an action that have not ended.
-        idle: Output topics on which nothing is due until the next message.
-        active: Whether the node is at work; one that was deactivated stays so.
-        finished: Whether its work is done.
-        swaps: Every time it has changed hands, the latest last.
-        latest: The last message that each input has handled, with its topic, the oldest first; only where a
-            successor is to be tried on them.
-    """
+    """A node at a handler boundary."""
 
     version: int = VERSION
     node_class: str
-    state_class: str = ""
+    state_class: str = ""  # which type the state is of; "": not known
     state_version: int
     state: bytes
-    params: dict[str, Any]
+    params: dict[str, Any]  # parameters as they are now, live changes included
     epoch: int
     now_ns: int
-    inbox: list[bytes]
-    consumed: dict[str, SequenceAccount]
-    published: dict[str, int]
-    history: dict[str, list[bytes]]
+    inbox: list[bytes]  # frames received and not yet consumed, as they came
+    consumed: dict[str, SequenceAccount]  # account of every input topic
+    published: dict[str, int]  # last sequence of every output topic
+    history: dict[str, list[bytes]]  # last frames of every output topic, as many as its depth
+    # next tick number per periodic timer, and when it is due in ns (None: stopped)
     timers: dict[str, tuple[int, int | None]]
-    alarms: dict[str, int]
-    rng: str
-    events: dict[str, int] = {}
-    calls: dict[str, list[Pending]] = {}
-    served: dict[str, ServedGoals] = {}
-    sent: dict[str, SentGoals] = {}
-    idle: list[str] = []
-    active: bool = True
-    finished: bool = False
-    swaps: list[dict[str, Any]] = []
+    alarms: dict[str, int]  # due time per set alarm, in ns
+    rng: str  # state of the random generator
+    events: dict[str, int] = {}  # how often each quality-of-service event has happened
+    calls: dict[str, list[Pending]] = {}  # unanswered calls per client
+    served: dict[str, ServedGoals] = {}  # goals of each action
+    sent: dict[str, SentGoals] = {}  # goals of each client of an action that have not ended
+    idle: list[str] = []  # output topics on which nothing is due until the next message
+    active: bool = True  # whether the node is at work; one that was deactivated stays so
+    finished: bool = False  # whether its work is done
+    swaps: list[dict[str, Any]] = []  # every time it has changed hands, the latest last
+    # the last message that each input has handled, with its topic, the oldest first; only where a successor
+    # is to be tried on them
     latest: list[tuple[str, bytes]] = []
 
 

@@ -17,13 +17,6 @@ SNAPSHOT_INTERVAL_NS = 10_000_000_000
 
 
 class Journal:
-    """Collects entries and publishes one :class:`Order` per batch.
-
-    Args:
-        sources: Everything that the node can consume, besides transitions and changes of parameters.
-        snapshot: Returns the node's encoded hand-over, without inbox and histories.
-    """
-
     def __init__(
         self, publisher: PublisherEnd[Order], sources: list[str], snapshot: Callable[[], bytes]
     ) -> None:
@@ -51,11 +44,6 @@ class Journal:
         self._hand_over = self._snapshot()
         self.next_snapshot_ns = now_ns + SNAPSHOT_INTERVAL_NS
 
-    def snapshot_if_due(self, now_ns: int) -> None:
-        """Take a snapshot if one is due; to be called before anything is consumed or accounted for."""
-        if now_ns >= self.next_snapshot_ns:
-            self.take_snapshot(now_ns)
-
     def serve_follower(self, now_ns: int, *, active: bool) -> None:
         """Let whoever follows the record have what is new, and a new follower a place to start.
 
@@ -81,7 +69,6 @@ class Journal:
         self.note_index(self.index[source], epoch, sequence, now_ns)
 
     def note_index(self, index: int, epoch: int, sequence: int, now_ns: int) -> None:
-        """Add an entry, of a source by its number."""
         entries = self._entries
         entries.append((index, epoch, sequence, now_ns))
         if len(entries) >= BATCH:

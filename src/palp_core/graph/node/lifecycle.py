@@ -6,8 +6,6 @@ from palp_core.errors import LifecycleError
 
 
 class Lifecycle(StrEnum):
-    """Primary states."""
-
     UNCONFIGURED = "unconfigured"
     INACTIVE = "inactive"
     ACTIVE = "active"
@@ -15,8 +13,6 @@ class Lifecycle(StrEnum):
 
 
 class Transition(StrEnum):
-    """What can be asked of a node."""
-
     CONFIGURE = "configure"
     ACTIVATE = "activate"
     DEACTIVATE = "deactivate"
@@ -36,11 +32,7 @@ _TABLE: dict[tuple[Lifecycle, Transition], Lifecycle] = {
 
 
 def successor(state: Lifecycle, transition: Transition) -> Lifecycle:
-    """Return the state that a transition leads to.
-
-    Raises:
-        LifecycleError: The transition is not allowed from this state.
-    """
+    """Return the state that a transition leads to."""
     target = _TABLE.get((state, transition))
     if target is None:
         allowed = ", ".join(t.value for (s, t) in _TABLE if s is state) or "none"

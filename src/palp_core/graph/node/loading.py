@@ -38,11 +38,7 @@ def enter_workspace(workspace: str | Path) -> None:
 
 @contextlib.contextmanager
 def shared_process() -> Iterator[list[tuple[list[object], str]]]:
-    """Refuse a node the end of the process that it shares: the run would have the status of its choice.
-
-    Yields:
-        What threads were refused, which fail alone: whose methods asked, and the error.
-    """
+    """Refuse a node the end of the process that it shares: the run would have the status of its choice."""
     refused: list[tuple[list[object], str]] = []
     process, real = os.getpid(), {name: getattr(os, name) for name in ("_exit", "execv", "execve")}
 
@@ -81,13 +77,6 @@ def load_module(name: str, workspace: str) -> ModuleType:
 
 
 def load_class(run: str, workspace: str, *, fresh: bool = False) -> type[Node]:
-    """Import the node class of ``module:Class`` or ``path.py:Class``.
-
-    Args:
-        run: Where the class is.
-        workspace: Goes first on the module path.
-        fresh: Read the source again, even if it was compiled or imported before.
-    """
     module_name, _, class_name = run.rpartition(":")
     module_name = short_name(module_name, workspace)
     if fresh:

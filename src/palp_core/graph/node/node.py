@@ -184,11 +184,7 @@ _DECLARATIONS: dict[Any, Declaration] = {}
 
 
 def declaration_of(cls: type[Node]) -> Declaration:
-    """Collect and check what a node class declares.
-
-    Raises:
-        GraphError: An input without a handler, two handlers for one port, an unknown rate parameter, ...
-    """
+    """Collect and check what a node class declares."""
     declaration = _DECLARATIONS.get(cls)
     if declaration is None:
         declaration = _DECLARATIONS[cls] = _declare(cls)

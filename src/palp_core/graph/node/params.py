@@ -125,13 +125,6 @@ def _type_text(kind: msgspec.inspect.Type) -> str:
 def changed_read_only(
     described: Mapping[str, ParamDescription], before: Mapping[str, Any], changes: Mapping[str, Any]
 ) -> list[str]:
-    """Return the names of read-only parameters that changes would give another value.
-
-    Args:
-        described: What is declared, by name.
-        before: Values as they are; one that is missing is the default.
-        changes: New values.
-    """
     return [
         name
         for name, value in changes.items()

@@ -66,9 +66,13 @@ class PublisherEnd(Generic[M]):
             raise LifecycleError(
                 f"{self.topic}: a node publishes from on_activate to on_deactivate, not before or after"
             )
-        self.forward(self._encode(message))
+        payload = self._encode(message)
+        if self.sequence >= self.room:
+            self.wait_for_room()
+        self.forward(payload)
 
     def put(self, message: M) -> None:
+        """Send a message of the runtime's own, whatever the node's state is: it waits for no reader."""
         self.forward(self._encode(message))
 
     def _encode(self, message: M) -> bytes:
@@ -79,9 +83,7 @@ class PublisherEnd(Generic[M]):
         return encode_any(message if canonical is None else canonical(message))
 
     def forward(self, payload: bytes) -> None:
-        """Send a message that is encoded, as soon as there is room for it, whatever the node's state is."""
-        if self.sequence >= self.room:
-            self.wait_for_room()
+        """Send a message that is encoded, whatever the node's state is, and wait for no reader."""
         self.sequence += 1
         self.idle_until_next = False
         if self.note is not None:
@@ -89,7 +91,6 @@ class PublisherEnd(Generic[M]):
         self._send(payload, self.epoch, self.sequence)
 
     def reply(self, message: M, epoch: int, sequence: int) -> None:
-        """Send a reply, which carries its request's epoch and sequence."""
         payload = self._encode(message)
         self.sequence = sequence
         self._send(payload, epoch, sequence)
@@ -113,7 +114,6 @@ class PublisherEnd(Generic[M]):
             self.send(raw)
 
     def repeat(self, epoch: int, sequence: int) -> bool:
-        """Send a remembered reply again; return False if it is not remembered."""
         for kept in reversed(self.history):
             frame = parse(kept)
             if (frame.epoch, frame.sequence) == (epoch, sequence):
@@ -132,7 +132,6 @@ class PublisherEnd(Generic[M]):
         return self._statement(Kind.IDLE if self.idle_until_next else Kind.HEARTBEAT, self.former)
 
     def moved(self, payload: bytes) -> bytes:
-        """Return the frame that announces another place to readers, with the last sequence of this one."""
         return self._statement(Kind.MOVED, payload)
 
     def _statement(self, kind: Kind, payload: bytes) -> bytes:

@@ -90,7 +90,6 @@ class EventPublisher:
         self.publisher.put(NodeEvent(stamp_ns=now_ns, kind=kind, text=text, data=json.dumps(dict(data))))
 
     def publish_qos_event(self, event: QosEvent) -> None:
-        """Report that an edge did not keep its promise."""
         if is_reported(event):
             self._context.log.warning("%s", event.text)
             self.publish(event.kind, event.text, msgspec.to_builtins(event))
@@ -107,9 +106,6 @@ class EventPublisher:
 
 class EventEnd(TimedEnd):
     """Rings like an alarm when an edge did not keep what it promised, so that a replay can ring it again.
-
-    Args:
-        handler: Takes the node and each event; None: the node does not handle them.
 
     Attributes:
         period_ns: After ringing it is due again so much later; 0: it is not.
@@ -135,7 +131,6 @@ class EventEnd(TimedEnd):
         self.due_ns, self.period_ns = due_ns, period_ns
 
     def count(self, change: int, now_ns: int) -> None:
-        """Ring now: it has happened so many more times."""
         if change > 0:
             self._pending += change
             self.due_ns = now_ns

@@ -6,36 +6,30 @@ from palp_core.graph.messages.frame import LAST_SEQUENCE
 
 
 class SequenceAccount(msgspec.Struct):
-    """Sequence account of one input. The first message of an epoch may have any sequence (a late joiner).
-
-    Attributes:
-        lost: Published, as the sequence shows, but never arrived.
-        repeated: Arrived again, or after its place in the order had passed.
-        late: Older than its deadline or lifespan when it was taken up.
-        dropped: Arrived, but not handed over: past its lifespan, or beyond a best-effort reader's depth.
-    """
+    """Sequence account of one input. The first message of an epoch may have any sequence (a late joiner)."""
 
     epoch: int = -1
     sequence: int = 0
     received: int = 0
-    lost: int = 0
-    repeated: int = 0
-    late: int = 0
+    lost: int = 0  # published, as the sequence shows, but never arrived
+    repeated: int = 0  # arrived again, or after its place in the order had passed
+    late: int = 0  # older than its deadline or lifespan when it was taken up
+    # arrived, but not handed over: past its lifespan, or beyond a best-effort reader's depth
     dropped: int = 0
 
     def accept(self, epoch: int, sequence: int) -> bool:
         """Account for a message; return False for a repeat or one of an epoch that is over."""
-        if epoch == self.epoch:
-            if sequence <= self.sequence:
-                self.repeated += 1
-                return False
-            self._lose(sequence - self.sequence - 1)
-        elif epoch < self.epoch:
+        if epoch == self.epoch and sequence > self.sequence:
+            if sequence > self.sequence + 1:
+                self._lose(sequence - self.sequence - 1)
+        elif epoch <= self.epoch:
             self.repeated += 1
             return False
-        elif self.epoch >= 0:
-            self._lose(sequence - 1)  # what a restarted publisher sent before this reader was back
-        self.epoch, self.sequence = epoch, sequence
+        else:
+            if self.epoch >= 0:
+                self._lose(sequence - 1)  # what a restarted publisher sent before this reader was back
+            self.epoch = epoch
+        self.sequence = sequence
         self.received += 1
         return True
 
@@ -43,7 +37,6 @@ class SequenceAccount(msgspec.Struct):
         self.lost = min(self.lost + count, LAST_SEQUENCE)  # whatever another host claims can be said
 
     def drop(self, epoch: int, sequence: int) -> None:
-        """Account for a message that has arrived and is not handed over."""
         if self.accept(epoch, sequence):
             self.received -= 1
             self.dropped += 1

@@ -14,26 +14,16 @@ Request = TypeVar("Request", bound=Message)
 
 
 class Pending(msgspec.Struct):
-    """One call on its way.
-
-    Attributes:
-        tries_left: How often the request may still be sent again.
-    """
-
     sequence: int
     due_ns: int
-    tries_left: int
+    tries_left: int  # how often the request may still be sent again
     frame: bytes
 
 
 class ClientEnd(TimedEnd, Generic[Request]):
-    """Sends requests and keeps each until its reply comes; due when one is overdue.
+    """Sends requests and keeps each until its reply comes; due when one is overdue."""
 
-    Attributes:
-        given_up: Counts calls that remain unanswered after their last try.
-    """
-
-    given_up: EventEnd
+    given_up: EventEnd  # counts calls that remain unanswered after their last try
 
     def __init__(
         self,

@@ -68,48 +68,35 @@ def action_of(port: str) -> str:
 
 
 class NodeSpec(msgspec.Struct, frozen=True, kw_only=True):
-    """One node of a checked graph.
+    """One node of a checked graph."""
 
-    Attributes:
-        name: Running name.
-        run: ``module:Class``.
-        params: Every parameter as a plain value, defaults included, already validated against the class.
-        inputs: Topic per input port; for a client, the service's topic.
-        requests: Topics of the clients of each service port.
-        seed: Of the graph; with the name it determines the node's random numbers.
-        epoch: How often the node has been restarted.
-        qos: Per input port what holds on its edge: the request, with the offered lifespan where it is
-            shorter.
-        actions: Per input port what the supervisor does about its events: ``restart`` or ``shutdown``.
-        external: Input ports that take messages from outside the graph, on the topic ``/<name>/<port>``.
-        cpus: Cores the process may run on; empty: all.
-        realtime_priority: SCHED_FIFO priority; 0: the ordinary scheduler.
-        output: ``screen``: all that it prints is shown where the graph was launched; ``log``: only warnings
-            and errors are.
-        joined: Its process is on another host, from where it joins with ``palp run --join``.
-        vacant: Topics that its class does not publish and optional inputs of others read, with type hash and
-            quality of service: their sequence goes on when a class comes that does.
-        keeps_at: Wall clock: the topic with each message of which the node is written down; "": it never is.
-    """
-
-    name: str
-    run: str
+    name: str  # running name
+    run: str  # ``module:Class``
+    # every parameter as a plain value, defaults included, already validated against the class
     params: dict[str, Any] = {}
-    inputs: dict[str, str] = {}
-    requests: dict[str, list[str]] = {}
-    seed: int = 0
-    epoch: int = 0
+    inputs: dict[str, str] = {}  # topic per input port; for a client, the service's topic
+    requests: dict[str, list[str]] = {}  # topics of the clients of each service port
+    seed: int = 0  # of the graph; with the name it determines the node's random numbers
+    epoch: int = 0  # how often the node has been restarted
     restart: str = "never"
     max_restarts: int = 3
     backoff_s: float = 0.2
     shutdown_on_exit: bool = False
     moves: bool = False
+    # per input port what holds on its edge: the request, with the offered lifespan where it is shorter
     qos: dict[str, Qos] = {}
+    # per input port what the supervisor does about its events: ``restart`` or ``shutdown``
     actions: dict[str, str] = {}
+    # input ports that take messages from outside the graph, on the topic ``/<name>/<port>``
     external: list[str] = []
-    cpus: list[int] = []
-    realtime_priority: int = 0
+    cpus: list[int] = []  # cores the process may run on; empty: all
+    realtime_priority: int = 0  # SCHED_FIFO priority; 0: the ordinary scheduler
+    # ``screen``: all that it prints is shown where the graph was launched; ``log``: only warnings and errors
+    # are
     output: str = "log"
-    joined: bool = False
+    joined: bool = False  # its process is on another host, from where it joins with ``palp run --join``
+    # topics that its class does not publish and optional inputs of others read, with type hash and quality of
+    # service: their sequence goes on when a class comes that does
     vacant: dict[str, tuple[str, Qos]] = {}
+    # wall clock: the topic with each message of which the node is written down; "": it never is
     keeps_at: str = ""

@@ -9,16 +9,9 @@ from palp_core.graph.node.context import NodeContext
 
 
 class TimedEnd:
-    """What is due at a time: a timer, an alarm, an event, overdue calls, the goals of an action.
+    """What is due at a time: a timer, an alarm, an event, overdue calls, the goals of an action."""
 
-    Args:
-        handler: Takes the node; None: all is done in :meth:`tick`.
-
-    Attributes:
-        due_ns: When it is due; None: it is not.
-    """
-
-    due_ns: int | None = None
+    due_ns: int | None = None  # when it is due; None: it is not
 
     def __init__(
         self, name: str, port: str, context: NodeContext, handler: Callable[..., None] | None = None

@@ -16,12 +16,7 @@ from palp_core.graph.node.subscription import Subscription
 
 
 class NodeCheckpointer:
-    """Writes one node down.
-
-    Args:
-        topic: Of the messages.
-        keep: Takes the sequence of the message and the node, written down.
-    """
+    """Writes one node down."""
 
     def __init__(self, executor: Executor, topic: str, keep: Callable[[int, bytes], None]) -> None:
         self._executor, self._keep = executor, keep

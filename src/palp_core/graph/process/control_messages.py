@@ -13,22 +13,16 @@ from palp_core.graph.process.swap_messages import FromSwapped, ToSwapped
 
 
 class Spawn(ChannelMessage, frozen=True, kw_only=True):
-    """Fork a node's process; it is told this when it is born.
-
-    Attributes:
-        place: Under which name its endpoints are; a node that has changed hands is at another than its own.
-        successor: It takes the place of one that works.
-        fresh: Its source file may have changed since another process compiled it.
-    """
+    """Fork a node's process; it is told this when it is born."""
 
     spec: NodeSpec
     clock: str
     run_dir: str
     workspace: str
     log: str
-    place: str
-    successor: bool = False
-    fresh: bool = False
+    place: str  # under which name its endpoints are; a node that has changed hands is at another than its own
+    successor: bool = False  # it takes the place of one that works
+    fresh: bool = False  # its source file may have changed since another process compiled it
     log_level: str = "info"
 
 

@@ -51,19 +51,7 @@ class HealthProbe:
         rejected: int = 0,
         unread: int = 0,
     ) -> bytes:
-        """Return the encoded :class:`NodeHealth` for a pulse, and move :attr:`due_ns` on.
-
-        Args:
-            now_ns: When the counts were read, on the machine's monotonic clock.
-            lifecycle: State of the node.
-            edges: Per topic read, its account and its latencies.
-            ticks: Of all periodic timers.
-            overruns: Ticks that started after the next one was due.
-            missed_deadlines: Over all inputs.
-            lost_by_readers: Messages that readers have lost, over all outputs.
-            rejected: Frames that were not what the edge carries.
-            unread: Frames that wait.
-        """
+        """Return the encoded :class:`NodeHealth` for a pulse, and move :attr:`due_ns` on."""
         self.due_ns = now_ns + PULSE_NS
         times = os.times()
         return encode(

@@ -107,12 +107,7 @@ def history_of(
 
 
 class NodeServices:
-    """The operations of one node.
-
-    Args:
-        edges: Returns more about each input topic, where the wall clock counts it; takes the number of
-            messages of which the latest latencies are wanted.
-    """
+    """The operations of one node."""
 
     def __init__(
         self, executor: Executor, edges: Callable[[int], dict[str, dict[str, Any]]] = lambda _: {}

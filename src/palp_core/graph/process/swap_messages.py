@@ -21,14 +21,10 @@ class SuccessorAnnounced(ChannelMessage, frozen=True):
 
 
 class AwaitReaders(ChannelMessage, frozen=True):
-    """To the successor: answer when so many readers are connected.
-
-    Attributes:
-        nodes: Those of the graph, by name: without them the swap waits.
-    """
+    """To the successor: answer when so many readers are connected."""
 
     readers: dict[str, int]
-    nodes: list[str] = []
+    nodes: list[str] = []  # those of the graph, by name: without them the swap waits
 
 
 class ReadersReady(ChannelMessage, frozen=True):
@@ -36,99 +32,68 @@ class ReadersReady(ChannelMessage, frozen=True):
 
 
 class RequestHandover(ChannelMessage, frozen=True):
-    """To the predecessor: write down everything at a handler boundary.
+    """To the predecessor: write down everything at a handler boundary."""
 
-    Attributes:
-        after: Epoch and sequence by input topic: up to there it must have received, because the successor
-            receives only what comes later.
-        pause: Then handle nothing more, until :class:`Resume` or :class:`Leave`.
-    """
-
+    # epoch and sequence by input topic: up to there it must have received, because the successor receives
+    # only what comes later
     after: dict[str, tuple[int, int]]
-    pause: bool
+    pause: bool  # then handle nothing more, until :class:`Resume` or :class:`Leave`
     with_latest: bool = False
 
 
 class Handover(ChannelMessage, frozen=True):
-    """What the predecessor has written down.
-
-    Attributes:
-        remembered: Replies to requests from outside that may be asked again.
-        received: Up to where it has received its inputs, rejected messages included.
-        frames: In lockstep, what it has published on this occasion.
-    """
+    """What the predecessor has written down."""
 
     hand_over: bytes
     at_ns: int
-    remembered: dict[str, bytes]
-    received: dict[str, tuple[int, int]]
-    frames: list[bytes] = []
+    remembered: dict[str, bytes]  # replies to requests from outside that may be asked again
+    received: dict[str, tuple[int, int]]  # up to where it has received its inputs, rejected messages included
+    frames: list[bytes] = []  # in lockstep, what it has published on this occasion
 
 
 class DryRun(ChannelMessage, frozen=True):
-    """To either: would this hand-over fit?
-
-    Attributes:
-        try_out: Try the handlers on the last messages, too, if it has some.
-    """
+    """To either: would this hand-over fit?"""
 
     hand_over: bytes
     params: dict[str, object]
-    try_out: bool = False
+    try_out: bool = False  # try the handlers on the last messages, too, if it has some
 
 
 class DryRunResult(ChannelMessage, frozen=True):
-    """How that went.
-
-    Attributes:
-        after: Up to where the successor lacks its inputs (see :class:`RequestHandover`).
-        tried: What came of the state, as an encoded hand-over, if it was tried out.
-    """
+    """How that went."""
 
     error: str
+    # up to where the successor lacks its inputs (see :class:`RequestHandover`)
     after: dict[str, tuple[int, int]]
-    tried: bytes = b""
+    tried: bytes = b""  # what came of the state, as an encoded hand-over, if it was tried out
 
 
 class TakeOver(ChannelMessage, frozen=True):
-    """To the successor: continue from here, but publish nothing yet.
-
-    Attributes:
-        shadow: Work until :class:`EndShadow`, and compare with what comes from this endpoint, if any.
-    """
+    """To the successor: continue from here, but publish nothing yet."""
 
     handover: Handover
     params: dict[str, object]
     start_ns: int
     on_probation: bool = False
+    # work until :class:`EndShadow`, and compare with what comes from this endpoint, if any
     shadow: str | None = None
 
 
 class TookOver(ChannelMessage, frozen=True):
-    """Ready to go on, or why not.
-
-    Attributes:
-        frames: In lockstep, what it has published while it took over.
-        next_due_ns: In lockstep, when it is due next; -1: never.
-    """
+    """Ready to go on, or why not."""
 
     error: str
     held: int = 0
-    frames: list[bytes] = []
-    next_due_ns: int = -1
+    frames: list[bytes] = []  # in lockstep, what it has published while it took over
+    next_due_ns: int = -1  # in lockstep, when it is due next; -1: never
 
 
 class RequestReport(ChannelMessage, frozen=True):
-    """To a successor on probation: send one :class:`WorkReport`, as soon as there is something to report.
+    """To a successor on probation: send one :class:`WorkReport`, as soon as there is something to report."""
 
-    Attributes:
-        until_ns: Then in any case, on the host's monotonic clock; 0: at once.
-        last: The probation is over: keep back what follows.
-    """
-
-    until_ns: int = 0
+    until_ns: int = 0  # then in any case, on the host's monotonic clock; 0: at once
     handler_count: int = 0
-    last: bool = False
+    last: bool = False  # the probation is over: keep back what follows
 
 
 HANDLER = "handler"
@@ -139,32 +104,22 @@ class WorkReport(ChannelMessage, frozen=True):
     """From a successor on probation, to its predecessor: so far all is well.
 
     The predecessor publishes the frames, and can go on from here if the next handler fails.
-
-    Attributes:
-        hand_over: The node as it is now, without what waits in its inbox.
-        frames: What it has published since the last report.
-        proof_count: How much is done of what proves the node: its handlers, if its class states nothing else.
-        last: The probation is over: what it publishes now it keeps back.
-        ends: Names of its timers, alarms, events and clients.
     """
 
-    hand_over: bytes
-    frames: list[bytes]
+    hand_over: bytes  # the node as it is now, without what waits in its inbox
+    frames: list[bytes]  # what it has published since the last report
     run_count: int
+    # how much is done of what proves the node: its handlers, if its class states nothing else
     proof_count: int
     proof: str
-    last: bool = False
-    ends: list[str] = []
+    last: bool = False  # the probation is over: what it publishes now it keeps back
+    ends: list[str] = []  # names of its timers, alarms, events and clients
 
 
 class Published(ChannelMessage, frozen=True):
-    """From the predecessor: the readers have been sent the frames of a :class:`WorkReport`.
+    """From the predecessor: the readers have been sent the frames of a :class:`WorkReport`."""
 
-    Attributes:
-        error: Why it could not go on from there, or "".
-    """
-
-    error: str = ""
+    error: str = ""  # why it could not go on from there, or ""
 
 
 class EndShadow(ChannelMessage, frozen=True):
@@ -179,25 +134,16 @@ class Shadowed(ChannelMessage, frozen=True):
 
 
 class Commit(ChannelMessage, frozen=True):
-    """To the successor: the node is yours.
+    """To the successor: the node is yours."""
 
-    Attributes:
-        record: What it is to remember of the swap.
-        frames: What it has reported, and its predecessor has died before it could publish.
-    """
-
-    record: dict[str, object]
-    frames: list[bytes] = []
+    record: dict[str, object]  # what it is to remember of the swap
+    frames: list[bytes] = []  # what it has reported, and its predecessor has died before it could publish
 
 
 class Working(ChannelMessage, frozen=True):
-    """The successor handles what comes.
+    """The successor handles what comes."""
 
-    Attributes:
-        gap_s: How long neither handled anything; 0 in lockstep.
-    """
-
-    gap_s: float
+    gap_s: float  # how long neither handled anything; 0 in lockstep
     held: int
 
 

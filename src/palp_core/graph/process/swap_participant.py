@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from palp_core.errors import PalpError, in_words
+from palp_core.errors import NodeError, PalpError, SchemaMismatch, in_words
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.messages.frame import topic_of
 from palp_core.graph.messages.message import decode_any, encode_any
@@ -15,7 +15,6 @@ from palp_core.graph.node.executor import Executor
 from palp_core.graph.node.handover import HandOver
 from palp_core.graph.process import swap_messages
 from palp_core.graph.process.channel import ChannelMessage
-from palp_core.graph.process.probation import WorkReporter
 from palp_core.graph.process.shadow import ShadowComparison
 from palp_core.graph.transport.migration import Move
 from palp_core.graph.transport.node_sockets import NodeSockets
@@ -46,28 +45,23 @@ class SharedSockets:
 
     @property
     def has_subscribers(self) -> bool:
-        """True while anyone subscribes to anything."""
         return self._shared is not None and self._shared.has_subscribers
 
     def send(self, frame: bytes) -> None:
-        """Publish a frame, or keep it back."""
         if self._held is not None:
             self._held(frame)
         elif self._shared is not None:
             self._shared.send(frame)
 
     def hold(self, instead: Callable[[bytes], object] | None = None) -> None:
-        """Keep back whatever is published until :meth:`release`, or give it to somebody else."""
         self._kept_back = []
         self._held = instead or self._kept_back.append
 
     def release(self) -> None:
-        """Publish what was kept back."""
         self._held = None
         self.send_past_hold(self._kept_back)
 
     def send_past_hold(self, frames: Iterable[bytes]) -> None:
-        """Send frames past what is kept back."""
         for frame in frames:
             if self._shared is not None:
                 self._shared.send(frame)
@@ -82,12 +76,56 @@ class SharedSockets:
         """Nobody leaves."""
 
 
+class WorkReporter:
+    """What a successor has done since it last reported.
+
+    Attributes:
+        frames: What it has published and not reported.
+    """
+
+    def __init__(self, executor: Executor) -> None:
+        self.frames: list[bytes] = []
+        self._executor = executor
+        self._begun_at = self._reported = 0
+
+    def begin(self) -> None:
+        """Count handlers from here on: the node has taken over."""
+        self._begun_at = self._reported = self._executor.ends.run_count()
+
+    def has_news(self, handler_count: int = 0) -> bool:
+        """Return whether there is something to report, and so many handlers have run."""
+        run_count = self._executor.ends.run_count()
+        is_new = bool(self.frames) or run_count != self._reported
+        return is_new and run_count - self._begun_at >= handler_count
+
+    def report(self, *, last: bool = False) -> swap_messages.WorkReport:
+        """Report what has been done, at a handler boundary."""
+        executor = self._executor
+        if executor.exit_code is not None:
+            raise NodeError(executor.name, "it called finish() on probation")
+        executor.journal.flush(executor.now_ns())
+        self._reported = executor.ends.run_count()
+        frames = list(self.frames)
+        self.frames.clear()
+        written = executor.snapshot()  # the predecessor remembers the frames that it publishes
+        try:
+            executor.fitting(written, {})
+        except SchemaMismatch as error:
+            raise NodeError(executor.name, f"its state is not what its class declares: {error}") from error
+        run_count, counter = self._reported - self._begun_at, executor.node.proven_by
+        return swap_messages.WorkReport(
+            encode_any(written),
+            frames,
+            run_count,
+            getattr(executor.node, counter) if counter else run_count,
+            counter.removesuffix("_count") or swap_messages.HANDLER,
+            last,
+            list(executor.ends.timed),
+        )
+
+
 class SwapParticipant:
     """A node's part in a swap.
-
-    Args:
-        receiver: On the wall clock: takes in the node's inputs.
-        set_start: Takes the graph's start before the node takes over.
 
     Attributes:
         silent: The node publishes nothing before it is committed.

@@ -34,8 +34,6 @@ SLICE_NS = 500_000
 
 
 class WallLoop:
-    """The loop of a node on the wall clock."""
-
     def __init__(
         self, order: control_messages.Spawn, channel: MessageChannel[control_messages.ToNode]
     ) -> None:
@@ -141,7 +139,6 @@ class WallLoop:
         return bool(select.select((), (self.channel.socket,), (), 0.0)[1])
 
     def run(self) -> None:
-        """Follow the clock until the supervisor shuts the node down."""
         self.channel.send(control_messages.Configured())
         finished = False
         while True:
@@ -190,17 +187,18 @@ class WallLoop:
         due_ns = self.executor.next_due_ns()
         if due_ns is not None:
             timeout_s = min(timeout_s, (due_ns - self.now_ns()) / 1e9)
-        if self.receiver.pending() or self.sockets.due() or self._backlog():
+        is_pending = self.receiver.pending()
+        if is_pending or self.sockets.due() or self._backlog():
             timeout_s = 0.0
         descriptors = (*self._others, *self.receiver.file_descriptors)
         ready = select.select(descriptors, (), (), max(timeout_s, 0.0))[0]
-        self.receiver.receive(SLICE_NS)
+        if is_pending or (ready and ready[-1] not in self._others):
+            self.receiver.receive(SLICE_NS)
         if ready and ready[0] in self._others:
             self.sockets.note_signal()
         return self.channel.buffered() or self._others[0] in ready
 
     def _work(self) -> None:
-        """Handle what waits in the inbox, for a slice of time."""
         end_ns = monotonic_ns() + SLICE_NS
         while self._backlog() and monotonic_ns() < end_ns:
             self.receiver.deliver_next()

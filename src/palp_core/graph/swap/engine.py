@@ -60,8 +60,6 @@ ALWAYS, WITH_SHADOW, ON_PROBATION = "", "with a shadow", "on probation"
 
 
 class Swap(StepEngine):
-    """One swap: what its steps do."""
-
     def __init__(
         self, host: SwapHost, folder: Path, swap: CheckedSwap, now_ns: int, conductor: Conductor | None
     ) -> None:
@@ -75,6 +73,7 @@ class Swap(StepEngine):
         self._report_request = RequestReport()
         self._latest = WorkReport(b"", [], 0, -1, HANDLER)
         self._unpublished: list[bytes] = []
+        self._last_frames: list[bytes] = []
         self._comparison: dict[str, Any] = {}
         self._rounds = Rounds(topic.encode() for topic in swap.new.inputs.values())
 
@@ -94,14 +93,28 @@ class Swap(StepEngine):
                 self._walk(PROBATION)
             if not self._committed:
                 self._walk(COMMIT)
-        except BaseException:
+        except BaseException as error:
             if not self._committed:
                 self._roll_back()
+                if isinstance(error, SwapFailed):
+                    self._hand_on_last_frames()
             raise
         self._walk(LEAVE)
-        handover, taken = self._answer(Handover), self._answer(TookOver)
-        done = Done(handover.frames + taken.frames, taken.next_due_ns, None)
+        taken = self._answer(TookOver)
+        done = Done(self._take_last_frames() + taken.frames, taken.next_due_ns, None)
         return self._report(self._answer(Working)), None if self._on_probation else done
+
+    def _take_last_frames(self) -> list[bytes]:
+        """Return what the old node has published with its last copy, once."""
+        frames, self._last_frames = self._last_frames, []
+        return frames
+
+    def _hand_on_last_frames(self) -> None:
+        """Publish, in simulated time, what the old node has published with a copy that nobody took over."""
+        frames = self._take_last_frames()
+        if frames and self._conductor is not None and not self._old.ended:
+            done = self._host.work_together({self.index: Round(self._conductor.now_ns, [])})[self.index]
+            self._conductor.accept(self.index, msgspec.structs.replace(done, frames=frames + done.frames))
 
     def _walk(self, steps: tuple[Step, ...]) -> None:
         parts = {ALWAYS: True, WITH_SHADOW: self._request.shadow_s > 0.0, ON_PROBATION: True}
@@ -177,7 +190,6 @@ class Swap(StepEngine):
         )
 
     def wait_for_readers(self, step: Step) -> None:
-        """Wait until the graph's own readers listen at the new place; others can ask for what they miss."""
         names = ", ".join(f"/{name}" for name in self._nodes_that_read())
         text = f"not every reader listened at the new place; one is stopped or busy: {names}"
         self.wait_for_answer(step, missing=text)
@@ -237,7 +249,7 @@ class Swap(StepEngine):
     def free_old(self, step: Step) -> None:
         """Let the old process end from now on: it has handed over everything."""
         handover = self.wait_for_answer(step)
-        self._old.handed_over = True
+        self._old.handed_over, self._last_frames = True, handover.frames
         if self._wall:
             self._now_ns = handover.at_ns - self._host.start_ns
 
@@ -295,7 +307,6 @@ class Swap(StepEngine):
         self._answers[step.awaits] = msgspec.structs.replace(reports[-1], frames=frames)
 
     def _wait_for_report(self) -> bool:
-        """Return whether there is one, or a failure."""
         host, new, request = self._host, self._new, self._report_request
         assert isinstance(host, Supervisor)
 
@@ -405,8 +416,8 @@ class Swap(StepEngine):
 
     def _begin_rounds(self) -> Done:
         """Return what both have published at the change of hands, as far as it cannot be taken back."""
-        handover, taken = self._answer(Handover), self._answer(TookOver)
-        frames = list(handover.frames)
+        taken = self._answer(TookOver)
+        frames = self._take_last_frames()
         self._rounds.held = list(taken.frames)
         if self._can_roll_back:
             try:
@@ -419,11 +430,7 @@ class Swap(StepEngine):
         return Done(frames, taken.next_due_ns, None)
 
     def _pass_probation(self) -> None:
-        """Let simulated time go by until it is clear who goes on, or until its limit or the run's end.
-
-        Raises:
-            SwapFailed: The new node failed; the old one works again.
-        """
+        """Let simulated time go by until it is clear who goes on, or until its limit or the run's end."""
         self.step = "probation"
         rounds, longest_s = self._rounds, self._swap.probation.longest_s
         with self._taking_rounds() as conductor:
@@ -496,7 +503,6 @@ class Rounds:
         self.rolled_back = False
 
     def split(self, message: Round) -> tuple[Round, list[bytes]]:
-        """Return the part of a round that the new node reads, and what it does not."""
         own = [frame for frame in message.frames if topic_of(frame) in self._inputs]
         others = [frame for frame in message.frames if topic_of(frame) not in self._inputs]
         return Round(message.now_ns, own), others

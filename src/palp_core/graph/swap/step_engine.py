@@ -26,25 +26,16 @@ Answer = TypeVar("Answer")
 
 
 class Step(NamedTuple):
-    """One row of the table: a message, and the answer that it waits for.
+    """One row of the table: a message, and the answer that it waits for."""
 
-    Attributes:
-        name: Of :data:`~palp_core.graph.swap.swap.STEPS`; a failure names it.
-        when: In which swaps.
-        to: Where the message goes, and where the answer comes from.
-        send: Returns the message; None: it has done itself what is answered.
-        awaits: Kind of the answer.
-        accept: Waits for the answer and judges it.
-        undo: Message to the old node that takes the step back.
-    """
-
-    name: str
-    when: str
-    to: str
-    send: Callable[[Any], ToSwapped | None]
-    awaits: type[Any]
+    name: str  # of :data:`~palp_core.graph.swap.swap.STEPS`; a failure names it
+    when: str  # in which swaps
+    to: str  # where the message goes, and where the answer comes from
+    send: Callable[[Any], ToSwapped | None]  # returns the message; None: it has done itself what is answered
+    awaits: type[Any]  # kind of the answer
+    # waits for the answer and judges it
     accept: "Callable[[Any, Step], object]" = lambda swap, step: swap.wait_for_answer(step)
-    undo: ToSwapped | None = None
+    undo: ToSwapped | None = None  # message to the old node that takes the step back
 
 
 class StepEngine:
@@ -67,7 +58,6 @@ class StepEngine:
         self._extend_deadline()
 
     def take(self, step: Step) -> None:
-        """Take one step: send its message, wait for the answer, accept it."""
         self.step = step.name if step.name in STEPS else self.step
         self._check_successor()
         if step.undo is not None:
@@ -141,11 +131,7 @@ class StepEngine:
             self._host.send_if_connected(self.index, message)
 
     def wait_for_answer(self, step: Step, *, missing: str = "", may_refuse: bool = False) -> Any:
-        """Wait for a step's answer; another kind is late, of a swap before that waited for it no longer.
-
-        Raises:
-            SwapFailed: There is none, or it has an error.
-        """
+        """Wait for a step's answer; another kind is late, of a swap before that waited for it no longer."""
         answer = self._await(step.to, step.awaits, missing)
         self._answers[step.awaits] = answer
         if not may_refuse and (error := getattr(answer, "error", "")):
@@ -168,11 +154,7 @@ class StepEngine:
         return next((reply for reply in self._process(node).replies if isinstance(reply, kind)), None)
 
     def _wait_for(self, condition: Callable[[], bool], missing: str, limit_s: float = 0.0) -> None:
-        """Wait for something; so long at the most, or as long as the swap may take.
-
-        Raises:
-            SwapFailed: One of the nodes has ended, or the time is over.
-        """
+        """Wait for something; so long at the most, or as long as the swap may take."""
         old, new = self._old, self._standby
 
         def is_over() -> bool:

@@ -64,8 +64,6 @@ class SwapRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 class AskToSwap(NodeRequest, frozen=True, kw_only=True):
-    """A tool asks for a swap."""
-
     request: SwapRequest
 
 
@@ -111,16 +109,11 @@ class SwapFailed(NodeError):
 
 
 class CheckedSwap(msgspec.Struct, frozen=True, kw_only=True):
-    """One node in place of another: the place, who had it, who gets it.
-
-    Attributes:
-        probation: How long the former is on standby.
-        try_out: Before that the new one is tried on the last messages.
-    """
+    """One node in place of another: the place, who had it, who gets it."""
 
     request: SwapRequest
-    probation: Probation
-    try_out: bool
+    probation: Probation  # how long the former is on standby
+    try_out: bool  # before that the new one is tried on the last messages
     index: int
     old: NodeSpec
     new: NodeSpec
@@ -147,7 +140,6 @@ class CheckedSwap(msgspec.Struct, frozen=True, kw_only=True):
         )
 
     def comparison(self, published: Mapping[str, int]) -> ShadowComparison:
-        """Return what compares the two nodes' messages after those that were published before."""
         arrays = {name: array_fields(info.json_schema) for name, info in self.checked.topics.items()}
         return ShadowComparison(published, arrays)
 

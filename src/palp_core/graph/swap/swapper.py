@@ -45,14 +45,6 @@ def _run_of(request: SwapRequest, old: NodeSpec, workspace: str) -> str:
 class Swapper:
     """The swaps of one graph.
 
-    Args:
-        checked: The graph as it is.
-        host: Has the nodes.
-        folder: The run directory.
-        now_ns: The graph's clock.
-        changed: Takes the graph as it is now, the node's index and what the two nodes have published.
-        report: Publishes what has happened: kind, node, text, data.
-
     Attributes:
         conductor: Drives the nodes in simulated time; None before the run, and on the wall clock.
     """
@@ -93,11 +85,7 @@ class Swapper:
             self.plan(now_ns, SwapRequest(node=asked.node, run=asked.run, params=params))
 
     def run_due(self) -> None:
-        """Do what is planned and due.
-
-        Raises:
-            SwapFailed: The run would not follow its plan.
-        """
+        """Do what is planned and due."""
         if self._busy or not self._planned:  # simulated time goes by in a swap, too
             return
         now_ns = self._now_ns()
@@ -119,11 +107,6 @@ class Swapper:
         return {"node": self._busy.removeprefix("/"), "step": step, "steps": STEPS}
 
     def answer(self, asked: AskToSwap) -> dict[str, Any]:
-        """Swap for a tool that asks.
-
-        Raises:
-            GraphError: No such node here.
-        """
         if self._busy:
             return {"failed": {"step": "start", "text": self._busy_text, "node": asked.request.node}}
         try:
@@ -133,12 +116,7 @@ class Swapper:
         return {"report": found}
 
     def swap(self, request: SwapRequest) -> SwapReport:
-        """Let another class take a node's place.
-
-        Raises:
-            GraphError: No such node here.
-            SwapFailed: A step failed; the old node goes on.
-        """
+        """Let another class take a node's place."""
         if self._busy:
             raise GraphError(self._busy_text)
         self._busy = request.node

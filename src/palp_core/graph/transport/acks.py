@@ -50,19 +50,13 @@ def read_flow_control(token: bytes) -> FlowControl | None:
 
 
 class Ack(msgspec.Struct, frozen=True, array_like=True):
-    """How a reader does.
-
-    Attributes:
-        epoch: Of the publisher that it is about.
-        sequence: Up to there it has taken everything up.
-        lost: How many messages it has lost for good since its last ack.
-    """
+    """How a reader does."""
 
     topic: str
     reader: str
-    epoch: _Number
-    sequence: _Number
-    lost: _Number
+    epoch: _Number  # of the publisher that it is about
+    sequence: _Number  # up to there it has taken everything up
+    lost: _Number  # how many messages it has lost for good since its last ack
 
 
 _DECODER = msgspec.msgpack.Decoder(Ack)
@@ -106,12 +100,7 @@ class _Acked:
 
 
 class AckSender:
-    """States to the publishers of a node's inputs how far it has come where they wait, and every loss.
-
-    Args:
-        buffers: By input topic; :attr:`.ReorderBuffer.ack_due` says from where on :meth:`send` is due.
-        send: Takes each ack.
-    """
+    """States to the publishers of a node's inputs how far it has come where they wait, and every loss."""
 
     def __init__(
         self, executor: Executor, buffers: Mapping[str, ReorderBuffer], send: Callable[[bytes], object]

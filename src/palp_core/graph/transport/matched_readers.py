@@ -20,12 +20,7 @@ WAIT_NS = 1_000_000_000
 
 
 class MatchedReaders:
-    """Who reads a node.
-
-    Args:
-        file: Where a predecessor has noted its readers and this process notes its own; None: no process
-            comes after this one.
-    """
+    """Who reads a node."""
 
     def __init__(self, present: Callable[[], Collection[str]], file: Path | None) -> None:
         self._present, self._file = present, file

@@ -31,19 +31,16 @@ Item = TypeVar("Item")
 
 
 class Move(msgspec.Struct, frozen=True):
-    """Payload of a frame of kind MOVED.
+    """Payload of a frame of kind MOVED."""
 
-    Attributes:
-        phase: ``prepare``: listen there too; ``here``: this is that place, and it publishes from now on;
-            ``gone``: from here comes nothing more; ``stay``: forget that place.
-    """
-
+    # ``prepare``: listen there too; ``here``: this is that place, and it publishes from now on; ``gone``:
+    # from here comes nothing more; ``stay``: forget that place
     phase: str
     publish: str
     serve: str
 
 
-def read_move(payload: memoryview) -> Move:
+def read_move(payload: bytes | memoryview) -> Move:
     move = decode_any(Move, payload)
     if not (move.publish.startswith("ipc://") and move.serve.startswith("ipc://")):
         raise SchemaMismatch(f"a publisher cannot move to {move.publish}")
@@ -67,11 +64,7 @@ class Reorderer(Protocol):
 
 
 class MoveReorderer(Generic[Item]):
-    """Puts one topic's frames in order while its publisher moves, for a reader that keeps no other order.
-
-    Args:
-        deliver: Takes what came with each frame, in order.
-    """
+    """Puts one topic's frames in order while its publisher moves, for a reader that keeps no other order."""
 
     def __init__(self, deliver: Callable[[Item], None]) -> None:
         self._deliver = deliver
@@ -110,18 +103,12 @@ class MoveReorderer(Generic[Item]):
 
 @dataclass
 class _Place:
-    """One endpoint of a topic's publisher.
-
-    Attributes:
-        serve: Where the publisher answers; None: it has not announced that.
-        begun_ns: When it announced that it publishes from now on; None: it has not.
-        finished: Nothing more comes from here.
-    """
+    """One endpoint of a topic's publisher."""
 
     publish: str
-    serve: str | None = None
-    begun_ns: int | None = None
-    finished: bool = False
+    serve: str | None = None  # where the publisher answers; None: it has not announced that
+    begun_ns: int | None = None  # when it announced that it publishes from now on; None: it has not
+    finished: bool = False  # nothing more comes from here
 
 
 class PublisherEndpoints:
@@ -129,10 +116,6 @@ class PublisherEndpoints:
 
     A slow reader may receive the next change of hands before it has had all of the last: then there are
     three places.
-
-    Args:
-        publish: Where it is published: a name that leads to its publisher after any change of hands, too.
-        serve: Where its publisher answers.
     """
 
     def __init__(self, publish: str, serve: str) -> None:
@@ -209,12 +192,7 @@ class PublisherEndpoints:
 
 
 class Migration:
-    """Where the publishers of some topics are.
-
-    Args:
-        publishers: Per topic, where it is published and where its publisher answers.
-        reorderers: Put topics in order; others are put in order later.
-    """
+    """Where the publishers of some topics are."""
 
     def __init__(
         self,

@@ -52,12 +52,7 @@ class NodeSockets:
         self.publisher.poll()
 
     def wait_until_unread(self, patience_ns: int, ends: int) -> None:
-        """Wait until nobody listens any more, and turn requests away meanwhile.
-
-        Args:
-            patience_ns: For how long at most.
-            ends: Descriptor that ends the wait when it can be read.
-        """
+        """Wait until nobody listens any more, and turn requests away meanwhile."""
         until_ns = monotonic_ns() + patience_ns
         self.poll()
         while self.publisher.readers:

@@ -23,11 +23,7 @@ _SLOT = struct.Struct("<qQ")
 
 
 class Offsets:
-    """Epoch and sequence per topic.
-
-    Args:
-        path: The file; created if it is not there.
-    """
+    """Epoch and sequence per topic."""
 
     def __init__(self, path: Path, topics: Sequence[str]) -> None:
         size = max(_SLOT.size * len(topics), 1)

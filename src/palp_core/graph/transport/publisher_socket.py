@@ -15,10 +15,8 @@ from palp_core.graph.messages.frame import topic_of
 from palp_core.graph.node.publisher import PublisherEnd
 from palp_core.graph.transport.acks import ACK, FLOW_CONTROL
 from palp_core.graph.transport.backpressure import Backpressure
-from palp_core.graph.transport.in_flight_bytes import InFlightBytes
 from palp_core.graph.transport.matched_readers import READER
-from palp_core.graph.transport.private_endpoint import bind_private
-from palp_core.graph.transport.requester_socket import readable
+from palp_core.graph.transport.zmq_sockets import InFlightBytes, bind_private, readable
 
 SEND_QUEUE = 100_000  # messages per reader: what is beyond is a gap to it, filled from what is remembered
 QUEUE_BYTES = 256 << 20  # of large messages: ZeroMQ's own marks count messages, whatever their size
@@ -62,12 +60,7 @@ class PublisherSocket:
         return super(zmq.Socket, self._socket).send  # without the costly options
 
     def offer(self, publishers: Iterable[PublisherEnd[Any]], *, direct: bool = False) -> None:
-        """Add topics whose new subscribers are greeted with a heartbeat.
-
-        Args:
-            publishers: One per topic.
-            direct: Nobody but this takes their frames, and it takes only those that somebody reads.
-        """
+        """Add topics whose new subscribers are greeted with a heartbeat."""
         for publisher in publishers:
             name = publisher.topic.encode()
             self._publishers[name] = publisher
@@ -149,12 +142,7 @@ class PublisherSocket:
         return [*beat, publisher.moved(self.announcement)] if self.announcement else beat
 
     def send_heartbeats(self, *, to_all: bool = True) -> None:
-        """State every subscribed topic's last sequence.
-
-        Args:
-            to_all: Of topics, too, that have said something since this was last called: their messages have
-                stated it.
-        """
+        """State every subscribed topic's last sequence."""
         for name in self._subscribed:
             publisher = self._publishers.get(name)
             if publisher is None:

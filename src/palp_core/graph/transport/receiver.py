@@ -16,7 +16,6 @@ from palp_core.graph.node.handover import HandOver
 from palp_core.graph.node.lifecycle import Lifecycle
 from palp_core.graph.node.subscription import Subscription
 from palp_core.graph.transport.acks import AckSender, flow_controls
-from palp_core.graph.transport.edge_monitor import EdgeMonitor
 from palp_core.graph.transport.migration import Migration
 from palp_core.graph.transport.offsets import Offsets, ReceivedOffsets
 from palp_core.graph.transport.reorder_buffer import ReorderBuffer
@@ -25,16 +24,11 @@ from palp_core.graph.transport.subscriber_socket import ARRAY_QUEUE, RECEIVE_QUE
 
 _MOVED = int(Kind.MOVED)  # an enum costs a comparison in Python
 MOST_UNREAD_BYTES = 64 << 20
+RATE_WINDOW_NS = 1_000_000_000
 
 
 class TopicReceiver:
-    """The receiving side of a node.
-
-    Args:
-        executor: The node. Times here are on the host's monotonic clock, not on the graph's.
-        publishers: Per input topic, where it is published and where its publisher answers.
-        offsets: File of what a predecessor has taken up and what this process does; None: not kept.
-    """
+    """The receiving side of a node."""
 
     def __init__(
         self,
@@ -63,7 +57,6 @@ class TopicReceiver:
         self._unread_bytes = 0
         self.monitor = EdgeMonitor(executor, self.buffers)
         self._was_active = False
-        self._prompt: dict[str, Subscription] = {}
         self._start_ns = 0
 
     def _buffer_of(self, name: str, subscriptions: list[Subscription]) -> ReorderBuffer:
@@ -96,12 +89,7 @@ class TopicReceiver:
         }
 
     def continue_from(self, hand_over: HandOver, received: ReceivedOffsets) -> int:
-        """Go on where a predecessor was, whose unread messages are in the inbox, behind this process's own.
-
-        Args:
-            hand_over: What it has handed over.
-            received: Up to where it has received its inputs, what it rejected included.
-        """
+        """Go on where a predecessor was, whose unread messages are in the inbox behind the own ones."""
         frames = _merged(self._inbox, hand_over, received, self.buffers, self._executor.ends.subscriptions)
         self._inbox.clear()
         self._unread_bytes = 0
@@ -123,18 +111,17 @@ class TopicReceiver:
         several = itertools.chain.from_iterable(inputs.values())
         if any(subscription.qos.reliability == "best_effort" for subscription in several):
             return  # such a reader must see all that has arrived before it knows what to skip
-        self._prompt |= {
-            name: subscriptions[0]
-            for name, subscriptions in inputs.items()
-            if len(subscriptions) == 1 and subscriptions[0].is_prompt
-        }  # where a deadline holds, what is due at its time comes before a message that is late
+        for name, subscriptions in inputs.items():
+            if len(subscriptions) == 1 and subscriptions[0].is_prompt:
+                self.buffers[name].prompt = subscriptions[0]
+        # where a deadline holds, what is due at its time comes before a message that is late
 
     def pending(self) -> bool:
         """Return whether there is something to take in, whatever the descriptors say.
 
         They signal changes only, and sending a word or a question takes that signal away.
         """
-        return not self._inbox_is_full() and (self._subscriber.pending() or self._requester.pending())
+        return not self._inbox_is_full() and (self._subscriber.is_stirred or self._requester.pending())
 
     def receive(self, slice_ns: int) -> None:
         """Take in what has arrived, put it in order, ask for what is missing.
@@ -174,17 +161,17 @@ class TopicReceiver:
         except SchemaMismatch as error:
             executor.events.reject(error)
             return
-        prompt = self._prompt.get(frame.topic)
-        is_free = not self._inbox and executor.publishing and executor.exit_code is None
-        if prompt is not None and is_free and buffer.is_next(frame):
+        prompt = buffer.prompt
+        if prompt is None or self._inbox or not executor.publishing or executor.exit_code is not None:
+            buffer.arrive(frame, now_ns)
+        elif buffer.take_next(frame, now_ns):
             executor.deliver(prompt, frame, now_ns - self._start_ns)
-            buffer.pass_by(frame, now_ns)
             if self._offsets is not None:
                 self._offsets.note(buffer.topic, frame.epoch, frame.sequence)
             if frame.sequence >= buffer.ack_due:
                 self._acks.send(buffer)
         else:
-            buffer.arrive(frame, now_ns)
+            buffer.sort(frame, now_ns)
 
     def _ask(self, topic: str, first: int, last: int) -> None:
         node = topic.split("/")[1]
@@ -253,6 +240,50 @@ class TopicReceiver:
             self._offsets.close()
 
 
+class EdgeMonitor:
+    """How the edges into a node do: rates, latencies, publishers that have fallen silent."""
+
+    def __init__(self, executor: Executor, buffers: Mapping[str, ReorderBuffer]) -> None:
+        self._executor, self._buffers = executor, buffers
+        self._silent: set[str] = set()
+        self._rates = dict.fromkeys(buffers, (0, 0, 0.0))
+
+    def look(self, now_ns: int, graph_ns: int) -> None:
+        """Measure rates over whole seconds, and raise the liveliness events of the active node."""
+        for name, buffer in self._buffers.items():
+            count, since_ns, _ = self._rates[name]
+            if now_ns - since_ns >= RATE_WINDOW_NS:
+                rate_hz = (buffer.latency.count - count) / (now_ns - since_ns) * 1e9
+                self._rates[name] = (buffer.latency.count, now_ns, rate_hz)
+            if self._executor.lifecycle is Lifecycle.ACTIVE:
+                for subscription in self._executor.ends.subscriptions[name]:
+                    if subscription.qos.lease_ms:
+                        self._look_for_silence(buffer, subscription, now_ns, graph_ns)
+
+    def _look_for_silence(
+        self, buffer: ReorderBuffer, subscription: Subscription, now_ns: int, graph_ns: int
+    ) -> None:
+        qos, port = subscription.qos, subscription.port
+        asserted_ns = buffer.data_ns if qos.liveliness == "manual_by_topic" else buffer.heard_ns
+        silent = now_ns - asserted_ns > qos.lease_ms * 1e6
+        if silent != (port in self._silent):
+            self._silent ^= {port}
+            self._executor.ends.events["liveliness", port].count(1, graph_ns)
+
+    def account(self, window: int = 0) -> dict[str, dict[str, Any]]:
+        """Return what the node counts not itself; latencies of the last ``window`` messages if not 0."""
+        return {
+            name: {
+                "filled": buffer.filled,
+                "unread": buffer.unread,
+                "rate_hz": self._rates[name][2],
+                "latency_s": buffer.latency.summary_s() if buffer.latency.count else None,
+                **({"recent_latency_s": buffer.latency.recent_s(window)} if window > 0 else {}),
+            }
+            for name, buffer in self._buffers.items()
+        }
+
+
 def _queue(subscriptions: Mapping[str, list[Subscription]]) -> int:
     """Return how many messages may wait in the socket: ZeroMQ counts them; large ones take several places.
 
@@ -270,15 +301,7 @@ def _merged(
     buffers: Mapping[str, ReorderBuffer],
     subscriptions: Mapping[str, list[Subscription]],
 ) -> list[Frame]:
-    """Return what the successor has to take up, each message once: the predecessor's first, then its own.
-
-    Args:
-        inbox: The successor's; the predecessor's frames are the last of it.
-        hand_over: The predecessor's.
-        received: Up to where that has received each topic.
-        buffers: The successor's, by topic; they go on where the predecessor's were.
-        subscriptions: The successor's, by topic.
-    """
+    """Return what the successor has to take up, each message once: the predecessor's first, then its own."""
     count = len(inbox) - len(hand_over.inbox)
     frames = list(inbox)
     own, theirs = frames[:count], [frame for frame in frames[count:] if frame.topic in buffers]

@@ -16,6 +16,7 @@ from palp_core.graph.latency import Latency
 from palp_core.graph.messages.frame import LAST_SEQUENCE, Frame, Kind, former_of
 from palp_core.graph.messages.qos import Qos
 from palp_core.graph.node.sequence_account import SequenceAccount
+from palp_core.graph.node.subscription import Subscription
 
 _DATA = int(Kind.DATA)  # an enum costs a comparison in Python
 FILL_NS = 1_000_000_000
@@ -26,17 +27,12 @@ SUCCESSOR_NS = 10_000_000_000
 class ReorderBuffer:
     """The reader's end of one topic, before the node's inbox.
 
-    Args:
-        account: That of what the node has taken up; a predecessor's says where to go on.
-        ask: Asks the publisher for the messages of this topic from a first to a last sequence.
-        ordered: False where sequences have gaps by right (replies): everything is handed on as it comes.
-        patience_ns: How long an answer, and the rest of a first place, is waited for; None: :data:`FILL_NS`.
-
     Attributes:
         heard_ns: When anything of the publisher came last; -1 before.
         filled: Of the messages handed on, how many had to be asked for.
         epoch: Of the publisher; -1 before it is heard.
         give_up_ns: Until when an answer is waited for; None: nothing is missing.
+        prompt: The input that is handed a message at once if nothing has to come before it; None: none is.
         ack_due: From this sequence on, an ack to its publisher is due.
         origin_ns: The graph's start on the host's monotonic clock, on which all times here are; None: not
             known.
@@ -62,6 +58,7 @@ class ReorderBuffer:
         self.give_up_ns: int | None = None
         self.origin_ns: int | None = None
         self.ack_due = LAST_SEQUENCE + 1
+        self.prompt: Subscription | None = None
         self.epoch = account.epoch
         self.next = account.sequence + 1
         self._last = 0  # the highest sequence known to exist in this epoch
@@ -87,33 +84,29 @@ class ReorderBuffer:
         """True once the publisher has been heard and nothing it had to say before is still to come."""
         return self.heard_ns >= 0 and self.give_up_ns is None
 
-    def is_next(self, frame: Frame) -> bool:
-        """Return whether a frame is a message that nothing has to come before."""
-        in_order = (frame.sequence == self.next and frame.epoch == self.epoch) or not self._ordered
-        return in_order and frame.kind == _DATA and self.give_up_ns is None
-
-    def pass_by(self, frame: Frame, now_ns: int) -> None:
-        """Take note of a message that was next and is handled already."""
-        self.next = frame.sequence + 1
-        self._note_arrival(frame, now_ns)
+    def take_next(self, frame: Frame, now_ns: int) -> bool:
+        """Take note of a frame; return whether it is a message that nothing has to come before."""
+        _, kind, epoch, sequence, stamp_ns, _, _ = frame
+        self.heard_ns = now_ns
+        if kind != _DATA:
+            return False
+        self.data_ns = now_ns
+        if self.origin_ns is not None:
+            self.latency.add(now_ns - self.origin_ns - stamp_ns)
+        if sequence == self.next and epoch == self.epoch and self.give_up_ns is None:
+            self.next += 1
+            return True
+        return not self._ordered
 
     def arrive(self, frame: Frame, now_ns: int) -> None:
-        self._note_arrival(frame, now_ns)
-        if self._ordered and self.is_next(frame):
-            self.next += 1
+        if self.take_next(frame, now_ns):
             self._hand_on(frame)
         else:
-            self._sort(frame, now_ns)
+            self.sort(frame, now_ns)
 
-    def _note_arrival(self, frame: Frame, now_ns: int) -> None:
-        self.heard_ns = now_ns
-        if frame.kind == _DATA:
-            self.data_ns = now_ns
-            if self.origin_ns is not None:
-                self.latency.add(now_ns - self.origin_ns - frame.stamp_ns)
-
-    def _sort(self, frame: Frame, now_ns: int) -> None:
-        is_data = frame.kind == Kind.DATA
+    def sort(self, frame: Frame, now_ns: int) -> None:
+        """Put in order what does not simply follow."""
+        is_data = frame.kind == _DATA
         if not self._ordered or frame.epoch < self.epoch:
             if is_data:
                 self._hand_on(frame)  # the account tells repeats

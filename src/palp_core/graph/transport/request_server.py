@@ -15,9 +15,7 @@ import zmq
 
 from palp_core.errors import GraphError, NodeError, SchemaMismatch, in_words
 from palp_core.graph.messages.message import decode_any
-from palp_core.graph.transport.in_flight_bytes import InFlightBytes
-from palp_core.graph.transport.private_endpoint import bind_private
-from palp_core.graph.transport.requester_socket import readable
+from palp_core.graph.transport.zmq_sockets import InFlightBytes, bind_private, readable
 
 LONGEST_ID = 128
 _RCVMORE = int(zmq.RCVMORE)  # an enum costs a microsecond a call
@@ -40,15 +38,11 @@ REPLY_BYTES = 64 << 20
 
 
 class NodeRequest(msgspec.Struct, frozen=True, kw_only=True):
-    """What every request says; a subclass says what an operation wants besides.
-
-    Attributes:
-        node: Whom it is for; None: the only one there is.
-        id: The asker's own, if it may ask again; what changes something is done once for it.
-    """
+    """What every request says; a subclass says what an operation wants besides."""
 
     op: str
-    node: str | None = None
+    node: str | None = None  # whom it is for; None: the only one there is
+    # the asker's own, if it may ask again; what changes something is done once for it
     id: Annotated[str, msgspec.Meta(max_length=LONGEST_ID)] | None = None
 
 
@@ -103,14 +97,7 @@ class RequestServer:
         self._performs = False
 
     def add(self, node: str, operations: NodeOperations, deferred: Collection[str] = ()) -> None:
-        """Add a node's operations.
-
-        Args:
-            node: Whom a request is for; one that names nobody is for the only one there is.
-            operations: By name.
-            deferred: Those that change something: they wait for :meth:`perform`, and the replies are
-                remembered. The others may be asked as often as anyone likes.
-        """
+        """Add a node's operations."""
         self._operations[node], self._deferred[node] = operations, deferred
 
     @property
@@ -118,12 +105,7 @@ class RequestServer:
         return {entry.node for entry in self._waiting} if self._waiting else ()
 
     def poll(self, most: int = MOST_AT_ONCE, put_off: Callable[[], None] = lambda: None) -> None:
-        """Answer requests, or put them off, without waiting; what is beyond so many leaves it stirred.
-
-        Args:
-            most: How many at once.
-            put_off: Called whenever one has been put off; may :meth:`perform` it.
-        """
+        """Answer requests, or put them off, without waiting; what is beyond so many leaves it stirred."""
         if self._performs:
             while (entry := self._next(None)) is not None:
                 self._perform(entry)

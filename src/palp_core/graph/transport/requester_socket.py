@@ -7,12 +7,10 @@ from typing import Any
 import msgpack
 import zmq
 
+from palp_core.graph.transport.zmq_sockets import readable
+
 RECONNECT_MS = 10
-_EVENTS, _POLLIN, _NOBLOCK = (
-    int(zmq.EVENTS),
-    int(zmq.POLLIN),
-    int(zmq.NOBLOCK),
-)  # an enum costs a microsecond a call
+_NOBLOCK = int(zmq.NOBLOCK)  # an enum costs a microsecond a call
 
 
 class RequesterSocket:
@@ -58,11 +56,6 @@ class RequesterSocket:
             socket.close(linger=0)
         if self._own_context is not None:
             self._own_context.term()
-
-
-def readable(socket: zmq.Socket[bytes]) -> bool:
-    """Ask before receiving: that costs less than the exception that an empty socket raises."""
-    return bool(int(socket.getsockopt(_EVENTS)) & _POLLIN)
 
 
 def ask(endpoint: str, request: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:

@@ -7,7 +7,8 @@ import zmq
 
 from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.transport.matched_readers import READER
-from palp_core.graph.transport.requester_socket import RECONNECT_MS, readable
+from palp_core.graph.transport.requester_socket import RECONNECT_MS
+from palp_core.graph.transport.zmq_sockets import readable
 
 RECEIVE_QUEUE = 1000  # the rest waits at the publisher
 ARRAY_QUEUE = 256  # places; a message of 5 MB takes 5. With 16, small arrays travelled at half the rate
@@ -17,14 +18,12 @@ _NOBLOCK = int(zmq.NOBLOCK)  # an enum costs a microsecond a call
 class SubscriberSocket:
     """The receiving side of one process.
 
-    Args:
-        queue: Messages that may wait; changed on a live socket, the mark would stop it for good.
-        name: Tells publishers who this is, which a restarted one then waits for; "": a passer-by.
-        flow_controls: For a reader that sends acks: the subscriptions that have publishers wait.
-
     Attributes:
-        send_up: Sends an ack to all publishers.
+        is_stirred: Something may have arrived though the descriptor does not show it: whatever else is done
+            with the socket swallows the descriptor's signal.
     """
+
+    is_stirred = True
 
     def __init__(
         self,
@@ -39,14 +38,10 @@ class SubscriberSocket:
         assert self._context is not None
         self._sends_acks = flow_controls is not None
         self._socket = self._context.socket(zmq.XSUB if self._sends_acks else zmq.SUB)
-        self.send_up: Callable[[bytes], object] = self._socket.send
         self._socket.setsockopt(zmq.RCVHWM, queue)
         self._socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
         self._socket.setsockopt(zmq.LINGER, 0)
-        for endpoint in sorted(set(endpoints.values())):
-            self._socket.connect(endpoint)
-        for topic in endpoints:
-            self._begin(topic.encode() + b"\0")
+        self.subscribe(endpoints)
         for token in flow_controls or ():  # after the topics, before the name: in this order ZeroMQ repeats
             self._begin(token)
         if name:
@@ -55,15 +50,20 @@ class SubscriberSocket:
 
     def _begin(self, subscription: bytes) -> None:
         if self._sends_acks:
-            self._socket.send(b"\x01" + subscription)
+            self.send_up(b"\x01" + subscription)
         else:
             self._socket.setsockopt(zmq.SUBSCRIBE, subscription)
 
     def _end(self, subscription: bytes) -> None:
         if self._sends_acks:
-            self._socket.send(b"\0" + subscription)
+            self.send_up(b"\0" + subscription)
         else:
             self._socket.setsockopt(zmq.UNSUBSCRIBE, subscription)
+
+    def send_up(self, ack: bytes) -> None:
+        """Send an ack to all publishers."""
+        self.is_stirred = True
+        self._socket.send(ack)
 
     @property
     def context(self) -> zmq.Context[zmq.Socket[bytes]]:
@@ -72,7 +72,7 @@ class SubscriberSocket:
 
     def subscribe(self, endpoints: Mapping[str, str]) -> None:
         for endpoint in sorted(set(endpoints.values())):
-            self._socket.connect(endpoint)
+            self.connect(endpoint)
         for name in endpoints:
             self._begin(name.encode() + b"\0")
 
@@ -83,10 +83,12 @@ class SubscriberSocket:
 
     def connect(self, endpoint: str) -> None:
         """Listen at one more endpoint, where topics that are subscribed already go on."""
+        self.is_stirred = True
         self._socket.connect(endpoint)
 
     def disconnect(self, endpoint: str) -> None:
         """Listen at an endpoint no longer; what has arrived from it stays."""
+        self.is_stirred = True
         with contextlib.suppress(zmq.ZMQError):  # never connected, or left already
             self._socket.disconnect(endpoint)
 
@@ -97,20 +99,21 @@ class SubscriberSocket:
         return frames
 
     def dispatch(self, arrive: Callable[[bytes, int], None], slice_ns: int, wait_ms: int = 0) -> bool:
-        """Hand on what has arrived, at least one frame if there is any; return whether there may be more.
-
-        Args:
-            arrive: Takes a frame and the time.
-            slice_ns: After so long, leave the rest to the next call.
-            wait_ms: How long to wait if nothing has arrived.
-        """
+        """Hand on what has arrived, at least one frame if there is any; return whether there may be more."""
         if wait_ms:
             self._socket.poll(wait_ms)
-        socket, until_ns = self._socket, monotonic_ns() + slice_ns
-        while readable(socket):
+        socket, until_ns, count = self._socket, monotonic_ns() + slice_ns, 0
+        self.is_stirred = False
+        while count > 1 or readable(socket):  # the exception that ends a burst costs less than each question
+            try:
+                raw = socket.recv(_NOBLOCK)
+            except zmq.Again:
+                return False
+            count += 1
             now_ns = monotonic_ns()
-            arrive(socket.recv(_NOBLOCK), now_ns)
+            arrive(raw, now_ns)
             if now_ns >= until_ns:
+                self.is_stirred = True
                 return True
         return False
 
