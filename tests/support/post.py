@@ -70,7 +70,6 @@ class ReaderParams(Params):
     deed: str = ""
     at: int = 100
     out: str = ""
-    pipe: str = ""
 
 
 def rob():
@@ -125,11 +124,6 @@ class Reader(Node):
         subprocess.Popen(["sh", "-c", f"sleep 0.4; kill -CONT {os.getpid()}"], start_new_session=True)
         os.kill(os.getpid(), signal.SIGSTOP)
 
-    def stall(self):
-        """Wait until somebody else says that all letters have come."""
-        with open(self.params.pipe) as pipe:
-            pipe.read()
-
     @on_event(letter)
     def mind(self, event):
         with open(self.params.out + ".events", "a") as out:
@@ -139,20 +133,6 @@ class Reader(Node):
         counter = self._context.ends.accounts[self._context.spec.inputs["letter"]]
         with open(self.params.out + ".account", "w") as out:
             json.dump(msgspec.to_builtins(counter), out)
-
-
-class Freer(Node):
-    """Frees whoever waits at the pipe when the last letter has come."""
-
-    params: ReaderParams
-    letter = Sub(Letter)
-
-    @on(letter)
-    def take(self, letter):
-        if letter.index < 0 and self.params.pipe:
-            with open(self.params.pipe, "w") as pipe:
-                pipe.write("all")
-            self.finish()
 
 
 class ClerkParams(Params):
@@ -271,17 +251,15 @@ clock: wall
 args:
   deed: {default: "", help: of the reader}
   out: {default: "", help: beginning of the files}
-  pipe: {default: "", help: named pipe}
   until: {default: "", help: file until which there are more letters}
 nodes:
   source: {run: "nodes.post:Source", params: {until: $(var until)}}
   reader:
     run: nodes.post:Reader
-    params: {deed: $(var deed), out: $(var out), pipe: $(var pipe)}
+    params: {deed: $(var deed), out: $(var out)}
     inputs: {letter: source/FROM}
     restart: {when: on_failure, max_restarts: 3, backoff_s: 0.05}
     on_exit: shutdown
-  freer: {run: "nodes.post:Freer", params: {pipe: $(var pipe)}, inputs: {letter: source/many}}
 """
 
 OFFICE = """

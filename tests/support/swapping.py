@@ -45,19 +45,6 @@ class Source(Node):
             self.progress.publish(Progress(stamp_ns=0, phase="numbers", done_count=1, total_count=2))
 
 
-class Rude(Source):
-    """After a while it says nothing that its readers can decode."""
-
-    @every("rate_hz")
-    def go(self):
-        self.state.index += 1
-        if self.state.index < 20:
-            self.out.publish(Num(index=self.state.index))
-            return
-        self.out.forward(b"garbage")
-        self.progress.publish(Progress(stamp_ns=0, phase="numbers", done_count=1, total_count=2))
-
-
 class LastWords(Source):
     """Its first process says more than can be sent before it is killed, the next one nothing but progress."""
 
@@ -275,17 +262,6 @@ class LooseSuccessor(LooseFaulty):
     """A faulty node whose state another one adopts: of one class, it would be taken as it is."""
 
     state: SuccessorState
-
-
-class Fleeting(Faulty):
-    """Dies as soon as it has said that it has taken over; a launcher that it stops hears of both together."""
-
-    def on_resume(self):
-        do(self.params)
-
-    @on(Relay.num)
-    def pass_on(self, num):
-        os.kill(os.getpid(), signal.SIGKILL)
 
 
 class NoviceParams(DeedParams):

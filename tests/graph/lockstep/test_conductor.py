@@ -274,14 +274,6 @@ def test_the_end_of_a_node_ends_the_run_only_if_the_graph_says_so(workspace: str
     assert conductor.exit_code is None
 
 
-def test_a_finished_node_is_left_in_peace(workspace: str) -> None:
-    specs = [node("fast", "Source", params={"hz": 10.0}), node("sink", "Sink", inputs={"word": "/fast/out"})]
-    conductor, _ = conduct(specs, workspace)
-    conductor.activate()
-    conductor.run(10 * 10**9)
-    assert conductor.activation_count == 100 + 20
-
-
 def test_a_node_that_fails_ends_the_run_by_name(workspace: str) -> None:
     specs = [node("fast", "Source"), node("weak", "Fails", inputs={"word": "/fast/out"})]
     conductor, _ = conduct(specs, workspace)

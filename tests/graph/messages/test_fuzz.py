@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import msgpack
-import msgspec
 import numpy as np
 import pytest
 import zmq
@@ -170,16 +169,6 @@ def test_a_malformed_request_gets_an_error_and_harms_nothing(target: Target, raw
     answers(target, raw)
 
 
-@pytest.mark.slow
-@settings(deadline=None, max_examples=20_000, suppress_health_check=list(HealthCheck))
-@given(raw=frames(), request_raw=payloads)
-def test_many_malformed_frames_and_requests_harm_nothing(
-    target: Target, raw: bytes, request_raw: bytes
-) -> None:
-    survives(target, raw)
-    answers(target, request_raw)
-
-
 ARGUMENTS = [
     "topic",
     "first",
@@ -210,27 +199,3 @@ def test_a_flood_of_rubbish_is_counted_and_said_a_few_times(
             target.feed(b"rubbish %d" % number)
     assert target.executor.events.rejected_count == 10_000
     assert len(caplog.records) == 14  # the 1st, 2nd, 4th ... 8192nd
-
-
-def test_good_messages_pass_between_bad_ones_and_each_is_accounted_for(target: Target) -> None:
-    for n in range(1, 101):
-        target.feed(pack(b"/p/word", Kind.DATA, 0, n, 0, HASH ^ (n % 2), GOOD[: n % len(GOOD)]))
-        target.feed(pack(b"/p/word", Kind.DATA, 0, n, 0, HASH, GOOD)[: n % HEADER_BYTES])
-        target.feed(pack(b"/p/word", Kind.DATA, 0, n, 0, HASH, GOOD))
-    target.feed(pack(b"/p/word", Kind.DATA, 0, 101, 0, HASH, GOOD[:-1]))
-    target.feed(pack(b"/p/word", Kind.DATA, 0, 102, 0, HASH, GOOD))
-    counter = target.executor.ends.accounts["/p/word"]
-    assert (counter.received, counter.lost, counter.repeated) == (101, 1, 0)
-    assert target.executor.events.rejected_count == 201
-
-
-def test_a_message_of_another_type_or_of_a_later_wire_version_is_named(
-    target: Target, caplog: pytest.LogCaptureFixture
-) -> None:
-    with caplog.at_level(logging.WARNING):
-        target.feed(pack(b"/p/word", Kind.DATA, 0, 1, 0, 7, msgspec.msgpack.encode({})))
-        later = bytearray(pack(b"/p/word", Kind.DATA, 0, 1, 0, HASH, GOOD))
-        later[len(b"/p/word") + 1] = 9
-        target.feed(bytes(later))
-    assert "carries another type than Word" in caplog.text
-    assert "wire version 9; this end speaks 2" in caplog.text

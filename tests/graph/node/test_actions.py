@@ -25,7 +25,7 @@ from palp_core import (
     on_cancel,
     on_feedback,
 )
-from palp_core.errors import CancelRejected, GoalRejected, GraphError, NodeError
+from palp_core.errors import CancelRejected, GoalRejected, NodeError
 from palp_core.graph.node.action_server import MOST_LIVE
 from palp_core.graph.node.lifecycle import Transition
 
@@ -279,28 +279,6 @@ def test_results_of_the_latest_goals_are_kept_for_who_asks_late() -> None:
         bench.advance(0.1)
     assert lift.result("g0").status == "unknown"
     assert lift.result("g1").result == [Arrived(floor=0)]
-
-
-def test_what_an_action_lacks_is_said_at_its_definition() -> None:
-    with pytest.raises(GraphError, match="port 'lift' has no handler; mark a method with @execute"):
-
-        class Idle(Node):
-            lift = Act(Lift, Passing, Arrived)
-
-    with pytest.raises(GraphError, match="no parameter 'step_hs' for its rate"):
-
-        class Unpaced(Node):
-            params: LiftParams
-            lift = Act(Lift, Passing, Arrived)
-
-            @execute(lift, "step_hs")
-            def rise(self, goal: GoalHandle[Lift, Passing, Arrived]) -> None: ...
-
-    with pytest.raises(GraphError, match="an action 'lift' that handlers are for is not declared"):
-
-        class Stray(Node):
-            @accept(Elevator.lift)
-            def look(self, goal: Lift) -> None: ...
 
 
 def guest() -> tuple[Bench[Guest], Any]:

@@ -2,84 +2,100 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 
+from palp_core import (
+    Act,
+    ActionClient,
+    Message,
+    Node,
+    Params,
+    State,
+    Sub,
+    accept,
+    every,
+    execute,
+    on,
+    on_event,
+)
 from palp_core.errors import GraphError
-from palp_core.graph.messages.message import Message
-from palp_core.graph.node.node import Node, State
-from palp_core.graph.node.ports import Sub, every, on
 
 
 class Word(Message):
     n: int
 
 
-class Other(Message):
-    n: int
-
-
 class Hearing(Node):
     word = Sub(Word)
+    lift = ActionClient(Word, Word, Word)
+    serve = Act(Word, Word, Word)
 
     @on(word)
     def take(self, word: Word) -> None: ...
 
+    @on(lift)
+    def arrive(self, ended: Any) -> None: ...
 
-def test_a_handler_for_a_port_of_another_class_is_refused() -> None:
-    with pytest.raises(GraphError, match="not declared on this class"):
-
-        class Confused(Node):
-            word = Sub(Other)
-
-            @on(Hearing.word)
-            def take(self, word: Word) -> None: ...
+    @execute(serve)
+    def work(self, goal: Any) -> None: ...
 
 
-def test_what_a_node_class_forgets_is_said_at_its_definition() -> None:
-    with pytest.raises(GraphError, match="port 'word' has no handler"):
-        type("Deaf", (Node,), {"word": Sub(Word)})
-    with pytest.raises(GraphError, match="no parameter 'speed_hz' for its rate; declared: none"):
-        type("Typo", (Node,), {"tick": every("speed_hz")(lambda self: None)})
-    with pytest.raises(GraphError, match=r"no parameter '20\.0' for its rate"):
-        type("Rate", (Node,), {"tick": every(20.0)(lambda self: None)})  # type: ignore[arg-type]
-    with pytest.raises(GraphError, match="'params' must be annotated"):
-        type("Odd", (Node,), {"__annotations__": {"params": int}})
+class Needy(State):
+    value: int
+
+
+async def later(self: Any, word: Word) -> None: ...
+
+
+def lazily(self: Any, word: Word) -> Iterator[int]:
+    yield word.n
+
+
+def handled(handler: Callable[..., Any], name: str = "word") -> dict[str, Any]:
+    """A port and its handler."""
     port = Sub(Word)
-    with pytest.raises(GraphError, match="two handlers"):
-        type(
-            "Double", (Node,), {"w": port, "a": on(port)(lambda s, w: None), "b": on(port)(lambda s, w: None)}
-        )
-
-    class Needy(State):
-        value: int
-
-    with pytest.raises(GraphError, match="needs a default"):
-        type("Needs", (Node,), {"__annotations__": {"state": Needy}})
+    return {name: port, "take": on(port)(handler)}
 
 
-@pytest.mark.parametrize("name", ["name", "state", "params", "rng", "finish", "on_activate", "_order"])
-def test_a_port_that_would_hide_a_part_of_every_node_is_refused(name: str) -> None:
+def twice() -> dict[str, Any]:
     port = Sub(Word)
-    with pytest.raises(GraphError, match=f"a port cannot be called '{name}'"):
-        type("Hiding", (Node,), {name: port, "take": on(port)(lambda self, word: None)})
+    return {"word": port, "one": on(port)(lambda _, __: None), "two": on(port)(lambda _, __: None)}
 
 
-def test_a_handler_that_would_never_run_is_refused() -> None:
-    with pytest.raises(GraphError, match="plain function"):
+def paced() -> dict[str, Any]:
+    port = Act(Word, Word, Word)
+    return {"lift": port, "rise": execute(port, "step_hs")(lambda _, __: None)}
 
-        class Later(Node):
-            word = Sub(Word)
 
-            @on(word)  # type: ignore[arg-type]
-            async def take(self, word: Word) -> None: ...
+MINE = ("name", "state", "params", "rng", "finish", "on_activate", "_order")
 
-    with pytest.raises(GraphError, match="plain function"):
 
-        class Lazy(Node):
-            word = Sub(Word)
-
-            @on(word)  # type: ignore[arg-type]
-            def take(self, word: Word) -> Iterator[int]:
-                yield word.n
+@pytest.mark.parametrize(
+    ("body", "mistake"),
+    [
+        ({"word": Sub(Word)}, "port 'word' has no handler; mark a method with @on or @serve"),
+        ({"lift": Act(Word, Word, Word)}, "port 'lift' has no handler; mark a method with @execute"),
+        ({"take": on(Hearing.word)(lambda _, __: None)}, "not declared on this class"),
+        ({"mind": on_event(Hearing.word)(lambda _, __: None)}, "not declared here"),
+        (
+            {"look": accept(Hearing.serve)(lambda _, __: None)},
+            "an action 'serve' that handlers are for",
+        ),
+        (twice(), "two handlers"),
+        ({"tick": every("speed_hz")(lambda _: None)}, "no parameter 'speed_hz' for its rate; declared: none"),
+        ({"tick": every(20.0)(lambda _: None)}, r"no parameter '20\.0' for its rate"),  # type: ignore[arg-type]
+        (paced(), "no parameter 'step_hs' for its rate"),
+        ({"__annotations__": {"params": int}}, "'params' must be annotated"),
+        ({"__annotations__": {"state": Params}}, "'state' must be annotated"),
+        ({"__annotations__": {"state": Needy}}, "needs a default"),
+        (handled(later), "plain function"),
+        (handled(lazily), "plain function"),
+        *((handled(lambda _, __: None, name), f"a port cannot be called '{name}'") for name in MINE),
+    ],
+)
+def test_what_a_class_must_not_declare_is_refused_by_name(body: dict[str, Any], mistake: str) -> None:
+    with pytest.raises(GraphError, match=mistake):
+        type("Wrong", (Node,), body)

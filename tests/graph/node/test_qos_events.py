@@ -7,7 +7,6 @@ from typing import Any, get_args
 import pytest
 
 from palp_core import Client, Message, Node, NodeEvent, Pub, Qos, QosEvent, State, Sub, on, on_event
-from palp_core.errors import GraphError
 from palp_core.graph.clock import SimClock
 from palp_core.graph.messages.frame import Kind, pack, parse
 from palp_core.graph.messages.message import decode, encode
@@ -93,35 +92,84 @@ class Drive:
         return [decode(NodeEvent, f.payload).kind for f in frames if f.topic == "/w/_events"]
 
 
-def test_a_deadline_counts_from_the_first_message_and_again_each_period() -> None:
+@pytest.mark.parametrize(
+    ("deeds", "log"),
+    [
+        pytest.param(
+            ["wait 100", "word 1", "wait 25", "word 2", "wait 9"],
+            ["word 1", "deadline 1 of 1", "deadline 1 of 2", "word 2"],
+            id="a deadline counts from the first message and again each period",
+        ),
+        pytest.param(
+            ["word 1", "sleep 1000"],
+            ["word 1", "deadline 100 of 100"],
+            id="a stopped process counts the deadlines it slept through at once",
+        ),
+        pytest.param(
+            ["word 1", "idle 1", "wait 100", "word 2", "wait 10"],
+            ["word 1", "word 2", "deadline 1 of 1"],
+            id="a publisher that is idle suspends the deadline until it publishes again",
+        ),
+        pytest.param(
+            ["wait 100", "word 1 49", "word 2 50"],
+            ["lifespan 1 of 1", "word 2"],
+            id="a message past its lifespan is dropped",
+        ),
+        pytest.param(
+            ["word 1", "word 5"],
+            ["word 1", "word 5", "message_lost 3 of 3"],
+            id="lost messages are told with their number",
+        ),
+        pytest.param(
+            ["word 7", "idle 7", "wait 300"],
+            ["word 7", "call_timeout 1"],
+            id="a call is asked again and then given up",
+        ),
+        pytest.param(
+            ["word 7", "back 6", "word 7", "idle 7", "reply 2", "reply 1", "reply 1", "wait 1000"],
+            ["word 7", "word 7", "reply 2", "reply 1"],
+            id="a reply settles its own call in whatever order it comes",
+        ),
+    ],
+)
+def test_what_an_edge_does_not_keep_is_told(deeds: list[str], log: list[str]) -> None:
+    drive = Drive()
+    for deed in deeds:
+        verb, number, *stamp = deed.split()
+        stamp_ns = int(stamp[0]) * MS if stamp else None
+        if verb == "wait":
+            drive.wait(int(number) * MS)
+        elif verb == "sleep":
+            drive.clock.set(drive.clock.now_ns() + int(number) * MS)
+            drive.executor.run_timers()
+        elif verb == "back":
+            drive.executor.ends.accounts["/p/word"].sequence = int(number)
+        elif verb == "reply":
+            drive.word(int(number), topic="/s/do/w/ask")
+        else:
+            drive.word(int(number), stamp_ns=stamp_ns, kind=Kind.IDLE if verb == "idle" else Kind.DATA)
+    assert drive.log == log
+
+
+def test_a_message_past_its_lifespan_and_a_lost_one_are_in_the_account() -> None:
     drive = Drive()
     drive.wait(100 * MS)
-    assert drive.log == []
-    drive.word(1)
-    drive.wait(25 * MS)
-    assert drive.log == ["word 1", "deadline 1 of 1", "deadline 1 of 2"]
-    drive.word(2)
-    drive.wait(9 * MS)
-    assert drive.log[3:] == ["word 2"]
+    drive.word(1, stamp_ns=49 * MS)
+    drive.word(2, stamp_ns=50 * MS)
+    drive.word(5)
+    counter = drive.executor.ends.accounts["/p/word"]
+    assert (counter.received, counter.dropped, counter.late, counter.lost) == (2, 1, 2, 2)
+    assert drive.said() == ["transition", "lifespan", "message_lost"]
 
 
-def test_a_stopped_process_counts_the_deadlines_it_slept_through_at_once() -> None:
+def test_a_call_is_asked_again_with_the_same_bytes_and_a_late_reply_is_a_repeat() -> None:
     drive = Drive()
-    drive.word(1)
-    drive.clock.set(drive.clock.now_ns() + 1000 * MS)
-    drive.executor.run_timers()
-    assert drive.log == ["word 1", "deadline 100 of 100"]
-
-
-def test_a_publisher_that_says_idle_suspends_the_deadline_until_it_publishes_again() -> None:
-    drive = Drive()
-    drive.word(1)
-    drive.word(1, kind=Kind.IDLE)
-    drive.wait(100 * MS)
-    assert drive.log == ["word 1"]
-    drive.word(2)
-    drive.wait(10 * MS)
-    assert drive.log[1:] == ["word 2", "deadline 1 of 1"]
+    drive.word(7)
+    drive.word(7, kind=Kind.IDLE)
+    drive.wait(300 * MS)
+    assert drive.resent == [f for f in drive.frames if parse(f).topic == "/w/ask"] * 2
+    drive.word(1, topic="/s/do/w/ask")
+    assert drive.executor.ends.accounts["/s/do/w/ask"].repeated == 1
 
 
 def test_idle_is_said_once_and_ends_with_the_next_message() -> None:
@@ -133,59 +181,6 @@ def test_idle_is_said_once_and_ends_with_the_next_message() -> None:
     frames = [f for f in map(parse, drive.frames) if f.topic == "/w/out"]
     assert [f.kind for f in frames] == [Kind.IDLE, Kind.DATA]
     assert parse(out.heartbeat()).kind == Kind.HEARTBEAT
-
-
-def test_a_message_past_its_lifespan_is_dropped_counted_and_told() -> None:
-    drive = Drive()
-    drive.wait(100 * MS)
-    drive.word(1, stamp_ns=49 * MS)
-    drive.word(2, stamp_ns=50 * MS)
-    counter = drive.executor.ends.accounts["/p/word"]
-    assert (counter.received, counter.dropped, counter.late, counter.lost) == (1, 1, 2, 0)
-    assert drive.log == ["lifespan 1 of 1", "word 2"]
-
-
-def test_lost_messages_are_told_with_their_number() -> None:
-    drive = Drive()
-    drive.word(1)
-    drive.word(5)
-    assert drive.log == ["word 1", "word 5", "message_lost 3 of 3"]
-    assert drive.said() == ["transition", "message_lost"]
-
-
-def test_a_call_is_asked_again_and_then_given_up() -> None:
-    drive = Drive()
-    drive.word(7)
-    drive.word(7, kind=Kind.IDLE)
-    requests = [f for f in drive.frames if parse(f).topic == "/w/ask"]
-    drive.wait(299 * MS)
-    assert drive.resent == requests * 2
-    drive.wait(1 * MS)
-    assert drive.log == ["word 7", "call_timeout 1"]
-    drive.word(1, topic="/s/do/w/ask")
-    assert drive.executor.ends.accounts["/s/do/w/ask"].repeated == 1
-
-
-def test_a_reply_settles_its_own_call_in_whatever_order_it_comes() -> None:
-    drive = Drive()
-    drive.word(7)
-    drive.executor.ends.accounts["/p/word"].sequence = 6
-    drive.word(7)
-    drive.word(7, kind=Kind.IDLE)
-    drive.word(2, topic="/s/do/w/ask")
-    drive.word(1, topic="/s/do/w/ask")
-    drive.word(1, topic="/s/do/w/ask")
-    drive.wait(1000 * MS)
-    assert drive.log == ["word 7", "word 7", "reply 2", "reply 1"]
-    assert drive.resent == []
-
-
-def test_events_of_a_port_of_another_class_are_refused() -> None:
-    with pytest.raises(GraphError, match="not declared here"):
-
-        class Wrong(Node):
-            @on_event(Watcher.word)
-            def mind(self, event: QosEvent) -> None: ...
 
 
 def test_events_and_calls_survive_a_hand_over() -> None:

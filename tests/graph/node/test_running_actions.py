@@ -206,14 +206,6 @@ def test_a_client_of_a_server_that_falls_silent_hears_unknown_within_its_lease(
     finished(process)
 
 
-def test_a_successor_goes_on_with_the_goal_of_the_node_whose_place_it_takes(palp: Palp, carry: Path) -> None:
-    process, _ = slow(palp, carry)
-    swapped = palp.run("swap", "arm", "nodes.arm:Arm", "step_m:=0.5")
-    assert swapped.returncode == 0, swapped.stderr
-    status, said = finished(process)
-    assert (status, "aborted" in said, "unknown" in said) == (0, False, False)
-
-
 def test_a_goal_from_the_shell_is_followed_to_its_end(palp: Palp, carry: Path) -> None:
     process, _ = slow(palp, carry)
     queued = palp.start("action", "send_goal", "/arm/move", "{to_m: 0.1}", "--json")

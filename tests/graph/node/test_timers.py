@@ -12,13 +12,15 @@ from hypothesis import strategies as st
 
 from palp_core.graph.node.timers import AlarmEnd, TimerEnd
 
+MS = 1_000_000
+
 
 class Owner:
     """The time and the parameters of a node with a timer or an alarm."""
 
-    def __init__(self, rate_hz: float) -> None:
+    def __init__(self, rate_hz: float, now_ns: int = 0) -> None:
         self.set_rate(rate_hz)
-        self.now = 0
+        self.now = now_ns
         self.context: Any = self
 
     def now_ns(self) -> int:
@@ -47,16 +49,6 @@ def test_a_million_ticks_at_an_awkward_rate_do_not_drift(rate_hz: float) -> None
             assert abs(due_ns - k * exact_period_ns) <= 1
 
 
-def test_3_hz_meets_every_whole_second() -> None:
-    timer = Owner(3.0).timer()
-    timer.activate(0)
-    due = []
-    for _ in range(6):
-        due.append(timer.due_ns)
-        timer.tick()
-    assert due == [333333333, 666666667, 10**9, 1333333333, 1666666667, 2 * 10**9]
-
-
 @settings(deadline=None, max_examples=200)
 @given(st.floats(1e-3, 1e6), st.integers(0, 10**14))
 def test_a_started_timer_is_due_at_the_first_grid_instant_after_now(rate_hz: float, now_ns: int) -> None:
@@ -69,102 +61,55 @@ def test_a_started_timer_is_due_at_the_first_grid_instant_after_now(rate_hz: flo
     assert round((timer.k - 1) * 1e9 / rate_hz) <= now_ns
 
 
-def test_a_timer_that_is_not_declared_running_waits_for_its_start() -> None:
-    owner = Owner(10.0)
-    timer = owner.timer(running=False)
-    timer.activate(0)
-    assert timer.due_ns is None
-    owner.now = 250_000_000
-    timer.start()
-    assert timer.due_ns == 300_000_000
+ACTIVATE = ("activate", 0)
 
 
-def test_starting_a_timer_that_ticks_changes_nothing() -> None:
-    owner = Owner(10.0)
-    timer = owner.timer()
-    timer.activate(0)
-    owner.now = 500_000_000
-    timer.start()
-    assert timer.due_ns == 100_000_000
-
-
-def test_a_stopped_timer_restarts_on_the_same_grid() -> None:
-    owner = Owner(10.0)
-    timer = owner.timer()
-    timer.activate(0)
-    timer.stop()
-    assert timer.due_ns is None
-    owner.now = 1_234_000_000
-    timer.start()
-    assert timer.k == 13
-    assert timer.due_ns == 1_300_000_000
-
-
-def test_a_changed_rate_moves_to_the_new_grid() -> None:
-    owner = Owner(10.0)
-    timer = owner.timer()
-    timer.activate(0)
-    owner.set_rate(4.0)
-    timer.retime(30_000_000)
-    assert (timer.k, timer.due_ns) == (1, 250_000_000)
-
-
-def test_a_stopped_timer_stays_stopped_when_its_rate_changes() -> None:
-    owner = Owner(10.0)
-    timer = owner.timer(running=False)
-    timer.activate(0)
-    owner.set_rate(4.0)
-    timer.retime(0)
-    assert timer.due_ns is None
-
-
-def test_a_successor_with_the_same_rate_continues_the_ticks() -> None:
-    timer = Owner(10.0).timer()
-    timer.resume((7, 700_000_000), 650_000_000)
-    assert (timer.k, timer.due_ns) == (7, 700_000_000)
-    timer.tick()
-    assert timer.due_ns == 800_000_000
-    timer.resume((7, None), 650_000_000)
-    assert timer.due_ns is None
-
-
-def test_a_successor_with_another_rate_neither_catches_up_nor_waits_for_the_old_grid() -> None:
-    for rate_hz, due_ns in ((100.0, 1_000_010_000_000), (0.5, 1_002_000_000_000)):
-        timer = Owner(rate_hz).timer()
-        timer.resume((10_001, 1_000_100_000_000), 1_000_000_000_000)
-        assert timer.due_ns == due_ns
-
-
-def test_a_timer_that_the_predecessor_did_not_have_begins() -> None:
-    running, waiting = Owner(10.0).timer(), Owner(10.0).timer(running=False)
-    running.resume(None, 250_000_000)
-    waiting.resume(None, 250_000_000)
-    assert [running.due_ns, waiting.due_ns] == [300_000_000, None]
-
-
-def test_an_alarm_in_the_past_rings_now() -> None:
-    owner = Owner(1.0)
-    owner.now = 1000
-    alarm = owner.alarm()
-    alarm.set(3)
-    assert alarm.due_ns == 1000
+@pytest.mark.parametrize(
+    ("running", "rate_hz", "deeds", "due_ms"),
+    [
+        pytest.param(False, 10.0, [ACTIVATE], None, id="one that is not running waits"),
+        pytest.param(False, 10.0, [ACTIVATE, ("start", 250)], 300, id="for its start"),
+        pytest.param(True, 10.0, [ACTIVATE, ("start", 500)], 100, id="a start changes nothing if it ticks"),
+        pytest.param(True, 10.0, [ACTIVATE, ("stop", 0)], None, id="a stopped timer"),
+        pytest.param(True, 10.0, [ACTIVATE, ("stop", 0), ("start", 1234)], 1300, id="keeps its grid"),
+        pytest.param(True, 4.0, [ACTIVATE, ("retime", 30)], 250, id="a changed rate has another grid"),
+        pytest.param(False, 4.0, [ACTIVATE, ("retime", 0)], None, id="a stopped timer stays stopped"),
+        pytest.param(True, 10.0, [("resume", (7, 700), 650)], 700, id="a successor continues the ticks"),
+        pytest.param(True, 10.0, [("resume", (7, 700), 650), ("tick", 700)], 800, id="and goes on"),
+        pytest.param(True, 10.0, [("resume", (7, None), 650)], None, id="or stays stopped"),
+        pytest.param(True, 100.0, [("resume", (101, 10_100), 10_000)], 10_010, id="one at a higher rate"),
+        pytest.param(True, 0.5, [("resume", (101, 10_100), 10_000)], 12_000, id="and one at a lower"),
+        pytest.param(True, 10.0, [("resume", None, 250)], 300, id="one that the predecessor had not begins"),
+        pytest.param(False, 10.0, [("resume", None, 250)], None, id="if it is running"),
+    ],
+)
+def test_a_timer_is_due_when_it_was_told_to_be(
+    running: bool, rate_hz: float, deeds: list[tuple[Any, ...]], due_ms: int | None
+) -> None:
+    owner = Owner(10.0 if ("retime" in str(deeds)) else rate_hz)
+    timer = owner.timer(running=running)
+    for name, *given_ms in deeds:
+        owner.now = given_ms[-1] * MS
+        if name == "retime":
+            owner.set_rate(rate_hz)
+        if name == "resume":
+            saved = given_ms[0] and (given_ms[0][0], given_ms[0][1] and given_ms[0][1] * MS)
+            timer.resume(saved, owner.now)
+        else:
+            getattr(timer, name)(*([owner.now] if name in ("activate", "retime") else []))
+    assert timer.due_ns == (None if due_ms is None else due_ms * MS)
 
 
 def test_an_alarm_rings_once_and_the_last_setting_counts() -> None:
-    alarm = Owner(1.0).alarm()
-    alarm.set(5)
+    alarm = Owner(1.0, now_ns=6).alarm()
+    alarm.set(3)
+    assert alarm.due_ns == 6  # at once
     alarm.set(9)
     assert alarm.due_ns == 9
     assert alarm.tick() == 0
-    assert alarm.due_ns is None
-    alarm.set(5)
-    alarm.clear()
-    assert alarm.due_ns is None
-    alarm.set(5)
-    alarm.activate(0)
-    assert alarm.due_ns is None
-
-
-def test_an_alarm_refuses_a_time_that_is_not_whole_nanoseconds() -> None:
+    for clear in (alarm.clear, lambda: alarm.activate(0)):
+        alarm.set(9)
+        clear()
+        assert alarm.due_ns is None
     with pytest.raises(TypeError, match="integer"):
-        Owner(1.0).alarm().set(0.5e9)  # type: ignore[arg-type]
+        alarm.set(0.5e9)  # type: ignore[arg-type]

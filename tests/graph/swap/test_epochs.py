@@ -72,6 +72,7 @@ def test_crash_swap_crash_strands_no_reader(palp: Palp, tmp_path: Path) -> None:
     life.hears(1)
     life.kill()
     life.hears(2)
+    assert life.graph.ask("relay", "info", timeout_s=PATIENCE_S)["run"] == "swap_toys:LooseOther"
     assert "report" in life.swap("Loose")
     life.hears(2)
     assert life.account["repeated"] == 0

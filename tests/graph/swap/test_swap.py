@@ -36,14 +36,18 @@ def test_swaps_back_and_forth_lose_repeat_and_reorder_nothing(palp: Palp, launch
     for turn in range(4):
         answer = stage.swap(("Other", "Relay")[turn % 2])
         assert answer["report"]["switched"], answer
+        assert "report" in stage.graph.swap("asker", "swap_toys:Asker", timeout_s=PATIENCE_S)
         stage.passes(20)
     _, bad, makers = stage.judgement()
     assert bad == ""
     assert makers == ["Relay", "Other"] * 2 + ["Relay"]
-    account = stage.graph.ask("sink", "info")["inputs"]["/relay/out"]
-    assert (account["lost"], account["repeated"], account["dropped"]) == (0, 0, 0)
-    account = stage.graph.ask("relay", "info")["inputs"]["/source/out"]
-    assert (account["lost"], account["repeated"], account["dropped"]) == (0, 0, 0)
+    edges = (("sink", "/relay/out"), ("relay", "/source/out"), ("relay", "/asker/ask"))
+    for node, topic in (*edges, ("asker", "/relay/ask/asker/ask")):
+        account = stage.graph.ask(node, "info")["inputs"][topic]
+        assert account["received"] > 0
+        assert (account["lost"], account["dropped"]) == (0, 0)
+        assert account["repeated"] == 0 or node == "asker"  # one that arrives again is dropped
+    assert not [event for event in stage.events() if event.kind == "qos"]
 
 
 HELD = "reliability: reliable, history: keep_all, depth: 16, max_blocking_ms: 60000"
@@ -66,20 +70,16 @@ def test_a_publisher_that_waits_for_its_reader_goes_on_across_swaps_of_either(
     assert stage.graph.ask("sink", "info")["inputs"]["/relay/out"]["qos"]["history"] == "keep_all"
 
 
-def test_calls_are_answered_across_swaps_each_once(stage: Stage) -> None:
-    for turn in range(4):
-        assert "report" in stage.swap(("Other", "Relay")[turn % 2], gain=1)
-    stage.passes(100)
-    info = stage.graph.ask("asker", "info")["inputs"]["/relay/ask/asker/ask"]
-    assert info["received"] > 0
-    assert info["repeated"] == 0
-    assert stage.graph.ask("relay", "info")["inputs"]["/asker/ask"]["lost"] == 0
-    assert not [event for event in stage.events() if event.kind == "qos"]
-
-
-def test_a_run_knows_what_was_swapped_and_set(stage: Stage) -> None:
+def test_a_swap_is_seen_in_event_info_and_the_runs_journal(stage: Stage) -> None:
     before = len(_changes(stage))
-    stage.swap("Other", gain=7)
+    report = stage.swap("Other", gain=7)["report"]
+    (event,) = [event for event in stage.events() if event.kind == "swapped"]
+    assert (event.node, json.loads(event.data)["after"]) == ("relay", "swap_toys:Other")
+    info = stage.graph.ask("relay", "info")
+    assert (info["run"], info["params"]) == ("swap_toys:Other", {"gain": 7})
+    assert info["swaps"][-1]["before"] == "swap_toys:Relay"
+    assert info["swaps"][-1]["gap_s"] == report["gap_s"] > 0.0
+    assert next(n["run"] for n in stage.record["nodes"] if n["name"] == "relay") == "swap_toys:Other"
     stage.graph.ask("relay", "set_parameters", parameters={"gain": 9})
     while len(found := _changes(stage)) < before + 2:  # the launcher hears of it apart from the answer
         stage.wait_for_source()
@@ -96,38 +96,6 @@ def test_a_run_knows_what_was_swapped_and_set(stage: Stage) -> None:
 def _changes(stage: Stage) -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = stage.graph.ask("graph", "summary")["summary"]["changes"]
     return found
-
-
-def test_a_swap_is_seen_in_event_and_info(stage: Stage) -> None:
-    report = stage.swap("Other", gain=7)["report"]
-    (event,) = [event for event in stage.events() if event.kind == "swapped"]
-    assert event.node == "relay"
-    assert json.loads(event.data)["after"] == "swap_toys:Other"
-    info = stage.graph.ask("relay", "info")
-    assert info["run"] == "swap_toys:Other"
-    assert info["params"] == {"gain": 7}
-    swap = info["swaps"][-1]
-    assert swap["before"] == "swap_toys:Relay"
-    assert swap["gap_s"] == report["gap_s"] > 0.0
-    assert next(n["run"] for n in stage.record["nodes"] if n["name"] == "relay") == "swap_toys:Other"
-
-
-def test_the_same_class_keeps_live_parameters_and_takes_what_is_given(stage: Stage) -> None:
-    stage.graph.ask("relay", "set_parameters", parameters={"gain": 3})
-    stage.swap("Relay")
-    assert stage.graph.ask("relay", "info")["params"] == {"gain": 3}
-    stage.swap("Relay", gain=4)
-    assert stage.graph.ask("relay", "info")["params"] == {"gain": 4}
-
-
-def test_a_reader_that_rejects_what_comes_has_heard_it_and_is_swapped(palp: Palp, launch: Path) -> None:
-    launch.write_text(launch.read_text().replace("swap_toys:Source", "swap_toys:Rude"))
-    stage = Stage(palp, launch, *SLOW)
-    for turn in range(3):
-        assert "report" in stage.swap(("Other", "Relay")[turn % 2])
-        while not stage.graph.ask("relay", "info")["rejected"]:
-            stage.wait_for_source()
-    assert "report" in stage.graph.swap("relay", "swap_toys:Other", shadow_s=0.1)
 
 
 REFUSED = [
@@ -159,7 +127,12 @@ def test_a_class_given_by_its_file_is_the_one_that_runs_and_parameters_alone_cha
     assert stage.judgement()[1:] == ("", ["Relay"])
 
 
-def test_a_swap_of_parameters_alone_leaves_those_that_are_read_only(stage: Stage) -> None:
+def test_a_swap_of_parameters_alone_keeps_the_others_and_leaves_those_that_are_read_only(
+    stage: Stage,
+) -> None:
+    stage.graph.ask("relay", "set_parameters", parameters={"gain": 3})
+    stage.swap("Relay")
+    assert stage.graph.ask("relay", "info")["params"] == {"gain": 3}
     assert "report" in stage.swap("Fixed", base=1)
     failed = stage.swap("Fixed", base=2)["failed"]
     assert failed["step"] == "check"
@@ -236,30 +209,6 @@ def test_an_old_node_that_dies_when_it_has_handed_over_is_gone_at_once_and_the_n
     assert stage.judgement()[1:] == ("", ["Relay", "Faulty"])
 
 
-def test_a_new_node_that_dies_as_it_has_taken_over_leaves_the_old_one_at_work(stage: Stage) -> None:
-    launcher = psutil.Process(stage.launcher.pid)
-
-    def alive() -> set[int]:
-        found: set[int] = set()
-        for process in launcher.children(recursive=True):  # one that is just ending has no environment
-            with contextlib.suppress(psutil.NoSuchProcess):
-                found |= {process.pid} if process.status() != psutil.STATUS_ZOMBIE else set()
-        return found
-
-    before = alive()
-    with ThreadPoolExecutor() as pool:
-        answer = pool.submit(stage.swap, "Fleeting", step="take over", deed="stop_other", pid=launcher.pid)
-        while launcher.status() != psutil.STATUS_STOPPED or alive() != before:
-            assert not wait([answer], timeout=0.01).done
-        launcher.resume()
-        assert answer.result()["failed"]["step"] == "take over"
-    stage.passes(50)
-    assert stage.judgement()[1:] == ("", ["Relay"])
-    assert "report" in stage.swap("Other")
-    stage.passes(50)
-    assert stage.judgement()[1:] == ("", ["Relay", "Other"])
-
-
 @pytest.mark.parametrize("step", EACH_STEP)
 def test_the_launchers_death_during_a_swap_ends_everything(palp: Palp, own_stage: Stage, step: str) -> None:
     launcher = own_stage.launcher
@@ -279,15 +228,6 @@ def test_a_node_that_moves_something_is_swapped_in_its_safe_state_only(palp: Pal
     stage.graph.ask("relay", "transition", transition="activate")
     stage.passes(20)
     assert stage.judgement()[1] == ""
-
-
-def test_a_swapped_node_restarts_where_its_readers_are(palp: Palp, launch: Path) -> None:
-    launch.write_text(launch.read_text().replace("run: $(var run),", "run: $(var run), restart: on_failure,"))
-    stage = Stage(palp, launch, *SLOW)
-    stage.swap("Other")
-    os.kill(stage.process_of("relay"), signal.SIGKILL)
-    stage.wait_for("restarted", "relay")
-    assert stage.graph.ask("relay", "info", timeout_s=PATIENCE_S)["run"] == "swap_toys:Other"
 
 
 def test_the_command_line_swaps_a_file_of_the_users_and_reloads_it(stage: Stage, tmp_path: Path) -> None:
@@ -325,15 +265,6 @@ def test_a_listening_tool_follows_the_node(stage: Stage) -> None:
     assert [message["index"] for message in heard] == list(range(first + 1, first + 1 + len(heard)))
     listener.kill()
     listener.wait()
-
-
-def test_a_node_that_calls_others_is_swapped_and_goes_on_calling(stage: Stage) -> None:
-    assert "report" in stage.graph.swap("asker", "swap_toys:Asker", timeout_s=PATIENCE_S)
-    before = stage.graph.ask("asker", "info")["inputs"]["/relay/ask/asker/ask"]["received"]
-    stage.passes(50)
-    account = stage.graph.ask("asker", "info")["inputs"]["/relay/ask/asker/ask"]
-    assert account["received"] > before
-    assert account["lost"] == 0  # one that arrives again is dropped; were it heard, the node would fail
 
 
 @pytest.mark.parametrize("neighbour", ["sink", "source", "relay"])
@@ -475,16 +406,4 @@ def test_a_shadow_is_compared_and_not_heard(stage: Stage) -> None:
     answer = stage.graph.swap("relay", "swap_toys:Other", dry_run=True)
     assert not answer["report"]["switched"]
     stage.passes(20)
-    assert stage.judgement()[1:] == ("", ["Relay"])
-
-
-@pytest.mark.slow
-def test_a_hundred_faults_at_random_steps(stage: Stage) -> None:
-    import random
-
-    chance = random.Random(7)
-    for _ in range(100):
-        step, deed = chance.choice(FAULTS)
-        assert stage.swap("Faulty", step=step, deed=deed)["failed"]["step"] == step
-    stage.passes(100)
     assert stage.judgement()[1:] == ("", ["Relay"])

@@ -44,31 +44,16 @@ class Full(Node):
     @every("rate_hz")
     def go(self):
         self.state.index += 1
-        for port in (self.out, self.spare, self.told):
+        for port in filter(None, (self.out, self.spare, self.told)):
             port.publish(Num(index=self.state.index))
 
 
-class Bare(Node):
-    params: Rate
-    state: Count
-    out = Pub(Num)
-    told = Pub(Num)
-
-    @every("rate_hz")
-    def go(self):
-        self.state.index += 1
-        self.out.publish(Num(index=self.state.index))
-        self.told.publish(Num(index=self.state.index))
+class Bare(Full):
+    spare = None
 
 
-class Untold(Node):
-    params: Rate
-    state: Count
-    out = Pub(Num)
-    spare = Pub(Num)
-
-    @every("rate_hz")
-    def go(self): ...
+class Untold(Full):
+    told = None
 
 
 class Heard(State):

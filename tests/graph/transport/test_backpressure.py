@@ -31,7 +31,6 @@ from palp_core.graph.transport.acks import (
 from palp_core.graph.transport.backpressure import REPORT_NS
 from palp_core.graph.transport.node_sockets import NodeSockets
 from palp_core.graph.transport.receiver import TopicReceiver
-from tests.graph.transport.flood import Flood
 from tests.support.palp import Palp
 
 DEPTH = 8
@@ -166,6 +165,14 @@ def test_publish_waits_for_a_reader_that_holds_it_and_then_fails_by_name_and_sen
     pair.publish(1)
     pair.take(reader, DEPTH + 1)
     assert pair.listeners[0].node.state.heard == list(range(1, DEPTH + 2))  # type: ignore[attr-defined]
+
+
+def test_what_the_runtime_publishes_waits_for_no_reader(pair: Pair) -> None:
+    pair.reader()
+    pair.publish(DEPTH)
+    pair.out.put(Word(n=0))  # as events, the order and what is given from outside
+    pair.out.forward(b"\x81\xa1n\x01")
+    assert pair.out.sequence == DEPTH + 2
 
 
 def test_what_is_kept_for_a_reader_is_as_much_as_it_may_be_behind(pair: Pair) -> None:
@@ -355,39 +362,63 @@ def test_a_reader_that_is_killed_releases_its_publisher(pair: Pair) -> None:
         pair.publish(1)
 
 
-@pytest.fixture
-def flood(palp: Palp, tmp_path: Path) -> Flood:
-    return Flood(palp, tmp_path)
+FLOOD = """
+from palp_core import Alarm, Message, Node, Pub, Sub, on
 
 
-def test_a_flood_on_keep_all_loses_nothing_and_its_sender_waits(flood: Flood) -> None:
-    done = flood.run("keep_all", 2000)
+class Letter(Message):
+    index: int
+
+
+class Source(Node):
+    letter = Pub(Letter)
+    done = Sub(Letter)
+    begin = Alarm()
+
+    def on_activate(self):
+        self.begin.set(self.now_ns())
+
+    @on(begin)
+    def send(self):
+        end, waits = self._context.ends.publishers["/source/letter"], []
+        honest = end.wait_for_room
+        end.wait_for_room = lambda: (waits.append(1), honest())
+        for index in range(1, 2001):
+            self.letter.publish(Letter(index=index))
+        assert waits
+
+    @on(done)
+    def end(self, letter):
+        account = self._context.ends.publishers["/source/letter"]
+        self.finish(0 if (account.sequence, account.lost_count) == (2000, 0) else 3)
+
+
+class Reader(Node):
+    letter = Sub(Letter)
+    done = Pub(Letter)
+
+    @on(letter)
+    def take(self, letter):
+        sum(range(2000))
+        account = self._context.ends.accounts["/source/letter"]
+        if letter.index == 2000 and (account.received, account.lost) == (2000, 0):
+            self.done.publish(letter)
+"""
+EDGE = """
+graph: flood
+clock: wall
+nodes:
+  source: {run: "nodes.flood:Source", inputs: {done: reader/done}, on_exit: shutdown}
+  reader:
+    run: nodes.flood:Reader
+    inputs: {letter: {from: source/letter, history: keep_all, depth: 64, max_blocking_ms: 60000}}
+"""
+
+
+def test_a_flood_on_keep_all_loses_nothing_and_its_sender_waits(palp: Palp, tmp_path: Path) -> None:
+    for name, text in (("nodes/flood.py", FLOOD), ("launch/flood.yaml", EDGE)):
+        file = tmp_path / name
+        file.parent.mkdir()
+        file.write_text(text, encoding="utf-8")
+    done = palp.run("launch", file)
     assert done.returncode == 0, done.stderr
-    found = flood.found()
-    assert found["read"] == {"received": 2000, "lost": 0}
-    assert found["sent"]["waits"] > 0
-    assert (found["sent"]["sequence"], found["sent"]["lost_by_readers"]) == (2000, 0)
-
-
-@pytest.mark.nightly
-def test_a_flood_on_keep_last_is_told_and_every_loss_counted_at_both_ends(flood: Flood) -> None:
-    done = flood.run("keep_last", 400_000)
-    assert done.returncode == 0, done.stderr
-    found = flood.found()
-    assert (found["sent"]["sequence"], found["sent"]["waits"]) == (400_000, 0)
-    assert found["read"]["lost"] == found["sent"]["lost_by_readers"] == sum(found["told"]) > 0
-    assert found["read"]["lost"] + found["read"]["received"] == 400_000
-
-
-@pytest.mark.nightly
-def test_a_sender_goes_on_when_its_reader_is_killed_and_with_it_when_it_is_back(flood: Flood) -> None:
-    done = flood.run("keep_all", 20_000, "deed:=kill")
-    assert done.returncode == 0, done.stderr
-    assert flood.found()["sent"]["sequence"] == 20_000
-
-
-@pytest.mark.nightly
-def test_a_reader_that_does_not_get_on_fails_its_publisher_by_name(flood: Flood) -> None:
-    done = flood.run("keep_all", 2000, "deed:=sleep", "blocking_ms:=50")
-    assert done.returncode != 0
-    assert f"/source/letter: reader 'reader' is {flood.DEPTH} messages behind" in done.stdout + done.stderr

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
@@ -38,24 +37,11 @@ def test_a_killed_reader_knows_exactly_how_much_it_missed_beyond_the_depth(post:
     assert post.account()["lost"] == len(missed) + interrupted == post.lost_by_event()
 
 
-def test_a_stopped_reader_misses_nothing(post: Post) -> None:
-    done = post.deliver("few", "stop")
-    assert done.returncode == 0, done.stderr
-    assert post.letters() == ALL
-    assert post.account()["lost"] == 0
-
-
-def test_a_robbed_reader_asks_for_what_is_missing_and_gets_it_in_order(post: Post) -> None:
-    done = post.deliver("many", "rob")
-    assert done.returncode == 0, done.stderr
-    assert post.letters() == ALL
-    assert post.account()["lost"] == 0
-
-
-def test_a_stalled_reader_slows_nobody_and_misses_nothing(post: Post) -> None:
-    pipe = post.folder / "pipe"
-    os.mkfifo(pipe)
-    done = post.deliver("few", "stall", f"pipe:={pipe}")
+@pytest.mark.parametrize(("source", "deed"), [("few", "stop"), ("many", "rob")])
+def test_a_reader_that_is_stopped_or_robbed_has_all_of_it_in_order(
+    post: Post, source: str, deed: str
+) -> None:
+    done = post.deliver(source, deed)
     assert done.returncode == 0, done.stderr
     assert post.letters() == ALL
     assert post.account()["lost"] == 0

@@ -33,8 +33,12 @@ def noted(file: Path, *names: str) -> None:
     process.write_down()
 
 
-def test_a_first_process_waits_for_nobody(tmp_path: Path) -> None:
-    assert MatchedReaders(set, tmp_path / "a.readers").all_present()
+@pytest.mark.parametrize("list_of_before", [None, b"[tr"])
+def test_who_knows_of_no_reader_waits_for_nobody(tmp_path: Path, list_of_before: bytes | None) -> None:
+    file = tmp_path / "a.readers"
+    if list_of_before is not None:
+        file.write_bytes(list_of_before)
+    assert MatchedReaders(set, file).all_present()
     assert MatchedReaders(set, None).all_present()
 
 
@@ -74,11 +78,6 @@ def test_a_process_that_dies_while_it_waits_leaves_the_list_to_the_next(tmp_path
     clock.now_ns = WAIT_NS
     second.write_down()  # it has given up: nobody waits for that reader again
     assert MatchedReaders(set, file).missing == []
-
-
-def test_a_list_that_cannot_be_read_counts_as_none(tmp_path: Path) -> None:
-    (tmp_path / "a.readers").write_bytes(b"[tr")
-    assert MatchedReaders(set, tmp_path / "a.readers").all_present()
 
 
 def test_a_publisher_knows_its_readers_by_name_while_they_listen(tmp_path: Path) -> None:

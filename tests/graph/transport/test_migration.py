@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import pytest
 import zmq
 
 from palp_core.graph.discovery.run_directory import RunRecord
@@ -42,14 +43,49 @@ def following(ear: Ear) -> Migration:
     return made
 
 
-def test_a_publisher_is_followed_to_its_new_place_and_the_old_one_left() -> None:
+@pytest.mark.parametrize(
+    "story",
+    [
+        pytest.param([("prepare 1", "01"), ("gone 1", "1")], id="it is followed and the old place left"),
+        pytest.param(
+            [("relocate 1", "01"), ("prepare 2", "012"), ("gone 2", "02")],
+            id="a place found otherwise is not left before its publisher moves on",
+        ),
+        pytest.param(
+            [("prepare 1", "01"), ("relocate 1", "01"), ("stay 1", "0")],
+            id="the run directory tells nothing new to who has followed",
+        ),
+        pytest.param(
+            [
+                *(("prepare 1", "01"), ("here 1", "01"), ("prepare 2", "012"), ("here 2", "012")),
+                *(("gone 2", "012"), ("gone 1", "2"), ("gone 1", "2")),  # as it is said ten times a second
+            ],
+            id="a slow reader that hears of the next change first leaves nobody who speaks",
+        ),
+        pytest.param(
+            [("prepare 1", "01"), ("prepare 2", "012"), ("gone 2", "2")],
+            id="a place that was prepared and never spoke holds nothing up",
+        ),
+        pytest.param(
+            [("prepare 1", "01"), ("here 1", "01"), ("tick 0", "01"), ("tick 1", "1")],
+            id="an old place that dies without a word is given up",
+        ),
+    ],
+)
+def test_a_reader_listens_where_its_publisher_speaks(story: list[tuple[str, str]]) -> None:
     ear = Ear()
     found = following(ear)
-    found.follow(moved("prepare", "1"), 0)
-    assert ear.at == {"ipc://0", "ipc://1"}
-    found.follow(moved("gone", "1"), 0)
-    assert ear.at == {"ipc://1"}
-    assert found.servers[TOPIC] == "ipc://1.srv"
+    for event, places in story:
+        verb, place = event.split()
+        if verb == "relocate":
+            found.relocate(TOPIC, f"ipc://{place}")
+        elif verb == "tick":
+            found.tick(GIVE_UP_NS + int(place))
+        else:
+            found.follow(moved(verb, place), 0)
+        assert ear.at == {f"ipc://{one}" for one in places}, event
+        if verb == "gone" and len(places) == 1:
+            assert found.servers[TOPIC] == f"ipc://{places}.srv"
 
 
 def test_who_missed_that_a_publisher_has_moved_on_listens_again_where_its_name_leads(tmp_path: Path) -> None:
@@ -68,62 +104,6 @@ def test_who_missed_that_a_publisher_has_moved_on_listens_again_where_its_name_l
     assert ear.at == {f"ipc://{tmp_path}/2"}
     found.tick(2 * LOOK_NS)
     assert ear.at == {"ipc://0"}
-
-
-def test_a_place_that_was_found_otherwise_is_not_left_when_the_publisher_moves_on() -> None:
-    ear = Ear()
-    found = following(ear)
-    found.relocate(TOPIC, "ipc://1")  # its publisher's word came before this reader listened
-    assert "ipc://1" in ear.at
-    found.follow(moved("prepare", "2"), 0)
-    assert {"ipc://1", "ipc://2"} <= ear.at
-    found.follow(moved("gone", "2"), 0)
-    assert "ipc://1" not in ear.at
-
-
-def test_the_run_directory_tells_nothing_new_to_who_has_followed() -> None:
-    ear = Ear()
-    found = following(ear)
-    found.follow(moved("prepare", "1"), 0)
-    found.relocate(TOPIC, "ipc://1")
-    found.follow(moved("stay", "1"), 0)
-    assert ear.at == {"ipc://0"}
-
-
-def test_a_slow_reader_that_hears_of_the_next_change_first_leaves_nobody_who_speaks() -> None:
-    ear = Ear()
-    found = following(ear)
-    found.follow(moved("prepare", "1"), 0)
-    found.follow(moved("here", "1"), 0)
-    found.follow(moved("prepare", "2"), 0)  # of the second place; the first has said more than was read
-    assert ear.at == {"ipc://0", "ipc://1", "ipc://2"}
-    found.follow(moved("here", "2"), 0)
-    found.follow(moved("gone", "2"), 0)
-    assert {"ipc://0", "ipc://2"} <= ear.at
-    found.follow(moved("gone", "1"), 0)
-    found.follow(moved("gone", "1"), 0)  # as it is said ten times a second
-    assert ear.at == {"ipc://2"}
-    assert found.servers[TOPIC] == "ipc://2.srv"
-
-
-def test_a_place_that_was_prepared_and_never_spoke_holds_nothing_up() -> None:
-    ear = Ear()
-    found = following(ear)
-    found.follow(moved("prepare", "1"), 0)  # both processes died before they could say that it is off
-    found.follow(moved("prepare", "2"), 0)
-    found.follow(moved("gone", "2"), 0)
-    assert ear.at == {"ipc://2"}
-
-
-def test_an_old_place_that_dies_without_a_word_is_given_up() -> None:
-    ear = Ear()
-    found = following(ear)
-    found.follow(moved("prepare", "1"), 0)
-    found.follow(moved("here", "1"), 0)
-    found.tick(GIVE_UP_NS)
-    assert ear.at == {"ipc://0", "ipc://1"}
-    found.tick(GIVE_UP_NS + 1)
-    assert ear.at == {"ipc://1"}
 
 
 def test_a_tool_that_missed_a_move_hears_the_publisher_again(tmp_path: Path) -> None:
