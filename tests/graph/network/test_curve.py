@@ -184,15 +184,6 @@ def test_a_caller_that_is_not_let_in_is_named_there_and_knows_why(
     assert not ends.greetings
 
 
-def test_without_keys_anybody_on_loopback_is_let_in(ends: Ends) -> None:
-    ends.listen(None)
-    caller = ends.call(None)
-    ends.until(lambda: ends.greetings)
-    caller.send([b"a"])
-    ends.until(lambda: ends.messages)
-    assert ends.messages[0].key == ""
-
-
 def test_what_is_no_zeromq_is_refused(ends: Ends) -> None:
     ends.listen(ends.keys("server"))
     port = int(ends.endpoint.rpartition(":")[2])
@@ -284,22 +275,6 @@ def test_an_address_that_is_taken_or_nonsense_is_an_error(ends: Ends) -> None:
     ends.endpoint = "tcp://nonsense"
     with pytest.raises(GraphError, match="write tcp://HOST:PORT"):
         ends.call(None)
-
-
-def test_sockets_that_were_closed_leave_the_loop(ends: Ends) -> None:
-    event_loop = EventLoop()
-    ends.reactors.append(event_loop)
-    pair = event_loop.socket(zmq.PAIR)
-    pair.bind("inproc://x")
-    other = event_loop.socket(zmq.PAIR)
-    other.connect("inproc://x")
-    seen: list[bytes] = []
-    event_loop.watch(pair, lambda: seen.append(pair.recv()))
-    other.send(b"a")
-    event_loop.turn(10.0)
-    event_loop.forget(pair)
-    event_loop.turn(0.0)
-    assert seen == [b"a"]
 
 
 def test_a_descriptor_that_is_another_files_by_now_has_no_address() -> None:

@@ -251,26 +251,6 @@ def test_an_end_of_a_join_that_stops_for_a_second_loses_nothing(
     graph.said("/nodding has left")
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize("seconds", [4, 30])
-@pytest.mark.parametrize("end", ["run", "gateway"])
-def test_both_ends_of_a_join_know_of_one_that_stopped_for_longer(
-    home: Host, graph: Launched, away: Host, end: str, seconds: int
-) -> None:
-    book = away.book()
-    guest = away.start(*keeper(home, graph, "deserted", book))
-    book.until("tick")
-    stopped = end_of_join(graph, away, end)
-    stopped.suspend()
-    lasting(home, seconds)
-    stopped.resume()
-    status, said = finished(guest)
-    assert status == 1
-    assert "not heard any more" in said or "this graph has dropped the connection" in said
-    book.until("safe")
-    graph.said("/deserted has left")
-
-
 @pytest.mark.parametrize("seconds", [4, pytest.param(30, marks=pytest.mark.nightly)])
 def test_both_ends_of_a_join_know_of_a_node_that_is_silent_and_it_goes_on(
     home: Host, graph: Launched, away: Host, seconds: int
@@ -292,25 +272,39 @@ def test_both_ends_of_a_join_know_of_a_node_that_is_silent_and_it_goes_on(
     assert "asleep has not been heard for 3 s" in said
 
 
-@pytest.mark.parametrize("what", ["run", pytest.param("all", marks=pytest.mark.nightly)])
-def test_a_guest_whose_host_slept_learns_that_it_has_left_and_is_safe(
-    home: Host, graph: Launched, away: Host, what: str
+@pytest.mark.parametrize(
+    ("end", "seconds"),
+    [
+        ("run", 0),
+        *(
+            pytest.param(end, seconds, marks=pytest.mark.nightly)
+            for end in ("run", "host", "gateway")
+            for seconds in (4, 30)
+        ),
+    ],
+)
+def test_both_ends_of_a_join_know_of_one_that_slept_and_the_guest_is_safe(
+    home: Host, graph: Launched, away: Host, end: str, seconds: int
 ) -> None:
     book = away.book()
     guest = away.start(*keeper(home, graph, "sleeper", book))
     book.until("tick")
-    slept = [psutil.Process(guest.pid)]
-    if what == "all":
-        slept += psutil.Process(guest.pid).children(recursive=True)
+    slept = [end_of_join(graph, away, "run" if end == "host" else end)]
+    slept += slept[0].children(recursive=True) if end == "host" else []
     for process in slept:
         process.suspend()
-    graph.said("has left: it has not been heard for 3 s")
+    if seconds:
+        lasting(home, seconds)
+    else:
+        graph.said("has left: it has not been heard for 3 s")
     for process in slept:
         process.resume()
     status, said = finished(guest)
     assert status == 1
     assert "this graph has dropped the connection" in said or "is not heard any more" in said  # who is first
     book.until("safe")
+    if seconds:
+        graph.said("/sleeper has left")
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])

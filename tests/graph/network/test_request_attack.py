@@ -222,6 +222,10 @@ class Door:
             self._host.send_multipart(parts)
         self._until(lambda answer: answer["op"] == "clock" and answer["sent_ns"] == self._samples)
 
+    def await_word(self, op: str) -> None:
+        """Wait until the host receives this."""
+        self._until(lambda answer: answer["op"] == op)
+
     def ask(self, body: bytes) -> dict[str, Any]:
         """Return what the launcher answers."""
         self._host.send(HELLO)
@@ -302,6 +306,22 @@ def test_what_another_host_asks_is_read_as_a_request_at_the_door(door: Door) -> 
     for body in (b"\x81\xa2op\xa1\xff", b"\x91" * 5000, b"\x80", b"", large, msgpack.packb({"op": "stop"})):
         assert "error" in door.ask(body)
     assert door.ask(msgpack.packb({"op": "clock"}))["error"].endswith("another may only look")
+
+
+def test_requests_that_wait_for_a_host_are_refused_when_it_leaves(door: Door, tmp_path: Path) -> None:
+    door.say([[msgpack.packb({"op": "join", **WORDS["join"]})]])
+    asker: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
+    with contextlib.closing(asker):
+        asker.connect(endpoints(str(tmp_path), "guest")[1])
+        for number in range(2):
+            asker.send(msgpack.packb({"op": "info", "id": number}))
+        door.await_word("request")
+        door.await_word("request")
+        assert not asker.poll(0)
+        door.say([[msgpack.packb({"op": "leave", "text": "bye", "exit_code": 0})]])
+        for _ in range(2):
+            assert asker.poll(10_000)
+            assert "guest has left the graph" in msgpack.unpackb(asker.recv())["error"]
 
 
 def test_topics_that_are_listened_to_no_longer_are_forgotten(door: Door) -> None:

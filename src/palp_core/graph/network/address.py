@@ -30,11 +30,7 @@ def host_and_port(address: str) -> tuple[str, int]:
 
 
 def plan_listening(address: str, keys: KeyFolder) -> ListenPlan:
-    """Decide how to listen at ``tcp://HOST:PORT``: host ``*`` is every interface, port 0 any free one.
-
-    Raises:
-        SecurityError: No such host, or an address that others can reach and no keys.
-    """
+    """Decide how to listen at ``tcp://HOST:PORT``: host ``*`` is every interface, port 0 any free one."""
     host, port = host_and_port(address)
     number = resolve("0.0.0.0" if host == "*" else host, address)
     endpoint = f"tcp://[{number}]:{port}" if number.version == 6 else f"tcp://{number}:{port}"
@@ -81,11 +77,7 @@ class Address(NamedTuple):
 
 
 def plan_call(endpoint: str, server_key: str | None, keys: KeyFolder) -> Address:
-    """Find the keys for a call; ``server_key`` is a public key, a file that holds it, or an allowed host.
-
-    Raises:
-        SecurityError: Not an address, or the keys it takes are not there.
-    """
+    """Find the keys for a call; ``server_key`` is a public key, a file that holds it, or an allowed host."""
     host, _ = host_and_port(endpoint)
     number = resolve(host, endpoint)
     if server_key is None:

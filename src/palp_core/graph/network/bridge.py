@@ -75,13 +75,10 @@ class OffsetEstimate:
     A round trip that begins at t0 and ends at t3 on this clock and passes t1 on the other (RFC 5905, section
     8, with t1 = t2) gives the offset t1 - (t0 + t3) / 2, wrong by at most half its length whatever each way
     took.
-
-    Args:
-        window: Exchanges that count; the clocks' rates differ, so that old ones mislead.
     """
 
-    def __init__(self, window: int = 32) -> None:
-        self._latest: deque[Offset] = deque(maxlen=window)
+    def __init__(self) -> None:
+        self._latest: deque[Offset] = deque(maxlen=32)  # the clocks' rates differ: old ones mislead
 
     def __len__(self) -> int:
         return len(self._latest)
@@ -97,18 +94,12 @@ class OffsetEstimate:
 
 
 class JoinedGraph:
-    """A graph elsewhere, as ``palp run`` sees it.
-
-    Attributes:
-        start_ns: Since when the graph runs, on this host's monotonic clock; None: not yet.
-        lost: Why this host was not let in, or is not any more.
-        goodbye: What is sent at the end.
-    """
+    """A graph elsewhere, as ``palp run`` sees it."""
 
     def __init__(self, address: Address, folder: Path, interrupt: Interrupt) -> None:
         self._interrupt = interrupt
         self._received: list[Any] = []
-        self.start_ns: int | None = None
+        self.start_ns: int | None = None  # of the graph, on this host's monotonic clock
         self.lost: join_protocol.JoinRefused | None = None
         self.goodbye = join_protocol.LeaveGraph(text="it could not start", exit_code=-1)
         self._inbox, self._outbox = _Mailbox(), _Mailbox()
@@ -133,12 +124,7 @@ class JoinedGraph:
                 self.lost = message
 
     def wait_for(self, kind: type[Wanted]) -> Wanted:
-        """Wait for a message of a kind.
-
-        Raises:
-            GraphError: The graph cannot be reached or refuses.
-            Interrupted: The user asked for the end.
-        """
+        """Wait for a message of a kind."""
         while True:
             for message in self._received:
                 if isinstance(message, kind):

@@ -177,12 +177,7 @@ class CurveListener:
 
 
 class CurveCaller:
-    """A DEALER that calls a listener; ``failed`` takes the reason why it is not let in, or not any more.
-
-    Attributes:
-        accepted: The call was taken; ``connected`` or ``failed`` is called when it is known by whom.
-        attempt_count: Calls that were not taken.
-    """
+    """A DEALER that calls a listener; ``failed`` takes the reason why it is not let in, or not any more."""
 
     def __init__(
         self,

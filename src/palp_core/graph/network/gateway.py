@@ -29,7 +29,6 @@ from palp_core.graph.network.curve import CurveListener, Received, in_flight_byt
 from palp_core.graph.network.event_loop import EventLoop
 from palp_core.graph.network.joining import objections
 from palp_core.graph.network.keys import KeyFolder
-from palp_core.graph.network.rejected_peers import RejectedPeers
 from palp_core.graph.network.relay import NodeProxy, Peer, Relay
 from palp_core.graph.node.loading import endpoints
 from palp_core.graph.node.spec import LAUNCHER
@@ -40,11 +39,59 @@ from palp_core.graph.transport.request_server import NodeRequest
 MEMORY_BYTES = 1 << 30
 DRAIN_TIMEOUT_NS = 500_000_000  # for a host that does not hang up
 MOST_PEERS = 64
+MOST_KINDS = 256  # of strangers that are remembered
+BURST, PERIOD_NS = 10, 1_000_000_000  # lines about them in the log: so many at once, then one a period
 MOST_HEALTH_BYTES = 256 << 10
 NOT_CONNECTED = "this graph has dropped the connection: nothing came for 3 s"
 # What another host may ask the launcher itself: to look, never to start or stop anything.
 _LOOKING = frozenset({"graph", "info", "history"})
 _LOG = logging.getLogger("palp.gateway")
+
+
+class RejectedPeer(msgspec.Struct, kw_only=True):
+    """One kind of stranger; ``address`` is "" where it had hung up before it could be asked."""
+
+    address: str
+    key: str
+    reason: str
+    count: int = 0
+    first_unix_ns: int = 0
+    last_unix_ns: int = 0
+
+    def __str__(self) -> str:
+        key = f" with the public key {self.key}" if self.key else ""
+        often = f" ({self.count} times)" if self.count > 1 else ""
+        return f"refused a stranger from {self.address or 'an unknown address'}{key}: {self.reason}{often}"
+
+
+class RejectedPeers:
+    """Counts strangers in bounded memory: the latest kinds of them, the latest last."""
+
+    def __init__(self) -> None:
+        self.total_count = 0
+        self.kinds: dict[tuple[str, str, str], RejectedPeer] = {}
+        self._lines_left, self._refilled_ns = BURST, 0
+
+    def add(self, address: str, key: str, reason: str, now_ns: int) -> RejectedPeer | None:
+        """Count a refusal; return it if it is worth a line in the log.
+
+        That is the 1st, 2nd, 4th, 8th ... of a kind, no more than ten at once and one a second on average.
+        """
+        self.total_count += 1
+        kind = (address, key, reason)
+        entry = self.kinds.pop(kind, None) or RejectedPeer(
+            address=address, key=key, reason=reason, first_unix_ns=now_ns
+        )
+        if len(self.kinds) >= MOST_KINDS:
+            del self.kinds[next(iter(self.kinds))]
+        self.kinds[kind] = entry
+        entry.count, entry.last_unix_ns = entry.count + 1, now_ns
+        if periods := max(now_ns - self._refilled_ns, 0) // PERIOD_NS:
+            self._lines_left, self._refilled_ns = min(self._lines_left + periods, BURST), now_ns
+        if entry.count & (entry.count - 1) or not self._lines_left:
+            return None
+        self._lines_left -= 1
+        return entry
 
 
 class Gateway:
@@ -175,7 +222,7 @@ class Gateway:
     def _refuse(self, address: str, key: str, reason: str) -> None:
         if key:
             reason = f"{reason}. If it is one of yours: palp keys allow '{key}' --name NAME"
-        entry = self._rejected.note(address, key, reason, unix_ns())
+        entry = self._rejected.add(address, key, reason, unix_ns())
         if entry is not None:
             _LOG.warning("%s", entry)
             self._report("refused", "", str(entry), address=address, key=key, count=entry.count)
@@ -303,7 +350,7 @@ class Gateway:
 
     def _answer(self, operation: str) -> dict[str, object]:
         if operation == "refusals":
-            latest = [msgspec.to_builtins(entry) for entry in self._rejected.latest()]
+            latest = [msgspec.to_builtins(entry) for entry in reversed(self._rejected.kinds.values())]
             return {"count": self._rejected.total_count, "refusals": latest}
         if operation == "guests":
             return {

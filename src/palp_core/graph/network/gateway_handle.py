@@ -64,13 +64,6 @@ class GatewayHandle:
 
     It reports the events ``joined``, ``left``, ``refused``, ``failed``, ``restarted``, ``unresponsive`` and
     ``responsive``, and calls ``changed`` when a node has joined or left.
-
-    Attributes:
-        endpoint: Where other hosts call, with the port that was chosen.
-
-    Raises:
-        SecurityError: Others could reach the address and there are no keys, or they are exposed.
-        GraphError: It cannot listen there, or the graph runs in simulated time.
     """
 
     def __init__(
@@ -99,7 +92,7 @@ class GatewayHandle:
         self._show: Callable[[str], None] = lambda _: None
         self._supervisor: Supervisor | None = None
         self._closed = False
-        self._sidecar, self.endpoint = self._start_process(self._plan.endpoint)
+        self._sidecar, self.endpoint = self._start_process(self._plan.endpoint)  # where other hosts call
 
     def _start_process(self, endpoint: str) -> tuple[Sidecar[join_protocol.FromGateway], str]:
         """Start the gateway and show it the graph; return it, and where it listens."""

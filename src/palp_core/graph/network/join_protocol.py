@@ -221,11 +221,7 @@ FromGateway = Listening | JoinRefused | NodeJoined | NodeReported | GatewayEvent
 
 
 def decode_message(parts: list[bytes]) -> JoinMessage:
-    """Return a message that has arrived.
-
-    Raises:
-        SchemaMismatch: Nothing that is known here.
-    """
+    """Return a message that has arrived."""
     if len(parts) != 1 or len(parts[0]) > LARGEST_MESSAGE_BYTES:
         raise SchemaMismatch(f"a message of {len(parts)} parts, or too long")
     try:

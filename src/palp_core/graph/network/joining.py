@@ -54,19 +54,8 @@ def wired_spec(
 ) -> tuple[NodeSpec, dict[str, str]]:
     """Wire a node into a running graph; what the launch file expects, it has wired already.
 
-    Args:
-        name: Running name.
-        run: ``module:Class``.
-        params: As given.
-        wires: Topic by port: of an input what it reads, of an output the external port that it feeds.
-        described: What the class declares.
-        view: The graph.
-
-    Returns:
-        The node, and the external port by the own topic that feeds it.
-
-    Raises:
-        GraphError: A port that is not there or not wired.
+    ``wires`` has a topic by port: of an input what it reads, of an output the external port that it feeds.
+    Return the node, and the external port by the own topic that feeds it.
     """
     planned = view.expected.get(name, NodeSpec(name=name, run=run))
     inputs, feeds = dict(planned.inputs), {}

@@ -57,11 +57,7 @@ class KeyFolder:
     # The own pair
 
     def own(self) -> OwnKeys | None:
-        """Return the own pair, or None if none was made.
-
-        Raises:
-            SecurityError: The secret can be read by others, is torn, or there are several.
-        """
+        """Return the own pair, or None if none was made."""
         secrets = sorted(self.path.glob("*.secret")) if self.path.is_dir() else []
         if not secrets:
             return None
@@ -77,11 +73,7 @@ class KeyFolder:
         return OwnKeys(file.stem, public, secret)
 
     def generate(self, name: str, *, force: bool = False) -> OwnKeys:
-        """Make the own pair.
-
-        Raises:
-            SecurityError: There is one already and it is not to be replaced, or the name cannot be a file's.
-        """
+        """Make the own pair."""
         _check_name(name)
         self._make_folder(self.path)
         with locked_path(self.path):
@@ -127,9 +119,6 @@ class KeyFolder:
         """Let the owner of a public key in, given by the key or a file that holds it; return name and key.
 
         By default it is called by the name in the file.
-
-        Raises:
-            SecurityError: Not a public key, or the name or the key is taken.
         """
         key, named = self._read_public(what)
         name = name or named
@@ -151,11 +140,7 @@ class KeyFolder:
         return name, key
 
     def deny(self, what: str) -> tuple[str, str]:
-        """Let a host in no longer, given by its name, its public key or a file that holds it.
-
-        Raises:
-            SecurityError: It was not let in.
-        """
+        """Let a host in no longer, given by its name, its public key or a file that holds it."""
         allowed = self.allowed()
         name = what if what in allowed else ""
         if not name and (is_key(what) or Path(what).is_file()):
@@ -167,11 +152,7 @@ class KeyFolder:
         return name, allowed[name]
 
     def find(self, what: str) -> str:
-        """Return the public key that a key, a file or the name of an allowed host means.
-
-        Raises:
-            SecurityError: None of them.
-        """
+        """Return the public key that a key, a file or the name of an allowed host means."""
         allowed = self.allowed()
         return allowed[what] if what in allowed else self._read_public(what)[0]
 

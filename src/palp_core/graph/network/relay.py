@@ -8,6 +8,7 @@ envelope, as between ZeroMQ's ROUTER and DEALER: nothing is remembered of them h
 import contextlib
 import functools
 import logging
+from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -33,30 +34,23 @@ RECONNECT_MS = 10
 LARGE_BYTES = 64 << 10
 MOST_TOPICS = 1024
 MOST_NAMES = 256
+MOST_WAITING = 10_000
 NAME = b"other hosts"
 _FEED = b""  # the envelope of what goes into an external port; no connection has this name
 _LOG = logging.getLogger("palp.gateway")
 
 
 class Peer:
-    """The other end of one connection.
-
-    Attributes:
-        key: Its public key; "" without CURVE.
-        request: How it has joined; None before.
-        topics: What it subscribes to.
-        gone: It cannot be reached any more.
-        dropped_count: Frames that were not sent because too much waited for it already.
-        rejected_count: Messages from it that cannot be read, or are not its to send.
-    """
+    """The other end of one connection."""
 
     def __init__(self, transmit: Callable[[list[bytes]], Sent], key: str = "", address: str = "") -> None:
         self._transmit = transmit
         self.key, self.address = key, address
-        self.request: join_protocol.JoinRequest | None = None
-        self.topics: set[bytes] = set()
+        self.request: join_protocol.JoinRequest | None = None  # how it has joined
+        self.topics: set[bytes] = set()  # what it subscribes to
         self.gone = False
-        self.dropped_count = self.rejected_count = 0
+        self.dropped_count = 0  # frames that were not sent, because too much waited for it already
+        self.rejected_count = 0  # messages from it that cannot be read, or are not its to send
         self._received_ns = monotonic_ns()
         self._pulse_ns = 0
 
@@ -116,10 +110,6 @@ class NodeProxy:
 
     ``subscribed`` takes a topic, and whether a reader has begun (each time) or none goes on to read it;
     ``requested`` takes the way back and a request.
-
-    Attributes:
-        peer: Where the node is; None if it is not connected.
-        wanted: Topics that are read here.
     """
 
     def __init__(
@@ -130,8 +120,9 @@ class NodeProxy:
         requested: Callable[[list[bytes], bytes], None],
     ) -> None:
         self._subscribed, self._requested = subscribed, requested
-        self.peer: Peer | None = None
-        self.wanted: set[bytes] = set()
+        self.peer: Peer | None = None  # where the node is
+        self.wanted: set[bytes] = set()  # topics that are read here
+        self._waiting = Counter[tuple[bytes, ...]]()  # requests without an answer, by their way back
         self._publish = event_loop.socket(zmq.XPUB)
         self._publish.setsockopt(zmq.XPUB_VERBOSE, 1)
         self._publish.setsockopt(zmq.SNDHWM, HIGH_WATER_MARK)
@@ -146,8 +137,17 @@ class NodeProxy:
         self._publish.send_multipart(parts, copy=len(parts[-1]) < LARGE_BYTES)
 
     def answer(self, way_back: list[bytes], reply: bytes) -> None:
+        waiting = self._waiting.pop(tuple(way_back), 0)
+        if waiting > 1:
+            self._waiting[tuple(way_back)] = waiting - 1
         with contextlib.suppress(zmq.ZMQError):  # of a way back that another host has made up
             self._serve.send_multipart([*way_back, reply])
+
+    def leave(self, error: bytes) -> None:
+        """Take note that the node's host is gone; refuse the requests that wait for its answers."""
+        self.peer = None
+        for way_back in list(self._waiting.elements()):
+            self.answer(list(way_back), error)
 
     def _on_subscription(self, parts: list[bytes]) -> None:
         event = parts[0]
@@ -157,6 +157,9 @@ class NodeProxy:
     def _on_request(self, parts: list[bytes]) -> None:
         *way_back, request = parts
         if way_back:
+            if len(self._waiting) >= MOST_WAITING:  # of a host that never answers the oldest have given up
+                del self._waiting[next(iter(self._waiting))]
+            self._waiting[tuple(way_back)] += 1
             self._requested(way_back, request)
 
 
@@ -215,18 +218,7 @@ class Tap:
 
 
 class Relay:
-    """Both directions at once.
-
-    Args:
-        event_loop: Watches every socket.
-        run_dir: Where local nodes have their endpoints, and absent ones get theirs.
-        is_local: Tells whether a node of that name has endpoints here, its own or a proxy's.
-        type_hash_of: Type hash of a topic of an absent node, to greet its readers before it is there.
-        objection: Returns why a request of another host is not passed on; "" if it is.
-
-    Attributes:
-        peers: The connections that are served, by what stands for them in envelopes.
-    """
+    """Both directions at once."""
 
     def __init__(
         self,
@@ -242,7 +234,7 @@ class Relay:
         self._tap = Tap(event_loop, self._on_local_frame)
         self._requesters: dict[str, zmq.Socket[bytes]] = {}
         self._proxies: dict[str, NodeProxy] = {}
-        self.peers: dict[bytes, Peer] = {}
+        self.peers: dict[bytes, Peer] = {}  # by what stands for them in envelopes
         self._subscribers: dict[bytes, set[Peer]] = {}
         self._read: set[bytes] = set()
         self.unfed_count = 0
@@ -256,16 +248,12 @@ class Relay:
         self.peers = {connection: known for connection, known in self.peers.items() if known is not peer}
         for topic in list(peer.topics):
             self._unsubscribe(peer, topic)
-        for proxy in self._proxies.values():
+        for name, proxy in self._proxies.items():
             if proxy.peer is peer:
-                proxy.peer = None
+                proxy.leave(_error(f"{name} has left the graph; on its host: palp run --join"))
 
     def receive(self, peer: Peer, parts: list[bytes]) -> join_protocol.JoinMessage | None:
-        """Take what a connection sends; return a message that is not for the relay.
-
-        Raises:
-            SchemaMismatch: It cannot be read, or is not the peer's to send.
-        """
+        """Take what a connection sends; return a message that is not for the relay."""
         peer.note_alive()
         if join_protocol.is_frame(parts):
             self._on_frame(peer, parts)

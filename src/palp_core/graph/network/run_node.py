@@ -38,20 +38,7 @@ def run_node(
     address: Address | None,
     say: Say,
 ) -> int:
-    """Run one node until it or its graph ends, and return the exit status.
-
-    Args:
-        run: ``module:Class``, or ``path.py:Class``.
-        name: Running name; by default the class's, in lower case with underscores.
-        params: By name.
-        wires: Topic by port; see :func:`palp_core.graph.network.joining.wired_spec`.
-        address: Of the graph to join; None: the node runs alone, on the machine's clock.
-        say: Shows a line to the user.
-
-    Raises:
-        PalpError: The node cannot run, or the graph cannot be joined.
-        Interrupted: The user asked for the end.
-    """
+    """Run one node until it or its graph ends, and return the exit status."""
     workspace = find_workspace(Path.cwd() / "launch.yaml")
     run, name = _run_and_name(run, name)
     with contextlib.ExitStack() as stack:
