@@ -17,8 +17,8 @@ from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 from palp_core.graph.messages.message import Message, encode
 from palp_core.graph.messages.topic import topic_of
-from palp_core.graph.ros2.bag_map import outlets_of
 from palp_core.graph.ros2.message_types import known_types
+from palp_core.graph.ros2.plan import outlets_of
 
 MS = 1_000_000
 

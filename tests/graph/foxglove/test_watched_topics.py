@@ -50,24 +50,17 @@ class Reader:
         return self.watched.receive(0)
 
 
-def test_a_fast_topic_is_thinned_and_its_latest_comes_when_it_is_due(graph: FakeGraph) -> None:
+@pytest.mark.parametrize(("every", "least"), [(False, 2), (True, 100)])
+def test_a_fast_topic_is_thinned_its_latest_comes_when_it_is_due_and_if_wanted_every_message(
+    graph: FakeGraph, every: bool, least: int
+) -> None:
     node = graph.node("source", depth=1)
     reader = Reader(graph, node, 5.0)
-    reader.begin()
+    reader.begin(every=every)
     node.say(100)
     reader.read_until(99)
     assert reader.seen[0] == 0
-    assert len(reader.seen) < 100
-    reader.reader.close()
-
-
-def test_every_message_comes_of_what_is_not_to_be_thinned(graph: FakeGraph) -> None:
-    node = graph.node("source", depth=1)
-    reader = Reader(graph, node, 1e-3)
-    reader.begin(every=True)
-    node.say(100)
-    reader.read_until(99)
-    assert reader.seen == list(range(100))
+    assert least <= len(reader.seen) <= (100 if every else 99)
     reader.reader.close()
 
 
@@ -81,21 +74,4 @@ def test_a_topic_that_is_left_is_not_sent_any_more(graph: FakeGraph) -> None:
     reader.begin()  # and may be looked at again
     node.say(1)
     reader.read_until(0)
-    reader.reader.close()
-
-
-def test_a_publisher_that_goes_on_elsewhere_is_followed(graph: FakeGraph) -> None:
-    node = graph.node("source", depth=1)
-    after = graph.node("source_2", depth=1)
-    reader = Reader(graph, node, 0.0)
-    reader.begin()
-    node.say(2)
-    node.moved("prepare", after)
-    reader.read_until(1)
-    graph.until(lambda: bool(reader.take()) or after.out.has_readers)
-    after.out.sequence = node.out.sequence
-    node.moved("gone", after)
-    after.say(3)
-    reader.read_until(4)
-    assert reader.seen == [0, 1, 2, 3, 4]
     reader.reader.close()

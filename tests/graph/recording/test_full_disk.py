@@ -66,7 +66,9 @@ def small_disk(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return said
 
 
-def test_in_lockstep_it_is_said_and_the_graph_goes_on(small_disk: list[str], tmp_path: Path) -> None:
+def test_in_lockstep_it_is_said_the_graph_goes_on_and_what_was_written_is_whole(
+    small_disk: list[str], tmp_path: Path
+) -> None:
     bag = tmp_path / "bag"
     with Graph(CHAIN, record=bag, clock="sim", count=100) as graph:
         summary = graph.run()
@@ -75,13 +77,6 @@ def test_in_lockstep_it_is_said_and_the_graph_goes_on(small_disk: list[str], tmp
     assert f"{bag}: cannot be written any more: No space left on device" in graph.recorders.text
     assert f"palp bag recover {bag} -o NEW" in graph.recorders.text
     assert [line for line in small_disk if line.startswith("recorder recorder ")]
-
-
-def test_what_was_written_before_the_disk_was_full_is_whole(small_disk: list[str], tmp_path: Path) -> None:
-    bag = tmp_path / "bag"
-    with Graph(CHAIN, record=bag, clock="sim", count=100) as graph:
-        graph.run()
-    assert small_disk
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(FullDisk, "write", lambda self, data: self._file.write(data))
         report = recover(bag, tmp_path / "new")

@@ -203,15 +203,16 @@ def test_keys_pause_and_change_the_speed(palp: Palp, recorded: tuple[Path, Path]
             process.stdout.close()
 
 
-def test_a_loop_goes_on_until_ctrl_c_and_says_what_it_has_played(
-    palp: Palp, recorded: tuple[Path, Path]
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_loop_goes_on_until_it_is_asked_to_end_and_says_what_it_has_played(
+    palp: Palp, recorded: tuple[Path, Path], number: signal.Signals
 ) -> None:
     bag, _ = recorded
     process = palp.start("bag", "play", bag, "-l", "-w", "1", "-r", "5", "-t", "/source/sample", "--json")
     record = begun(process, palp)
     with hearing(record, "/source/sample") as heard:
         frames = heard(2 * COUNT + 5)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     assert process.wait(PATIENCE_S) == 130
     assert process.stdout is not None
     account = json.loads(process.stdout.read())

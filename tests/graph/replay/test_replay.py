@@ -3,44 +3,183 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
+import signal
+import subprocess
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
 
-from tests.support.palp import CHAIN, SIM, Palp
+from palp_core.graph.bag.edit import rewrite
+from palp_core.graph.bag.reader import Bag
+from palp_core.graph.bag.writer import BagWriter
+from tests.support.live import ended, recording
+from tests.support.palp import CHAIN, PATIENCE_S, SIM, Palp, wait_for_line
 from tests.support.rig_session import RigSession
+from tests.support.supervised import Running
 
 LIGHT = ("policy", "actuator", "stage", "torque", "emg")
 HEAVY = ("estimator", "phantom", "cocontraction")
+RIG = LIGHT + HEAVY
+
+
+def replayed(palp: Palp, bag: Path, nodes: str, launch: Path = CHAIN) -> list[dict[str, Any]]:
+    done = palp.run("bag", "replay", bag, "--nodes", nodes, "--launch", launch, "--compare", "--json")
+    assert done.returncode == 0, done.stdout + done.stderr
+    found: list[dict[str, Any]] = json.loads(done.stdout)
+    return found
 
 
 @pytest.fixture(scope="module")
-def chain_bag(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recorded run of the chain."""
-    bag = tmp_path_factory.mktemp("chain") / "bag"
-    done = shared_palp.here("launch", CHAIN, "clock:=sim", "count:=300", "--record", bag)
+def whole_bag(shared_palp: Palp, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of the chain, recorded from its start to its end."""
+    bag = tmp_path_factory.mktemp("whole") / "bag"
+    done = shared_palp.here("launch", CHAIN, "count:=300", "rate_hz:=500.0", "--record", bag)
     assert done.returncode == 0, done.stderr
     return bag
 
 
 @pytest.fixture
-def chain(chain_bag: Path, tmp_path: Path) -> tuple[Path, Path]:
-    """A recorded run of the chain, and a launch file of the same nodes that may be changed."""
+def relay(tmp_path: Path) -> Path:
+    """The file of a node of the same workspace, which may be changed."""
     shutil.copytree(CHAIN.parents[1], tmp_path / "chain")
-    return chain_bag, tmp_path / "chain" / "launch" / "chain.yaml"
+    return tmp_path / "chain" / "nodes" / "relay.py"
 
 
-@pytest.fixture
-def rig_bag(rig_session: RigSession) -> Path:
-    return rig_session.bag
+def test_a_recording_from_the_start_replays_every_output(palp: Palp, whole_bag: Path) -> None:
+    source, relay, sink = replayed(palp, whole_bag, "source,relay,sink")
+    assert (relay["compared"], relay["uncovered"]) == (301, 0)  # samples, and its activation
+    assert (source["compared"], source["uncovered"]) == (601, 0)
+    assert sink["consumed"] >= 301
+
+
+def test_a_recording_that_began_later_replays_from_the_nodes_state(palp: Palp, tmp_path: Path) -> None:
+    graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=100.0")
+    wait_for_line(graph, "blocks: 1/")
+    recorder = recording(palp, "-a", "-o", tmp_path / "bag")
+    for gain in ("3.0", "0.5"):
+        assert palp.run("param", "set", "relay", "gain", gain).returncode == 0
+    assert palp.run("lifecycle", "set", "relay", "deactivate").returncode == 0
+    assert palp.run("lifecycle", "set", "relay", "activate").returncode == 0
+    ended(recorder)
+    for node in replayed(palp, tmp_path / "bag", "source,relay"):
+        assert node["compared"] > 10
+        assert node["divergence"] is None
+
+
+def test_a_restarted_node_replays_on_both_sides_of_its_restart(palp: Palp, tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    done = palp.here("launch", CHAIN, "count:=300", "rate_hz:=300.0", "fail_at:=100", "--record", bag)
+    with Bag(bag) as opened:
+        epochs = {m.stream.epoch for m in opened.recorded(["/relay/_order"])}
+    assert len(epochs) > 1
+    if done.returncode:  # the restarted publisher spoke before the recorder was back, and no longer keeps it
+        assert "/relay/amplified: " in done.stdout, done.stdout + done.stderr
+        assert " of epoch 1" in done.stdout
+        return
+    (sink,) = replayed(palp, bag, "sink")
+    assert sink["divergence"] is None
+
+
+def tampered(bag: Path, out: Path, topic: str, sequence: int) -> None:
+    """Copy a bag with one number of one message changed."""
+    with Bag(bag) as source, BagWriter(out) as writer:
+        for name, data in source.attachments().items():
+            writer.attach(name, data)
+        for m in source.recorded():
+            payload = m.payload
+            if (m.stream.topic.name, m.sequence) == (topic, sequence):
+                value = msgspec.msgpack.decode(payload)
+                value["torque_n_m"] = bytes(len(value["torque_n_m"]))
+                payload = msgspec.msgpack.encode(value)
+            writer.write(writer.stream(m.stream), m.sequence, m.log_ns, m.publish_ns, payload)
+
+
+def test_a_tampered_recording_gives_the_first_divergence_with_its_inputs(
+    palp: Palp, whole_bag: Path, tmp_path: Path
+) -> None:
+    tampered(whole_bag, tmp_path / "input", "/source/sample", 42)
+    tampered(whole_bag, tmp_path / "output", "/relay/amplified", 42)
+    for name in ("input", "output"):
+        told = palp.run("bag", "replay", tmp_path / name, "--nodes", "relay", "--launch", CHAIN, "--json")
+        assert told.returncode == 1
+        (relay,) = json.loads(told.stdout)
+        first = relay["divergence"]
+        assert (first["topic"], first["sequence"]) == ("/relay/amplified", 42)
+        assert first["what"].startswith("torque_n_m: recorded")
+        assert first["after"].startswith("input:sample 42 at ")
+        assert [entry.split(" at ")[0] for entry in first["inputs"]] == [
+            f"input:sample {n}" for n in range(38, 43)
+        ]
+        said = palp.run("bag", "replay", tmp_path / name, "--nodes", "relay", "--launch", CHAIN)
+        assert "differs first on /relay/amplified 42" in said.stdout
+
+
+def test_a_bag_whose_recorder_was_killed_replays_as_far_as_it_reaches(palp: Palp, tmp_path: Path) -> None:
+    graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=300.0", "--record", tmp_path / "bag")
+    wait_for_line(graph, "blocks: 1/")
+    while sum(file.stat().st_size for file in (tmp_path / "bag").glob("*.mcap")) < 400_000:
+        with pytest.raises(subprocess.TimeoutExpired):
+            graph.wait(0.02)
+    Running(palp).process("recorder").kill()
+    saved = palp.run("bag", "recover", tmp_path / "bag", "-o", tmp_path / "saved")
+    assert saved.returncode == 0, saved.stderr
+    for node in replayed(palp, tmp_path / "saved", "source,relay,sink"):
+        assert node["consumed"] > 100
+        assert node["divergence"] is None
+
+
+@pytest.mark.slow
+def test_the_rig_on_the_wall_clock_replays_byte_for_byte(palp: Palp, tmp_path: Path) -> None:
+    rig, bag = tmp_path / "rig", tmp_path / "bag"
+    for name in ("launch", "nodes", "msgs"):
+        shutil.copytree(SIM.parents[1] / name, rig / name)
+    launch = rig / "launch" / "sim.yaml"
+    text = launch.read_text()
+    assert "\nclock: sim\n" in text
+    text = re.sub(r"(?m)^checkpoint: .*", "", text)  # its place is one of simulated time
+    launch.write_text(text.replace("\nclock: sim\n", "\nclock: wall\n"))
+    graph = palp.start(
+        "launch", launch, "trials:=1", "training:=1", f"out:={tmp_path / 'out'}", "--record", bag
+    )
+    wait_for_line(graph, "training: 2/")
+    graph.send_signal(signal.SIGINT)
+    out, errors = graph.communicate(timeout=PATIENCE_S)
+    assert "nothing missing" in out, errors
+    for node in replayed(palp, bag, ",".join(RIG), launch):
+        assert node["divergence"] is None
+        assert node["compared"] > 0
+        assert node["uncovered"] == 0
+
+
+def test_a_node_that_was_swapped_while_it_was_recorded_replays_on_both_sides(
+    palp: Palp, tmp_path: Path
+) -> None:
+    bag = tmp_path / "bag"
+    graph = palp.start("launch", CHAIN, "count:=1000000", "rate_hz:=100.0", "--record", bag)
+    wait_for_line(graph, "blocks: 1/")
+    for name, run in (("relay", "nodes.relay:Relay"), ("source", "nodes.source:Source")):
+        done = palp.run("swap", name, run)
+        assert done.returncode == 0, done.stderr
+    graph.send_signal(signal.SIGINT)
+    out, errors = graph.communicate(timeout=PATIENCE_S)
+    assert "nothing missing" in out, errors
+    info = json.loads(palp.run("bag", "info", bag, "--json").stdout)
+    assert info["complete"]
+    assert all(topic["repeated"] == 0 for topic in info["topics"].values())
+    for node in replayed(palp, bag, "source,relay,sink"):
+        assert node["divergence"] is None
+        assert node["uncovered"] == 0
 
 
 @pytest.mark.parametrize("nodes", [LIGHT, pytest.param(HEAVY, marks=pytest.mark.nightly)])
 def test_every_node_of_the_rig_replays_byte_for_byte(
-    palp: Palp, rig_bag: Path, nodes: tuple[str, ...]
+    palp: Palp, rig_session: RigSession, nodes: tuple[str, ...]
 ) -> None:
-    done = palp.run("bag", "replay", rig_bag, "--nodes", ",".join(nodes), "--launch", SIM, "--json")
+    done = palp.run("bag", "replay", rig_session.bag, "--nodes", ",".join(nodes), "--launch", SIM, "--json")
     assert done.returncode == 0, done.stdout + done.stderr
     for node in json.loads(done.stdout):
         assert node["divergence"] is None
@@ -48,45 +187,39 @@ def test_every_node_of_the_rig_replays_byte_for_byte(
         assert node["consumed"] > 0
 
 
-def test_a_changed_node_is_caught_at_its_first_different_output(palp: Palp, chain: tuple[Path, Path]) -> None:
-    bag, launch = chain
-    relay = launch.parents[1] / "nodes" / "relay.py"
-    same = palp.run("bag", "replay", bag, "--nodes", "source,relay", "--launch", launch)
-    assert same.returncode == 0, same.stdout + same.stderr
-    assert "relay: 301 outputs equal to the recorded ones, byte for byte" in same.stdout
-    text = relay.read_text()
+def test_a_changed_node_is_caught_at_its_first_different_output(
+    palp: Palp, whole_bag: Path, relay: Path
+) -> None:
+    text, launch = relay.read_text(), relay.parents[1] / "launch" / "chain.yaml"
     assert "self.params.gain," in text
     relay.write_text(text.replace("self.params.gain,", "self.params.gain + (sample.index == 123),"))
-    changed = palp.run("bag", "replay", bag, "--nodes", "relay", "--launch", launch, "--json")
+    changed = palp.run("bag", "replay", whole_bag, "--nodes", "relay", "--launch", launch, "--json")
     assert changed.returncode == 1
     (node,) = json.loads(changed.stdout)
     assert node["compared"] == 124
-    assert node["divergence"]["topic"] == "/relay/amplified"
-    assert node["divergence"]["sequence"] == 124
-    assert node["divergence"]["what"].startswith("torque_n_m: recorded")
-    assert node["divergence"]["after"].startswith("input:sample 124")
-
-
-def test_an_output_too_few_or_too_many_is_a_difference(palp: Palp, chain: tuple[Path, Path]) -> None:
-    bag, launch = chain
-    relay = launch.parents[1] / "nodes" / "relay.py"
-    text = relay.read_text()
+    first = node["divergence"]
+    assert (first["topic"], first["sequence"]) == ("/relay/amplified", 124)
+    assert first["what"].startswith("torque_n_m: recorded")
+    assert first["after"].startswith("input:sample 124")
     start = "        self.state.passed_count += 1\n"
     assert start in text
     relay.write_text(text.replace(start, start + "        if sample.index == 299:\n            return\n"))
-    fewer = palp.run("bag", "replay", bag, "--nodes", "relay", "--launch", launch)
+    fewer = palp.run("bag", "replay", whole_bag, "--nodes", "relay", "--launch", launch)
     assert fewer.returncode == 1
     assert "/relay/amplified 300" in fewer.stdout
     assert "recorded, but not replayed" in fewer.stdout
 
 
 def test_what_cannot_be_replayed_is_refused_by_name(
-    palp: Palp, chain: tuple[Path, Path], rig_bag: Path
+    palp: Palp, whole_bag: Path, rig_session: RigSession, tmp_path: Path
 ) -> None:
-    bag, launch = chain
-    unknown = palp.run("bag", "replay", bag, "--nodes", "realy", "--launch", launch)
-    assert unknown.returncode == 2
-    assert "no node 'realy' in it; there are: source, relay, sink" in unknown.stderr
-    record = palp.run("bag", "replay", rig_bag, "--nodes", "experiment", "--launch", SIM)
-    assert record.returncode == 2
-    assert "node 'experiment' keeps a record on disk" in record.stderr
+    rewrite([whole_bag], tmp_path / "bag", select={"/source/sample", "/relay/amplified"}.__contains__)
+    for bag, node, launch, words in (
+        (whole_bag, "realy", CHAIN, ["no node 'realy' in it; there are: source, relay, sink"]),
+        (whole_bag, "sink", SIM, ["No module named 'nodes.sink'", "--launch FILE"]),
+        (tmp_path / "bag", "relay", CHAIN, ["/relay/_order", "palp bag record -a"]),
+        (rig_session.bag, "experiment", SIM, ["node 'experiment' keeps a record on disk"]),
+    ):
+        refused = palp.run("bag", "replay", bag, "--nodes", node, "--launch", launch)
+        assert refused.returncode not in (0, 1)
+        assert all(word in refused.stderr for word in words)

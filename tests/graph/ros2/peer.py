@@ -1,4 +1,4 @@
-"""The other side of the bridge: a node of ROS 2's own, by bare rclpy; prints JSON."""
+"""A node of ROS 2's own, by bare rclpy: ``all``, ``hear TOPIC NODE``, ``serve WANTED``; prints JSON."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ import rclpy
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
-from rclpy.qos import QoSProfile, QoSReliabilityPolicy
-from std_msgs.msg import Float64
-from std_srvs.srv import Trigger
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile, QoSReliabilityPolicy
+from std_msgs.msg import Float64, Int64, String
+from std_srvs.srv import SetBool, Trigger
 
 PATIENCE_S = 60.0
 RELIABLE = QoSProfile(depth=1000, reliability=QoSReliabilityPolicy.RELIABLE)
+LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Peer:
@@ -25,14 +26,12 @@ class Peer:
 
     def __init__(self) -> None:
         self.node = rclpy.create_node("peer")
-        self.wrenches: list[Any] = []
-        self.node.create_subscription(WrenchStamped, "/wrench", self.wrenches.append, RELIABLE)
-        self.load = self.node.create_publisher(Float64, "/load", RELIABLE)
+        self.received: list[Any] = []
 
     def until(self, so: Callable[[], Any]) -> None:
         end_s = time.monotonic() + PATIENCE_S
         while not so():
-            assert time.monotonic() < end_s, "not so in time"
+            assert time.monotonic() < end_s, f"not so in time, but {self.received[-3:]}"
             rclpy.spin_once(self.node, timeout_sec=0.1)
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
@@ -42,8 +41,10 @@ class Peer:
         self.until(future.done)
         return future.result()
 
-    def torque(self, value: float) -> Callable[[], bool]:
-        return lambda: bool(self.wrenches) and self.wrenches[-1].wrench.torque.x == value
+    def listed(self, node: str) -> list[str]:
+        return list(
+            self.call(ListParameters, f"/{node}/list_parameters", ListParameters.Request()).result.names
+        )
 
     def set(self, value: float) -> Any:
         given = Parameter(name="block_hz", value=ParameterValue(type=3, double_value=value))
@@ -51,39 +52,59 @@ class Peer:
         (result,) = self.call(SetParameters, "/sensor/set_parameters", request).results
         return [result.successful, result.reason]
 
+    def all(self) -> Any:
+        """Take part in everything that the example's map names."""
+        node, names = self.node, ["block_hz"]
+        node.create_subscription(WrenchStamped, "/wrench", self.received.append, RELIABLE)
+        load = node.create_publisher(Float64, "/load", RELIABLE)
 
-def main() -> None:
-    rclpy.init()
-    peer = Peer()
-    peer.until(lambda: peer.load.get_subscription_count() and peer.wrenches)
-    told: dict[str, Any] = {"age_s": _age_s(peer)}
-    for i in range(1, 101):
-        peer.load.publish(Float64(data=i / 8))
-    peer.until(peer.torque(12.5))
-    told["frame"] = peer.wrenches[-1].header.frame_id
-    told["topics"] = {name: kinds for name, kinds in peer.node.get_topic_names_and_types() if "o" in name}
-    answer = peer.call(Trigger, "/tare", Trigger.Request())
-    told["tare"] = [answer.success, answer.message]
-    peer.until(peer.torque(0.0))
-    names = ["block_hz"]
-    told["listed"] = peer.call(
-        ListParameters, "/sensor/list_parameters", ListParameters.Request()
-    ).result.names
-    described = peer.call(
-        DescribeParameters, "/sensor/describe_parameters", DescribeParameters.Request(names=names)
-    )
-    told["described"] = described.descriptors[0].description
-    told["refused"], told["set"] = peer.set(-1.0), peer.set(25.0)
-    got = peer.call(GetParameters, "/sensor/get_parameters", GetParameters.Request(names=names))
-    told["got"] = got.values[0].double_value
-    sys.stdout.write(json.dumps(told) + "\n")
-    peer.node.destroy_node()
-    rclpy.shutdown()
+        def is_torque(value: float) -> Callable[[], bool]:
+            return lambda: self.received[-1].wrench.torque.x == value
+
+        self.until(lambda: load.get_subscription_count() and self.received)
+        stamp = self.received[-1].header.stamp
+        told: dict[str, Any] = {
+            "age_s": node.get_clock().now().nanoseconds / 1e9 - stamp.sec - stamp.nanosec / 1e9
+        }
+        for i in range(1, 101):
+            load.publish(Float64(data=i / 8))
+        self.until(is_torque(12.5))
+        told["frame"] = self.received[-1].header.frame_id
+        told["topics"] = {name: kinds for name, kinds in node.get_topic_names_and_types() if "o" in name}
+        answer = self.call(Trigger, "/tare", Trigger.Request())
+        told["tare"] = [answer.success, answer.message]
+        self.until(is_torque(0.0))
+        told["listed"] = self.listed("sensor")
+        asked = DescribeParameters.Request(names=names)
+        described = self.call(DescribeParameters, "/sensor/describe_parameters", asked)
+        told["described"] = described.descriptors[0].description
+        told["refused"], told["set"] = self.set(-1.0), self.set(25.0)
+        got = self.call(GetParameters, "/sensor/get_parameters", GetParameters.Request(names=names))
+        return told | {"got": got.values[0].double_value}
+
+    def hear(self, topic: str, name: str) -> Any:
+        """Hear a message; return the names of a node's parameters."""
+        self.node.create_subscription(Int64, topic, self.received.append, 10)
+        self.until(lambda: self.received)
+        return self.listed(name)
+
+    def serve(self, wanted: str) -> Any:
+        """Serve a switch until a latched /told is heard by a reader that comes late, each time."""
+
+        def answer(request: Any, response: Any) -> Any:
+            response.success, response.message = request.data, "switched"
+            return response
+
+        self.node.create_service(SetBool, "/switch", answer)
+        end_s = time.monotonic() + PATIENCE_S
+        while not any(wanted in one.data for one in self.received):
+            assert time.monotonic() < end_s, f"not heard, but {self.received}"
+            self.node.create_subscription(String, "/told", self.received.append, LATCHED)
+            for _ in range(20):
+                rclpy.spin_once(self.node, timeout_sec=0.1)
+        return self.received[-1].data
 
 
-def _age_s(peer: Peer) -> float:
-    stamp = peer.wrenches[-1].header.stamp
-    return float(peer.node.get_clock().now().nanoseconds / 1e9 - stamp.sec - stamp.nanosec / 1e9)
-
-
-main()
+rclpy.init()
+sys.stdout.write(json.dumps(getattr(Peer(), sys.argv[1])(*sys.argv[2:])) + "\n")
+rclpy.shutdown()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 import typer
@@ -20,9 +21,10 @@ from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.message import Message, encode
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.topic import topic_of
-from palp_core.graph.ros2.bag_map import outlets_of
-from palp_core.graph.ros2.maps import Entry, Times, as_message, as_plain, read_map
+from palp_core.graph.problems import Problems
+from palp_core.graph.ros2.maps import Entry, Times, as_message, as_plain, read_map, share_parameters
 from palp_core.graph.ros2.message_types import known_types, message_type
+from palp_core.graph.ros2.plan import Joining, outlets_of
 from tests.support.palp import ROOT, Palp
 
 HEAD = '''\
@@ -319,3 +321,26 @@ def test_ros_2_changes_what_moves_only_with_permission(
     monkeypatch.setattr("palp_core.graph.ros2.middleware.require", begin)
     with pytest.raises((GraphError, typer.BadParameter), match=refused):
         run(text, moves=moves, **options)
+
+
+@pytest.mark.parametrize(
+    ("listen", "now", "awaited", "mistakes"),
+    [("tcp://home", ["/sensor"], ["/guest"], 0), ("", ["/sensor"], [], 1)],
+)
+def test_entries_of_nodes_that_may_join_cross_once_they_have(
+    tmp_path: Path, listen: str, now: list[str], awaited: list[str], mistakes: int
+) -> None:
+    classes = {kind.__name__: kind for entry in read(tmp_path).values() for kind in entry.messages}
+    graph = Running({name: classes[name] for name in ("Block", "Tare", "Load")}).graph
+    graph.record = msgspec.structs.replace(graph.record, listen=listen)
+    made, problems = Joining(graph, [share_parameters("sensor"), share_parameters("guest")]), Problems()
+    assert [one.entry.palp for one in made.plan(problems)] == now
+    assert [one.palp for one in made.awaited] == awaited
+    assert len(problems) == mistakes
+    reported: list[str] = []
+    assert made.plan_joined(reported.append) == []
+    guest = NodeEntry("guest", "", 0, "", "ipc:///run/guest")
+    graph.record = msgspec.structs.replace(graph.record, nodes=[*graph.record.nodes, guest])
+    made._look_ns = 0
+    assert [one.entry.palp for one in made.plan_joined(reported.append)] == awaited
+    assert (made.plan_joined(reported.append), reported) == ([], [])

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from palp_core.cli.main import app
 from palp_core.errors import PalpError
-from palp_core.graph.bag.edit import copy_messages, filter_bag
+from palp_core.graph.bag.edit import copy_messages, rewrite
 from palp_core.graph.bag.reader import Bag, topic_selection
 from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
@@ -124,7 +124,7 @@ def test_what_nodes_said_was_wrong_is_in_the_result_with_its_time_in_the_bag(
 
 
 def part(session: RigSession, out: Path, **limits: Any) -> Path:
-    filter_bag(session.bag, out, **limits)
+    rewrite([session.bag], out, **limits)
     return out
 
 

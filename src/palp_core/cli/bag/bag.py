@@ -46,9 +46,7 @@ def record(
     max_bag_duration: Annotated[
         float, option("Seconds per file.", "--max-bag-duration", "-d", min=0.0)
     ] = 0.0,
-    snapshot: Annotated[
-        float, option("Keep S seconds until palp bag snapshot or SIGUSR1.", metavar="S", min=0.0)
-    ] = 0.0,
+    snapshot: Annotated[float, option("Keep S seconds until palp bag snapshot.", metavar="S", min=0.0)] = 0.0,
     compression: CompressionOption = "zstd",
     graph: GraphOption = None,
 ) -> None:
@@ -172,8 +170,8 @@ def convert_bag(
         raise BagError("--regex and --exclude-regex are for --from; `palp bag filter` makes the choice first")
     elif types is not None:
         from palp_core.graph.bag.ros2.export_bag import write
-        from palp_core.graph.ros2.bag_map import outlets_of
         from palp_core.graph.ros2.message_types import known_types
+        from palp_core.graph.ros2.plan import outlets_of
 
         with writing(bag, out):
             count = write(bag, out, outlets_of(types, bag), known_types())
@@ -242,12 +240,12 @@ def filter_(
     compression: CompressionOption = "zstd",
 ) -> None:
     """Write some topics or some time of a bag into a new one."""
-    from palp_core.graph.bag.edit import filter_bag
+    from palp_core.graph.bag.edit import rewrite
     from palp_core.graph.bag.reader import topic_selection
 
     select = topic_selection(topics or (), regex, exclude_regex)
     check_topics(topics or (), bag)
-    count = filter_bag(bag, out, select=select, start_ns=_ns(start), end_ns=_ns(end), compression=compression)
+    count = rewrite([bag], out, select=select, start_ns=_ns(start), end_ns=_ns(end), compression=compression)
     print_text(counted(count, "message"))
 
 
@@ -259,9 +257,9 @@ def merge(
     compression: CompressionOption = "zstd",
 ) -> None:
     """Merge bags into a new one, by time."""
-    from palp_core.graph.bag.edit import merge_bags
+    from palp_core.graph.bag.edit import rewrite
 
-    print_text(counted(merge_bags(bags, out, compression), "message"))
+    print_text(counted(rewrite(bags, out, compression=compression), "message"))
 
 
 @app.command("split")
@@ -274,10 +272,12 @@ def split(
     compression: CompressionOption = "zstd",
 ) -> None:
     """Write a bag again with files of limited size or duration."""
-    from palp_core.graph.bag.edit import split_bag
+    from palp_core.graph.bag.edit import rewrite
 
+    if not max_bag_size and not max_bag_duration:
+        raise BagError("a split needs a largest size (-b) or a longest duration (-d)")
     most_ns = _ns(max_bag_duration) or 0
-    count = split_bag(bag, out, max_bytes=max_bag_size, max_duration_ns=most_ns, compression=compression)
+    count = rewrite([bag], out, max_bytes=max_bag_size, max_duration_ns=most_ns, compression=compression)
     print_text(f"{counted(count, 'message')} in {counted(len(list(out.glob('*.mcap'))), 'file')}")
 
 

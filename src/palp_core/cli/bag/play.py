@@ -78,6 +78,7 @@ def play(
             "--start-paused needs a keyboard: nothing else ends the pause; see also --delay and -w"
         )
     check_topics(topics or (), bag)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # it ends as on Ctrl-C
     with contextlib.ExitStack() as stack:
         opened = stack.enter_context(Bag(bag))
         names = _names(opened, topic_selection(topics or (), regex, exclude_regex), remap or [])
@@ -108,7 +109,6 @@ def play(
             playback.send = partial(publish_into, running, described)
         where = "as graph 'play'" if graph is None else f"into graph '{graph}'"
         note(f"{bag}: {counted(len(names), 'topic')}, {where}")
-        signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # what is open is closed
         interrupted = False
         try:
             loop_ = PlayLoop(playback, run, keys=not disable_keyboard_controls)

@@ -16,23 +16,12 @@ class Gap(msgspec.Struct, frozen=True):
 
 
 class EpochAccount:
-    """Account of one epoch of a topic.
-
-    Args:
-        epoch: Its number.
-        first: The sequence that must come first; None: whatever comes first is the first.
-
-    Attributes:
-        next: The sequence that comes next if nothing is missing.
-        count: Messages seen, each once.
-        repeated: Messages seen again.
-    """
+    """Account of one epoch of a topic; ``first`` must come first, None: whatever comes first is the first."""
 
     def __init__(self, epoch: int, first: int | None) -> None:
         self.epoch = epoch
-        self.next = self._first = first
-        self.count = 0
-        self.repeated = 0
+        self.next = self._first = first  # the sequence that comes next if nothing is missing
+        self.count = self.repeated = 0  # messages seen, each once, and seen again
         self._gaps: list[tuple[int, int]] = []
 
     @property
@@ -102,8 +91,7 @@ class EpochAccount:
 class TopicAccount:
     """Account of one topic over the restarts of its publisher.
 
-    Args:
-        from_start: The first epoch seen must begin at sequence 1; later ones always must.
+    ``from_start``: the first epoch seen must begin at sequence 1, as later ones always must.
     """
 
     def __init__(self, *, from_start: bool = False) -> None:

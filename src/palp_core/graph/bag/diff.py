@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 
 from palp_core.graph.bag.reader import Bag, RecordedMessage
 from palp_core.graph.bag.stream import decoder_for
@@ -31,17 +30,12 @@ class Difference(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TopicDiff(msgspec.Struct, kw_only=True):
-    """How one topic compares.
-
-    Attributes:
-        equal_count: Messages of equal bytes.
-        close_count: Messages of other bytes, but within the tolerance.
-    """
+    """How one topic compares."""
 
     count_a: int = 0
     count_b: int = 0
     equal_count: int = 0
-    close_count: int = 0
+    close_count: int = 0  # of other bytes, but within the tolerance
     first: Difference | None = None
 
 
@@ -54,15 +48,9 @@ def diff_bags(
     relative: float = 0.0,
     ignore: Collection[str] = (),
 ) -> dict[str, TopicDiff]:
-    """Compare the messages of each topic in their order.
+    """Compare the messages of each topic in their order, but for fields to ``ignore``, by name.
 
-    Args:
-        a: A bag's folder or one of its files.
-        b: Another.
-        topics: Only these; None: all of either bag.
-        tolerance: Largest difference of two numbers that passes, in their own unit.
-        relative: Largest difference that passes, as a part of the larger number.
-        ignore: Fields that do not count, by name.
+    Numbers may differ by ``tolerance`` in their own unit, or by ``relative`` as a part of the larger number.
     """
 
     def close(x: float, y: float) -> bool:
@@ -129,17 +117,15 @@ def _compare(
         diff.close_count += 1
         return None
     field, left, right = found
-    return differs(field or "value", plain(left), plain(right))
+    return differs(field or "value", left, right)
 
 
 def first_difference(
     a: Any, b: Any, close: Callable[[float, float], bool], ignore: Collection[str] = (), path: str = ""
 ) -> tuple[str, Any, Any] | None:
     """Return path and values of the first field that differs, or None; NaN equals NaN."""
-    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
-        a, b = a.tolist(), b.tolist()
-    if isinstance(a, msgspec.Struct) and isinstance(b, msgspec.Struct):
-        a, b = msgspec.structs.asdict(a), msgspec.structs.asdict(b)
+    if not path:
+        a, b = plain(a), plain(b)
     if isinstance(a, dict) and isinstance(b, dict):
         for name in [*a, *(name for name in b if name not in a)]:
             if name in ignore:

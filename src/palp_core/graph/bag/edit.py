@@ -1,10 +1,10 @@
-"""Make a bag of other bags: filter, merge, split."""
+"""Make a bag of other bags: a part of one, the same in other files, several in one."""
 
+import contextlib
 import heapq
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from palp_core.errors import BagError
 from palp_core.graph.bag.mcap.compression import Compression
 from palp_core.graph.bag.reader import Bag, RecordedMessage
 from palp_core.graph.bag.recorder import SUMMARY_NAME
@@ -12,70 +12,43 @@ from palp_core.graph.bag.stream import Stream
 from palp_core.graph.bag.writer import BagWriter
 
 
-def filter_bag(
-    bag: str | Path,
+def rewrite(
+    bags: Sequence[str | Path],
     out: str | Path,
     *,
     select: Callable[[str], bool] | None = None,
     start_ns: int | None = None,
     end_ns: int | None = None,
-    compression: Compression = "zstd",
-) -> int:
-    """Write some topics or some time of a bag into a new one; return how many messages."""
-    with Bag(bag) as opened, BagWriter(out, compression=compression) as writer:
-        _copy_extras(opened, writer, account=False)
-        messages = opened.recorded(None, start_ns, end_ns)
-        if select is not None:
-            messages = (message for message in messages if select(message.stream.topic.name))
-        return copy_messages(messages, writer)
-
-
-def merge_bags(bags: Sequence[str | Path], out: str | Path, compression: Compression = "zstd") -> int:
-    """Merge bags into a new one by log time, then in the order of ``bags``; return how many messages.
-
-    Attachments keep their names in the first bag that has them, others get the name of their bag before it.
-    """
-    opened: list[Bag] = []
-    try:
-        opened += [Bag(bag) for bag in bags]
-        with BagWriter(out, compression=compression) as writer:
-            taken: dict[str, bytes] = {}
-            for bag in opened:
-                for name, data in bag.attachments().items():
-                    if name == SUMMARY_NAME or taken.get(name) == data:
-                        continue
-                    unique = name if name not in taken else f"{bag.path.stem}/{name}"
-                    taken[unique] = data
-                    writer.attach(unique, data)
-            streams = [bag.recorded() for bag in opened]
-            return copy_messages(heapq.merge(*streams, key=lambda message: message.log_ns), writer)
-    finally:
-        for bag in opened:
-            bag.close()
-
-
-def split_bag(
-    bag: str | Path,
-    out: str | Path,
-    *,
     max_bytes: int = 0,
     max_duration_ns: int = 0,
     compression: Compression = "zstd",
 ) -> int:
-    """Write a bag again in files of limited size or duration; return how many messages there are.
+    """Write bags into a new one by log time, then in their order; return how many messages.
 
-    Each file repeats the latched messages.
+    Attachments keep their names in the first bag that has them, others get the name of their bag before it.
+    The recorder's account is kept where it still holds: of one whole bag. Each file of a limited size or
+    duration repeats the latched messages.
     """
-    if not max_bytes and not max_duration_ns:
-        raise BagError("a split needs a largest size or a longest duration")
-    with (
-        Bag(bag) as opened,
-        BagWriter(
-            out, compression=compression, max_bytes=max_bytes, max_duration_ns=max_duration_ns
-        ) as writer,
-    ):
-        _copy_extras(opened, writer, account=True)
-        return copy_messages(opened.recorded(), writer)
+    whole = len(bags) == 1 and select is None and start_ns is None and end_ns is None
+    with contextlib.ExitStack() as stack:
+        opened = [stack.enter_context(Bag(bag)) for bag in bags]
+        writer = stack.enter_context(
+            BagWriter(out, compression=compression, max_bytes=max_bytes, max_duration_ns=max_duration_ns)
+        )
+        taken: dict[str, bytes] = {}
+        for bag in opened:
+            for name, data in bag.attachments().items():
+                if (name == SUMMARY_NAME and not whole) or taken.get(name) == data:
+                    continue
+                unique = name if name not in taken else f"{bag.path.stem}/{name}"
+                taken[unique] = data
+                writer.attach(unique, data)
+        for name, values in opened[0].metadata().items() if len(opened) == 1 else ():
+            writer.add_metadata(name, values)
+        streams = [bag.recorded(None, start_ns, end_ns) for bag in opened]
+        messages = heapq.merge(*streams, key=lambda message: message.log_ns)
+        chosen = messages if select is None else (m for m in messages if select(m.stream.topic.name))
+        return copy_messages(chosen, writer)
 
 
 def copy_messages(messages: Iterable[RecordedMessage], writer: BagWriter) -> int:
@@ -89,12 +62,3 @@ def copy_messages(messages: Iterable[RecordedMessage], writer: BagWriter) -> int
         writer.write(known[1], sequence, log_ns, publish_ns, payload)
         count += 1
     return count
-
-
-def _copy_extras(bag: Bag, writer: BagWriter, *, account: bool) -> None:
-    """Copy attachments and metadata; the recorder's account only where it still holds."""
-    for name, data in bag.attachments().items():
-        if name != SUMMARY_NAME or account:
-            writer.attach(name, data)
-    for name, values in bag.metadata().items():
-        writer.add_metadata(name, values)

@@ -111,11 +111,7 @@ class Bag(AbstractContextManager["Bag"]):
         return dict(sorted(found.items()))
 
     def stream(self, file: int, channel: int) -> Stream:
-        """Return what a channel of a file stands for.
-
-        Raises:
-            BagDamaged: The file has messages of the channel, but its definition is gone.
-        """
+        """Return what a channel of a file stands for."""
         known = self._streams[file].get(channel)
         if known is None:
             reader = self.files[file]
@@ -133,11 +129,9 @@ class Bag(AbstractContextManager["Bag"]):
         topics: Collection[str] | None = None,
         start_ns: int | None = None,
         end_ns: int | None = None,
-        *,
-        repeated: bool = False,
     ) -> Iterator[RecordedMessage]:
         """Iterate messages undecoded, in the order of the recording; see :func:`read`."""
-        for place, raw in self._raw(topics, start_ns, end_ns, repeated):
+        for place, raw in self._raw(topics, start_ns, end_ns):
             streams = self._streams[place]
             for channel, sequence, log_ns, publish_ns, payload in raw:
                 stream = streams[channel]
@@ -149,24 +143,20 @@ class Bag(AbstractContextManager["Bag"]):
         self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[BagMessage]:
         """Iterate decoded messages; the arguments are those of :func:`read`."""
-        ways: dict[tuple[int, int], tuple[str, int, int, Callable[[bytes], Any]]] = {}
+        of_stream: dict[int, Callable[[bytes], Any]] = {}  # by identity: streams live as long as their bag
         decoders: dict[tuple[Any, ...], Callable[[bytes], Any]] = {}
-        for place, raw in self._raw(topics, start_ns, end_ns, repeated=False):
-            for channel, sequence, log_ns, publish_ns, payload in raw:
-                way = ways.get((place, channel))
-                if way is None:
-                    stream = self._streams[place][channel]
-                    if stream.key not in decoders:
-                        decoders[stream.key] = decoder_for(stream)
-                    high = stream.sequence_high << 32
-                    way = ways[place, channel] = (stream.topic.name, stream.epoch, high, decoders[stream.key])
-                name, epoch, high, decode = way
-                try:
-                    value = decode(payload)
-                except (msgspec.MsgspecError, ValueError) as error:
-                    where = f"{self.path}: {name} epoch {epoch} sequence {high | sequence}"
-                    raise BagError(f"{where}: not what its schema says: {error}") from error
-                yield BagMessage(name, epoch, high | sequence, log_ns, publish_ns, value)
+        for stream, sequence, log_ns, publish_ns, payload in self.recorded(topics, start_ns, end_ns):
+            decode = of_stream.get(id(stream))
+            if decode is None:
+                if stream.key not in decoders:
+                    decoders[stream.key] = decoder_for(stream)
+                decode = of_stream[id(stream)] = decoders[stream.key]
+            try:
+                value = decode(payload)
+            except (msgspec.MsgspecError, ValueError) as error:
+                where = f"{self.path}: {stream.topic.name} epoch {stream.epoch} sequence {sequence}"
+                raise BagError(f"{where}: not what its schema says: {error}") from error
+            yield BagMessage(stream.topic.name, stream.epoch, sequence, log_ns, publish_ns, value)
 
     def attachments(self) -> dict[str, bytes]:
         """Return the attachments by name; of the same name, the latest file's."""
@@ -183,22 +173,24 @@ class Bag(AbstractContextManager["Bag"]):
         return found
 
     def _raw(
-        self, topics: Collection[str] | None, start_ns: int | None, end_ns: int | None, repeated: bool
+        self, topics: Collection[str] | None, start_ns: int | None, end_ns: int | None
     ) -> Iterator[tuple[int, list[tuple[int, int, int, int, bytes]]]]:
         for place, file in enumerate(self.files):
-            every = topics is None and (place == 0 or repeated)
-            wanted = _Wanted(self, place, topics, repeated=repeated or place == 0)
-            for raw in file.messages(None if every else wanted, start_ns, end_ns):
+            wanted = None if topics is None and place == 0 else _Wanted(self, place, topics)
+            for raw in file.messages(wanted, start_ns, end_ns):
                 for channel in {message[0] for message in raw}:
                     self.stream(place, channel)
                 yield place, raw
 
 
 class _Wanted:
-    """The channels of a file that somebody wants; asked while its definitions are still being found."""
+    """The channels of a file that somebody wants; asked while its definitions are still being found.
 
-    def __init__(self, bag: Bag, file: int, topics: Collection[str] | None, *, repeated: bool) -> None:
-        self._bag, self._file, self._topics, self._repeated = bag, file, topics, repeated
+    Latched messages that a later file repeats are not wanted.
+    """
+
+    def __init__(self, bag: Bag, file: int, topics: Collection[str] | None) -> None:
+        self._bag, self._file, self._topics = bag, file, topics
         self._known: dict[int, bool] = {}
 
     def __contains__(self, channel: object) -> bool:
@@ -207,7 +199,7 @@ class _Wanted:
         if known is None:
             stream = self._bag.stream(self._file, channel)
             named = self._topics is None or stream.topic.name in self._topics
-            known = self._known[channel] = named and (self._repeated or not stream.repeated)
+            known = self._known[channel] = named and not (stream.repeated and self._file)
         return known
 
 
@@ -285,13 +277,7 @@ def _dig(message: BagMessage, field: str) -> Any:
 def topic_selection(
     topics: Collection[str] = (), regex: str | None = None, exclude_regex: str | None = None
 ) -> Callable[[str], bool]:
-    """Return the function that says of a topic whether it is chosen.
-
-    Args:
-        topics: Names; none and no ``regex``: every topic.
-        regex: Topics in which it is found are chosen as well.
-        exclude_regex: Topics in which it is found are not.
-    """
+    """Return the function that tells whether a topic is chosen: by default all; what is excluded never is."""
     names = set(topics)
     wanted, unwanted = _compiled(regex), _compiled(exclude_regex)
 

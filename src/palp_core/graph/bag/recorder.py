@@ -96,19 +96,9 @@ class _Route(NamedTuple):
 
 
 class BagRecorder(AbstractContextManager["BagRecorder"]):
-    """Takes every frame that is published, as an observer of a graph does.
+    """Takes every frame that is published, as an observer of a graph does; closes its writer.
 
-    Args:
-        writer: The bag; the recorder closes it.
-        topics: What is known of the topics; one that is not listed is recorded without a schema.
-        select: Which topics to record; None: all.
-        from_start: The recorder was there before the first message: sequence 1 must be in the bag.
-        attachments: Files to keep with the recording: launch file, parameters, versions, git state.
-
-    Attributes:
-        missed: Is told of each gap when it shows: topic, epoch, first and last sequence; who can, hands the
-            messages to :meth:`fill`.
-        unheard: Topics of which no frame came, for the account.
+    A topic that is not listed is recorded without a schema. ``from_start``: sequence 1 must be in the bag.
     """
 
     def __init__(
@@ -129,8 +119,9 @@ class BagRecorder(AbstractContextManager["BagRecorder"]):
         self._refused: dict[str, int] = {}
         self._unreadable = 0
         self._summary: RecordingSummary | None = None
+        # Takes each gap when it shows, for :meth:`fill`: topic, epoch, first and last sequence.
         self.missed: Callable[[str, int, int, int], None] = lambda *_: None
-        self.unheard: list[str] = []
+        self.unheard: list[str] = []  # topics of which no frame came, for the account
         for name, data in (attachments or {}).items():
             writer.attach(name, data, media_type_of(name))
 

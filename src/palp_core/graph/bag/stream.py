@@ -23,23 +23,15 @@ SCHEMA_ENCODING = "jsonschema"
 
 
 class Stream(msgspec.Struct, frozen=True, kw_only=True):
-    """One channel: messages of a topic within an epoch.
-
-    Attributes:
-        epoch: How often its publisher was restarted before.
-        sequence_high: Upper 32 bits of every sequence.
-        repeated: It repeats latched messages that stand in an earlier file of the bag.
-        encoding: Of the messages.
-        schema_encoding: Of the schema; a foreign one is kept in ``foreign_schema``.
-    """
+    """One channel: messages of a topic within an epoch."""
 
     topic: Topic
-    epoch: int = 0
-    sequence_high: int = 0
-    repeated: bool = False
+    epoch: int = 0  # how often its publisher was restarted before
+    sequence_high: int = 0  # upper 32 bits of every sequence
+    repeated: bool = False  # latched messages that stand in an earlier file of the bag
     encoding: str = MESSAGE_ENCODING
     schema_encoding: str = SCHEMA_ENCODING
-    foreign_schema: bytes = b""
+    foreign_schema: bytes = b""  # of another encoding
 
     @property
     def key(self) -> tuple[Any, ...]:

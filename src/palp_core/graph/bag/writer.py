@@ -10,7 +10,7 @@ import msgspec
 
 from palp_core.errors import BagError
 from palp_core.graph.bag.mcap.compression import Compression
-from palp_core.graph.bag.mcap.file_writer import CHUNK_BYTES, CHUNK_NS, FileWriter
+from palp_core.graph.bag.mcap.file_writer import CHUNK_BYTES, FileWriter
 from palp_core.graph.bag.mcap.records import Attachment, Metadata
 from palp_core.graph.bag.metadata import FilePart, write_metadata
 from palp_core.graph.bag.stream import Stream
@@ -25,15 +25,6 @@ class BagWriter(AbstractContextManager["BagWriter"]):
 
     Every file stands alone: it repeats the definitions, the attachments and, on channels marked
     ``repeated``, the last messages of latched topics.
-
-    Args:
-        folder: The bag, which must not exist.
-        compression: Of the chunks.
-        max_bytes: Begin another file when one has this many bytes; 0: never.
-        max_duration_ns: Begin another file when one spans this much log time; 0: never.
-        chunk_bytes: Size of a chunk before compression.
-        chunk_ns: Age of a chunk on the clock that ``tick`` is given.
-        custom: Facts for ``metadata.yaml``.
     """
 
     def __init__(
@@ -44,7 +35,6 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         max_bytes: int = 0,
         max_duration_ns: int = 0,
         chunk_bytes: int = CHUNK_BYTES,
-        chunk_ns: int = CHUNK_NS,
         custom: Mapping[str, str] | None = None,
     ) -> None:
         self.folder = Path(folder)
@@ -52,7 +42,6 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         self._max_bytes = max_bytes or _NEVER
         self._max_duration_ns = max_duration_ns
         self._chunk_bytes = min(chunk_bytes, max_bytes) if max_bytes else chunk_bytes
-        self._chunk_ns = chunk_ns
         self._custom = dict(custom or {})
         self._streams: list[Stream] = []
         self._ids: dict[tuple[Any, ...], int] = {}
@@ -116,10 +105,6 @@ class BagWriter(AbstractContextManager["BagWriter"]):
         self._tick_ns = now_ns
         self._file.tick(now_ns)
 
-    def flush(self) -> None:
-        """Close the open chunk now."""
-        self._file.close_chunk()
-
     def attach(
         self, name: str, data: bytes, media_type: str = "application/octet-stream", *, every_file: bool = True
     ) -> None:
@@ -158,7 +143,7 @@ class BagWriter(AbstractContextManager["BagWriter"]):
 
     def _open(self) -> None:
         path = self.folder / f"{self.folder.name}_{len(self._parts)}.mcap"
-        self._file = FileWriter(path, self._compression, self._chunk_bytes, self._chunk_ns)
+        self._file = FileWriter(path, self._compression, self._chunk_bytes)
         self._split_ns = _NEVER
         for number in range(1, len(self._streams) + 1):
             self._add(number)

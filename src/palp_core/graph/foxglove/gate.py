@@ -32,17 +32,7 @@ def hidden_address() -> str:
 
 
 def is_viewer(origin: str, others: frozenset[str] = frozenset()) -> bool:
-    """Tell whether a page may connect: Foxglove's own, one that this host serves, a program's, or one named.
-
-    Args:
-        origin: As the browser says it; "" where no page asks.
-        others: Origins that are let in besides.
-
-    >>> [is_viewer(origin) for origin in ("", "file://", "https://app.foxglove.dev", "http://localhost:8080")]
-    [True, True, True, True]
-    >>> [is_viewer(origin) for origin in ("null", "https://evil.example", "https://foxglove.dev.example")]
-    [False, False, False]
-    """
+    """Tell whether a page may connect: Foxglove's own, one of this host, a program's, or one named."""
     if not origin or origin.lower() in others:
         return True
     try:
@@ -56,20 +46,7 @@ def is_viewer(origin: str, others: frozenset[str] = frozenset()) -> bool:
 
 
 def objection(head: str, policy: AccessPolicy) -> str:
-    r"""Return why a request is refused, in words; "" if it is not.
-
-    Args:
-        head: Request line and headers.
-        policy: Who is let in, by the token in the request's query.
-
-    >>> asked = "GET /?token=abc HTTP/1.1\r\nHost: localhost:8765\r\n"
-    >>> objection(asked, AccessPolicy("abc", lambda *_: True))
-    ''
-    >>> objection(asked, AccessPolicy("xyz", lambda *_: True))
-    'the token is missing or wrong: take the whole address that palp bridge foxglove printed'
-    >>> objection(asked, AccessPolicy("abc", lambda *_: True, {"127.0.0.1"}))
-    "this is not 'localhost'"
-    """
+    """Return why a request is refused, in words; "" if it is not."""
     request, *lines = head.split("\r\n")
     words = request.split(" ")
     headers = [(name.strip().lower(), value.strip()) for name, _, value in (x.partition(":") for x in lines)]
@@ -93,11 +70,7 @@ def objection(head: str, policy: AccessPolicy) -> str:
 
 
 class Gate:
-    """Listens, in a thread of its own, until it is closed; ``inner`` is where the server behind is.
-
-    Attributes:
-        address: Where viewers connect, with the token.
-    """
+    """Listens, in a thread of its own, until it is closed; ``inner`` is where the server behind is."""
 
     def __init__(self, host: str, port: int, inner: tuple[str, int], origins: Iterable[str] = ()) -> None:
         self._inner = inner

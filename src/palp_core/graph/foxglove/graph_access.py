@@ -33,19 +33,12 @@ class ServiceType(NamedTuple):
 
 
 class Description(NamedTuple):
-    """A running graph as viewers are offered it.
+    """A running graph as viewers are offered it."""
 
-    Attributes:
-        topics: All but what nodes consume in which order, by name; hidden ones among them.
-        services: By name.
-        infos: What its nodes say of themselves.
-        silent: Nodes that did not answer: of those, this lacks a part.
-    """
-
-    topics: dict[str, Topic]
+    topics: dict[str, Topic]  # all but what nodes consume in which order; hidden ones among them
     services: dict[str, ServiceType]
     infos: Answers
-    silent: frozenset[str]
+    silent: frozenset[str]  # nodes that did not answer: of those, this lacks a part
 
 
 def describe(graph: RunningGraph) -> Description:
@@ -93,11 +86,7 @@ class GraphAccess:
         return {name: value for name, value in found.items() if not wanted or name in wanted}
 
     def set_parameters(self, values: Mapping[str, Any]) -> None:
-        """Set parameters; those of one node all or none.
-
-        Raises:
-            GraphError: Nothing may be changed, no such node or parameter, or a node refuses.
-        """
+        """Set parameters; those of one node all or none."""
         self._must_be_allowed("set a parameter")
         by_node: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
@@ -113,11 +102,7 @@ class GraphAccess:
             raise GraphError("; ".join(refused))
 
     def call(self, service: ServiceType, request: bytes) -> bytes:
-        """Call a service, JSON in and out.
-
-        Raises:
-            GraphError: Nothing may be changed, the request does not fit, or the node refuses.
-        """
+        """Call a service, JSON in and out."""
         self._must_be_allowed("call a service")
         message = from_json(request, service.request)
         answer = self.graph.ask(service.node, "call", timeout_s=ASK_S, service=service.port, request=message)

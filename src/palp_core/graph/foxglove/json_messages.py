@@ -42,11 +42,7 @@ def to_json(schema: JsonSchema) -> Callable[[bytes | memoryview], bytes]:
 
 
 def from_json(text: bytes, schema: dict[str, Any]) -> dict[str, Any]:
-    """Return a message as it travels; fields that are not given are left to the receiver's defaults.
-
-    Raises:
-        GraphError: It is not JSON, or does not fit the schema; the field is named.
-    """
+    """Return a message as it travels; fields that are not given are left to the receiver's defaults."""
     title = schema.get("title", "message")
     if len(text) > MOST_BYTES:
         raise GraphError(f"no {title}: {len(text)} bytes are more than the {MOST_BYTES} that are read")

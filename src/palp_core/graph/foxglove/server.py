@@ -50,20 +50,8 @@ class _Shown(NamedTuple):
 class FoxgloveServer:
     """Shows a running graph to any number of viewers. A topic is read while one of them looks at it.
 
-    Args:
-        graph: The graph.
-        host: Where to listen.
-        port: 0: any free one.
-        fastest_hz: Most messages of a topic per second; 0: all.
-        read_only: Viewers may change nothing.
-        operate: They may set parameters and call services where something real moves, too.
-        origins: Pages that may connect besides Foxglove's own and those of this host.
-
-    Attributes:
-        address: Where viewers connect.
-
-    Raises:
-        GraphError: The address cannot be had.
+    ``operate`` lets viewers change something where something real moves, too; ``origins`` are pages that may
+    connect besides Foxglove's own and those of this host. It can be had at ``address``.
     """
 
     def __init__(

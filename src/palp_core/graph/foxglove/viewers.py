@@ -23,17 +23,11 @@ class SubscriptionChange(NamedTuple):
 
 
 class Viewers(ServerListener):
-    """Takes what viewers want.
-
-    Args:
-        access: Answers for the graph.
-
-    Attributes:
-        wanted: In order, who has begun or ceased to look at what, and why parameters were not set.
-    """
+    """Takes what viewers want."""
 
     def __init__(self, access: GraphAccess) -> None:
         self._access = access
+        # In order, who has begun or ceased to look at what, and why parameters were not set.
         self.wanted: SimpleQueue[SubscriptionChange | str] = SimpleQueue()
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:

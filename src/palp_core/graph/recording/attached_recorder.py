@@ -27,89 +27,68 @@ ANSWER_S = 30.0
 PLACE = "recorder-"
 
 
-class AttachedRecorder:
-    """A recorder with its signals: SIGINT, SIGTERM and SIGHUP end it, SIGUSR1 writes a snapshot."""
+def record_until_asked(
+    graph: RunningGraph, params: RecorderParams, say: Callable[[str], None]
+) -> tuple[bool, str]:
+    """Record a running graph until SIGINT, SIGTERM, SIGHUP or its end.
 
-    def __init__(self, say: Callable[[str], None]) -> None:
-        self.ending = False
-        self._save_wanted = False
-        self._say = say
+    Return whether nothing is missing, and what to say.
+    """
+    received: list[int] = []
 
-    def _on_signal(self, number: int, _: object) -> None:
-        if number == signal.SIGUSR1:
-            self._save_wanted = True
-        else:
-            self.ending = True
-
-    @contextlib.contextmanager
-    def signals(self) -> Iterator[None]:
-        numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1)
-        before = {number: signal.signal(number, self._on_signal) for number in numbers}
+    def save(_: CallRequest) -> dict[str, Any]:
         try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
+            text = recorder.save()
+        except BagError as error:
+            text = str(error)
+        say(text)
+        return {"reply": {"text": text}}
 
-    def record(self, graph: RunningGraph, params: RecorderParams) -> tuple[bool, str]:
-        """Record until the end is asked for, or the graph has ended."""
-        recorder = LiveRecorder(graph, params, self._say, from_start=False)
-        with self._serving(graph, recorder) if params.snapshot_s else contextlib.nullcontext() as sockets:
+    with _noting_signals(received):
+        recorder = LiveRecorder(graph, params, say, from_start=False)
+        serving = _serving(graph, save) if params.snapshot_s else contextlib.nullcontext()
+        with serving as sockets:
             try:
-                recorder.await_topics(lambda: self.ending)
-                while not (self.ending or recorder.ended):
+                recorder.await_topics(lambda: bool(received))
+                while not (received or recorder.ended):
                     recorder.turn()
                     if sockets is not None:
                         sockets.poll()
-                    if self._save_wanted:
-                        self._save(recorder)
             except (OSError, BagError):
                 recorder.abandon()
                 raise
             except BaseException:
                 recorder.close(patient=False)
                 raise
-            summary = recorder.close(patient=not self.ending)
-        if self._save_wanted:
-            self._save(recorder)
-        text = f"heard {summary.text()}" if params.snapshot_s else f"{params.out}: {summary.text()}"
-        return summary.complete, text
-
-    def _save(self, recorder: LiveRecorder) -> str:
-        self._save_wanted = False
-        try:
-            text = recorder.save()
-        except BagError as error:
-            text = str(error)
-        self._say(text)
-        return text
-
-    @contextlib.contextmanager
-    def _serving(self, graph: RunningGraph, recorder: LiveRecorder) -> Iterator[NodeSockets]:
-        """Answer ``save`` in the run directory as a recorder among the nodes does."""
-        name = f"{PLACE}{os.getpid()}"
-        places = endpoints(str(graph.folder), name)
-        sockets = NodeSockets(*places)
-
-        def save(_: CallRequest) -> dict[str, Any]:
-            return {"reply": {"text": self._save(recorder)}}
-
-        sockets.requests.add(name, {"call": NodeOperation(CallRequest, save)})
-        try:
-            yield sockets
-        finally:
-            sockets.close()
-            for place in places:
-                Path(place.removeprefix("ipc://")).unlink(missing_ok=True)
+            summary = recorder.close(patient=not received)
+    text = f"heard {summary.text()}" if params.snapshot_s else f"{params.out}: {summary.text()}"
+    return summary.complete, text
 
 
-def record_until_asked(
-    graph: RunningGraph, params: RecorderParams, say: Callable[[str], None]
-) -> tuple[bool, str]:
-    """Record a running graph; return whether nothing is missing, and what to say."""
-    recorder = AttachedRecorder(say)
-    with recorder.signals():
-        return recorder.record(graph, params)
+@contextlib.contextmanager
+def _noting_signals(received: list[int]) -> Iterator[None]:
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.signal(number, lambda number, _: received.append(number)) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def _serving(graph: RunningGraph, save: Callable[[CallRequest], dict[str, Any]]) -> Iterator[NodeSockets]:
+    """Answer ``save`` in the run directory as a recorder among the nodes does."""
+    name = f"{PLACE}{os.getpid()}"
+    places = endpoints(str(graph.folder), name)
+    sockets = NodeSockets(*places)
+    sockets.requests.add(name, {"call": NodeOperation(CallRequest, save)})
+    try:
+        yield sockets
+    finally:
+        sockets.close()
+        for place in places:
+            Path(place.removeprefix("ipc://")).unlink(missing_ok=True)
 
 
 def save_snapshots(graph: RunningGraph) -> list[str]:

@@ -39,18 +39,10 @@ class _Question(NamedTuple):
 
 
 class LiveFeed:
-    """The receiving end.
+    """The receiving end; ``sink`` takes every frame.
 
-    Args:
-        graph: The running graph.
-        sink: Takes every frame.
-        from_start: Everything is expected from sequence 1 on; otherwise latched values come first, and the
-            rest from where it is.
-        on_change: Called after the graph's record has changed.
-
-    Attributes:
-        unmatched: Topics of which no frame has come yet.
-        start_ns: The graph's start on the machine's monotonic clock; None: not known yet.
+    ``from_start``: everything is expected from sequence 1 on; otherwise latched values come first, and the
+    rest from where it is.
     """
 
     def __init__(
@@ -62,8 +54,8 @@ class LiveFeed:
         on_change: Callable[[], None] = lambda: None,
     ) -> None:
         self._reader = GraphReader(graph, queue=QUEUE, name=f"recorder {os.getpid()}", on_change=on_change)
-        self.start_ns: int | None = None
-        self.unmatched: dict[bytes, Topic] = {}
+        self.start_ns: int | None = None  # of the graph, on the machine's monotonic clock
+        self.unmatched: dict[bytes, Topic] = {}  # of which no frame has come yet
         self._sink = sink
         self._from_start = from_start
         self._topics: dict[str, Topic] = {}

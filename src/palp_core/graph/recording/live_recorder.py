@@ -2,8 +2,10 @@
 
 import contextlib
 import json
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -12,7 +14,9 @@ from palp_core.errors import BagError, GraphError
 from palp_core.graph.bag.reader import topic_selection
 from palp_core.graph.bag.recorder import BagRecorder, RecordingSummary
 from palp_core.graph.clock import monotonic_ns
+from palp_core.graph.discovery.graph_reader import KIND_OFFSET
 from palp_core.graph.discovery.running_graph import RunningGraph
+from palp_core.graph.messages.frame import Kind
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.recording.live_feed import (
     ANSWER_NS,
@@ -23,8 +27,13 @@ from palp_core.graph.recording.live_feed import (
     recorded_nodes,
 )
 from palp_core.graph.recording.provenance import LAUNCH_ATTACHMENT, attachments, launch_attachment
-from palp_core.graph.recording.recorder_params import RecorderParams, cannot_write, new_writer, rooted
-from palp_core.graph.recording.snapshot import SnapshotRecorder
+from palp_core.graph.recording.recorder_params import (
+    RecorderParams,
+    cannot_write,
+    new_writer,
+    rooted,
+    snapshot_name,
+)
 
 WAIT_MS = 50
 ANSWER_S = 0.5
@@ -115,8 +124,7 @@ class LiveRecorder:
         end_ns = monotonic_ns() + DRAIN_NS
         while not self._closed and self.turn(wait_ms=0) and monotonic_ns() < end_ns:
             pass  # what has arrived by now is part of the last seconds
-        suffix = f"-{self._saved_count}" if self._saved_count else ""
-        out = self._out.with_name(self._out.name + suffix)
+        out = Path(snapshot_name(str(self._out), self._saved_count))
         recorder = self._bag(out, from_start=False)
         self._sink.save(recorder)
         summary = recorder.close()
@@ -131,9 +139,7 @@ class LiveRecorder:
     def close(self, *, patient: bool) -> RecordingSummary:
         """Take what is still on its way, finish the bag, and return its account.
 
-        Args:
-            patient: The publishers have ended: wait until nothing more comes. Otherwise for a moment only, as
-                more always will.
+        ``patient``: the publishers have ended; wait until nothing more comes.
         """
         end_ns = monotonic_ns() + (LONGEST_DRAIN_NS if patient else DRAIN_NS)
         quiet_ns, quiet_turns, before = monotonic_ns(), 0, self._sink.taken
@@ -205,3 +211,53 @@ class LiveRecorder:
         if chosen:
             self._feed.follow(chosen, new=True)
             self._say(f"also recording {', '.join(sorted(chosen))}")
+
+
+class SnapshotRecorder(BagRecorder):
+    """Accounts for every frame, and keeps it for a while; the last message of a latched topic for good."""
+
+    def __init__(self, duration_ns: int, topics: Iterable[Topic]) -> None:
+        writer: Any = _NoBag()
+        topics = list(topics)
+        super().__init__(writer, topics, from_start=False)
+        self._duration_ns = duration_ns
+        self._frames: deque[tuple[int, bytes]] = deque()
+        self._latched_topics = frozenset(topic.name.encode() for topic in topics if topic.latched_depth)
+        self._latched: dict[bytes, tuple[int, bytes]] = {}
+
+    def describe(self, topic: Topic) -> None:
+        super().describe(topic)
+        if topic.latched_depth:
+            self._latched_topics |= {topic.name.encode()}
+
+    def expect_from(self, topic: str, epoch: int, first: int) -> None:
+        """Nothing is expected of what was before."""
+
+    def __call__(self, now_ns: int, frame: bytes) -> None:
+        """Keep a frame and forget those that are too old."""
+        super().__call__(now_ns, frame)
+        kind = frame.find(0) + KIND_OFFSET
+        if kind < len(frame) and frame[kind] == Kind.DATA:
+            self._frames.append((now_ns, frame))
+        while self._frames and self._frames[0][0] < now_ns - self._duration_ns:
+            old = self._frames.popleft()
+            topic = old[1].partition(b"\0")[0]
+            if topic in self._latched_topics:
+                self._latched[topic] = old
+
+    def save(self, recorder: BagRecorder) -> None:
+        """Give the frames to a recorder that does not expect sequence 1, the latched values first."""
+        for now_ns, frame in [*sorted(self._latched.values()), *self._frames]:
+            recorder(now_ns, frame)
+
+
+class _NoBag:
+    """In a writer's place: nothing is written yet."""
+
+    def stream(self, *_: object) -> int:
+        return 0
+
+    def ignore(self, *_: object, **__: object) -> None:
+        pass
+
+    write = tick = attach = close = abandon = ignore

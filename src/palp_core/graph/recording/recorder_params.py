@@ -52,6 +52,11 @@ def new_writer(params: RecorderParams, out: str | Path) -> BagWriter:
     )
 
 
+def snapshot_name(out: str, number: int) -> str:
+    """Return the name of a recorder's snapshot, by its number from 0."""
+    return f"{out}-{number}" if number else out
+
+
 def cannot_write(out: str | Path, error: OSError) -> str:
     return (
         f"{out}: cannot be written any more: {error.strerror or error}; "

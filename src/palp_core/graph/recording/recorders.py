@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import logging
+import os
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,13 @@ from palp_core.graph.recording.provenance import (
     launch_attachment,
     launch_provenance,
 )
-from palp_core.graph.recording.recorder_params import RecorderParams, cannot_write, new_writer, rooted
+from palp_core.graph.recording.recorder_params import (
+    RecorderParams,
+    cannot_write,
+    new_writer,
+    rooted,
+    snapshot_name,
+)
 from palp_core.graph.supervision.launcher_node import LauncherNode
 
 DEFAULT_NAME = "recorder"
@@ -34,26 +41,20 @@ _LOG = logging.getLogger("palp.supervisor")
 
 
 class Recorders:
-    """Every recorder of one graph.
+    """Every recorder of one graph; ``out`` is a bag for all of it, besides what the launch file has.
 
-    Args:
-        graph: The graph about to run; None: there is none yet, and nothing to record.
-        out: A bag for all of it; None: only what the launch file says.
-        resumed: The run was interrupted: each recorder of the launch file begins another bag
-            next to the one that is there, ``bag_2`` next to ``bag``.
-
-    Attributes:
-        nodes: On the wall clock, the nodes of the graph with its recorders.
+    Of a ``resumed`` run each recorder begins another bag next to its first, ``bag_2`` next to ``bag``.
     """
 
     def __init__(
         self, graph: CheckedGraph | None = None, out: Path | None = None, *, resumed: bool = False
     ) -> None:
-        self.nodes: list[NodeSpec] = []
+        self.nodes: list[NodeSpec] = []  # on the wall clock, the graph's nodes with its recorders
         self.launcher_node: LauncherNode | None = None
         self._results: list[tuple[bool, str]] = []
         self._writers: list[LockstepRecorder] = []
         self._bags: list[str] = []
+        self._snapshots: list[str] = []
         if graph is None:
             return
         wanted = [spec for spec in (*graph.nodes, *graph.recorders) if spec.run == RECORDER]
@@ -68,8 +69,8 @@ class Recorders:
             return
         self.nodes += found.values()
         for spec in found.values():
-            if not spec.params.get("snapshot_s"):
-                self._bags.append(spec.params["out"])
+            bags = self._snapshots if spec.params.get("snapshot_s") else self._bags
+            bags.append(spec.params["out"])
 
     def observe(self, now_ns: int, frame: bytes) -> None:
         """Simulated clock: take a frame."""
@@ -102,7 +103,11 @@ class Recorders:
         """Close the launcher's bags, and look what became of the others."""
         self._results += [writer.close() for writer in self._writers]
         self._results += [_result_of(bag) for bag in self._bags]
-        self._writers, self._bags = [], []
+        for out in self._snapshots:
+            written = itertools.takewhile(os.path.exists, (snapshot_name(out, n) for n in itertools.count()))
+            found = [_result_of(bag) for bag in written]
+            self._results += found or [(True, f"{out}: no snapshot was asked for")]
+        self._writers, self._bags, self._snapshots = [], [], []
 
     @property
     def complete(self) -> bool:

@@ -41,22 +41,8 @@ SLICE = 100  # instants that are due at once, before anybody who asks is answere
 class Playback(contextlib.AbstractContextManager["Playback"]):
     """The players of a bag, and the clock that they share.
 
-    Args:
-        bag: The bag.
-        names: Recorded topics, and the names under which they are played.
-        rate: Times the recorded speed.
-        start_offset_s: What to leave out from the bag's beginning.
-        duration_s: Play so much of the bag; None: all.
-        until_s: Play to this log time; None: to the end. Of both limits the earlier one counts.
-        loop: Begin again at the end.
-
-    Attributes:
-        executors: The players, by node.
-        rate: At present.
-        paused: Nothing is due.
-        span_ns: How much is played, in the bag's time.
-        lateness: Of each instant at which there were messages.
-        send: Takes each frame.
+    ``names`` are recorded topics and the names under which they are played. Of both limits, ``duration_s``
+    and the log time ``until_s``, the earlier one counts.
     """
 
     def __init__(
@@ -75,7 +61,7 @@ class Playback(contextlib.AbstractContextManager["Playback"]):
         limits_ns = [last_ns if until_s is None else round(until_s * 1e9)]
         if duration_s is not None:
             limits_ns.append(start_ns + round(duration_s * 1e9))
-        self.span_ns = min(limits_ns) - start_ns
+        self.span_ns = min(limits_ns) - start_ns  # what is played, in the bag's time
         if next(bag.recorded(names, start_ns=start_ns, end_ns=start_ns + self.span_ns + 1), None) is None:
             span = f"{first_ns / 1e9:.3f} .. {last_ns / 1e9:.3f} s"
             raise BagError(f"{bag.path}: no message of the chosen topics and time; the bag has {span}")
@@ -84,7 +70,7 @@ class Playback(contextlib.AbstractContextManager["Playback"]):
             _, node, port = new.split("/")
             by_node.setdefault(node, {})[port] = old
         self.rate, self.paused = rate, False
-        self.lateness = Latency()
+        self.lateness = Latency()  # of each instant at which there were messages
         self.send: Callable[[bytes], None] = lambda _: None
         self._loop = loop
         self._begin_ns = 0  # of this turn of a loop, on the players' clock
@@ -185,11 +171,7 @@ class Playback(contextlib.AbstractContextManager["Playback"]):
 
 
 class PlayRun:
-    """A run of its own, in which the recorded nodes seem to run: tools find them, their topics, their types.
-
-    Attributes:
-        file_descriptors: Become readable when :meth:`poll` has something to do.
-    """
+    """A run of its own, in which the recorded nodes seem to run: tools find them, their topics and types."""
 
     def __init__(self, source: Path, topics: Mapping[str, Topic], playback: Playback) -> None:
         with contextlib.ExitStack() as stack:

@@ -49,43 +49,26 @@ class Divergence(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class NodeReplay(msgspec.Struct, frozen=True, kw_only=True):
-    """What became of one node.
-
-    Attributes:
-        consumed: Entries of its written order.
-        compared: Outputs that were equal.
-        uncovered: Outputs in the bag before the place where the replay could begin, or after the last of the
-            written order (a node or a recorder that was killed takes the latest tenth of a second with it).
-        clock_s: Time on the graph's clock that was replayed.
-        wall_s: Time that it took.
-        divergence: The first difference; None if there is none.
-    """
+    """What became of one node."""
 
     node: str
-    consumed: int
-    compared: int
+    consumed: int  # entries of its written order
+    compared: int  # outputs that were equal
+    # Outputs in the bag before the place where the replay could begin, or after the last of the written
+    # order: a node or a recorder that was killed takes the latest tenth of a second with it.
     uncovered: int = 0
-    clock_s: float
-    wall_s: float
+    clock_s: float  # time on the graph's clock that was replayed
+    wall_s: float  # time that it took
     divergence: Divergence | None
 
 
 def replay(
     path: str | Path, nodes: Sequence[str], workspace: str | Path, close: Close | None = None
 ) -> list[NodeReplay]:
-    """Replay named nodes of a recorded run, each from the bag alone.
+    """Replay named nodes of a recorded run, each from the bag alone; its class is in the workspace.
 
-    Args:
-        path: The bag.
-        nodes: Running names.
-        workspace: Folder that holds ``nodes/``.
-        close: Tells of two numbers whether they count as equal (another kind of processor rounds otherwise);
-            None: outputs are to have the recorded bytes.
-
-    Raises:
-        BagError: The bag was not recorded with its graph, has no such node, lacks a message that the node
-            consumed, or the node writes files or moves a device.
-        NodeError: The node fails where it did not.
+    ``close`` tells of two numbers whether they count as equal (another kind of processor rounds otherwise);
+    without it outputs are to have the recorded bytes.
     """
     with Bag(path) as bag, shared_process():
         attached = bag.attachments().get(NODES_ATTACHMENT)

@@ -11,17 +11,11 @@ REPORT_NS = 1_000_000_000
 
 
 class Account:
-    """The account of one entry of a map; any thread may write it.
-
-    Attributes:
-        crossed: Messages that have crossed.
-        lost: Those that are missing for good.
-        refused: Those that could not be taken, and ``reason`` why the last one was.
-    """
+    """The account of one entry of a map; any thread may write it."""
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self.crossed = self.lost = self.refused = 0
+        self.crossed = self.lost = self.refused = 0  # refused, with a reason: those that could not be taken
         self.reason = ""
         self._reported = (0, 0)
         self._reported_ns = 0

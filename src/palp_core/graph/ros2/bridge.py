@@ -52,14 +52,7 @@ def clock_offset_ns(graph: RunningGraph) -> int:
 
 
 class Ros2Bridge:
-    """The bridge, from its beginning to its end.
-
-    Attributes:
-        name: Of its node in ROS 2.
-        accounts: Of everything that crosses.
-        ended: The graph has ended.
-        interrupted: Somebody wants the bridge to end.
-    """
+    """The bridge, from its beginning to its end."""
 
     def __init__(
         self,

@@ -67,28 +67,16 @@ class Times(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """What one function of a map lets cross.
-
-    Attributes:
-        kind: Which decorator made it.
-        mark: Where.
-        palp: Topic, external port or service of the graph; of ``parameters`` a node, "" for all.
-        ros: Topic or service of ROS 2.
-        ros_type: Its type's full name.
-        convert: The function; called with :class:`Times` last.
-        messages: The graph's messages: one of a topic, request and reply of a service.
-        to: Of a call, the external port that takes the reply; "" for none.
-        qos: Policies that the map states.
-    """
+    """What one function of a map lets cross."""
 
     kind: Kind
     mark: Mark
-    palp: str
+    palp: str  # topic, external port or service of the graph; of ``parameters`` a node, "" for all
     ros: str = ""
     ros_type: str = ""
-    convert: Callable[..., Any] = lambda *_: None
-    messages: tuple[type[Message], ...] = ()
-    to: str = ""
+    convert: Callable[..., Any] = lambda *_: None  # called with :class:`Times` last
+    messages: tuple[type[Message], ...] = ()  # the graph's: one of a topic, request and reply of a service
+    to: str = ""  # of a call, the external port that takes the reply
     qos: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -229,11 +217,7 @@ def as_plain(message: Message) -> Any:
 
 
 def as_message(kind: type[Message], plain: Any) -> Message:
-    """Return a message of a map, as it travels.
-
-    Raises:
-        SchemaMismatch: It is none of that class.
-    """
+    """Return a message of a map, as it travels; a SchemaMismatch if it is none of that class."""
     return decode(kind, msgspec.msgpack.encode(plain))
 
 

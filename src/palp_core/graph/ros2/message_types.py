@@ -16,11 +16,7 @@ from palp_core.graph.problems import hint
 
 @cache
 def known_types() -> Definitions:
-    """Return the types of this process: the standard ones, and those that :func:`message_type` has found.
-
-    Raises:
-        BagError: rosbags is not installed.
-    """
+    """Return the types of this process: the standard ones, and those that :func:`message_type` has found."""
     return standard()
 
 

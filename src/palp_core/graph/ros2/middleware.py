@@ -80,11 +80,7 @@ def profile(qos: Qos) -> Any:
 
 
 class Middleware:
-    """The bridge's nodes in ROS 2, each served by one of two threads: topics, and services.
-
-    Attributes:
-        topics: The node for topics.
-    """
+    """The bridge's nodes in ROS 2, each served by one of two threads: topics, and services."""
 
     def __init__(self, name: str, report: Callable[[str], None]) -> None:
         import rclpy

@@ -1,17 +1,19 @@
-"""What crosses between a running graph and ROS 2 by a map, checked against what the graph's nodes have."""
+"""What crosses by a map between ROS 2 and a running graph or a bag, checked against what is there."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
 
 from palp_core.errors import GraphError
+from palp_core.graph.bag.reader import Bag
+from palp_core.graph.bag.ros2.export_bag import Outlet, OutletsOf
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.discovery.run_directory import read_record
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.messages.message import Message
 from palp_core.graph.messages.qos import Qos
@@ -19,7 +21,7 @@ from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.spec import LAUNCHER
 from palp_core.graph.problems import Problems, hint
-from palp_core.graph.ros2.maps import Entry
+from palp_core.graph.ros2.maps import Entry, Times, read_map
 
 ASK_S = 5.0
 LOOK_NS = 500_000_000
@@ -104,19 +106,13 @@ def _crossings(entry: Entry, graph: RunningGraph, ports: Ports) -> list[Crossing
 
 
 class Joining:
-    """Plans what crosses: at once of the nodes that are there, later of those that join.
-
-    Attributes:
-        awaited: Entries of nodes that may yet join.
-    """
+    """Plans what crosses: at once of the nodes that are there, later of those that join."""
 
     def __init__(self, graph: RunningGraph, entries: list[Entry]) -> None:
         self._graph = graph
         self.awaited = list(entries)
         self._known: set[str] = set()
         self._look_ns = 0
-        self._pool = ThreadPoolExecutor(1)  # a node that hangs is waited for, for some seconds
-        self._asked: Future[Ports] | None = None
 
     def plan(self, problems: Problems, ports: Ports | None = None) -> list[Crossing]:
         """Return what of the map crosses from now on, too; mistakes go to ``problems``.
@@ -136,20 +132,45 @@ class Joining:
         return fresh
 
     def plan_joined(self, report: Callable[[str], None]) -> list[Crossing]:
-        """Return what crosses since nodes have joined; never wait for a node."""
-        if self._asked is not None:
-            if not self._asked.done():
-                return []
-            problems, ports, self._asked = Problems(), self._asked.result(), None
-            found = self.plan(problems, ports)
-            for problem in problems.listed():
-                report(str(problem))
-            return found
+        """Return what crosses since nodes have joined; one that hangs is waited for, for some seconds."""
         now_ns = monotonic_ns()
-        if self.awaited and now_ns >= self._look_ns:
-            self._look_ns = now_ns + LOOK_NS
-            record = read_record(self._graph.folder)
-            if record is not None and {node.name for node in record.nodes} - self._known:
-                self._graph.record = record
-                self._asked = self._pool.submit(ask_ports, self._graph)
-        return []
+        if not self.awaited or now_ns < self._look_ns:
+            return []
+        self._look_ns = now_ns + LOOK_NS
+        if self._known.issuperset(node.name for node in self._graph.refresh().nodes):
+            return []
+        problems = Problems()
+        found = self.plan(problems)
+        for problem in problems.listed():
+            report(str(problem))
+        return found
+
+
+def outlets_of(name: str, bag: str | Path) -> OutletsOf:
+    """Return what a map makes of a bag's topics; those that it does not name are left out."""
+    entries = [entry for entry in read_map(name) if entry.kind == "to_ros2"]
+    with Bag(bag) as opened:
+        topics = opened.topics()
+    problems, found = Problems(), dict[str, list[Outlet]]()
+    for entry in entries:
+        if entry.palp not in topics:
+            continue
+        try:
+            check_type(entry.palp, entry.messages[0], topics[entry.palp].type_hash)
+        except GraphError as error:
+            problems.add(entry.mark, str(error))
+        found.setdefault(entry.palp, []).append(Outlet(entry.ros, entry.ros_type, partial(_converted, entry)))
+    problems.raise_any()
+    if not found:
+        wanted = entries[0].palp if entries else ""
+        raise GraphError(f"{name}: no topic '{wanted}' is in {bag}{hint(wanted, topics)}")
+
+    def outlets(topic: Topic) -> list[Outlet]:
+        return found.get(topic.name, [])
+
+    return outlets
+
+
+def _converted(entry: Entry, payload: bytes, log_ns: int) -> list[tuple[int, Any]]:
+    with entry.catch():
+        return list(entry.to_ros2(payload, Times(log_ns)))

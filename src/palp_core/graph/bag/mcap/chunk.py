@@ -32,8 +32,7 @@ _SIZE = struct.Struct("<Q")
 def read_chunk_head(data: bytes | memoryview, *, torn: bool = False) -> ChunkHead:
     """Split a chunk's whole record into its fields; of a torn one, take what is there.
 
-    Raises:
-        ValueError, struct.error: Not a chunk, or its lengths contradict each other.
+    A record that is no chunk is a ValueError or a struct.error.
     """
     op, length, start_ns, end_ns, size, crc, name_bytes = _NUMBERS.unpack_from(data)
     if op != Op.CHUNK:
@@ -64,15 +63,10 @@ def made_by_palp(start: bytes) -> bool:
 
 
 def open_chunk(data: bytes | memoryview, index: ChunkIndex | None = None, *, has_crc: bool = False) -> bytes:
-    """Return the records of a chunk, given its whole record.
+    """Return the records of a chunk, given its whole record; a ValueError if it is not what was written.
 
-    Args:
-        data: The chunk's record.
-        index: Its entry in a checked summary, which it must match.
-        has_crc: Its CRC is one even if it is 0; else that says that there is none.
-
-    Raises:
-        ValueError: It is not what was written.
+    ``index`` is its entry in a checked summary, which it must match. With ``has_crc`` a CRC of 0 is one, too;
+    else that says that there is none.
     """
     start_ns, end_ns, size, crc, compression, stored = read_chunk_head(data)
     if index is not None:
@@ -94,15 +88,10 @@ def open_chunk(data: bytes | memoryview, index: ChunkIndex | None = None, *, has
 def split_chunk(
     records: bytes, define: Callable[[int, memoryview], None], *, torn: bool = False
 ) -> list[RawMessage]:
-    """Return the messages of a chunk in order; definitions go to ``define``.
+    """Return the messages of a chunk in order; opcode and content of each definition go to ``define``.
 
-    Args:
-        records: The chunk's decompressed records.
-        define: Is given opcode and content of each schema and channel.
-        torn: The last record may be incomplete; it is left out.
-
-    Raises:
-        ValueError: The records do not fill the chunk, or one of them makes no sense.
+    Of a ``torn`` chunk an incomplete last record is left out; else it is a ValueError, as is what makes no
+    sense.
     """
     messages: list[RawMessage] = []
     append, unpack = messages.append, MESSAGE.unpack_from

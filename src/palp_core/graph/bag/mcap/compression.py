@@ -16,11 +16,7 @@ MAX_CHUNK_BYTES = 1 << 30
 
 
 def compressor(name: Compression) -> tuple[str, Callable[[bytes | bytearray], bytes | bytearray]]:
-    """Return the name that the format has for a compression, and the function that does it.
-
-    Raises:
-        BagError: An unknown name.
-    """
+    """Return the name that the format has for a compression, and the function that does it."""
     if name == "zstd":
         return "zstd", zstandard.ZstdCompressor(level=1, write_checksum=False).compress
     if name == "lz4":
@@ -41,11 +37,7 @@ _OWN = _OfThread()
 
 
 def decompress(name: str, data: bytes | memoryview, size: int) -> bytes:
-    """Return a chunk's records.
-
-    Raises:
-        ValueError: Not such bytes, or another size.
-    """
+    """Return a chunk's records; a ValueError if these are not such bytes, or of another size."""
     if size > MAX_CHUNK_BYTES:
         raise ValueError(f"a chunk of {size} bytes is not plausible")
     try:

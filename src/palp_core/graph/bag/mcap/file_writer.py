@@ -28,22 +28,13 @@ MESSAGE_OP, _INDEX_OP = int(records.Op.MESSAGE), int(records.Op.MESSAGE_INDEX)
 
 
 class FileWriter:
-    """Writes one file; the caller says when time has passed.
-
-    Args:
-        path: The file, which must not exist.
-        compression: Of the chunks.
-        chunk_bytes: A chunk is closed when it holds this much, before compression.
-        chunk_ns: A chunk is closed when it is this old on the clock that ``tick`` is given; the first one of
-            a file earlier, so that a file that is cut off soon has something in it.
-    """
+    """Writes one file; the caller says when time has passed."""
 
     def __init__(
         self,
         path: Path,
         compression: Compression = "zstd",
         chunk_bytes: int = CHUNK_BYTES,
-        chunk_ns: int = CHUNK_NS,
     ) -> None:
         self.path = path
         self.written_bytes = 0
@@ -51,7 +42,6 @@ class FileWriter:
         self.start_ns = self.end_ns = 0
         self._compression, self._compress = compressor(compression)
         self._chunk_bytes = chunk_bytes
-        self._chunk_ns = chunk_ns
         self._crc = 0
         self._schemas: dict[int, bytes] = {}
         self._channels: dict[int, tuple[int, bytes]] = {}
@@ -110,7 +100,7 @@ class FileWriter:
         if self._index:
             if self._opened_ns is None:  # the chunk was begun after the last tick
                 self._opened_ns = now_ns if self._tick_ns is None else self._tick_ns
-            if not self._chunks or now_ns - self._opened_ns >= self._chunk_ns:
+            if not self._chunks or now_ns - self._opened_ns >= CHUNK_NS:
                 self.close_chunk()
         self._tick_ns = now_ns
 

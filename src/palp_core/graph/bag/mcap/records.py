@@ -80,20 +80,12 @@ def pack(record: McapRecord) -> bytes:
 
 
 def parse(kind: RecordKind[T], content: bytes | memoryview) -> T:
-    """Take a record's content apart.
-
-    Raises:
-        ValueError: It is not whole.
-    """
+    """Take a record's content apart; a ValueError if it is not whole."""
     return kind.read(_Content(content))
 
 
 def parse_attachment(content: bytes | memoryview) -> Attachment:
-    """Take an attachment apart.
-
-    Raises:
-        ValueError: It is not whole, or its CRC does not match.
-    """
+    """Take an attachment apart; a ValueError if it is not whole or its CRC does not match."""
     stream = _Content(content)
     found: Attachment = Attachment.read(stream)
     end = stream.count - 4
@@ -108,11 +100,7 @@ def pack_metadata(metadata: Metadata) -> bytes:
 
 
 def parse_metadata(content: bytes | memoryview) -> Metadata:
-    """Take a metadata record apart.
-
-    Raises:
-        ValueError: It is not whole, or its CRC does not match; another program's has none.
-    """
+    """Take a metadata record apart; a ValueError if its CRC does not match; another program's has none."""
     found: Metadata = parse(Metadata, content)
     crc = found.metadata.pop(CRC_KEY, None)
     if crc is not None and crc != _crc_of(found):

@@ -26,19 +26,12 @@ _SCALARS = {"string": "string", "bool": "boolean"} | dict.fromkeys(("float128", 
 
 
 class FieldType(NamedTuple):
-    """The type of a field.
+    """The type of a field."""
 
-    Attributes:
-        base: ``float64``, ``string`` or a message's full name, ``geometry_msgs/msg/Wrench``.
-        is_message: It is the latter.
-        many: There are several of it.
-        length: How many, where that is fixed; 0: any number.
-    """
-
-    base: str
+    base: str  # ``float64``, ``string`` or a message's full name, ``geometry_msgs/msg/Wrench``
     is_message: bool
     many: bool = False
-    length: int = 0
+    length: int = 0  # how many, where that is fixed
 
     def __str__(self) -> str:
         return self.base + (f"[{self.length or ''}]" if self.many else "")

@@ -28,18 +28,14 @@ _FIELD_NAME = re.compile(r"[a-z](?:_?[a-z0-9]+)*")
 class Outlet(NamedTuple):
     """A topic of the ROS 2 bag that is made of one of palp's.
 
-    Attributes:
-        topic: Its name.
-        type: Its message type's full name.
-        convert: Returns of a payload and its log time the messages that it becomes, each after its log time:
-            maps or dataclasses.
-        qos: What its publisher offers, by rosbags' names; none: what rosbags takes.
+    ``convert`` takes a payload and its log time and returns the messages that it becomes, each after its log
+    time: maps or dataclasses.
     """
 
     topic: str
     type: str
     convert: Callable[[bytes, int], Iterable[tuple[int, Any]]]
-    qos: Sequence[Any] = ()
+    qos: Sequence[Any] = ()  # what its publisher offers, by rosbags' names
 
 
 OutletsOf = Callable[[Topic], Sequence[Outlet]]
