@@ -32,19 +32,12 @@ PER_CLASS = "<class>"
 
 @dataclass(frozen=True)
 class ExportColumn:
-    """A column.
+    """A column."""
 
-    Attributes:
-        name: Letters, digits and underscores, as every format takes them.
-        kind: What its values are.
-        unit: SI; ``1`` of what has none, empty of texts and flags.
-        meaning: What it says; where it may be missing, when.
-    """
-
-    name: str
+    name: str  # letters, digits and underscores, as every format takes them
     kind: Kind
-    unit: str
-    meaning: str
+    unit: str  # SI; ``1`` of what has none, empty of texts and flags
+    meaning: str  # what it says; where it may be missing, when
 
 
 def _of(*lines: tuple[str, Kind, str, str]) -> tuple[ExportColumn, ...]:

@@ -30,18 +30,7 @@ def default_out(path: Path, form: Form) -> Path:
 
 
 def write_export(source: ExportSource, form: Form, out: Path, *, overwrite: bool = False) -> None:
-    """Write a session.
-
-    Args:
-        source: It.
-        form: Of the files.
-        out: The folder, or the file of forms that have one.
-        overwrite: An earlier export is replaced.
-
-    Raises:
-        PalpError: Something is there already, or the form cannot take what the session has.
-        OSError: It cannot be written.
-    """
+    """Write a session."""
     _refuse_existing(out, form, overwrite=overwrite)
     write = importlib.import_module(f"palp_core.palpation.export.forms.{form}").write
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -18,31 +18,18 @@ from palp_core.units import Float64Array
 
 @dataclass(frozen=True, eq=False)
 class HumanRecording:
-    """A stretch of EMG.
-
-    Attributes:
-        file: In the session's folder.
-        subject: Code.
-        phase: ``rest``, ``mvc``, or that of its trial.
-        trial: Its number; -1 of none.
-        samples_v: Both muscles, flexor first, V; NaN where lost; shape (2, n).
-        rate_hz: Samples a second.
-    """
+    """A stretch of EMG."""
 
     file: str
     subject: str
-    phase: str
-    trial: int
-    samples_v: Float64Array
+    phase: str  # ``rest``, ``mvc``, or that of its trial
+    trial: int  # its number; -1 of none
+    samples_v: Float64Array  # both muscles, flexor first, V; NaN where lost; shape (2, n)
     rate_hz: float
 
 
 def human_recordings(folder: Path, rows: Sequence[HumanRow]) -> list[HumanRecording]:
-    """Return what was recorded of the muscles, in the order in which it was.
-
-    Raises:
-        PalpError: A file of EMG that the table names is missing or damaged.
-    """
+    """Return what was recorded of the muscles, in the order in which it was."""
     found: list[HumanRecording] = []
     for subject in dict.fromkeys(row.subject for row in rows):
         for phase in ("rest", "mvc"):
@@ -61,13 +48,7 @@ def _read(folder: Path, file: str, subject: str, phase: str, trial: int) -> Huma
 def human_tables(
     rows: Sequence[HumanRow], recordings: Sequence[HumanRecording], excluded: Mapping[TrialKey, str]
 ) -> tuple[ExportTable, ...]:
-    """Return the tables.
-
-    Args:
-        rows: Of the record, spoilt trials, too.
-        recordings: Of these trials, of rest and MVC.
-        excluded: Why each trial that does not count does not.
-    """
+    """Return the tables."""
     place = {one.file: number for number, one in enumerate(recordings)}
     trials = [_trial(row, place.get(row.emg, -1), excluded) for row in rows]
     stretches = [

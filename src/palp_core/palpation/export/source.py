@@ -36,22 +36,15 @@ from palp_core.palpation.session.trials_csv import read_rows
 
 @dataclass(frozen=True, eq=False)
 class ExportSource:
-    """A session ready to be written.
-
-    Attributes:
-        path: Its folder or bag.
-        tables: By name: ``trials``, ``iterations``, ``sweeps``, ``emg``; of a session with a person
-            ``human_trials``, ``human_recordings``, ``human_emg``.
-        sheet: Who, on what; None where nobody told.
-        run: Which run it is, as plain values.
-        notes: What whoever exports it ought to know.
-    """
+    """A session ready to be written."""
 
     path: Path
+    # by name: ``trials``, ``iterations``, ``sweeps``, ``emg``; of a session with a person ``human_trials``,
+    # ``human_recordings``, ``human_emg``
     tables: dict[str, ExportTable]
     sheet: SessionSheet | None
-    run: dict[str, Any]
-    notes: tuple[str, ...]
+    run: dict[str, Any]  # which run it is, as plain values
+    notes: tuple[str, ...]  # what whoever exports it ought to know
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -60,12 +53,7 @@ class ExportSource:
 
 
 def read_source(path: Path) -> ExportSource:
-    """Read all tables of a session.
-
-    Raises:
-        PalpError: It is neither a session's folder nor a bag of a run, or is damaged.
-        BagError: The bag cannot be read.
-    """
+    """Read all tables of a session."""
     if is_human_session(path):
         return _read_human(path)
     notes: list[str] = []

@@ -25,17 +25,11 @@ _DTYPE: dict[Kind, Any] = {"integer": np.int64, "number": np.float64, "text": ob
 
 @dataclass(frozen=True, eq=False)
 class ExportTable:
-    """A table.
-
-    Attributes:
-        name: As in the dictionary.
-        columns: In their order.
-        values: By name of column; all of one length.
-    """
+    """A table."""
 
     name: str
     columns: tuple[ExportColumn, ...]
-    values: Mapping[str, Values]
+    values: Mapping[str, Values]  # by name of column; all of one length
 
     def __len__(self) -> int:
         return len(self.values[self.columns[0].name])
@@ -44,14 +38,7 @@ class ExportTable:
 def trials_table(
     rows: Sequence[Row], depths_m: Sequence[float], subject: str, excluded: Mapping[TrialKey, str]
 ) -> ExportTable:
-    """Return a row per trial.
-
-    Args:
-        rows: Of the record.
-        depths_m: Classes.
-        subject: Code.
-        excluded: Why each trial that does not count does not.
-    """
+    """Return a row per trial."""
     taught_m = sorted({row.depth_m for row in rows if row.phase == "training"})
     classes_m = (
         taught_m if 1 < len(taught_m) < len(depths_m) else depths_m
@@ -111,11 +98,7 @@ def _iteration(row: Row, depths_m: Sequence[float], subject: str) -> dict[str, A
 
 
 def sweeps_table(folder: Path, rows: Sequence[Row]) -> ExportTable:
-    """Return a row per sample of torque.
-
-    Raises:
-        PalpError: A sweep is missing or damaged.
-    """
+    """Return a row per sample of torque."""
     sweeps = [(row.row, *read_sweep(folder, row.row)) for row in rows]
     sizes = [torque_n_m.size for _, torque_n_m, _ in sweeps]
     samples = [np.arange(size, dtype=np.int64) for size in sizes]

@@ -60,25 +60,15 @@ _DPI = 144
 
 @dataclass(frozen=True)
 class Chart:
-    """A chart not yet drawn.
+    """A chart not yet drawn."""
 
-    Attributes:
-        name: Stem of its files.
-        title: What it shows, for the page.
-        caption: How to read it, and what is averaged over what.
-        height: In inches; all are :data:`WIDTH_IN` wide, but where a picture is for no page.
-        columns: Names of its numbers, with units.
-        rows: Its numbers.
-        draw: Draws it onto an empty figure.
-    """
-
-    name: str
-    title: str
-    caption: str
-    height: float
-    columns: Sequence[str]
+    name: str  # stem of its files
+    title: str  # what it shows, for the page
+    caption: str  # how to read it, and what is averaged over what
+    height: float  # in inches; all are :data:`WIDTH_IN` wide, but where a picture is for no page
+    columns: Sequence[str]  # names of its numbers, with units
     rows: Sequence[Sequence[Any]]
-    draw: Callable[[Figure], None]
+    draw: Callable[[Figure], None]  # draws it onto an empty figure
     width: float = WIDTH_IN
 
     @property
@@ -106,11 +96,7 @@ def save(chart: Chart, folder: Path) -> None:
 
 
 def image(chart: Chart, form: Literal["png", "svg"]) -> bytes:
-    """Draw a chart; return the picture.
-
-    Raises:
-        PalpError: It cannot be drawn, as with a formula that is none between two ``$`` of a name.
-    """
+    """Draw a chart; return the picture."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
@@ -162,13 +148,7 @@ def number(axes: Axes, x: float, y: float, words: str) -> None:
 
 
 def legend(to: Axes | Figure, title: str = "", **look: Any) -> None:
-    """Draw the legend where no data are: right of a panel, or below all panels of a figure.
-
-    Args:
-        to: The panel, or the figure.
-        title: Of the legend.
-        look: As of matplotlib's ``legend``, but its place.
-    """
+    """Draw the legend where no data are: right of a panel, or below all panels of a figure."""
     from matplotlib.axes import Axes
 
     if isinstance(to, Axes):

@@ -120,11 +120,7 @@ _TAG = re.compile(r"<[^>]*>")
 
 
 def words_of(body: str) -> list[tuple[str, str]]:
-    """Return name and meaning of the words that a page uses, in the order of the alphabet.
-
-    Args:
-        body: The page as HTML; what stands in tags, alternative texts say, does not count.
-    """
+    """Return name and meaning of the words that a page uses, in the order of the alphabet."""
     text = unescape(_TAG.sub(" ", body))
     used = [entry for word, entry in WORDS.items() if _pattern(word).search(text)]
     return sorted(used, key=lambda entry: entry[0].lower())

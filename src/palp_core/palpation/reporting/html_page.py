@@ -25,23 +25,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Picture:
-    """A chart as it was drawn.
-
-    Attributes:
-        name: Its name.
-        title: What it shows.
-        caption: How to read it.
-        alt: What it shows, for whoever does not see it.
-        svg: The picture.
-        files: Names of its files, where it has any.
-    """
+    """A chart as it was drawn."""
 
     name: str
     title: str
     caption: str
-    alt: str
+    alt: str  # what it shows, for whoever does not see it
     svg: bytes
-    files: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()  # names of its files, where it has any
 
     @property
     def base64(self) -> str:
@@ -60,16 +51,7 @@ def picture(chart: Chart, folder: Path | None = None) -> Picture:
 
 
 def write_page(path: Path, template: str, **values: Any) -> Path:
-    """Write a page; it appears under its name only when complete.
-
-    Args:
-        path: The page; its folder is made if missing.
-        template: Its template, ``studies/paper.html`` say.
-        values: What the template names.
-
-    Raises:
-        jinja2.UndefinedError: The template names what is not among the values.
-    """
+    """Write a page; it appears under its name only when complete."""
     path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, _environment().get_template(template).render(values))
     return path

@@ -19,17 +19,11 @@ class Heading:
 
 @dataclass(frozen=True)
 class Outline:
-    """A page's body in two parts, with what the contents list needs.
+    """A page's body in two parts, with what the contents list needs."""
 
-    Attributes:
-        lead: What stands before the first heading.
-        rest: From it on; every heading has an id that no other has.
-        sections: The headings of the second level.
-    """
-
-    lead: str
-    rest: str
-    sections: tuple[Heading, ...]
+    lead: str  # what stands before the first heading
+    rest: str  # from it on; every heading has an id that no other has
+    sections: tuple[Heading, ...]  # the headings of the second level
 
 
 def outlined(body: str) -> Outline:

@@ -17,18 +17,10 @@ def csv_text(*rows: Iterable[Any]) -> str:
 
 
 def write_csv(path: Path, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """Write a table, its columns' names first; None is an empty cell.
-
-    Raises:
-        OSError: It cannot be written.
-    """
+    """Write a table, its columns' names first; None is an empty cell."""
     write_whole(path, csv_text(columns, *rows))
 
 
 def write_records(path: Path, records: Sequence[Mapping[str, Any]]) -> None:
-    """Write a table of one record or more; all have the keys of the first.
-
-    Raises:
-        OSError: It cannot be written.
-    """
+    """Write a table of one record or more; all have the keys of the first."""
     write_csv(path, list(records[0]), (list(one.values()) for one in records))

@@ -47,11 +47,7 @@ class Decision(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def decide(folder: Path, key: TrialKey, deed: Deed, reason: str) -> Decision:
-    """Append a decision.
-
-    Raises:
-        PalpError: There is no reason, the audit is damaged or cannot be written.
-    """
+    """Append a decision."""
     words = " ".join(reason.split())
     if not words:
         raise PalpError("a decision about a trial needs its reason: --reason '...'")
@@ -74,11 +70,7 @@ def decide(folder: Path, key: TrialKey, deed: Deed, reason: str) -> Decision:
 
 
 def decisions(folder: Path) -> list[Decision]:
-    """Return every decision about a session, in the order in which they were made.
-
-    Raises:
-        PalpError: The file is damaged: then nothing of the session can be told to count.
-    """
+    """Return every decision about a session, in the order in which they were made."""
     path = folder / AUDIT
     try:
         text = read_whole(path).decode()
@@ -106,11 +98,7 @@ def left_out(folder: Path) -> dict[TrialKey, str]:
 
 
 def to_be_redone(folder: Path, known: Collection[TrialKey]) -> list[TrialKey]:
-    """Return trials that have been marked to be done again, but for those of which that is known, in order.
-
-    Raises:
-        PalpError: The file is damaged.
-    """
+    """Return trials that are marked to be done again, in order, without the known ones."""
     found = decisions(folder)
     done = {(one.phase, one.trial) for one in found if one.deed == "redone"}
     marked = dict.fromkeys((one.phase, one.trial) for one in found if one.deed == "redo")
@@ -118,10 +106,6 @@ def to_be_redone(folder: Path, known: Collection[TrialKey]) -> list[TrialKey]:
 
 
 def note_redone(folder: Path, key: TrialKey, number: int) -> None:
-    """Append, once, as which trial another was done again.
-
-    Raises:
-        PalpError: It cannot be written.
-    """
+    """Append, once, as which trial another was done again."""
     if not any((one.phase, one.trial) == key and one.deed == "redone" for one in decisions(folder)):
         decide(folder, key, "redone", f"as trial {number}")

@@ -49,13 +49,7 @@ def is_bag(path: Path) -> bool:
 
 
 def write_record(path: Path, folder: Path, *, overwrite: bool = False) -> RunSummary:
-    """Write the record of the session that a bag holds into a folder; return how its run went.
-
-    Args:
-        path: The bag.
-        folder: For the record; made if missing.
-        overwrite: A session that is in the folder already is replaced.
-    """
+    """Write the record of the session that a bag holds into a folder; return how its run went."""
     if not overwrite:
         ways_on = "name another folder, --out NAME, or let this replace it, --overwrite"
         refuse_occupied(folder, ways_on, _NAMED_BY)
@@ -78,21 +72,13 @@ def write_record(path: Path, folder: Path, *, overwrite: bool = False) -> RunSum
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BagRecord:
-    """The record of the session that a bag holds.
+    """The record of the session that a bag holds."""
 
-    Attributes:
-        summary: How the run went, as far as the bag has it.
-        rows: Its palpations as the experiment recorded them.
-        palpations: The message of each, with its torque.
-        believed_m: Depths that the beliefs are about.
-        learnt: Messages of memory primitives.
-    """
-
-    summary: RunSummary
-    rows: list[Row]
-    palpations: list[Any]
-    believed_m: Sequence[float]
-    learnt: list[Any]
+    summary: RunSummary  # how the run went, as far as the bag has it
+    rows: list[Row]  # its palpations as the experiment recorded them
+    palpations: list[Any]  # the message of each, with its torque
+    believed_m: Sequence[float]  # depths that the beliefs are about
+    learnt: list[Any]  # messages of memory primitives
 
 
 def read_record(path: Path) -> BagRecord:

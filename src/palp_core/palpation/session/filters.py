@@ -27,17 +27,7 @@ def filter_of(
     noise: RigNoise | None = None,
     scene: Scene | None = None,
 ) -> TrialFilter:
-    """Return a filter of task ``filter``; one that knows what stays asks the mechanics about the height.
-
-    Args:
-        primitives: What training taught.
-        name: Of the filter.
-        likelihood: Method of task ``likelihood``; of the naive filter.
-        depth_count: Depths of a grid over the trained ones; 0 for the trained ones.
-        feature: Task ``feature``: what the primitives are of.
-        noise: What stays, and how much.
-        scene: Gel, probe and indentation; None: the default scene, assumed.
-    """
+    """Return a filter of task ``filter``; one that knows what stays asks the mechanics about the height."""
     slope = None
     if name != NAIVE:
         slope = height_slope(
@@ -51,14 +41,7 @@ def filter_of(
 def height_slope(
     depths_m: Sequence[float], rings_m: Sequence[float], feature: str, scene: Scene
 ) -> Float64Array:
-    """Return how the feature answers to the surface's height by the mechanics, N m/m, shape (m, k).
-
-    Args:
-        depths_m: Depth of each class, length m.
-        rings_m: Ring positions, length k.
-        feature: Task ``feature``.
-        scene: Gel, probe and path.
-    """
+    """Return how the feature answers to the surface's height by the mechanics, N m/m, shape (m, k)."""
     scene, probe, path = scene.read_by(feature), scene.probe, scene.path
     stage = np.arange(min(path.from_m, path.to_m), max(path.from_m, path.to_m), _STAGE_STEP_M)
     of = find("feature", feature).target

@@ -60,22 +60,15 @@ _OF_THE_SCENE = ("contact", "motion")  # whose output and tolerance are what the
 
 @dataclass(frozen=True)
 class TaskChoice:
-    """What a task comes to in a session.
-
-    Attributes:
-        task: The task.
-        output: What must be right.
-        tolerance: How right.
-        candidates: Every method, cheapest first; one is marked as chosen, if any is accurate enough or asked
-            for, and the launch file's default as :data:`.DEFAULT` where it is another.
-        default: What ``launch/sim.yaml`` takes, :data:`AUTO` where that is the choice.
-    """
+    """What a task comes to in a session."""
 
     task: Task
     output: str
     tolerance: float
+    # every method, cheapest first; one is marked as chosen, if any is accurate enough or asked for, and the
+    # launch file's default as :data:`.DEFAULT` where it is another
     candidates: tuple[Candidate, ...]
-    default: str = AUTO
+    default: str = AUTO  # what ``launch/sim.yaml`` takes, :data:`AUTO` where that is the choice
 
     @property
     def chosen(self) -> Candidate | None:
@@ -103,16 +96,7 @@ def session_quantities(scene: Scene, given: Mapping[str, float] = PUBLISHED) -> 
 def choose_for(
     task: Task, scene: Scene, *, asked: str = "", given: Mapping[str, float] = PUBLISHED, default: str = AUTO
 ) -> TaskChoice:
-    """Return what a task comes to in a session.
-
-    Args:
-        task: The task.
-        scene: Gel, probe, path and rings; its tolerance says what contact and motion must get right, other
-            tasks have their own.
-        asked: Name of the method that the launch file gives, if it does.
-        given: See :data:`PUBLISHED`.
-        default: See :func:`launch_defaults`.
-    """
+    """Return what a task comes to in a session."""
     output, tolerance, uses = _needed(task, scene)
     quantities = session_quantities(scene, given)
     candidates = weigh(task.name, output, tolerance, quantities, asked=asked, uses=uses)
@@ -226,13 +210,7 @@ def given_by(params: Any) -> Mapping[str, float]:
 
 
 def chosen_for(asked: Mapping[str, str], params: Any) -> dict[str, MethodChoice]:
-    """Return the method of each task: the one asked for by name, or for ``auto`` the register's choice.
-
-    Args:
-        asked: A name, or ``auto``, by task; a filter that knows what stays has one likelihood, its own.
-        params: Parameters of the node: ``noise``, ``ring_sd_mm``, ``height_sd_mm``, ``training``, ``scene``,
-            and where it has them ``depths``, ``max_probes`` and ``rate_hz``.
-    """
+    """Return the method of each task: the one asked for by name, or for ``auto`` the register's choice."""
     scene = read_scene(params.scene) if params.scene else Scene()
     given, found = given_by(params), dict[str, MethodChoice]()
     for task in sorted(asked):  # the filter before the likelihood

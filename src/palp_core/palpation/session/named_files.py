@@ -7,11 +7,7 @@ from palp_core.palpation.world.model import read_world
 
 
 def file_mistakes(params: object) -> dict[str, str]:
-    """Return what is wrong with the files of ``scene``, ``phantoms``, ``noise`` and ``world``, by parameter.
-
-    Args:
-        params: Parameters of a node; it may lack any of them, and an empty name is no file.
-    """
+    """Return what is wrong with the files of ``scene``, ``phantoms``, ``noise`` and ``world``."""
     found = phantom_file.file_mistakes(params)
     if path := getattr(params, "noise", ""):
         try:

@@ -55,40 +55,24 @@ class Wait:
 
 @dataclass(frozen=True)
 class BeginTrial:
-    """Begin a trial: forget the belief.
+    """Begin a trial: forget the belief."""
 
-    Attributes:
-        index: Place of the trial in the session, from 0, over all phases; messages are matched by it.
-        number: Number of the trial in its phase, from 1: what people are shown and name.
-        phase: ``training``, ``estimation``, or a condition of another plan.
-        phantom: Code of the mounted phantom.
-        label_known: Whether the depth may be told: in training only.
-        label_m: The depth, m; 0 where it may not be told.
-    """
-
-    index: int
-    number: int
-    phase: Phase
-    phantom: str
-    label_known: bool
-    label_m: float
+    index: int  # place of the trial in the session, from 0, over all phases; messages are matched by it
+    number: int  # number of the trial in its phase, from 1: what people are shown and name
+    phase: Phase  # ``training``, ``estimation``, or a condition of another plan
+    phantom: str  # code of the mounted phantom
+    label_known: bool  # whether the depth may be told: in training only
+    label_m: float  # the depth, m; 0 where it may not be told
 
 
 @dataclass(frozen=True)
 class Palpate:
-    """Sweep once.
+    """Sweep once."""
 
-    Attributes:
-        trial: Index of its trial.
-        iteration: Number of the palpation in the trial, from 1.
-        ring_given: Whether the plan sets the ring or, in estimation, a policy does.
-        ring_m: Ring position, m; 0 where a policy sets it.
-    """
-
-    trial: int
-    iteration: int
-    ring_given: bool
-    ring_m: float
+    trial: int  # index of its trial
+    iteration: int  # number of the palpation in the trial, from 1
+    ring_given: bool  # whether the plan sets the ring or, in estimation, a policy does
+    ring_m: float  # ring position, m; 0 where a policy sets it
 
 
 Step = MountPhantom | Rehome | BeginTrial | Palpate | Wait
@@ -96,13 +80,10 @@ Step = MountPhantom | Rehome | BeginTrial | Palpate | Wait
 
 @dataclass(frozen=True)
 class StepReply:
-    """What came of a step.
+    """What came of a step."""
 
-    Attributes:
-        word: ``done`` for any step but a palpation in estimation, which is answered by the verdict:
-            ``continue``, ``decided``, ``undecided`` or ``dropped``. ``failed`` repeats a palpation.
-    """
-
+    # ``done`` for any step but a palpation in estimation, which is answered by the verdict: ``continue``,
+    # ``decided``, ``undecided`` or ``dropped``. ``failed`` repeats a palpation
     word: Literal["done", "continue", "decided", "undecided", "dropped", "failed"] = "done"
 
 
@@ -215,11 +196,8 @@ def experiment(
 ) -> Plan:
     """Yield the steps of training, then of estimation, then of what is to be done again.
 
-    Args:
-        design: The experiment's numbers.
-        rng: Draws the order; the same state of it gives the same plan.
-        again: Number and phantom of trials of estimation that are done once more at the end, each on a
-            mounting of its own; it may grow until then.
+    ``again`` has number and phantom of trials of estimation that are done once more at the end, each on a
+    mounting of its own; it may grow until then.
     """
     numbers: Counter[str] = Counter()
     homed: tuple[str, float] | None = None

@@ -22,28 +22,19 @@ def is_repeatability(phases: Sequence[str]) -> bool:
 
 @dataclass(frozen=True)
 class RepeatDesign:
-    """The plan's numbers; all are choices.
-
-    Attributes:
-        phantom: Code of the phantom.
-        rings_m: Ring positions of ``stay`` and ``reposition``, at least two: their means tell how a reading
-            answers to the ring. The last one is that of ``remount`` and ``hour``.
-        stay: Sweeps without moving anything, per ring.
-        repositions: Positionings per ring.
-        remounts: Mountings.
-        hours: Waits.
-        wait_s: Length of a wait.
-        group: Sweeps per positioning, mounting, and before and after a wait; at least two, so that what
-            differs between groups is told from what differs within.
-    """
+    """The plan's numbers; all are choices."""
 
     phantom: str
+    # ring positions of ``stay`` and ``reposition``, at least two: their means tell how a reading answers to
+    # the ring. The last one is that of ``remount`` and ``hour``
     rings_m: tuple[float, ...] = (0.004, 0.008, 0.012, 0.016)
-    stay: int = 8
-    repositions: int = 10
+    stay: int = 8  # sweeps without moving anything, per ring
+    repositions: int = 10  # positionings per ring
     remounts: int = 16
     hours: int = 2
     wait_s: float = 3600.0
+    # sweeps per positioning, mounting, and before and after a wait; at least two, so that what differs
+    # between groups is told from what differs within
     group: int = 2
 
     def __post_init__(self) -> None:

@@ -40,33 +40,19 @@ MISFIT_P = 0.01
 
 
 class SweepTorque(msgspec.Struct):
-    """The sweep under way.
+    """The sweep under way."""
 
-    Attributes:
-        enter_ns: When the stage comes over the path, as told when the sweep began; 0: not told.
-        leave_ns: When it leaves it.
-        start_ns: Time of the first sample.
-        rate_hz: Of the samples.
-        blocks: The samples, N m, as bytes.
-        count: How many.
-        expected: How many the stage counted when it ended; -1: it has not.
-        cancelled: Whether it ended before its path did, as it was decided.
-        bins: Mean torques along the path.
-        seen: Bins after which the belief was asked.
-        decided: Bins after which the stop rule was passed; 0: it was not.
-    """
-
-    enter_ns: int = 0
-    leave_ns: int = 0
-    start_ns: int = 0
+    enter_ns: int = 0  # when the stage comes over the path, as told when the sweep began; 0: not told
+    leave_ns: int = 0  # when it leaves it
+    start_ns: int = 0  # time of the first sample
     rate_hz: float = 0.0
-    blocks: list[bytes] = []
+    blocks: list[bytes] = []  # the samples, N m, as bytes
     count: int = 0
-    expected: int = -1
-    cancelled: bool = False
-    bins: BinnedSweep = msgspec.field(default_factory=BinnedSweep)
-    seen: int = 0
-    decided: int = 0
+    expected: int = -1  # how many the stage counted when it ended; -1: it has not
+    cancelled: bool = False  # whether it ended before its path did, as it was decided
+    bins: BinnedSweep = msgspec.field(default_factory=BinnedSweep)  # mean torques along the path
+    seen: int = 0  # bins after which the belief was asked
+    decided: int = 0  # bins after which the stop rule was passed; 0: it was not
 
     @property
     def torque_n_m(self) -> Float64Array:
@@ -121,29 +107,16 @@ class ReadingMemory(msgspec.Struct):
 
 @dataclass(frozen=True)
 class Outcome:
-    """The belief after a sweep, or within it.
+    """The belief after a sweep, or within it."""
 
-    Attributes:
-        posterior: Of the classes, shape (m,).
-        bins: How many of the sweep's bins it is from.
-        decided: Whether the stop rule is passed within the sweep.
-        fits: Whether any class explains what was read.
-    """
-
-    posterior: Float64Array
-    bins: int = 0
-    decided: bool = False
-    fits: bool = True
+    posterior: Float64Array  # of the classes, shape (m,)
+    bins: int = 0  # how many of the sweep's bins it is from
+    decided: bool = False  # whether the stop rule is passed within the sweep
+    fits: bool = True  # whether any class explains what was read
 
 
 class FeatureReading:
-    """Sweeps read by one feature each, and the belief of their trial by a filter of task ``filter``.
-
-    Attributes:
-        methods: The name of each task's method.
-        rule: The stop rule.
-        follows: Whether it makes something of a sweep before its end, and must know beforehand when that is.
-    """
+    """Sweeps read by one feature each, and the belief of their trial by a filter of task ``filter``."""
 
     follows = False
 
@@ -154,14 +127,7 @@ class FeatureReading:
         noise: RigNoise | None = None,
         scene: Scene | None = None,
     ) -> None:
-        """Read as parameters of the estimator say, with the method of each task.
-
-        Args:
-            params: The parameters.
-            methods: Names by task.
-            noise: In place of the parameters' spreads of landing and height.
-            scene: In place of the parameters' scene.
-        """
+        """Read as parameters of the estimator say, with the method of each task."""
         self._params, self.methods, self._noise, self._scene = params, methods, noise, scene
         self._edge = edge_cone(params.level, params.wavelet)
         self._feature = find("feature", methods["feature"]).target
@@ -194,12 +160,7 @@ class FeatureReading:
     def is_complete(self, memory: ReadingMemory, stream: SweepCut | None) -> bool:
         """Tell whether the sweep under way is over and all its torque is here.
 
-        Args:
-            memory: With the sweep.
-            stream: Where the torque is cut from, if the stage counts no samples.
-
-        Raises:
-            PerceptionError: There are more samples than the sweep had.
+        A ``stream`` is where torque is cut from, if the stage counts no samples.
         """
         sweep = memory.sweep
         if sweep is None or sweep.expected < 0:
@@ -217,11 +178,7 @@ class FeatureReading:
         """End the sweep under way: all its samples are here."""
 
     def feature(self, memory: ReadingMemory) -> Peak:
-        """Return the feature of the sweep under way, N m; the largest torque of one that was cancelled.
-
-        Raises:
-            PerceptionError: Too few samples came, or one is not finite.
-        """
+        """Return the feature of the sweep under way, N m; the largest torque of one that was cancelled."""
         sweep = memory.sweep or SweepTorque()
         torque_n_m = sweep.torque_n_m
         if sweep.cancelled:
@@ -263,11 +220,7 @@ class FeatureReading:
         return decide(self.rule, posteriors, gains, max_probes=max_probes)
 
     def learn(self, memory: ReadingMemory) -> Primitives:
-        """Fit the memory primitives to the features of training.
-
-        Raises:
-            PerceptionError: There was no training, or a cell has no reading.
-        """
+        """Fit the memory primitives to the features of training."""
         if not memory.training:
             raise PerceptionError(
                 "a trial of estimation began before any training; there is nothing to compare with"

@@ -63,11 +63,7 @@ class ReadingParams(TraceSettings):
 
 
 def resolve(params: ReadingParams) -> tuple[dict[str, str], list[str]]:
-    """Return the method of each task, and of those left to the register a line that says why.
-
-    Raises:
-        PerceptionError: A method or a file is not there, none is good enough, or they contradict each other.
-    """
+    """Return the method of each task, and of those left to the register a line that says why."""
     for name, why in mistakes(params).items():
         raise PerceptionError(f"{name}: {why}")
     return names_of(params.asked(), params)

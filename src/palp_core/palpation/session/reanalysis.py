@@ -24,29 +24,18 @@ from palp_core.units import Float64Array
 
 @dataclass(frozen=True)
 class Methods:
-    """Which methods, by name.
+    """Which methods, by name."""
 
-    Attributes:
-        denoise: Task ``denoise``, of db10 at five levels.
-        feature: Task ``feature``.
-        filter: Task ``filter``: ``naive``, eq. (7), or one that knows what stays.
-        likelihood: Task ``likelihood``; of the naive filter.
-        stop: Task ``stop``.
-        stop_value: The stop rule's own number; 0 for its default.
-        max_probes: Probes after which a trial is undecided.
-        depth_count: Depths of a grid over the trained ones; 0 for the trained ones.
-        trace_filter: Task ``trace_filter``: the whole traces are the readings, and feature, filter and
-            likelihood are not used; empty: they are.
-    """
-
-    denoise: str = "soft_universal"
+    denoise: str = "soft_universal"  # task ``denoise``, of db10 at five levels
     feature: str = "peak"
-    filter: str = "naive"
-    likelihood: str = "normal"
+    filter: str = "naive"  # task ``filter``: ``naive``, eq. (7), or one that knows what stays
+    likelihood: str = "normal"  # task ``likelihood``; of the naive filter
     stop: str = "paper_guarded"
-    stop_value: float = 0.0
-    max_probes: int = 15
-    depth_count: int = 0
+    stop_value: float = 0.0  # the stop rule's own number; 0 for its default
+    max_probes: int = 15  # probes after which a trial is undecided
+    depth_count: int = 0  # depths of a grid over the trained ones; 0 for the trained ones
+    # task ``trace_filter``: the whole traces are the readings, and feature, filter and likelihood are not
+    # used; empty: they are
     trace_filter: str = ""
 
     def __post_init__(self) -> None:
@@ -58,27 +47,17 @@ class Methods:
 
 @dataclass(frozen=True)
 class ReanalysedTrial:
-    """A trial decided again.
-
-    Attributes:
-        trial: Its number.
-        depth_m: True depth; None where nobody told.
-        estimate_m: Most probable depth.
-        confidence: Its probability.
-        probe_count: Stored sweeps that were used.
-        verdict: ``decided``, ``undecided``, or ``ran_out`` where the rule wanted more sweeps than there are.
-        expected_m: Mean depth of the belief.
-        posteriors: The belief after each sweep.
-    """
+    """A trial decided again."""
 
     trial: int
     depth_m: float | None
     estimate_m: float
-    confidence: float
-    probe_count: int
+    confidence: float  # its probability
+    probe_count: int  # stored sweeps that were used
+    # ``decided``, ``undecided``, or ``ran_out`` where the rule wanted more sweeps than there are
     verdict: str
-    expected_m: float
-    posteriors: tuple[tuple[float, ...], ...] = ()
+    expected_m: float  # mean depth of the belief
+    posteriors: tuple[tuple[float, ...], ...] = ()  # the belief after each sweep
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,11 +71,7 @@ class ReanalysedSession:
 
 
 def readings(sweeps: Sequence[RecordedSweep], methods: Methods) -> Float64Array:
-    """Return the feature of each sweep, N m, shape (n,).
-
-    Raises:
-        PerceptionError: A sweep is too short, or holds NaN.
-    """
+    """Return the feature of each sweep, N m, shape (n,)."""
     reading, memory = _reading(RecordedSweeps(Path(), ()), methods, None, None), ReadingMemory()
     values = []
     for sweep in sweeps:
@@ -108,15 +83,7 @@ def readings(sweeps: Sequence[RecordedSweep], methods: Methods) -> Float64Array:
 def reanalyse(
     session: RecordedSweeps, methods: Methods, *, noise: RigNoise | None = None, scene: Scene | None = None
 ) -> ReanalysedSession:
-    """Learn from a session's training and decide its trials, each with its stored sweeps in their order.
-
-    Args:
-        session: The sweeps.
-        methods: Which methods.
-        noise: What stays; the latent filter needs it.
-        scene: Gel, probe and indentation, from which the latent filter takes how a reading answers to the
-            phantom's height; None: the default scene, assumed.
-    """
+    """Learn from a session's training and decide its trials, each with its stored sweeps in their order."""
     if methods.filter != NAIVE and noise is None and not methods.trace_filter:
         raise PalpError(
             f"the filter '{methods.filter}' needs to know what stays: name a noise file with --noise "

@@ -26,17 +26,11 @@ def mm(length_m: float) -> str:
 
 @dataclass(frozen=True)
 class RecordedTrial:
-    """One trial of estimation.
+    """One trial of estimation."""
 
-    Attributes:
-        probes: Its palpations in order; at least one.
-        mean_m: Mean depth of the last belief, over the depths it is about.
-        confidence: Posterior of the estimate, 0 to 1.
-    """
-
-    probes: tuple[Row, ...]
-    mean_m: float
-    confidence: float
+    probes: tuple[Row, ...]  # its palpations in order; at least one
+    mean_m: float  # mean depth of the last belief, over the depths it is about
+    confidence: float  # posterior of the estimate, 0 to 1
 
     @property
     def depth_m(self) -> float:
@@ -57,29 +51,20 @@ class RecordedTrial:
 
 @dataclass(frozen=True)
 class RecordedSession:
-    """A session's record in memory, without its sweeps.
-
-    Attributes:
-        folder: Where it is.
-        rows: Every palpation.
-        depths_m: Classes, in the order of posterior and gain.
-        primitives: The memory primitives; None where training did not reach every cell.
-        trials: Trials of estimation that came to a verdict.
-        unfinished_count: Trials of estimation without one: the record ends within them.
-        dropped: Trials that ended without one, as the ring stood at an untrained position.
-        left_out: Why trials do not count that were excluded, or are to be done again, by phase and number.
-        grid_count: Number of depths the beliefs were about where that was a grid, else 0. What was believed
-            of a depth of the grid is counted to the class nearest to it.
-    """
+    """A session's record in memory, without its sweeps."""
 
     folder: Path
     rows: tuple[Row, ...]
-    depths_m: tuple[float, ...]
-    primitives: Primitives | None
-    trials: tuple[RecordedTrial, ...]
-    unfinished_count: int
+    depths_m: tuple[float, ...]  # classes, in the order of posterior and gain
+    primitives: Primitives | None  # the memory primitives; None where training did not reach every cell
+    trials: tuple[RecordedTrial, ...]  # trials of estimation that came to a verdict
+    unfinished_count: int  # trials of estimation without one: the record ends within them
+    # number of depths the beliefs were about where that was a grid, else 0. What was believed of a depth of
+    # the grid is counted to the class nearest to it
     grid_count: int = 0
+    # trials that ended without one, as the ring stood at an untrained position
     dropped: tuple[RecordedTrial, ...] = ()
+    # why trials do not count that were excluded, or are to be done again, by phase and number
     left_out: Mapping[TrialKey, str] = field(default_factory=dict)
 
     @property
@@ -120,12 +105,7 @@ class RecordedSession:
 
 
 def read_session(out: str | Path, rows: Sequence[Row] | None = None) -> RecordedSession:
-    """Read a record, whole or cut short.
-
-    Args:
-        out: Its folder.
-        rows: Of its table, if they have been read already.
-    """
+    """Read a record, whole or cut short."""
     folder = Path(out)
     rows = read_rows(folder) if rows is None else rows
     believed_m = believed_depths(folder) or tuple(sorted({row.depth_m for row in rows}))

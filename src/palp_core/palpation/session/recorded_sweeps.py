@@ -23,51 +23,30 @@ from palp_core.units import Float64Array
 
 @dataclass(frozen=True, eq=False)
 class RecordedSweep:
-    """A sweep and what is known of it.
+    """A sweep and what is known of it."""
 
-    Attributes:
-        phase: ``training``, ``estimation``, or a condition of the plan ``repeatability``.
-        phantom: Code of the phantom.
-        trial: Number of its trial.
-        iteration: Number of the sweep within it, from 1.
-        remount: Number of the mounting.
-        depth_m: Nodule's true depth; None where it is not known.
-        ring_m: Ring position as commanded.
-        torque_n_m: As measured, shape (n,).
-        rate_hz: Sampling rate.
-        landed: Whether the ring was moved or re-homed since the sweep before.
-        start_ns: Time of the first sample; None where it is not known, as for the two below.
-        enter_ns: When the stage would come over the path, as it said when the sweep began.
-        leave_ns: When it would leave it.
-    """
-
-    phase: str
+    phase: str  # ``training``, ``estimation``, or a condition of the plan ``repeatability``
     phantom: str
     trial: int
-    iteration: int
-    remount: int
-    depth_m: float | None
-    ring_m: float
-    torque_n_m: Float64Array
+    iteration: int  # number of the sweep within it, from 1
+    remount: int  # number of the mounting
+    depth_m: float | None  # nodule's true depth; None where it is not known
+    ring_m: float  # ring position as commanded
+    torque_n_m: Float64Array  # as measured, shape (n,)
     rate_hz: float
-    landed: bool = False
-    start_ns: int | None = None
-    enter_ns: int | None = None
-    leave_ns: int | None = None
+    landed: bool = False  # whether the ring was moved or re-homed since the sweep before
+    start_ns: int | None = None  # time of the first sample; None where it is not known, as for the two below
+    enter_ns: int | None = None  # when the stage would come over the path, as it said when the sweep began
+    leave_ns: int | None = None  # when it would leave it
 
 
 @dataclass(frozen=True, eq=False)
 class RecordedSweeps:
-    """A session's sweeps in their order.
-
-    Attributes:
-        path: Its folder or bag.
-        sweeps: Every sweep.
-        read_by: Parameters of the node that made readings of them; empty where they are not known.
-    """
+    """A session's sweeps in their order."""
 
     path: Path
     sweeps: tuple[RecordedSweep, ...]
+    # parameters of the node that made readings of them; empty where they are not known
     read_by: Mapping[str, Any] = field(default_factory=dict)
 
     def phase(self, name: str) -> list[RecordedSweep]:

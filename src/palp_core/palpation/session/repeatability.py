@@ -31,20 +31,12 @@ _GAUSSIAN_MAD = 0.6744897501960817
 
 @dataclass(frozen=True, eq=False)
 class Repeatability:
-    """How well a rig repeats itself.
+    """How well a rig repeats itself."""
 
-    Attributes:
-        noise: The components, as simulation and filter load them.
-        blocks: Readings behind them, N m.
-        ring_slope: Change of the reading per metre of the ring, N m/m, by ring.
-        height_slope: The same per metre of height, at the ring of the mountings.
-        sweep_count: Sweeps.
-    """
-
-    noise: RigNoise
-    blocks: tuple[Block, ...]
-    ring_slope: dict[float, float]
-    height_slope: float
+    noise: RigNoise  # the components, as simulation and filter load them
+    blocks: tuple[Block, ...]  # readings behind them, N m
+    ring_slope: dict[float, float]  # change of the reading per metre of the ring, N m/m, by ring
+    height_slope: float  # the same per metre of height, at the ring of the mountings
     sweep_count: int
 
 
@@ -53,10 +45,6 @@ def measure_repeatability(session: RecordedSweeps, *, scene: Scene | None = None
 
     How a reading answers to the ring comes from the session's own means over the rings; how it answers to the
     height from the mechanics of the scene, for no session moves the height by a known amount.
-
-    Args:
-        session: Its sweeps.
-        scene: Gel, probe and path; None: the default scene, assumed.
     """
     sweeps = [sweep for sweep in session.sweeps if sweep.phase in CONDITIONS]
     if not sweeps:
@@ -146,13 +134,7 @@ def sample_noise(sweeps: Sequence[RecordedSweep]) -> Component:
 
 
 def write_repeatability(found: Repeatability, out: Path, unfinished: str = "") -> dict[str, Any]:
-    """Write noise.yaml, repeatability.json and report.html, and return what the JSON holds.
-
-    Args:
-        found: What was measured.
-        out: The folder; made if missing.
-        unfinished: How far a session came that did not come to its end, in words.
-    """
+    """Write noise.yaml, repeatability.json and report.html, and return what the JSON holds."""
     out.mkdir(parents=True, exist_ok=True)
     write_noise(found.noise, out / "noise.yaml")
     record = {

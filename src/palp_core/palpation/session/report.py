@@ -53,11 +53,7 @@ class SessionReport:
         run_note.note_begin(summary)
 
     def __call__(self, summary: RunSummary) -> str:
-        """Write the result and the page next to the record that a run has just left.
-
-        Returns:
-            The result in words, what is kept, and where.
-        """
+        """Write the result and the page next to the record that a run has just left."""
         folder = run_note.out_of(summary)
         try:
             if not run_note.note_end(summary):
@@ -73,14 +69,8 @@ session = SessionReport()
 def write(folder: Path, summary: RunSummary, *, charts: bool = True, files: bool = False) -> str:
     """Write the result and the page of the session in a folder.
 
-    Args:
-        folder: Where the record is now.
-        summary: How its run went.
-        charts: Whether the page has all charts; drawing them takes two seconds. Without it has accuracies.
-        files: Whether each chart is kept as PNG, SVG and CSV, too, in ``charts/``.
-
-    Returns:
-        The result in words, what is kept, and where.
+    ``charts``: the page has all charts, which take two seconds to draw. ``files``: each is kept as PNG, SVG
+    and CSV, too. Return the result in words, what is kept, and where.
     """
     from palp_core.palpation.session.recorded_session import read_session
     from palp_core.palpation.session.trials_csv import read_rows

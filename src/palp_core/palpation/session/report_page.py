@@ -66,16 +66,7 @@ def write_report(
     given: Sequence[str] = (),
     sheet: SessionSheet | None = None,
 ) -> Path:
-    """Write the page.
-
-    Args:
-        path: The page.
-        result: As of ``result.json``.
-        pictures: The charts as drawn.
-        trials: Of estimation, for the table of all.
-        given: The arguments that the launch was given, ``name:=value``.
-        sheet: The session's; None of a run that has none.
-    """
+    """Write the page."""
     mechanics, confusion = result.mechanics, result.confusion
     depths = [f"{depth:g} mm" for depth in confusion.depths_mm]
     accuracy = result.accuracy

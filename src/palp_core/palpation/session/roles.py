@@ -37,19 +37,12 @@ _NEEDED = ("experiment", "policy", "stage", "estimator")
 
 @dataclass(frozen=True)
 class Roles:
-    """The roles of a run's nodes.
+    """The roles of a run's nodes."""
 
-    Attributes:
-        node: Name of the node by role; a role that a session can do without may be missing.
-        of: Role by node; nodes without one are left out.
-        touch_simulated: Whether the phantom's touch was computed.
-        guards_heard: Whether the experiment was told what the computed touch met.
-    """
-
-    node: Mapping[str, str]
-    of: Mapping[str, str]
-    touch_simulated: bool
-    guards_heard: bool
+    node: Mapping[str, str]  # name of the node by role; a role that a session can do without may be missing
+    of: Mapping[str, str]  # role by node; nodes without one are left out
+    touch_simulated: bool  # whether the phantom's touch was computed
+    guards_heard: bool  # whether the experiment was told what the computed touch met
     _params: Mapping[str, Mapping[str, Any]]
 
     def params(self, role: str) -> dict[str, Any]:
@@ -58,11 +51,7 @@ class Roles:
 
 
 class NoSession(PalpError):
-    """A run lacks a node that a session cannot do without.
-
-    Attributes:
-        why: Which, in words.
-    """
+    """A run lacks a node that a session cannot do without."""
 
     def __init__(self, why: str, advice: str) -> None:
         super().__init__(f"{why}; {advice}")

@@ -80,14 +80,7 @@ class TraceSettings(Params):
         scene: Scene | None = None,
         trace_filter: str = "second_order",
     ) -> TraceModel:
-        """Return what sweeps of a trial look like.
-
-        Args:
-            trained: What training taught.
-            noise: In place of the settings' spreads of landing and height.
-            scene: In place of the settings' scene.
-            trace_filter: Method of task ``trace_filter``.
-        """
+        """Return what sweeps of a trial look like."""
         scene, noise = self.of_rig(noise, scene)
         taught_m, rings_m = trained.depths_m.tolist(), trained.rings_m.tolist()
         known = self.knowledge(scene, noise, taught_m, rings_m)

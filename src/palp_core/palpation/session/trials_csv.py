@@ -101,15 +101,7 @@ class RowFacts(Protocol):
 
 
 def row_of(facts: RowFacts, palpation: Any, belief: Any, *, policy: str, seed: int) -> Row:
-    """Return the row of a palpation.
-
-    Args:
-        facts: What is known.
-        palpation: The message.
-        belief: The message; None in training.
-        policy: With which the session began, by name or by its class.
-        seed: Of the session.
-    """
+    """Return the row of a palpation."""
     policy = policy_name(policy)
     return Row(
         row=facts.row,
@@ -155,11 +147,7 @@ class SessionWriter(SessionTable):
         self._class_count = len(depths_m)
 
     def start(self, *, overwrite: bool = False) -> None:
-        """Make the folder and begin a new table; other files in the folder stay.
-
-        Args:
-            overwrite: A session that is in the folder already is replaced.
-        """
+        """Make the folder and begin a new table; other files in the folder stay."""
         with self._taken(made=True):
             if not overwrite:
                 refuse_occupied(self.folder)
@@ -170,9 +158,7 @@ class SessionWriter(SessionTable):
     def go_on(self, row_count: int) -> None:
         """Go on with a table that an interrupted session has left, as it was after so many palpations.
 
-        Args:
-            row_count: How many; what came later is of the trial that was under way, which is done again: it
-                is kept, in a table and sweeps of its own.
+        What came later is of the trial that was under way, which is done again: it is set aside.
         """
         with self._taken():
             rows = read_rows(self.folder)
@@ -287,11 +273,7 @@ def read_sweep(out: str | Path, row: int) -> tuple[Float64Array, float]:
 
 
 def read_arrays(path: Path, what: str, names: Sequence[str]) -> dict[str, Any]:
-    """Return arrays of an NPZ file by name; one that unpacks to more than 128 MiB is refused before it does.
-
-    Raises:
-        PalpError: It is missing, damaged, too large, or lacks an array.
-    """
+    """Return arrays of an NPZ file by name; refuse one that unpacks to more than 128 MiB."""
     try:
         check_regular(path, LARGEST_BYTES)
         with path.open("rb") as file, np.load(file, allow_pickle=False) as content:

@@ -16,11 +16,7 @@ _MOST_BYTES = (1 << 31) - (1 << 20)  # of a variable, in version 5 of the format
 
 
 def write(source: ExportSource, path: Path) -> None:
-    """Write the file, of version 5, which all of MATLAB, Octave and SciPy read.
-
-    Raises:
-        PalpError: A table has more than the format takes.
-    """
+    """Write the file, of version 5, which all of MATLAB, Octave and SciPy read."""
     from scipy.io import savemat
 
     content: dict[str, Any] = {name: _struct(table) for name, table in source.tables.items()}

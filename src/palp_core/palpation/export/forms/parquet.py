@@ -12,11 +12,7 @@ from palp_core.palpation.export.source import ExportSource
 
 
 def write(source: ExportSource, folder: Path) -> None:
-    """Write ``trials.parquet``, ``iterations.parquet``, ``sweeps.parquet`` and ``emg.parquet`` into a folder.
-
-    Raises:
-        PalpError: pyarrow is not installed.
-    """
+    """Write a Parquet file per table into a folder."""
     try:
         import pyarrow as pa
         from pyarrow import parquet

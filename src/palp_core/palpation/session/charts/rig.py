@@ -18,13 +18,7 @@ _PROBE_AT_MM, _SLAB_MM = -28.0, 60.0
 def rig_chart(
     scene: Mapping[str, Mapping[str, Based]], *, rings_m: Sequence[float], indentation_m: float
 ) -> Chart:
-    """Return the drawing.
-
-    Args:
-        scene: Numbers of ``probe`` and of every phantom, by its code, as in ``result.json``; SI.
-        rings_m: Positions of the ring that were used.
-        indentation_m: Nominal depth to which the ball's lowest point is pressed.
-    """
+    """Return the drawing."""
     mm = {
         thing: {name: 1e3 * one.value for name, one in numbers.items() if name.endswith("_m")}
         for thing, numbers in scene.items()

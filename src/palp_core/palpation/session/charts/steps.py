@@ -28,14 +28,7 @@ _log = logging.getLogger("palp")
 def steps_chart(
     session: RecordedSession, *, estimator: Mapping[str, Any], from_m: float | None, speed_m_s: float
 ) -> Chart | None:
-    """Return the chart of a trial of middling length; None where no trial can be shown.
-
-    Args:
-        session: The record; only the sweeps of that trial are read.
-        estimator: Its parameters: the de-noising as run.
-        from_m: Where sweeps began; None where that is not known.
-        speed_m_s: Of the stage in a sweep.
-    """
+    """Return the chart of a trial of middling length; None where no trial can be shown."""
     trial, learnt = _middling(session.trials), session.primitives
     if trial is None or learnt is None or estimator.get("reading", "feature") != "feature":
         return None

@@ -87,17 +87,7 @@ def normal_of(learnt: Primitives, i: int, k: int) -> tuple[Float64Array, Float64
 def sweeps_chart(
     session: RecordedSession, *, estimator: Mapping[str, Any], from_m: float | None, speed_m_s: float
 ) -> charts.Chart | None:
-    """Return the sweeps of Figure 8 over the deepest bead: one as measured, and the mean per ring position.
-
-    Args:
-        session: The record; of its sweeps only those shown are read.
-        estimator: Its parameters: the de-noising as run.
-        from_m: Where sweeps began; None where that is not known.
-        speed_m_s: Of the stage in a sweep.
-
-    Returns:
-        None where there is no training or its sweeps are gone.
-    """
+    """Return the sweeps of Figure 8 over the deepest bead: one as measured, and the mean per ring."""
     training = session.training
     if not training:
         return None

@@ -25,19 +25,12 @@ _SEED = 1
 
 @dataclass(frozen=True)
 class HumanTrials:
-    """The trials of one session or several that count.
-
-    Attributes:
-        rows: Those.
-        left_out: How many do not count, by why.
-        people: Whether all are of people.
-        why: Why they are not, in words.
-    """
+    """The trials of one session or several that count."""
 
     rows: tuple[HumanRow, ...]
-    left_out: dict[str, int]
-    people: bool
-    why: str
+    left_out: dict[str, int]  # how many do not count, by why
+    people: bool  # whether all are of people
+    why: str  # why they are not, in words
 
 
 def gather(folders: Sequence[Path]) -> HumanTrials:

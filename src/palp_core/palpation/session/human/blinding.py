@@ -51,12 +51,7 @@ def draw_key(summary: RunSummary) -> dict[str, str]:
 
 
 def refuse_other_key(summary: RunSummary, folder: Path) -> None:
-    """Refuse to go on with a blinded session whose key is gone or was changed: it would name other phantoms.
-
-    Args:
-        summary: The run that is to go on.
-        folder: Of the session, with the note of the run before.
-    """
+    """Refuse to resume a blinded session whose key is gone or was changed: it would name other phantoms."""
     asked = _blinded(summary)
     if asked is None:
         return
@@ -84,10 +79,8 @@ def _require_own(key: Path, summary: RunSummary) -> None:
 def unseal(folder: Path, reason: str, key: Path | None = None) -> list[tuple[str, str, float]]:
     """Write the table of a blinded session with depths; the one without stays, under another name.
 
-    A run that is cut off leaves the table sealed, and the next one finishes.
-
-    Returns:
-        Code, the phantom's own code, and depth, m.
+    A run that is cut off leaves the table sealed, and the next one finishes. Return code, the phantom's own
+    code, and depth in m.
     """
     _refuse_unfinished(folder)
     table = folder / HUMAN_TABLE

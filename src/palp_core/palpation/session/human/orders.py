@@ -47,12 +47,6 @@ def counterbalanced(count: int, blocks: int, subject: int, seed: int) -> list[in
 
     Over as many subjects as :func:`williams` has rows, each block has every row once. The seed says which
     phantom is which item and which row a block begins with; it is the same for all subjects of a study.
-
-    Args:
-        count: Phantoms.
-        blocks: Times each phantom is given.
-        subject: Number of the subject in the study, from 1.
-        seed: Of the study.
     """
     rows = williams(count)
     rng = np.random.default_rng((seed, count))

@@ -60,26 +60,15 @@ class Rest:
 
 @dataclass(frozen=True)
 class HumanTrial:
-    """Let the subject palpate, until said to be done or the time is over.
+    """Let the subject palpate, until said to be done or the time is over."""
 
-    Attributes:
-        index: Number of the trial, from 0, over both phases.
-        phase: Training or estimation.
-        number: Of the trial in its phase, from 1.
-        attempt: From 1; a trial that was spoilt is done again.
-        phantom: Code.
-        depth_m: Of its nodule; None where it is sealed.
-        told: Whether the subject is told the depth.
-        limit_s: Longest time.
-    """
-
-    index: int
+    index: int  # number of the trial, from 0, over both phases
     phase: Phase
-    number: int
-    attempt: int
+    number: int  # of the trial in its phase, from 1
+    attempt: int  # from 1; a trial that was spoilt is done again
     phantom: str
-    depth_m: float | None
-    told: bool
+    depth_m: float | None  # of its nodule; None where it is sealed
+    told: bool  # whether the subject is told the depth
     limit_s: float
 
 
@@ -170,9 +159,7 @@ class HumanDesign:
 def human(design: HumanDesign, again: Sequence[TrialKey] = ()) -> HumanPlan:
     """Yield the steps of a session.
 
-    Args:
-        design: Its numbers.
-        again: Trials that are done once more at the end; it may grow until then.
+    ``again`` has trials that are done once more at the end; it may grow until then.
     """
     yield from _done(Identify())
     yield from _done(Quiet(design.quiet_s))
@@ -228,21 +215,13 @@ def _done(step: HumanStep) -> HumanPlan:
 
 @dataclass(frozen=True)
 class PlanOutline:
-    """What a plan asks for, found by running it dry with every step done at once.
-
-    Attributes:
-        trials: Every trial, in order.
-        questions: How often the subject is asked.
-        shortest_s: Without any palpation.
-        longest_s: If every trial takes its limit.
-        mounts: Times that the phantom changes.
-    """
+    """What a plan asks for, found by running it dry with every step done at once."""
 
     trials: tuple[HumanTrial, ...]
-    questions: int
-    shortest_s: float
-    longest_s: float
-    mounts: int
+    questions: int  # how often the subject is asked
+    shortest_s: float  # without any palpation
+    longest_s: float  # if every trial takes its limit
+    mounts: int  # times that the phantom changes
 
 
 def outline(design: HumanDesign) -> PlanOutline:

@@ -22,28 +22,17 @@ _SEED = 7
 
 @dataclass(frozen=True)
 class Power:
-    """Power of a design to find that one depth is easier.
-
-    Attributes:
-        subjects: How many.
-        repeats: Trials per subject and depth.
-        share: Right answers on average.
-        gaps: By how much one depth's share of right answers lies above the others', for which
-            ``powers`` are.
-        powers: Probability that the test finds it at 5 %.
-        false_alarms: The same with no gap: the test's own level.
-        detectable: Least of these gaps found with 80 %; None: none of them is.
-        subject_sd: Spread of subjects, logits; assumed.
-    """
+    """Power of a design to find that one depth is easier."""
 
     subjects: int
-    repeats: int
-    share: float
+    repeats: int  # trials per subject and depth
+    share: float  # right answers on average
+    # by how much one depth's share of right answers lies above the others', for which ``powers`` are
     gaps: tuple[float, ...]
-    powers: tuple[float, ...]
-    false_alarms: float
-    detectable: float | None
-    subject_sd: float = SUBJECT_SD
+    powers: tuple[float, ...]  # probability that the test finds it at 5 %
+    false_alarms: float  # the same with no gap: the test's own level
+    detectable: float | None  # least of these gaps found with 80 %; None: none of them is
+    subject_sd: float = SUBJECT_SD  # spread of subjects, logits; assumed
 
 
 def power_of(subjects: int, depths: int, repeats: int, share: float) -> Power:

@@ -47,13 +47,7 @@ def mvc_words(step: HoldMvc) -> str:
 
 
 def begin_words(trial: HumanTrial, of: int, *, same: bool) -> str:
-    """Return what the operator is told before a trial.
-
-    Args:
-        trial: The trial.
-        of: How many its phase has.
-        same: Whether its phantom is the one of the trial before.
-    """
+    """Return what the operator is told before a trial."""
     give = f"{'Leave' if same else 'Give'} phantom {trial.phantom}"
     depth_m = trial.depth_m if trial.told else None
     tell = "; subject blindfolded" if depth_m is None else f"; tell the subject: {depth_m * 1e3:g} mm"

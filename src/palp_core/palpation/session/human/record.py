@@ -85,9 +85,7 @@ def source_of(amplifier: str, host: str = "") -> Source:
     >>> source_of("noraxon", "192.168.1.20"), source_of("noraxon", "127.0.0.1"), source_of("")
     ('person', 'emulator', 'simulated')
 
-    Args:
-        amplifier: As the argument ``emg`` of ``launch/human.yaml`` names it.
-        host: Of an amplifier on the network; one on this host is an emulator.
+    ``amplifier`` is the argument ``emg`` of ``launch/human.yaml``; one on this ``host`` is an emulator.
     """
     if amplifier in ("emulator", "file"):
         return "emulator" if amplifier == "emulator" else "file"
@@ -128,9 +126,7 @@ class HumanWriter(SessionTable):
     def go_on(self, row_count: int) -> None:
         """Go on with what an interrupted session has left, as it was after so many rows.
 
-        Args:
-            row_count: How many; what came later is of the trial that was under way, which is done again: it
-                is kept, in a folder of its own.
+        What came later is of the trial that was under way, which is done again: it is set aside.
         """
         with self._taken():
             rows = read_human(self.folder)

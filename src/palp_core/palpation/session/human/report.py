@@ -87,14 +87,7 @@ def _progress_words(folder: Path) -> str:
 def write_human(
     folders: list[Path], out: Path, sheet: SessionSheet | None = None, *, charts: bool = False
 ) -> str:
-    """Write what one session or several tell into a folder; return it in words.
-
-    Args:
-        folders: Of the sessions.
-        out: For result and page.
-        sheet: Of a single session.
-        charts: Each chart is kept as PNG, SVG and CSV, too, in ``charts/``.
-    """
+    """Write what one session or several tell into a folder; return it in words."""
     from palp_core.palpation.reporting.html_page import picture, write_page
     from palp_core.palpation.session.human.analysis import analyse, gather
     from palp_core.palpation.session.human.charts import human_charts

@@ -38,34 +38,24 @@ State = Literal["whole", "unfinished", "running", "empty", "damaged", "person"]
 
 @dataclass(frozen=True, eq=False)
 class SessionEntry:
-    """A session of a folder.
-
-    Attributes:
-        path: Its folder.
-        state: How it is.
-        words: The same in words: how far it came and why not further, or what is damaged.
-        began: Local time of its launch, as ``2026-11-22 21:05``; of older sessions, when its record was
-            written last, with a ``~``.
-        sheet: Who, on what; None where nobody told.
-        seed: Of its run.
-        design: What sessions have in common that are one group: policy, reading, depths, what was touched.
-        settings: Parameters by ``role.name``, but for those that differ from session to session by nature.
-        trials: Trials of estimation that came to a verdict and count.
-        excluded: Why each trial that does not count does not, by phase and number.
-        digest: Of its record; copies of a session have the same.
-    """
+    """A session of a folder."""
 
     path: Path
     state: State
-    words: str
+    words: str  # the same in words: how far it came and why not further, or what is damaged
+    # local time of its launch, as ``2026-11-22 21:05``; of older sessions, when its record was written last,
+    # with a ``~``
     began: str
     sheet: SessionSheet | None = None
     seed: int = 0
+    # what sessions have in common that are one group: policy, reading, depths, what was touched
     design: str = ""
+    # parameters by ``role.name``, but for those that differ from session to session by nature
     settings: dict[str, Any] = field(default_factory=dict)
-    trials: tuple[RecordedTrial, ...] = ()
+    trials: tuple[RecordedTrial, ...] = ()  # trials of estimation that came to a verdict and count
+    # why each trial that does not count does not, by phase and number
     excluded: dict[TrialKey, str] = field(default_factory=dict)
-    digest: str = ""
+    digest: str = ""  # of its record; copies of a session have the same
 
     @property
     def who(self) -> str:

@@ -33,12 +33,7 @@ Units = Mapping[str, Sequence[RecordedTrial]]
 
 
 def pool(entries: Sequence[SessionEntry], *, unfinished: bool = False) -> dict[str, Any]:
-    """Return what sessions say together, group by group; sessions of one group were run alike.
-
-    Args:
-        entries: As found.
-        unfinished: Those that did not come to their end count, too, as far as they came.
-    """
+    """Return what sessions say together, group by group; sessions of one group were run alike."""
     counted, left_out = _counted(entries, unfinished=unfinished)
     groups: dict[str, list[SessionEntry]] = {}
     for entry in counted:

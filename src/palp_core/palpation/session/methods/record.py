@@ -56,12 +56,7 @@ class MethodRecord(msgspec.Struct, kw_only=True):
 
 
 def methods_of(summary: RunSummary, rows: Sequence[Row]) -> list[MethodRecord]:
-    """Return every method that what came out of a run depends on, by task, and of a task in time's order.
-
-    Args:
-        summary: How the run went; it has what nodes reported of their methods.
-        rows: Its palpations.
-    """
+    """Return every method that what came out of a run depends on, by task, and of a task in time's order."""
     roles = roles_of(summary)
     return [_record(one, rows, roles) for one in sorted(summary.methods, key=_place)]
 

@@ -24,14 +24,7 @@ def used(
     scene: Scene | None = None,
     given: Mapping[str, float] | None = None,
 ) -> MethodUse:
-    """Return what a node says of a method that a session takes for a task.
-
-    Args:
-        task_name: The task.
-        asked: The method, where it was named; empty: the register chooses.
-        scene: Gel, probe, path and rings; default: the published ones.
-        given: What else is known of the session, where it differs from what was published.
-    """
+    """Return what a node says of a method that a session takes for a task."""
     known = PUBLISHED if given is None else {**PUBLISHED, **given}
     found = chosen_method(task_name, scene or Scene(), asked=asked or AUTO, given=known)
     return _use(found.method, found.output, found.tolerance, found.candidates, asked=found.asked)
@@ -77,13 +70,7 @@ def rig_of(phantom: Mapping[str, Any]) -> Rig:
 
 
 def rig_uses(rig: Rig, speed_m_s: float | None, world: WorldModel = PAPER) -> list[MethodUse]:
-    """Return what a simulated phantom says of its mechanics: the rung of each phantom, and how it is solved.
-
-    Args:
-        rig: What is touched, and with what.
-        speed_m_s: Of the stage; None while nobody has swept.
-        world: What is on beside the paper's design; it is told with the scene.
-    """
+    """Return the methods of a simulated phantom: the contact model of each phantom, and of the motion."""
     beside = {} if world.plain else {"world": {"name": world.name, **world.values()}}
     uses = [
         _chosen(

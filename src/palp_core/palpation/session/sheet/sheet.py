@@ -7,31 +7,19 @@ NONE = "none"
 
 
 class PhantomEntry(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A phantom as it was made.
+    """A phantom as it was made."""
 
-    Attributes:
-        id: What is written on it.
-        batch: Of its silicone.
-        cured: Day on which it was cured, ``2026-03-01``.
-        cure_temperature_c: At which it was cured.
-    """
-
-    id: str
-    batch: str
-    cured: str
-    cure_temperature_c: float
+    id: str  # what is written on it
+    batch: str  # of its silicone
+    cured: str  # day on which it was cured, ``2026-03-01``
+    cure_temperature_c: float  # at which it was cured
 
 
 class SensorEntry(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The torque sensor.
-
-    Attributes:
-        serial: Its serial number.
-        bias_n_m: What it reads with nothing on it.
-    """
+    """The torque sensor."""
 
     serial: str
-    bias_n_m: float
+    bias_n_m: float  # what it reads with nothing on it
 
 
 class SessionSheet(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -48,10 +48,8 @@ _HOTTEST_C, _LARGEST_N_M = 200.0, 10.0
 def read_sheet(path: str | Path, codes: Collection[str] = (), *, by_hand: bool = False) -> SessionSheet:
     """Read a sheet that a person filled in.
 
-    Args:
-        path: The file.
-        codes: Of the phantoms that the session will use: each must be there, and no other.
-        by_hand: A person palpates: there is somebody who is measured, and no torque sensor.
+    ``codes`` are those of the phantoms that the session will use: each must be there, and no other.
+    ``by_hand``: a person palpates, so somebody is measured, and there is no torque sensor.
     """
     file = str(path)
     try:
