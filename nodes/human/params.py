@@ -17,9 +17,8 @@ from palp_core.palpation.mechanics.scene.sealed import (
 from palp_core.palpation.session.human.blinding import key_of
 from palp_core.palpation.session.human.plan import HumanDesign
 from palp_core.palpation.session.human.questions import AnswerForm
-from palp_core.palpation.session.human.record import Source, source_of
 from palp_core.palpation.session.plan import PlannedPhantom
-from palp_core.palpation.session.sheet.identity import consent_id, subject_code
+from palp_core.palpation.session.sheet.identity import Source, consent_id, source_of, subject_code
 from palp_core.units import Count, CountPositive, HertzPositive, Kilograms, Seconds, SecondsPositive
 
 

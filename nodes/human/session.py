@@ -14,9 +14,9 @@ from palp_core.palpation.session.human import plan, questions
 from palp_core.palpation.session.human.effort import judged, mvc_trouble, rms, stretch
 from palp_core.palpation.session.human.plan import HumanStep, HumanTrial
 from palp_core.palpation.session.human.record import HumanRow, HumanWriter, emg_name
-from palp_core.palpation.session.human.sheet import subject_of_sheet
 from palp_core.palpation.session.plan import resume
 from palp_core.palpation.session.sheet.identity import consent_id, subject_code
+from palp_core.palpation.session.sheet.sheet import read_sheet
 from palp_core.units import Float64Array
 
 _LATCHED = Qos(durability="transient_local", depth=1)
@@ -110,7 +110,8 @@ class HumanSession(Node):
     def _identify(self) -> str:
         state, params = self.state, self.params
         state.consent = state.consent or (consent_id(params.consent) if params.consent else "")
-        named = params.subject or subject_of_sheet(params.session)
+        sheet = params.session
+        named = params.subject or (read_sheet(sheet, by_hand=True).subject if sheet else "")
         state.subject = state.subject or (subject_code(named) if named else "")
         wanted = "consent" if not state.consent else "subject" if not state.subject else ""
         if wanted and state.doing != wanted:

@@ -16,7 +16,7 @@ from palp_core.graph.node.lifecycle import Transition
 from palp_core.graph.process.checkpoint import NodeCheckpointer, restore
 from palp_core.palpation.session.trials_csv import Row, read_rows, read_sweep
 from tests.nodes.test_experiment import Rig, params_in, run
-from tests.palpation.session.test_trials_csv_disk import full_after
+from tests.palpation.session.test_trials_csv import full_after
 
 
 def interrupted(out: Path, steps: int, **params: object) -> tuple[Bench[Experiment], bytes]:

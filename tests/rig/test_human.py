@@ -20,7 +20,7 @@ from palp_core.palpation.perception.strategy.chain_file import markov_policy, wr
 from palp_core.palpation.session import audit
 from palp_core.palpation.session.human.orders import TABLE_4_MM
 from palp_core.palpation.session.human.record import read_human
-from tests.palpation.session.sheet.filled import FILLED
+from tests.palpation.session.sheet.test_sheet import FILLED
 from tests.support.palp import ROOT
 from tests.support.rig_session import ComposedGraph, check_here
 

@@ -133,7 +133,7 @@ def test_it_chooses_every_palpation_from_the_first_on(here: Path) -> None:
 def test_result_page_and_overview_say_who_decided_and_how_to_run_it_again(here: Path) -> None:
     result = json.loads((here / "Mine" / "result.json").read_text())
     assert (result["policy"], result["policy_class"]) == ("mine", "my_policy.py:Mine")
-    assert "swapped_by_hand" not in result
+    assert "policies" not in result
     page = " ".join((here / "Mine" / "report.html").read_text().split())
     assert "The policy “mine (my_policy.py:Mine)” found the right depth" in page
     assert "mine (my_policy.py:Mine)" in page.partition("</h1>")[0]

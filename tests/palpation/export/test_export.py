@@ -5,14 +5,12 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
-import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet
 import pytest
@@ -21,11 +19,14 @@ from typer.testing import CliRunner
 
 from palp_core.cli.main import app
 from palp_core.errors import PalpError
-from palp_core.palpation.export.dictionary import DICTIONARY, ExportColumn, as_markdown, columns_of
 from palp_core.palpation.export.export import FORMS, Form, default_out, write_export
 from palp_core.palpation.export.source import ExportSource, read_source
 from palp_core.palpation.export.tables import (
+    ExportColumn,
     ExportTable,
+    as_markdown,
+    columns_of,
+    dictionary,
     emg_table,
     iterations_table,
     sweeps_table,
@@ -42,7 +43,6 @@ from tests.support.sessions import writer
 DEPTHS_M = (0.002, 0.0025, 0.008)
 ODD = 'ångström µ ≥ 3 %, "x"; naïve 漢字 😀'
 TRIALS = [(0, [[0.6, 0.3, 0.1], [0.9, 0.1, 0.0]]), (1, [[0.8, 0.1, 0.1]]), (2, [[1 / 3, 1 / 3, 1 / 3]])]
-TABULAR: tuple[Form, ...] = ("csv", "parquet", "mat")
 
 Cells = dict[str, list[Any]]
 
@@ -122,6 +122,7 @@ def of_csv(path: Path, table: ExportTable) -> Cells:
 def of_parquet(path: Path, table: ExportTable) -> Cells:
     read = pa.parquet.read_table(path / f"{table.name}.parquet")
     kinds = {"integer": pa.int64(), "number": pa.float64(), "text": pa.string(), "flag": pa.bool_()}
+    assert json.loads(read.schema.metadata[b"palp"])["sheet"]["lab"]
     for one, field in zip(table.columns, read.schema, strict=True):
         assert (field.name, field.type) == (one.name, kinds[one.kind])
         assert field.metadata == {b"unit": one.unit.encode(), b"meaning": one.meaning.encode()}
@@ -151,7 +152,7 @@ READERS: dict[Form, Callable[[Path, ExportTable], Cells]] = {
 }
 
 
-@pytest.mark.parametrize("form", TABULAR)
+@pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("which", ["source", "empty"])
 def test_what_is_read_is_what_was_there_cell_by_cell(
     form: Form, which: str, tmp_path: Path, request: pytest.FixtureRequest
@@ -204,7 +205,7 @@ def test_an_estimate_on_a_grid_is_right_if_the_true_depth_is_the_nearest_that_wa
 
 
 def test_every_field_of_a_row_is_a_column() -> None:
-    names = {one.name.partition("_<")[0] for one in DICTIONARY["iterations"]}
+    names = {one.name.partition("_<")[0] for one in dictionary()["iterations"]}
     fields = {
         name.removesuffix("_ns") + ("_s" if name.endswith("_ns") else "") for name in Row.__struct_fields__
     }
@@ -213,7 +214,7 @@ def test_every_field_of_a_row_is_a_column() -> None:
 
 
 def test_names_of_columns_are_names_everywhere() -> None:
-    for table in DICTIONARY:
+    for table in dictionary():
         for one in columns_of(table, [0.0, 0.0025, -0.001, 1e-7]):
             assert one.name.isidentifier()
             assert one.name.isascii()
@@ -239,22 +240,16 @@ def test_the_script_of_the_documentation_opens_the_mat_file(
     assert f"{np.mean(right)}" in capsys.readouterr().out
 
 
-def test_pandas_opens_parquet(source: ExportSource, tmp_path: Path) -> None:
-    write_export(source, "parquet", tmp_path / "out")
-    frame = pd.read_parquet(tmp_path / "out" / "trials.parquet")
-    assert frame["depth_m"].dtype == np.float64
-    assert frame["palpations"].dtype == np.int64
-    assert frame.groupby("phase")["trial"].count().to_dict() == {"estimation": 3, "training": 12}
-    facts = json.loads(pa.parquet.read_schema(tmp_path / "out" / "trials.parquet").metadata[b"palp"])
-    assert facts["sheet"]["lab"] == "simulation"
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_nothing_is_overwritten_unasked_and_only_an_export_is_replaced(
-    form: Form, source: ExportSource, tmp_path: Path
+@pytest.mark.parametrize(
+    ("form", "name"), [("csv", "S01_csv"), ("parquet", "S01_parquet"), ("mat", "S01.mat")]
+)
+def test_nothing_is_overwritten_unasked_and_what_cannot_be_written_leaves_what_was_there(
+    form: Form, name: str, source: ExportSource, tmp_path: Path
 ) -> None:
-    out = tmp_path / "out"
+    out = default_out(tmp_path / "deep" / "S01", form)
+    assert out == tmp_path / "deep" / name
     write_export(source, form, out)
+    assert [path.name for path in out.parent.iterdir()] == [name]
     with pytest.raises(PalpError, match="there already"):
         write_export(source, form, out)
     write_export(source, form, out, overwrite=True)
@@ -263,23 +258,14 @@ def test_nothing_is_overwritten_unasked_and_only_an_export_is_replaced(
     (mine / "thesis.txt").write_text("x", encoding="utf-8")
     with pytest.raises(PalpError, match="no earlier export"):
         write_export(source, form, mine, overwrite=True)
-    assert (mine / "thesis.txt").exists()
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_what_cannot_be_written_leaves_what_was_there(
-    form: Form, source: ExportSource, tmp_path: Path
-) -> None:
-    out = tmp_path / "out"
-    write_export(source, form, out)
     kept = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    assert mine / "thesis.txt" in kept
     table = source.tables["emg"]
     wrong: Any = np.zeros(3) if form == "csv" else None
     broken = dataclasses.replace(table, values={**table.values, "edc_v": wrong})
+    damaged = dataclasses.replace(source, tables={**source.tables, "emg": broken})
     with pytest.raises((TypeError, AttributeError, ValueError)):
-        write_export(
-            dataclasses.replace(source, tables={**source.tables, "emg": broken}), form, out, overwrite=True
-        )
+        write_export(damaged, form, out, overwrite=True)
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == kept
 
 
@@ -303,16 +289,3 @@ def test_what_is_no_session_is_refused_in_words(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["session", "export", str(tmp_path), "--to", "csv"])
     assert isinstance(result.exception, PalpError)
     assert "no session's folder" in str(result.exception)
-
-
-@pytest.mark.parametrize(
-    ("form", "name"), [("csv", "S01_csv"), ("parquet", "S01_parquet"), ("mat", "S01.mat")]
-)
-def test_an_export_goes_beside_what_is_exported(form: Form, name: str, tmp_path: Path) -> None:
-    assert default_out(tmp_path / "S01", form) == tmp_path / name
-
-
-def test_a_folder_is_not_left_half_written(source: ExportSource, tmp_path: Path) -> None:
-    write_export(source, "csv", tmp_path / "deep" / "out")
-    assert {path.name for path in (tmp_path / "deep").iterdir()} == {"out"}
-    shutil.rmtree(tmp_path / "deep")

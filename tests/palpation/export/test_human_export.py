@@ -9,16 +9,15 @@ import numpy as np
 import pytest
 
 from palp_core.errors import PalpError
-from palp_core.palpation.export.dictionary import DICTIONARY
-from palp_core.palpation.export.export import Form, write_export
+from palp_core.palpation.export.export import FORMS, Form, write_export
 from palp_core.palpation.export.source import ExportSource, read_source
+from palp_core.palpation.export.tables import dictionary
 from palp_core.palpation.session.audit import decide
 from palp_core.palpation.session.human.record import HumanRow, HumanWriter
 from palp_core.palpation.session.session_folder import RUN, SHEET
-from palp_core.palpation.session.sheet.sheet import SessionSheet
-from palp_core.palpation.session.sheet.sheet_file import sheet_text
+from palp_core.palpation.session.sheet.sheet import SessionSheet, sheet_text
 from palp_core.whole_file import write_json
-from tests.palpation.export.test_export import READERS, TABULAR, expected
+from tests.palpation.export.test_export import READERS, expected
 from tests.support.sessions import describe
 
 OF_PERSON = SessionSheet(
@@ -69,12 +68,12 @@ def source(folder: Path) -> ExportSource:
     return read_source(folder)
 
 
-@pytest.mark.parametrize("form", TABULAR)
+@pytest.mark.parametrize("form", FORMS)
 def test_what_is_read_is_what_was_there_cell_by_cell(
     form: Form, source: ExportSource, tmp_path: Path
 ) -> None:
     write_export(source, form, out := tmp_path / "out")
-    assert [*source.tables] == [name for name in DICTIONARY if name.startswith("human_")]
+    assert [*source.tables] == [name for name in dictionary() if name.startswith("human_")]
     for table in source.tables.values():
         assert READERS[form](out, table) == expected(table)
 
@@ -98,7 +97,7 @@ def test_the_tables_say_what_the_record_says(folder: Path, source: ExportSource)
 
 
 def test_every_field_of_a_row_is_a_column() -> None:
-    names = {one.name for one in DICTIONARY["human_trials"]}
+    names = {one.name for one in dictionary()["human_trials"]}
     renamed = {"answer_mm": "answer_m", "end_ns": "end_s", "emg": "recording", "row": "trial"}
     assert {renamed.get(name, name) for name in HumanRow.__struct_fields__} <= names
 

@@ -8,6 +8,7 @@ import pytest
 import palp_core.palpation
 from palp_core.palpation.reporting.charts import Chart
 from palp_core.palpation.reporting.html_page import picture, write_page
+from palp_core.palpation.reporting.table import write_csv, write_records
 
 ROOM = Path(palp_core.palpation.__file__).parent
 CASE: dict[str, Any] = {
@@ -70,3 +71,10 @@ def test_templates_stand_on_one_base_with_one_style_sheet() -> None:
     assert all(path.read_text("utf-8").startswith('{% extends "base.html" %}') for path in pages)
     styled = [path.name for path in templates.rglob("*.html") if "<style" in path.read_text("utf-8")]
     assert styled == ["base.html"]
+
+
+def test_a_table_has_its_heading_and_an_empty_cell_for_nothing(tmp_path: Path) -> None:
+    write_csv(tmp_path / "a.csv", ("name", "x, mm"), [("a, b", 1.5), ("c", None)])
+    assert (tmp_path / "a.csv").read_bytes() == b'name,"x, mm"\n"a, b",1.5\nc,\n'
+    write_records(tmp_path / "b.csv", [{"x": 1, "y": None}, {"x": float("nan"), "y": "z"}])
+    assert (tmp_path / "b.csv").read_bytes() == b"x,y\n1,\nnan,z\n"

@@ -40,9 +40,14 @@ def session(record: Writer) -> Path:
 def test_what_is_excluded_or_to_be_done_again_counts_nowhere_and_is_still_there(
     session: Path, summary: Summariser
 ) -> None:
+    write(session, summary(session))
+    assert "left_out" not in (session / "result.json").read_text()
     before = (session / "trials.csv").read_bytes()
     palp("exclude", 1002, session, "--reason", "the phantom slipped")
+    first = (session / AUDIT).read_bytes()
     palp("redo", 1, session, "--training", "--reason", "the  gel was\ntouched")
+    assert (session / AUDIT).read_bytes().startswith(first)
+    assert [one.deed for one in decisions(session)] == ["exclude", "redo"]
     assert left_out(session) == {
         ("estimation", 1002): "exclude: the phantom slipped",
         ("training", 1): "redo: the gel was touched",
@@ -60,23 +65,6 @@ def test_what_is_excluded_or_to_be_done_again_counts_nowhere_and_is_still_there(
         "training 1": "redo: the gel was touched",
     }
     assert "the phantom slipped" in (session / "report.html").read_text()
-
-
-def test_a_session_without_decisions_says_nothing_of_them(session: Path, summary: Summariser) -> None:
-    write(session, summary(session))
-    assert not read_result(session).left_out
-    assert "left_out" not in (session / "result.json").read_text()
-
-
-def test_decisions_are_appended(session: Path) -> None:
-    palp("exclude", 1000, session, "--reason", "first")
-    first = (session / AUDIT).read_bytes()
-    palp("redo", 1000, session, "--reason", "second")
-    assert (session / AUDIT).read_bytes().startswith(first)
-    assert [(one.deed, one.reason) for one in decisions(session)] == [
-        ("exclude", "first"),
-        ("redo", "second"),
-    ]
 
 
 def test_a_trial_that_is_not_there_or_has_no_reason_is_refused(session: Path) -> None:

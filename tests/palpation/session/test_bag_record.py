@@ -158,32 +158,23 @@ def test_of_a_bag_that_was_cut_off_what_stands_before_is_reported(
 
 
 @pytest.mark.usefixtures("blank_charts")
-def test_a_bag_that_began_after_training_says_that_it_lacks_some(
-    rig_session: RigSession, tmp_path: Path
-) -> None:
-    first = next(row for row in read_rows(rig_session.out) if row.phase == "estimation")
-    late = part(rig_session, tmp_path / "late", start_ns=first.start_ns - 20 * 10**9)
-    said = report(late)
-    assert {row.phase for row in read_rows(tmp_path / "late_report")} == {"estimation"}
-    assert "the bag lacks at least 1 palpation" in said
-
-
-@pytest.mark.usefixtures("blank_charts")
+@pytest.mark.parametrize("start", ["in training", "after training"])
 def test_a_bag_that_began_late_has_the_rows_from_then_on_and_says_what_it_lacks(
-    rig_session: RigSession, tmp_path: Path
+    rig_session: RigSession, tmp_path: Path, start: str
 ) -> None:
-    said = report(part(rig_session, tmp_path / "late", start_ns=100 * 10**9))
-    every, folder = read_rows(rig_session.out), tmp_path / "late_report"
+    every, folder, start_ns = read_rows(rig_session.out), tmp_path / "late_report", 100 * 10**9
+    if start == "after training":
+        start_ns = next(row for row in every if row.phase == "estimation").start_ns - 20 * 10**9
+    said = report(part(rig_session, tmp_path / "late", start_ns=start_ns))
     rows = read_rows(folder)
-    lacking = len(every) - len(rows)
-    assert f"the bag lacks at least {lacking} palpations" in said
+    lacking = len(every) - len(rows) if start == "in training" else 1
+    assert f"the bag lacks at least {lacking} palpation" in said
     assert [(row.trial, row.iteration, row.posterior) for row in rows] == [
-        (row.trial, row.iteration, row.posterior) for row in every[lacking:]
+        (row.trial, row.iteration, row.posterior) for row in every[-len(rows) :]
     ]
     kept = read_session(folder)
-    assert len({row.depth_m for row in kept.training}) < 3
-    assert kept.depths_m == (0.002, 0.004, 0.008)
-    assert kept.grid_count == 0
+    assert {row.phase for row in rows} == {"estimation", *(["training"] if start == "in training" else [])}
+    assert (kept.depths_m, kept.grid_count) == ((0.002, 0.004, 0.008), 0)
 
 
 @pytest.mark.parametrize(
@@ -230,18 +221,15 @@ def test_a_session_is_not_overwritten_unasked(rig_session: RigSession, tmp_path:
     assert len(list((tmp_path / "cut_report" / SWEEPS).iterdir())) == len(read_rows(rig_session.out))
 
 
-def test_other_bags_and_words_that_do_not_fit_are_refused(rig_session: RigSession, tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "other"):
-        pass
+def test_what_is_no_bag_of_a_session_is_refused(
+    rig_session: RigSession, tmp_path: Path, summary: Summariser
+) -> None:
+    run = msgspec.structs.replace(summary(tmp_path), publishes={"relay": {"/relay/out": "Amplified"}})
+    with BagWriter(tmp_path / "other"), BagWriter(tmp_path / "bag") as writer:
+        writer.attach(LAUNCH_ATTACHMENT, msgspec.json.encode(run))
     with pytest.raises(PalpError, match="does not say of what run it is"):
         report(tmp_path / "other")
-    with pytest.raises(PalpError, match="is no bag"):
-        report(rig_session.out, "--out", tmp_path / "x")
-
-
-def test_a_bag_of_a_graph_without_an_experiment_is_no_session(tmp_path: Path, summary: Summariser) -> None:
-    run = msgspec.structs.replace(summary(tmp_path), publishes={"relay": {"/relay/out": "Amplified"}})
-    with BagWriter(tmp_path / "bag") as writer:
-        writer.attach(LAUNCH_ATTACHMENT, msgspec.json.encode(run))
     with pytest.raises(PalpError, match="no bag of a session"):
         report(tmp_path / "bag")
+    with pytest.raises(PalpError, match="is no bag"):
+        report(rig_session.out, "--out", tmp_path / "x")

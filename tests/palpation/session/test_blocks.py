@@ -1,9 +1,8 @@
-"""How long blocks of samples are: no launch file's are late for their reader."""
+"""How long blocks of samples are: no launch file's are late for their reader, and late ones are reported."""
 
 from __future__ import annotations
 
 import logging
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,49 +12,35 @@ from nodes.rig_torque import RigTorque, RigTorqueParams
 from nodes.stage import Stage, StageParams
 from palp_core import Bench
 from palp_core.graph.description.resolver import resolve
-from palp_core.palpation.devices.blocks import (
-    LONGEST_S,
-    Stream,
-    block_mistakes,
-    late_blocks,
-)
-
-ROOT = Path(__file__).resolve().parents[3]
-
-
-def params(launch: str, node: str, defaults: Any, *overrides: str) -> Any:
-    """Return the parameters that a node has in a launch file, those of its class among them."""
-    stated = resolve(ROOT / "launch" / launch, overrides).nodes[node].spec.params
-    fields = defaults.__struct_fields__
-    return {name: stated.get(name, getattr(defaults, name)) for name in fields}
+from palp_core.palpation.devices.blocks import LONGEST_S, Stream, block_mistakes, late_blocks
+from tests.support.palp import ROOT
 
 
 @pytest.mark.parametrize(
-    ("reading", "stream", "samples"), [("feature", "sweep", 1000), ("trace", "torque", 50)]
+    ("launch", "node", "defaults", "stream", "samples"),
+    [
+        ("sim.yaml reading:=feature", "stage", StageParams(), "sweep", 1000),  # acted upon when it is over
+        ("sim.yaml reading:=trace", "stage", StageParams(), "torque", 50),  # decided within
+        ("rig.yaml", "torque", RigTorqueParams(), "torque", 20),
+        ("emulated.yaml", "torque", RigTorqueParams(), "torque", 20),
+        ("sim.yaml", "emg", EmgParams(), "emg", 75),
+        ("rig.yaml", "emg", EmgParams(), "emg", 75),
+        ("emulated.yaml", "emg", EmgParams(), "emg", 75),
+    ],
 )
-def test_simulated_torque_comes_in_blocks_that_are_not_late(
-    reading: str, stream: Stream, samples: int
+def test_no_block_is_late_for_its_reader(
+    launch: str, node: str, defaults: Any, stream: Stream, samples: int
 ) -> None:
-    """For a feature nobody acts upon torque before a sweep is over; a trace is decided within."""
-    found = params("sim.yaml", "stage", StageParams(), f"reading:={reading}")
-    assert StageParams(within_sweep=found["within_sweep"]).stream == stream
+    file, *overrides = launch.split()
+    stated = resolve(ROOT / "launch" / file, overrides).nodes[node].spec.params
+    found = {name: stated.get(name, getattr(defaults, name)) for name in defaults.__struct_fields__}
+    wall = file != "sim.yaml"
     assert found["block_samples"] == samples
-    assert not late_blocks(stream, samples / found["rate_hz"], wall_clock=False)
-
-
-@pytest.mark.parametrize("launch", ["rig.yaml", "emulated.yaml"])
-def test_the_rigs_torque_and_loads_come_in_blocks_that_are_not_late(launch: str) -> None:
-    found = params(launch, "torque", RigTorqueParams())
-    assert found["block_samples"] == 20
-    assert not late_blocks("torque", 20 / found["rate_hz"], wall_clock=True)
-    assert not late_blocks("load", 1.0 / found["load_hz"], wall_clock=True)
-
-
-@pytest.mark.parametrize("launch", ["sim.yaml", "rig.yaml", "emulated.yaml"])
-def test_emg_comes_in_blocks_that_are_not_late(launch: str) -> None:
-    found = params(launch, "emg", EmgParams())
-    assert found["block_samples"] == 75
-    assert not late_blocks("emg", 75 / found["rate_hz"], wall_clock=launch != "sim.yaml")
+    assert not late_blocks(stream, samples / found["rate_hz"], wall_clock=wall)
+    if "load_hz" in found:
+        assert not late_blocks("load", 1.0 / found["load_hz"], wall_clock=wall)
+    if node == "stage":
+        assert StageParams(within_sweep=found["within_sweep"]).stream == stream
 
 
 def test_blocks_of_more_than_a_second_are_refused_in_words() -> None:
@@ -67,7 +52,7 @@ def test_blocks_of_more_than_a_second_are_refused_in_words() -> None:
     assert "block_samples" in Stage.examine(StageParams(block_samples=1001))
 
 
-def test_blocks_that_are_late_for_their_reader_are_said_at_the_start(
+def test_blocks_that_are_late_for_their_reader_are_reported_at_the_start(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     with caplog.at_level(logging.WARNING):
@@ -76,3 +61,5 @@ def test_blocks_that_are_late_for_their_reader_are_said_at_the_start(
         Bench(Stage, {"block_samples": 100})
     assert "the torque comes in blocks of 0.1 s" in caplog.text
     assert "0.05 s are wanted" in caplog.text
+    assert late_blocks("load", 1 / 345, wall_clock=True) == ""
+    assert late_blocks("load", 1 / 344, wall_clock=True) != ""

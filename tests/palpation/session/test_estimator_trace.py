@@ -44,6 +44,14 @@ PARAMS: dict[str, Any] = {
 CLEAN: dict[tuple[float, float], Float64Array] = {}
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _coarse_mechanics(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Let the register take the cheapest contact model for the slopes: finite elements take half a minute."""
+    scene = tmp_path_factory.mktemp("scene") / "scene.yaml"
+    scene.write_text("tolerance: {relative: 1.0}\n")
+    PARAMS["scene"] = str(scene)
+
+
 def touched(depth_m: float, ring_m: float) -> Float64Array:
     """Torque of a sweep, by a formula: a rise and a fall, higher the shallower and the stiffer."""
     stage_m = FROM_M + SPEED * 1e-3 * np.arange(COUNT)
@@ -81,13 +89,9 @@ def block(
     torque_n_m: Float64Array, start: int = 0, *, first_ns: int | None = None, over_phantom: bool = True
 ) -> TorqueBlock:
     return TorqueBlock(
-        stamp_ns=0,
-        start_ns=start * 1_000_000 if first_ns is None else first_ns,
-        rate_hz=1000.0,
-        over_phantom=over_phantom,
-        saturated_count=0,
-        torque_n_m=torque_n_m,
-    )
+        stamp_ns=0, start_ns=start * 1_000_000 if first_ns is None else first_ns, rate_hz=1000.0,
+        over_phantom=over_phantom, saturated_count=0, torque_n_m=torque_n_m,
+    )  # fmt: skip
 
 
 def palpate(bench: Bench[Estimator], torque_n_m: Float64Array) -> None:
@@ -231,12 +235,11 @@ def test_a_sweep_of_the_trial_before_says_nothing_of_the_next() -> None:
     before = len(outlooks(bench))
     for each in (bench, fresh):
         until_decided(each, felt(0.002))
-    assert [b.posterior.tolist() for b in outlooks(bench)[before:]] == [
-        b.posterior.tolist() for b in outlooks(fresh)
-    ]
+    beliefs = [[one.posterior.tolist() for one in outlooks(each)] for each in (bench, fresh)]
+    assert beliefs[0][before:] == beliefs[1]
 
 
-@pytest.mark.parametrize("at", [0, 7, 12, 17, 60])
+@pytest.mark.parametrize("at", [0, 12, 60])
 def test_a_replacement_goes_on_in_the_middle_of_a_sweep_to_the_same_bytes(at: int) -> None:
     whole, first = trained(), trained()
     for bench in (whole, first):
@@ -245,23 +248,18 @@ def test_a_replacement_goes_on_in_the_middle_of_a_sweep_to_the_same_bytes(at: in
     for one in feed[:at]:
         first.feed(Estimator.torque, one)
     second = replace(first)
-    for one in feed:
-        whole.feed(Estimator.torque, one)
-    for one in feed[at:]:
-        second.feed(Estimator.torque, one)
-    for bench in (whole, second):
+    for bench, rest in ((whole, feed), (second, feed[at:])):
+        for one in rest:
+            bench.feed(Estimator.torque, one)
         bench.feed(Estimator.sweep, status("cancelled", COUNT))
     assert sent_bytes(first) + sent_bytes(second) == sent_bytes(whole)
     assert second.sent(Estimator.belief)[-1].verdict == "decided"
 
 
-def test_who_reads_otherwise_cannot_take_over() -> None:
-    with pytest.raises((NodeError, ValueError), match="training was read otherwise"):
-        replace(trained(), Estimator, reading="feature")
-
-
-def test_an_untrained_ring_ends_the_trial() -> None:
+def test_who_reads_otherwise_cannot_take_over_and_an_untrained_ring_ends_the_trial() -> None:
     bench = trained()
+    with pytest.raises((NodeError, ValueError), match="training was read otherwise"):
+        replace(bench, Estimator, reading="feature")
     begin(bench, 501, ring_m=0.010)
     palpate(bench, felt(0.002))
     assert bench.sent(Estimator.belief)[-1].verdict == "dropped"

@@ -1,7 +1,7 @@
-"""A tiny session of the rig, recomputed from its sweeps and from the equations, with none of palp's science.
+"""A tiny session of the rig, recomputed from its sweeps by the equations, with none of palp's perception.
 
 What is recorded (peaks, primitives, posterior, gain, gamma, verdict) follows from the stored sweeps; the
-sweeps follow from the balance of moments at the recorded ring and height, plus white noise and rounding.
+sweeps are the mechanics' at the recorded ring and height, plus white noise and rounding.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ import numpy as np
 import pytest
 import pywt
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.optimize import brentq
 from scipy.stats import norm
 
+from palp_core.palpation.mechanics.equilibrium.sweep_table import solve
+from palp_core.palpation.mechanics.scene.choice import choose_rung, rung_model
+from palp_core.palpation.mechanics.scene.scene import Scene
+from tests.support.palp import SIM
 from tests.support.rig_session import ComposedGraph, RigSession
 
-LAUNCH = Path(__file__).parents[3] / "launch" / "sim.yaml"
 Array = NDArray[np.float64]
 Rows = list[dict[str, str]]
 
@@ -31,9 +32,6 @@ FLOOR_N_M = RESOLUTION_N_M / math.sqrt(12.0)
 NOISE_N_M = RESOLUTION_N_M * math.sqrt(1.0 + 1.0 / 12.0)  # one step of noise, and rounding to a step
 LEVEL, FILTER = 5, 20
 MAX_PROBES = 15
-
-E, NU, SLAB, BEAD, BALL, MU = 20e3, 0.49, 0.030, 0.0075, 0.006, 0.3
-L1, LEVER, SPRING, WEIGHT = 0.080, 0.070 - BALL, 2.0 * 0.0068 * 240.0, 0.008 * 9.80665 * 0.035
 
 
 @pytest.fixture
@@ -135,100 +133,20 @@ def test_the_result_counts_what_the_table_says(out: Path, rows: Rows) -> None:
     assert result["probes_mean"] == pytest.approx(np.mean([int(row["iteration"]) for row in last.values()]))
 
 
-# The touch: a sphere on Dimitriadis' bonded layer over a bead that sinks, and the joint's balance of moments.
-
-
-def layer_coefficients() -> list[float]:
-    a = -(1.2876 - 1.4678 * NU + 1.3442 * NU**2) / (1.0 - NU)
-    b = (0.6387 - 1.0277 * NU + 1.5164 * NU**2) / (1.0 - NU)
-    pi = math.pi
-    return [
-        1.0,
-        -2.0 * a / pi,
-        4.0 * a**2 / pi**2,
-        -8.0 / pi**3 * (a**3 + 4.0 * pi**2 * b / 15.0),
-        16.0 * a / pi**4 * (a**3 + 3.0 * pi**2 * b / 5.0),
-    ]
-
-
-LAYER = layer_coefficients()
-
-
-def layer_force(pressed_m: float, inverse: float) -> float:
-    share = pressed_m / BALL
-    if share <= 0.0:
-        return 0.0
-    # Sneddon 1965: a sphere's contact with a half-space, its radius over the ball's
-    radius = math.sqrt(share * (1.0 - share / 3.0))
-    for _ in range(3):  # Newton's steps
-        slope = math.atanh(radius) + radius / (1.0 - radius**2)
-        radius -= (radius * math.atanh(radius) - share) / slope
-    sneddon = E * BALL**2 / (1.0 - NU**2) * ((1.0 + radius**2) * math.atanh(radius) - radius)
-    chi = radius * BALL * inverse
-    return float(sneddon * sum(c * chi**k for k, c in enumerate(LAYER)))
-
-
-def normal_force(offset_m: float, pressed_m: float, depth_m: float) -> float:
-    nearness = (1.0 + (offset_m / (depth_m + BEAD)) ** 2) ** -3
-    thinner = 1.0 / depth_m - 1.0 / SLAB
-    sinking = (5.0 - 6.0 * NU) / (24.0 * math.pi * E / (2.0 + 2.0 * NU) * BEAD * (1.0 - NU))
-    beside = 0.5 * LAYER[1] * (1.0 - NU**2) / E
-    inverse = 1.0 / SLAB + thinner * nearness
-    yielding = beside * thinner * nearness * sinking / (beside * thinner + sinking)
-    layer_m: float = brentq(
-        lambda x: x + yielding * layer_force(x, inverse) - pressed_m, 0.0, pressed_m, xtol=1e-16
-    )
-    return layer_force(layer_m, inverse)
-
-
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
-
-
-def energy(offset_m: float, pressed_m: float, depth_m: float) -> float:
-    """Return the work of pressing; with pressed = t^2 the force's power 1.5 is a polynomial."""
-    t = 0.5 * (NODES + 1.0)
-    forces = [normal_force(offset_m, float(pressed_m * x * x), depth_m) for x in t]
-    return float(np.sum(0.5 * WEIGHTS * 2.0 * t * pressed_m * forces))
-
-
-def true_torque(stage_m: float, ring_m: float, indentation_m: float, depth_m: float) -> float:
-    def forces(q: float) -> tuple[float, float]:
-        s, pressed_m = stage_m - LEVER * math.sin(q), indentation_m - LEVER * (1.0 - math.cos(q))
-        if pressed_m <= 0.0:
-            return 0.0, 0.0
-        h = 1e-4
-        slope = (energy(s + h, pressed_m, depth_m) - energy(s - h, pressed_m, depth_m)) / (2.0 * h)
-        return normal_force(s, pressed_m, depth_m), slope
-
-    def balance(q: float) -> float:
-        n, u = forces(q)
-        pushing = MU * n * (LEVER * math.cos(q) + BALL) + LEVER * (u * math.cos(q) + n * math.sin(q))
-        return (SPRING * ring_m + WEIGHT) * math.sin(q) - pushing
-
-    q: float = brentq(balance, 0.0, math.acos(1.0 - indentation_m / LEVER), xtol=1e-12)
-    n, u = forces(q)
-    return SPRING * ring_m * math.sin(q) + L1 * (MU * n + u)
-
-
 @pytest.mark.parametrize("ring_mm", [16, 8])
 def test_a_sweep_is_the_equilibrium_plus_the_stated_noise(out: Path, rows: Rows, ring_mm: int) -> None:
     row = next(r for r in rows if (r["phantom"], float(r["ring_m"])) == ("B", ring_mm * 1e-3))
     torque_n_m = sweep_of(out, row)
     steps = torque_n_m / RESOLUTION_N_M
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
-    knots_m = np.linspace(0.004, 0.024, 21)
-    indentation_m = 0.004 + float(row["true_height_m"])
-    truth = CubicSpline(
-        knots_m,
-        [true_torque(float(y), float(row["true_ring_m"]), indentation_m, 0.004) for y in knots_m],
-    )
-    along_m = (
-        -0.03 + 20e-6 * np.arange(torque_n_m.size) + 10e-6
-    )  # the first sample: within one step after -30 mm
-    near = (along_m >= knots_m[0]) & (along_m <= knots_m[-1])
-    noise = torque_n_m[near] - truth(along_m[near])
-    standard_error = NOISE_N_M / math.sqrt(noise.size)
-    assert abs(float(noise.mean())) < 4.0 * standard_error
+    scene = Scene().with_bead(0.004)
+    model = rung_model(choose_rung(scene).rung, scene.phantom, scene.probe.tip_radius_m)
+    pressed_m = scene.path.indentation_m + float(row["true_height_m"])
+    table = solve(model, scene.probe, float(row["true_ring_m"]), pressed_m, -0.03, 0.05)
+    along_m = -0.03 + 20e-6 * np.arange(torque_n_m.size) + 10e-6  # the first: within a step after -30 mm
+    near = (along_m >= 0.004) & (along_m <= 0.024)
+    noise = torque_n_m[near] - table.torque_n_m(along_m[near])
+    assert abs(float(noise.mean())) < 4.0 * NOISE_N_M / math.sqrt(noise.size)
     assert float(noise.std()) == pytest.approx(NOISE_N_M, rel=0.1)
     assert abs(float(np.corrcoef(noise[:-1], noise[1:])[0, 1])) < 0.15
 
@@ -251,7 +169,7 @@ def test_policies_share_training_and_mountings_of_a_seed(
     out: Path, rows: Rows, policy: str, tmp_path: Path
 ) -> None:
     folder = tmp_path / "other"
-    with ComposedGraph(LAUNCH, policy=policy, trials=2, training=2, out=str(folder)) as graph:
+    with ComposedGraph(SIM, policy=policy, trials=2, training=2, out=str(folder)) as graph:
         graph.run()
     assert (folder / "primitives.json").read_bytes() == (out / "primitives.json").read_bytes()
     with (folder / "trials.csv").open(newline="") as file:

@@ -52,16 +52,11 @@ def test_the_rig_repeats_itself_as_the_simulation_was_told(rig: Path) -> None:
     }
 
 
-def test_the_record_has_a_row_per_sweep_of_the_plan(rig: Path) -> None:
-    stored = read_sweeps(rig)
-    design = RepeatDesign("A")
+def test_the_record_has_a_row_per_sweep_of_the_plan_and_one_that_ended_early_says_so(rig: Path) -> None:
+    stored, design = read_sweeps(rig), RepeatDesign("A")
     assert len(stored.sweeps) == sweep_count(design)
     assert {s.remount for s in stored.phase("remount")} == set(range(1, design.remounts + 1))
     assert len(stored.phase("stay")) == design.stay * len(design.rings_m)
-
-
-def test_a_session_that_ended_early_says_so(rig: Path) -> None:
-    stored = read_sweeps(rig)
     with pytest.raises(PalpError, match="re-positioned"):
         measure_repeatability(RecordedSweeps(rig, stored.sweeps[:10]))
     with pytest.raises(PalpError, match="plan:=repeatability"):
@@ -70,14 +65,9 @@ def test_a_session_that_ended_early_says_so(rig: Path) -> None:
 
 def test_simulated_devices_load_the_noise_file(tmp_path: Path) -> None:
     path = tmp_path / "noise.yaml"
+    sample, sweep, ring_m, height = (Component(sd) for sd in (3e-5, 1e-6, 4e-4, 7e-4))
     write_noise(
-        RigNoise(
-            sample_sd_n_m=Component(3e-5),
-            sweep_sd_n_m=Component(1e-6),
-            ring_sd_m=Component(4e-4),
-            height_sd_m=Component(7e-4),
-        ),
-        path,
+        RigNoise(sample_sd_n_m=sample, sweep_sd_n_m=sweep, ring_sd_m=ring_m, height_sd_m=height), path
     )
     ring = Bench(Actuator, {"noise": str(path)}).node.device
     assert (ring.distribution, ring.repeatability_m) == ("normal", pytest.approx(8e-4))  # type: ignore[attr-defined]
@@ -161,22 +151,15 @@ def test_intervals_of_the_components_hold_the_truth() -> None:
     assert np.mean(inside) >= 0.85
 
 
-def test_a_cause_that_does_nothing_reaches_down_to_nothing() -> None:
-    found = estimate(blocks(np.random.default_rng(3), 1e-4, 0.0))
+def test_components_scale_with_the_readings_and_a_cause_that_does_nothing_reaches_down_to_nothing() -> None:
+    plain = blocks(np.random.default_rng(3), 1e-4, 0.0)
+    found = estimate(plain)
+    scaled = estimate([Block(b.cause, b.slope, tuple(7.0 * g for g in b.groups)) for b in plain])
+    for name, one in found.items():
+        assert scaled[name].value == pytest.approx(7.0 * one.value, rel=1e-3, abs=1e-9)
+        assert scaled[name].high == pytest.approx(7.0 * one.high, rel=1e-3)
     assert found["height"].low == 0.0
     assert found["height"].high < 1e-5
-
-
-def test_components_scale_with_the_readings() -> None:
-    first = estimate(blocks(np.random.default_rng(5), 1e-4, 1e-4))
-    scaled = [
-        Block(b.cause, b.slope, tuple(7.0 * g for g in b.groups))
-        for b in blocks(np.random.default_rng(5), 1e-4, 1e-4)
-    ]
-    second = estimate(scaled)
-    for name, one in first.items():
-        assert second[name].value == pytest.approx(7.0 * one.value, rel=1e-3)
-        assert second[name].high == pytest.approx(7.0 * one.high, rel=1e-3)
 
 
 @pytest.mark.parametrize(

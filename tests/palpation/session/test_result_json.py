@@ -1,3 +1,5 @@
+"""``result.json``: what it counts, from a small record whose trials are known."""
+
 from __future__ import annotations
 
 import itertools
@@ -13,17 +15,15 @@ from palp_core.errors import PalpError
 from palp_core.graph.launch.run_journal import MethodSpan, RunChange
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.palpation.mechanics.scene.rig import rig
-from palp_core.palpation.session import run_note
+from palp_core.palpation.session import report_page, run_note
 from palp_core.palpation.session.methods.used import rig_uses
+from palp_core.palpation.session.policy_changes import PolicySpan
 from palp_core.palpation.session.recorded_session import read_session
 from palp_core.palpation.session.report_page import headline, write_report
 from palp_core.palpation.session.result import TIME_KEYS, SessionResult, read_result, write_result
 from palp_core.palpation.session.result_json import build
 from palp_core.palpation.world.model import LAB
-from tests.support.sessions import SMALL_STRAIN, without_times
-
-Writer = Callable[..., Path]
-Summariser = Callable[..., RunSummary]
+from tests.support.sessions import SMALL_STRAIN, Summariser, Writer, without_times
 
 TRIALS = [
     (0, [[0.6, 0.3, 0.1], [0.9, 0.1, 0.0]]),
@@ -42,7 +42,9 @@ def result_of(found: dict[str, Any]) -> SessionResult:
     return msgspec.convert(found, SessionResult)
 
 
-def test_accuracy_is_counted_overall_and_per_depth(record: Writer, summary: Summariser) -> None:
+def test_the_result_counts_trials_depths_palpations_and_mountings(
+    record: Writer, summary: Summariser
+) -> None:
     found = built(out := record(trials=TRIALS), summary(out))
     overall = found["accuracy"]["overall"]
     assert (overall["right"], overall["of"], overall["value"]) == (3, 4, 0.75)
@@ -50,12 +52,17 @@ def test_accuracy_is_counted_overall_and_per_depth(record: Writer, summary: Summ
     assert {d: s["value"] for d, s in found["accuracy"]["per_depth_mm"].items()} == {"2": 1.0, "8": 0.5}
     assert found["accuracy"]["interval"] == "95 % Wilson, this session only"
     assert found["chance"] == pytest.approx(1 / 3)
-
-
-def test_probes_are_averaged_over_trials(record: Writer, summary: Summariser) -> None:
-    found = built(out := record(trials=TRIALS), summary(out))
-    assert found["probes_mean"] == 7 / 4
-    assert found["probes_mean_per_depth_mm"] == {"2": 1.5, "8": 2.0}
+    assert (found["probes_mean"], found["probes_mean_per_depth_mm"]) == (7 / 4, {"2": 1.5, "8": 2.0})
+    assert found["mounts"] == {"training": 1, "estimation": 1}
+    table = {"depths_mm": [2.0, 4.0, 8.0], "actual_by_estimated": [[2, 0, 0], [0, 0, 0], [0, 1, 1]]}
+    assert found["confusion"] == table
+    assert found["calibration"]["overconfidence"] == pytest.approx(0.8 - 0.75)
+    assert (found["palpations"], found["sim_time_s"]) == (12 + 7, 123.0)
+    assert found["sweep_s"] == pytest.approx(19 * 1.399)
+    assert found["sweep_s_per_wall_s"] == pytest.approx(19 * 1.399 / 2.0)
+    assert built(out, summary(out, wall_s=0.0))["sweep_s_per_wall_s"] is None
+    limits = {"threshold": 0.0005, "settled": 0.05, "max_probes": 15}
+    assert found["stop_rule"] == {"name": "paper_guarded", "settings": limits}
 
 
 def test_the_rigs_time_is_from_decision_to_decision_on_one_mounting(
@@ -63,34 +70,14 @@ def test_the_rigs_time_is_from_decision_to_decision_on_one_mounting(
 ) -> None:
     out = record(trials=TRIALS)
     found = built(out, summary(out, reading="trace"))
-    last: dict[int, tuple[int, int]] = {}
-    for row in read_session(out).rows:
-        if row.phase == "estimation":
-            last[row.trial] = (row.remount, row.end_ns)
+    last = {
+        row.trial: (row.remount, row.end_ns) for row in read_session(out).rows if row.phase == "estimation"
+    }
     ends = [last[trial] for trial in sorted(last)]
     took = [(b - a) * 1e-9 for (one, a), (other, b) in itertools.pairwise(ends) if one == other]
     assert found["rig_s_per_decision"] == {"mean": pytest.approx(np.mean(took)), "trials": len(took)}
     assert len(took) >= 1
-    assert found["reading"] == "trace"
-    assert built(out, summary(out))["reading"] == "feature"
-
-
-def test_mountings_are_counted_per_phase(record: Writer, summary: Summariser) -> None:
-    found = built(out := record(trials=TRIALS), summary(out))
-    assert found["mounts"] == {"training": 1, "estimation": 1}
-
-
-def test_confusion_has_a_row_per_actual_depth(record: Writer, summary: Summariser) -> None:
-    found = built(out := record(trials=TRIALS), summary(out))
-    assert found["confusion"] == {
-        "depths_mm": [2.0, 4.0, 8.0],
-        "actual_by_estimated": [[2, 0, 0], [0, 0, 0], [0, 1, 1]],
-    }
-
-
-def test_calibration_compares_stated_confidence_with_accuracy(record: Writer, summary: Summariser) -> None:
-    found = built(out := record(trials=TRIALS), summary(out))
-    assert found["calibration"]["overconfidence"] == pytest.approx(0.8 - 0.75)
+    assert (found["reading"], built(out, summary(out))["reading"]) == ("trace", "feature")
 
 
 def test_undecided_trials_are_counted_and_their_estimate_too(record: Writer, summary: Summariser) -> None:
@@ -104,16 +91,14 @@ def test_without_a_trial_there_is_no_accuracy_but_a_result(
 ) -> None:
     found = built(out := record(), summary(out))
     assert found["accuracy"]["overall"] == {"value": None, "ci": None, "right": 0, "of": 0}
-    assert found["calibration"] is None
-    assert found["probes_mean"] is None
+    assert found["calibration"] is found["probes_mean"] is None
     assert strict_json(write_result(result_of(found), out)) == found
 
 
 def test_a_single_depth_has_chance_one(record: Writer, summary: Summariser) -> None:
     out = record(depths_m=(0.004,), trials=[(0, [[1.0]])])
     found = built(out, summary(out, stop="fixed_number"))
-    assert found["chance"] == 1.0
-    assert list(found["accuracy"]["per_depth_mm"]) == ["4"]
+    assert (found["chance"], list(found["accuracy"]["per_depth_mm"])) == (1.0, ["4"])
 
 
 def test_two_runs_are_equal_but_for_the_keys_of_time(record: Writer, summary: Summariser) -> None:
@@ -125,39 +110,27 @@ def test_two_runs_are_equal_but_for_the_keys_of_time(record: Writer, summary: Su
     assert set(TIME_KEYS) <= set(one)
 
 
-def test_speed_relates_sweeping_to_wall_time(record: Writer, summary: Summariser) -> None:
-    found = built(out := record(trials=TRIALS), summary(out))
-    assert found["palpations"] == 12 + 7
-    assert found["sweep_s"] == pytest.approx(19 * 1.399)
-    assert found["sweep_s_per_wall_s"] == pytest.approx(19 * 1.399 / 2.0)
-    assert found["sim_time_s"] == 123.0
-    assert built(out, summary(out, wall_s=0.0))["sweep_s_per_wall_s"] is None
+def test_numbers_of_protocol_and_scene_have_their_basis(
+    record: Writer, summary: Summariser, tmp_path: Path
+) -> None:
+    run = summary(out := record())
+    found = built(out, run)
+    assert found["protocol"]["experiment"]["rehome"] == {"value": "trial", "basis": "not published; assumed"}
+    assert found["protocol"]["phantom"]["height_sd_mm"]["basis"].startswith("assumed")
+    assert "out" not in found["protocol"]["experiment"]
+    scene = found["mechanics"]["scene"]
+    assert scene["probe"]["spring_n_per_m"] == {"value": 240.0, "basis": "published: 0.24 N/mm"}
+    assert scene["C"]["depth_m"]["value"] == 0.008
+    assert "assumed" in scene["C"]["modulus_pa"]["basis"]
+    file = tmp_path / "soft.yaml"
+    file.write_text("S: {modulus_pa: 8000.0, bead: {depth_m: 0.003}}\n")
+    run.params["phantom"]["phantoms"] = str(file)
+    scene = built(out, run)["mechanics"]["scene"]
+    assert scene["S"]["modulus_pa"] == {"value": 8000.0, "basis": f"given by {file}"}
+    assert scene["S"]["depth_m"]["basis"] == f"given by {file}"
 
 
-def test_the_protocol_says_on_what_each_parameter_rests(record: Writer, summary: Summariser) -> None:
-    protocol = built(out := record(), summary(out))["protocol"]
-    assert protocol["experiment"]["rehome"] == {"value": "trial", "basis": "not published; assumed"}
-    assert protocol["phantom"]["height_sd_mm"]["basis"].startswith("assumed")
-    assert "out" not in protocol["experiment"]
-
-
-def test_the_stop_rule_is_told_with_its_settings(record: Writer, summary: Summariser) -> None:
-    assert built(out := record(), summary(out))["stop_rule"] == {
-        "name": "paper_guarded",
-        "settings": {"threshold": 0.0005, "settled": 0.05, "max_probes": 15},
-    }
-
-
-def test_the_mechanics_name_their_rung_and_bound(record: Writer, summary: Summariser) -> None:
-    mechanics = built(out := record(), summary(out))["mechanics"]
-    assert mechanics["bound"] <= mechanics["tolerance"] == 0.02
-    assert set(mechanics["per_phantom"]) == {"A", "B", "C"}
-    guards = {code: one["guards"] for code, one in mechanics["per_phantom"].items()}
-    assert [words[:36] for words in guards["A"]] == ["ring_m = 0.016: small strain: 2 mm p"]
-    assert guards["C"] == []
-
-
-def test_guards_are_those_of_the_run_and_not_of_another_solution(
+def test_the_mechanics_have_model_bound_and_the_guards_of_the_run_and_solve_nothing_again(
     record: Writer, summary: Summariser, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def solve_again(*_: object) -> None:
@@ -168,52 +141,29 @@ def test_guards_are_those_of_the_run_and_not_of_another_solution(
     run = summary(out := record())
     table = out / "trials.csv"
     table.write_text(table.read_text(encoding="utf-8").replace(SMALL_STRAIN, "lift-off | stuck"))
-    per_phantom = built(out, run)["mechanics"]["per_phantom"]
-    assert per_phantom["A"]["guards"] == ["ring_m = 0.016: lift-off", "ring_m = 0.016: stuck"]
-    assert per_phantom["B"]["guards"] == per_phantom["C"]["guards"] == []
+    mechanics = built(out, run)["mechanics"]
+    assert mechanics["bound"] <= mechanics["tolerance"] == 0.02
+    guards = {code: one["guards"] for code, one in mechanics["per_phantom"].items()}
+    assert guards == {"A": ["ring_m = 0.016: lift-off", "ring_m = 0.016: stuck"], "B": [], "C": []}
     run.listens["experiment"].remove("/phantom/guard")
     assert built(out, run)["mechanics"]["per_phantom"]["A"]["guards"] is None
 
 
-def test_the_scene_names_its_numbers_and_whether_they_were_published(
-    record: Writer, summary: Summariser
-) -> None:
-    scene = built(out := record(), summary(out))["mechanics"]["scene"]
-    assert scene["probe"]["spring_n_per_m"] == {"value": 240.0, "basis": "published: 0.24 N/mm"}
-    assert scene["C"]["depth_m"]["value"] == 0.008
-    assert "assumed" in scene["C"]["modulus_pa"]["basis"]
+def test_a_rig_without_a_simulated_phantom_has_no_mechanics(record: Writer, summary: Summariser) -> None:
+    run = summary(out := record())
+    for name in ("phantom", "estimator"):
+        run.params.pop(name)
+    run.publishes.pop("phantom")
+    found = built(out, run)
+    assert found["mechanics"] is found["stop_rule"] is None
 
 
-def test_numbers_from_a_file_are_not_called_published(
+def test_a_result_is_read_back_and_a_missing_or_broken_one_is_an_error(
     record: Writer, summary: Summariser, tmp_path: Path
 ) -> None:
-    file = tmp_path / "soft.yaml"
-    file.write_text("S: {modulus_pa: 8000.0, bead: {depth_m: 0.003}}\n")
-    run = summary(out := record())
-    run.params["phantom"]["phantoms"] = str(file)
-    scene = built(out, run)["mechanics"]["scene"]
-    assert scene["S"]["modulus_pa"] == {"value": 8000.0, "basis": f"given by {file}"}
-    assert scene["S"]["depth_m"]["basis"] == f"given by {file}"
-
-
-def test_a_rig_without_a_simulated_phantom_has_no_mechanics(record: Writer, summary: Summariser) -> None:
-    described = summary(out := record())
-    real = msgspec.structs.replace(
-        described, params={k: v for k, v in described.params.items() if k not in ("phantom", "estimator")}
-    )
-    real.publishes.pop("phantom")
-    found = built(out, real)
-    assert found["mechanics"] is None
-    assert found["stop_rule"] is None
-
-
-def test_a_result_is_read_back(record: Writer, summary: Summariser) -> None:
     found = build(read_session(out := record(trials=TRIALS)), summary(out))
     write_result(found, out)
     assert read_result(out) == found
-
-
-def test_a_missing_or_broken_result_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(PalpError, match=r"result\.json is missing"):
         read_result(tmp_path)
     (tmp_path / "result.json").write_text("{")
@@ -227,45 +177,34 @@ def test_a_run_that_recorded_nowhere_is_an_error(summary: Summariser, tmp_path: 
         run_note.out_of(nowhere)
 
 
-def test_a_label_names_the_policies_that_took_over(record: Writer, summary: Summariser) -> None:
-    swaps = {"value": "30=nodes.policy_markov:Markov, 60=mine.py:Mine", "basis": ""}
-    counts = {"trials_done": 58, "trials_dropped": [{"trial": 1, "reason": ""}], "trials_unfinished": 1}
-    found = built(out := record(), summary(out)) | counts
-    found |= {"policy": "fixed", "protocol": {"experiment": {"swaps": swaps}}}
-
-    def label(**other: Any) -> str:
-        return result_of(found | other).policy_label()
-
-    assert label() == "fixed, from trial 30 on markov, from trial 60 on mine"
-    assert label(trials_dropped=[]) == "fixed, from trial 30 on markov"
-    assert label(trials_done=12) == "fixed"
-    last = {"experiment": {"swaps": swaps}, "policy": {"ring_mm": {"value": 8.0, "basis": ""}}}
-    assert label(protocol=last).endswith(", from trial 60 on mine, 8 mm")
-
-
 def changed(before: str, run: str, at_s: float = 0.5) -> RunChange:
     return RunChange("policy", at_s, f"nodes.policies:{before}", f"nodes.policies:{run}")
 
 
-def test_a_policy_that_gave_way_in_training_is_not_the_one_that_is_named(
-    record: Writer, summary: Summariser
+@pytest.mark.parametrize(
+    ("chose", "present", "label"),
+    [
+        ([], [], "markov, 12 mm"),
+        ([], ["Fixed"], "markov"),  # the ring is of one that came after the last palpation
+        ([("fixed", 1)], ["Fixed"], "fixed, 12 mm"),
+        ([("fixed", 1), ("uniform", 2)], ["Fixed", "Uniform"], "fixed, from trial 2 on uniform, 12 mm"),
+        ([("markov", 1), ("mine", 60)], [], "markov, from trial 60 on mine, 12 mm"),
+    ],
+)
+def test_a_label_names_the_policies_that_chose_and_the_ring_of_the_last(
+    chose: list[tuple[str, int]], present: list[str], label: str, record: Writer, summary: Summariser
 ) -> None:
-    first = {"policy": "fixed", "trial": 1, "palpation": 1, "at_s": 1.0}
-    later = {"policy": "uniform", "trial": 2, "palpation": 3, "at_s": 2.0}
-    run = msgspec.structs.replace(summary(out := record()), changes=[changed("Markov", "Fixed")])
-    found = built(out, run)
-    found["protocol"]["policy"] = {"ring_mm": {"value": 12.0, "basis": ""}}
-
-    def label(**other: Any) -> str:
-        return result_of(found | other).policy_label()
-
-    assert label() == "markov, then fixed, 12 mm"  # none has chosen yet
-    assert label(trials_done=3, swapped_by_hand=[first]) == "fixed, 12 mm"
-    assert label(trials_done=3) == "markov"  # the ring is of one that came after the last palpation
-    assert label(trials_done=3, swapped_by_hand=[first, later]) == "fixed, from trial 2 on uniform"
+    changes = [changed("Markov", name) for name in present]
+    found = build(read_session(out := record()), msgspec.structs.replace(summary(out), changes=changes))
+    found.protocol["policy"] = result_of(built(out, summary(out))).protocol["policy"]
+    found.protocol["policy"]["ring_mm"] = msgspec.structs.replace(
+        found.protocol["experiment"]["rehome"], value=12.0
+    )
+    found.policies = [PolicySpan(policy=name, trial=trial, palpation=1, at_s=0.0) for name, trial in chose]
+    assert found.policy_label() == label
 
 
-def test_what_was_changed_is_told_with_when_and_a_parameter_as_it_was_in_the_end(
+def test_what_was_changed_stands_with_its_time_and_a_parameter_as_it_was_in_the_end(
     record: Writer, summary: Summariser
 ) -> None:
     out = record(trials=TRIALS)
@@ -280,30 +219,16 @@ def test_what_was_changed_is_told_with_when_and_a_parameter_as_it_was_in_the_end
     run = summary(out)
     run.params["policy"] = {"ring_mm": 16.0}
     found = built(out, msgspec.structs.replace(run, changes=changes))
-    told = [(one["node"], one["phase"], one["palpation"], one["params"]) for one in found["changes"]]
-    assert told == [
+    listed = [(one["node"], one["phase"], one["palpation"], one["params"]) for one in found["changes"]]
+    assert listed == [
         ("policy", rows[0].phase, 1, {}),
         ("policy", "estimation", first_trial, {"ring_mm": 12.0}),
         ("estimator", "", None, {"stop_value": 0.5}),
     ]
     assert found["protocol"]["policy"]["ring_mm"]["value"] == 12.0
     page = write_report(out / "report.html", result_of(found), ()).read_text()
-    assert "nodes.policies:Markov → nodes.policies:Fixed" in page
-    assert "ring_mm = 12.0" in page
-    assert "after the last" in page
-
-
-@pytest.mark.parametrize(
-    ("device", "words"),
-    [("sim", "simulated rig"), ("aerotech", "emulated devices, simulated phantoms")],
-)
-def test_the_page_says_whether_phantoms_alone_were_simulated(
-    record: Writer, summary: Summariser, device: str, words: str
-) -> None:
-    run = summary(out := record(trials=TRIALS))
-    run.params["stage"] = {"device": device}
-    found = built(out, run)
-    assert words in write_report(out / "report.html", result_of(found), ()).read_text()
+    for words in ("nodes.policies:Markov → nodes.policies:Fixed", "ring_mm = 12.0", "after the last"):
+        assert words in page
 
 
 def test_a_session_whose_trials_were_all_dropped_says_why(record: Writer, summary: Summariser) -> None:
@@ -321,15 +246,37 @@ def test_the_world_stands_in_result_and_page_unless_it_is_the_papers(
 ) -> None:
     plain = built(out := record(trials=TRIALS), summary(out))
     assert "world" not in plain
-    run = summary(out)
-    told = [MethodSpan(node="phantom", at_s=0.0, use=use) for use in rig_uses(rig(), None, LAB)]
-    found = built(out, msgspec.structs.replace(run, methods=told))
-    assert found["world"]["name"] == "lab"
+    assert "world" not in headline(result_of(plain))
+    used = [MethodSpan(node="phantom", at_s=0.0, use=use) for use in rig_uses(rig(), None, LAB)]
+    found = built(out, msgspec.structs.replace(summary(out), methods=used))
     texture = found["world"]["parameters"]["texture_sd_n_m"]
-    assert (texture["value"], texture["unit"]) == (LAB.texture_sd_n_m, "N m")
+    assert (found["world"]["name"], texture["value"], texture["unit"]) == ("lab", LAB.texture_sd_n_m, "N m")
     assert texture["basis"].startswith("assumed")
     assert headline(result_of(found)).endswith("Simulated in the world “lab”, not in the paper's own design.")
     page = write_report(out / "page.html", result_of(found), []).read_text("utf-8")
     assert ">World: lab</h2>" in page
     assert "texture_sd_n_m" in page
-    assert "world" not in headline(result_of(plain))
+
+
+@pytest.mark.parametrize(
+    ("device", "link", "touch", "said"),
+    [
+        ("sim", None, True, "simulated rig"),
+        ("aerotech", "socket://10.0.0.1:8001", True, "emulated devices, simulated phantoms"),
+        ("aerotech", "socket://10.0.0.1:8001", False, "rig with devices"),
+        ("newport", "none", False, "rig with devices, without a link of the safety node's own to the stage"),
+        ("newport", "none", True, "simulated phantoms, without a link of the safety node's own to the stage"),
+    ],
+)
+def test_the_page_says_what_was_swept_and_that_the_stage_had_no_link_for_stopping(
+    device: str, link: str | None, touch: bool, said: str, record: Writer, summary: Summariser
+) -> None:
+    run = summary(out := record())
+    run.params["stage"] = {"device": device}
+    if link is not None:
+        run.params["safety"] = {"stop_link": link}
+    if not touch:
+        run.publishes["phantom"].pop("/phantom/guard")
+    words = report_page._rig(build(read_session(out), run))
+    assert said in words
+    assert ("(stop_link: none)" in words) == (link == "none")

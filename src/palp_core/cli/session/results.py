@@ -113,7 +113,7 @@ def reanalyse(
     from palp_core.palpation.mechanics.scene.file import read_scene
     from palp_core.palpation.perception.belief.rig_noise import read_noise
     from palp_core.palpation.session import analysis
-    from palp_core.palpation.session.many.pooled import sessions_below
+    from palp_core.palpation.session.many.overview import sessions_below
     from palp_core.palpation.session.recorded_sweeps import read_sessions
 
     if out is not None:
@@ -132,10 +132,8 @@ def reanalyse(
         filter=filter,
         likelihood=likelihood,
         stop=stop or "paper_guarded",
-        stop_value=stop_value,
-        max_probes=max_probes,
-        depth_count=depths,
         trace_filter=trace_filter,
+        more={"stop_value": stop_value, "max_probes": max_probes, "depth_count": depths},
     )
     record = analysis.analyse(
         read_sessions(paths),

@@ -30,7 +30,7 @@ def new(
     overwrite: Annotated[bool, option("A file that is there is replaced.", "--overwrite")] = False,
 ) -> None:
     from palp_core.palpation.session.sheet.of_run import phantom_codes
-    from palp_core.palpation.session.sheet.template import template
+    from palp_core.palpation.session.sheet.sheet import template
     from palp_core.whole_file import write_whole
 
     try:
@@ -61,7 +61,7 @@ def _sheet_at(path: Path, *, by_hand: bool) -> SessionSheet:
     from palp_core.palpation.session.bag_record import is_bag, launch_of
     from palp_core.palpation.session.run_note import read_note
     from palp_core.palpation.session.sheet.of_run import sheet_of
-    from palp_core.palpation.session.sheet.sheet_file import read_sheet
+    from palp_core.palpation.session.sheet.sheet import read_sheet
 
     if is_bag(path):
         with Bag(path) as bag:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +12,7 @@ import msgspec
 import palp_core
 from palp_core.errors import PalpError
 from palp_core.graph.launch.summary import RunSummary
-from palp_core.palpation.export.human_tables import human_recordings, human_tables
+from palp_core.palpation.export.human_tables import human_tables
 from palp_core.palpation.export.tables import (
     ExportTable,
     emg_table,
@@ -39,12 +37,10 @@ class ExportSource:
     """A session ready to be written."""
 
     path: Path
-    # by name: ``trials``, ``iterations``, ``sweeps``, ``emg``; of a session with a person ``human_trials``,
-    # ``human_recordings``, ``human_emg``
     tables: dict[str, ExportTable]
     sheet: SessionSheet | None
     run: dict[str, Any]  # which run it is, as plain values
-    notes: tuple[str, ...]  # what whoever exports it ought to know
+    notes: tuple[str, ...]  # for whoever exports it
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -54,57 +50,41 @@ class ExportSource:
 
 def read_source(path: Path) -> ExportSource:
     """Read all tables of a session."""
-    if is_human_session(path):
-        return _read_human(path)
     notes: list[str] = []
-    emg = None
-    with contextlib.ExitStack() as stack:
-        folder = path
+    with tempfile.TemporaryDirectory(prefix="palp-export-") as made:
+        folder, emg = path, None
         if is_bag(path):
-            folder = stack.enter_context(_record_of(path))
-            summary = read_note(folder)
-            emg = _emg(path, summary, notes)
+            folder = Path(made) / "record"
+            write_record(path, folder)
+            emg = _emg(path, read_note(folder), notes)
+        summary = read_note(folder)
+        sheet, excluded = sheet_of(summary), left_out(folder)
+        if is_human_session(folder):
+            tables = human_tables(folder, read_human(folder), excluded)
         else:
-            summary = read_note(path)
-            notes.append(
-                "a session's folder keeps no EMG; the bag of the run has it: palp session export BAG"
+            if folder is path:
+                notes.append(
+                    "a session's folder keeps no EMG; the bag of the run has it: palp session export BAG"
+                )
+            subject = sheet.subject if sheet is not None else NONE
+            rows, depths_m = read_rows(folder), believed_depths(folder)
+            tables = (
+                trials_table(rows, depths_m, subject, excluded),
+                iterations_table(rows, depths_m, subject),
+                sweeps_table(folder, rows),
+                emg_table(emg),
             )
-        if summary.exit_code != 0:
-            notes.append(f"the session is unfinished ({summary.ended}): what it has is exported")
-        sheet = sheet_of(summary)
-        subject = sheet.subject if sheet is not None else NONE
-        rows = read_rows(folder)
-        depths_m = believed_depths(folder)
-        tables = (
-            trials_table(rows, depths_m, subject, left_out(folder)),
-            iterations_table(rows, depths_m, subject),
-            sweeps_table(folder, rows),
-            emg_table(emg),
-        )
-    return ExportSource(path, {one.name: one for one in tables}, sheet, _run(summary), tuple(notes))
-
-
-def _read_human(folder: Path) -> ExportSource:
-    """Read all tables of a session with a person."""
-    summary = read_note(folder)
-    rows = read_human(folder)
-    notes = [f"the session is unfinished ({summary.ended}): what it has is exported"]
-    tables = human_tables(rows, human_recordings(folder, rows), left_out(folder))
-    return ExportSource(
-        folder,
-        {one.name: one for one in tables},
-        sheet_of(summary),
-        _run(summary),
-        tuple(notes if summary.exit_code != 0 else ()),
-    )
-
-
-@contextlib.contextmanager
-def _record_of(bag: Path) -> Iterator[Path]:
-    """Give the record that a bag holds, in a folder for the while."""
-    with tempfile.TemporaryDirectory(prefix="palp-export-") as folder:
-        write_record(bag, Path(folder) / "record")
-        yield Path(folder) / "record"
+    if summary.exit_code != 0:
+        notes.append(f"the session is unfinished ({summary.ended}): what it has is exported")
+    run = {
+        "graph": summary.graph,
+        "launch_file": Path(summary.file).name,
+        "clock": summary.clock,
+        "seed": summary.seed,
+        "finished": summary.exit_code == 0,
+        "exported_by": f"palp {palp_core.__version__}",
+    }
+    return ExportSource(path, {one.name: one for one in tables}, sheet, run, tuple(notes))
 
 
 def _emg(bag: Path, summary: RunSummary, notes: list[str]) -> EmgFile | None:
@@ -117,14 +97,3 @@ def _emg(bag: Path, summary: RunSummary, notes: list[str]) -> EmgFile | None:
     except PalpError as error:
         notes.append(f"no EMG: {error}")
         return None
-
-
-def _run(summary: RunSummary) -> dict[str, Any]:
-    return {
-        "graph": summary.graph,
-        "launch_file": Path(summary.file).name,
-        "clock": summary.clock,
-        "seed": summary.seed,
-        "finished": summary.exit_code == 0,
-        "exported_by": f"palp {palp_core.__version__}",
-    }

@@ -1,26 +1,31 @@
 """Pages from templates: one base with one style sheet, one file of macros; a page needs no other file.
 
 The words of a page are in its template, ``templates/NAME.html``; Python hands in values, and the filters
-below write them. A value that a template names and nobody hands in is an error.
+below write them. A value that a template names and nobody hands in is an error. Headings get ids, to which a
+contents list leads; ``glossary.csv`` explains the words that a page uses and a reader cannot guess.
 """
 
 from __future__ import annotations
 
 import base64
+import csv
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from html import unescape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from palp_core.palpation.reporting import charts
 from palp_core.palpation.reporting.charts import Chart
-from palp_core.palpation.reporting.glossary import words_of
-from palp_core.palpation.reporting.outline import outlined
 from palp_core.whole_file import write_whole
 
 if TYPE_CHECKING:
     from jinja2 import Environment
+
+_HEADING = re.compile(r"<h([23])(?: id=\"([^\"]*)\")?>(.*?)</h\1>", re.DOTALL)
+_TAG = re.compile(r"<[^>]*>")
 
 
 @dataclass(frozen=True)
@@ -51,7 +56,10 @@ def picture(chart: Chart, folder: Path | None = None) -> Picture:
 
 
 def write_page(path: Path, template: str, **values: Any) -> Path:
-    """Write a page; it appears under its name only when complete."""
+    """Write a page from a template, ``studies/paper.html`` say, and its values.
+
+    The page appears under its name only when complete; its folder is made if missing.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, _environment().get_template(template).render(values))
     return path
@@ -80,6 +88,57 @@ def _environment() -> Environment:
         "spaced": spaced,
     }
     return found
+
+
+class Outline(NamedTuple):
+    """A page's body before its first heading and from it on; id and words of the headings of level 2."""
+
+    lead: str
+    rest: str
+    sections: list[tuple[str, str]]
+
+
+def outlined(body: str) -> Outline:
+    """Return the outline of a page's body, which is HTML; every heading has an id that no other has."""
+    taken: set[str] = set()
+    sections = []
+
+    def name(heading: re.Match[str]) -> str:
+        level, given, words = heading.groups()
+        plain = _TAG.sub("", words).strip()
+        letters = re.sub(r"[^a-z0-9]+", "-", re.sub(r"&[a-z]+;|&#\d+;", " ", plain.lower()))
+        wanted = found = given or letters.strip("-") or "part"
+        number = 1
+        while found in taken:
+            number += 1
+            found = f"{wanted}-{number}"
+        taken.add(found)
+        if level == "2":
+            sections.append((found, plain))
+        return f'<h{level} id="{found}">{words}</h{level}>'
+
+    text = _HEADING.sub(name, body)
+    first = _HEADING.search(text)
+    at = first.start() if first else len(text)
+    return Outline(text[:at], text[at:], sections)
+
+
+@cache
+def glossary() -> list[tuple[re.Pattern[str], str, str]]:
+    """Return pattern, name and meaning of each word; one with capitals is meant as it stands: EMG."""
+    with Path(__file__).with_name("glossary.csv").open(encoding="utf-8", newline="") as file:
+        _, *lines = csv.reader(file)
+    return [
+        (re.compile(rf"(?<!\w)(?:{of})(?!\w)", 0 if re.search("[A-Z]", of) else re.IGNORECASE), word, meaning)
+        for of, word, meaning in lines
+    ]
+
+
+def words_of(body: str) -> list[tuple[str, str]]:
+    """Return name and meaning of the words that a page's HTML shows, in the order of the alphabet."""
+    text = unescape(_TAG.sub(" ", body))
+    used = [(word, meaning) for pattern, word, meaning in glossary() if pattern.search(text)]
+    return sorted(used, key=lambda entry: entry[0].lower())
 
 
 def percent(share: float, digits: int = 1) -> str:
@@ -124,9 +183,5 @@ def plain(value: Any, digits: int = 6, nothing: str = "(none)") -> str:
 
 
 def spaced(name: str) -> str:
-    """Return a name as words.
-
-    >>> spaced("fixed_best")
-    'fixed best'
-    """
+    """Return a name as words: ``fixed_best`` as ``fixed best``."""
     return name.replace("_", " ")

@@ -1,6 +1,6 @@
 """Stored sessions pooled and decided again by several combinations of methods: the table and the page."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from itertools import product
 from pathlib import Path
@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from palp_core.counted import counted
 from palp_core.errors import PalpError
 from palp_core.methods import names as names_of
 from palp_core.palpation.mechanics.scene.scene import Scene
@@ -30,27 +29,18 @@ _TASKS = ("denoise", "feature", "filter", "likelihood", "stop")
 
 
 def combinations(
-    *,
-    denoise: str,
-    feature: str,
-    filter: str,
-    likelihood: str,
-    stop: str,
-    stop_value: float = 0.0,
-    max_probes: int,
-    depth_count: int = 0,
-    trace_filter: str = "",
+    *, trace_filter: str = "", stop: str, more: Mapping[str, Any], **named: str
 ) -> list[Methods]:
     """Return every combination of names given with commas; ``all`` stands for every one.
 
-    With a ``trace_filter`` whole traces are read, and only it and the stop rules are combined.
+    With a ``trace_filter`` whole traces are read, and only it and the stop rules are combined. ``more`` are
+    other fields of :class:`Methods`.
     """
-    more = {"stop_value": stop_value, "max_probes": max_probes, "depth_count": depth_count}
     if trace_filter:
         pairs = product(_named("trace_filter", trace_filter), _named("stop", stop))
-        return [Methods(trace_filter=one, stop=rule, **more) for one, rule in pairs]  # type: ignore[arg-type]
-    words = dict(zip(_TASKS, (denoise, feature, filter, likelihood, stop), strict=True))
-    choices = [_named(task, said) for task, said in words.items()]
+        return [Methods(trace_filter=one, stop=rule, **more) for one, rule in pairs]
+    named["stop"] = stop
+    choices = [_named(task, named[task]) for task in _TASKS]
     return [
         Methods(**dict(zip(_TASKS, names, strict=True)), **more)  # type: ignore[arg-type]
         for names in product(*choices)
@@ -74,24 +64,13 @@ def analyse(
     """Return what each combination makes of the sessions."""
     if not sessions or not combos:
         raise PalpError("nothing to analyse: name sessions' folders or bags, and one method per task")
-    rows, first, all_decided = [], None, []
+    rows: list[dict[str, Any]] = []
     for combo in combos:
         decided = [reanalyse(session, combo, noise=noise, scene=scene) for session in sessions]
-        all_decided.append(decided)
         shares = [float(np.mean(right)) if (right := _rights(again)) else None for again in decided]
-        first = shares if first is None else first
+        first = rows[0]["accuracy_per_session"] if rows else shares
         rows.append(_row(combo, decided, shares, first))
-    ended = _ended_in_all(all_decided)
-    for row, decided in zip(rows, all_decided, strict=True):
-        right = [
-            _right(again, t)
-            for i, again in enumerate(decided)
-            for t in again.trials
-            if (i, t.trial) in ended and t.depth_m is not None
-        ]
-        row["accuracy_where_none_ran_out"] = float(np.mean(right)) if right else None
     return {
-        "trials_where_none_ran_out": len(ended),
         "sessions": [
             {
                 "path": str(one.path),
@@ -107,43 +86,18 @@ def analyse(
     }
 
 
-def _ended_in_all(all_decided: Sequence[Sequence[ReanalysedSession]]) -> set[tuple[int, int]]:
-    """Return the trials, each with its session's place, that ran out of sweeps by no combination."""
-    sets = [
-        {(i, t.trial) for i, again in enumerate(decided) for t in again.trials if t.verdict != "ran_out"}
-        for decided in all_decided
-    ]
-    return set.intersection(*sets)
-
-
 def remarks_of(record: dict[str, Any]) -> list[str]:
-    """Return what a reader of the table must know, in words: trials that wanted more than was stored."""
-    short = [row for row in record["results"] if row["ran_out"]]
-    if not short:
+    """Return what a reader of the table must know: trials that wanted more than was stored."""
+    most = max(record["results"], key=lambda row: row["ran_out"])
+    if not most["ran_out"]:
         return []
-    most = max(short, key=lambda row: row["ran_out"])
-    said = (
-        f"Trials ran out of stored sweeps, up to {most['ran_out']} of {most['trials']} "
-        f"({_methods_in(most, record)}): the rule wanted another, the session had stopped, and the trial "
-        "counts by its belief at that point. A method that asks for more is marked down by that, not by "
-        "being wrong."
-    )
-    if not record["trials_where_none_ran_out"]:
-        return [f"{said} There is no trial that ran out by none; compare by a simulation (palp launch)."]
-    compared = ", ".join(
-        f"{_methods_in(row, record)} {100.0 * row['accuracy_where_none_ran_out']:.1f} %"
-        for row in record["results"]
-        if row["accuracy_where_none_ran_out"] is not None
-    )
-    count = record["trials_where_none_ran_out"]
-    ran = counted(count, "trial")
-    return [f"{said} Of the {ran} that ran out by none, no fair draw from all of them: {compared}."]
-
-
-def _methods_in(row: dict[str, Any], record: dict[str, Any]) -> str:
-    """Return a combination by what tells it from the others."""
-    told = [task for task in _TASKS if len({_shown(one, task) for one in record["results"]}) > 1]
-    return "/".join(_shown(row, task) for task in told or ("filter",))
+    differ = [task for task in _TASKS if len({_shown(one, task) for one in record["results"]}) > 1]
+    methods = "/".join(_shown(most, task) for task in differ or ("filter",))
+    return [
+        f"Trials ran out of stored sweeps, up to {most['ran_out']} of {most['trials']} ({methods}): the rule "
+        "wanted another, the session had stopped, and the trial counts by its belief at that point. A method "
+        "that asks for more is marked down by that, not by being wrong: compare by a simulation."
+    ]
 
 
 def _rights(again: ReanalysedSession) -> list[bool]:

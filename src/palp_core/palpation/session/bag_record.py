@@ -1,14 +1,14 @@
 """The record of a session from a bag of its run: rows, sweeps and primitives as the experiment wrote them.
 
-The experiment writes down what other nodes tell it. The same messages are in the bag, and are followed here
-in the order in which they were published: between processes a recorder may have heard them in another.
+The experiment writes down what other nodes publish. The same messages are in the bag, and are followed here
+in the order in which they were published: between processes a recorder may have received them in another.
 """
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ import msgspec
 from palp_core.counted import counted
 from palp_core.errors import BagDamaged, MechanicsError, PalpError
 from palp_core.graph.bag.reader import Bag, BagMessage
-from palp_core.graph.launch.run_journal import GRAPH_EVENTS, MethodSpan, RunChange, RunJournal
+from palp_core.graph.launch.run_journal import GRAPH_EVENTS, RunJournal
 from palp_core.graph.launch.summary import RunSummary
 from palp_core.graph.messages.builtin import DiagnosticStatus, MethodsUsed
 from palp_core.graph.node.qos_events import EVENTS_PORT
@@ -32,15 +32,14 @@ from palp_core.palpation.session.trials_csv import Row, SessionWriter, primitive
 from palp_core.whole_file import write_json
 
 _NAMED_BY = "--out"
-_HEARD = (
+_BY_EXPERIMENT = ("Trial", "SweepGoal", "Mount", "Progress", "Swap")
+_TO_EXPERIMENT = (
     *("Belief", "Palpation", "PrimitivesLearnt", "RingState", "RingTruth", "PhantomTruth", "SweepStatus"),
-    "PolicyChange",
-    GUARD,
+    *("PolicyChange", GUARD),
 )
-_SAID = ("Trial", "SweepGoal", "Mount", "Progress", "Swap")
-_DIAGNOSTIC, _METHODS = "DiagnosticStatus", "MethodsUsed"
-_BEFORE_ANY_ROW = ("Trial", "SweepGoal", "Mount", "Progress", "RingState", "RingTruth", "PhantomTruth")
-_BEFORE_ESTIMATION = ("Belief", "PrimitivesLearnt")
+_OF_ANY_NODE = ("DiagnosticStatus", "MethodsUsed")
+_NEEDED = ("Palpation", "Trial", "SweepGoal", "Mount", "Progress", "RingState", "RingTruth", "PhantomTruth")
+_NEEDED_IN_ESTIMATION = ("Belief", "PrimitivesLearnt")
 
 
 def is_bag(path: Path) -> bool:
@@ -75,8 +74,8 @@ class BagRecord:
     """The record of the session that a bag holds."""
 
     summary: RunSummary  # how the run went, as far as the bag has it
-    rows: list[Row]  # its palpations as the experiment recorded them
-    palpations: list[Any]  # the message of each, with its torque
+    rows: list[Row]
+    palpations: list[Any]  # the message of each row, with its torque
     believed_m: Sequence[float]  # depths that the beliefs are about
     learnt: list[Any]  # messages of memory primitives
 
@@ -84,156 +83,139 @@ class BagRecord:
 def read_record(path: Path) -> BagRecord:
     """Return the record of the session that a bag holds."""
     with Bag(path) as bag:
-        found = _Contents(bag)
-    made = found.rows()
+        launch = launch_of(bag)
+        roles = _roles(launch, path)
+        kind_of = _topics(launch, roles)
+        messages, damage = _read(bag, list(kind_of))
+        journal = _journal(bag, launch, kind_of, messages)
+        recorded = bag.topics()
+    by_kind: dict[str, list[Any]] = {}
+    builder, made = _RecordBuilder(roles.params("experiment")), []
+    for message in messages:
+        kind = kind_of[message.topic]
+        by_kind.setdefault(kind, []).append(message.value)
+        if (pair := builder.feed(kind, message.value)) is not None:
+            made.append(pair)
+    present = {message.topic for message in messages}
+    _refuse_lacking(path, kind_of, present, by_kind)
+    if not made:
+        raise PalpError(f"{path}: holds no palpation whose trial and phantom are in it, too")
     rows = [row for row, _ in made]
+    ended = _why_unfinished(rows, by_kind, damage)
+    clock_s = messages[-1].log_ns / 1e9
+    summary = msgspec.structs.replace(
+        launch,
+        listens=_listens(launch, roles, kind_of, present, recorded),
+        exit_code=-1 if ended else 0,
+        ended=ended,
+        clock_s=clock_s,
+        wall_s=clock_s if launch.clock == "wall" else 0.0,
+        activation_count=None,
+        incidents=journal.entries.incidents,
+        methods=journal.entries.methods,
+        changes=journal.entries.changes,
+    )
     palpations = [palpation for _, palpation in made]
-    learnt = found.values("PrimitivesLearnt")
-    return BagRecord(found.summary(rows), rows, palpations, found.believed_m(), learnt)
+    believed_m = _believed_m(roles.params("experiment"), by_kind)
+    return BagRecord(summary, rows, palpations, believed_m, by_kind.get("PrimitivesLearnt", []))
 
 
-class _Contents:
-    """What of a bag is about its session, in the order in which it was published."""
+def _read(bag: Bag, topics: Sequence[str]) -> tuple[list[BagMessage], str]:
+    """Return the messages of topics in the order in which they were published, and how the bag is damaged."""
+    messages: list[BagMessage] = []
+    damage = ""
+    try:
+        for message in bag.messages(topics):
+            messages.append(message)  # noqa: PERF402, what stands before the damage is kept
+    except BagDamaged as error:
+        damage = str(error)
+    return sorted(messages, key=lambda message: message.publish_ns), damage
 
-    def __init__(self, bag: Bag) -> None:
-        self._path = bag.path
-        self._launch = launch_of(bag)
-        self._roles = _roles(self._launch, bag.path)
-        self._kind_of = _topics(self._launch, self._roles)
-        self._damage = ""
-        self._messages: list[BagMessage] = []
-        try:
-            for message in bag.messages(list(self._kind_of)):
-                self._messages.append(message)  # what stands before the damage is kept
-        except BagDamaged as error:
-            self._damage = str(error)
-        self._messages.sort(key=lambda message: message.publish_ns)
-        self._topics = bag.topics()
-        self._changes = _changes(bag)
 
-    def values(self, kind: str) -> list[Any]:
-        """Return the messages of a type."""
-        return [message.value for message in self._messages if self._kind_of[message.topic] == kind]
+def _journal(
+    bag: Bag, launch: RunSummary, kind_of: Mapping[str, str], messages: Iterable[BagMessage]
+) -> RunJournal:
+    """Return what went wrong, which methods were used and what was changed of nodes."""
+    owner = {name: node for node, topics in launch.publishes.items() for name in topics}
+    journal = RunJournal()
+    for message in messages:
+        topic, kind = message.topic, kind_of[message.topic]
+        if kind == "DiagnosticStatus":
+            status = msgspec.convert(message.value, DiagnosticStatus, from_attributes=True)
+            at = f"at {status.stamp_ns / 1e9:.1f} s"  # the time of day is not in the bag
+            journal.add_status(topic, owner[topic], status, at)
+        elif kind == "MethodsUsed":
+            used = msgspec.convert(message.value, MethodsUsed, from_attributes=True)
+            journal.add_methods(owner[topic], used)
+    names = [name for name in bag.topics() if name == GRAPH_EVENTS or name.endswith(f"/{EVENTS_PORT}")]
+    with contextlib.suppress(BagDamaged):
+        for message in bag.messages(names) if names else ():
+            journal.add_event(message.topic, message.value)
+    return journal
 
-    def rows(self) -> list[tuple[Row, Any]]:
-        """Return every row with its palpation."""
-        builder, found = _RecordBuilder(self._roles.params("experiment")), []
-        for message in self._messages:
-            made = builder.feed(self._kind_of[message.topic], message.value)
-            if made is not None:
-                found.append(made)
-        estimated = any(trial.phase == "estimation" for trial in self.values("Trial"))
-        needed = {"Palpation", *_BEFORE_ANY_ROW, *(_BEFORE_ESTIMATION if estimated else ())}
-        lacking = sorted(
-            name for name, kind in self._kind_of.items() if kind in needed and name not in self._heard()
-        )
-        if self._topic_of("Palpation") in lacking:
-            raise PalpError(
-                f"{self._path}: holds no palpation: nothing of {self._topic_of('Palpation')} is in it"
-            )
-        if lacking:
-            raise PalpError(
-                f"{self._path}: nothing of {', '.join(lacking)} is in it, and without it the session cannot "
-                "be told; record the whole run: palp launch FILE --record DIR, or palp bag record -a"
-            )
-        if not found:
-            raise PalpError(f"{self._path}: holds no palpation whose trial and phantom are in it, too")
-        return found
 
-    def believed_m(self) -> Sequence[float]:
-        """Return the depths that the beliefs are about; before the first, those that the experiment has."""
-        for belief in self.values("Belief"):
-            depths_m: list[float] = belief.depths_m.tolist()
-            return depths_m
-        params = self._roles.params("experiment")
-        try:
-            phantoms = load_phantoms(params.get("phantoms", "")).values()
-            taught_m = {phantom.bead.depth_m for phantom in phantoms if phantom.bead is not None}
-        except MechanicsError:  # their file is not where it was
-            taught_m = {truth.depth_m for truth in self.values("PhantomTruth")}
-        grid: list[float] = classes_of(sorted(taught_m), params.get("depths", 0)).tolist()
-        return grid
-
-    def summary(self, rows: Sequence[Row]) -> RunSummary:
-        """Return how the run went, as far as the bag tells."""
-        ended = self._why_unfinished(rows)
-        clock_s = self._messages[-1].log_ns / 1e9
-        return msgspec.structs.replace(
-            self._launch,
-            listens=self._listens(),
-            exit_code=-1 if ended else 0,
-            ended=ended,
-            clock_s=clock_s,
-            wall_s=clock_s if self._launch.clock == "wall" else 0.0,
-            activation_count=None,
-            incidents=self._incidents(),
-            methods=self._methods(),
-            changes=self._changes,
+def _refuse_lacking(
+    path: Path, kind_of: Mapping[str, str], present: set[str], by_kind: Mapping[str, list[Any]]
+) -> None:
+    """Refuse a bag without a topic that a session cannot do without."""
+    estimated = any(trial.phase == "estimation" for trial in by_kind.get("Trial", ()))
+    needed = (*_NEEDED, *(_NEEDED_IN_ESTIMATION if estimated else ()))
+    lacking = sorted(name for name, kind in kind_of.items() if kind in needed and name not in present)
+    for name in lacking:
+        if kind_of[name] == "Palpation":
+            raise PalpError(f"{path}: holds no palpation: nothing of {name} is in it")
+    if lacking:
+        raise PalpError(
+            f"{path}: nothing of {', '.join(lacking)} is in it, and without it the session cannot "
+            "be told; record the whole run: palp launch FILE --record DIR, or palp bag record -a"
         )
 
-    def _why_unfinished(self, rows: Sequence[Row]) -> str:
-        """Return why the bag does not hold the session to its end; "" if it does."""
-        if not any(progress.phase == "done" for progress in self.values("Progress")):
-            return (
-                f"the bag is damaged: {self._damage}"
-                if self._damage
-                else "the bag ends before the session does"
-            )
-        last: dict[tuple[str, int], int] = {}
-        for row in rows:
-            key = row.phase, row.trial
-            last[key] = max(last.get(key, 0), row.iteration)
-        trials = dict(sorted(last))  # of each phase the last one's number
-        lacking = sum(last.values()) - len(rows) + sum(trials.values()) - len(last)
-        lacking += "estimation" in trials and "training" not in trials  # which comes first
-        return (
-            f"the bag lacks at least {counted(lacking, 'palpation')}: it begins later, or messages "
-            "are missing, which "
-            "`palp bag info` lists"
-            if lacking
-            else ""
-        )
 
-    def _listens(self) -> dict[str, list[str]]:
-        """Return what nodes hear, without guards of which it cannot be told whether they were recorded.
+def _believed_m(params: Mapping[str, Any], by_kind: Mapping[str, list[Any]]) -> Sequence[float]:
+    """Return the depths that the beliefs are about; before the first, those that the experiment has."""
+    for belief in by_kind.get("Belief", ()):
+        depths_m: list[float] = belief.depths_m.tolist()
+        return depths_m
+    try:
+        phantoms = load_phantoms(params.get("phantoms", "")).values()
+        taught_m = {phantom.bead.depth_m for phantom in phantoms if phantom.bead is not None}
+    except MechanicsError:  # their file is not where it was
+        taught_m = {truth.depth_m for truth in by_kind.get("PhantomTruth", ())}
+    grid: list[float] = classes_of(sorted(taught_m), params.get("depths", 0)).tolist()
+    return grid
 
-        A phantom that met nothing said nothing of it; then something else that it said shows that its topics
-        were recorded.
-        """
-        phantom = self._roles.node.get("phantom", "")
-        mute = {name for name, kind in self._kind_of.items() if kind == GUARD} - self._heard()
-        beside = [
-            name for name in self._topics if name.startswith(f"/{phantom}/") and name not in self._kind_of
-        ]
-        return {
-            node: [name for name in names if beside or name not in mute]
-            for node, names in self._launch.listens.items()
-        }
 
-    def _incidents(self) -> list[Any]:
-        owner = {name: node for node, topics in self._launch.publishes.items() for name in topics}
-        journal = RunJournal()
-        for message in self._messages:
-            if self._kind_of[message.topic] == _DIAGNOSTIC:
-                status = msgspec.convert(message.value, DiagnosticStatus, from_attributes=True)
-                at = f"at {status.stamp_ns / 1e9:.1f} s"  # the time of day is not in the bag
-                journal.add_status(message.topic, owner[message.topic], status, at)
-        return journal.entries.incidents
+def _why_unfinished(rows: Sequence[Row], by_kind: Mapping[str, list[Any]], damage: str) -> str:
+    """Return why the bag does not hold the session to its end; "" if it does."""
+    if not any(progress.phase == "done" for progress in by_kind.get("Progress", ())):
+        return f"the bag is damaged: {damage}" if damage else "the bag ends before the session does"
+    palpations: dict[tuple[str, int], int] = {}  # how many each trial has
+    for row in rows:
+        key = row.phase, row.trial
+        palpations[key] = max(palpations.get(key, 0), row.iteration)
+    trials = dict(sorted(palpations))  # of each phase the last one's number
+    lacking = sum(palpations.values()) - len(rows) + sum(trials.values()) - len(palpations)
+    lacking += "estimation" in trials and "training" not in trials  # which comes first
+    if not lacking:
+        return ""
+    return (
+        f"the bag lacks at least {counted(lacking, 'palpation')}: it begins later, or messages are missing, "
+        "which `palp bag info` lists"
+    )
 
-    def _methods(self) -> list[MethodSpan]:
-        owner = {name: node for node, topics in self._launch.publishes.items() for name in topics}
-        journal = RunJournal()
-        for message in self._messages:
-            if self._kind_of[message.topic] == _METHODS:
-                used = msgspec.convert(message.value, MethodsUsed, from_attributes=True)
-                journal.add_methods(owner[message.topic], used)
-        return journal.entries.methods
 
-    def _heard(self) -> set[str]:
-        return {message.topic for message in self._messages}
+def _listens(
+    launch: RunSummary, roles: Roles, kind_of: Mapping[str, str], present: set[str], recorded: Iterable[str]
+) -> dict[str, list[str]]:
+    """Return what nodes read, without guards of which nobody can tell whether they were recorded.
 
-    def _topic_of(self, kind: str) -> str:
-        return next((name for name, one in self._kind_of.items() if one == kind), "")
+    A phantom that met nothing published no guard; another topic of it shows that its topics were recorded.
+    """
+    prefix = f"/{roles.node.get('phantom', '')}/"
+    unknown = {name for name, kind in kind_of.items() if kind == GUARD} - present
+    if any(name.startswith(prefix) and name not in kind_of for name in recorded):
+        unknown = set()
+    return {node: [name for name in names if name not in unknown] for node, names in launch.listens.items()}
 
 
 @dataclasses.dataclass
@@ -261,7 +243,7 @@ class _Facts:
 
 
 class _RecordBuilder:
-    """Makes the rows again: follows what the experiment heard and said, and keeps what it kept."""
+    """Makes the rows again: follows what the experiment received and published, and keeps what it kept."""
 
     def __init__(self, params: Mapping[str, Any]) -> None:
         self._policy, self._seed = str(params.get("policy", "")), int(params.get("seed", 0))
@@ -288,7 +270,7 @@ class _RecordBuilder:
                 facts.touch_changed |= value.ring_m != facts.true_ring_m
                 facts.true_ring_m = value.ring_m
             case "SweepGoal":
-                if facts.touch_changed:  # what the sweep meets is told anew
+                if facts.touch_changed:  # what the sweep meets is published again
                     facts.guards, facts.touch_changed = [], False
             case "SweepStatus" if value.status == "sweeping":
                 facts.enter_ns, facts.leave_ns = value.enter_ns, value.leave_ns
@@ -325,23 +307,13 @@ class _RecordBuilder:
         return row, palpation
 
 
-def _changes(bag: Bag) -> list[RunChange]:
-    """Return what was changed of nodes, as launcher and nodes said before any damage."""
-    names = [name for name in bag.topics() if name == GRAPH_EVENTS or name.endswith(f"/{EVENTS_PORT}")]
-    journal = RunJournal()
-    with contextlib.suppress(BagDamaged):
-        for message in bag.messages(names) if names else ():
-            journal.add_event(message.topic, message.value)
-    return journal.entries.changes
-
-
 def launch_of(bag: Bag) -> RunSummary:
     """Return what a bag says of the run that it holds, before it ended."""
     attached = bag.attachments().get(LAUNCH_ATTACHMENT)
     if attached is None:
         raise PalpError(
-            f"{bag.path}: does not say of what run it is ({LAUNCH_ATTACHMENT} is missing): another tool or "
-            "an earlier palp wrote it; record runs by palp launch FILE --record DIR or palp bag record -a"
+            f"{bag.path}: does not say of what run it is ({LAUNCH_ATTACHMENT} is missing): another tool "
+            "wrote it; record runs by palp launch FILE --record DIR or palp bag record -a"
         )
     try:
         return msgspec.json.decode(attached, type=RunSummary)
@@ -362,12 +334,12 @@ def _roles(launch: RunSummary, path: Path) -> Roles:
 
 
 def _topics(launch: RunSummary, roles: Roles) -> dict[str, str]:
-    """Return the type of each topic that tells of the session: what the experiment heard and said."""
+    """Return the type of each topic of the session: what the experiment read and published."""
     experiment = roles.node["experiment"]
-    heard, found = set(launch.listens.get(experiment, ())), {}
+    read, found = set(launch.listens.get(experiment, ())), {}
     for node, topics in launch.publishes.items():
         for name, kind in topics.items():
-            said = kind in _SAID and node == experiment
-            if said or kind in (_DIAGNOSTIC, _METHODS) or (kind in _HEARD and name in heard):
+            published = kind in _BY_EXPERIMENT and node == experiment
+            if published or kind in _OF_ANY_NODE or (kind in _TO_EXPERIMENT and name in read):
                 found[name] = kind
     return found

@@ -172,25 +172,17 @@ StopName = Annotated[str, _of("stop")]
 
 
 _OF_TRACES = {
-    "trace_height_sd_m": ("trace_height_sd_mm", 1e-3),
-    "friction_sd": ("friction_sd", 1.0),
-    "modulus_sd": ("modulus_sd", 1.0),
-    "place_sd_m": ("place_sd_mm", 1e-3),
-    "tip_sd_m": ("tip_sd_mm", 1e-3),
-    "slope_error": ("slope_error", 1.0),
+    **{f"{name}_m": (f"{name}_mm", 1e-3) for name in ("trace_height_sd", "place_sd", "tip_sd", "bin")},
+    **{name: (name, 1.0) for name in ("friction_sd", "modulus_sd", "slope_error")},
     "texture_sd_n_m": ("texture_sd_n_mm", 1e-3),
-    "bin_m": ("bin_mm", 1e-3),
 }
 """Parameters of a node that reads whole traces, and their units in SI, by quantity."""
 
 
 def of_traces(params: Any) -> dict[str, float]:
-    """Return what a filter of whole traces is told, as far as parameters say it, SI."""
-    return {
-        quantity: float(getattr(params, name)) * unit
-        for quantity, (name, unit) in _OF_TRACES.items()
-        if hasattr(params, name)
-    }
+    """Return what a filter of whole traces is given, as far as parameters have it, SI."""
+    known = ((quantity, name, unit) for quantity, (name, unit) in _OF_TRACES.items() if hasattr(params, name))
+    return {quantity: float(getattr(params, name)) * unit for quantity, name, unit in known}
 
 
 def given_by(params: Any) -> Mapping[str, float]:

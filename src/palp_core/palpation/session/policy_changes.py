@@ -1,19 +1,18 @@
-"""Which policy chose each palpation, as others take its place by plan or by hand; what else was changed."""
+"""Which policy chose each palpation, and what was changed of nodes while a session ran."""
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 
 from palp_core.graph.launch.run_journal import RunChange
-from palp_core.palpation.session.plan import planned, policy_name
 from palp_core.palpation.session.trials_csv import Row
 
 
-class PolicySwap(msgspec.Struct, kw_only=True):
-    """A policy that took over: the first trial and palpation of estimation that it chose, and their begin.
+class PolicySpan(msgspec.Struct, kw_only=True):
+    """A policy, and the first trial and palpation of estimation that it chose, counted from 1.
 
-    ``trial`` and ``palpation`` count from 1; ``at_s`` is when that sweep began, on the graph's clock.
+    ``at_s`` is when that sweep began, on the graph's clock.
     """
 
     policy: str
@@ -37,15 +36,11 @@ class NodeChange(msgspec.Struct, kw_only=True):
     params: dict[str, Any]
 
 
-class ChangingFacts(Protocol):
-    """Who chooses: ``policy_changes``, each from a palpation on, are those that no row has come to yet."""
+def apply_policy_changes(facts: Any, palpation: Any) -> None:
+    """Let ``facts.policy`` be the one that chose a palpation, before its row is made.
 
-    policy: str
-    policy_changes: list[Any]
-
-
-def apply_policy_changes(facts: ChangingFacts, palpation: Any) -> None:
-    """Let ``policy`` be the one that chose a palpation, before its row is made."""
+    ``facts.policy_changes``, each from a palpation on, are those that no row has come to yet.
+    """
     of = (palpation.trial, palpation.iteration)
     while facts.policy_changes:
         first = facts.policy_changes[0]
@@ -55,18 +50,13 @@ def apply_policy_changes(facts: ChangingFacts, palpation: Any) -> None:
         del facts.policy_changes[0]
 
 
-def manual_swaps(rows: Sequence[Row], swaps: str) -> list[PolicySwap]:
-    """Return the policies that took over and chose palpations though no plan had them, in time's order."""
-    found: list[PolicySwap] = []
-    by_plan, due = planned(swaps), ""
-    before = rows[0].session.rpartition("-")[0] if rows else ""  # the policy with which the session began
+def policy_spans(rows: Sequence[Row]) -> list[PolicySpan]:
+    """Return which policy chose from which palpation of estimation on."""
+    found: list[PolicySpan] = []
     for row in sorted((row for row in rows if row.phase == "estimation"), key=lambda row: row.row):
-        if row.policy not in (before, due):
+        if not found or row.policy != found[-1].policy:
             at_s = round(row.start_ns / 1e9, 3)
-            found.append(PolicySwap(policy=row.policy, trial=row.trial, palpation=row.iteration, at_s=at_s))
-        before, due = row.policy, ""
-        if row.iteration == 1 and row.trial in by_plan:  # it goes on with the trial that the other one began
-            due = policy_name(by_plan[row.trial])
+            found.append(PolicySpan(policy=row.policy, trial=row.trial, palpation=row.iteration, at_s=at_s))
     return found
 
 

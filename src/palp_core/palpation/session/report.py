@@ -24,9 +24,8 @@ from palp_core.palpation.session.sheet.of_run import (
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
-    from palp_core.palpation.reporting.html_page import Picture
+    from palp_core.palpation.reporting.charts import Chart
     from palp_core.palpation.session.recorded_session import RecordedSession
-    from palp_core.palpation.session.result import SessionResult
 
 
 class SessionReport:
@@ -105,6 +104,7 @@ def _cannot_report(folder: Path, error: OSError) -> PalpError:
 
 
 def _write(found: RecordedSession, summary: RunSummary, *, charts: bool, files: bool) -> str:
+    from palp_core.palpation.reporting.html_page import picture
     from palp_core.palpation.session.plan_repeatability import is_repeatability
     from palp_core.palpation.session.report_page import headline, write_report
     from palp_core.palpation.session.result import write_result
@@ -114,21 +114,36 @@ def _write(found: RecordedSession, summary: RunSummary, *, charts: bool, files: 
     write_result(result, found.folder)
     if is_repeatability([row.phase for row in found.rows]):
         return _repeatability(found, summary, result.unfinished_words())
-    pictures = _pictures(found, summary, result, files=files) if charts else []
+    folder = found.folder / "charts" if files else None
+    pictures = [picture(chart, folder) for chart in charts_of(found, summary)] if charts else []
     page = found.folder / "report.html"
     sheet = sheet_of(summary)
     write_report(page, result, pictures, trials=found.trials, given=summary.given, sheet=sheet)
     return headline(result)
 
 
-def _pictures(
-    found: RecordedSession, summary: RunSummary, result: SessionResult, *, files: bool
-) -> list[Picture]:
-    from palp_core.palpation.reporting.html_page import picture
-    from palp_core.palpation.session.charts.of_session import charts_of
+def charts_of(found: RecordedSession, summary: RunSummary) -> list[Chart]:
+    """Return the charts that the record has numbers for, in the order of the page."""
+    from palp_core.palpation.session.charts.estimation import belief_chart, calibration_chart, rings_chart
+    from palp_core.palpation.session.charts.steps import steps_chart
+    from palp_core.palpation.session.charts.training import primitives_chart, sweeps_chart
 
-    folder = found.folder / "charts" if files else None
-    return [picture(chart, folder) for chart in charts_of(found, summary, result)]
+    roles = roles_of(summary)
+    chosen = {one.use.task: one.use.name for one in summary.methods if one.use.task == "denoise"}
+    sweeps = {
+        "estimator": roles.params("estimator") | chosen,
+        "from_m": roles.params("experiment").get("from_m"),
+        "speed_m_s": roles.params("stage").get("sweep_speed_m_s", 0.020),
+    }
+    charts = (
+        steps_chart(found, **sweeps),
+        belief_chart(found),
+        calibration_chart(found),
+        rings_chart(found),
+        primitives_chart(found),
+        sweeps_chart(found, **sweeps),
+    )
+    return [chart for chart in charts if chart is not None]
 
 
 def _repeatability(found: RecordedSession, summary: RunSummary, unfinished: str) -> str:

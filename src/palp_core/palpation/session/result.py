@@ -5,7 +5,7 @@ Two runs of one launch file and seed give the same file but for :data:`TIME_KEYS
 """
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 from msgspec import UNSET, UnsetType
@@ -13,8 +13,8 @@ from msgspec import UNSET, UnsetType
 from palp_core.errors import PalpError
 from palp_core.graph.launch.run_journal import Incident
 from palp_core.palpation.session.methods.record import MethodRecord
-from palp_core.palpation.session.plan import planned, policy_name
-from palp_core.palpation.session.policy_changes import NodeChange, PolicySwap
+from palp_core.palpation.session.plan import policy_name
+from palp_core.palpation.session.policy_changes import NodeChange, PolicySpan
 from palp_core.palpation.session.session_folder import RESULT
 from palp_core.whole_file import read_whole, write_json
 
@@ -40,8 +40,6 @@ class Share(msgspec.Struct, kw_only=True):
 
 
 class Accuracy(msgspec.Struct, kw_only=True):
-    """Right trials, of all and by depth in mm."""
-
     overall: Share
     per_depth_mm: dict[str, Share]
     interval: str
@@ -57,8 +55,6 @@ class HowFar(msgspec.Struct, kw_only=True):
 
 
 class DroppedTrial(msgspec.Struct, kw_only=True):
-    """A trial that was dropped."""
-
     trial: int
     reason: str
 
@@ -78,15 +74,11 @@ class RigTime(msgspec.Struct, kw_only=True):
 
 
 class Verdicts(msgspec.Struct, kw_only=True):
-    """How trials ended."""
-
     decided: int
     undecided: int
 
 
 class CalibrationBin(msgspec.Struct, kw_only=True):
-    """Trials of about one confidence."""
-
     low: float
     high: float
     mean_confidence: float
@@ -94,8 +86,6 @@ class CalibrationBin(msgspec.Struct, kw_only=True):
 
 
 class CalibrationResult(msgspec.Struct, kw_only=True):
-    """Stated confidence against accuracy."""
-
     expected_error: float
     overconfidence: float
     bins: list[CalibrationBin]
@@ -109,8 +99,6 @@ class Confusion(msgspec.Struct, kw_only=True):
 
 
 class StopRuleUsed(msgspec.Struct, kw_only=True):
-    """The stop rule and its numbers."""
-
     name: str
     settings: dict[str, Any]
 
@@ -125,15 +113,11 @@ class PhantomModel(msgspec.Struct, kw_only=True):
 
 
 class Based(msgspec.Struct, kw_only=True):
-    """A value, and what it rests on."""
-
     value: Any
     basis: str
 
 
 class MechanicsResult(msgspec.Struct, kw_only=True):
-    """How the touch was simulated."""
-
     rung: str
     bound: float
     output: str
@@ -143,8 +127,6 @@ class MechanicsResult(msgspec.Struct, kw_only=True):
 
 
 class WorldParameter(msgspec.Struct, kw_only=True):
-    """A number of a simulated world."""
-
     value: Any
     unit: str
     basis: str
@@ -162,7 +144,7 @@ class SessionResult(msgspec.Struct, kw_only=True):
 
     policy: str
     policy_class: str | UnsetType = UNSET
-    swapped_by_hand: list[PolicySwap] | UnsetType = UNSET
+    policies: list[PolicySpan] | UnsetType = UNSET
     changes: list[NodeChange] | UnsetType = UNSET
     seed: int
     trials: int | None
@@ -212,17 +194,6 @@ class SessionResult(msgspec.Struct, kw_only=True):
         """Return the parameters of the node of a role; none where no node has it."""
         return self.protocol.get(self.roles.get(role, role), {})
 
-    @property
-    def planned_swaps(self) -> dict[int, str]:
-        """The class by the number of the trial in which it was to take over."""
-        swaps = self.protocol_of("experiment").get("swaps")
-        return planned(swaps.value) if swaps else {}
-
-    @property
-    def by_hand(self) -> list[PolicySwap]:
-        """Policies that took over though no plan had them."""
-        return self.swapped_by_hand or []
-
     def unfinished_words(self) -> str:
         """Return ``unfinished: 124 of 300 trials``; empty where the run came to its end."""
         if self.unfinished is None:
@@ -230,48 +201,18 @@ class SessionResult(msgspec.Struct, kw_only=True):
         of = f" of {self.unfinished.of}" if self.unfinished.of else ""
         return f"unfinished: {self.unfinished.done}{of} {self.unfinished.what}"
 
-    def policy_spans(self) -> list["PolicySpan"]:
-        """Return which policy chose from which palpation on; one that chose nothing is left out."""
-        begun = self.trials_done + len(self.trials_dropped) + self.trials_unfinished
-        took_over = [
-            PolicySpan(trial, 2, policy_name(run))  # the one before begins the trial
-            for trial, run in self.planned_swaps.items()
-            if 1 <= trial <= begun
-        ]
-        took_over += [PolicySpan(one.trial, one.palpation, one.policy) for one in self.by_hand]
-        spans = [PolicySpan(1, 1, self.policy or "unnamed"), *sorted(took_over, key=lambda one: one[:2])]
-        while len(spans) > 1 and spans[1][:2] == (1, 1):
-            del spans[0]
-        return spans
-
     def policy_label(self) -> str:
-        """Return the policy that chose first and those that took over; the last with its ring, if any.
-
-        Where no trial was begun, the policies that were there follow in their order.
-        """
-        first, *later = self.policy_spans()
-        label = first.policy
+        """Return the policy that chose first, those that took over, and the ring position of the last."""
+        chose = [span.policy for span in self.policies or ()] or [self.policy or "unnamed"]
+        label = chose[0]
         if self.policy_class and label == self.policy:
             label += f" ({self.policy_class})"
-        label += "".join(f", from trial {one.trial} on {one.policy}" for one in later)
+        for span in (self.policies or ())[1:]:
+            label += f", from trial {span.trial} on {span.policy}"
         node = self.roles.get("policy", "policy")
-        present = [
-            policy_name(one.run) for one in self.changes or () if one.node == node and one.run != one.before
-        ]
-        nothing_begun = not (self.trials_done or self.trials_dropped or self.trials_unfinished)
-        if nothing_begun:
-            label += "".join(f", then {policy}" for policy in present)
+        present = [policy_name(one.run) for one in self.changes or () if one.node == node and one.run]
         ring = self.protocol_of("policy").get("ring_mm")  # of the policy that was there last
-        last_chose = nothing_begun or not present or present[-1] == [first, *later][-1].policy
-        return label + (f", {ring.value:g} mm" if ring and last_chose else "")
-
-
-class PolicySpan(NamedTuple):
-    """A policy, and the trial and palpation of estimation from which on it chose."""
-
-    trial: int
-    palpation: int
-    policy: str
+        return label + (f", {ring.value:g} mm" if ring and (present or chose)[-1] == chose[-1] else "")
 
 
 def write_result(result: SessionResult, folder: Path) -> Path:

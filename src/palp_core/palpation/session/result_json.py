@@ -29,7 +29,7 @@ from palp_core.palpation.session.methods.used import rig_of, rig_uses
 from palp_core.palpation.session.parameter_basis import SCENE, basis_of
 from palp_core.palpation.session.plan import policy_name
 from palp_core.palpation.session.plan_repeatability import RepeatDesign, sweep_count
-from palp_core.palpation.session.policy_changes import manual_swaps, node_changes
+from palp_core.palpation.session.policy_changes import node_changes, policy_spans
 from palp_core.palpation.session.recorded_session import RecordedSession, RecordedTrial, mm
 from palp_core.palpation.session.result import (
     Accuracy,
@@ -52,27 +52,15 @@ from palp_core.palpation.session.result import (
 )
 from palp_core.palpation.session.roles import Roles, roles_of
 from palp_core.palpation.session.sheet.of_run import sheet_of
-from palp_core.palpation.session.sheet.sheet import SessionSheet
 from palp_core.palpation.world.model import basis as world_basis
 from palp_core.palpation.world.model import units as world_units
 
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
 
-_WHERE = {
-    ("experiment", "out"),
-    ("experiment", "overwrite"),
-    ("experiment", "session"),
-}
-
+_WHERE = {("experiment", name) for name in ("out", "overwrite", "session")}
 INTERVAL = "95 % Wilson, this session only"
-_PACKAGES = {
-    "numpy": "numpy",
-    "scipy": "scipy",
-    "pywt": "PyWavelets",
-    "msgspec": "msgspec",
-    "pyzmq": "pyzmq",
-}
+_PACKAGES = {"numpy": "numpy", "scipy": "scipy", "pywt": "PyWavelets", "msgspec": "msgspec", "pyzmq": "pyzmq"}
 
 
 def build(session: RecordedSession, summary: RunSummary) -> SessionResult:
@@ -81,12 +69,12 @@ def build(session: RecordedSession, summary: RunSummary) -> SessionResult:
     experiment = {**roles.params("experiment"), **summary.args}
     sweep_s = sum(row.end_ns - row.start_ns for row in session.rows) / 1e9
     trials, verdicts = session.trials, Counter(trial.verdict for trial in session.trials)
-    by_hand = manual_swaps(session.rows, experiment.get("swaps") or "")
     asked = experiment.get("policy", "")
+    policy, spans = policy_name(asked), policy_spans(session.rows)
     return SessionResult(
-        policy=policy_name(asked),
+        policy=policy,
         policy_class=asked if ":" in asked else UNSET,
-        swapped_by_hand=by_hand or UNSET,
+        policies=UNSET if [span.policy for span in spans] in ([], [policy]) else spans,
         changes=node_changes(summary.changes, session.rows) or UNSET,
         seed=summary.seed,
         trials=experiment.get("trials"),
@@ -118,7 +106,7 @@ def build(session: RecordedSession, summary: RunSummary) -> SessionResult:
         methods=methods_of(summary, session.rows),
         methods_unsaid=unsaid(summary, session.rows),
         roles=dict(roles.node),
-        protocol=_protocol(summary, roles, by_hand=bool(by_hand)),
+        protocol=_protocol(summary, roles),
         clock=summary.clock,
         sim_time_s=summary.clock_s,
         palpations=len(session.rows),
@@ -129,22 +117,13 @@ def build(session: RecordedSession, summary: RunSummary) -> SessionResult:
         sweep_s_per_wall_s=sweep_s / summary.wall_s if summary.wall_s > 0.0 else None,
         palpations_per_wall_s=len(session.rows) / summary.wall_s if summary.wall_s > 0.0 else None,
         composed=summary.composed,
-        session=_session(sheet),
+        session={k: v for k, v in msgspec.to_builtins(sheet).items() if k != "began"} if sheet else None,
         began=sheet.began if sheet is not None else "",
         graph=summary.graph,
         launch_file=summary.file,
         out=str(session.folder),
         versions=_versions(),
     )
-
-
-def _session(sheet: SessionSheet | None) -> dict[str, Any] | None:
-    """Return what the session's sheet says, but for when it began; None of a run that has none."""
-    if sheet is None:
-        return None
-    found: dict[str, Any] = msgspec.to_builtins(sheet)
-    del found["began"]
-    return found
 
 
 def how_far(session: RecordedSession, summary: RunSummary, roles: Roles) -> HowFar | None:
@@ -176,19 +155,15 @@ def _phantom_count(summary: RunSummary, roles: Roles) -> int:
     return sum(phantom.bead is not None for phantom in phantoms)
 
 
-def _share(proportion: statistics.Proportion) -> Share:
-    return Share(
-        value=proportion.value,
-        ci=(proportion.low, proportion.high),
-        right=proportion.success_count,
-        of=proportion.trial_count,
-    )
+def _share(right: int, of: int) -> Share:
+    if not of:
+        return Share(value=None, ci=None, right=0, of=0)
+    found = statistics.wilson(right, of)
+    return Share(value=found.value, ci=(found.low, found.high), right=right, of=of)
 
 
 def _accuracy(trials: Sequence[RecordedTrial]) -> Share:
-    if not trials:
-        return Share(value=None, ci=None, right=0, of=0)
-    return _share(statistics.wilson(sum(trial.right for trial in trials), len(trials)))
+    return _share(sum(trial.right for trial in trials), len(trials))
 
 
 def _mounts(session: RecordedSession, phase: str) -> int:
@@ -234,7 +209,7 @@ def _calibration(trials: Sequence[RecordedTrial]) -> CalibrationResult | None:
                 low=one.low,
                 high=one.high,
                 mean_confidence=one.mean_confidence,
-                accuracy=_share(one.accuracy),
+                accuracy=_share(one.accuracy.success_count, one.accuracy.trial_count),
             )
             for one in found.bins
         ],
@@ -343,7 +318,7 @@ def _based(values: dict[str, float], file: str = "") -> dict[str, Based]:
     return {name: Based(value=value, basis=basis[name]) for name, value in values.items()}
 
 
-def _protocol(summary: RunSummary, roles: Roles, *, by_hand: bool) -> dict[str, dict[str, Based]]:
+def _protocol(summary: RunSummary, roles: Roles) -> dict[str, dict[str, Based]]:
     """Return every node's parameters, each with what it rests on; where to record is no part of it."""
     found = {
         node: {
@@ -356,16 +331,9 @@ def _protocol(summary: RunSummary, roles: Roles, *, by_hand: bool) -> dict[str, 
     for node, parameters in found.items():
         given = last_set(summary.changes, node)
         for name in given.keys() & parameters.keys():
-            parameters[name].value = given[name]
-            _add_basis(parameters[name], "set while the session ran (changes)")
-    if by_hand:
-        swaps = found[roles.node["experiment"]].setdefault("swaps", Based(value="", basis=""))
-        _add_basis(swaps, "others took over by hand (swapped_by_hand)")
+            rests = filter(None, [parameters[name].basis, "set while the session ran (changes)"])
+            parameters[name] = Based(value=given[name], basis="; ".join(rests))
     return found
-
-
-def _add_basis(parameter: Based, words: str) -> None:
-    parameter.basis = "; ".join(filter(None, [parameter.basis, words]))
 
 
 def _versions() -> dict[str, str]:

@@ -34,6 +34,9 @@ from palp_core.whole_file import read_whole, write_json
 if TYPE_CHECKING:
     from palp_core.graph.launch.summary import RunSummary
 
+STILL_RUNNING = "it is still running"
+"""How a run ended that did not."""
+
 
 def out_of(summary: RunSummary) -> Path:
     """Return the folder that a run records into."""
@@ -140,7 +143,7 @@ def read_note(folder: Path) -> RunSummary:
     except (OSError, msgspec.MsgspecError) as error:
         raise PalpError(f"{path} cannot be read: {error}") from error
     if summary.exit_code < 0 and is_being_written(folder):
-        return msgspec.structs.replace(summary, ended="it is still running")
+        return msgspec.structs.replace(summary, ended=STILL_RUNNING)
     return summary
 
 

@@ -1,4 +1,4 @@
-"""What sessions with people tell: counted by hand, refused where nobody was a person, honest about power."""
+"""What sessions with people come to: counted by hand, refused where nobody was a person; their power."""
 
 from __future__ import annotations
 
@@ -6,14 +6,16 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from scipy import stats
+from scipy.special import expit, logit
 
 from palp_core.errors import PalpError
 from palp_core.palpation.session import audit
 from palp_core.palpation.session.human.analysis import analyse, gather
 from palp_core.palpation.session.human.power import power_of
-from palp_core.palpation.session.human.record import HumanRow, HumanWriter, is_of_a_person, read_human
+from palp_core.palpation.session.human.record import HumanRow, HumanWriter, read_human
 from palp_core.palpation.session.human.report import headline, write_human
 
 DEPTHS_M = (0.002, 0.004, 0.008)
@@ -49,9 +51,8 @@ def six_subjects(folder: Path, **more: Any) -> list[Path]:
             for i, depth_m in enumerate(DEPTHS_M):
                 right = 7 * (5 * subject + repeat) % 30 < PUBLISHED[depth_m]  # 7 k mod 30: each once
                 said = depth_m if right else DEPTHS_M[(i + 1) % 3]
-                number = 3 * repeat + i
                 facts = {"depth_m": depth_m, "estimate_m": said, "answer_mm": said * 1e3, "phantom": "ABC"[i]}
-                rows.append(row(number, subject=f"S0{subject + 1}", **facts, **more))
+                rows.append(row(3 * repeat + i, subject=f"S0{subject + 1}", **facts, **more))
         folders.append(written(folder / f"S0{subject + 1}", rows))
     return folders
 
@@ -62,21 +63,17 @@ def test_a_row_comes_back_as_it_was_written(tmp_path: Path) -> None:
 
 
 def test_the_papers_counts_give_the_papers_shares(tmp_path: Path) -> None:
-    found = analyse(gather(six_subjects(tmp_path)))
-    assert {mm: (one["right"], one["of"]) for mm, one in found["by_depth"].items()} == {
-        "2": (24, 30),
-        "4": (17, 30),
-        "8": (17, 30),
-    }
-    assert found["accuracy"]["right"] == 58
-    table = found["confusion"]["counts"]
-    assert [table[i][i] for i in range(3)] == [24, 17, 17]
-    assert table[0] == [24, 6, 0]
-    effects = {one["name"]: one["p"] for one in found["anova"]["effects"]}
-    assert effects.keys() == {"depth", "trial", "depth:trial"}
-    one_way = stats.f_oneway(*([1.0] * n + [0.0] * (30 - n) for n in PUBLISHED.values())).pvalue
-    assert 0.05 < one_way < 0.15  # what the published counts can show of depth alone
-    assert found["subjects"] == 6
+    found = analyse(gather(folders := six_subjects(tmp_path)))
+    right = {mm: (one["right"], one["of"]) for mm, one in found["by_depth"].items()}
+    assert right == {"2": (24, 30), "4": (17, 30), "8": (17, 30)}
+    assert (found["subjects"], found["accuracy"]["right"]) == (6, 58)
+    assert found["confusion"]["counts"] == [[24, 6, 0], [0, 17, 13], [13, 0, 17]]
+    assert {one["name"] for one in found["anova"]["effects"]} == {"depth", "trial", "depth:trial"}
+    assert write_human(folders, tmp_path / "page", charts=True).startswith(headline(found))
+    page = (tmp_path / "page/human.html").read_text()
+    assert "<td>2</td><td>24</td><td>6</td><td>0</td>" in page
+    assert 'data-name="human_accuracy"' in page
+    assert (tmp_path / "page/charts/human_accuracy.csv").is_file()
 
 
 @pytest.mark.parametrize(
@@ -116,17 +113,10 @@ def test_what_was_excluded_or_is_to_be_done_again_does_not_count(tmp_path: Path)
     assert (found["accuracy"]["right"], found["accuracy"]["of"]) == (1, 1)
     assert found["left_out"] == {"spoilt and done again": 1, "exclude": 1, "redo": 1}
     assert len(read_human(folder)) == 4
-
-
-def test_a_damaged_audit_stops_the_analysis(tmp_path: Path) -> None:
-    folder = written(tmp_path / "S01", [row(0)])
-    audit.decide(folder, ("estimation", 1), "exclude", "why not")
     path = folder / audit.AUDIT
     path.write_text(path.read_text().replace("exclude", "forget"))
     with pytest.raises(PalpError, match=r"audit\.csv:2"):
         gather([folder])
-    with pytest.raises(PalpError, match="needs its reason"):
-        audit.decide(folder, ("estimation", 1), "exclude", "  ")
 
 
 def test_a_session_is_never_replaced_nor_counted_twice(tmp_path: Path) -> None:
@@ -137,27 +127,18 @@ def test_a_session_is_never_replaced_nor_counted_twice(tmp_path: Path) -> None:
         gather([folder, tmp_path / "." / "S01"])
 
 
-def test_the_power_keeps_its_level_grows_with_the_gap_and_with_people() -> None:
-    six, many = power_of(6, 3, 5, 0.65), power_of(60, 3, 5, 0.65)
-    assert 0.03 < six.false_alarms < 0.07
-    assert list(six.powers) == sorted(six.powers)
-    assert six.detectable is not None
+def test_the_power_keeps_its_level_grows_with_gap_and_people_and_is_that_of_the_test_done_by_hand() -> None:
+    found, many = power_of(6, 3, 5, 0.65), power_of(60, 3, 5, 0.65)
+    assert 0.03 < found.false_alarms < 0.07
+    assert list(found.powers) == sorted(found.powers)
+    assert found.detectable is not None
     assert many.detectable is not None
-    assert many.detectable < six.detectable
-
-
-def test_the_power_is_that_of_the_test_done_by_hand() -> None:
-    """Draw sessions one by one and test each with scipy's own analysis of variance."""
-    import numpy as np
-    from scipy.special import expit, logit
-
-    found = power_of(6, 3, 5, 0.65)
+    assert many.detectable < found.detectable
     gap, power = next((g, p) for g, p in zip(found.gaps, found.powers, strict=True) if 0.3 < p < 0.8)
     means = logit(np.array([0.65 + gap * 2 / 3, 0.65 - gap / 3, 0.65 - gap / 3]))
     rng, hits, draws = np.random.default_rng(3), 0, 400
-    for _ in range(draws):
+    for _ in range(draws):  # sessions one by one, each tested with scipy's own analysis of variance
         chance = expit(means + found.subject_sd * rng.standard_normal((6, 1)))
         right = rng.random((6, 5, 3)) < chance[:, None, :]
         hits += stats.f_oneway(*right.reshape(30, 3).T.astype(float)).pvalue < 0.05
     assert hits / draws == pytest.approx(power, abs=0.08)  # three standard deviations of 400 draws
-    assert is_of_a_person(row(0))

@@ -1,10 +1,10 @@
-"""What sessions with people tell, as the paper has it: accuracy, confusion, ANOVA, time to answer; and power.
+"""What sessions with people come to, as in the paper: accuracy, confusion, ANOVA, time to answer; and power.
 
 Of people only. A simulated person answers by chance or by script, a recording answers nothing: their trials
 are counted and described, and no share of right answers is ever computed of them.
 """
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,14 +13,20 @@ from typing import Any
 import numpy as np
 
 from palp_core.errors import PalpError
-from palp_core.palpation.perception.statistics.anova import Anova, NotTestable, permutation, two_way
+from palp_core.palpation.perception.statistics.anova import NotTestable, permutation, two_way
 from palp_core.palpation.perception.statistics.statistics import confusion, wilson
 from palp_core.palpation.session.audit import left_out
-from palp_core.palpation.session.human.power import Power, power_of
+from palp_core.palpation.session.human.power import power_of
 from palp_core.palpation.session.human.record import HumanRow, is_of_a_person, read_human
+from palp_core.palpation.session.recorded_session import mm
 
 NO_ACCURACY = "no accuracy: {why}; only what people answered is ever scored"
 _SEED = 1
+_WHOSE = {
+    "simulated": "the muscles are simulated",
+    "emulator": "the amplifier is emulated",
+    "file": "the muscles are a recording's",
+}
 
 
 @dataclass(frozen=True)
@@ -54,16 +60,12 @@ def gather(folders: Sequence[Path]) -> HumanTrials:
 
 def _whose(row: HumanRow) -> str:
     if row.source != "person":
-        return {
-            "simulated": "the muscles are simulated",
-            "emulator": "the amplifier is emulated",
-            "file": "the muscles are a recording's",
-        }.get(row.source, f"the muscles are of '{row.source}'")
+        return _WHOSE.get(row.source, f"the muscles are of '{row.source}'")
     return "a script answered" if row.answered_by == "script" else "nobody knows who answered"
 
 
 def analyse(trials: HumanTrials) -> dict[str, Any]:
-    """Return what the trials tell, ready for JSON; of what is not of people only what was done."""
+    """Return the analysis, ready for JSON; of what is not of people only what was done."""
     rows = trials.rows
     found: dict[str, Any] = {
         "subjects": len({row.subject for row in rows}),
@@ -79,70 +81,61 @@ def analyse(trials: HumanTrials) -> dict[str, Any]:
         "accuracy": None,
     }
     asked = [row for row in rows if row.estimate_m is not None and row.depth_m is not None]
-    if not trials.people:
-        why = trials.why or "there is no trial"
-        return found | {"note": NO_ACCURACY.format(why=why)}
-    if not asked:
-        sealed = any(row.answer_s is not None for row in rows)
-        why = "the session is sealed" if sealed else "nobody was asked"
-        return found | {"note": NO_ACCURACY.format(why=why)}
-    return found | _of_people(asked)
+    if trials.people and asked:
+        return found | _of_people(asked)
+    why = trials.why or "there is no trial"
+    if trials.people:
+        why = "the session is sealed" if any(row.answer_s is not None for row in rows) else "nobody was asked"
+    return found | {"note": NO_ACCURACY.format(why=why)}
 
 
 def _of_people(rows: Sequence[HumanRow]) -> dict[str, Any]:
-    given = sorted({row.depth_m for row in rows if row.depth_m is not None})
-    depths = sorted({*given, *(row.estimate_m for row in rows if row.estimate_m is not None)})
-    place = {depth: i for i, depth in enumerate(depths)}
+    given = sorted({row.depth_m or 0.0 for row in rows})
+    depths = sorted({*given, *(row.estimate_m or 0.0 for row in rows)})
     right = [float(row.estimate_m == row.depth_m) for row in rows]
-    depth = [f"{(row.depth_m or 0.0) * 1e3:g}" for row in rows]
+    depth = [mm(row.depth_m or 0.0) for row in rows]
     number = _number_at_depth(rows)
+    by_depth: dict[str, list[int]] = {mm(one): [] for one in given}
+    for i, one in enumerate(depth):
+        by_depth[one].append(i)
     table = confusion(
-        [place[row.depth_m] for row in rows if row.depth_m is not None],
-        [place[row.estimate_m] for row in rows if row.estimate_m is not None],
+        [depths.index(row.depth_m or 0.0) for row in rows],
+        [depths.index(row.estimate_m or 0.0) for row in rows],
         len(depths),
     )
     exchanged = permutation(right, depth, [row.subject for row in rows], np.random.default_rng(_SEED))
+    anova = two_way(right, depth, number, names=("depth", "trial"))
+    subjects = len({row.subject for row in rows})
+    repeats = max(1, round(len(rows) / (subjects * len(given))))
     return {
         "accuracy": _share(right),
-        "by_depth": {
-            mm: _share([r for r, d in zip(right, depth, strict=True) if d == mm]) for mm in _mm(given)
-        },
+        "by_depth": {one: _share([right[i] for i in places]) for one, places in by_depth.items()},
         "by_trial": {
-            mm: {
-                str(n): _share([r for r, d, m in zip(right, depth, number, strict=True) if (d, m) == (mm, n)])
-                for n in sorted({*number})
-            }
-            for mm in _mm(given)
+            one: {str(n): _share([right[i] for i in places if number[i] == n]) for n in sorted({*number})}
+            for one, places in by_depth.items()
         },
-        "confusion": {"depths_mm": [float(mm) for mm in _mm(depths)], "counts": table.tolist()},
-        "anova": _anova(two_way(right, depth, number, names=("depth", "trial"))),
-        "permutation_p": _reasoned(exchanged),
+        "confusion": {"depths_mm": [float(mm(one)) for one in depths], "counts": table.tolist()},
+        "anova": {"not_testable": anova.reason}
+        if isinstance(anova, NotTestable)
+        else {"effects": [asdict(one) for one in anova.effects], "caution": anova.caution},
+        "permutation_p": {"not_testable": exchanged.reason}
+        if isinstance(exchanged, NotTestable)
+        else exchanged,
         "answer_s": {
-            mm: _spread(
-                [
-                    row.answer_s
-                    for row, d in zip(rows, depth, strict=True)
-                    if d == mm and row.answer_s is not None
-                ]
-            )
-            for mm in _mm(given)
+            one: _spread([s for i in places if (s := rows[i].answer_s) is not None])
+            for one, places in by_depth.items()
         },
         "palpation_by_depth_s": {
-            mm: _spread([row.palpation_s for row, d in zip(rows, depth, strict=True) if d == mm])
-            for mm in _mm(given)
+            one: _spread([rows[i].palpation_s for i in places]) for one, places in by_depth.items()
         },
-        "power": _power(rows, len(given), float(np.mean(right))),
+        "power": asdict(power_of(subjects, len(given), repeats, float(np.mean(right)))),
         "note": "trials of one subject are no independent facts; subjects are few",
     }
 
 
-def _mm(depths: Sequence[float]) -> list[str]:
-    return [f"{depth * 1e3:g}" for depth in depths]
-
-
 def _number_at_depth(rows: Sequence[HumanRow]) -> list[int]:
     """Return for each trial which of its subject's with this depth it is, from 1."""
-    seen: Counter[tuple[str, float | None]] = Counter()
+    seen: dict[tuple[str, float | None], int] = defaultdict(int)
     found = []
     for row in rows:
         seen[row.subject, row.depth_m] += 1
@@ -155,22 +148,8 @@ def _share(right: Sequence[float]) -> dict[str, Any] | None:
         return None
     found = wilson(int(sum(right)), len(right))
     return {
-        "right": int(sum(right)),
-        "of": len(right),
-        "share": found.value,
-        "low": found.low,
-        "high": found.high,
-    }
-
-
-def _anova(found: Anova | NotTestable) -> dict[str, Any]:
-    if isinstance(found, NotTestable):
-        return {"not_testable": found.reason}
-    return {"effects": [asdict(one) for one in found.effects], "caution": found.caution}
-
-
-def _reasoned(found: float | NotTestable) -> Any:
-    return {"not_testable": found.reason} if isinstance(found, NotTestable) else found
+        "right": int(sum(right)), "of": len(right), "share": found.value, "low": found.low, "high": found.high
+    }  # fmt: skip
 
 
 def _spread(values: Sequence[float]) -> dict[str, float] | None:
@@ -178,10 +157,3 @@ def _spread(values: Sequence[float]) -> dict[str, float] | None:
         return None
     low, middle, high = np.quantile(values, (0.25, 0.5, 0.75)).tolist()
     return {"median": middle, "lower_quartile": low, "upper_quartile": high, "count": len(values)}
-
-
-def _power(rows: Sequence[HumanRow], depths: int, share: float) -> dict[str, Any]:
-    subjects = len({row.subject for row in rows})
-    repeats = max(1, round(len(rows) / (subjects * depths)))
-    found: Power = power_of(subjects, depths, repeats, share)
-    return asdict(found)

@@ -15,7 +15,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -32,9 +32,6 @@ HUMAN_TABLE = "human_trials.csv"
 IDENTITY = "identity.json"
 EMG = "emg"
 DISCARDED = "emg_discarded"
-
-Source = Literal["person", "emulator", "file", "simulated"]
-"""Whose muscles: a person's by an amplifier, an emulated amplifier's, a recording's, a simulation's."""
 
 
 def is_human_session(folder: Path) -> bool:
@@ -74,25 +71,6 @@ class HumanRow(msgspec.Struct, frozen=True, kw_only=True):
     subject_number: int
     seed: int
     end_ns: int
-
-
-_AMPLIFIERS = ("noraxon", "lsl")
-
-
-def source_of(amplifier: str, host: str = "") -> Source:
-    """Return whose muscles those of an amplifier are.
-
-    >>> source_of("noraxon", "192.168.1.20"), source_of("noraxon", "127.0.0.1"), source_of("")
-    ('person', 'emulator', 'simulated')
-
-    ``amplifier`` is the argument ``emg`` of ``launch/human.yaml``; one on this ``host`` is an emulator.
-    """
-    if amplifier in ("emulator", "file"):
-        return "emulator" if amplifier == "emulator" else "file"
-    if amplifier not in _AMPLIFIERS:
-        return "simulated"
-    here = host == "localhost" or host.startswith("127.") or host == "::1"
-    return "emulator" if amplifier == "noraxon" and here else "person"
 
 
 def is_of_a_person(row: HumanRow) -> bool:

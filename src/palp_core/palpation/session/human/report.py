@@ -6,7 +6,7 @@ A launch file names it: ``report: palp_core.palpation.session.human.report:sessi
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
@@ -15,9 +15,9 @@ from palp_core.errors import PalpError
 from palp_core.palpation.session import run_note
 from palp_core.palpation.session.human.blinding import draw_key, refuse_other_key
 from palp_core.palpation.session.human.record import HUMAN_TABLE, is_human_session, read_human, refuse_human
-from palp_core.palpation.session.human.sheet import asked_sheet
 from palp_core.palpation.session.session_folder import RUN, cannot_write
 from palp_core.palpation.session.sheet.of_run import (
+    asked_human_sheet,
     refuse_own_sheet,
     sheet_lines,
     sheet_of,
@@ -28,7 +28,10 @@ from palp_core.palpation.session.sheet.sheet import SessionSheet
 from palp_core.whole_file import write_json
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from palp_core.graph.launch.summary import RunSummary
+    from palp_core.palpation.reporting.charts import Chart
 
 RESULT = "human.json"
 PAGE = "human.html"
@@ -46,12 +49,13 @@ class HumanReport:
             return
         refuse_own_sheet(folder)
         others = "give this one another folder, out:=NAME"
-        refuse_human(folder, run_note.ways_on(folder, others, _progress_words))
-        asked_sheet(summary)
+        ways_on = run_note.ways_on(folder, others, lambda it: counted(len(read_human(it)), "trial"))
+        refuse_human(folder, ways_on)
+        asked_human_sheet(summary)
 
     def attach(self, summary: RunSummary) -> dict[str, str]:
         """Return what is kept with all that is recorded of the run, by name: sheet, and digest of a key."""
-        return texts_to_keep(asked_sheet(summary)) | draw_key(summary)
+        return texts_to_keep(asked_human_sheet(summary)) | draw_key(summary)
 
     def begin(self, summary: RunSummary) -> None:
         """Note which run the session is of."""
@@ -63,7 +67,7 @@ class HumanReport:
             raise cannot_write(folder, error) from error
 
     def __call__(self, summary: RunSummary) -> str:
-        """Write what the session tells beside its record; return it in words."""
+        """Write the report next to the record; return it in words."""
         folder = run_note.out_of(summary)
         try:
             write_json(folder / RUN, summary)
@@ -80,40 +84,81 @@ class HumanReport:
 session = HumanReport()
 
 
-def _progress_words(folder: Path) -> str:
-    return counted(len(read_human(folder)), "trial")
-
-
 def write_human(
     folders: list[Path], out: Path, sheet: SessionSheet | None = None, *, charts: bool = False
 ) -> str:
-    """Write what one session or several tell into a folder; return it in words."""
+    """Write the result and the page of sessions into a folder; return the result in words.
+
+    ``charts``: the chart is kept as PNG, SVG and CSV, too, in ``charts/``.
+    """
     from palp_core.palpation.reporting.html_page import picture, write_page
     from palp_core.palpation.session.human.analysis import analyse, gather
-    from palp_core.palpation.session.human.charts import human_charts
 
     trials = gather(folders)
-    told = {"session": msgspec.to_builtins(sheet)} if sheet is not None else {}
-    found = told | analyse(trials)
+    found = ({"session": msgspec.to_builtins(sheet)} if sheet is not None else {}) | analyse(trials)
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / RESULT, found)
-    pictures = [picture(one, out / "charts" if charts else None) for one in human_charts(trials, found)]
-    lines = sheet_lines(sheet) if sheet is not None else []
-    write_page(out / PAGE, "human.html", result=found, rows=trials.rows, pictures=pictures, sheet=lines)
+    write_page(
+        out / PAGE,
+        "human.html",
+        result=found,
+        rows=trials.rows,
+        picture=picture(_chart(found), out / "charts" if charts else None) if found["accuracy"] else None,
+        sheet=sheet_lines(sheet) if sheet is not None else [],
+    )
     return (
         f"{headline(found)}\nKept: {counted(len(trials.rows), 'trial')} ({HUMAN_TABLE}, emg/). "
         f"Report: {out / PAGE}"
     )
 
 
-def headline(found: dict[str, object]) -> str:
-    """Return what an analysis tells, in a sentence."""
-    trials: dict[str, int] = found["trials"]  # type: ignore[assignment]
+def headline(found: dict[str, Any]) -> str:
+    """Return an analysis in a sentence."""
+    trials, accuracy = found["trials"], found["accuracy"]
     done = f"{counted(trials['training'], 'trial')} of training, {trials['estimation']} of estimation"
-    accuracy: dict[str, float] | None = found["accuracy"]  # type: ignore[assignment]
     if accuracy is None:
         return f"{done}; {found['note']}."
     return (
         f"{done}: right in {accuracy['right']} of {accuracy['of']}, {accuracy['share']:.0%} "
         f"({accuracy['low']:.0%} to {accuracy['high']:.0%})."
+    )
+
+
+def _chart(found: dict[str, Any]) -> Chart:
+    """Return right answers over the trials of a depth, and in all, as in Figure 4 of the paper."""
+    from palp_core.palpation.reporting.charts import INK, Chart, depth_style, in_percent, legend, tidy
+
+    whole = found["by_depth"]
+    rows = [
+        (mm, number, one["share"], one["low"], one["high"], one["of"])
+        for mm, numbers in found["by_trial"].items()
+        for number, one in numbers.items()
+        if one is not None
+    ]
+
+    def draw(figure: Figure) -> None:
+        over, axes = figure.subplots(1, 2, sharey=True)
+        for i, (mm, one) in enumerate(whole.items()):
+            points = [(int(row[1]), row[2]) for row in rows if row[0] == mm]
+            over.plot(*zip(*points, strict=True), **depth_style(i), label=f"{mm} mm")
+            error = [[one["share"] - one["low"]], [one["high"] - one["share"]]]
+            colour = depth_style(i)["color"]
+            axes.bar([f"{mm} mm"], [one["share"]], color=colour, width=0.6, yerr=error, capsize=3)
+        for panel in (over, axes):
+            panel.axhline(1.0 / len(whole), color=INK, linestyle=":", linewidth=1.0)
+            panel.set_ylim(0, 1)
+            in_percent(panel.yaxis)
+        legend(figure, handles=over.get_lines()[: len(whole)], ncols=len(whole))
+        tidy(over, "over trials of a depth", "trial", "right, %")
+        tidy(axes, "all trials", "", "")
+
+    return Chart(
+        "human_accuracy",
+        "Right answers",
+        "Share of right answers by depth, with 95 % intervals (Wilson) that count trials as independent. "
+        "Dotted: chance.",
+        3.2,
+        ["depth_mm", "trial", "share", "low", "high", "of"],
+        rows,
+        draw,
     )

@@ -20,63 +20,42 @@ if TYPE_CHECKING:
 
 def rows_of(entries: Sequence[SessionEntry], folder: Path) -> list[list[str]]:
     """Return the list of sessions as a table, heading first."""
-    heading = ["session", "began", "who", "state", "trials", "excluded", "design"]
-    rows = [
-        [
-            _name(entry.path, folder),
-            entry.began or "-",
-            entry.who,
-            entry.words,
-            str(len(entry.trials)) if entry.design else "-",
-            str(len(entry.excluded)) if entry.excluded else "-",
-            entry.design or "-",
-        ]
-        for entry in entries
-    ]
-    return [heading, *rows]
-
-
-def _name(path: Path, folder: Path) -> str:
-    return str(path.relative_to(folder)) if path != folder else str(path)
+    rows = [["session", "began", "who", "state", "trials", "excluded", "design"]]
+    for entry in entries:
+        name = str(entry.path.relative_to(folder)) if entry.path != folder else str(entry.path)
+        trials = str(len(entry.trials)) if entry.design else "-"
+        excluded = str(len(entry.excluded)) if entry.excluded else "-"
+        rows.append([name, entry.began or "-", entry.who, entry.words, trials, excluded, entry.design or "-"])
+    return rows
 
 
 def pooled_rows(record: Mapping[str, Any]) -> list[list[str]]:
     """Return the groups as a table, heading first."""
-    heading = ["design", "over", "trials", "accuracy", "95 %", "palpations", "calibration error", "undecided"]
-    return [heading, *(_group_row(one) for one in record["groups"])]
-
-
-def _group_row(group: Mapping[str, Any]) -> list[str]:
-    over = f"{group['units']} {group['unit']}{'s' if group['units'] != 1 else ''}"
-    if group["unit"] == "subject" and group["sessions"] != group["units"]:
-        over += f" ({counted(group['sessions'], 'session')})"
-    probes, error = group["probes"], group["calibration_error"]
-    return [
-        group["design"],
-        over,
-        str(group["trials"]),
-        percent(group["accuracy"]["value"]),
-        span(group["accuracy"]["ci"]) + " %",
-        f"{probes['value']:.2f}" + (f" ({span(probes['ci'], '.2f', 1.0)})" if probes["ci"] else ""),
-        f"{error['value']:.3f}" + (f" ({span(error['ci'], '.3f', 1.0)})" if error["ci"] else ""),
-        str(group["undecided"]),
-    ]
+    rows = [["design", "over", "trials", "accuracy", "95 %", "palpations", "calibration error", "undecided"]]
+    for group in record["groups"]:
+        over = counted(group["units"], group["unit"])
+        if group["unit"] == "subject" and group["sessions"] != group["units"]:
+            over += f" ({counted(group['sessions'], 'session')})"
+        accuracy, probes, error = (group[name] for name in ("accuracy", "probes", "calibration_error"))
+        rows.append(
+            [
+                *(group["design"], over, str(group["trials"])),
+                *(percent(accuracy["value"]), span(accuracy["ci"]) + " %"),
+                f"{probes['value']:.2f}" + (f" ({span(probes['ci'], '.2f', 1.0)})" if probes["ci"] else ""),
+                f"{error['value']:.3f}" + (f" ({span(error['ci'], '.3f', 1.0)})" if error["ci"] else ""),
+                str(group["undecided"]),
+            ]
+        )
+    return rows
 
 
 def difference_rows(record: Mapping[str, Any]) -> list[list[str]]:
     """Return the differences as a table, heading first."""
-    rows = [
-        [
-            one["first"],
-            one["second"],
-            f"{100.0 * one['difference']['value']:+.1f}",
-            span(one["difference"]["ci"]),
-            f"{one['p']:.3g}",
-            f"{one['p_holm']:.3g}",
-        ]
-        for one in record["differences"]
-    ]
-    return [["first", "less second", "points", "95 %", "p", "p, Holm"], *rows]
+    rows = [["first", "less second", "points", "95 %", "p", "p, Holm"]]
+    for one in record["differences"]:
+        points, ends = f"{100.0 * one['difference']['value']:+.1f}", span(one["difference"]["ci"])
+        rows.append([one["first"], one["second"], points, ends, f"{one['p']:.3g}", f"{one['p_holm']:.3g}"])
+    return rows
 
 
 def remarks(record: Mapping[str, Any]) -> Iterator[str]:

@@ -8,7 +8,6 @@ units.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,9 +20,8 @@ from palp_core.palpation.perception.statistics.resampling import (
     compare,
     share_interval,
 )
-from palp_core.palpation.session.many.overview import SessionEntry, find_sessions
+from palp_core.palpation.session.many.overview import SessionEntry, entries_that_count
 from palp_core.palpation.session.recorded_session import RecordedTrial, mm
-from palp_core.palpation.session.session_folder import TABLE
 from palp_core.palpation.session.sheet.sheet import NONE
 
 _SEED = 1
@@ -34,7 +32,7 @@ Units = Mapping[str, Sequence[RecordedTrial]]
 
 def pool(entries: Sequence[SessionEntry], *, unfinished: bool = False) -> dict[str, Any]:
     """Return what sessions say together, group by group; sessions of one group were run alike."""
-    counted, left_out = _counted(entries, unfinished=unfinished)
+    counted, left_out = entries_that_count(entries, unfinished=unfinished)
     groups: dict[str, list[SessionEntry]] = {}
     for entry in counted:
         groups.setdefault(entry.design, []).append(entry)
@@ -48,27 +46,12 @@ def pool(entries: Sequence[SessionEntry], *, unfinished: bool = False) -> dict[s
     }
 
 
-def sessions_below(path: Path) -> tuple[list[Path], list[dict[str, str]]]:
-    """Return the sessions that a folder of sessions stands for: those that count, and why others do not.
-
-    A session's own folder, a bag or a file stands for itself.
-    """
-    if not path.is_dir() or (path / TABLE).exists() or any(path.glob("*.mcap")):
-        return [path], []
-    counted, left_out = _counted(find_sessions(path), unfinished=False)
-    return [entry.path for entry in counted], left_out
-
-
 def _listed(entry: SessionEntry) -> dict[str, Any]:
+    sheet = entry.sheet
     return {
+        **{name: getattr(entry, name) for name in ("state", "words", "began", "design")},
+        **{name: getattr(sheet, name, None) for name in ("subject", "operator", "simulated")},
         "path": str(entry.path),
-        "state": entry.state,
-        "words": entry.words,
-        "began": entry.began,
-        "subject": entry.sheet.subject if entry.sheet is not None else None,
-        "operator": entry.sheet.operator if entry.sheet is not None else None,
-        "simulated": entry.sheet.simulated if entry.sheet is not None else None,
-        "design": entry.design,
         "trials": len(entry.trials),
         "excluded": [
             {"phase": phase, "trial": trial, "why": why}
@@ -77,60 +60,24 @@ def _listed(entry: SessionEntry) -> dict[str, Any]:
     }
 
 
-def _counted(
-    entries: Sequence[SessionEntry], *, unfinished: bool
-) -> tuple[list[SessionEntry], list[dict[str, str]]]:
-    """Return the sessions that count, and which do not, and why."""
-    counted: list[SessionEntry] = []
-    left_out = []
-    seen: dict[str, SessionEntry] = {}
-    wanted = ("whole", "unfinished") if unfinished else ("whole",)
-    for entry in entries:
-        why = ""
-        if entry.state == "person":
-            why = "with a person: palp session people analyses those"
-        elif entry.state not in wanted:
-            why = entry.words
-        elif entry.digest in seen:
-            why = f"a copy of {seen[entry.digest].path}: a session counts once"
-        elif not entry.trials:
-            why = "all its trials are excluded" if entry.excluded else "has no trial of estimation that ended"
-        if why:
-            left_out.append({"path": str(entry.path), "why": why})
-        else:
-            seen[entry.digest] = entry
-            counted.append(entry)
-    return counted, left_out
-
-
-def _subjects(members: Sequence[SessionEntry]) -> list[str]:
-    return [entry.sheet.subject if entry.sheet is not None else NONE for entry in members]
-
-
 def _units(members: Sequence[SessionEntry]) -> tuple[str, dict[str, list[RecordedTrial]]]:
     """Return what the unit is called, and the trials of each: of one subject alone, sessions are the unit."""
-    subjects = _subjects(members)
+    subjects = [entry.subject for entry in members]
     if NONE in subjects or len(set(subjects)) == 1:
         return "session", {str(entry.path): list(entry.trials) for entry in members}
     found: dict[str, list[RecordedTrial]] = {}
-    for subject, entry in zip(subjects, members, strict=True):
-        found.setdefault(subject, []).extend(entry.trials)
+    for entry in members:
+        found.setdefault(entry.subject, []).extend(entry.trials)
     return "subject", found
 
 
 def _group(design: str, members: Sequence[SessionEntry]) -> dict[str, Any]:
     unit, units = _units(members)
     trials = [trial for one in units.values() for trial in one]
-    depths_m = sorted({trial.depth_m for trial in trials})
-    sizes = {len(one) for one in units.values()}
-    remarks = list(_differ(members))
-    subjects = set(_subjects(members))
-    if len(subjects) == 1 and subjects != {NONE}:
-        remarks.append(f"all sessions are of {subjects.pop()}: what they say speaks for this subject only")
-    if len(sizes) > 1:
-        remarks.append(
-            f"{unit}s have {min(sizes)} to {max(sizes)} trials each, and every {unit} counts alike"
-        )
+    per_depth = {}
+    for depth_m in sorted({trial.depth_m for trial in trials}):
+        at_depth = {name: [t for t in one if t.depth_m == depth_m] for name, one in units.items()}
+        per_depth[mm(depth_m)] = _share({name: one for name, one in at_depth.items() if one})
     return {
         "design": design,
         "unit": unit,
@@ -140,29 +87,29 @@ def _group(design: str, members: Sequence[SessionEntry]) -> dict[str, Any]:
         "excluded": sum(len(entry.excluded) for entry in members),
         "accuracy": _share(units),
         "accuracy_per_unit": {name: _right(one) for name, one in units.items()},
-        "accuracy_per_depth_mm": {mm(depth_m): _share(_at(units, depth_m)) for depth_m in depths_m},
-        "probes": _mean({name: [len(trial.probes) for trial in one] for name, one in units.items()}),
+        "accuracy_per_depth_mm": per_depth,
+        "probes": _mean([float(np.mean([len(trial.probes) for trial in one])) for one in units.values()]),
         "calibration_error": _calibration(units),
         "undecided": sum(trial.verdict == "undecided" for trial in trials),
-        "remarks": remarks,
+        "remarks": _remarks(members, unit, units),
     }
 
 
-def _differ(members: Sequence[SessionEntry]) -> list[str]:
-    """Return in words in which parameters the sessions of a group differ."""
-    names = sorted({name for entry in members for name in entry.settings})
-    said = []
-    for name in names:
+def _remarks(members: Sequence[SessionEntry], unit: str, units: Units) -> list[str]:
+    """Return what a reader of a group's numbers ought to know."""
+    found, sizes, subjects = [], {len(one) for one in units.values()}, {one.subject for one in members}
+    differ = []
+    for name in sorted({name for entry in members for name in entry.settings}):
         values = {str(entry.settings.get(name, "not there")) for entry in members}
         if len(values) > 1:
-            said.append(f"{name}: {' | '.join(sorted(values))}")
-    return [f"not all were run alike: {', '.join(said)}"] if said else []
-
-
-def _at(units: Units, depth_m: float) -> dict[str, list[RecordedTrial]]:
-    """Return the trials of a depth; units without one are left out."""
-    found = {name: [trial for trial in one if trial.depth_m == depth_m] for name, one in units.items()}
-    return {name: one for name, one in found.items() if one}
+            differ.append(f"{name}: {' | '.join(sorted(values))}")
+    if differ:
+        found.append(f"not all were run alike: {', '.join(differ)}")
+    if len(subjects) == 1 and subjects != {NONE}:
+        found.append(f"all sessions are of {subjects.pop()}: what they say speaks for this subject only")
+    if len(sizes) > 1:
+        found.append(f"{unit}s have {min(sizes)} to {max(sizes)} trials each, and every {unit} counts alike")
+    return found
 
 
 def _right(trials: Sequence[RecordedTrial]) -> float:
@@ -177,8 +124,7 @@ def _share(units: Units) -> dict[str, Any]:
     return {"value": one.value, "ci": [one.low, one.high], "of": 1}
 
 
-def _mean(values: Mapping[str, Sequence[float]]) -> dict[str, Any]:
-    means = [float(np.mean(one)) for one in values.values()]
+def _mean(means: Sequence[float]) -> dict[str, Any]:
     found = _ends(cluster_bootstrap(means, np.random.default_rng(_SEED)))
     return found if len(means) > 1 else found | {"ci": None}
 
@@ -216,11 +162,8 @@ def _differences(groups: Mapping[str, Sequence[SessionEntry]]) -> list[dict[str,
     pairs = [(a, b) for i, a in enumerate(common) for b in common[i + 1 :]]
     return [
         {
-            "first": one.first,
-            "second": one.second,
+            **{name: getattr(one, name) for name in ("first", "second", "p", "p_holm")},
             "difference": _ends(one.difference),
-            "p": one.p,
-            "p_holm": one.p_holm,
         }
         for one in compare(values, pairs, np.random.default_rng(_SEED))
     ]

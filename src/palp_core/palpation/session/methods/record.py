@@ -86,13 +86,15 @@ def _place(one: MethodSpan) -> tuple[int, str, str, float, str]:
 
 
 def _record(one: MethodSpan, rows: Sequence[Row], roles: Roles) -> MethodRecord:
-    use = one.use
-    guards: dict[str, int] | None = {}
-    if use.task in MECHANICS:
-        guards = _guards(one, rows) if roles.guards_heard else None
-    how = "chosen"
+    use, how = one.use, "chosen"
     if use.asked:
         how = "the only one that a launched run has" if use.task == "motion" else "asked for by name"
+    met: Counter[str] = Counter()
+    for row in rows if use.task in MECHANICS else ():
+        end_s = row.end_ns / 1e9
+        in_use = one.at_s < end_s and (one.until_s is None or end_s <= one.until_s)
+        if in_use and use.of in ("", row.phantom):
+            met.update(words for words in row.guards if task_of(words) == use.task)
     return MethodRecord(
         task=use.task,
         of=use.of,
@@ -106,19 +108,8 @@ def _record(one: MethodSpan, rows: Sequence[Row], roles: Roles) -> MethodRecord:
         cheaper={each.name: each.why for each in use.cheaper},
         from_s=one.at_s if any(row.end_ns / 1e9 <= one.at_s for row in rows) else 0.0,
         until_s=one.until_s,
-        guards=guards,
+        guards=dict(met.most_common()) if roles.guards_heard or use.task not in MECHANICS else None,
     )
-
-
-def _guards(one: MethodSpan, rows: Sequence[Row]) -> dict[str, int]:
-    """Return how many palpations with a method met each guard that is about its task."""
-    met: Counter[str] = Counter()
-    for row in rows:
-        end_s = row.end_ns / 1e9
-        in_use = one.at_s < end_s and (one.until_s is None or end_s <= one.until_s)
-        if in_use and one.use.of in ("", row.phantom):
-            met.update(words for words in row.guards if task_of(words) == one.use.task)
-    return dict(met.most_common())
 
 
 # in words

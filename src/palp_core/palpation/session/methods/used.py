@@ -1,14 +1,14 @@
-"""What a node says of the methods it uses: the register's own words, in a message that a run records."""
+"""What a node reports of the methods it uses: the register's own words, in a message that a run records."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
 from palp_core.graph.messages.builtin import CheaperMethod, MethodUse
-from palp_core.methods import Candidate, Method, MethodChoice, methods, task
+from palp_core.methods import MethodChoice, methods, task
 from palp_core.palpation.mechanics.scene.rig import Rig, rig
 from palp_core.palpation.mechanics.scene.scene import Scene
 from palp_core.palpation.perception.strategy.policies import StiffnessPolicy
@@ -24,10 +24,13 @@ def used(
     scene: Scene | None = None,
     given: Mapping[str, float] | None = None,
 ) -> MethodUse:
-    """Return what a node says of a method that a session takes for a task."""
-    known = PUBLISHED if given is None else {**PUBLISHED, **given}
-    found = chosen_method(task_name, scene or Scene(), asked=asked or AUTO, given=known)
-    return _use(found.method, found.output, found.tolerance, found.candidates, asked=found.asked)
+    """Return what a node reports of a method that a session takes for a task.
+
+    ``asked`` names it; empty: the register chooses. ``given`` is what is known of the session, where it
+    differs from what was published.
+    """
+    known = {**PUBLISHED, **(given or {})}
+    return _use(chosen_method(task_name, scene or Scene(), asked=asked or AUTO, given=known))
 
 
 def used_of_class(task_name: str, kind: type[Any] | Any, **known: Any) -> MethodUse:
@@ -70,62 +73,37 @@ def rig_of(phantom: Mapping[str, Any]) -> Rig:
 
 
 def rig_uses(rig: Rig, speed_m_s: float | None, world: WorldModel = PAPER) -> list[MethodUse]:
-    """Return the methods of a simulated phantom: the contact model of each phantom, and of the motion."""
-    beside = {} if world.plain else {"world": {"name": world.name, **world.values()}}
+    """Return the methods of a simulated phantom: the contact model of each phantom, and of the motion.
+
+    ``speed_m_s`` is the stage's, None while nobody has swept. ``world`` is reported with the scene.
+    """
+    common: dict[str, Any] = {"probe": asdict(rig.probe), "indentation_m": rig.indentation_m}
+    if not world.plain:
+        common["world"] = {"name": world.name, **world.values()}
     uses = [
-        _chosen(
-            choice,
-            of=code,
-            scene={
-                "phantom": asdict(rig.phantoms[code]),
-                "probe": asdict(rig.probe),
-                "indentation_m": rig.indentation_m,
-                **beside,
-            },
-        )
+        _use(choice, of=code, scene=json.dumps({"phantom": asdict(rig.phantoms[code]), **common}))
         for code, choice in rig.choices.items()
     ]
     if speed_m_s is not None:
-        uses.append(_chosen(rig.motion(speed_m_s), scene={"speed_m_s": speed_m_s}))
+        uses.append(_use(rig.motion(speed_m_s), scene=json.dumps({"speed_m_s": speed_m_s})))
     return uses
 
 
-def _chosen(choice: MethodChoice, *, of: str = "", scene: Mapping[str, Any]) -> MethodUse:
-    return _use(
-        choice.method,
-        choice.output,
-        choice.tolerance,
-        choice.candidates,
-        asked=choice.asked,
-        of=of,
-        scene=json.dumps(scene),
-    )
-
-
-def _use(
-    method: Method,
-    output: str,
-    tolerance: float,
-    candidates: Sequence[Candidate],
-    *,
-    asked: bool,
-    **more: Any,
-) -> MethodUse:
-    names = [one.name for one in candidates]
-    own = candidates[names.index(method.name)]
+def _use(choice: MethodChoice, **more: str) -> MethodUse:
+    method, names = choice.method, [one.name for one in choice.candidates]
+    place = names.index(method.name)
+    bound = choice.candidates[place].bound
     return MethodUse(
         task=method.task,
         name=method.name,
-        asked=asked,
-        output=output,
-        tolerance=tolerance,
-        bound=own.bound or 0.0,
-        bounded=own.bound is not None,
+        asked=choice.asked,
+        output=choice.output,
+        tolerance=choice.tolerance,
+        bound=bound or 0.0,
+        bounded=bound is not None,
         evidence=method.evidence,
         cheaper=[
-            CheaperMethod(name=one.name, why=one.state)
-            for one in candidates[: names.index(method.name)]
-            if one.mark
+            CheaperMethod(name=one.name, why=one.state) for one in choice.candidates[:place] if one.mark
         ],
         cost_s=method.cost_s,
         per=task(method.task).per,

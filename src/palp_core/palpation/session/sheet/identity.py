@@ -1,4 +1,4 @@
-"""Codes instead of names: what a person of an experiment may be called in a record.
+"""Who is measured: codes instead of names, and whose muscles an amplifier's are.
 
 Nothing can tell every name from every code. What is refused is what a code never needs and a name nearly
 always has: a run of letters that is no usual abbreviation, a blank, an address, a date of birth. No message
@@ -6,8 +6,12 @@ repeats what was typed: it may be a name, and messages are logged.
 """
 
 import re
+from typing import Literal
 
 from palp_core.errors import PalpError
+
+Source = Literal["person", "emulator", "file", "simulated"]
+"""Whose muscles: a person's by an amplifier, an emulated amplifier's, a recording's, a simulation's."""
 
 _FORM = re.compile(r"[A-Za-z0-9][A-Za-z0-9._/-]{0,31}")
 _LONGEST_LETTERS = 2
@@ -57,3 +61,22 @@ def _checked(text: str, what: str) -> str:
     if not re.search(r"\d", code):
         raise PalpError(f"{what} has no digit, so it may be initials; {HOW}")
     return code
+
+
+_AMPLIFIERS = ("noraxon", "lsl")
+
+
+def source_of(amplifier: str, host: str = "") -> Source:
+    """Return whose muscles those of an amplifier are.
+
+    >>> source_of("noraxon", "192.168.1.20"), source_of("noraxon", "127.0.0.1"), source_of("")
+    ('person', 'emulator', 'simulated')
+
+    ``amplifier`` is the argument ``emg`` of ``launch/human.yaml``; one on this ``host`` is an emulator.
+    """
+    if amplifier in ("emulator", "file"):
+        return "emulator" if amplifier == "emulator" else "file"
+    if amplifier not in _AMPLIFIERS:
+        return "simulated"
+    here = host == "localhost" or host.startswith("127.") or host == "::1"
+    return "emulator" if amplifier == "noraxon" and here else "person"

@@ -24,8 +24,7 @@ from palp_core.palpation.session.many.overview import SessionEntry, find_session
 from palp_core.palpation.session.many.page import remarks
 from palp_core.palpation.session.many.pooled import pool
 from palp_core.palpation.session.session_folder import SHEET
-from palp_core.palpation.session.sheet.sheet import SessionSheet
-from palp_core.palpation.session.sheet.sheet_file import sheet_text
+from palp_core.palpation.session.sheet.sheet import SessionSheet, sheet_text
 from palp_core.whole_file import write_json
 from tests.palpation.reporting.page_flaws import flaws
 from tests.support.sessions import describe, writer
@@ -113,20 +112,17 @@ def test_a_session_that_is_being_written_is_running(tmp_path: Path) -> None:
     assert found.words.startswith("running: 1 of 6 trials")
 
 
-def test_a_folder_may_be_one_session_and_an_empty_one_is_refused(tmp_path: Path) -> None:
-    out = session(tmp_path, "one", [True])
+def test_a_folder_may_be_one_session_but_links_and_exported_tables_are_none(tmp_path: Path) -> None:
+    out = session(tmp_path / "study", "one", [True], repeats=1)
     assert [one.path for one in find_sessions(out)] == [out]
+    (tmp_path / "study/latest").symlink_to("one", target_is_directory=True)
+    write_export(read_source(out), "csv", tmp_path / "study/one_csv")
+    assert [one.path for one in find_sessions(tmp_path)] == [out]
     (tmp_path / "empty").mkdir()
     with pytest.raises(PalpError, match="has no session"):
         find_sessions(tmp_path / "empty")
     with pytest.raises(PalpError, match="no such folder"):
         find_sessions(tmp_path / "nowhere")
-
-
-def test_a_link_to_a_session_is_not_another_one(tmp_path: Path) -> None:
-    session(tmp_path, "one", [True])
-    (tmp_path / "latest").symlink_to("one", target_is_directory=True)
-    assert len(find_sessions(tmp_path)) == 1
 
 
 def test_sessions_are_the_unit_and_their_interval_is_the_librarys(tmp_path: Path) -> None:
@@ -146,23 +142,17 @@ def test_sessions_are_the_unit_and_their_interval_is_the_librarys(tmp_path: Path
     assert group["remarks"] == []
 
 
-def test_sessions_of_one_subject_are_one_unit(tmp_path: Path) -> None:
+def test_sessions_of_one_subject_are_one_unit_but_of_one_subject_alone(tmp_path: Path) -> None:
     for subject, right in (("S01", [True] * 3), ("S02", [False] * 3)):
         for day in range(3):
-            session(tmp_path, f"{subject}-{day}", right, subject=subject)
-    (group,) = pool(find_sessions(tmp_path))["groups"]
-    assert (group["unit"], group["units"], group["sessions"]) == ("subject", 2, 6)
-    wanted = cluster_bootstrap([1.0, 0.0], np.random.default_rng(1), within=(0.0, 1.0))
-    assert group["accuracy"]["ci"] == pytest.approx([wanted.low, wanted.high])
-
-
-def test_sessions_of_one_subject_alone_are_the_unit_and_speak_for_that_subject(tmp_path: Path) -> None:
+            session(tmp_path / "two", f"{subject}-{day}", right, subject=subject)
     for day, right in enumerate(([True] * 3, [True, False, False], [False] * 3)):
-        session(tmp_path, f"day{day}", right, subject="S01")
-    (group,) = pool(find_sessions(tmp_path))["groups"]
-    assert (group["unit"], group["units"]) == ("session", 3)
-    wanted = cluster_bootstrap([1.0, 1 / 3, 0.0], np.random.default_rng(1), within=(0.0, 1.0))
-    assert group["accuracy"]["ci"] == pytest.approx([wanted.low, wanted.high])
+        session(tmp_path / "one", f"day{day}", right, subject="S01")
+    for folder, unit, shares in (("two", "subject", [1.0, 0.0]), ("one", "session", [1.0, 1 / 3, 0.0])):
+        (group,) = pool(find_sessions(tmp_path / folder))["groups"]
+        assert (group["unit"], group["units"]) == (unit, len(shares))
+        wanted = cluster_bootstrap(shares, np.random.default_rng(1), within=(0.0, 1.0))
+        assert group["accuracy"]["ci"] == pytest.approx([wanted.low, wanted.high])
     assert group["remarks"] == ["all sessions are of S01: what they say speaks for this subject only"]
 
 
@@ -180,12 +170,6 @@ def test_sessions_with_other_filters_are_groups_of_their_own_and_compared_within
     assert designs == ["markov; feature", "markov; feature, filter latent"]
     (difference,) = record["differences"]
     assert abs(difference["difference"]["value"]) == pytest.approx(0.5)
-
-
-def test_exported_tables_are_no_session(tmp_path: Path) -> None:
-    out = session(tmp_path, "one", [True], repeats=1)
-    write_export(read_source(out), "csv", tmp_path / "one_csv")
-    assert [one.path for one in find_sessions(tmp_path)] == [out]
 
 
 def test_excluded_trials_do_not_count_and_are_told(tmp_path: Path) -> None:
@@ -206,21 +190,18 @@ def test_excluded_trials_do_not_count_and_are_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["trial,deed\n1,exclude\n", "phase,trial,deed,reason,time,user\nestimation,x,exclude,y,t,u\n"]
+    ("line", "said"),
+    [
+        ("estimation,x,exclude,y,t,u", "audit.csv:2: the line is damaged"),
+        ("training,77,exclude,typo,t,u", "training trial 77 is excluded, and the record has none"),
+    ],
 )
-def test_an_audit_that_cannot_be_read_makes_the_session_damaged(tmp_path: Path, text: str) -> None:
-    (session(tmp_path, "one", [True]) / "audit.csv").write_bytes(text.encode("latin-1"))
+def test_an_audit_that_does_not_fit_makes_the_session_damaged(tmp_path: Path, line: str, said: str) -> None:
+    audit = session(tmp_path, "one", [True]) / "audit.csv"
+    audit.write_text(f"phase,trial,deed,reason,time,user\n{line}\n", encoding="utf-8")
     (entry,) = find_sessions(tmp_path)
     assert entry.state == "damaged"
-    assert "audit.csv:2: the line is damaged" in entry.words
-
-
-def test_an_exclusion_of_a_trial_that_is_not_there_is_told(tmp_path: Path) -> None:
-    out = session(tmp_path, "one", [True])
-    (out / "audit.csv").write_text(
-        "phase,trial,deed,reason,time,user\ntraining,77,exclude,typo,t,u\n", encoding="utf-8"
-    )
-    assert "training trial 77 is excluded, and the record has none" in find_sessions(tmp_path)[0].words
+    assert said in entry.words
 
 
 def test_a_copy_an_unfinished_and_an_unmeasured_session_do_not_count(tmp_path: Path) -> None:
@@ -268,14 +249,6 @@ def test_groups_with_common_subjects_are_compared_within_them(tmp_path: Path) ->
     assert one["difference"]["of"] == 8
 
 
-def test_simulated_sessions_of_common_seeds_are_compared_within_them(tmp_path: Path) -> None:
-    for seed in (1, 2, 3):
-        for policy in ("markov", "uniform"):
-            session(tmp_path, f"{policy}-{seed}", [True, seed > 1], policy=policy, seed=seed)
-    (one,) = pool(find_sessions(tmp_path))["differences"]
-    assert one["difference"]["value"] == 0.0
-
-
 def run(*arguments: object) -> tuple[int, str]:
     result = CliRunner().invoke(app, ["session", "list", *map(str, arguments)])
     return result.exit_code, result.output
@@ -302,8 +275,7 @@ def test_the_command_lists_pools_and_writes_page_tables_and_json(tmp_path: Path)
 def test_the_command_ends_with_status_1_where_nothing_counts(tmp_path: Path) -> None:
     session(tmp_path, "stopped", [True], exit_code=1)
     code, said = run(tmp_path)
-    assert code == 1
-    assert "no session counts" in said
+    assert (code, "no session counts" in said) == (1, True)
 
 
 def test_palp_analyse_takes_a_folder_of_sessions(tmp_path: Path) -> None:
