@@ -1,1 +1,1 @@
-"""What they say to each other."""
+"""Message types."""

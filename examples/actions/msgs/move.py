@@ -1,4 +1,4 @@
-"""What is asked of an arm, and what it says."""
+"""Messages of an arm."""
 
 from palp_core import Message
 from palp_core.units import Metres

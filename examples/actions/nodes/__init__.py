@@ -1,1 +1,1 @@
-"""An arm, and whoever sends it."""
+"""An arm and the node that sends it."""

@@ -1,4 +1,4 @@
-"""Whoever sends the arm from place to place."""
+"""A node that sends the arm from place to place."""
 
 from msgs.move import MoveFeedback, MoveGoal, MoveResult
 from palp_core import ActionClient, Node, Params, State, WrappedResult, on, on_feedback
