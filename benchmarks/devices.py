@@ -12,12 +12,10 @@ Of the whole rig, its nodes on devices that are emulated in a process of their o
 arrival, and how far a sweep goes on. ``deaths``: how long after kill -9 and SIGSTOP of each node and the
 launcher the stage rests. ``palpations``: launch/emulated.yaml from the sensor to the belief, and its sweeps
 beside those of the simulation. ``decisions``: trials decided within the sweep: how soon, how far the stage
-goes on, trips, and the times in which the machine itself stood still. ``cpu``: what each process of
-launch/emulated.yaml takes, a share of a core, on a quiet machine; without real-time priorities.
+goes on, and trips.
 
-Run: .venv/bin/python benchmarks/devices.py [links|faults|trips|deaths|palpations|decisions|cpu] [--json] ...
-     [--quick] [--burners N] [--against CHECKOUT] [--no-collector] [--of NODE,NODE] [--single-line]
-     [--stale-ms MS] [--beat-ms MS]
+Run: .venv/bin/python benchmarks/devices.py [links|faults|trips|deaths|palpations|decisions] [--json]
+     [--quick] [--of NODE,NODE] [--single-line] [--stale-ms MS] [--beat-ms MS]
 """
 
 from __future__ import annotations
@@ -25,17 +23,14 @@ from __future__ import annotations
 import argparse
 import json
 import statistics
-import sys
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import can
 import numpy as np
 import serial
-from rig_bench.cpu import cpu
 from rig_bench.decisions import decisions
 from rig_bench.emulator import EmulatorProcess, emulator
 from rig_bench.faults import FAULTS, KINDS, Fault
@@ -177,22 +172,6 @@ def faults() -> dict[str, dict[str, object]]:
     return result
 
 
-def draw(result: dict[str, Any], path: Path) -> None:
-    """Draw both rates of both links side by side, with their ratio."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(5.0, 3.0), layout="constrained")
-    axes = figure.add_subplot()
-    for i, link in enumerate(("can", "serial")):
-        for shift, who, colour in ((-0.2, "bare", "0.7"), (0.2, "driver", "C0")):
-            axes.bar(i + shift, result[f"{link}_{who}_per_s"], 0.38, color=colour)
-    names = [f"{link}\nratio {result[f'{link}_ratio']:.2f}" for link in ("can", "serial")]
-    axes.set_xticks([0, 1], names)
-    axes.set_ylabel("exchanges per second")
-    axes.set_title("grey: python-can, pyserial alone; blue: the driver", fontsize=9)
-    figure.savefig(path, dpi=110)
-
-
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(
@@ -202,44 +181,35 @@ def main() -> None:
         "what",
         nargs="?",
         default="links",
-        choices=["links", "faults", "trips", "deaths", "palpations", "decisions", "cpu"],
+        choices=["links", "faults", "trips", "deaths", "palpations", "decisions"],
     )
     parser.add_argument("--quick", action="store_true", help="of links: within 40 s")
-    parser.add_argument("--chart", type=Path, help="of links: PNG of the rates beside the bare libraries'")
     parser.add_argument("--json", action="store_true", help="one object for machines")
     parser.add_argument(
         "--count",
         type=int,
         default=0,
-        help="trips (1000), repeats of a death (3), palpations (10), decisions (201), rounds of cpu (7)",
+        help="trips (1000), repeats of a death (3), palpations (10), decisions (201)",
     )
-    parser.add_argument("--burners", type=int, default=0, help="processes that keep a core busy meanwhile")
     parser.add_argument("--of", default=",".join(NODES), help="of deaths: whose; A+B: of both at once")
     parser.add_argument("--single-line", action="store_true", help="of deaths: the stage on one RS-232")
-    parser.add_argument("--no-collector", action="store_true", help="of trips: without Python's collector")
-    parser.add_argument("--against", type=Path, help="of cpu: another checkout, measured by turns")
     parser.add_argument("--stale-ms", type=float, default=0.0, help="of decisions: not the launch file's")
     parser.add_argument("--beat-ms", type=float, default=0.0, help="of decisions: not the launch file's")
     given = parser.parse_args()
-    count, burners = given.count, given.burners
+    count = given.count
     if given.what == "trips":
         swept = min(20, count or 20)
-        result = trips((count or 1000) - swept, swept, burners=burners, collector=not given.no_collector)
+        result = trips((count or 1000) - swept, swept)
     elif given.what == "deaths":
-        words = {"tell": lambda line: print(line, file=sys.stderr), "single_line": given.single_line}
-        result = deaths(tuple(given.of.split(",")), count or 3, burners, **words)
+        result = deaths(tuple(given.of.split(",")), count or 3, single_line=given.single_line)
     elif given.what == "palpations":
-        result = palpations(count or 10, burners=burners)
+        result = palpations(count or 10)
     elif given.what == "decisions":
-        result = decisions(count or 201, stale_ms=given.stale_ms, beat_ms=given.beat_ms, burners=burners)
-    elif given.what == "cpu":
-        result = cpu(count or 7, 15.0, given.against)
+        result = decisions(count or 201, stale_ms=given.stale_ms, beat_ms=given.beat_ms)
     elif given.what == "faults":
         result = faults()
     else:
         result = links(given.quick)
-        if given.chart:
-            draw(result, given.chart)
     print(json.dumps(result, indent=None if given.what == "links" else 1) if given.json else in_lines(result))
 
 

@@ -6,7 +6,7 @@ with ``--against``, another checkout's by turns in the same rounds, the ratio wi
 both leave the same `trials.csv`, sweeps and `primitives.json`.
 
 Run: .venv/bin/python benchmarks/main_job.py [--rounds N] [--against OTHER/.venv/bin/palp] [--processes]
-         [--start] [--quick] [--json]
+         [--start] [--json]
 """
 
 from __future__ import annotations
@@ -31,13 +31,7 @@ KEPT = ("trials.csv", "primitives.json", "sweeps/*.npz")
 
 @dataclass(frozen=True)
 class Turn:
-    """A run of the command.
-
-    Attributes:
-        wall_s: From the command to its end.
-        cpu_s: Of all its processes.
-        digest: Of what it has kept.
-    """
+    """A run of the command: its seconds, those of CPU of all its processes, and the digest of its results."""
 
     wall_s: float
     cpu_s: float
@@ -94,13 +88,12 @@ def main() -> None:
     parser.add_argument("--against", type=Path, help="palp of another checkout, in its .venv/bin")
     parser.add_argument("--processes", action="store_true", help="each node a process of its own")
     parser.add_argument("--start", action="store_true", help="one palpation and one trial: start and report")
-    parser.add_argument("--quick", action="store_true", help="one round of --start")
     parser.add_argument("--json", action="store_true", help="one object for machines")
     options = parser.parse_args()
-    rounds = 1 if options.quick else options.rounds
+    rounds = options.rounds
     words = [
         *(() if options.processes else ("--compose",)),
-        *(SHORT if options.start or options.quick else ()),
+        *(SHORT if options.start else ()),
     ]
     palps = {"here": Path(sys.executable).parent / "palp"}
     if options.against is not None:

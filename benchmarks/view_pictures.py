@@ -17,7 +17,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from benchmarks.view_bench.running import ROOT, SIM, browser, emulated, until, wait
+from benchmarks.view_running import ROOT, SIM, browser, emulated, until, wait
 from palp_core.palpation.session.trials_csv import read_rows
 from tests.support.palp import own_palp
 from tests.support.view.browser import Viewing
@@ -45,7 +45,7 @@ class Studio:
     def __init__(self, folder: Path, stack: ExitStack) -> None:
         self.folder, self._stack = folder, stack
         self.palp = stack.enter_context(own_palp())
-        self.chrome = stack.enter_context(browser(folder, beside=True))
+        self.chrome = stack.enter_context(browser(folder))
 
     @cached_property
     def live(self) -> Viewing:

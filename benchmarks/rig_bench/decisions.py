@@ -15,7 +15,7 @@ import numpy as np
 from palp_core.graph.bag.reader import read, to_numpy
 from palp_core.palpation.session.trials_csv import read_rows
 
-from .host import holes, host_words, loaded  # noqa: TID252 -- neighbours, of a script and of a package
+from .host import host_words  # noqa: TID252 -- neighbours, of a script and of a package
 from .palpations import ROOT, command, environment  # noqa: TID252
 
 __all__ = ["decisions"]
@@ -30,7 +30,6 @@ def decisions(
     *,
     stale_ms: float = 0.0,
     beat_ms: float = 0.0,
-    burners: int = 0,
     patience_s: float = 3600.0,
 ) -> dict[str, Any]:
     """Run trials that are decided within the sweep, at one position; return what was said, how soon.
@@ -39,7 +38,6 @@ def decisions(
         count: Trials, on three phantoms.
         stale_ms: Longest time without a sample of torque; 0: the launch file's.
         beat_ms: Longest time without a heartbeat; 0: the launch file's.
-        burners: Processes that keep a core busy meanwhile.
         patience_s: After which it is given up.
     """
     host, each = host_words(), -(-count // PHANTOMS)
@@ -54,15 +52,12 @@ def decisions(
             f"trials:={each}", "host:=127.0.99.1", f"out:={out}", "--record", str(bag),
             *(f"{key}:={value}" for key, value in deadlines.items() if value),
         )  # fmt: skip
-        with loaded(burners), holes() as still_ms:
-            said = _run(folder, arguments, patience_s)
+        said = _run(folder, arguments, patience_s)
         rows = [row for row in read_rows(out) if row.phase == "estimation"]
         return {
             "host": host,
-            "burners": burners,
             "trials": len({row.trial for row in rows}),
             "trips": [line for line in said.splitlines() if "/safety: tripped" in line],
-            "machine_stood_still_ms": still_ms,
             **_lateness(bag),
             **_way_on(bag),
         }

@@ -19,12 +19,13 @@ from palp_core.palpation.devices.protocols import Int64Array
 from palp_core.palpation.nano17 import RESOLUTION_N_M
 from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 
-from .host import host_words, loaded  # noqa: TID252 -- neighbours, of a script and of a package
+from .host import host_words  # noqa: TID252 -- neighbours, of a script and of a package
 
 __all__ = ["palpations"]
 
 ROOT = Path(__file__).resolve().parents[2]
 PATH_M = (-0.03, 0.05)
+PATIENCE_S = 600.0
 RINGS_EXACT = {
     "emulated": ("      height_sd_mm: $(var height_sd_mm)\n", "      repeatability_mm: 0.0\n"),
     "sim": ("repeatability_mm: 0.3", "repeatability_mm: 0.0"),
@@ -32,21 +33,17 @@ RINGS_EXACT = {
 """Where a landing is not drawn, both rings are where they were sent, and sweeps can be compared."""
 
 
-def palpations(
-    count: int = 10, *, burners: int = 0, path_m: tuple[float, float] = PATH_M, patience_s: float = 600.0
-) -> dict[str, Any]:
+def palpations(count: int = 10) -> dict[str, Any]:
     """Run a rig on emulated wires for some palpations; return rates, gaps, delays and differences."""
     host = host_words()
     with tempfile.TemporaryDirectory(prefix="palp-bench-") as name:
         folder = Path(name)
-        workspace(folder, path_m)
+        workspace(folder)
         bag, out = folder / "bag", folder / "emulated"
-        with loaded(burners):
-            run_emulated(folder, bag, out, count, path_m, patience_s)
+        run_emulated(folder, bag, out, count)
         palp(folder, "launch", "launch/sim.yaml", "trials:=1", *training(count), f"out:={folder / 'sim'}")
         return {
             "host": host,
-            "burners": burners,
             "palpations": len(read_rows(out)),
             **torque(bag),
             **emg(bag),
@@ -55,7 +52,7 @@ def palpations(
         }
 
 
-def workspace(folder: Path, path_m: tuple[float, float]) -> None:
+def workspace(folder: Path) -> None:
     """Write both launch files, with rings that land where they are sent, and one path."""
     (folder / "launch").mkdir()
     for link in ("nodes", "msgs", "launch/parts"):
@@ -65,13 +62,11 @@ def workspace(folder: Path, path_m: tuple[float, float]) -> None:
         text = text.replace(old, old + new if name == "emulated" else new, 1)
         if name == "sim":
             run = "run: nodes.experiment:Experiment\n    params:\n"
-            text = text.replace(run, f"{run}      from_m: {path_m[0]}\n      to_m: {path_m[1]}\n")
+            text = text.replace(run, f"{run}      from_m: {PATH_M[0]}\n      to_m: {PATH_M[1]}\n")
         (folder / "launch" / f"{name}.yaml").write_text(text, encoding="utf-8")
 
 
-def run_emulated(
-    folder: Path, bag: Path, out: Path, count: int, path_m: tuple[float, float], patience_s: float
-) -> None:
+def run_emulated(folder: Path, bag: Path, out: Path, count: int) -> None:
     """Run until enough palpations are done.
 
     Raises:
@@ -79,13 +74,13 @@ def run_emulated(
     """
     arguments = (
         "launch/emulated.yaml", "trials:=1", *training(count), "host:=127.0.99.1",
-        f"shared.from_m:={path_m[0]}", f"shared.to_m:={path_m[1]}", f"out:={out}", "--record", str(bag),
+        f"shared.from_m:={PATH_M[0]}", f"shared.to_m:={PATH_M[1]}", f"out:={out}", "--record", str(bag),
     )  # fmt: skip
     with (folder / "said.log").open("w", encoding="utf-8") as said:
         process = subprocess.Popen(
             command("launch", *arguments), env=environment(folder), cwd=folder, stdout=said, stderr=said
         )
-        pause, end_s = threading.Event(), time.monotonic() + patience_s
+        pause, end_s = threading.Event(), time.monotonic() + PATIENCE_S
         while not (out / "trials.csv").exists() or len(read_rows(out)) < count:
             if process.poll() is not None or time.monotonic() > end_s:
                 break

@@ -91,7 +91,6 @@ class RunningRig:
         edit: Changes to the text of the launch file and of what it includes, old to new.
         home_s: How long each axis takes to home.
         single_line: The stage on one RS-232 of 115200 bit/s, moved in segments of 2 mm; none for safety.
-        python_path: Folder that every process of the graph has on its path, too.
         sweep_m_per_s: Speed of a sweep.
         return_m_per_s: Speed of the way back.
         patience_s: Longest wait of :meth:`until`.
@@ -105,7 +104,6 @@ class RunningRig:
         edit: dict[str, str] | None = None,
         home_s: float = 0.05,
         single_line: bool = False,
-        python_path: Path | None = None,
         sweep_m_per_s: float = 0.020,
         return_m_per_s: float = 0.050,
         patience_s: float = PATIENCE_S,
@@ -119,7 +117,7 @@ class RunningRig:
         self._settings = RigSettings(
             contact=contact, y_axis=axis, z_axis=raised, stage_serial=single_line, maestro_baud=0
         )
-        self.folder, self._arguments, self._edit, self._extra = folder, arguments, edit or {}, python_path
+        self.folder, self._arguments, self._edit = folder, arguments, edit or {}
         self.signalled_ns = 0
         self.running: RunningGraph | None = None
 
@@ -178,7 +176,7 @@ class RunningRig:
         environment = {
             **os.environ,
             "XDG_RUNTIME_DIR": str(self.run_folder),
-            "PYTHONPATH": os.pathsep.join(map(str, filter(None, (ROOT / "src", self._extra)))),
+            "PYTHONPATH": str(ROOT / "src"),
         }
         self._said = (self.folder / "launch.log").open("w", encoding="utf-8")
         self.process = subprocess.Popen(

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import signal
+import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .host import host_words, loaded, without_collector  # noqa: TID252 -- neighbours, of a script and of a package
+from .host import host_words  # noqa: TID252 -- neighbours, of a script and of a package
 from .running import LAUNCHER, RunningRig  # noqa: TID252 -- neighbours, of a script and of a package
 
 __all__ = ["NODES", "deaths", "trips"]
@@ -28,16 +29,17 @@ GIVE_UP_NS = 5_000_000_000
 
 
 @contextmanager
-def running(*arguments: str, collector: bool = True, single_line: bool = False) -> Iterator[RunningRig]:
+def running(*, single_line: bool = False) -> Iterator[RunningRig]:
     """Run the rig for a while."""
-    with tempfile.TemporaryDirectory(prefix="palp-bench-") as folder:
-        extra = None if collector else without_collector(Path(folder) / "site")
-        with RunningRig(Path(folder), *SHORT, *arguments, python_path=extra, single_line=single_line) as rig:
-            rig.put_on()
-            yield rig
+    with (
+        tempfile.TemporaryDirectory(prefix="palp-bench-") as folder,
+        RunningRig(Path(folder), *SHORT, single_line=single_line) as rig,
+    ):
+        rig.put_on()
+        yield rig
 
 
-def trips(at_rest: int, sweeping: int, *, burners: int = 0, collector: bool = True) -> dict[str, Any]:
+def trips(at_rest: int, sweeping: int) -> dict[str, Any]:
     """Return how long a torque over the limit takes to the ABORT at the controller, and how far a sweep goes.
 
     The time is from when the sensor took the first sample over the limit, so 0.5 ms on a bus of 500 kbit/s
@@ -46,7 +48,7 @@ def trips(at_rest: int, sweeping: int, *, burners: int = 0, collector: bool = Tr
     host, others = host_words(), 0
     latencies_ms: list[float] = []
     beyond_mm: list[float] = []
-    with loaded(burners), running(collector=collector) as rig:
+    with running() as rig:
         while len(latencies_ms) < at_rest + sweeping:
             moving = len(latencies_ms) >= at_rest
             rig.until(lambda m=moving: permitted(rig) and (not m or rig.sweeping()), "permission")  # type: ignore[misc]
@@ -65,8 +67,6 @@ def trips(at_rest: int, sweeping: int, *, burners: int = 0, collector: bool = Tr
     counts, _ = np.histogram(latencies_ms, EDGES_MS)
     return {
         "host": host,
-        "burners": burners,
-        "collector": collector,
         "trips": len(latencies_ms),
         "for_another_cause": others,
         "ms_p50": round(float(np.median(latencies_ms)), 3),
@@ -111,11 +111,7 @@ def acknowledged(rig: RunningRig) -> bool:
 
 
 def deaths(
-    nodes: tuple[str, ...] = NODES,
-    repeats: int = 1,
-    burners: int = 0,
-    single_line: bool = False,
-    tell: Callable[[str], None] = lambda _: None,
+    nodes: tuple[str, ...] = NODES, repeats: int = 1, single_line: bool = False
 ) -> dict[str, dict[str, Any]]:
     """Return how long after a signal to a node the stage rests, in ms, per node and signal.
 
@@ -124,24 +120,22 @@ def deaths(
     found: dict[str, dict[str, Any]] = {}
     for node in nodes:
         for number in (signal.SIGKILL, signal.SIGSTOP):
-            rows = [death(node, number, burners, single_line) for _ in range(repeats)]
+            rows = [death(node, number, single_line) for _ in range(repeats)]
             worst = {
                 "rest_ms": round(max(row[0] for row in rows), 1),
                 "beyond_mm": round(max(row[1] for row in rows), 2),
             }
             found.setdefault(node, {})[number.name] = worst
-            tell(f"{node} {number.name}: {worst}")
+            print(f"{node} {number.name}: {worst}", file=sys.stderr)
     return found
 
 
-def death(
-    node: str, number: signal.Signals, burners: int = 0, single_line: bool = False
-) -> tuple[float, float]:
+def death(node: str, number: signal.Signals, single_line: bool = False) -> tuple[float, float]:
     """Return how long after a signal to a node in a sweep the stage rests, in ms, and its way in mm.
 
     Several processes at once: their names with ``+`` between them.
     """
-    with loaded(burners), running(single_line=single_line) as rig:
+    with running(single_line=single_line) as rig:
         rig.until(lambda: permitted(rig) and rig.sweeping(), "sweep")
         before = rig.stage.axes()
         rig.signal(number, *node.split("+"))

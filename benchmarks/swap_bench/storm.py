@@ -27,7 +27,6 @@ from typing import Any
 
 import msgspec
 import psutil
-from swap_bench.guard import marked
 from swap_bench.storm_tapes import (
     BY,
     INDEX,
@@ -106,8 +105,6 @@ class Turn:
         outcome, text: ``swapped``, or the step that failed or refused, and why.
         struck, victim: Whether the signal was sent, and to which process.
         flow_s: From the fault's end until all readers heard new numbers; of a killed launcher: to the end.
-        accounts: What the nodes themselves have counted in all.
-        counted: Of that, lost in this turn, at the relay and at each reader.
         wrong: What was not as promised.
     """
 
@@ -117,16 +114,23 @@ class Turn:
     text: str = ""
     struck: bool = False
     victim: int = 0
-    command_s: float = 0.0
     flow_s: float = 0.0
     verdicts: dict[str, Verdict] = field(default_factory=dict)
-    accounts: dict[str, dict[str, int]] = field(default_factory=dict)
-    counted: int = 0
     wrong: list[str] = field(default_factory=list)
 
 
 class Stranded(Exception):
     """The graph is not alive, or a reader hears nothing."""
+
+
+def marked(value: str) -> list[psutil.Process]:
+    """Return all living processes of a graph, known by a variable in their environment."""
+    found = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error):
+            if process.environ().get(MARK) == value and process.status() != psutil.STATUS_ZOMBIE:
+                found.append(process)
+    return found
 
 
 def rest(seconds: float) -> None:
@@ -161,7 +165,6 @@ class Storm:
         command = [sys.executable, "-m", "palp_core", "launch", str(LAUNCH), f"out:={self.tapes}"]
         with (self.tapes / "launcher.txt").open("wb") as said:
             self._launcher = subprocess.Popen(command, stdout=said, stderr=said, env=environment)
-        self._lost: dict[str, int] = {}
         self._judges = {name: Judge(best_effort=name == "best_effort") for name in READERS}
         self.wait(
             lambda: all(len(self.tape(name)) for name in READERS), "not every reader has heard anything"
@@ -180,7 +183,7 @@ class Storm:
     def sweep(self) -> list[int]:
         """Kill what is left of the graph, and return whom."""
         assert self._launcher is not None
-        left = marked(MARK, self._mark)
+        left = marked(self._mark)
         for process in left:
             with contextlib.suppress(psutil.Error):
                 process.kill()
@@ -250,25 +253,23 @@ class Storm:
                 self._strike(turn, answer, self._parts(turn, former))
             finally:
                 self._continue(turn)
-            turn.outcome, turn.text, turn.command_s = answer.result()
+            turn.outcome, turn.text = answer.result()
         (self.tapes / "strike.json").unlink(missing_ok=True)
         (self.tapes / "struck.json").unlink(missing_ok=True)
         if turn.plan.fault == "none" and turn.outcome == "swapped":
             self._swap_s = 0.5 * (self._swap_s + time.monotonic() - begun_s)
 
-    def _ask(self) -> tuple[str, str, float]:
-        """Swap the relay for the other class; return what came of it, why, and after how many seconds."""
-        begun_s = time.monotonic()
+    def _ask(self) -> tuple[str, str]:
+        """Swap the relay for the other class; return what came of it, and why."""
         try:
             run = self.graph.ask("relay", "info")["run"]
             other = "Second" if run.endswith("First") else "First"
             answer = self.graph.swap("relay", f"nodes.storm:{other}", params={"out": str(self.tapes)})
         except GraphError as error:
-            return "no answer", str(error), time.monotonic() - begun_s
-        took_s = time.monotonic() - begun_s
+            return "no answer", str(error)
         if "report" in answer:
-            return "swapped", f"gap {answer['report']['gap_s'] * 1e3:.1f} ms", took_s
-        return answer["failed"]["step"], answer["failed"]["text"], took_s
+            return "swapped", f"gap {answer['report']['gap_s'] * 1e3:.1f} ms"
+        return answer["failed"]["step"], answer["failed"]["text"]
 
     def _parts(self, turn: Turn, former: int) -> dict[str, int]:
         """Return the process numbers of those that can be struck; the new one has none yet."""
@@ -345,27 +346,13 @@ class Storm:
             raise Stranded(f"no new number at {', '.join(late)}: {stranded}") from None
         finally:
             self._judge(turn, sent, former)
-        self._ask_accounts(turn)
-
-    def _ask_accounts(self, turn: Turn) -> None:
-        """Note what the nodes themselves have counted as lost since the last turn."""
-        for name in ("relay", *READERS):
-            with contextlib.suppress(GraphError):
-                info = self.graph.ask(name, "info")
-                (account,) = info["inputs"].values()
-                turn.accounts[name] = {key: account[key] for key in ("lost", "repeated", "dropped", "filled")}
-                whose = (
-                    name if name == "relay" else f"{name} {info['pid']}"
-                )  # a swapped node goes on counting
-                before, self._lost[whose] = self._lost.get(whose, 0), account["lost"]
-                turn.counted += account["lost"] - (before if account["lost"] >= before else 0)
 
     def _expect_end(self, turn: Turn, former: int) -> None:
         """The launcher was killed: everything ends within a bound, and what came before is whole."""
         assert self._launcher is not None
         self._launcher.wait()
         begun_s = time.monotonic()
-        while (left := marked(MARK, self._mark)) and time.monotonic() - begun_s < END_S:
+        while (left := marked(self._mark)) and time.monotonic() - begun_s < END_S:
             rest(10 * POLL_S)
         turn.flow_s = time.monotonic() - begun_s
         if left:
@@ -451,6 +438,5 @@ def _row(turns: list[Turn]) -> dict[str, Any]:
         "failed_at": {step: outcomes.count(step) for step in sorted(set(outcomes) - {"swapped"})},
         "wrong": sum(bool(turn.wrong) for turn in turns),
         **{what: sum(getattr(verdict, what) for verdict in verdicts) for what in COUNTED},
-        "counted": sum(turn.counted for turn in turns),
         "silence_max_ms": max((verdict.silence_ms for verdict in verdicts), default=0.0),
     }  # fmt: skip

@@ -65,7 +65,7 @@ def environment(folder: Path) -> dict[str, str]:
 
 
 def palp_command(*arguments: object) -> list[str]:
-    """Return the command line's way of saying it."""
+    """Return a palp command line."""
     return [sys.executable, "-m", "palp_core", *map(str, arguments)]
 
 
@@ -105,11 +105,7 @@ def _of_phase(rows: Rows, at: int) -> Rows:
 
 
 def run_palp(phases: list[Phase], readers: int = 1) -> Outcome:
-    """Run a graph of real nodes, as a user does, and return its outcome.
-
-    Args:
-        phases: What to do.
-        readers: One or five.
+    """Run a graph of real nodes, as a user does; it has one reader or five.
 
     Raises:
         RuntimeError: The graph failed.
@@ -129,17 +125,8 @@ def run_palp(phases: list[Phase], readers: int = 1) -> Outcome:
         return _read(folder, phases, readers)
 
 
-def run_scripts(
-    script: Path, phases: list[Phase], readers: int = 1, *, python: str, arguments: tuple[str, ...] = ()
-) -> Outcome:
-    """Run a contender whose two roles are a script.
-
-    Args:
-        script: What to run, ``pitcher|catcher FOLDER NUMBER READERS`` and then ``arguments``.
-        phases: What to do.
-        readers: One or five.
-        python: The Python to run it with.
-        arguments: The script's further arguments.
+def run_scripts(script: Path, phases: list[Phase], readers: int = 1, *, python: str) -> Outcome:
+    """Run a contender whose two roles are a script: ``pitcher|catcher FOLDER NUMBER READERS``.
 
     Raises:
         RuntimeError: One of its processes failed, or did not end.
@@ -148,7 +135,7 @@ def run_scripts(
         roles = [("pitcher", 0), *(("catcher", number) for number in range(readers))]
         running: dict[str, subprocess.Popen[bytes]] = {}
         for role, number in roles:
-            command = [python, str(script), role, str(folder), str(number), str(readers), *arguments]
+            command = [python, str(script), role, str(folder), str(number), str(readers)]
             said = stack.enter_context((folder / f"{role}{number}.said").open("wb"))
             process = subprocess.Popen(command, env=environment(folder), stdout=said, stderr=said)
             running[f"{role}{number}"] = stack.enter_context(process)

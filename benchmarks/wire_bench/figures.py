@@ -2,82 +2,23 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import platform
 import statistics
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
 from wire_bench.contenders import Outcome
 from wire_bench.plan import Phase
 
-__all__ = ["OWN", "QUANTILES", "RATIOS", "TARGETS", "Measure", "Ratio", "Results", "machine", "write_csv"]
+__all__ = ["QUANTILES", "Measure", "Results"]
 
 QUANTILES = {"p50": 0.5, "p99": 0.99, "p99_9": 0.999}
 PALP = "palp"
-
-
-@dataclass(frozen=True)
-class Ratio:
-    """A figure of palp's over one of a contender's, in the same round.
-
-    Attributes:
-        measure: Palp's.
-        figure: Of both.
-        theirs: The contender's measure, if it is another one.
-    """
-
-    measure: str
-    figure: str
-    theirs: str = ""
-
-    @property
-    def beside(self) -> str:
-        """The contender's measure."""
-        return self.theirs or self.measure
-
-
-RATIOS = {
-    "p50_ratio": Ratio("latency", "p50_s"),
-    "p99_ratio": Ratio("latency", "p99_s"),
-    "cpu_ratio": Ratio("latency", "cpu_s"),
-    "p50_64k_ratio": Ratio("64k", "p50_s"),
-    "p99_64k_ratio": Ratio("64k", "p99_s"),
-    "cpu_64k_ratio": Ratio("64k", "cpu_s"),
-    "trip_p50_ratio": Ratio("trip", "p50_s"),
-    "trip_p99_ratio": Ratio("trip", "p99_s"),
-    "trip_cpu_ratio": Ratio("trip", "cpu_s"),
-    "rate_48b_ratio": Ratio("rate", "rate_hz"),
-    "rate_1mib_ratio": Ratio("1mib", "rate_hz"),
-    "fan5_p50_ratio": Ratio("fan", "p50_s"),
-    "fan5_p99_ratio": Ratio("fan", "p99_s"),
-    "fan5_cpu_ratio": Ratio("fan", "cpu_s"),
-}
-OWN = {
-    "call_p50_ratio": Ratio("call", "p50_s", "trip"),
-    "call_cpu_ratio": Ratio("call", "cpu_s", "trip"),
-}
-TARGETS = {
-    "raw": {
-        "p50_ratio": 1.25,
-        "p99_ratio": 1.5,
-        "p50_64k_ratio": 1.15,
-        "rate_48b_ratio": 1.1,
-        "rate_1mib_ratio": 1.3,
-        "fan5_p50_ratio": 1.3,
-    },
-    "raw_timeout": {
-        "p50_ratio": 1.05,
-        "cpu_ratio": 1.25,
-        "p50_64k_ratio": 1.1,
-        "fan5_p50_ratio": 1.0,
-    },
-    PALP: {"call_p50_ratio": 1.15},
-}
+OWN_TRIP = "palp's own trip"
+"""What a call of a service is compared with: there and back by two topics."""
 
 
 @dataclass(frozen=True)
@@ -113,126 +54,58 @@ class Results:
                 found["cpu_s"] = outcome.cpu_s[at]
             self.rounds.setdefault(contender, {}).setdefault(measure.name, []).append(found)
 
-    def drop(self, contender: str) -> None:
-        """Forget a contender that failed on the way."""
-        for kept in (self.lost, self.rounds):
-            kept.pop(contender, None)
-
-    def ratios(self, peer: str) -> dict[str, list[float]]:
-        """Return palp over the peer of every round, by the names of ``RATIOS``; over itself, of ``OWN``.
-
-        A ratio to what a peer could not do at all, a rate of 0, is not among them.
-        """
-        found = {}
-        for name, ratio in (OWN if peer == PALP else RATIOS).items():
-            mine = [figures[ratio.figure] for figures in self._of(PALP, ratio.measure)]
-            theirs = [figures[ratio.figure] for figures in self._of(peer, ratio.beside)]
-            if mine and theirs and min(theirs) > 0.0:
-                found[name] = [value / beside for value, beside in zip(mine, theirs, strict=True)]
-        return found
-
-    def _of(self, contender: str, measure: str) -> list[dict[str, float]]:
-        return self.rounds.get(contender, {}).get(measure, [])
-
     def summary(self) -> dict[str, Any]:
-        """Return everything as one object; ratios at its top are to ``raw``, or to palp's own round trip."""
-        by_round = {peer: self.ratios(peer) for peer in self.rounds}
-        plain = {**by_round.get("raw", {}), **by_round.get(PALP, {})}
-        found: dict[str, Any] = {name: statistics.median(values) for name, values in plain.items()}
+        """Return ``[measure][figure][contender]``: its value, and palp over it, each as a spread."""
+        measures: dict[str, Any] = {}
+        for measure, figure, contender, values, ratios in self._rows():
+            row = measures.setdefault(measure, {}).setdefault(figure, {}).setdefault(contender, {})
+            row |= {"value": spread(values)} | ({"palp_over_it": spread(ratios)} if ratios else {})
+        machine = f"{os.cpu_count()} cores, Linux {platform.release()}, load {os.getloadavg()[0]:.1f}"
+        startup = {"startup_10_nodes_s": spread(self.startup_s)} if self.startup_s else {}
+        return {"measures": measures, **startup, "lost": self.lost, "machine": machine}
+
+    def table(self) -> str:
+        """Return a line for each figure of each contender, and what was lost."""
+        lines = [f"{'measure':16} {'contender':16} {'median (least to largest)':36} palp over it"]
+        for measure, figure, contender, values, ratios in self._rows():
+            unit, scale, digits = ("Hz", 1.0, 0) if figure == "rate_hz" else ("us", 1e6, 0)
+            value = written([value * scale for value in values], digits, unit)
+            name = f"{measure} {figure.removesuffix('_s').removesuffix('_hz')}"
+            over = written(ratios, 2) if ratios else ""
+            lines.append(f"{name:16} {contender:16} {value:36} {over}".rstrip())
         if self.startup_s:
-            found["startup_10_nodes_s"] = statistics.median(self.startup_s)
-            found["startup_10_nodes_rounds_s"] = self.startup_s
-        found["lost"] = self.lost.get(PALP, 0)
-        found["lost_by_contender"] = self.lost
-        found["spread"] = {name: [min(values), max(values)] for name, values in plain.items()}
-        figures = self._figures()
-        found["absolute"] = _nested(figures, "median")
-        found["absolute_least"] = _nested(figures, "least")
-        found["absolute_largest"] = _nested(figures, "largest")
-        found["rounds_of"] = {
-            contender: {measure: len(rounds) for measure, rounds in measures.items()}
-            for contender, measures in self.rounds.items()
-        }
-        found["ratios"] = {
-            peer: {
-                name: {**_stated(values), "target": TARGETS.get(peer, {}).get(name)}
-                for name, values in ratios.items()
-            }
-            for peer, ratios in by_round.items()
-            if ratios
-        }
-        found["ratios_by_round"] = plain
-        counts = [len(rounds) for measures in self.rounds.values() for rounds in measures.values()]
-        found["rounds"] = max(counts, default=len(self.startup_s))
-        found["machine"] = machine()
-        return found
+            lines.append(f"ten nodes, to the first message at the end: {written(self.startup_s, 2, 's')}")
+        return "\n".join([*lines, f"lost: {self.lost}"])
 
-    def _figures(self) -> dict[str, dict[str, dict[str, dict[str, float]]]]:
-        """Return what is stated of each contender, measure and figure."""
-        return {
-            contender: {
-                measure: {key: _stated([found[key] for found in rounds]) for key in rounds[0]}
-                for measure, rounds in measures.items()
-            }
-            for contender, measures in self.rounds.items()
-        }
+    def _rows(self) -> Iterator[tuple[str, str, str, list[float], list[float]]]:
+        """Yield measure, figure, contender, its values and palp's over them, round by round."""
+        for measure, rounds in self.rounds.get(PALP, {}).items():
+            for figure in rounds[0]:
+                mine = self._values(PALP, measure, figure)
+                for contender in self.rounds:
+                    theirs = self._values(contender, measure, figure)
+                    if theirs:
+                        ratios = [] if contender == PALP else over(mine, theirs)
+                        yield measure, figure, contender, theirs, ratios
+                trip = self._values(PALP, "trip", figure)
+                if measure == "call" and trip:
+                    yield measure, figure, OWN_TRIP, trip, over(mine, trip)
 
-    def rows(self) -> list[tuple[str, str, int | str, str, float]]:
-        """Return contender, measure, round (or what is stated of all), figure and value of all figures."""
-        rows: list[tuple[str, str, int | str, str, float]] = []
-        for contender, measures in self.rounds.items():
-            for measure, rounds in measures.items():
-                for number, found in enumerate(rounds, start=1):
-                    rows.extend((contender, measure, number, key, value) for key, value in found.items())
-        for contender, stated in self._figures().items():
-            for measure, figures in stated.items():
-                for key, values in figures.items():
-                    rows.extend((contender, measure, what, key, value) for what, value in values.items())
-        for peer in self.rounds:
-            for name, ratios in self.ratios(peer).items():
-                measure = (RATIOS | OWN)[name].measure
-                stated = {**dict(enumerate(ratios, start=1)), **_stated(ratios)}
-                rows.extend((f"{PALP}/{peer}", measure, what, name, value) for what, value in stated.items())
-        startup = enumerate(self.startup_s, start=1)
-        rows.extend((PALP, "startup", number, "startup_10_nodes_s", took_s) for number, took_s in startup)
-        return rows
+    def _values(self, contender: str, measure: str, figure: str) -> list[float]:
+        return [found[figure] for found in self.rounds.get(contender, {}).get(measure, [])]
 
 
-def _stated(values: list[float]) -> dict[str, float]:
-    return {
-        "median": statistics.median(values),
-        "least": min(values),
-        "largest": max(values),
-        "rounds": len(values),
-    }
+def over(mine: list[float], theirs: list[float]) -> list[float]:
+    """Return the ratio of each round; none if the other could not do it at all, a rate of 0."""
+    return [a / b for a, b in zip(mine, theirs, strict=True)] if min(theirs) > 0.0 else []
 
 
-def _nested(figures: dict[str, dict[str, dict[str, dict[str, float]]]], what: str) -> dict[str, Any]:
-    return {
-        contender: {
-            measure: {key: values[what] for key, values in of.items()} for measure, of in measures.items()
-        }
-        for contender, measures in figures.items()
-    }
+def spread(values: list[float]) -> dict[str, float]:
+    """Return the median over the rounds, the least and the largest."""
+    return {"median": statistics.median(values), "least": min(values), "largest": max(values)}
 
 
-def write_csv(results: Results, path: Path) -> None:
-    """Write one row per contender, measure, round and figure; that of a ratio is of ``palp/`` and the peer.
-
-    In place of a round's number, ``median``, ``least``, ``largest`` and ``rounds`` say what is stated of all.
-    """
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(("contender", "measure", "round", "figure", "value"))
-        writer.writerows(results.rows())
-
-
-def machine() -> dict[str, Any]:
-    """Describe the machine, and how busy it is."""
-    return {
-        "cores": os.cpu_count(),
-        "kernel": platform.release(),
-        "python": platform.python_version(),
-        "load": os.getloadavg()[0],
-        "memory_gib": round(psutil.virtual_memory().total / 2**30),
-    }
+def written(values: list[float], digits: int, unit: str = "") -> str:
+    """Write a median with its spread."""
+    middle, least, largest = (f"{value:,.{digits}f}" for value in spread(values).values())
+    return f"{middle}{f' {unit}' if unit else ''} ({least} to {largest})"

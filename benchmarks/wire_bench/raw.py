@@ -1,19 +1,16 @@
-"""The contender: pyzmq PUB/SUB in its fastest form, one process per end, in three forms.
+"""The contender: pyzmq PUB/SUB in its fastest form, one process per end.
 
-``one``: one frame, ``[index, sent_ns, bin]`` in msgpack without a topic, packed by a packer that is made
-once; from ``ZERO_COPY_FROM`` bytes on two frames, the array sent and received without a copy. No socket has a
-receive timeout. ``timeout``: the same, and every socket that reads has one, set once, as a node needs that
-must look at its clock, too. ``three``: a frame each for topic, header and array, subscribed to by topic; no
-timeout. All: Unix sockets, no high-water mark, so that nothing is dropped. Nothing is validated, counted,
-recovered or named.
+One frame, ``[index, sent_ns, bin]`` in msgpack without a topic, packed by a packer that is made once; from
+``ZERO_COPY_FROM`` bytes on two frames, the array sent and received without a copy. Unix sockets without a
+receive timeout or a high-water mark, so that nothing is dropped. Nothing is validated, counted, recovered or
+named.
 
-Run by the bench: ``python raw.py pitcher|catcher FOLDER NUMBER READERS FORM``.
+Run by the bench: ``python raw.py pitcher|catcher FOLDER NUMBER READERS``.
 """
 
 from __future__ import annotations
 
 import gc
-import struct
 import sys
 import time
 from pathlib import Path
@@ -23,25 +20,18 @@ import numpy as np
 import zmq
 from drive import Array, Drive
 from meter import sign_in
-from plan import Arrivals, read_plan
+from plan import Arrivals
 
 ZERO_COPY_FROM = 1 << 20
 COPIED_BELOW = 4096  # bytes; for fewer, a copy is faster than a view
-TIMEOUT_MS = 1000
-TOPIC = b"/pitcher/block\0"
-HEADER = struct.Struct("<qq")
 END = -1
 
 
-def reading(
-    context: zmq.Context[zmq.Socket[bytes]], address: str, topic: bytes, form: str
-) -> zmq.Socket[bytes]:
+def reading(context: zmq.Context[zmq.Socket[bytes]], address: str) -> zmq.Socket[bytes]:
     """Return a socket that reads."""
     socket = context.socket(zmq.SUB)
     socket.setsockopt(zmq.RCVHWM, 0)
-    socket.setsockopt(zmq.SUBSCRIBE, topic)
-    if form == "timeout":
-        socket.setsockopt(zmq.RCVTIMEO, TIMEOUT_MS)
+    socket.setsockopt(zmq.SUBSCRIBE, b"")
     socket.connect(address)
     return socket
 
@@ -49,19 +39,18 @@ def reading(
 class Pitcher(Drive):
     """The publishing end; waits for its readers."""
 
-    def __init__(self, folder: Path, readers: int, form: str) -> None:
+    def __init__(self, folder: Path, readers: int) -> None:
         super().__init__(folder)
         self.context = zmq.Context()
         self.publish = self.context.socket(zmq.XPUB)
         self.publish.setsockopt(zmq.XPUB_VERBOSE, 1)
         self.publish.setsockopt(zmq.SNDHWM, 0)
         self.publish.bind(f"ipc://{folder}/raw.pub")
-        self.reply = reading(self.context, f"ipc://{folder}/raw0.pub", b"", form)
+        self.reply = reading(self.context, f"ipc://{folder}/raw0.pub")
         self.pack = msgpack.Packer().pack
         for _ in range(readers):
             self.publish.recv()  # a subscription: the reader is there
-        while self.receive(0) is None:
-            pass  # the first reader's word that this end is heard, too
+        self.receive(0)  # the first reader confirms that this end is heard, too
         gc.collect()
         gc.freeze()
 
@@ -74,11 +63,8 @@ class Pitcher(Drive):
             self.publish.send(values.data, copy=False)
 
     def receive(self, timeout_ns: int) -> tuple[int, int, int] | None:
-        """Return the next reply; only the socket of the form ``timeout`` waits no longer than its own."""
-        try:
-            index, sent_ns, count = msgpack.unpackb(self.reply.recv())
-        except zmq.Again:
-            return None
+        """Return the next reply, however long it takes."""
+        index, sent_ns, count = msgpack.unpackb(self.reply.recv())
         return index, sent_ns, count
 
     def end(self) -> None:
@@ -87,24 +73,11 @@ class Pitcher(Drive):
         self.context.destroy(linger=1000)
 
 
-class PitcherOfThree(Pitcher):
-    """The publishing end that sends topic, header and array in frames of their own."""
-
-    def send(self, index: int, values: Array) -> None:
-        send = self.publish.send
-        send(TOPIC, zmq.SNDMORE)
-        send(HEADER.pack(index, time.monotonic_ns()), zmq.SNDMORE)
-        send(values.data, copy=values.nbytes < ZERO_COPY_FROM)
-
-
-def catch_one(socket: zmq.Socket[bytes], arrivals: Arrivals, reply: zmq.Socket[bytes]) -> None:
-    """Read messages of one frame until told to end."""
+def read_all(socket: zmq.Socket[bytes], arrivals: Arrivals, reply: zmq.Socket[bytes]) -> None:
+    """Read messages until the publisher ends."""
     pack, unpack = msgpack.Packer().pack, msgpack.unpackb
     while True:
-        try:
-            message = unpack(socket.recv())
-        except zmq.Again:
-            continue
+        message = unpack(socket.recv())
         if len(message) == 3:
             index, sent_ns, body = message
             np.frombuffer(body)
@@ -118,48 +91,29 @@ def catch_one(socket: zmq.Socket[bytes], arrivals: Arrivals, reply: zmq.Socket[b
             reply.send(pack((index, sent_ns, arrivals.count)))
 
 
-def catch_three(socket: zmq.Socket[bytes], arrivals: Arrivals, reply: zmq.Socket[bytes], large: bool) -> None:
-    """Read messages of three frames until told to end; large arrays without a copy."""
-    pack, unpack, recv = msgpack.Packer().pack, HEADER.unpack, socket.recv
-    while True:
-        recv()
-        index, sent_ns = unpack(recv())
-        np.frombuffer(recv(copy=False).buffer if large else recv())
-        arrived_ns = time.monotonic_ns()
-        if index == END:
-            return
-        if arrivals.take(index, sent_ns, arrived_ns):
-            reply.send(pack((index, sent_ns, arrivals.count)))
-
-
-def catch(folder: Path, number: int, form: str) -> None:
+def catch(folder: Path, number: int) -> None:
     """Be the reading end until told to end."""
     sign_in(folder)
     context = zmq.Context()
     reply = context.socket(zmq.XPUB)
     reply.bind(f"ipc://{folder}/raw{number}.pub")
-    socket = reading(context, f"ipc://{folder}/raw.pub", TOPIC if form == "three" else b"", form)
+    socket = reading(context, f"ipc://{folder}/raw.pub")
     if number == 0:
         reply.recv()
         reply.send(msgpack.packb((0, 0, 0)))
     arrivals = Arrivals()
     gc.collect()
     gc.freeze()
-    if form == "three":
-        large = max(phase.size for phase in read_plan(folder)) >= ZERO_COPY_FROM
-        catch_three(socket, arrivals, reply, large)
-    else:
-        catch_one(socket, arrivals, reply)
+    read_all(socket, arrivals, reply)
     arrivals.write(folder / f"arrivals{number}.npy")
     context.destroy(linger=0)
 
 
 if __name__ == "__main__":
-    role, place, which, reader_count, form_name = sys.argv[1:]
+    role, place, which, reader_count = sys.argv[1:]
     if role == "pitcher":
-        kind = PitcherOfThree if form_name == "three" else Pitcher
-        pitcher = kind(Path(place), int(reader_count), form_name)
+        pitcher = Pitcher(Path(place), int(reader_count))
         pitcher.run()
         pitcher.end()
     else:
-        catch(Path(place), int(which), form_name)
+        catch(Path(place), int(which))

@@ -15,7 +15,16 @@ from tests.support.palp import PATIENCE_S, ROOT, Palp
 @pytest.mark.nightly
 def test_the_bench_prints_one_object(palp: Palp) -> None:
     itself = Path(sys.executable).parent / "palp"
-    command = [sys.executable, "benchmarks/main_job.py", "--quick", "--json", "--against", str(itself)]
+    command = [
+        sys.executable,
+        "benchmarks/main_job.py",
+        "--start",
+        "--rounds",
+        "1",
+        "--json",
+        "--against",
+        str(itself),
+    ]
     done = subprocess.run(
         command,
         env=palp.environment,

@@ -1,16 +1,14 @@
-"""Graphs, viewers and browsers for a while, as a person has them."""
+"""Graphs, viewers and browsers for a while, as a person has them: for measurements and pictures."""
 
 from __future__ import annotations
 
 import contextlib
 import os
-import re
 import shlex
-import statistics
 import subprocess
 import tempfile
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -20,9 +18,9 @@ from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.running_graph import RunningGraph
 from tests.support.palp import PATIENCE_S, Palp, own_palp
 from tests.support.view.accounts import running_graph
-from tests.support.view.browser import Page, chromium, chromium_running
+from tests.support.view.browser import chromium, chromium_running
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 SIM, EMULATED = ROOT / "launch" / "sim.yaml", ROOT / "launch" / "emulated.yaml"
 LENIENT = ("shared.stale_ms:=10000.0", "shared.beat_ms:=10000.0", "shared.link_ms:=20000.0", "answer_s:=20.0")
 """Of the emulated rig: a busy host is no fault of its devices."""
@@ -110,17 +108,14 @@ def emulated(*arguments: str) -> Iterator[Launched]:
 
 
 @contextmanager
-def browser(folder: Path, *, beside: bool) -> Iterator[Any]:
-    """Chromium: in what time the host has left, as if it were on another one, or beside the graph."""
-    path = chromium()
-    if not beside:
-        script = folder / "chromium"
-        script.write_text(
-            f'#!/bin/sh\nexec nice -n 19 chrt -i 0 {shlex.quote(path)} "$@"\n', encoding="utf-8"
-        )
-        script.chmod(0o755)
-        path = str(script)
-    with chromium_running(path) as found:
+def browser(folder: Path) -> Iterator[Any]:
+    """Chromium in what time the host has left, as if it were on another one."""
+    script = folder / "chromium"
+    script.write_text(
+        f'#!/bin/sh\nexec nice -n 19 chrt -i 0 {shlex.quote(chromium())} "$@"\n', encoding="utf-8"
+    )
+    script.chmod(0o755)
+    with chromium_running(str(script)) as found:
         yield found
 
 
@@ -131,24 +126,3 @@ def end(process: subprocess.Popen[str]) -> None:
     for pipe in (process.stdout, process.stderr):
         if pipe is not None:
             pipe.close()
-
-
-def spread(values: Sequence[float], digits: int = 3) -> dict[str, Any]:
-    """Return median, least and largest, and how many.
-
-    >>> spread([3.0, 1.0, 2.0])
-    {'median': 2.0, 'min': 1.0, 'max': 3.0, 'n': 3}
-    """
-    rounded = {"median": statistics.median(values), "min": min(values), "max": max(values)}
-    return {**{name: round(value, digits) for name, value in rounded.items()}, "n": len(values)}
-
-
-def stop_button(viewing: Page) -> Any:
-    """Return the button that stops the rig."""
-    return viewing.page.get_by_role("button", name=re.compile("^stop", re.IGNORECASE)).first
-
-
-def quietly(work: Callable[[], object]) -> None:
-    """Do something that may fail because what it speaks to is gone."""
-    with contextlib.suppress(Exception):
-        work()
