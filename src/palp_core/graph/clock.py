@@ -18,8 +18,6 @@ def local_time_name() -> str:
 
 
 class Clock(Protocol):
-    """Time on a graph's clock."""
-
     def now_ns(self) -> int:
         """Nanoseconds since the graph's start."""
 

@@ -62,12 +62,10 @@ class Latency:
 
     @property
     def count(self) -> int:
-        """How many there are."""
         return self._count + len(self._new)
 
     @property
     def max_ns(self) -> int:
-        """The longest."""
         self._sort()
         return self._max_ns
 

@@ -15,18 +15,13 @@ ENDS_NODE = " (this ends the node)"
 
 
 class NodeFormatter(logging.Formatter):
-    """Writes ``[LEVEL] [node]: text``; further lines, as of a traceback, are indented.
-
-    Args:
-        node: Whose log it is; "": as the record's logger says.
-    """
+    """Writes ``[LEVEL] [node]: text``; further lines, as of a traceback, are indented."""
 
     def __init__(self, node: str = "") -> None:
         super().__init__()
         self._node = node
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return the lines of a record."""
         first, *more = super().format(record).split("\n")
         if hasattr(record, "ends_node"):
             first += ENDS_NODE
@@ -34,7 +29,6 @@ class NodeFormatter(logging.Formatter):
         return f"[{record.levelname}] [{self.node_of(record)}]: {text}"
 
     def node_of(self, record: logging.LogRecord) -> str:
-        """Return whose record it is."""
         return self._node or record.name.removeprefix("palp.")
 
 
@@ -42,7 +36,6 @@ class MergedFormatter(NodeFormatter):
     """Writes each line with time and node before it, as the merged log of nodes in processes has them."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """Return the lines of a record."""
         head = f"{time_text()} {self.node_of(record)}: "
         return "\n".join(head + line for line in super().format(record).split("\n"))
 

@@ -51,7 +51,6 @@ class Problems:
         self._found = list(found)
 
     def add(self, mark: Mark, message: str) -> None:
-        """Note a mistake."""
         self._found.append(Problem(*mark, message))
 
     def __len__(self) -> int:
@@ -62,11 +61,6 @@ class Problems:
         return tuple(sorted(set(self._found)))
 
     def raise_any(self) -> None:
-        """Raise what has been found.
-
-        Raises:
-            GraphProblems: At least one mistake has been noted.
-        """
         if self._found:
             raise GraphProblems(self._found)
 

@@ -87,11 +87,7 @@ class Argument:
 
 
 def as_kind(value: Any, kind: type | None) -> Any:
-    """Return a value as one of a type that an argument can have; None: any of them.
-
-    Raises:
-        msgspec.ValidationError: It is of another type.
-    """
+    """Return a value as one of a type that an argument can have; None: any of them."""
     return msgspec.convert(value, kind or bool | int | float | str | dict[str, Any])
 
 

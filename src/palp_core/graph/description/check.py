@@ -31,9 +31,6 @@ def load(
     """Read and check a launch file, by :func:`.inspect_classes` where workspace modules may be imported.
 
     With ``succeed``, which judges a class in a node's place, classes that are to take over later are, too.
-
-    Raises:
-        GraphProblems: All its mistakes.
     """
     return check(resolve(path, overrides), inspect, succeed)
 
@@ -41,11 +38,6 @@ def load(
 def check(
     description: LaunchFile, inspect: InspectFunction, succeed: SucceedFunction | None = None
 ) -> CheckedGraph:
-    """Check a description against the node classes it names.
-
-    Raises:
-        GraphProblems: All its mistakes, those found while reading among them.
-    """
     problems = Problems(description.problems)
     named = {"report": description.report, "view": description.view}
     functions = {key: located for key, located in named.items() if located is not None}
@@ -137,7 +129,6 @@ class _Later(NamedTuple):
     answer: NodeClass
 
     def blame(self, error: str, problems: Problems) -> None:
-        """Note what is wrong with it."""
         text = f"{self.planner}: {self.parameter}: {self.answer.run}: {error}"
         problems.add(self.planner.params[self.parameter].mark, text)
 

@@ -34,7 +34,6 @@ class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, node: str, port: NodePort, *, reply: bool = False, qos: Qos | None = None) -> TopicInfo:
-        """Return what a port of a node carries."""
         return cls.carrying(port.types[1 if reply else 0], node, port, qos)
 
     @classmethod
@@ -134,7 +133,6 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def listens(self) -> dict[str, list[str]]:
-        """Topics that each node reads, by node."""
         return {
             node: sorted({wire.topic for wire in wires.values()}) for node, wires in self.readings.items()
         }

@@ -36,7 +36,6 @@ def wires_of(graph: CheckedGraph) -> Iterator[Wire]:
 
 
 def mermaid(graph: CheckedGraph) -> str:
-    """Return a flow chart as Mermaid text."""
     lines = ["flowchart LR"]
     lines += [f'    {s.name}("<b>{s.name}</b><br/>{s.run.rpartition(":")[2]}")' for s in graph.nodes]
     for wire in wires_of(graph):

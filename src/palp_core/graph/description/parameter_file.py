@@ -14,12 +14,7 @@ HEADING = "ros__parameters"
 def read_parameter_file(
     path: Path, node: str, known: AnyMapping[str, Any], *, wildcard: bool = True
 ) -> dict[str, Any]:
-    """Return what a parameter file says about one node; the node's own entry goes before ``/**``.
-
-    Raises:
-        GraphProblems: Every mistake with its place: another node's name, an unknown parameter, a key that is
-            given twice, no YAML at all.
-    """
+    """Return what a parameter file says about one node; the node's own entry goes before ``/**``."""
     problems = Problems()
     tree = read_tree(path, problems)
     if not isinstance(tree, Mapping):
@@ -41,7 +36,6 @@ def read_parameter_file(
 
 
 def _parameters_of(name: str, entry: Entry, problems: Problems) -> dict[str, Entry]:
-    """Return the parameters below one node's name, each with its place."""
     if isinstance(entry.value, Mapping) and list(entry.value.items) == [HEADING]:
         inner = entry.value.items[HEADING].value
         if isinstance(inner, Mapping):

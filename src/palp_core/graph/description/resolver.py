@@ -57,17 +57,6 @@ def resolve(path: Path, overrides: Sequence[str] = (), environ: Lookup[str, str]
     """Resolve a launch file without looking at any node class.
 
     The other branches of each selection are found by resolving again, with another value of its argument.
-
-    Args:
-        path: The launch file; ``rig:sim.yaml`` is one of an installed workspace.
-        overrides: ``name:=value`` of arguments, ``node.parameter:=value``, ``shared.parameter:=value``.
-        environ: Environment variables; those of the process by default.
-
-    Returns:
-        What it says; its mistakes are listed in ``problems``.
-
-    Raises:
-        GraphProblems: The file cannot be read or is not YAML.
     """
     named, path = path, launch_path(path)
     workspace = find_workspace(path) if path == named else find_overlay(path)
@@ -93,8 +82,6 @@ def resolve(path: Path, overrides: Sequence[str] = (), environ: Lookup[str, str]
 
 
 class _Trees(dict[Path, tuple[Tree, tuple[Problem, ...]]]):
-    """The files that have been read, each with the mistakes of its YAML."""
-
     def __missing__(self, path: Path) -> tuple[Tree, tuple[Problem, ...]]:
         problems = Problems()
         self[path] = read_tree(path, problems), problems.listed()
@@ -111,11 +98,6 @@ class _Word(NamedTuple):
 
 class _Resolver:
     """Resolves a launch file once.
-
-    Args:
-        workspace: Folder in which a path in ``run`` becomes a module name.
-        now: The host's local time, once: a second may pass between two files.
-        forced: Values of arguments, by origin, in place of those that they have.
 
     Attributes:
         branches: By the origin of an argument that selects, its values that pick another branch.
@@ -515,12 +497,7 @@ class _Resolver:
     # selections
 
     def _branch(self, file: SourceFile, tree: Tree, what: str) -> tuple[Tree, bool] | None:
-        """Return a part of a node, of a selection the branch that its argument picks.
-
-        Returns:
-            The part, and whether it is for a class that is named in place of a choice; None after reporting
-            what is wrong with the selection.
-        """
+        """Return a part of a node, of a selection the branch that its argument picks."""
         if not isinstance(tree, Mapping) or not _selects(tree):
             return tree, False
         selector = tree.items[SELECT].value

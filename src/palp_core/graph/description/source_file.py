@@ -184,9 +184,6 @@ class SourceFile:
 
         A value that is exactly ``$(var x)`` has the argument's type; an unquoted one that is just
         ``$(env NAME)`` is read as YAML would. Everywhere else substitutions are pieces of text.
-
-        Returns:
-            The value, or UNKNOWN when a substitution failed; the mistake is then in ``problems``.
         """
         if isinstance(tree, Mapping):
             values: Any = {name: self.evaluate(entry.value) for name, entry in tree.items.items()}

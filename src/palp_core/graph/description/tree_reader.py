@@ -111,7 +111,6 @@ class TreeReader:
         return value
 
     def refuse(self, tree: Tree, message: str) -> None:
-        """Report a mistake."""
         self._file.problems.add(tree.mark, message)
         self.complete = False
 

@@ -78,8 +78,6 @@ class Mapping:
 
 @dataclass(frozen=True, slots=True)
 class Sequence:
-    """A list of values."""
-
     mark: Mark
     items: tuple[Tree, ...]
 
@@ -166,11 +164,7 @@ def _plain(tag: str, text: str) -> Plain:
 
 
 def _in_bounds(value: Plain) -> Plain:
-    """Return a value that every part of a graph can take: messages carry whole numbers of 64 bits.
-
-    Raises:
-        ValueError: A whole number of more.
-    """
+    """Return a value that every part of a graph can take: messages carry whole numbers of 64 bits."""
     if isinstance(value, int) and not -(1 << INT_BITS - 1) <= value < 1 << INT_BITS:
         raise ValueError(_TOO_WIDE)
     return value
@@ -235,9 +229,6 @@ def read_tree(path: Path, problems: Problems) -> Tree:
     """Read a YAML file.
 
     Duplicate keys are added to ``problems``; the first of them counts.
-
-    Raises:
-        GraphProblems: The file cannot be read or is not YAML.
     """
     file = str(path)
     try:
@@ -262,9 +253,6 @@ def parse_tree(text: str, file: str, problems: Problems) -> Tree | None:
 
     Duplicate keys are added to ``problems``; the first of them counts. So are whole numbers of more than
     64 bits.
-
-    Raises:
-        GraphProblems: It is not YAML.
     """
     try:
         root = _Loader(text).get_single_node()

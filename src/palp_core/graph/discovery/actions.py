@@ -39,11 +39,6 @@ def actions_of(answers: Answers) -> list[ServedAction]:
 
 
 def find_action(graph: RunningGraph, name: str, timeout_s: float) -> ServedAction:
-    """Return an action by its name.
-
-    Raises:
-        GraphError: There is none; the nearest name is in the message.
-    """
     known = {action.name: action for action in actions_of(graph.ask_all("info", timeout_s=timeout_s))}
     rooted = name if name.startswith("/") else f"/{name}"
     if rooted not in known:

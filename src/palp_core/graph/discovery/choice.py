@@ -35,16 +35,7 @@ def belongs(record: RunRecord, folder: str) -> bool:
 
 
 def choose(name: str | None = None, *, sole: bool = True) -> ChosenGraph:
-    """Return the running graph of this user that is meant.
-
-    Args:
-        name: Its name, id or pid; by default it is of the folder one is in.
-        sole: Refuse if several may be meant. Otherwise the latest of them is taken.
-
-    Raises:
-        GraphError: None runs, or none of that name.
-        WhichGraph: Several may be meant, or all are another folder's.
-    """
+    """Return the running graph of this user that is meant; if not ``sole``, the latest of several."""
     known = running()
     found = meant(known, name)
     if not known:

@@ -15,11 +15,7 @@ from palp_core.whole_file import write_whole
 
 
 class EndingGraph:
-    """A graph that has been asked to end; close it, or use it in a ``with``.
-
-    Args:
-        process: Descriptor of its launcher's process; it is closed with this.
-    """
+    """A graph that has been asked to end; close it, or use it in a ``with``."""
 
     def __init__(self, process: int) -> None:
         self._process = process
@@ -41,11 +37,7 @@ class EndingGraph:
 
 
 def ask_to_end(graph: RunningGraph, asked_by: str) -> EndingGraph:
-    """Ask a graph to end: its launcher brings every node to its safe state, writes what it writes, and ends.
-
-    Raises:
-        GraphError: It has ended already, or belongs to somebody else.
-    """
+    """Ask a graph to end: its launcher brings every node to its safe state, and ends."""
     record = graph.record
     ended = f"graph '{record.graph}' has ended already"
     try:

@@ -24,11 +24,6 @@ Observer = Callable[[bytes, int], object]
 class GraphReader:
     """The receiving end of a process that watches a graph.
 
-    Args:
-        queue: Frames that may wait here; the rest waits at the publisher.
-        name: Name by which publishers recognise a reader that was restarted; "": they do not.
-        on_change: Called after the record has changed, as by a node that joins or is replaced.
-
     Attributes:
         ended: The graph has ended.
     """
@@ -84,12 +79,7 @@ class GraphReader:
             self._migration.remove(name)
 
     def receive(self, wait_ms: int, slice_ns: int = SLICE_NS) -> bool:
-        """Hand on what has arrived, after waiting for it; return whether there may be more.
-
-        Args:
-            wait_ms: How long to wait if nothing has arrived.
-            slice_ns: After so long, leave the rest to the next call.
-        """
+        """Hand on what has arrived, after waiting for it; return whether there may be more."""
         more = self._subscriber.dispatch(self._arrive, slice_ns, wait_ms)
         now_ns = monotonic_ns()
         self._migration.tick(now_ns)

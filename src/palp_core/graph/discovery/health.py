@@ -48,8 +48,6 @@ class NodeRow(msgspec.Struct, frozen=True):
 
 
 class EdgeRow(msgspec.Struct, frozen=True):
-    """An input between two snapshots."""
-
     topic: str
     reader: str
     rate_hz: float | None
@@ -122,7 +120,6 @@ def _health(raw: bytes) -> HealthSample | None:
 
 
 def sample_health(graph: RunningGraph) -> HealthSample:
-    """Ask every node and the host."""
     return sample_of(graph, graph.ask_all("info", timeout_s=ASK_S))
 
 

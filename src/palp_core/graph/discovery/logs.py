@@ -62,13 +62,7 @@ class LineReader:
 
 
 class LineFilter:
-    """Passes the lines that one asks for.
-
-    Args:
-        node: Of this one only; "": of all.
-        level: At least so; "": all, and what was just printed, too.
-        since: Not before.
-    """
+    """Passes the lines of a node ("": all), of at least a level ("": all that is printed), since a time."""
 
     def __init__(self, node: str = "", level: str = "", since: datetime | None = None) -> None:
         self._node, self._least, self._since = node, RANK[level] if level else -1, since
@@ -90,7 +84,6 @@ def _is_before(at: str, since: datetime) -> bool:
 
 
 def all_lines(log: Path) -> Iterator[str]:
-    """Yield the lines of a log, of the old file first."""
     for path in (Path(f"{log}.1"), log):
         if path.exists():
             with path.open(encoding="utf-8", errors="replace") as file:
@@ -100,11 +93,6 @@ def all_lines(log: Path) -> Iterator[str]:
 
 class LogTail:
     """What is added to a log; when it becomes the old one, the rest of that is read before the new one.
-
-    Args:
-        log: The file, which need not be there yet.
-        last_bytes: So much of what is there is read, in whole lines; None: all of it.
-        most_bytes: Read at one look; of more only the last is. 0: everything.
 
     Attributes:
         skipped_bytes: Left out at the last look.
@@ -163,14 +151,7 @@ class LogTail:
 def follow(
     log: Path, lives: Callable[[], bool], *, begin: bool = False, wake: int | None = None
 ) -> Iterator[str]:
-    """Yield each line that is added to a log from now on, until its run has ended.
-
-    Args:
-        log: The file, which need not be there yet.
-        lives: Whether the run goes on.
-        begin: Yield the lines that are there, too.
-        wake: A descriptor that is readable when it is to look at once.
-    """
+    """Yield each line that is added to a log from now on, until its run has ended."""
     tail = LogTail(log, last_bytes=None if begin else 0)
     poll = select.poll()
     if wake is not None:

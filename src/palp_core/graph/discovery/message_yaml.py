@@ -17,11 +17,7 @@ INT64 = range(-(2**63), 2**63)
 
 
 def parse_yaml(text: str, source: str) -> Any:
-    """Return what a YAML text says, by YAML 1.2's rules: ``on`` is a text, ``1e-3`` a number.
-
-    Raises:
-        GraphProblems: Not YAML, or a key is given twice; with line and column.
-    """
+    """Return what a YAML text says, by YAML 1.2's rules: ``on`` is a text, ``1e-3`` a number."""
     from palp_core.graph.description.yaml_tree import parse_tree, plain_tree
 
     problems = Problems()
@@ -31,11 +27,6 @@ def parse_yaml(text: str, source: str) -> Any:
 
 
 def message_from_yaml(text: str, schema: dict[str, Any], source: str) -> dict[str, Any]:
-    """Return a message as it travels, from YAML.
-
-    Raises:
-        GraphError: It does not fit the schema; the field is named.
-    """
     value = parse_yaml(text, source)
     try:
         message: dict[str, Any] = packed({} if value is None else value, schema, "")
@@ -45,11 +36,7 @@ def message_from_yaml(text: str, schema: dict[str, Any], source: str) -> dict[st
 
 
 def typed_parameters(node: str, declared: dict[str, Any], texts: Mapping[str, str]) -> dict[str, Any]:
-    """Return values of parameters that are typed as in YAML; of a text parameter any text is one.
-
-    Raises:
-        GraphError: There is no such parameter, or it is not YAML.
-    """
+    """Return values of parameters that are typed as in YAML; of a text parameter any text is one."""
     for name in texts:
         if name not in declared:
             raise GraphError(
@@ -64,11 +51,7 @@ def typed_parameters(node: str, declared: dict[str, Any], texts: Mapping[str, st
 
 
 def packed(value: Any, schema: dict[str, Any], where: str) -> Any:
-    """Check a value and pack its arrays; fields that are not given are left to the receiver's defaults.
-
-    Raises:
-        SchemaMismatch: It does not fit; the message begins with the field.
-    """
+    """Check a value and pack its arrays; fields that are not given are left to the receiver's defaults."""
     match kind := _kind(schema, where):
         case FieldKind.ARRAY:
             return _array(value, where)

@@ -33,8 +33,6 @@ CLAIM = "name"
 
 
 class NodeEntry(msgspec.Struct, frozen=True):
-    """A node of a running graph."""
-
     name: str
     run: str
     pid: int
@@ -86,15 +84,7 @@ class _NotOwn(GraphError):
 
 
 class RunDirectory:
-    """A folder only its owner can enter; created anew for each run, and locked while the run lasts.
-
-    Args:
-        graph: What its name begins with.
-        name: What this running graph alone is called, from its start on; None: its name may be shared.
-
-    Raises:
-        GraphError: The folder belongs to somebody else or cannot be written to; or the name is taken.
-    """
+    """A folder only its owner can enter; created anew for each run, and locked while the run lasts."""
 
     def __init__(self, graph: str, name: str | None = None) -> None:
         base = runtime_folder()
@@ -130,7 +120,6 @@ class RunDirectory:
     def record(
         self, graph: str, file: str, clock: str, serve: str, nodes: list[NodeEntry], topics: list[Topic]
     ) -> RunRecord:
-        """Return the record of a graph that this process supervises."""
         start_ns, launched_from = self._start_unix_ns, self._launched_from
         return RunRecord(
             graph, file, clock, os.getpid(), start_ns, serve, nodes, topics, launched_from=launched_from
@@ -140,9 +129,6 @@ class RunDirectory:
         """Make the graph visible to the command line.
 
         A full disk costs no graph that is visible already: it is said that others know it as it was.
-
-        Raises:
-            GraphError: It cannot be made visible.
         """
         try:
             write_json(self.path / RECORD, record, mode=PRIVATE)
@@ -208,11 +194,6 @@ def running() -> list[RunRecord]:
 
 
 def check_free(name: str) -> None:
-    """Check that a graph can be called so.
-
-    Raises:
-        GraphError: It is not a name, or a running or starting graph of this user has it.
-    """
     if NAME.fullmatch(name) is None:
         raise GraphError(
             f"'{name}' is no name of a graph; use letters, digits and _, a letter first, at most 32"
@@ -230,11 +211,6 @@ def check_free(name: str) -> None:
 
 
 def _folders() -> list[Path]:
-    """Return the folders of runs.
-
-    Raises:
-        GraphError: Another may have put there what is in them.
-    """
     base = runtime_folder()
     try:
         mistake = folder_mistake(base)
@@ -269,7 +245,6 @@ def _prune() -> None:
 
 
 def _size(folder: Path) -> int:
-    """Return how many bytes the files in a folder have."""
     found = 0
     for path in folder.rglob("*"):
         with contextlib.suppress(OSError):

@@ -106,7 +106,6 @@ class RunningGraph:
 
     @property
     def folder(self) -> Path:
-        """The run directory."""
         return Path(self.record.serve.removeprefix("ipc://")).parent
 
     def refresh(self) -> RunRecord:
@@ -128,15 +127,10 @@ class RunningGraph:
 
     @property
     def node_names(self) -> list[str]:
-        """Running names, in graph order."""
         return [node.name for node in self.record.nodes]
 
     def node(self, name: str) -> NodeEntry:
-        """Return a node by its name, with or without the slash.
-
-        Raises:
-            GraphError: There is none; the nearest name is in the message.
-        """
+        """Return a node by its name, with or without the slash."""
         for entry in self.record.nodes:
             if entry.name == name.removeprefix("/"):
                 return entry
@@ -146,11 +140,6 @@ class RunningGraph:
         raise GraphError(f"no node '{name}' in graph '{self.record.graph}'{hint(_rooted(name), known)}")
 
     def topic(self, name: str) -> Topic:
-        """Return a topic by its name.
-
-        Raises:
-            GraphError: There is none; the nearest name is in the message.
-        """
         rooted = _rooted(name)
         node = rooted.split("/")[1]
         own = self._hidden_topics([node]) if hidden(rooted) and node in self.node_names else []
@@ -299,11 +288,6 @@ class RunningGraph:
     def decoded_history(
         self, node: str, topic: str, kind: type[MessageType], timeout_s: float
     ) -> list[MessageType]:
-        """Return what a node still has of a topic as messages of a type.
-
-        Raises:
-            GraphError: As :meth:`history`; or a message is not of that type.
-        """
         from palp_core.graph.messages.message import decode
 
         frames = self.history(node, topic, timeout_s=timeout_s)
@@ -325,11 +309,6 @@ class RunningGraph:
     def typed_parameters(
         self, node: str, texts: Mapping[str, str], *, timeout_s: float = REPLY_TIMEOUT_S
     ) -> dict[str, Any]:
-        """Return values for parameters of a node that are typed as in YAML.
-
-        Raises:
-            GraphError: No such node or parameter, it does not answer, or a text is not YAML.
-        """
         from palp_core.graph.discovery.message_yaml import typed_parameters
 
         declared = self.ask(node, "describe_parameters", timeout_s=timeout_s)["parameters"]
@@ -359,11 +338,7 @@ class RunningGraph:
         return f"its process {pid} runs, but a handler may not return; see {log}"
 
     def service(self, name: str, timeout_s: float = REPLY_TIMEOUT_S) -> Service:
-        """Return a service by its name, from the word of its node.
-
-        Raises:
-            GraphError: No such node or service, or the node does not answer.
-        """
+        """Return a service by its name, from the word of its node."""
         node, _, port = _rooted(name)[1:].partition("/")
         if node in self.node_names:
             known = Answers({node: self.ask(node, "info", timeout_s=timeout_s)}, {}).services()

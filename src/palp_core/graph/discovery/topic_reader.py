@@ -36,16 +36,11 @@ class ReceivedFrame(NamedTuple):
 
     @property
     def size_bytes(self) -> int:
-        """Size on the wire."""
         return len(self.frame.topic.encode()) + 1 + HEADER_BYTES + len(self.frame.payload)
 
 
 class TopicReader:
     """Follows topics of a running graph.
-
-    Args:
-        history_depth: So many messages from before are asked of the publishers' histories and come first.
-        reliable: Ask the publisher for what is missing.
 
     Attributes:
         last_sequence: Per topic the last sequence that its publisher stated, of messages or heartbeats.
@@ -96,7 +91,6 @@ class TopicReader:
             self._reader.follow([topic], self._arrive, buffer)
 
     def leave(self, names: Iterable[str]) -> None:
-        """Follow topics no longer."""
         known = [name for name in names if self._nodes.pop(name, None) is not None]
         self._reader.leave(known)
         for name in known:

@@ -74,7 +74,6 @@ class ActiveDiagnostic(msgspec.Struct, frozen=True):
 
     @property
     def trouble(self) -> Trouble:
-        """It as a trouble, with its age."""
         where, _, text = str(self).partition(": ")
         return Trouble(where, self.level, text, self.advice)
 
@@ -109,7 +108,6 @@ def _clock_ns(graph: RunningGraph, timeout_s: float) -> int | None:
 
 
 def node_troubles(rows: Iterable[NodeRow], silent: Mapping[str, str]) -> Iterator[Trouble]:
-    """Yield which nodes do not work."""
     for name, why in silent.items():
         yield Trouble(f"/{name}", ERROR, why, command=f"palp logs {name}")
     for row in rows:
@@ -119,12 +117,6 @@ def node_troubles(rows: Iterable[NodeRow], silent: Mapping[str, str]) -> Iterato
 
 
 def loss_troubles(rows: Iterable[EdgeRow], reliable: Iterable[tuple[str, str]] = ()) -> Iterator[Trouble]:
-    """Yield which readers have lost messages.
-
-    Args:
-        rows: How each input does.
-        reliable: Topic and reader of the inputs that are known to ask for every message.
-    """
     for row in rows:
         if not row.lost:
             continue

@@ -24,11 +24,7 @@ def succeed(checked: CheckedGraph, spec: NodeSpec, new_class: NodeClass) -> tupl
 
 
 def check_in(server: ForkServer, path: Path, overrides: Sequence[str], *, to_run: ToRun) -> CheckedGraph:
-    """Check a launch file whose node classes children of a fork server import.
-
-    Raises:
-        GraphProblems: Every problem of the file, each with its place.
-    """
+    """Check a launch file whose node classes children of a fork server import."""
     inspect = partial(server.inspect_classes, to_run=to_run)
     return load(path, overrides, inspect, succeed)
 

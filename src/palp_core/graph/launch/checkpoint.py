@@ -66,7 +66,6 @@ class RunIdentity(msgspec.Struct, frozen=True, kw_only=True):
         return msgspec.msgpack.decode(msgspec.msgpack.encode(found), type=cls)  # as one that was kept
 
     def differences(self, now: RunIdentity) -> list[str]:
-        """Return what is not as it was."""
         found = _changed(self.settings, now.settings)
         if not found:  # else the arguments say why nodes are otherwise
             for name in sorted({*self.nodes, *now.nodes}):
@@ -112,11 +111,7 @@ class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def write_checkpoint(path: Path, checkpoint: KeptRun) -> int:
-    """Write a checkpoint that outlives a power cut; the one before stays if that fails. Return its bytes.
-
-    Raises:
-        OSError: It cannot be written.
-    """
+    """Write a checkpoint that outlives a power cut; the one before stays if that fails. Return its bytes."""
     body = msgspec.msgpack.encode(checkpoint)
     data = b"".join((_MAGIC, hashlib.sha256(body).digest(), body))
     write_whole(path, data, durable=True)
@@ -124,11 +119,6 @@ def write_checkpoint(path: Path, checkpoint: KeptRun) -> int:
 
 
 def read_checkpoint(path: Path) -> KeptRun:
-    """Return the checkpoint of an unfinished run.
-
-    Raises:
-        GraphError: There is none, or it is damaged.
-    """
     try:
         data = read_whole(path, 1 << 30)
     except FileNotFoundError:
@@ -154,18 +144,10 @@ def read_checkpoint(path: Path) -> KeptRun:
 class Checkpoints:
     """The checkpoints of one run.
 
-    Args:
-        checked: The graph, as the launch file has it.
-        given: Its arguments as the command line has them.
-
     Attributes:
         resumed: What the run goes on from; None: it begins.
         on_trouble: Called with why a checkpoint could not be written, and with "" once one could again.
         count: How many were written.
-
-    Raises:
-        GraphError: The launch file asks for none, there is none, it is damaged, of another run, or another
-            run writes there.
     """
 
     def __init__(self, checked: CheckedGraph, given: Sequence[str], *, resume: bool) -> None:
@@ -210,7 +192,6 @@ class Checkpoints:
 
     @property
     def resumed_count(self) -> int:
-        """How often the run was interrupted."""
         return 0 if self.resumed is None else self.resumed.resumed_count + 1
 
     def _hold(self) -> None:
@@ -230,12 +211,7 @@ class Checkpoints:
             raise GraphError(f"no checkpoint can be written to {self.path}: {error.strerror}") from error
 
     def begin(self) -> None:
-        """Keep other runs from the checkpoint, now that the run begins.
-
-        Raises:
-            GraphError: Another one writes it, nothing can be written there, or an unfinished run would be
-                lost that no report of the launch file has looked at.
-        """
+        """Keep other runs from the checkpoint, now that the run begins."""
         if self.path is None or self._lock >= 0:
             return
         if self.path.exists() and not self._launched.report:
@@ -245,11 +221,7 @@ class Checkpoints:
         self._hold()
 
     def with_successors(self, inspect: Inspect) -> CheckedGraph:
-        """Return the graph as it was at the checkpoint: with the nodes that had taken over by then.
-
-        Raises:
-            GraphError: One of them cannot be had any more.
-        """
+        """Return the graph as it was at the checkpoint: with the nodes that had taken over by then."""
         checked = self._launched
         for kept in self.resumed.nodes if self.resumed is not None else ():
             spec = next(spec for spec in checked.nodes if spec.name == kept.name)
@@ -316,13 +288,11 @@ class Checkpoints:
         return shlex.join(["palp", "launch", str(file), *self._given, *where, "--resume"])
 
     def finish(self) -> None:
-        """Remove the checkpoint: the run has come to its end."""
         if self.path is not None and self._lock >= 0:
             with contextlib.suppress(OSError):
                 self.path.unlink(missing_ok=True)
 
     def close(self, *, remove: bool = True) -> None:
-        """Let other runs have the checkpoint."""
         if self._lock < 0 or self.path is None:
             return
         if remove:

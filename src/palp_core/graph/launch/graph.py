@@ -198,7 +198,6 @@ class Graph:
         return LockstepRun(nodes, self.checked, self._show, self._between_instants)
 
     def _start(self, stack: contextlib.ExitStack, server: ForkServer) -> LockstepRun | WallRun:
-        """Start a process for each node."""
         from palp_core.graph.supervision.supervisor import Supervisor
 
         checked, folder = self.checked, self.directory.path
@@ -363,7 +362,6 @@ class Graph:
         self.swaps.plan(round(at_s * 1e9), SwapRequest(node=node, run=run, params=params))
 
     def _swapped(self, checked: CheckedGraph, index: int, done: Done | None) -> None:
-        """Go on with another node in the place of one."""
         assert self._run is not None
         self.checked = checked
         self.observers.follow(checked)

@@ -24,14 +24,6 @@ Show = Callable[[LogLine], None]
 
 
 class Shown:
-    """Chooses the lines that are shown.
-
-    Args:
-        level: At least so; not what ended a node, which the launcher itself tells.
-        outputs: Of which nodes all is shown: those with ``screen``.
-        run: Id of the run, for those who are sent to its log.
-    """
-
     def __init__(self, level: str | LogLevels, outputs: Mapping[str, str], show: Show, run: str = "") -> None:
         self._run = run
         self._levels, self._outputs, self._show = levels_of(level), outputs, show
@@ -40,7 +32,6 @@ class Shown:
         self._end_ns = self._count = 0
 
     def take(self, text: str) -> None:
-        """Show a line of the merged log if it is one of those."""
         line = self._reader.read(text)
         if not self._is_wanted(line):
             return

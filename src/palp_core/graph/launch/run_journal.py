@@ -97,7 +97,6 @@ class RunJournal:
         self.on_incident: Callable[[str, Incident | None], None] = lambda *_: None
 
     def restore(self, entries: JournalEntries) -> None:
-        """Begin with what was reported before an interruption."""
         self.entries = entries
         for name, place in entries.standing.items():
             self.on_incident(name, entries.incidents[place])
@@ -107,11 +106,9 @@ class RunJournal:
         self.add_status(name, name.split("/")[1], status, time_of_day(max(now_ns - status.stamp_ns, 0)))
 
     def observe_methods(self, _: int, name: str, used: MethodsUsed) -> None:
-        """Take what a node reports of its methods."""
         self.add_methods(name.split("/")[1], used)
 
     def observe_event(self, _: int, name: str, event: Any) -> None:
-        """Take an event of the launcher or of a node."""
         self.add_event(name, event)
 
     def add_own(self, text: str, advice: str, now_ns: int) -> None:
@@ -121,7 +118,6 @@ class RunJournal:
         self.add_status(f"/{LAUNCHER}/diagnostics", LAUNCHER, status, time_of_day(0))
 
     def add_status(self, name: str, node: str, status: DiagnosticStatus, at: str) -> None:
-        """Add what a node reports on a topic, and when."""
         incidents, standing = self.entries.incidents, self.entries.standing
         place = standing.get(name)
         before = None if place is None else incidents[place]
@@ -143,7 +139,6 @@ class RunJournal:
         self.on_incident(name, incident)
 
     def add_methods(self, node: str, used: MethodsUsed) -> None:
-        """Add what a node uses from now on."""
         methods, at_s = self.entries.methods, used.stamp_ns / 1e9
         named = {(use.task, use.of): use for use in used.uses}
         for place, span in enumerate(methods):

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 
 class LockstepRun:
-    """A run in simulated time."""
-
     def __init__(
         self, nodes: SwapHost, checked: CheckedGraph, observe: Observer, check: Callable[[], None]
     ) -> None:
@@ -31,7 +29,6 @@ class LockstepRun:
 
     @property
     def now_ns(self) -> int:
-        """Time on the graph's clock."""
         return self.conductor.now_ns
 
     @property
@@ -40,7 +37,6 @@ class LockstepRun:
         return self.conductor.activation_count
 
     def clock_s(self, _wall_s: float) -> float:
-        """Return how long the run took on the graph's clock."""
         return self.now_ns / 1e9
 
     def go(self, until_ns: int | None, announcing: AbstractContextManager[None]) -> int:
@@ -77,7 +73,6 @@ class WallRun:
         return monotonic_ns() - start_ns if start_ns else 0
 
     def clock_s(self, wall_s: float) -> float:
-        """Return how long the run took on the graph's clock."""
         return wall_s + self.gone_ns / 1e9
 
     def go(self, until_ns: int | None, announcing: AbstractContextManager[None]) -> int:

@@ -61,7 +61,6 @@ class RunSummary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def summary_of(checked: CheckedGraph, path: Path, **outcome: Any) -> RunSummary:
-    """Return how a run of a graph went."""
     return RunSummary(
         graph=checked.graph,
         file=str(path),
@@ -78,7 +77,6 @@ def summary_of(checked: CheckedGraph, path: Path, **outcome: Any) -> RunSummary:
 
 
 def report_function(target: str, workspace: str) -> Callable[[RunSummary], str]:
-    """Import the launch file's report function."""
     module_name, _, name = target.partition(":")
     function: Callable[[RunSummary], str] = getattr(load_module(module_name, workspace), name)
     return function

@@ -39,7 +39,6 @@ class ChannelServer:
         self._poll.register(descriptor, select.POLLIN)
 
     def forget(self, descriptor: int) -> None:
-        """Wait for it no longer."""
         if self._handlers.pop(descriptor, None) is not None:
             self._poll.unregister(descriptor)
 
@@ -48,12 +47,10 @@ class ChannelServer:
         return [handle for descriptor, handle in self._handlers.items() if descriptor in others]
 
     def admit(self, name: str) -> int:
-        """Let one more process connect; return its number."""
         self._names.append(name)
         return len(self._names) - 1
 
     def exchange(self, one: int, other: int) -> None:
-        """Let two processes change their numbers."""
         self._names[one], self._names[other] = self._names[other], self._names[one]
         channels = self._channels.pop(one, None), self._channels.pop(other, None)
         for index, channel in zip((other, one), channels, strict=True):
@@ -62,15 +59,10 @@ class ChannelServer:
                 self._index_of[channel.socket.fileno()] = index
 
     def connected(self, index: int) -> bool:
-        """Tell whether a node's channel is open."""
         return index in self._channels
 
     def send(self, index: int, message: ToNode) -> None:
-        """Say something to a node; what its channel cannot take at once leaves during :meth:`wait`.
-
-        Raises:
-            ChannelClosed: Its channel is not open.
-        """
+        """Say something to a node; what its channel cannot take at once leaves during :meth:`wait`."""
         if index not in self._channels:
             raise ChannelClosed("no channel")
         channel = self._channels[index]
@@ -149,7 +141,6 @@ class ChannelServer:
         return heard
 
     def disconnect(self, index: int) -> None:
-        """Close a node's channel."""
         channel = self._channels.pop(index, None)
         if channel is not None:
             self._index_of.pop(channel.socket.fileno(), None)
@@ -157,7 +148,6 @@ class ChannelServer:
             channel.close()
 
     def close(self) -> None:
-        """Close every channel."""
         for index in list(self._channels):
             self.disconnect(index)
         for channel in self._unnamed.values():

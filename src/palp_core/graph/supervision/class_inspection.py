@@ -2,10 +2,12 @@
 
 The child sends its answers, one by one, to the fork server, which passes them on to the launcher. Before it
 imports what is heavy it announces that, and the same is imported meanwhile where its nodes are to run: by the
-server that forks them, or by the launcher that composes them.
+server that forks them, or by the launcher that composes them. It ends itself, with a back-trace, when it has
+neither answered nor begun to import a further module for a while.
 """
 
 import contextlib
+import faulthandler
 import importlib
 import os
 import re
@@ -15,6 +17,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Literal
 
+from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.description.node_class import NodeClass, NodeClassRequest, inspected
 from palp_core.graph.messages.message import decode_any, encode_any
 from palp_core.graph.process.channel import ChannelMessage
@@ -29,12 +32,15 @@ HEAVY = frozenset(
 INSPECTING = ""
 """Name of an inspecting child."""
 IMPORT_TIMEOUT_S = 30.0
-"""How long the child may neither answer nor import anything heavy (assumed: no import takes so long)."""
+"""How long the child may neither answer nor begin to import a further module (assumed: longer than any)."""
 OUTPUT_BYTES = 1 << 16
 """What is kept of the end of its output."""
 NOT_STARTED = 256
 """Added to the error's number it is the status: no process ends with one as high."""
-_CRASH = re.compile(r"Fatal Python error.*?most recent call first", re.DOTALL)
+_TIMEOUT = re.compile(r"^Timeout \([\d:.]+\)!$", re.MULTILINE)
+_TRACE = re.compile(
+    rf"(?:Fatal Python error|{_TIMEOUT.pattern}).*?most recent call first", re.DOTALL | re.MULTILINE
+)
 _FRAME = re.compile(r'File "([^"]+)", line (\d+)')
 
 ToRun = Literal["forked", "composed", "nowhere"]
@@ -47,6 +53,7 @@ class InspectClasses(ChannelMessage, frozen=True):
     requests: list[NodeClassRequest]
     workspace: str
     to_run: ToRun = "forked"
+    timeout_s: float = IMPORT_TIMEOUT_S
 
 
 class HeavyImport(ChannelMessage, frozen=True):
@@ -79,7 +86,6 @@ class Inspection:
         self.output = ""
 
     def add(self, message: Inspected) -> None:
-        """Take an answer."""
         if message.pid == self.pid:
             self.answers.append(decode_any(NodeClass, message.answer))
 
@@ -93,7 +99,7 @@ class Inspection:
         )
 
     def describe_stall(self, workspace: Path) -> str:
-        """Return where the child was that did not end by itself."""
+        """Return where the child was when its time was over."""
         frames = self._frames()
         own = [(Path(file), line) for file, line in frames if Path(file).is_relative_to(workspace)]
         place = f"{own[0][0].relative_to(workspace)}:{own[0][1]}: " if own else ""
@@ -102,9 +108,13 @@ class Inspection:
             "what works or waits belongs in a handler. Nodes that come after it were not looked at"
         )
 
+    @property
+    def timed_out(self) -> bool:
+        return _TIMEOUT.search(self.output) is not None
+
     def _frames(self) -> list[tuple[str, str]]:
-        """Return file and line of each call, if it crashed."""
-        crash = _CRASH.search(self.output)
+        """Return file and line of each call, if it crashed or its time was over."""
+        crash = _TRACE.search(self.output)
         return _FRAME.findall(self.output, crash.end()) if crash else []
 
 
@@ -124,26 +134,39 @@ def describe_exit(status: int) -> str:
 
 def inspect_in_child(request: InspectClasses, send: Callable[[ChannelMessage], None]) -> int:
     """Inspect classes in a forked child, and send the answers."""
-    if request.to_run != "nowhere":
-        sys.meta_path.insert(0, _ImportAnnouncer(lambda name: send(HeavyImport(name))))
+    watch = _ImportWatch(request, send)
+    sys.meta_path.insert(0, watch)
+    watch.renew()
     for answer in inspected(request.requests, Path(request.workspace)):
         send(Inspected(encode_any(answer), os.getpid()))
+        watch.renew()
     return 0
 
 
-class _ImportAnnouncer:
-    """A finder that finds nothing, and announces each heavy module once."""
+class _ImportWatch:
+    """A finder that finds nothing: it announces heavy modules, and renews the time-out at each new one."""
 
-    def __init__(self, announce: Callable[[str], None]) -> None:
-        self._announce = announce
-        self._left = set(HEAVY)
+    def __init__(self, request: InspectClasses, send: Callable[[ChannelMessage], None]) -> None:
+        self._request, self._send = request, send
+        self._seen = set[str]()
+        self._renewed_ns = 0
+
+    def renew(self) -> None:
+        """Let the process end itself, with a back-trace, when nothing more happens."""
+        now_ns, timeout_s = monotonic_ns(), self._request.timeout_s
+        if now_ns - self._renewed_ns > timeout_s * 1e8:  # a tenth of it; each renewal costs a thread
+            self._renewed_ns = now_ns
+            faulthandler.dump_traceback_later(timeout_s, exit=True)
 
     def find_spec(self, name: str, _path: Sequence[str] | None = None, _target: object = None) -> None:
-        """Announce a module and leave the search to others."""
-        if name in self._left:
-            self._left.remove(name)
+        """Take note of a module, and leave the search to others."""
+        if name in self._seen:
+            return
+        self._seen.add(name)
+        self.renew()
+        if name in HEAVY and self._request.to_run != "nowhere":
             with contextlib.suppress(OSError):
-                self._announce(name)
+                self._send(HeavyImport(name))
 
 
 def import_heavy(module: str) -> None:

@@ -59,7 +59,6 @@ workspace (a swap could not load it again)."""
 NO_PROCESS = 2**31 - 1
 """In place of the id of a process that could not be started: no process has one as high."""
 
-_BACK_TRACE_S = 2.0
 FILES_OF_EACH_NODE = 2
 """In the server: what a node prints, and its log. The launcher has one, the node's channel."""
 FILES_OF_THE_GRAPH = 200
@@ -68,8 +67,6 @@ ask, four each, and for processes that stand by in a swap."""
 
 
 class Signal(ChannelMessage, frozen=True):
-    """Send a signal to a child."""
-
     pid: int
     number: int
 
@@ -113,30 +110,19 @@ class ForkServer:
 
     @property
     def pid(self) -> int:
-        """Process id of the fork server."""
         return self._process.pid
 
     def send(self, request: Request) -> None:
-        """Send a request.
-
-        Raises:
-            GraphError: The fork server is gone.
-        """
         try:
             self._channel.send(request)
         except ChannelClosed as error:
             raise GraphError(f"the fork server (process {self.pid}) is gone: {error}") from error
 
     def signal(self, pid: int, number: signal.Signals) -> None:
-        """Send a signal to a child."""
         self.send(Signal(pid, int(number)))
 
     def make_room(self, node_count: int) -> None:
-        """Let launcher and server open the files that so many nodes need; 1024 are enough for 412.
-
-        Raises:
-            GraphError: The hard limit, which only an administrator can raise, does not allow it.
-        """
+        """Let launcher and server open the files that so many nodes need; 1024 are enough for 412."""
         needed = FILES_OF_THE_GRAPH + FILES_OF_EACH_NODE * node_count
         for pid in (0, self.pid):
             soft, hard = resource.prlimit(pid, resource.RLIMIT_NOFILE)
@@ -150,11 +136,7 @@ class ForkServer:
                 resource.prlimit(pid, resource.RLIMIT_NOFILE, (needed, hard))
 
     def read_events(self) -> list[ChildEvent]:
-        """Wait for events of children and return what there is; import what is announced.
-
-        Raises:
-            GraphError: The fork server is gone.
-        """
+        """Wait for events of children and return what there is; import what is announced."""
         try:
             self._channel.fill()
         except ChannelClosed as error:
@@ -177,10 +159,6 @@ class ForkServer:
 
         If one ends the child, its error says so, and another child goes on with the next. If one does not
         come to an end, that is the error of all that are left: they may well wait for the same module.
-
-        Raises:
-            GraphError: The fork server is gone.
-            Interrupted: The user asked for the end.
         """
         found: list[NodeClass] = []
         ended: dict[str, str] = {}  # what ended a child once is not imported again
@@ -189,41 +167,35 @@ class ForkServer:
             if request.run in ended:
                 found.append(NodeClass(run=request.run, error=ended[request.run]))
                 continue
-            self.send(InspectClasses(list(requests[len(found) :]), str(workspace), to_run))
+            timeout_s = class_inspection.IMPORT_TIMEOUT_S
+            self.send(InspectClasses(list(requests[len(found) :]), str(workspace), to_run, timeout_s))
             inspection = Inspection()
-            in_time = self._finish(inspection)
+            self._finish(inspection)
             found += inspection.answers
             if len(found) == len(requests):
                 break
-            if not in_time:
+            if inspection.timed_out:
                 error = inspection.describe_stall(workspace)
                 return found + [NodeClass(run=left.run, error=error) for left in requests[len(found) :]]
             ended[requests[len(found)].run] = inspection.describe_crash()
         return found
 
-    def _finish(self, inspection: Inspection) -> bool:
-        """Wait for the end of an inspecting child; return False if it had to be ended, with a back-trace."""
-        ways = (
-            (None, class_inspection.IMPORT_TIMEOUT_S),
-            (signal.SIGABRT, _BACK_TRACE_S),
-            (signal.SIGKILL, None),
-        )
-        for number, patience_s in ways:
-            if number is not None:
-                self.signal(inspection.pid, number)
+    def _finish(self, inspection: Inspection) -> None:
+        """Wait for the end of an inspecting child; one that has stopped itself is continued."""
+        while True:
+            if not self._readable(class_inspection.IMPORT_TIMEOUT_S):
                 self.signal(inspection.pid, signal.SIGCONT)
-            while self._readable(patience_s):
-                for event in self.read_events():
-                    if isinstance(event, Started):
-                        inspection.pid = event.pid
-                    elif isinstance(event, Inspected):
-                        inspection.add(event)
-                    else:
-                        inspection.status, inspection.output = event.status, event.output
-                        return number is None
-        return False
+                continue
+            for event in self.read_events():
+                if isinstance(event, Started):
+                    inspection.pid = event.pid
+                elif isinstance(event, Inspected):
+                    inspection.add(event)
+                else:
+                    inspection.status, inspection.output = event.status, event.output
+                    return
 
-    def _readable(self, timeout_s: float | None) -> bool:
+    def _readable(self, timeout_s: float) -> bool:
         """Wait for events of children, or for the user; tell whether there are events."""
         wanted = [self.descriptor, *([self._interrupt.descriptor] if self._interrupt is not None else [])]
         ready = select.select(wanted, (), (), timeout_s)[0]
@@ -246,8 +218,6 @@ class ForkServer:
 
 
 class _Server:
-    """Children, what they print, and the launcher's end."""
-
     def __init__(self, connection: socket.socket) -> None:
         self._channel = MessageChannel(connection, msgspec.msgpack.Decoder(Request))
         self._wake, self._wake_write = _quiet_pipe()
@@ -267,7 +237,6 @@ class _Server:
             self._poll.register(descriptor, select.POLLIN)
 
     def serve(self) -> None:
-        """Serve until the launcher's end closes, then end every child."""
         channel = self._channel.socket.fileno()
         with contextlib.suppress(ChannelClosed):
             while True:
@@ -469,7 +438,6 @@ def _next_gone() -> tuple[int, int] | None:
 
 
 def main(connection: socket.socket) -> None:
-    """Serve until the launcher's end closes, then end every child."""
     gc.disable()  # nothing here makes cycles; collecting while importing costs a tenth of the time
     for name in LIGHT:
         importlib.import_module(name)

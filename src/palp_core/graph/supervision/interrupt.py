@@ -80,7 +80,6 @@ class Interrupt:
             self.check()
 
     def request(self) -> None:
-        """Ask for the end as Ctrl-C does."""
         self._note(signal.SIGINT, None)
 
     def asked(self, whose: str) -> dict[str, Any]:
@@ -120,18 +119,15 @@ class GracePeriod:
         self._start_ns = 0
 
     def start(self) -> None:
-        """Begin the end, unless it has begun."""
         if not self.ending:
             self.renew()
 
     def renew(self) -> None:
-        """Begin its next step."""
         self.ending = True
         self._start_ns = monotonic_ns()
 
     @property
     def expired(self) -> bool:
-        """True when the step has had its time."""
         return monotonic_ns() - self._start_ns >= (
             FORCED_TIMEOUT_NS if self._interrupt.second_request else KILL_NS
         )
@@ -139,11 +135,7 @@ class GracePeriod:
 
 @contextlib.contextmanager
 def ended_after(shutdown: Callable[[int], object], order: Sequence[int]) -> Iterator[None]:
-    """End every node after the block, in that order; one that fails keeps no other from its safe state.
-
-    Raises:
-        PalpError: The first failure, after every node was asked; what the block raises goes before it.
-    """
+    """End every node after the block, in that order; one that fails keeps no other from its safe state."""
     failures = []
     try:
         yield

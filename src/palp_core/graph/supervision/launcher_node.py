@@ -82,11 +82,7 @@ class LauncherNode:
         self._deferred.add(operation)
 
     def run_deferred(self) -> None:
-        """Do what was asked for and had to wait.
-
-        Raises:
-            NodeError: A node has failed meanwhile.
-        """
+        """Do what was asked for and had to wait."""
         self._sockets.requests.perform()
 
     def report(self, kind: str, node: str, text: str, /, **data: Any) -> None:
@@ -134,7 +130,6 @@ class LauncherNode:
         self._sockets.poll(most=sys.maxsize)  # nobody would call again for what is left
 
     def close(self) -> None:
-        """Send what is queued and let go."""
         self._closed = True
         self._sockets.close()
 
@@ -160,7 +155,6 @@ class LauncherNode:
         }
 
     def _history(self, request: HistoryRequest) -> dict[str, Any]:
-        """Return remembered frames, as a node does."""
         return history_of("the launcher", self._publishers, request, self.now_ns())
 
     @staticmethod

@@ -47,7 +47,6 @@ class LogLevels(NamedTuple):
 
     @property
     def least_logged(self) -> str:
-        """The least that any node logs."""
         return "debug" if "debug" in (self.default, *self.nodes.values()) else "info"
 
 
@@ -91,8 +90,6 @@ class LogFile:
 
 
 class _Stream:
-    """What one process prints."""
-
     def __init__(self, name: str, path: Path, read_end: int) -> None:
         self.name = name
         self.read_end = read_end

@@ -41,7 +41,6 @@ class ManagedProcess:
         self.reset(0)
 
     def reset(self, now_ns: int) -> None:
-        """Forget the process, before a start or a restart."""
         self.pid = 0
         self.configured = self.matched = self.active = self.done = self.ended = False
         self.handed_over = self.is_silent = self.given_up = False
@@ -51,7 +50,6 @@ class ManagedProcess:
         self.respawn_at_ns: int | None = None
 
     def activate(self, now_ns: int) -> None:
-        """Note that it is told to work."""
         self.active, self.active_ns = True, now_ns
 
     def absence(self) -> str:
@@ -76,11 +74,7 @@ class ManagedProcess:
         )
 
     def plan_restart(self, now_ns: int, cause: str) -> str:
-        """Plan a new process after a back-off that doubles each time, and say so in the log.
-
-        Returns:
-            What is planned, in words; "" if the node was never active or its rule allows no other start.
-        """
+        """Plan a new process after a back-off that doubles each time; return the plan, "" if none."""
         if self.active and now_ns - self.active_ns >= STABLE_NS:
             self.restart_count = 0
         if not self.may_restart():
@@ -116,8 +110,6 @@ def _state(pid: int) -> str:
 
 
 class ProcessLauncher:
-    """Starts and signals the processes of one run."""
-
     def __init__(
         self, server: ForkServer, clock: str, folder: Path, workspace: str, levels: LogLevels
     ) -> None:
@@ -128,7 +120,6 @@ class ProcessLauncher:
         self._levels = levels
 
     def spawn(self, process: ManagedProcess, *, successor: bool = False, fresh: bool = False) -> None:
-        """Start a node's process."""
         order = Spawn(
             spec=process.spec, log=str(process.log), place=process.place, successor=successor, fresh=fresh,
             log_level=self._levels.logged(process.spec.name), **self._run,
@@ -136,6 +127,5 @@ class ProcessLauncher:
         self._server.send(order)
 
     def signal(self, process: ManagedProcess, *numbers: signal.Signals) -> None:
-        """Send signals to a node's process."""
         for number in numbers:
             self._server.signal(process.pid, number)

@@ -27,8 +27,6 @@ _LOG = logging.getLogger("palp.supervisor")
 
 
 class Restarts:
-    """Looks after processes that are to work until the run ends."""
-
     def __init__(
         self,
         processes: Sequence[ManagedProcess],
@@ -51,11 +49,7 @@ class Restarts:
         self._look_ns = 0
 
     def run_due(self, now_ns: int) -> None:
-        """Do what is due; a turn in which nothing is costs the same however many nodes there are.
-
-        Raises:
-            NodeError: A node cannot be kept at work.
-        """
+        """Do what is due; a turn in which nothing is costs the same however many nodes there are."""
         if now_ns < self._look_ns:
             return
         self._look_ns = now_ns + LOOK_NS
@@ -117,11 +111,7 @@ class Restarts:
             self._launcher.signal(process, signal.SIGKILL)
 
     def recover(self, index: int, cause: str, *numbers: signal.Signals) -> None:
-        """Restart a node by its rule, with signals for a process that has not ended by itself.
-
-        Raises:
-            NodeError: Its rule allows no further start.
-        """
+        """Restart a node by its rule, with signals for a process that has not ended by itself."""
         if not self.restart(index, cause, *numbers):
             process = self._processes[index]
             raise NodeError(process.spec.name, f"{cause}{process.log_tail()}")
@@ -158,7 +148,6 @@ class Restarts:
     # What nodes say
 
     def on_health(self, index: int, health: bytes) -> None:
-        """Take a node's word that its loop turns."""
         if self._liveness.heard(index, decode(NodeHealth, health), monotonic_ns()):
             name = self._processes[index].spec.name
             self._processes[index].is_silent = False
@@ -177,11 +166,7 @@ class Restarts:
             self.recover(index, f"was unresponsive for {silent_s:.0f} s", signal.SIGTERM, signal.SIGCONT)
 
     def on_qos_event(self, index: int, event: Raised) -> None:
-        """Act on a quality-of-service event.
-
-        Raises:
-            NodeError: The launch file wants the graph to end, or its publisher cannot be restarted again.
-        """
+        """Act on a quality-of-service event."""
         reader, publisher = self._processes[index].spec.name, event.topic.split("/")[1]
         self._launcher_node.report(
             "qos",
@@ -203,7 +188,6 @@ class Restarts:
                     _LOG.warning("%s: not restarted, restart limit reached", publisher)
 
     def expect_health(self, index: int) -> None:
-        """Expect a node to be heard from now on."""
         self._liveness.expect(index, monotonic_ns())
 
     def forget(self, index: int) -> None:

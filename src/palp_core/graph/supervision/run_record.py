@@ -20,7 +20,6 @@ def run_record(
     *,
     composed: bool,
 ) -> RunRecord:
-    """Return the record of a running graph."""
     folder = str(directory.path)
 
     def at(node: str) -> tuple[str, str]:

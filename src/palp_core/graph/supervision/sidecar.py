@@ -45,23 +45,13 @@ class Sidecar(Generic[Received]):
 
     @property
     def pid(self) -> int:
-        """Its process id."""
         return self._process.pid
 
     def send(self, message: ChannelMessage) -> None:
-        """Say something to it.
-
-        Raises:
-            ChannelClosed: It is gone.
-        """
         self._channel.send(message)
 
     def receive(self) -> list[Received]:
-        """Return what it has said; wait if it has said nothing.
-
-        Raises:
-            ChannelClosed: It is gone, and everything it has said was returned before.
-        """
+        """Return what it has said; wait if it has said nothing."""
         if not self._channel.buffered():
             self._channel.fill()
         found = []

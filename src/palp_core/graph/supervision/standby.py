@@ -39,7 +39,6 @@ class Standby:
         self.has_left = False
 
     def receive(self, message: FromNode) -> None:
-        """Take a message from it."""
         if isinstance(message, Failed):
             self.failure = message.text.removeprefix(f"{self.process.spec.name}: ")
             return
@@ -50,8 +49,6 @@ class Standby:
 
 
 class Standbys:
-    """All of them."""
-
     def __init__(
         self,
         server: ForkServer,
@@ -147,5 +144,4 @@ class Standbys:
 
     @property
     def processes(self) -> list[ManagedProcess]:
-        """Those whose processes live."""
         return [standby.process for standby in self._all.values()]

@@ -95,11 +95,7 @@ class Supervisor:
     # Start
 
     def start(self) -> None:
-        """Start every node; return when all are configured and all edges matched.
-
-        Raises:
-            NodeError: A node failed or did not get ready in time.
-        """
+        """Start every node; return when all are configured and all edges matched."""
         for process in self.processes:
             self._launcher.spawn(process)
         self._await(lambda p: p.configured, "configured")
@@ -115,11 +111,7 @@ class Supervisor:
                 self._pump(1.0)
 
     def prepare_recorders(self) -> None:
-        """Let every recorder hear all topics, before the first node is active.
-
-        Raises:
-            NodeError: One cannot record.
-        """
+        """Let every recorder hear all topics, before the first node is active."""
         for index in self._recorders():
             self.work({index: control_messages.Prepare()})
 
@@ -135,11 +127,7 @@ class Supervisor:
     # Wall clock
 
     def run_wall(self, until_ns: int | None = None, start_ns: int | None = None) -> int:
-        """Activate in graph order, then watch until the run ends; return the exit code.
-
-        Raises:
-            NodeError: A node failed and its rule does not restart it.
-        """
+        """Activate in graph order, then watch until the run ends; return the exit code."""
         self.start_ns = monotonic_ns() if start_ns is None else start_ns
         while self.exit_code is None:
             now_ns = monotonic_ns()
@@ -152,11 +140,7 @@ class Supervisor:
         return self.exit_code
 
     def wait_until(self, condition: Callable[[], bool], deadline_ns: int | None = None) -> bool:
-        """Handle what happens until something is so; return whether it is, when the time is over.
-
-        Raises:
-            NodeError: A node failed.
-        """
+        """Handle what happens until something is so; return whether it is, when the time is over."""
         while not condition():
             now_ns = monotonic_ns()
             left_s = 1.0 if deadline_ns is None else (deadline_ns - now_ns) / 1e9
@@ -171,7 +155,6 @@ class Supervisor:
     # Lockstep
 
     def activate(self, index: int) -> control_messages.Done:
-        """Activate one node."""
         return self.work({index: control_messages.Activate(self.start_ns)})[index]
 
     def pending_commands(self) -> set[int]:
@@ -217,11 +200,7 @@ class Supervisor:
                 self._pump(1.0)
 
     def _pump(self, timeout_s: float) -> None:
-        """Handle what has happened; wait for something if nothing has.
-
-        Raises:
-            NodeError: A node failed; the first, when everything that has happened is accounted for.
-        """
+        """Handle what has happened; wait for something if nothing has."""
         heard, others = self._channels.wait(timeout_s)
         failures: list[NodeError] = []
         handlers: list[Callable[[], None]] = [partial(self._on_message, *message) for message in heard]
@@ -315,11 +294,7 @@ class Supervisor:
             self._channels.send(index, message)
 
     def recover(self, index: int, cause: str) -> None:
-        """Restart a node whose process has ended, by its rule.
-
-        Raises:
-            NodeError: Its rule allows none.
-        """
+        """Restart a node whose process has ended, by its rule."""
         self._restarts.recover(index, cause)
 
     def promote(self, index: int, standby: Standby) -> None:
@@ -357,11 +332,7 @@ class Supervisor:
     # End
 
     def shutdown(self, index: int, now_ns: int) -> control_messages.Done:
-        """Bring one node to its safe state and let it end; :meth:`close` is for one that does not answer.
-
-        Raises:
-            NodeError: It has not reported that it reached its safe state.
-        """
+        """Bring one node to its safe state and let it end; :meth:`close` is for one that does not answer."""
         process = self.processes[index]
         self._grace.start()
         if not self._channels.connected(index) or process.ended:

@@ -14,12 +14,7 @@ from palp_core.graph.workspaces.underlays import SHARED, Underlay, spec_below, u
 
 
 def module_file(module: str, workspace: str) -> Path | None:
-    """Return the file of a module, as an import from a workspace would find it, without importing anything.
-
-    Args:
-        module: Its name; ``PACKAGE.nodes.x`` of an installed workspace is ``nodes.x`` of it.
-        workspace: Where modules are looked for first.
-    """
+    """Return the file of a module, as an import from a workspace would find it; nothing is imported."""
     own = _of_package(module)
     if own is not None:
         found: ModuleSpec | None = spec_below(own[1], [str(own[0].folder)])
@@ -40,12 +35,7 @@ def short_name(module: str, workspace: str) -> str:
 
 
 def hidden_modules(workspace: str | Path) -> list[tuple[str, Path, Path, str]]:
-    """Return which modules of a workspace take the place of other ones that are installed.
-
-    Returns:
-        The module's name, its file, the file that it hides, and the installed workspace's name. A copy with
-        the same bytes is left out.
-    """
+    """Return which modules of a workspace take the place of other ones that are installed."""
     found = []
     for kind in SHARED:
         for file in sorted(Path(workspace, kind).rglob("*.py")):
@@ -101,8 +91,6 @@ class _Aliases(MetaPathFinder):
 
 
 class _Alias(Loader):
-    """Loads a module that has another name."""
-
     def __init__(self, name: str) -> None:
         self._name = name
 
@@ -110,7 +98,6 @@ class _Alias(Loader):
         return None
 
     def exec_module(self, module: ModuleType) -> None:
-        """Put the module itself where a new one was about to be."""
         assert module.__spec__ is not None
         sys.modules[module.__spec__.name] = importlib.import_module(self._name)
 

@@ -63,11 +63,6 @@ def underlays() -> tuple[Underlay, ...]:
 
 
 def underlay(name: str) -> Underlay:
-    """Return an installed workspace by its name.
-
-    Raises:
-        GraphError: There is none of that name.
-    """
     known = {one.name: one for one in underlays()}
     if name not in known:
         raise GraphError(f"no installed workspace '{name}'{hint(name, known)}")
@@ -75,11 +70,7 @@ def underlay(name: str) -> Underlay:
 
 
 def launch_path(file: str | Path) -> Path:
-    """Return where a launch file is: ``rig:sim.yaml`` is one of the installed workspace ``rig``.
-
-    Raises:
-        GraphError: There is no such workspace, or no such file in it.
-    """
+    """Return where a launch file is: ``rig:sim.yaml`` is one of the installed workspace ``rig``."""
     named = _NAMED.fullmatch(str(file))
     if named is None or Path(file).exists():
         return Path(file)
