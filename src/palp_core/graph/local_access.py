@@ -28,9 +28,7 @@ class AccessPolicy:
     """Who is let in.
 
     Attributes:
-        token: What a request must have, once.
         admits: Tells of an ``Origin`` and the request's ``Host`` whether that page may ask.
-        hosts: By which names this host is called.
     """
 
     token: str

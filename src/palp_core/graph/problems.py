@@ -33,11 +33,7 @@ class Problem(msgspec.Struct, frozen=True, order=True):
 
 
 class GraphProblems(GraphError):
-    """A launch file has mistakes, all of them listed.
-
-    Attributes:
-        problems: The mistakes, in the order of file, line and column.
-    """
+    """A launch file has mistakes, all of them listed."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = tuple(sorted(set(problems)))

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import shutil
-import subprocess
 import textwrap
 from typing import Any
 
@@ -13,7 +10,7 @@ import pytest
 
 from palp_core.graph.description.check import load
 from palp_core.graph.description.checked import CheckedGraph, resolved_yaml, without_effect
-from palp_core.graph.description.diagram import dot, mermaid
+from palp_core.graph.description.diagram import mermaid
 from palp_core.graph.description.launch_file import arguments_text, find_workspace
 from palp_core.graph.description.node_class import inspect_classes
 from palp_core.graph.description.resolver import resolve
@@ -92,7 +89,7 @@ def test_a_valid_file_becomes_a_whole_graph(workspace: Any) -> None:
     assert belief.json_schema["title"] == "Belief"
     wanted = Qos(reliability="best_effort", deadline_ms=50.0, depth=3)
     assert graph.readings["estimator"]["torque"].qos == wanted
-    assert graph.docs["torque"] == "Stream the probe's torque."
+    assert graph.classes["torque"].doc == "Stream the probe's torque."
 
 
 def test_an_argument_selects_what_runs_with_its_parameters_and_wires(workspace: Any) -> None:
@@ -163,36 +160,6 @@ def test_mermaid_text_has_every_wire_and_dashes_the_truth(workspace: Any) -> Non
     assert '    estimator -->|"belief"| policy' in text
     assert '    torque -.->|"truth"| record' in text
     assert '    estimator -->|"tare"| torque' in text
-
-
-DOT_ID = r'"((?:[^"\\]|\\.)*)"'
-DOT_STATEMENT = re.compile(rf"    {DOT_ID}(?: -> {DOT_ID})? \[(\w+=(?:\w+|{DOT_ID})(?:, \w+=\w+)*)\];")
-
-
-def test_dot_text_has_every_node_and_every_wire_that_mermaid_has(workspace: Any) -> None:
-    graph = workspace.load(LAUNCH)
-    first, *lines, last = dot(graph).splitlines()
-    assert (first, last) == ('digraph "rig" {', "}")
-    assert lines[:2] == ["    rankdir=LR;", '    node [shape=box, style="rounded"];']
-    statements = [DOT_STATEMENT.fullmatch(line) for line in lines[2:]]
-    assert all(statements), lines
-    found = [statement.groups()[:3] for statement in statements if statement is not None]
-    nodes = [name for name, target, _ in found if target is None]
-    assert nodes == [spec.name for spec in graph.nodes]
-    wires = [(source, target) for source, target, _ in found if target is not None]
-    assert {end for wire in wires for end in wire} <= set(nodes)
-    drawn = re.findall(r'^    (\w+) -\.?->\|".*"\| (\w+)$', mermaid(graph), re.MULTILINE)
-    assert wires == drawn
-    assert ("torque", "record", 'label="truth", style=dashed') in found
-    assert ("torque", None, 'label="torque\\nTorqueSensor"') in found
-
-
-@pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")
-def test_graphviz_takes_the_dot_text(workspace: Any) -> None:
-    text = dot(workspace.load(LAUNCH))
-    done = subprocess.run(["dot", "-Tsvg"], input=text, capture_output=True, text=True, check=True)
-    assert done.stderr == ""
-    assert "<svg" in done.stdout
 
 
 def test_a_file_without_arguments_says_so(workspace: Any) -> None:

@@ -259,12 +259,6 @@ def test_graphs_that_share_a_name_are_offered_by_their_ids(bench: Bench) -> None
     assert graphs("o") == ["other"]
 
 
-def test_a_launch_file_is_drawn_with_and_without_the_verb(palp: Palp) -> None:
-    drawn = palp.here("graph", "draw", CHAIN)
-    assert drawn.stdout.startswith("flowchart")
-    assert palp.here("graph", "draw", "--dot", CHAIN).stdout.startswith("digraph")
-
-
 def test_a_graph_is_called_as_it_is_launched(bench: Bench) -> None:
     with Graph(CHAIN, name="left", clock="sim") as graph:
         record = RunningGraph.find("left").record

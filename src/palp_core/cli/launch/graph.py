@@ -29,18 +29,12 @@ ArgumentsArgument = Annotated[
 
 
 @app.command()
-def draw(
-    file: FileArgument,
-    arguments: ArgumentsArgument = None,
-    *,
-    as_dot: Annotated[bool, option("For Graphviz: palp graph draw FILE --dot | dot -Tpng", "--dot")] = False,
-) -> None:
-    """Print a launch file's graph as Mermaid or DOT text."""
-    from palp_core.graph.description.diagram import dot, mermaid
+def draw(file: FileArgument, arguments: ArgumentsArgument = None) -> None:
+    """Print a launch file's graph as Mermaid text."""
+    from palp_core.graph.description.diagram import mermaid
     from palp_core.graph.launch.checking import check_file
 
-    drawn = dot if as_dot else mermaid
-    print_text(drawn(check_file(file, arguments or [])).rstrip())
+    print_text(mermaid(check_file(file, arguments or [])).rstrip())
 
 
 @app.command()

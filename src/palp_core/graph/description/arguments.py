@@ -29,11 +29,7 @@ class Argument:
     """One declared argument.
 
     Attributes:
-        name: As in ``name:=value``.
-        default: Its default; UNKNOWN when it must be given.
-        choices: All values it may have; empty when any of its type will do.
         sets: By its value, what it sets of other arguments and of shared parameters of its file.
-        or_class: A class will do as well as a choice.
     """
 
     name: str

@@ -19,8 +19,6 @@ class TopicInfo(msgspec.Struct, frozen=True, kw_only=True):
     """What a topic carries.
 
     Attributes:
-        node: Who publishes it.
-        type_hash: 16 hexadecimal digits.
         qos: What the publisher offers; as a reader wants it, what that requests.
     """
 
@@ -77,19 +75,12 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     """A launch file whose every part has been checked.
 
     Attributes:
-        file: The launch file, absolute.
-        workspace: Folder that goes first on the nodes' module path, absolute.
         nodes: Nodes in the file's order, those of an included file where ``include`` stands.
         recorders: In lockstep, entries of the file that record the graph; on the wall clock they are nodes.
         readings: Wired inputs by node and port.
         edges: Readers of each topic as [node, port], requests and replies among them: a client's requests
             travel on ``/<client>/<port>``, the replies on ``/<server>/<service>/<client>/<port>``.
-        classes: What each node's class declares.
-        report: ``module:function`` to run at the end; "" for none.
-        listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.
-        view: ``module:function`` that fills its own page of ``palp view``; "" for none.
         attached: Texts that the report wants kept with all that is recorded of the run, by name.
-        checkpoint: Where and when the run is written down; None: it is not.
     """
 
     graph: str
@@ -110,11 +101,6 @@ class CheckedGraph(msgspec.Struct, frozen=True, kw_only=True):
     view: str = ""
     attached: dict[str, str] = {}
     checkpoint: CheckpointKeys | None = None
-
-    @property
-    def docs(self) -> dict[str, str]:
-        """First line of each node class's docstring, by node."""
-        return {name: found.doc for name, found in self.classes.items()}
 
     @property
     def readers(self) -> dict[str, list[int]]:

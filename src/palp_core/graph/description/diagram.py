@@ -1,4 +1,4 @@
-"""Draw a checked graph: as Mermaid text for documents, as DOT text for Graphviz."""
+"""Draw a checked graph as Mermaid text."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -42,16 +42,3 @@ def mermaid(graph: CheckedGraph) -> str:
         arrow = "-.->" if wire.truth else "-->"
         lines.append(f'    {wire.source} {arrow}|"{wire.port}"| {wire.target}')
     return "\n".join(lines) + "\n"
-
-
-def dot(graph: CheckedGraph) -> str:
-    """Return a directed graph in Graphviz's language.
-
-    Every name is quoted; names and classes are identifiers, so that nothing in them needs an escape.
-    """
-    lines = [f'digraph "{graph.graph}" {{', "    rankdir=LR;", '    node [shape=box, style="rounded"];']
-    lines += [f'    "{s.name}" [label="{s.name}\\n{s.run.rpartition(":")[2]}"];' for s in graph.nodes]
-    for wire in wires_of(graph):
-        style = ", style=dashed" if wire.truth else ""
-        lines.append(f'    "{wire.source}" -> "{wire.target}" [label="{wire.port}"{style}];')
-    return "\n".join([*lines, "}"]) + "\n"

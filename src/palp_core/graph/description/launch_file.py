@@ -34,11 +34,8 @@ class InputEntry:
     """One wire, from the reader's side.
 
     Attributes:
-        source_mark: Where the publisher is named.
-        stated: Quality of service that the launch file asks for, by name.
         action: What the supervisor does when the edge breaks its promise: ``warn``, ``restart``,
             ``shutdown``.
-        external: The messages come from outside the graph; then there is no node and no port.
     """
 
     mark: Mark
@@ -59,12 +56,9 @@ class GraphNode:
     """One node of a launch file, with its arguments filled in.
 
     Attributes:
-        spec: What the file says of it: what runs, the parameters given, what happens when it ends.
         params: Parameters given, each with its place and the argument or shared parameter that it is.
         offered: Parameters that count only if its class has them.
-        selected: An argument selects a part of it.
         own: Its class is the caller's, named in place of a choice.
-        inputs: Wires by port.
         answer: What its class declares; None until the class has been asked.
     """
 
@@ -127,15 +121,10 @@ class LaunchFile:
     """A launch file and what it includes.
 
     Attributes:
-        workspace: Folder that goes first on the nodes' module path.
-        mark: Where the nodes begin.
         nodes: By name, in the file's order; those of an included file where ``include`` stands.
         variants: The same with each other branch of each selection.
         shared: Shared parameters by name, but those of namespaces.
         unread: Nodes of which it is not known what they run, after a mistake.
-        listen: ``tcp://HOST:PORT`` where other hosts may call; "" for nowhere.
-        view: ``module:function`` that fills its own page of ``palp view``.
-        checkpoint: Where and when the run is written down, and where that is said.
     """
 
     file: Path

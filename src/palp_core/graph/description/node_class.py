@@ -39,8 +39,6 @@ class NodeClassRequest(msgspec.Struct, frozen=True):
     """Ask what a node class declares and whether parameters fit it.
 
     Attributes:
-        run: ``module:Class`` or ``path.py:Class``; for a function ``module:function``.
-        kind: ``function`` asks only whether a function exists.
         name: Under which the node runs; some classes' ports depend on it and on the parameters.
         offered: Those of the parameters that count only if the class declares them.
     """
@@ -59,7 +57,6 @@ class NodePort(msgspec.Struct, frozen=True):
         types: Its message; of a service and a client, request and reply; of an action and a client of one,
             goal, feedback and result. What these are made of is there as ports, too.
         qos: What it offers or requests; that of a service is the default.
-        optional: An input that may stay unwired.
         lasting: An input, optional as long as it is not wired.
         vacant: An output that the class does not have: optional inputs of others are wired to it.
     """

@@ -101,7 +101,6 @@ class _Resolver:
 
     Attributes:
         branches: By the origin of an argument that selects, its values that pick another branch.
-        unused: Arguments that nothing asks for.
     """
 
     def __init__(

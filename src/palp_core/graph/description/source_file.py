@@ -39,11 +39,7 @@ class Passed(NamedTuple):
 
 
 class Variable:
-    """An argument of one file and what gives it its value; None: nothing but the file itself.
-
-    Attributes:
-        used: Something asks for it.
-    """
+    """An argument of one file and what gives it its value; None: nothing but the file itself."""
 
     def __init__(
         self, file: SourceFile, argument: Argument, source: Variable | Passed | Given | None
@@ -106,16 +102,10 @@ class SourceFile:
     """A launch file, the root or an included one.
 
     Attributes:
-        now: The host's local time at launch, as names of files have it.
         forced: Values of arguments, by origin, in place of those that they have.
         place: Where a missing argument is reported.
-        outer: The file that includes it; None for the root.
         passed: Values that the include gives.
-        overrides: Values of the command line.
-        namespace: What goes before the names of its nodes; "" for nothing.
-        own: Arguments that it declares.
         variables: These, and those of included files whose value the include does not give.
-        included: Files that it includes.
     """
 
     path: Path

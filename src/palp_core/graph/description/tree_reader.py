@@ -61,11 +61,7 @@ def entries_of(
 
 
 class TreeReader:
-    """Reads values of one file.
-
-    Attributes:
-        complete: Nothing that was read had a mistake.
-    """
+    """Reads values of one file."""
 
     def __init__(self, file: SourceFile) -> None:
         self._file = file

@@ -49,9 +49,7 @@ class Scalar:
     """A single value.
 
     Attributes:
-        value: What YAML reads it as.
         text: As written, without quotes.
-        quoted: It was written in quotes or as a block.
     """
 
     mark: Mark

@@ -22,11 +22,7 @@ Observer = Callable[[bytes, int], object]
 
 
 class GraphReader:
-    """The receiving end of a process that watches a graph.
-
-    Attributes:
-        ended: The graph has ended.
-    """
+    """The receiving end of a process that watches a graph."""
 
     def __init__(
         self,

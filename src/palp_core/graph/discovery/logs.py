@@ -23,7 +23,6 @@ class LogLine(NamedTuple):
 
     Attributes:
         level: What it is; of a line that continues a record, that of the record; "" of what was just printed.
-        begins: It begins a record.
     """
 
     at: str
@@ -92,11 +91,7 @@ def all_lines(log: Path) -> Iterator[str]:
 
 
 class LogTail:
-    """What is added to a log; when it becomes the old one, the rest of that is read before the new one.
-
-    Attributes:
-        skipped_bytes: Left out at the last look.
-    """
+    """What is added to a log; when it becomes the old one, the rest of that is read before the new one."""
 
     def __init__(self, log: Path, *, last_bytes: int | None = None, most_bytes: int = 0) -> None:
         self._log, self._most_bytes = log, most_bytes

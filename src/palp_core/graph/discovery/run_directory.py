@@ -44,12 +44,7 @@ class RunRecord(msgspec.Struct, frozen=True):
     """What ``graph.json`` holds: how a running graph is told from others, and where everything of it is.
 
     Attributes:
-        file: The launch file, as it was given.
-        start_unix_ns: When it was launched.
-        serve: Where the launcher answers.
         nodes: Those with a place in the run directory.
-        listen: Where other hosts call; "" if they cannot.
-        workspace: The folder of its nodes; "" if it has none.
         launched_from: The folder it was launched from, as :func:`present_folder` returns it.
         view: ``module:function`` that fills the launch file's own page of ``palp view``; "" if it has none.
     """

@@ -42,7 +42,6 @@ class Trouble(msgspec.Struct, frozen=True):
     Attributes:
         where: The node, ``TOPIC -> READER``, the host's part or the file.
         level: ``error``: it harms a run or did; ``warn``: it may; ``note``: good to know; ``ok``.
-        advice: What to do; "" if nothing.
         command: The command of palp to type, but for the run that it is about; :meth:`of_run` takes it.
     """
 

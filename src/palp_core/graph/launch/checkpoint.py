@@ -42,8 +42,6 @@ class RunIdentity(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         settings: Clock, seed and arguments, each as messages call it.
-        nodes: Every node as the launch file and its arguments have it, by name.
-        versions: Of Python and of the packages that a result depends on.
         sources: Digest of each source file of the workspace's nodes and messages, and of ``palp_core``.
     """
 
@@ -94,11 +92,7 @@ class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
     """A run at one instant.
 
     Attributes:
-        identity: What must be as it is, for another to go on from here.
-        now_ns: When, on the graph's clock.
         attached: Texts that the report keeps with all that is recorded of the run, by name.
-        nodes: Those that the launch file names, in graph order.
-        journal: What had been reported of the run by then.
     """
 
     identity: RunIdentity
@@ -145,9 +139,7 @@ class Checkpoints:
     """The checkpoints of one run.
 
     Attributes:
-        resumed: What the run goes on from; None: it begins.
         on_trouble: Called with why a checkpoint could not be written, and with "" once one could again.
-        count: How many were written.
     """
 
     def __init__(self, checked: CheckedGraph, given: Sequence[str], *, resume: bool) -> None:

@@ -19,10 +19,7 @@ class Incident(msgspec.Struct, frozen=True, kw_only=True):
     """What a node reported as not ``ok``.
 
     Attributes:
-        level: ``warn`` or ``error``.
         at: Time of day; on the graph's clock where that is not known.
-        at_s: When, on the graph's clock.
-        until_s: When it was over; None if it never was.
     """
 
     node: str
@@ -42,9 +39,7 @@ class MethodSpan(msgspec.Struct, frozen=True, kw_only=True):
     """A method, and how long a node used it.
 
     Attributes:
-        at_s: From when on, on the graph's clock.
         until_s: When another took its place, or the node had no more use for it; None if that never was.
-        use: The method, and why it.
     """
 
     node: str
@@ -57,10 +52,7 @@ class RunChange(msgspec.Struct, frozen=True):
     """A node was no longer what it had been.
 
     Attributes:
-        at_s: When, on the graph's clock.
         before: Its class until then; "" where only parameters were set.
-        run: The class that took its place; "" likewise.
-        params: Parameters that were set then, by name.
     """
 
     node: str
@@ -88,7 +80,6 @@ class RunJournal:
     """Collects what is reported of a run.
 
     Attributes:
-        entries: All of it; a run that resumes begins with those of the checkpoint.
         on_incident: Called with the topic that reports a change, and the incident; None: it is over.
     """
 

@@ -74,9 +74,6 @@ class Inspection:
 
     Attributes:
         pid: Its process id; 0 before it has begun.
-        answers: In the order of the requests; fewer if it was ended.
-        status: Its exit status; None before.
-        output: The end of what it has printed.
     """
 
     def __init__(self) -> None:

@@ -18,11 +18,7 @@ INSIST_NS = 500_000_000
 
 
 class Interrupted(KeyboardInterrupt):
-    """The user asked for the end: no failure of what runs.
-
-    Attributes:
-        signal: What was received.
-    """
+    """The user asked for the end: no failure of what runs."""
 
     def __init__(self, number: signal.Signals, asked_by: str = "") -> None:
         super().__init__(f"ended by {asked_by}" if asked_by else f"interrupted by {number.name}")
@@ -36,7 +32,6 @@ class Interrupt:
     """While entered, SIGINT, SIGTERM and SIGHUP are noted: :meth:`check` raises, a descriptor is readable.
 
     Attributes:
-        second_request: The user has asked a second time.
         asked_by: Returns what has asked for the end, or "" if nothing but a signal did.
     """
 
@@ -107,11 +102,7 @@ FORCED_TIMEOUT_NS = 500_000_000
 
 
 class GracePeriod:
-    """The time that one step of the end may take.
-
-    Attributes:
-        ending: The end has begun.
-    """
+    """The time that one step of the end may take."""
 
     def __init__(self, interrupt: Interrupt) -> None:
         self.ending = False

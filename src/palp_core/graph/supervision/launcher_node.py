@@ -38,7 +38,6 @@ class LauncherNode:
 
     Attributes:
         record: What the operation ``graph`` answers.
-        record_event: Takes each event's frame.
         on_health: Is told how the nodes do, whenever that is published.
         joined: Returns how the nodes do that have joined from other hosts.
     """

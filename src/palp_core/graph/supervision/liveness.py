@@ -23,9 +23,6 @@ class Liveness(Generic[Key]):
 
     Only time in which the supervisor itself was at work counts as silence: after it was stopped or the host
     was too busy for it, nobody is blamed.
-
-    Attributes:
-        silent: Numbers or names of the nodes that are unresponsive.
     """
 
     def __init__(self) -> None:

@@ -23,12 +23,7 @@ _F_SETPIPE_SZ = 1031
 
 
 class LogLevels(NamedTuple):
-    """Levels by node.
-
-    Attributes:
-        default: The least of what is shown.
-        nodes: The same for nodes that have their own.
-    """
+    """Levels by node."""
 
     default: str = "warning"
     nodes: Mapping[str, str] = {}

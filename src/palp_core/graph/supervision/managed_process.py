@@ -21,16 +21,10 @@ class ManagedProcess:
     """One node as the supervisor sees it.
 
     Attributes:
-        restart_count: Restarts that count against the rule's limit.
-        respawn_at_ns: When its next process is due; None if none is.
-        reason: Why its process is being ended, where the supervisor itself does it.
         place: Under which name its process reports and has its endpoints.
         missing: Readers of its last process that do not listen to this one, which has waited for them.
         handed_over: It has handed over everything to a successor, which can go on without it.
-        given_up: It has failed, and the graph goes on without it.
-        is_silent: It has not been heard for longer than a node at work is silent.
         replies: What it has sent in a swap and nothing has taken yet.
-        begun_ns: When its process was asked for, and when it was activated.
     """
 
     def __init__(self, spec: NodeSpec, log: Path, place: str = "") -> None:

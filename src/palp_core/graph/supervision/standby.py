@@ -25,10 +25,6 @@ class Standby:
     """One such process.
 
     Attributes:
-        number: Of its channel.
-        process: The process.
-        failure: Why it cannot go on; "" while it can.
-        on_end: Called when its process has ended.
         has_left: It has reported that its work is done, and died of nothing.
     """
 

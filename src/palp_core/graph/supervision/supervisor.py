@@ -39,14 +39,9 @@ class Supervisor:
     """The processes of a graph's nodes, from their start to the end of the run.
 
     Attributes:
-        start_ns: The graph's start on the wall clock; 0 before.
         exit_code: Of the node whose end is the run's; None before.
-        on_turn: Called in every turn of :meth:`run_wall`.
-        on_new_process: Called when a node has a new process.
-        on_health: Takes each encoded :class:`NodeHealth`.
         standbys: Processes beside those that have the nodes' parts.
         swap: In lockstep, who does the rounds of a node of which there are two.
-        watch, forget: As of the channel server.
         hear: Takes what a process says in a node's name.
         on_kept: Wall clock: takes the name of a node that was written down, at which message, and what.
         restores: Wall clock: nodes as they were written down before an interruption, by name.

@@ -34,9 +34,7 @@ class Underlay(NamedTuple):
     """An installed workspace.
 
     Attributes:
-        name: Under which its launch files are known.
         package: Whose modules its nodes and messages are, too: ``palp_core.workspace``.
-        folder: What ``nodes``, ``msgs`` and ``launch`` are in.
     """
 
     name: str
