@@ -6,7 +6,6 @@ import itertools
 import json
 import os
 import threading
-from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -25,10 +24,8 @@ from palp_core.graph.discovery.troubles import Trouble
 from palp_core.graph.launch.log_screen import MOST_PER_S, Shown
 from palp_core.graph.messages.topic import Topic
 from palp_core.graph.node.loading import endpoints
-from palp_core.graph.transport.requester_socket import ask
 from tests.support.palp import CHAIN, Palp
-from tests.support.several import CHANGING, READING, SAFETY, UNASKED, answered_by_nobody, noted
-from tests.support.talkative import Talk
+from tests.support.several import CHANGING, READING, SAFETY, UNASKED, answered_by_nobody
 
 STRANGER = 4_000_000
 INSTEAD = "is running, but elsewhere; name one with --graph NAME, ID or PID:\n"
@@ -118,49 +115,6 @@ def test_each_command_beside_two_rigs_and_a_strangers_graph_reaches_the_one_that
         assert asked or words[:2] in UNASKED, words
         said = f"graph rig (id {rigs[meant].id}, pid {os.getpid()}, {rigs[meant].workspace}); 1 more"
         assert (said in done.stderr) is (not by_name), words
-
-
-def state_of(record: RunRecord) -> list[object]:
-    """Return what a command can have changed of a graph."""
-    graph = RunningGraph(record, ask)
-    infos = graph.ask_all("info").replies
-    return [
-        graph.ask_all("get_parameters").replies,
-        [infos[name][part] for name in ("source", "scale") for part in ("lifecycle", "swaps")],
-        infos["scale"]["published"]["/scale/seen"],
-    ]
-
-
-@pytest.mark.nightly
-def test_eighty_commands_beside_two_real_graphs_and_a_strangers_change_and_ask_only_the_one_that_is_meant(
-    palp: Palp, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(palp.runtime_dir))
-    started = []
-    for folder in ("a", "b", "a"):  # the last is the stranger's, of the same name and from the same checkout
-        Talk(palp, tmp_path / folder)
-        started.append(running()[0])
-    *own, stranger = started
-    give_away(palp.runtime_dir / "palp" / stranger.id)
-    asked, calls, count = noted(monkeypatch), Counter[str](), 0
-    for words, meant in itertools.product((*READING, *CHANGING), own):
-        (other,) = (record for record in own if record is not meant)
-        for place, extra in ((meant, ()), (other, ("--graph", meant.id))):
-            monkeypatch.chdir(place.workspace)
-            before = [state_of(record) for record in (other, stranger)]
-            asked.clear()
-            done = palp.here(*words, *extra)
-            assert done.returncode in (0, 2), (words, done.stderr)
-            assert done.returncode == 0 or words[0] == "lifecycle", done.stderr  # it is so already
-            assert {request.run for request in asked} <= {meant.id}, words
-            assert asked or words[:2] in UNASKED, words
-            assert [state_of(record) for record in (other, stranger)] == before, words
-            calls[meant.id] += words[0] == "service" and words[1] == "call"
-            count += 1
-    assert count == 4 * len((*READING, *CHANGING))
-    for record in (*own, stranger):
-        reply = RunningGraph(record).ask("scale", "call", service="weigh", request={"factor": 1})["reply"]
-        assert reply["asked_count"] == calls[record.id] + 1
 
 
 def test_of_several_graphs_of_a_folder_none_is_changed_and_the_latest_answers_and_is_named(

@@ -66,25 +66,6 @@ def test_a_launch_under_a_limit_says_which_folder_is_full(palp: Palp) -> None:
     assert palp.all_gone()
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize("left_kib", [0, 8, 44, 200])
-def test_a_launch_on_a_full_disk_says_which_folder_is_full(palp: Palp, left_kib: int) -> None:
-    """On a disk of its own, in a mount namespace that nobody else sees."""
-    folder = palp.runtime_dir
-    namespace = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c"]
-    mount = f"mount -t tmpfs -o size=1M,mode=700 none {folder}"
-    if subprocess.run([*namespace, mount], capture_output=True, check=False).returncode:
-        pytest.skip("no unshare here, or no right to mount")
-    fill = f"head -c {(1024 - left_kib) << 10} /dev/zero > {folder}/fill"
-    launch = [*namespace, f'{mount}; {fill}; exec "$@"', "sh", *palp.command("launch", CHAIN)]
-    done = subprocess.run(launch, capture_output=True, text=True, check=False, env=palp.environment)
-    assert done.returncode == 2
-    assert f"{folder}" in done.stderr
-    assert "No space left on device" in done.stderr
-    assert "imported" not in done.stderr
-    assert "Traceback" not in done.stderr
-
-
 def test_a_run_whose_folder_is_full_goes_on_through_a_restart_and_says_so(
     palp: Palp, own_runtime: Path
 ) -> None:

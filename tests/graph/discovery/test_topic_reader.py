@@ -49,41 +49,37 @@ def follow(
     return messages, sum(h.lost for h in heard)
 
 
-def test_a_plain_listener_begins_where_it_joins_and_counts_gaps(tmp_path: Path) -> None:
-    history = History(9, 9)
-    frames = [frame(4, Kind.HEARTBEAT), frame(5), frame(8), frame(9, Kind.HEARTBEAT)]
-    messages, lost = follow(tmp_path, history, frames)
-    assert messages == [(0, 5), (0, 8)]
-    assert lost == 3
-    assert history.asked == []
+PLAIN: dict[str, Any] = {}
+RELIABLE: dict[str, Any] = {"reliable": True}
+BEAT = Kind.HEARTBEAT
+RESTARTED = [frame(10), frame(3, BEAT, epoch=1), frame(4, epoch=1), frame(11)]
 
 
-def test_a_reliable_listener_fills_gaps_in_order(tmp_path: Path) -> None:
-    history = History(20, 20)
-    frames = [frame(5), frame(12), frame(14, Kind.HEARTBEAT), frame(14), frame(15)]
-    messages, lost = follow(tmp_path, history, frames, reliable=True)
-    assert messages == [(0, n) for n in range(5, 16)]
-    assert lost == 0
-
-
-def test_a_late_joiner_gets_the_last_few_first(tmp_path: Path) -> None:
-    history = History(100, 10)
-    messages, lost = follow(tmp_path, history, [frame(100, Kind.HEARTBEAT), frame(101)], history_depth=5)
-    assert messages == [(0, n) for n in range(96, 102)]
-    assert lost == 0
-
-
-def test_what_the_history_no_longer_has_is_counted(tmp_path: Path) -> None:
-    messages, lost = follow(tmp_path, History(30, 4), [frame(10), frame(31)], reliable=True)
-    assert messages == [(0, n) for n in (10, 27, 28, 29, 30, 31)]
-    assert lost == 16
-
-
-def test_a_restarted_publisher_is_followed_from_its_first_message(tmp_path: Path) -> None:
-    frames = [frame(10), frame(3, Kind.HEARTBEAT, epoch=1), frame(4, epoch=1), frame(11)]
-    messages, lost = follow(tmp_path, History(4, 9, epoch=1), frames, reliable=True)
-    assert messages == [(0, 10), (1, 1), (1, 2), (1, 3), (1, 4)]
-    assert lost == 0
+@pytest.mark.parametrize(
+    ("history", "frames", "options", "expected", "lost"),
+    [
+        (History(9, 9), [frame(4, BEAT), frame(5), frame(8), frame(9, BEAT)], PLAIN, [5, 8], 3),
+        (History(20, 20), [frame(5), frame(12), frame(14, BEAT), frame(15)], RELIABLE, range(5, 16), 0),
+        (History(100, 10), [frame(100, BEAT), frame(101)], {"history_depth": 5}, range(96, 102), 0),
+        (History(30, 4), [frame(10), frame(31)], RELIABLE, [10, 27, 28, 29, 30, 31], 16),
+        (
+            History(4, 9, epoch=1),
+            [frame(10), BEGUN, frame(4, epoch=1), frame(11)],
+            RELIABLE,
+            [10, 1, 2, 3, 4],
+            0,
+        ),
+        (History(0, 0), [frame(5, Kind.MOVED)], PLAIN, [], 0),
+    ],
+    ids=["plain", "fills gaps", "joins late", "history is short", "publisher restarted", "another kind"],
+)
+def test_what_is_handed_over_and_what_is_counted_as_lost(
+    tmp_path: Path, history: History, frames: list[bytes], options: Any, expected: Any, lost: int
+) -> None:
+    messages, missing = follow(tmp_path, history, frames, **options)
+    assert [sequence for _, sequence in messages] == list(expected)
+    assert missing == lost
+    assert bool(history.asked) == bool(options)
 
 
 @settings(deadline=None, max_examples=60, suppress_health_check=list(HealthCheck))
@@ -103,8 +99,3 @@ def test_whatever_arrives_everything_is_in_order_once_and_accounted_for(
     assert sequences == sorted(set(sequences))
     if sequences:
         assert len(sequences) + lost == sequences[-1] - sequences[0] + 1
-
-
-@pytest.mark.parametrize("kind", [Kind.MOVED])
-def test_frames_of_other_kinds_change_nothing(tmp_path: Path, kind: Kind) -> None:
-    assert follow(tmp_path, History(0, 0), [frame(5, kind)]) == ([], 0)

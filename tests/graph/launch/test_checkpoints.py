@@ -24,7 +24,7 @@ from tests.support.rig_session import ComposedGraph, check_here
 
 NODES = '''
 import numpy as np
-from palp_core import Alarm, Message, Node, Params, Progress, Pub, Qos, State, Sub, every, on
+from palp_core import Message, Node, Params, Progress, Pub, Qos, State, Sub, every, on
 
 
 class Step(Message):
@@ -77,29 +77,23 @@ class EchoState(State):
 
 
 class Echo(Node):
-    """Answers late, by an alarm, with what it has heard and noise of its own."""
+    """Answers with what it has heard and noise of its own."""
 
     state: EchoState
     step = Sub(Step)
     stop = Sub(Step)
     answer = Pub(Step)
-    late = Alarm()
-
-    def on_resume(self):
-        self.answer.publish(Step(index=-2, value=0.0))  # a successor has a word to say
-        self.rng.normal()
 
     @on(step)
     def hear(self, step):
         self.state.heard.append(step.value)
         self.state.count += 1
-        self.late.set(self.now_ns() + 5_000_000)
+        self.reply()
 
     @on(stop)
     def rest(self, stop):
         self.state.heard = self.state.heard[-3:]
 
-    @on(late)
     def reply(self):
         value = sum(self.state.heard) + float(self.rng.normal())
         self.answer.publish(Step(index=self.state.count, value=value))
@@ -116,7 +110,6 @@ class Other(Echo):
 
     state: OtherState
 
-    @on(Echo.late)
     def reply(self):
         self.answer.publish(Step(index=-self.state.count, value=float(self.rng.normal())))
 '''
@@ -255,12 +248,6 @@ def test_what_ended_or_never_began_cannot_resume(given: dict[str, Any], words: s
     with pytest.raises(GraphError, match=words):
         Checkpoints(msgspec.structs.replace(checked(file), **given), (), resume=True)
     assert not (file.parent / "out").exists()
-
-
-def test_resume_may_be_written_like_an_argument(file: Path, palp: Palp) -> None:
-    done = palp.here("launch", file, f"out:={file.parent / 'out'}", "resume:=true")
-    assert done.returncode == 2
-    assert "nothing to resume: there is no checkpoint" in done.stderr
 
 
 def test_an_unfinished_run_is_not_replaced_unasked(file: Path) -> None:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import io
-import itertools
 import os
 import re
-import select
-import signal
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +12,6 @@ import pytest
 from rich.console import Console
 
 from palp_core.cli.launch.bars import Bars
-from palp_core.graph.clock import monotonic_ns
 from palp_core.graph.discovery.run_directory import NodeEntry, RunRecord
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.discovery.troubles import Trouble, active_diagnostics
@@ -25,12 +21,10 @@ from palp_core.graph.messages.builtin import DiagnosticStatus
 from palp_core.graph.messages.frame import Kind, pack
 from palp_core.graph.messages.message import encode
 from palp_core.graph.messages.topic import topic_of
-from tests.support.palp import PATIENCE_S, Palp, finished, wait_for_line
+from tests.support.palp import Palp
 
 TOYS = """
-from pathlib import Path
-
-from palp_core import DiagnosticStatus, Node, Params, Progress, Pub, Qos, State, every
+from palp_core import DiagnosticStatus, Node, Params, Pub, Qos, State, every
 
 
 class GuardParams(Params):
@@ -59,34 +53,6 @@ class Guard(Node):
         if self.state.count == 10:
             self.finish()
 
-
-class CrierParams(Params):
-    rate_hz: float = 50.0
-    folder: str = ""
-
-
-class Crier(Node):
-    # Says more than a stopped launcher can take, then that something is wrong.
-
-    params: CrierParams
-    progress = Pub(Progress)
-    diagnostics = Pub(DiagnosticStatus, qos=Qos(durability="transient_local", depth=1))
-
-    @every("rate_hz")
-    def tick(self):
-        folder = Path(self.params.folder)
-        if (folder / "said").exists():
-            self.report("after", done=1)
-            return
-        self.report("")
-        if (folder / "go").exists():
-            for _ in range(500):
-                self.report("x" * 10_000)
-            self.diagnostics.publish(DiagnosticStatus(stamp_ns=self.now_ns(), level="error", text="tripped"))
-            (folder / "said").touch()
-
-    def report(self, text, done=0):
-        self.progress.publish(Progress(stamp_ns=0, phase="a", done_count=done, total_count=1, text=text))
 """
 LAUNCH = """
 graph: guarded
@@ -98,16 +64,6 @@ nodes:
 """
 
 
-CRIER = """
-graph: crier
-clock: wall
-args:
-  folder: {default: "", help: "where it is told when, and says that it has said it"}
-nodes:
-  crier: {run: nodes.guard_toys:Crier, params: {folder: $(var folder)}}
-"""
-
-
 @pytest.fixture
 def guarded(tmp_path: Path) -> Path:
     (tmp_path / "nodes").mkdir()
@@ -115,7 +71,6 @@ def guarded(tmp_path: Path) -> Path:
     (tmp_path / "launch").mkdir()
     path = tmp_path / "launch" / "guarded.yaml"
     path.write_text(LAUNCH)
-    path.with_name("crier.yaml").write_text(CRIER)
     return path
 
 
@@ -145,25 +100,6 @@ def test_a_launch_says_it_when_it_is_so_and_in_its_last_lines(palp: Palp, guarde
     first, last = done.stderr.splitlines()[-2:]
     assert re.fullmatch(r"\d\d:\d\d:\d\d /guard: tripped at False \(for 0\.\d s\)", first)
     assert re.fullmatch(r"\d\d:\d\d:\d\d /guard: tripped at True \(until the end\)", last)
-
-
-def test_it_is_said_by_a_launcher_that_did_not_keep_up_when_it_came(
-    palp: Palp, guarded: Path, tmp_path: Path
-) -> None:
-    process = palp.start("launch", guarded.with_name("crier.yaml"), f"folder:={tmp_path}")
-    wait_for_line(process, "a: 0/1")
-    process.send_signal(signal.SIGSTOP)
-    (tmp_path / "go").touch()
-    end_ns = monotonic_ns() + round(PATIENCE_S * 1e9)
-    while not (tmp_path / "said").exists():
-        assert monotonic_ns() < end_ns
-        select.select((), (), (), 0.02)
-    process.send_signal(signal.SIGCONT)
-    assert process.stdout is not None
-    until_after = itertools.takewhile(lambda line: "a: 1/1 after" not in line, process.stdout)
-    assert [line for line in until_after if "/crier: tripped" in line]
-    process.send_signal(signal.SIGINT)
-    assert finished(process)[0] == 130
 
 
 def test_below_the_bars_a_line_stands_in_red_and_their_time_with_it() -> None:

@@ -36,23 +36,6 @@ class Talker(Node):
         print("printed")
         self.finish()
 """
-HOT = """
-from palp_core import Node, Params, every
-
-
-class HotParams(Params):
-    rate_hz: float = 100.0
-
-
-class Hot(Node):
-    params: HotParams
-
-    @every("rate_hz")
-    def look(self):
-        self.log.critical("too hot")
-        self.log.warning("a warning")
-        raise ValueError("boiling")
-"""
 LAUNCH = """
 graph: talkers
 clock: $(var clock)
@@ -134,24 +117,6 @@ def test_a_critical_line_that_ends_no_node_is_shown(output: str, shown: list[int
     assert [line.text for line in lines] == [texts[i] for i in shown]
     screen.take("2026-11-22T12:00:01.000+00:00 a: [CRITICAL] [a]: of the node that was restarted")
     assert len(lines) == len(shown) + 1
-
-
-@pytest.mark.parametrize("more", [("clock:=wall",), ("clock:=sim", "--compose")])
-def test_of_a_node_that_fails_all_is_said_and_nothing_twice(
-    palp: Palp, tmp_path: Path, more: tuple[str, ...]
-) -> None:
-    (tmp_path / "hot_toys.py").write_text(HOT)
-    path = tmp_path / "hot.yaml"
-    path.write_text(LAUNCH.replace("talker_toys:Talker", "hot_toys:Hot"))
-    launched = palp.run if "--compose" in more else palp.here
-    done = launched("launch", path, "output:=screen", "--log-level", "critical", *more)
-    assert done.returncode == 1
-    assert done.stderr.splitlines()[0] == "[CRITICAL] [talker]: too hot"
-    assert done.stderr.count("ValueError: boiling") == 1
-    logs = palp.run("logs", "--level", "critical")
-    assert "[CRITICAL] [talker]: too hot\n" in logs.stdout
-    assert f"ValueError: boiling{ENDS_NODE}\n" in logs.stdout
-    assert "a warning" not in logs.stdout
 
 
 def test_what_ends_a_node_is_left_to_the_launcher_to_say() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import random
 import signal
 import subprocess
 from pathlib import Path
@@ -144,16 +143,6 @@ def test_ctrl_c_leaves_nothing_behind(palp: Palp, file: Path, moment: str, compo
         with pytest.raises(subprocess.TimeoutExpired):
             process.wait(0.01)
     assert_interruptible(palp, process, palp.runtime_dir / "out")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("moment", range(26))
-def test_ctrl_c_at_any_moment_leaves_nothing_behind(palp: Palp, tmp_path: Path, moment: int) -> None:
-    compose = ("--compose",) if moment % 2 == 1 else ()
-    process = palp.start("launch", SIM, f"out:={tmp_path / 'out'}", "trials:=100", *compose)
-    with pytest.raises(subprocess.TimeoutExpired):
-        process.wait(random.Random(moment).uniform(0.05, 6.0))
-    assert_interruptible(palp, process, tmp_path / "out")
 
 
 def assert_interruptible(palp: Palp, process: subprocess.Popen[str], out: Path) -> None:

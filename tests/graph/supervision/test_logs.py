@@ -85,12 +85,6 @@ def test_a_stray_child_that_prints_on_does_not_hold_the_end_of_a_log(tmp_path: P
     assert (tmp_path / "a.log").read_text() == "said before the end\n"
 
 
-def test_a_full_disk_costs_lines_and_nothing_else(tmp_path: Path) -> None:
-    (tmp_path / "merged.log").symlink_to("/dev/full")
-    say(LogWriter(), tmp_path / "a.log", b"one\n")
-    assert (tmp_path / "a.log").read_text() == "one\n"
-
-
 def test_the_supervisors_notes_are_in_both(tmp_path: Path) -> None:
     note(tmp_path / "a.log", "WARNING", "gone")
     assert (tmp_path / "a.log").read_text() == "[WARNING] [supervisor]: gone\n"
