@@ -1,6 +1,5 @@
 """A process that works for this one, starts with it and never outlives it: a gateway, a bridge."""
 
-import contextlib
 import os
 import select
 import socket
@@ -58,11 +57,6 @@ class Sidecar(Generic[Received]):
         while self._channel.buffered():
             found.append(self._channel.receive())
         return found
-
-    def close_sending(self) -> None:
-        """Say nothing more: it sees the end of the channel, and can still be heard."""
-        with contextlib.suppress(OSError):
-            self._channel.socket.shutdown(socket.SHUT_WR)
 
     def wait(self, timeout_s: float) -> bool:
         """Wait until it has said something or is gone; return False on time-out."""
