@@ -3,8 +3,8 @@
 CAN: samples a second of the ATI driver as fast as the sensor answers, against ``python-can``'s send and two
 receives. Serial: questions a second of the stage's link, against ``pyserial``'s write and ``read_until``.
 Both on the same emulator, in a process of its own, without pacing, in interleaved rounds; a ratio is the
-median over the rounds, above 1 where palp is faster. Polls at 1 kHz and 500 kbit/s: intervals over 3 ms are
-gaps. ``faults``: from the command to the emulator to the named state, per device, and whether in time.
+median over the rounds, above 1 where palp is faster. ``faults``: from the command to the emulator to the
+named state, per device, and whether in time.
 
 Of the whole rig, its nodes on devices that are emulated in a process of their own:
 
@@ -116,26 +116,6 @@ def compare(
     }
 
 
-def polled(options: dict[str, Any], seconds: float) -> dict[str, float]:
-    """Return how evenly the sensor is polled at 1 kHz."""
-    sensor = open_device("torque", "ati", **options)
-    state, pause, stamps = WrenchState(), threading.Event(), []
-    sensor.open(time.monotonic_ns(), state, RNG)
-    begin = time.perf_counter()
-    while time.perf_counter() - begin < seconds:
-        pause.wait(0.002)
-        stamps.append(sensor.drain(time.monotonic_ns(), state, RNG).times_ns)
-    sensor.close()
-    steps_ms = np.diff(np.concatenate(stamps)) * 1e-6
-    return {
-        "poll_hz": 1e3 / float(steps_ms.mean()),
-        "poll_gap_rate": float(np.count_nonzero(np.greater(steps_ms, 3.0)) / steps_ms.size),
-        "poll_jitter_ms": float(steps_ms.std()),
-        "poll_step_p99_ms": float(np.quantile(steps_ms, 0.99)),
-        "poll_step_max_ms": float(steps_ms.max()),
-    }
-
-
 def name_fault(rig: EmulatorProcess, fault: Fault) -> dict[str, object]:
     """Return the state that a fault led to and how soon, for a device that was moving or streaming."""
     device, kind = fault.device, KINDS[fault.device]
@@ -214,7 +194,7 @@ def main() -> None:
 
 
 def links(quick: bool) -> dict[str, Any]:
-    """Return how fast the drivers are beside the bare libraries, and how evenly they poll."""
+    """Return how fast the drivers are compared with the bare libraries."""
     rounds, seconds = (5, 0.8) if quick else (9, 3.0)
     result: dict[str, Any] = {}
     with emulator("ati", settings=RigSettings(can_bitrate=0)) as rig:
@@ -225,8 +205,6 @@ def links(quick: bool) -> dict[str, Any]:
         result |= compare(
             "serial", lambda s: bare_serial(port, s), lambda s: driven_serial(port, s), rounds, seconds
         )
-    with emulator("ati") as rig:
-        result |= polled(rig.options["ati"], 5.0 if quick else 60.0)
     return result
 
 

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import signal
-import subprocess
 import tempfile
-import threading
-import time
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +12,7 @@ from palp_core.graph.bag.reader import read, to_numpy
 from palp_core.palpation.session.trials_csv import read_rows
 
 from .host import host_words  # noqa: TID252 -- neighbours, of a script and of a package
-from .palpations import ROOT, command, environment  # noqa: TID252
+from .palpations import ROOT, run_emulated  # noqa: TID252
 
 __all__ = ["decisions"]
 
@@ -25,20 +21,13 @@ AT_REST_M = 2e-6
 """Between two reports of the stage, 10 ms apart: two of its counts."""
 
 
-def decisions(
-    count: int = 201,
-    *,
-    stale_ms: float = 0.0,
-    beat_ms: float = 0.0,
-    patience_s: float = 3600.0,
-) -> dict[str, Any]:
-    """Run trials that are decided within the sweep, at one position; return what was said, how soon.
+def decisions(count: int = 201, *, stale_ms: float = 0.0, beat_ms: float = 0.0) -> dict[str, Any]:
+    """Run trials that are decided within the sweep, at one position; return how soon.
 
     Args:
         count: Trials, on three phantoms.
         stale_ms: Longest time without a sample of torque; 0: the launch file's.
         beat_ms: Longest time without a heartbeat; 0: the launch file's.
-        patience_s: After which it is given up.
     """
     host, each = host_words(), -(-count // PHANTOMS)
     deadlines = {"stale_ms": stale_ms, "beat_ms": beat_ms}
@@ -48,39 +37,19 @@ def decisions(
             (folder / link).symlink_to(ROOT / link)
         bag, out = folder / "bag", folder / "out"
         arguments = (
-            "launch/emulated.yaml", "protocol:=swift", "policy:=fixed", "rings_mm:=16", "training:=4",
-            f"trials:={each}", "host:=127.0.99.1", f"out:={out}", "--record", str(bag),
-            *(f"{key}:={value}" for key, value in deadlines.items() if value),
+            "protocol:=swift", "policy:=fixed", "rings_mm:=16", "training:=4", f"trials:={each}",
+            f"out:={out}", "--record", str(bag),
+            *(f"shared.{key}:={value}" for key, value in deadlines.items() if value),
         )  # fmt: skip
-        said = _run(folder, arguments, patience_s)
+        output = run_emulated(folder, arguments, lambda: False)
         rows = [row for row in read_rows(out) if row.phase == "estimation"]
         return {
             "host": host,
             "trials": len({row.trial for row in rows}),
-            "trips": [line for line in said.splitlines() if "/safety: tripped" in line],
+            "trips": [line for line in output.splitlines() if "/safety: tripped" in line],
             **_lateness(bag),
             **_way_on(bag),
         }
-
-
-def _run(folder: Path, arguments: tuple[str, ...], patience_s: float) -> str:
-    """Run to the end, acknowledging each trip; return what was said."""
-    path, pause, end_s = folder / "said.log", threading.Event(), time.monotonic() + patience_s
-    acknowledged = 0
-    with path.open("w", encoding="utf-8") as said:
-        process = subprocess.Popen(
-            command("launch", *arguments), env=environment(folder), cwd=folder, stdout=said, stderr=said
-        )
-        while process.poll() is None and time.monotonic() < end_s:
-            trips = path.read_text(encoding="utf-8").count("/safety: tripped")
-            if trips > acknowledged:
-                subprocess.run(command("safety", "ack"), env=environment(folder), cwd=folder, check=False)
-                acknowledged = trips
-            pause.wait(1.0)
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-        process.wait(60.0)
-    return path.read_text(encoding="utf-8")
 
 
 def _lateness(bag: Path) -> dict[str, float]:

@@ -9,6 +9,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +22,11 @@ from palp_core.palpation.session.trials_csv import read_rows, read_sweep
 
 from .host import host_words  # noqa: TID252 -- neighbours, of a script and of a package
 
-__all__ = ["palpations"]
+__all__ = ["ROOT", "palpations", "run_emulated"]
 
 ROOT = Path(__file__).resolve().parents[2]
 PATH_M = (-0.03, 0.05)
-PATIENCE_S = 600.0
+PATIENCE_S = 3600.0
 RINGS_EXACT = {
     "emulated": ("      height_sd_mm: $(var height_sd_mm)\n", "      repeatability_mm: 0.0\n"),
     "sim": ("repeatability_mm: 0.3", "repeatability_mm: 0.0"),
@@ -40,7 +41,14 @@ def palpations(count: int = 10) -> dict[str, Any]:
         folder = Path(name)
         workspace(folder)
         bag, out = folder / "bag", folder / "emulated"
-        run_emulated(folder, bag, out, count)
+        arguments = (
+            "trials:=1", *training(count), f"shared.from_m:={PATH_M[0]}", f"shared.to_m:={PATH_M[1]}",
+            f"out:={out}", "--record", str(bag),
+        )  # fmt: skip
+        rows = out / "trials.csv"
+        output = run_emulated(folder, arguments, lambda: rows.exists() and len(read_rows(out)) >= count)
+        if not rows.exists() or len(read_rows(out)) < count:
+            raise RuntimeError(output)
         palp(folder, "launch", "launch/sim.yaml", "trials:=1", *training(count), f"out:={folder / 'sim'}")
         return {
             "host": host,
@@ -66,29 +74,29 @@ def workspace(folder: Path) -> None:
         (folder / "launch" / f"{name}.yaml").write_text(text, encoding="utf-8")
 
 
-def run_emulated(folder: Path, bag: Path, out: Path, count: int) -> None:
-    """Run until enough palpations are done.
-
-    Raises:
-        RuntimeError: It ends before, or takes too long.
-    """
-    arguments = (
-        "launch/emulated.yaml", "trials:=1", *training(count), "host:=127.0.99.1",
-        f"shared.from_m:={PATH_M[0]}", f"shared.to_m:={PATH_M[1]}", f"out:={out}", "--record", str(bag),
-    )  # fmt: skip
-    with (folder / "said.log").open("w", encoding="utf-8") as said:
+def run_emulated(folder: Path, arguments: tuple[str, ...], enough: Callable[[], bool]) -> str:
+    """Run launch/emulated.yaml to its end or until enough is done, acknowledging trips; return its output."""
+    path, pause, end_s, acknowledged = (
+        folder / "output.log",
+        threading.Event(),
+        time.monotonic() + PATIENCE_S,
+        0,
+    )
+    words = ("launch", "launch/emulated.yaml", "host:=127.0.99.1", *arguments)
+    with path.open("w", encoding="utf-8") as output:
         process = subprocess.Popen(
-            command("launch", *arguments), env=environment(folder), cwd=folder, stdout=said, stderr=said
+            command(*words), env=environment(folder), cwd=folder, stdout=output, stderr=output
         )
-        pause, end_s = threading.Event(), time.monotonic() + PATIENCE_S
-        while not (out / "trials.csv").exists() or len(read_rows(out)) < count:
-            if process.poll() is not None or time.monotonic() > end_s:
-                break
-            pause.wait(0.2)
-        process.send_signal(signal.SIGINT)
+        while process.poll() is None and time.monotonic() < end_s and not enough():
+            trips = path.read_text(encoding="utf-8").count("/safety: tripped")
+            if trips > acknowledged:
+                subprocess.run(command("safety", "ack"), env=environment(folder), cwd=folder, check=False)
+                acknowledged = trips
+            pause.wait(0.5)
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
         process.wait(60.0)
-    if not (out / "trials.csv").exists() or len(read_rows(out)) < count:
-        raise RuntimeError((folder / "said.log").read_text(encoding="utf-8"))
+    return path.read_text(encoding="utf-8")
 
 
 def training(count: int) -> tuple[str, ...]:
