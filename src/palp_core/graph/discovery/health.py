@@ -5,11 +5,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import msgspec
-import psutil
 
 from palp_core.errors import SchemaMismatch
 from palp_core.graph.clock import monotonic_ns
-from palp_core.graph.discovery.graph_reader import GraphReader
 from palp_core.graph.discovery.running_graph import Answers, RunningGraph
 from palp_core.graph.messages.builtin import EdgeHealth, GraphHealth, NodeHealth
 from palp_core.graph.messages.frame import Kind, parse
@@ -89,6 +87,8 @@ class HealthReader:
     """Reads the launcher's health topic, where there is one."""
 
     def __init__(self, graph: RunningGraph) -> None:
+        from palp_core.graph.discovery.graph_reader import GraphReader  # pages need the rows alone
+
         self._latest: HealthSample | None = None
         self._reader = GraphReader(graph)
         self._reader.follow((topic for topic in graph.record.topics if topic.name == HEALTH), self._take)
@@ -134,6 +134,8 @@ def sample_of(graph: RunningGraph, answers: Answers) -> HealthSample:
 
 
 def _from_info(name: str, pid: int, info: dict[str, Any]) -> NodeHealth:
+    import psutil
+
     cpu_s, memory = 0.0, 0
     with contextlib.suppress(psutil.Error):
         if pid:  # of another host nothing is known here

@@ -18,7 +18,6 @@ from palp_core.graph.messages.builtin import DiagnosticStatus, EdgeHealth, Graph
 from palp_core.graph.messages.qos import EventKind, Qos, incompatibility
 from palp_core.graph.messages.schema import schema_of
 from palp_core.graph.node.spec import LAUNCHER
-from palp_core.graph.transport.requester_socket import ask
 
 OK, NOTE, WARN, ERROR = "ok", "note", "warn", "error"
 GRAPH_TROUBLE = ("failed", "restarting", "unresponsive", "refused", "swap_failed", "qos")
@@ -322,6 +321,8 @@ def _refusals(graph: RunningGraph) -> Iterator[Trouble]:
     path = graph.folder / "gateway.srv"
     if not path.exists():
         return
+    from palp_core.graph.transport.requester_socket import ask
+
     reply = ask(f"ipc://{path}", {"op": "refusals"}, ASK_S)
     if reply is None or "error" in reply:
         yield Trouble("gateway", ERROR, "does not answer", f"see {graph.folder / 'log'}")

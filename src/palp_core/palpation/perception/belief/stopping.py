@@ -278,8 +278,8 @@ def stop_rule(name: str, value: float = 0.0, *, max_probes: int | None = None) -
 
 def require_classes(name: str, class_count: int) -> None:
     """Refuse a rule that cannot decide among so few classes, before anything was felt."""
-    flat = np.full(class_count, 1.0 / class_count)
-    stop_rule(name).check(BeliefStep.over(flat, flat, flat, 1))
+    flat, nothing = np.full(class_count, 1.0 / class_count), np.zeros(class_count)
+    stop_rule(name).check(BeliefStep(flat, flat, nothing, nothing, 1))
 
 
 def decide(
