@@ -185,7 +185,7 @@ def writers(folder: Path, count: int) -> dict[str, float]:
     """Return the bytes that each writer takes, and the share that is saved of a damaged file."""
     offset = len(NAME) + 33
     payloads = [frame[offset:] for _, frame in torque_frames(count)]
-    found = {}
+    found: dict[str, float] = {}
     for name, write in (("palp", write_palp), ("mcap", write_mcap)):
         path = folder / f"writer-{name}.mcap"
         write(path, payloads)
