@@ -20,7 +20,6 @@ COMMANDS: list[tuple[tuple[object, ...], int, tuple[str, ...]]] = [
         ("Arguments (pass arguments as '<name>:=<value>'):", "'policy':"),
     ),
     (("graph", "draw", CHAIN), 0, ("flowchart LR",)),
-    (("graph", "draw", CHAIN, "--dot"), 0, ('digraph "',)),
     (("graph", "show", CHAIN, "source.rate_hz:=50.0"), 0, ("rate_hz: 50.0",)),
     (("graph", "show", CHAIN, "source.rate_hz"), 2, ("'source.rate_hz' on the command line is no",)),
     (("graph", "show", CHAIN, "sorce.rate_hz:=1.0"), 2, ("no node 'sorce' on the", "did you mean 'source'?")),
