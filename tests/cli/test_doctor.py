@@ -10,8 +10,6 @@ from typing import Any
 import msgspec
 import pytest
 
-from palp_core.cli.host import examine_host
-from palp_core.graph.discovery.health import HealthSample, rows, sample_health
 from palp_core.graph.discovery.running_graph import RunningGraph
 from palp_core.graph.discovery.troubles import Trouble, examine_graph
 from palp_core.graph.messages.builtin import GraphEvent, NodeEvent
@@ -142,28 +140,3 @@ def test_a_launcher_that_does_not_answer_is_an_error(tmp_path: Path) -> None:
     bad = [f for f in findings(tmp_path, None, relay=relay(), sink=sink()) if f.level != "ok"]
     assert [f.level for f in bad] == ["error"]
     assert "its launcher: /graph did not answer" in bad[0].text
-
-
-def test_the_host_is_examined_without_fault_of_its_own() -> None:
-    places = {finding.where for finding in examine_host()}
-    assert {"host", "clock", "cores", "limits", "memory"} <= places
-
-
-def test_rates_are_between_two_snapshots_and_a_new_process_has_none(tmp_path: Path) -> None:
-    def request(endpoint: str, asked: dict[str, Any], timeout_s: float) -> dict[str, Any] | None:
-        said = {"relay": relay(ticks=10 * take), "sink": sink({"received": 40 * take})}[asked["node"]]
-        return said | {"counted_ns": take * 2 * 10**9}
-
-    graph = RunningGraph(record(tmp_path, os.getpid()), request)
-    take = 1
-    first = sample_health(graph)
-    take = 2
-    second = sample_health(graph)
-    nodes, edges = rows(first, second)
-    assert [(node.name, node.rate_hz) for node in nodes] == [("/relay", 5.0), ("/sink", 20.0)]
-    assert [(edge.topic, edge.reader, edge.rate_hz, edge.received) for edge in edges] == [
-        (TOPIC, "/sink", 20.0, 80)
-    ]
-    restarted = [msgspec.structs.replace(node, pid=node.pid + 1) for node in second.nodes]
-    nodes, edges = rows(first, HealthSample(second.at_ns, restarted, {}))
-    assert {node.rate_hz for node in nodes} == {None}

@@ -9,6 +9,7 @@ import struct
 import termios
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -70,6 +71,9 @@ def test_the_safety_node_is_found_by_what_it_publishes() -> None:
     assert [(a["endpoint"], a["service"], a["request"]) for a in asked] == [
         (node.serve, "stop", {"reason": "a test"})
     ]
+    without = RunRecord("toy", "toy.yaml", "wall", 1, 0, "ipc:///run/graph.srv", [], [])
+    with pytest.raises(GraphError, match="has no safety node"):
+        stop_motion(RunningGraph(without), "a test", 1.0)
 
 
 @pytest.mark.parametrize(
@@ -88,28 +92,13 @@ def test_of_several_nodes_or_none_that_beat_the_name_decides(
     assert safety_node([(name, "SafetyBeat") for name in beating], names) == expected
 
 
-def test_a_graph_without_a_safety_node_says_how_else_to_stop() -> None:
-    record = RunRecord("toy", "toy.yaml", "wall", 1, 0, "ipc:///run/graph.srv", [], [])
-    with pytest.raises(GraphError, match="has no safety node"):
-        stop_motion(RunningGraph(record), "a test", 1.0)
-
-
-def test_the_terminal_is_as_before(terminal: tuple[int, int]) -> None:
+def test_the_terminal_is_as_before_and_without_one_there_is_no_key(terminal: tuple[int, int]) -> None:
     _, slave = terminal
+    with Path(os.devnull).open() as no_terminal:
+        assert not StopKey(no_terminal.fileno(), lambda: None).start()
     before = termios.tcgetattr(slave)
     key = StopKey(slave, lambda: None)
     key.start()
     assert not termios.tcgetattr(slave)[3] & termios.ICANON
     key.stop()
     assert termios.tcgetattr(slave) == before
-
-
-def test_without_a_terminal_there_is_no_key() -> None:
-    read, write = os.pipe()
-    try:
-        key = StopKey(read, lambda: None)
-        assert not key.start()
-        key.stop()
-    finally:
-        os.close(read)
-        os.close(write)

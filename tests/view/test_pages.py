@@ -39,7 +39,7 @@ from palp_core.view.pages.graph import (
     wire_text,
 )
 from palp_core.view.pages.layout import HEIGHT, WIDTH, layout
-from palp_core.view.pages.parts import LiveTable, labelled
+from palp_core.view.pages.parts import labelled
 from palp_core.view.pages.plot import CHOOSE, LivePlot, plot_panel
 from palp_core.view.pages.viewer import OwnPage, Viewer
 from tests.support.view.fake_source import FakeOperator, FakeSource, FakeWatch
@@ -200,24 +200,6 @@ def test_the_time_axis_moves_on_between_messages_unless_the_graph_outruns_the_cl
         await user.should_not_see(CHOOSE)
 
     simulated(lambda: plot_panel(watch, fast=fast, clock="sim"), look)
-
-
-def test_a_live_table_is_one_element_that_is_sent_only_what_is_new() -> None:
-    tables: list[LiveTable] = []
-
-    async def look(user: Any) -> None:
-        table, sent = tables[-1], []
-        table.update = lambda: sent.append(table.props["rows"])
-        row = (("/sink", "/node/sink"), MARKUP)
-        table.show([row])
-        assert sent[-1] == [[["/sink", "/node/sink"], [MARKUP]]]
-        sent.clear()
-        table.show([row])
-        assert sent == []
-        assert list(table.descendants()) == []
-        await user.should_see("/sink")
-
-    simulated(lambda: tables.append(LiveTable(("Node", "State"))), look)
 
 
 def test_a_parameters_name_is_read_out_and_never_an_attribute() -> None:
