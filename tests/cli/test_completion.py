@@ -67,6 +67,8 @@ def completed(palp: Palp, *words: str) -> list[str]:
         (("interface", "show", "Se"), ["Seen"]),
         (("node", "list", "--graph", "t"), ["talk"]),
         (("lifecycle", "set", "/source", "de"), ["deactivate"]),
+        (("logs", "/so"), ["/source"]),
+        (("study", "run", "pap"), ["paper"]),
     ],
 )
 def test_the_shell_completes_verbs_and_what_runs(

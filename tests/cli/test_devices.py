@@ -10,14 +10,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
 import serial
 from typer.testing import CliRunner
 
+from palp_core.cli.rig import device_discovery
 from palp_core.cli.rig.devices import app
 from palp_core.errors import DeviceError
 from palp_core.palpation.devices.emulator import EmulatedRig
 from palp_core.palpation.devices.link.serial_link import SerialLink
+from palp_core.palpation.devices.protocols import TorqueSamples
 from tests.support import made_up_stage
 
 runner = CliRunner()
@@ -216,3 +219,11 @@ def test_a_driver_is_found_by_its_module_in_the_workspace_one_is_in(
     monkeypatch.chdir(tmp_path)
     done = runner.invoke(app, ["list", "own_drivers.found_here:MadeUpStage"])
     assert done.exit_code == 0, done.output + str(done.exception)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_sensor_of_one_axis_has_a_torque_and_no_forces() -> None:
+    no = np.zeros(2, bool)
+    block = TorqueSamples(np.array([1, 2]), np.array([0.01, 0.03]), 0, gap=no, faulty=no)
+    row = device_discovery._row(block, "ok", 1.0, 1000.0)
+    assert (row["torque_n_m"], "fx_n" in row) == (pytest.approx(0.02), False)

@@ -78,12 +78,12 @@ def test_it_is_found_by_an_entry_point_and_chosen_where_it_is_the_cheapest_that_
 def test_one_that_is_broken_is_named_and_leaves_the_others_theirs(
     lab: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    broken = LAB.replace("cost_s=1e-3, bounds", "cost_s=1e-3, valid={'dpeth_m': (0, 1)}, bounds")
+    broken = LAB.replace("cost_s=1e-6", "cost_s=-1.0")  # what it declared before is forgotten
     (tmp_path / f"{lab}.py").write_text(broken, encoding="utf-8")
     points = (*register._points(), EntryPoint("contact", lab, register.GROUP))
     monkeypatch.setattr(register, "_points", lambda: points)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    words = f"{lab} cannot be imported: method 'felt' of task 'contact': 'dpeth_m' is no quantity"
+    words = f"{lab} cannot be imported: method 'patient' of task 'stop' costs -1 s"
     shown = CliRunner().invoke(app, ["methods", "list", "contact"], catch_exceptions=False)
     assert words in shown.stderr
     assert "felt" not in shown.stdout
@@ -91,7 +91,7 @@ def test_one_that_is_broken_is_named_and_leaves_the_others_theirs(
     (said,) = Bench(Phantom, {}).sent(Phantom.methods)
     assert {use.name for use in said.uses if use.task == "contact"} == {"l2"}
     assert words in caplog.text
-    with pytest.raises(MethodError, match=r"no method 'felt' for task 'contact'; .*'dpeth_m' is no quantity"):
+    with pytest.raises(MethodError, match=r"no method 'felt' for task 'contact'; .*costs -1 s"):
         find("contact", "felt")
     assert choose("contact", "peak", 0.02, {}).reason.endswith("left out: " + left_out("contact")[0])
     checked = CliRunner().invoke(app, ["launch", str(SIM), "--check"], catch_exceptions=False)

@@ -35,7 +35,7 @@ def foxglove(
     port: Annotated[
         int, option("Where it listens; 0: any free port.", "--port", "-p", min=0, max=65535)
     ] = 8765,
-    host: Annotated[str, option("An address of this host.", "--host", metavar="ADDRESS")] = "127.0.0.1",
+    host: Annotated[str, option("An address of this host.", metavar="ADDRESS")] = "127.0.0.1",
     read_only: Annotated[bool, option("Viewers change nothing.", "--read-only")] = False,
     operate: Annotated[
         bool, option("Viewers may change a graph that moves something real.", "--operate")
@@ -45,7 +45,7 @@ def foxglove(
     ] = 60.0,
     origin: Annotated[
         list[str] | None,
-        option("Let a page of another host connect, too; repeatable.", "--origin", metavar="URL"),
+        option("Let a page of another host connect, too; repeatable.", metavar="URL"),
     ] = None,
     graph: GraphOption = None,
 ) -> None:

@@ -13,8 +13,7 @@ _NAMES = {"A": "up", "B": "down", "C": "right", "D": "left"}
 class Keyboard:
     """A terminal key by key; Ctrl-C and Ctrl-Z keep their meaning.
 
-    Attributes:
-        file_descriptors: Become readable when a key was pressed; none where nobody can press one.
+    ``file_descriptors`` become readable when a key was pressed; there is none where nobody can press one.
     """
 
     def __init__(self, descriptor: int | None) -> None:

@@ -18,12 +18,9 @@ SIGPIPE_STATUS = 141
 
 
 class Verb(NamedTuple):
-    """A verb, or a group of verbs, that is not imported yet.
+    """A verb that is not imported yet, ``module:name`` of a function or a :class:`typer.Typer`, and its line.
 
-    Attributes:
-        target: ``module:name`` of a function with Typer's annotations, or of a :class:`typer.Typer`.
-        help: Its line in the help; what a function's docstring says follows it.
-        part: Heading under which the help lists it; "": that of the verb before it.
+    ``part`` is the heading under which the help lists it; "": that of the verb before it.
     """
 
     target: str
@@ -59,10 +56,7 @@ class LazyGroup(typer.core.TyperGroup):
         return name, command if name is None else load(name, self.verbs[name]), rest
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the verb; a reader of its output that has gone, as in ``... | head``, ends it as SIGPIPE does.
-
-        Typer would end it with status 1, which says here that something is wrong.
-        """
+        """Run the verb; a reader of its output that has gone (``| head``) ends it as SIGPIPE does."""
         try:
             result = super().invoke(ctx)
             sys.stdout.flush()
@@ -98,12 +92,8 @@ def load(name: str, verb: Verb) -> Any:
     return typer.main.get_command(app)
 
 
-def _no_options() -> None:
-    """A group without its verb does nothing."""
-
-
 def lazy_app(
-    verbs: dict[str, Verb], *, text: str = "", callback: Callable[..., None] = _no_options
+    verbs: dict[str, Verb], *, text: str = "", callback: Callable[..., None] = lambda: None
 ) -> typer.Typer:
     """Return an application of verbs that are imported when they are called."""
     return typer.Typer(

@@ -79,13 +79,7 @@ def until_ctrl_c() -> Iterator[None]:
 
 
 class Call:
-    """How a verb about a running graph was called: what ``--graph``, ``--timeout`` and ``--json`` give it.
-
-    Attributes:
-        name: What ``--graph`` names.
-        timeout_s: Seconds to wait for a node's answer.
-        as_json: The output is for machines.
-    """
+    """How a verb about a running graph was called: what ``--graph``, ``--timeout`` and ``--json`` give it."""
 
     def __init__(self, name: str | None, timeout_s: float, *, as_json: bool, changes: bool) -> None:
         self.name, self.timeout_s, self.as_json = name, timeout_s, as_json

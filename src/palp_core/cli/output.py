@@ -17,10 +17,7 @@ _ESCAPES = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if
 
 
 def escape_foreign_characters() -> None:
-    """Let standard output and error write a character that their encoding lacks with the escape of JSON.
-
-    Python fails on it by default, and its own escapes are not those of JSON.
-    """
+    """Let standard output and error write a character that their encoding lacks with the escape of JSON."""
 
     def escape(error: UnicodeError) -> tuple[str, int]:
         if not isinstance(error, UnicodeEncodeError):

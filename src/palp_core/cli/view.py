@@ -37,9 +37,7 @@ TRY = "palp launch rig:sim.yaml trials:=100000 --view"
 def view(
     what: Annotated[Path | None, argument("A bag; default: the running graph.", "[BAG]")] = None,
     *,
-    port: Annotated[
-        int, option("Where, on this host only; 0: any that is free.", "--port", min=0, max=65535)
-    ] = 0,
+    port: Annotated[int, option("Where, on this host only; 0: any that is free.", min=0, max=65535)] = 0,
     no_browser: Annotated[bool, option("Only print the address.", "--no-browser")] = False,
     read_only: Annotated[bool, option("Nothing can be pressed.", "--read-only")] = False,
     operate: Annotated[bool, option("On a real rig let more be pressed than stop.", "--operate")] = False,

@@ -251,6 +251,9 @@ def test_a_slow_browser_is_sent_no_more_than_it_takes_and_then_the_whole_sweep()
         for _ in range(9):
             panel.show([(1.0, 2.0)])
         assert sent == [("begin", 2), *[("add", 1)] * (MOST_UNDER_WAY - 1)]
+        for lie in ("3", None, -1, [2]):
+            chart._take(SimpleNamespace(args=lie))
+            assert chart.busy
         chart._take(SimpleNamespace(args=10**9))
         assert not chart.busy
         panel.show([])

@@ -39,14 +39,10 @@ def play(
     rate: Annotated[float, option("Times the recorded speed.", "--rate", "-r", min=0.01, max=1000.0)] = 1.0,
     loop: Annotated[bool, option("Begin again at the end.", "--loop", "-l")] = False,
     delay: Annotated[float, option("Wait first.", "--delay", "-d", min=0.0, metavar="S")] = 0.0,
-    start_offset: Annotated[
-        float, option("Leave out from the beginning.", "--start-offset", min=0.0, metavar="S")
-    ] = 0.0,
-    playback_duration: Annotated[
-        float, option("So much of the bag; below 0: all.", "--playback-duration", metavar="S")
-    ] = -1.0,
+    start_offset: Annotated[float, option("Leave out from the beginning.", min=0.0, metavar="S")] = 0.0,
+    playback_duration: Annotated[float, option("So much of the bag; below 0: all.", metavar="S")] = -1.0,
     playback_until_sec: Annotated[
-        float, option("To this time in the bag; below 0: end.", "--playback-until-sec", metavar="S")
+        float, option("To this time in the bag; below 0: end.", metavar="S")
     ] = -1.0,
     start_paused: Annotated[bool, option("Wait for the space bar.", "--start-paused", "-p")] = False,
     topics: Annotated[list[str] | None, option("Only this one; repeatable.", "--topics", "-t")] = None,

@@ -102,9 +102,7 @@ def end(
     ] = None,
     *,
     graph: GraphOption = None,
-    timeout: Annotated[
-        float, option("Seconds to wait for it.", "--timeout", metavar="S", min=0.0, max=86400.0)
-    ] = 60.0,
+    timeout: Annotated[float, option("Seconds to wait for it.", metavar="S", min=0.0, max=86400.0)] = 60.0,
 ) -> None:
     """End a running graph as Ctrl-C does, and wait for its end.
 

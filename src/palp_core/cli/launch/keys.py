@@ -17,7 +17,7 @@ app = typer.Typer()
 def generate(
     *,
     name: Annotated[
-        str | None, option("What others call this host; default: its name.", "--name", metavar="NAME")
+        str | None, option("What others call this host; default: its name.", metavar="NAME")
     ] = None,
     force: Annotated[bool, option("Replace the pair that is there.", "--force")] = False,
 ) -> None:
@@ -43,9 +43,7 @@ def generate(
 def allow(
     what: Annotated[str, argument("Public key file of a host, or its key, quoted.", "FILE_OR_KEY")],
     *,
-    name: Annotated[
-        str | None, option("To call the host; default: its own name.", "--name", metavar="NAME")
-    ] = None,
+    name: Annotated[str | None, option("To call the host; default: its own name.", metavar="NAME")] = None,
 ) -> None:
     """Admit the owner of a public key to running graphs."""
     from palp_core.graph.network.keys import KeyFolder

@@ -24,7 +24,7 @@ def logs(
     level: LevelOption = None,
     since: Annotated[
         str | None,
-        option("Not before: 5m ago, the last 14:30, or a date and time.", "--since", metavar="TIME"),
+        option("Not before: 5m ago, the last 14:30, or a date and time.", metavar="TIME"),
     ] = None,
     graph: GraphOption = None,
 ) -> None:

@@ -120,7 +120,7 @@ def cancel(
     call: Call,
     action: ActionArgument,
     *,
-    goal: Annotated[str, option("Only this one; default: all.", "--goal", metavar="ID")] = "",
+    goal: Annotated[str, option("Only this one; default: all.", metavar="ID")] = "",
 ) -> None:
     """Cancel an action's goals.
 
@@ -146,9 +146,7 @@ def send_goal(
     given: Annotated[list[str] | None, argument("Type (optional) and goal.", "TYPE {YAML}")] = None,
     *,
     feedback: Annotated[bool, option("Show how it goes.", "-f", "--feedback")] = False,
-    deadline: Annotated[
-        float, option("The server cancels it after; 0: never.", "--deadline", metavar="S", min=0.0)
-    ] = 0.0,
+    deadline: Annotated[float, option("The server cancels it after; 0: never.", metavar="S", min=0.0)] = 0.0,
 ) -> None:
     """Send a goal and wait for its result.
 

@@ -99,7 +99,7 @@ def seal(
 def unseal(
     folder: Annotated[Path, argument("The session's folder.", "DIR")],
     *,
-    reason: Annotated[str, option("Why now, in words.", "--reason", show_default=False)],
+    reason: Annotated[str, option("Why now, in words.", show_default=False)],
     key: Annotated[Path | None, option("The key; default: DIR/key.sealed.")] = None,
     as_json: JsonOption = False,
 ) -> None:

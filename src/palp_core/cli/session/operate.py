@@ -44,11 +44,7 @@ def operate(*, timeout: options.TimeoutOption = 5.0, graph: options.GraphOption 
 
 
 class Desk:
-    """What stands on the operator's screen, and where an answer goes.
-
-    Attributes:
-        unheard: An answer was sent that no node took before the graph ended.
-    """
+    """The operator's screen, and where an answer goes; ``unheard``: no node took the last before the end."""
 
     def __init__(self, running: RunningGraph, topics: list[Topic], timeout_s: float) -> None:
         self._running, self._timeout_s = running, timeout_s

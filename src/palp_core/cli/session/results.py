@@ -180,7 +180,7 @@ def people(
 
 def export(
     path: Annotated[Path, argument("A session's folder, or a bag of its run.", "DIR|BAG")],
-    to: Annotated[Literal["csv", "parquet", "mat"], option("The format.", "--to")],
+    to: Annotated[Literal["csv", "parquet", "mat"], option("The format.")],
     *,
     out: Annotated[
         Path | None, option("Folder; of mat the file. Default: beside DIR or BAG.", "--out", "-o")
