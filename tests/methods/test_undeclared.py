@@ -12,12 +12,13 @@ from typing import Any
 import pytest
 
 from palp_core.methods import methods, tasks
-from palp_core.palpation.mechanics.contact.model import ContactModel
+from palp_core.palpation.mechanics.contact.model import BesideBead, ContactModel
 from palp_core.palpation.perception.belief.stopping import StopRule
 from palp_core.palpation.perception.strategy.policies import StiffnessPolicy
 
 NO_METHOD = {
     ContactModel: "what rungs have in common",
+    BesideBead: "a rung past a bead beside the path",
     StopRule: "what rules have in common",
     StiffnessPolicy: "what policies have in common",
 }

@@ -102,6 +102,8 @@ def _probation(text: str) -> dict[str, Any]:
 
 
 def _print(report: dict[str, Any]) -> None:
+    from palp_core.graph.process.swap_messages import HANDLER
+
     shadow = report["shadow"]
     if shadow:
         print_text(shadow["text"])
@@ -111,9 +113,10 @@ def _print(report: dict[str, Any]) -> None:
         return
     count, what = report["proven"], report["proven_by"]
     first = what if count == 1 else counted(count, what)
+    went = "ran" if what == HANDLER else "went"
     print_text(
         f"/{report['node']}: {report['before']} -> {report['after']} at {report['at_s']:.3f} s; "
         f"gap {report['gap_s'] * 1e3:.2f} ms, {counted(report['held'], 'message')} waited, "
         f"{report['duration_s'] * 1e3:.0f} ms in all"
-        + (f"; its first {first} went well while the old one stood by" if count > 0 else "")
+        + (f"; its first {first} {went} well while the old one stood by" if count > 0 else "")
     )
